@@ -39,7 +39,7 @@ setup: $(DEVELOPMENT) ## Install everything that development needs into .venv
 ifdef ARGS
 test: check
 endif
-test: $(CHROMIUM) $(SYSTEM) ## Set up, then run all checks and tests, also those in the browser
+test: $(CHROMIUM) $(SYSTEM) ## Set up, then run all checks and tests but the long ones, also in the browser
 ifdef ARGS
 	$(PYTEST) $(ARGS)
 else

@@ -43,12 +43,16 @@ def checked_url(text: str) -> str:
 
 def _parsed(text: str) -> URL:
     try:
-        return make_url(text)
+        url = make_url(text)
+        # An @ of the password: what follows it would be named in errors as the host.
+        if url.host and "@" in f"{url.host}/{url.database}":
+            raise ArgumentError
     except (ArgumentError, ValueError):
         raise ValueError(
             f"it cannot be read as a URL like {_DATABASE_EXAMPLE}; characters such as "
             "@ : / in a password are written as %40 %3A %2F"
         ) from None
+    return url
 
 
 LOCAL_ENGINE: Final = "local"

@@ -220,7 +220,7 @@ def a_million(data: Path) -> None:
 def measured_rate(scene: Scene, seconds: float = 2.0) -> float:
     """Frames per second that all cores only decode and measure."""
     annotation = parse_annotation(scene.annotation)
-    config = FilterConfig()
+    config = FilterConfig().measuring()
     wh = (1280, 720)
 
     def measure_once(_: int) -> None:

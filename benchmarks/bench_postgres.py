@@ -100,8 +100,8 @@ def one_by_one(session: Session, model: type[Base], rows: Rows) -> None:
     """What `insert_rows` does with few rows: the driver's executemany."""
     statement = insert(Base.metadata.tables[model.__tablename__])
     source = iter(rows)
-    while portion := list(islice(source, 10_000)):
-        run_each(session, statement, portion)
+    while chunk := list(islice(source, 10_000)):
+        run_each(session, statement, chunk)
 
 
 WAYS: dict[str, Insert] = {"executemany": one_by_one, "COPY": copy_in}

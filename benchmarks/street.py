@@ -103,10 +103,10 @@ def _draw_vegetation(image: np.ndarray, rng: np.random.Generator) -> None:
     texture = cv2.resize(twigs, (WIDTH, HEIGHT)) * 0.75 + leaves * 0.25
     crowns = np.zeros((HEIGHT, WIDTH), np.float32)
     for _ in range(18):
-        center = int(rng.integers(0, WIDTH)), int(rng.integers(160, HORIZON + 40))
-        cv2.circle(crowns, center, int(rng.integers(35, 85)), 1.0, -1)
-        foot = center[0] + 3, HORIZON + 60
-        cv2.rectangle(image, (center[0] - 3, center[1]), foot, color("Vegetation"), -1)
+        centre = int(rng.integers(0, WIDTH)), int(rng.integers(160, HORIZON + 40))
+        cv2.circle(crowns, centre, int(rng.integers(35, 85)), 1.0, -1)
+        foot = centre[0] + 3, HORIZON + 60
+        cv2.rectangle(image, (centre[0] - 3, centre[1]), foot, color("Vegetation"), -1)
     density = cv2.GaussianBlur(crowns, (0, 0), 14)
     image[density * 0.75 + texture * 0.93 > 0.82] = color("Vegetation")
 
@@ -165,6 +165,6 @@ def any_boxes(count: int) -> FrameBoxes:
     """From a few pixels to most of the image, all orders of magnitude equally often."""
     rng = np.random.default_rng(3)
     size = np.exp(rng.uniform(np.log(3), np.log(700), (count, 2)))
-    center = rng.uniform((0, 0), (WIDTH, HEIGHT), (count, 2))
-    xyxy = np.hstack([center - size / 2, center + size / 2])
+    centre = rng.uniform((0, 0), (WIDTH, HEIGHT), (count, 2))
+    xyxy = np.hstack([centre - size / 2, centre + size / 2])
     return frame_boxes(xyxy, rng.choice(MIXED, count).tolist())

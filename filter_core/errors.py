@@ -43,11 +43,11 @@ class FilterError(ValueError):
 
 
 def restored(
-    kind: type[FilterError], args: tuple[object, ...], said: dict[str, object]
+    kind: type[FilterError], args: tuple[object, ...], attributes: dict[str, object]
 ) -> FilterError:
     """An error as another process raised it."""
     error = kind.__new__(kind, *args)
-    vars(error).update(said)
+    vars(error).update(attributes)
     return error
 
 

@@ -57,8 +57,8 @@ EVIDENCE: Final[Mapping[EvidenceChoice, EvidenceKind]] = {
     ),
     "ordered": EvidenceKind(
         "segmentation, distances or 3D boxes",
-        "`ordered_min_pixels` of them are not explained by nearer boxes; "
-        "`min_visible_pixels` where nothing nearer explains any",
+        "`ordered_min_pixels` of them belong to no nearer box; `min_visible_pixels` "
+        "where no nearer box has any of them",
     ),
     "depth": EvidenceKind(
         "segmentation, raw depth, camera, 3D boxes",

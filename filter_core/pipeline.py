@@ -207,18 +207,18 @@ def filter_frame(
     """
     config = config or FilterConfig()
     options = options or FrameOptions()
-    measured = read_and_measure(annotation, segmentation, config, options)
+    measuring = config.measuring(options.dataset)
+    measured = read_and_measure(annotation, segmentation, measuring, options)
     return FrameResult(measured, decide(measured.evidence, config), config)
 
 
 def read_and_measure(
     annotation: Mapping[str, object] | bytes | str | FrameAnnotation,
     segmentation: bytes | NDArray[np.uint8] | Segmentation | None,
-    config: MeasureConfig | FilterConfig,
+    config: MeasureConfig,
     options: FrameOptions,
 ) -> MeasuredFrame:
-    """The evidence of one frame; parameters and errors are those of `filter_frame`."""
-    config = _measuring(config, options.dataset)
+    """The evidence of one frame: read as by `filter_frame`, then `measure_frame`."""
     if not isinstance(annotation, FrameAnnotation):
         annotation = parse_annotation(annotation, frame=options.key)
     tags = _as_segmentation(segmentation, annotation, config, options)
@@ -228,7 +228,7 @@ def read_and_measure(
 def measure_frame(
     annotation: FrameAnnotation,
     segmentation: Segmentation | None,
-    config: MeasureConfig | FilterConfig,
+    config: MeasureConfig,
     options: FrameOptions,
 ) -> MeasuredFrame:
     """The evidence of one frame: its pixels are counted, and nothing is decided.
@@ -238,8 +238,11 @@ def measure_frame(
     annotation : FrameAnnotation
     segmentation : Segmentation or None
         None: only what needs no segmentation is measured.
-    config : MeasureConfig or FilterConfig
+    config : MeasureConfig
+        The part of a configuration that says what is measured
+        (`FilterConfig.measuring`).
     options : FrameOptions
+        `dataset` is not read: `config` has those options.
 
     Returns
     -------
@@ -250,7 +253,6 @@ def measure_frame(
     FilterError
         As `filter_frame`.
     """
-    config = _measuring(config, options.dataset)
     wh = _agreed_size(annotation, segmentation, options.image_wh)
     geometry = frame_boxes_2d(annotation, wh, config.projection)
     sensors = Sensors(
@@ -381,19 +383,6 @@ def _as_segmentation(
             code="family_not_named",
         )
     return segmentation_from_tags(given, family)
-
-
-def _measuring(
-    config: MeasureConfig | FilterConfig, dataset: SegmentationOptions
-) -> MeasureConfig:
-    """The measuring part of a configuration, completed by the dataset's options.
-
-    Raises
-    ------
-    SegmentationError
-        The two contradict each other; the message names both.
-    """
-    return config if isinstance(config, MeasureConfig) else config.measuring(dataset)
 
 
 def _reading(annotation: FrameAnnotation, config: MeasureConfig) -> SegmentationOptions:

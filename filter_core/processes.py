@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 _start_as_given: Final = multiprocessing.util.spawnv_passfds
 """With this `multiprocessing` starts every program, except on Windows."""
 _FORKING: Final = "forkserver"
+_preloaded: Final[dict[str, None]] = {}
 
 
 def module_command(module: str, *words: str) -> list[str]:
@@ -49,7 +50,8 @@ def child_context(preload: Sequence[str]) -> ForkServerContext | SpawnContext:
     Parameters
     ----------
     preload : sequence of str
-        Modules that are imported once for all processes, where the system can fork.
+        Modules that are imported once for all processes, where the system can fork:
+        with those of earlier calls, if none was started yet.
 
     Returns
     -------
@@ -64,7 +66,9 @@ def child_context(preload: Sequence[str]) -> ForkServerContext | SpawnContext:
     # (CVE-2022-42919), unless its socket is a file.
     inside["abstract_sockets_supported"] = False
     context = multiprocessing.get_context(_FORKING)
-    context.set_forkserver_preload(list(preload))
+    # `multiprocessing` has one such list for all contexts.
+    _preloaded.update(dict.fromkeys(preload))
+    context.set_forkserver_preload(list(_preloaded))
     return context
 
 

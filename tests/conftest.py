@@ -14,6 +14,7 @@ from hypothesis import HealthCheck, settings
 
 from tests.support import databases
 from tests.support.api import Api
+from tests.support.command_line import CommandLine
 from tests.support.s3_server import KEYS, S3Server, s3_server
 from tests.support.servers import RunningServer, StartServer, running_server
 
@@ -93,6 +94,12 @@ def data_dir(tmp_path: Path) -> Path:
     folder = tmp_path / "data"
     folder.mkdir()
     return folder
+
+
+@pytest.fixture
+def bare_unghost(tmp_path: Path) -> CommandLine:
+    """The command line in an empty folder, without a setting: it knows no server."""
+    return CommandLine(tmp_path, {})
 
 
 @pytest.fixture(scope="session")

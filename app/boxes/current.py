@@ -35,7 +35,7 @@ from sqlalchemy import (
 )
 from sqlalchemy.orm import Session
 
-from app.boxes.orders import Present
+from app.boxes.orders import DatasetContents
 from app.boxes.queries import FrameRepository
 from app.db.bulk import (
     Written,
@@ -229,7 +229,8 @@ def numbers_of_lists(evidence: Evidence) -> dict[str, list[float | None]]:
     """The columns of `decisions` by which lists sort and filter, from the evidence."""
     return {
         "match_percent": floats_or_none(evidence.match_percent),
-        "crowding": [value or 0.0 for value in floats_or_none(evidence.crowding)],
+        # Never NaN: it is computed from the rectangles, and 0 for one without area.
+        "crowding": evidence.crowding.tolist(),
         "distance": floats_or_none(evidence.distance),
     }
 
@@ -310,13 +311,13 @@ class TallyRepository:
             for row in self._session.execute(rows)
         }
 
-    def present(self, dataset_id: int) -> Present:
+    def contents(self, dataset_id: int) -> DatasetContents:
         """The reasons, classes and flags that occur in a dataset."""
         found = self.of_dataset(dataset_id)
         has_large = select(Decision.box_id).where(
             Decision.dataset_id == dataset_id, Decision.large.is_(True)
         )
-        return Present(
+        return DatasetContents(
             reasons=tuple(sorted({key.reason for key in found})),
             class_ids=frozenset(key.class_id for key in found),
             kinds=frozenset((key.class_id, key.reason, key.toss_up) for key in found),

@@ -227,9 +227,9 @@ class FramePictures:
             raise NotFound("image of frame", self.frame_id)
         digest = self.files["image"].sha256
 
-        def draw(pool: PixelPool, given_up: threading.Event) -> bytes:
+        def draw(pool: PixelPool, cancelled: threading.Event) -> bytes:
             image = self.storage.read(digest)
-            return pool.run(thumbnail, image, given_up=given_up)
+            return pool.run(thumbnail, image, cancelled=cancelled)
 
         return Drawing(f"{digest}-thumbnail", JPEG, draw)
 
@@ -239,9 +239,9 @@ class FramePictures:
         """The part of a layer around a rectangle; raises NotFound."""
         self._require(layer)
 
-        def draw(pool: PixelPool, given_up: threading.Event) -> bytes:
+        def draw(pool: PixelPool, cancelled: threading.Event) -> bytes:
             files = self._read(layer)
-            return pool.run(crop, files, xyxy, pad, height, given_up=given_up)
+            return pool.run(crop, files, xyxy, pad, height, cancelled=cancelled)
 
         return Drawing(self._tag("crop", xyxy, layer, pad, height), JPEG, draw)
 
@@ -251,9 +251,9 @@ class FramePictures:
         """A layer with boxes drawn on it; raises NotFound."""
         self._require(layer)
 
-        def draw(pool: PixelPool, given_up: threading.Event) -> bytes:
+        def draw(pool: PixelPool, cancelled: threading.Event) -> bytes:
             files = self._read(layer)
-            return pool.run(overlay, files, boxes, edges, given_up=given_up)
+            return pool.run(overlay, files, boxes, edges, cancelled=cancelled)
 
         tag = self._tag("overlay", layer, "3d" if edges else "2d", boxes)
         return Drawing(tag, JPEG if boxes else PNG, draw)

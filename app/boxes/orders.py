@@ -55,13 +55,13 @@ CROWDED_PERCENT: Final = 50.0
 """From this crowding on, the matched pixels may belong to another box."""
 
 MOST_KINDS: Final = 1000
-"""With more kinds of boxes (`Present.kinds`), the database sorts by the distance."""
+"""With more kinds of boxes (see `DatasetContents`), the database sorts by distance."""
 
 _EPSILON: Final = 1e-9
 
 
 @dataclass(frozen=True)
-class Present:
+class DatasetContents:
     """What occurs in a dataset: streams for anything else would be empty.
 
     `kinds` are the combinations of class, reason and toss-up flag.
@@ -86,7 +86,7 @@ class BoxOrder:
     """
 
     wanted: BoxFilter
-    present: Present
+    contents: DatasetContents
 
     def by_id(self, *conditions: ColumnElement[bool]) -> list[Stream]:
         """The boxes that meet these conditions too, by id."""
@@ -101,7 +101,7 @@ class BoxOrder:
         else:
             # Without "reason in (...)": a database may prefer it to "reason = ...".
             every = replace(wanted, reasons=()).conditions()
-            reasons = [r for r in self.present.reasons if r in wanted.reasons]
+            reasons = [r for r in self.contents.reasons if r in wanted.reasons]
             parts = [[*every, Decision.reason == reason] for reason in reasons]
         return [Stream(Decision.box_id, [*part, *conditions]) for part in parts]
 
@@ -161,7 +161,7 @@ class BoxOrder:
         decided = reasons_with_threshold(self.wanted.thresholds)
         others = [
             reason
-            for reason in self.present.reasons
+            for reason in self.contents.reasons
             if reason not in decided
             and (not self.wanted.reasons or reason in self.wanted.reasons)
         ]
@@ -295,21 +295,21 @@ class BoxOrder:
     @property
     def _has_too_many_sides(self) -> bool:
         # Building and compiling a statement of so many streams would take seconds.
-        return len(self.present.kinds) > MOST_KINDS
+        return len(self.contents.kinds) > MOST_KINDS
 
     def _occurs(self, class_id: int, side: Side, toss_up: bool | None) -> bool:
-        if side.large and not self.present.large:
+        if side.large and not self.contents.large:
             return False
         if self.wanted.reasons and side.reason not in self.wanted.reasons:
             return False
-        return self.present.has(class_id, side.reason, toss_up)
+        return self.contents.has(class_id, side.reason, toss_up)
 
     def _thresholds(self) -> list[ClassThresholds]:
         wanted = self.wanted.class_ids
         return [
             each
             for each in self.wanted.thresholds
-            if each.class_id in self.present.class_ids
+            if each.class_id in self.contents.class_ids
             and (wanted is None or each.class_id in wanted)
         ]
 
@@ -439,10 +439,12 @@ START: Final = Position(0, float("-inf"), -1, 0)
 class BoxPages:
     """Keyset pagination of current decisions: pages begin where the last one ended."""
 
-    def __init__(self, session: Session, wanted: BoxFilter, present: Present) -> None:
+    def __init__(
+        self, session: Session, wanted: BoxFilter, contents: DatasetContents
+    ) -> None:
         self._session = session
         self._wanted = wanted
-        self._streams = BoxOrder(wanted, present)
+        self._streams = BoxOrder(wanted, contents)
 
     def page(
         self, order: str, cursor: str | None, limit: int
@@ -489,8 +491,8 @@ class BoxPages:
         ]
 
     def _before_first(self) -> int:
-        present = self._streams.present.class_ids
-        span = BoxProbes(self._session).span(self._wanted.dataset_id, present)
+        class_ids = self._streams.contents.class_ids
+        span = BoxProbes(self._session).span(self._wanted.dataset_id, class_ids)
         return span[0] - 1 if span else 0
 
     def _merged(self, asked: _TierRequest, at: Position) -> list[Position]:
@@ -548,7 +550,7 @@ def _first_page(asked: _TierRequest) -> _Plan:
     # The queue reads a first page after every answer, and building a statement of some
     # sixty streams takes several times as long as executing it. Plans for many classes
     # would take up too much memory.
-    if len(asked.streams.present.kinds) > STREAMS_TOGETHER:
+    if len(asked.streams.contents.kinds) > STREAMS_TOGETHER:
         return _page(asked, START)
     return _known_first_page(asked)
 

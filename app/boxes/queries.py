@@ -69,8 +69,8 @@ class FrameHead(NamedTuple):
 
     id: int
     key: str
-    width: int | None
-    height: int | None
+    width: int
+    height: int
     map: str | None
 
 

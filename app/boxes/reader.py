@@ -182,8 +182,8 @@ def list_boxes(
     session: Session, dataset: Dataset, wanted: BoxFilter, page: PageRequest
 ) -> tuple[list[StoredDecision], str | None]:
     """Decisions of one page, and the cursor of the next."""
-    present = TallyRepository(session).present(dataset.id)
-    pages = BoxPages(session, wanted, present)
+    contents = TallyRepository(session).contents(dataset.id)
+    pages = BoxPages(session, wanted, contents)
     ids, cursor = pages.page(page.sort, page.cursor, page.limit)
     reader = DecisionReader(session, dataset)
     return reader.records(reader.read_boxes(ids)), cursor

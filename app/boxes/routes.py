@@ -19,7 +19,7 @@ from app.boxes.queries import FrameFilter, PageRequest
 from app.boxes.snapshot import take_snapshot
 from app.context import ServiceContext
 from app.db.engine import begin_as_work
-from app.engine.children import GivenUp, PixelsRefused
+from app.engine.children import CallCancelled, PixelsRefused
 from app.http.bodies import stopping
 from app.http.deps import (
     AppServices,
@@ -91,23 +91,23 @@ async def _drawn(
     NotReady
         The service is stopping.
     """
-    given_up = threading.Event()
-    drawn = asyncio.ensure_future(_draw(request, services, drawing, given_up))
+    cancelled = threading.Event()
+    drawn = asyncio.ensure_future(_draw(request, services, drawing, cancelled))
     left = asyncio.ensure_future(has_left(request))
     stop = services.engine.stopping
     try:
-        with stop.calling(given_up.set):
+        with stop.calling(cancelled.set):
             if stop.is_set():
                 raise stopping()
             await asyncio.wait({drawn, left}, return_when=asyncio.FIRST_COMPLETED)
             return drawn.result() if drawn.done() else None
-    except GivenUp:
+    except CallCancelled:
         raise stopping() from None
     except PixelsRefused as refused:
         services.one(DrawnPictures).refuse(drawing.tag, refused)
         raise
     finally:
-        given_up.set()
+        cancelled.set()
         drawn.cancel()
         left.cancel()
         await asyncio.wait({drawn, left})
@@ -117,13 +117,13 @@ async def _draw(
     request: Request,
     services: ServiceContext,
     drawing: Drawing,
-    given_up: threading.Event,
+    cancelled: threading.Event,
 ) -> bytes:
     of_token: TokenPlaces = request.app.state.drawing
     places: CapacityLimiter = request.app.state.drawings
     async with of_token.of(request.state.principal.token_id):
         return await to_thread.run_sync(
-            drawing.draw, services.drawers, given_up, limiter=places
+            drawing.draw, services.drawers, cancelled, limiter=places
         )
 
 

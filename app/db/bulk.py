@@ -81,10 +81,10 @@ def execute_many(
             for row in zip(*columns.values(), strict=True)
         ]
     for start in range(0, len(rows), ROWS_AT_A_TIME):
-        portion = rows[start : start + ROWS_AT_A_TIME]
-        connection.exec_driver_sql(str(compiled), portion)
+        chunk = rows[start : start + ROWS_AT_A_TIME]
+        connection.exec_driver_sql(str(compiled), chunk)
         if written is not None:
-            written(len(portion))
+            written(len(chunk))
 
 
 def update_rows(
@@ -104,8 +104,8 @@ def update_rows(
     statement = update_from_arrays(table, key, tuple(names))
     for start in range(0, len(columns[key]), ROWS_AT_A_TIME):
         end = start + ROWS_AT_A_TIME
-        portion = {f"every_{name}": each[start:end] for name, each in columns.items()}
-        connection.execute(statement, portion)
+        chunk = {f"every_{name}": each[start:end] for name, each in columns.items()}
+        connection.execute(statement, chunk)
         if written is not None:
             written(len(columns[key][start:end]))
 
@@ -113,8 +113,8 @@ def update_rows(
 def chunks(items: Iterable[_Item], most: int = MAX_PARAMETERS) -> Iterator[list[_Item]]:
     """Items in lists of at most `most`: as many as a statement takes as parameters."""
     source = iter(items)
-    while portion := list(islice(source, most)):
-        yield portion
+    while chunk := list(islice(source, most)):
+        yield chunk
 
 
 @overload

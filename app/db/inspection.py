@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sqlite3
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
@@ -19,9 +20,20 @@ PAGES_AT_A_TIME: Final = 4096
 """A copy reports its progress after each 16 MiB."""
 MOST_PROBLEMS: Final = 20
 _REFERENCED: Final = (
-    "SELECT sha256 FROM frame_files "
-    "UNION SELECT sha256 FROM exports WHERE state = 'done' AND sha256 IS NOT NULL"
+    "SELECT sha256 FROM frame_files",
+    "SELECT sha256 FROM exports WHERE state = 'done' AND sha256 IS NOT NULL",
 )
+_ARE_TABLES: Final = (
+    "SELECT type = 'table' AND sql NOT LIKE 'CREATE VIRTUAL%' FROM sqlite_master "
+    "WHERE lower(name) IN ('frame_files', 'exports')"
+)
+_TRIGGERS: Final = frozenset(
+    f"CREATE TRIGGER audit_log_no_{event.lower()} BEFORE {event} ON audit_log "
+    "BEGIN SELECT RAISE(ABORT, 'the audit log is only added to'); END"
+    for event in ("UPDATE", "DELETE")
+)
+"""Those that the migrations make."""
+_DIGEST: Final = re.compile(r"[0-9a-f]{64}")
 _MEMORY: Final = ("", ":memory:")
 
 _CHECKS_TABLES: Final = (3, 33)
@@ -87,10 +99,36 @@ def revision_of(file: Path) -> str | None:
     return None if row is None else str(row[0])
 
 
-def referenced_files(file: Path) -> set[str]:
-    """Digests of all blobs that a SQLite file of any schema version refers to."""
+def foreign_triggers(file: Path) -> list[str]:
+    """The names of triggers in a SQLite file that no migration has made."""
     with closing(sqlite3.connect(_uri(file, "ro"), uri=True)) as database:
-        return {row[0] for row in database.execute(_REFERENCED)}
+        found = database.execute(
+            "SELECT name, sql FROM sqlite_master WHERE type = 'trigger'"
+        )
+        return [str(name) for name, sql in found if sql not in _TRIGGERS]
+
+
+def referenced_files(file: Path) -> set[str]:
+    """Digests of all blobs that a SQLite file of any schema version refers to.
+
+    The file may be from somebody else. A view in place of a table can compute rows
+    without end, and a column can be computed, too.
+
+    Raises
+    ------
+    sqlite3.DatabaseError
+        It cannot be read, or computes what should be stored.
+    """
+    digests = set[str]()
+    with closing(sqlite3.connect(_uri(file, "ro"), uri=True)) as database:
+        if database.execute(_ARE_TABLES).fetchall() != [(1,), (1,)]:
+            raise sqlite3.DatabaseError("frame_files or exports is no table")
+        for statement in _REFERENCED:
+            for (digest,) in database.execute(statement):
+                if not (isinstance(digest, str) and _DIGEST.fullmatch(digest)):
+                    raise sqlite3.DatabaseError("a file has no SHA-256")
+                digests.add(digest)
+    return digests
 
 
 def problems_in(engine: Engine) -> list[str]:

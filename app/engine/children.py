@@ -48,7 +48,7 @@ if TYPE_CHECKING:
 _Result = TypeVar("_Result")
 
 _POLL_S: Final = 0.05
-"""Interval at which a call checks whether its caller has given up."""
+"""Interval at which a call checks whether its caller has cancelled it."""
 _END_S: Final = 1.0
 """How long to wait for the end of a process whose pipe is closed."""
 _NUMPY_MODULES: Final = frozenset(
@@ -59,6 +59,9 @@ _NUMPY_MODULES: Final = frozenset(
 _NUMPY_NAMES: Final = frozenset(
     {"_reconstruct", "_frombuffer", "scalar", "ndarray", "dtype"}
 )
+_starting: Final = threading.Lock()
+"""One for all pools: a start replaces the main module for a moment, and adds to a list
+that `multiprocessing` keeps of all processes without a lock."""
 _DONE, _REFUSED, _MEMORY, _FAILED = "done", "refused", "memory", "failed"
 
 
@@ -68,7 +71,7 @@ class PixelsRefused(FilterError):
     code = "pixels_refused"
 
 
-class GivenUp(Exception):
+class CallCancelled(Exception):
     """The caller no longer needs the result, or the pool is closed."""
 
 
@@ -87,7 +90,7 @@ class _TooSlow(Exception):
 _REASONS: Final[dict[type[Exception], str]] = {
     _TooSlow: "time",
     _ChildDied: "died",
-    GivenUp: "given_up",
+    CallCancelled: "given_up",
 }
 """Why a child is replaced, as a label of the metric."""
 
@@ -136,7 +139,6 @@ class PixelPool:
         self._free: LifoQueue[_Child | None] = LifoQueue()
         for _ in range(children):
             self._free.put(None)
-        self._starting = threading.Lock()
         self._own_threads = threading.BoundedSemaphore(children)
         self._is_closed = False
         # At exit, before `multiprocessing` kills its processes by a signal.
@@ -146,7 +148,7 @@ class PixelPool:
         self,
         work: Callable[..., _Result],
         *args: object,
-        given_up: threading.Event | None = None,
+        cancelled: threading.Event | None = None,
     ) -> _Result:
         """Call a function in the next free child, and wait for the result.
 
@@ -154,7 +156,7 @@ class PixelPool:
         ----------
         work : a function at the top of a module
             It, `args` and the result are pickled.
-        given_up : threading.Event, optional
+        cancelled : threading.Event, optional
             Set by the caller to cancel: a running child is killed, none is started.
 
         Raises
@@ -163,19 +165,19 @@ class PixelPool:
             As `work` raised it.
         PixelsRefused
             It took too much time or memory, or crashed two children.
-        GivenUp
-            `given_up` was set first, or the pool was closed.
+        CallCancelled
+            `cancelled` was set first, or the pool was closed.
         ChildFailed
             `work` raised any other exception.
         """
         message = pickle.dumps((work, args), pickle.HIGHEST_PROTOCOL)
         try:
-            return cast("_Result", self._ask(message, given_up))
+            return cast("_Result", self._ask(message, cancelled))
         except _ChildDied as died:
             # The picture may not be the cause: somebody may have killed the process.
             server_log.warning("a process that reads images %s; trying another", died)
         try:
-            return cast("_Result", self._ask(message, given_up))
+            return cast("_Result", self._ask(message, cancelled))
         except _ChildDied as died:
             raise PixelsRefused(
                 f"reading {self._subject.name} crashed two processes: the last {died}"
@@ -198,11 +200,11 @@ class PixelPool:
         for _ in range(self.children):
             self._free.put(None)  # wakes callers that wait for a child
 
-    def _ask(self, message: bytes, given_up: threading.Event | None) -> object:
-        child = self._next_child(given_up)
+    def _ask(self, message: bytes, cancelled: threading.Event | None) -> object:
+        child = self._next_child(cancelled)
         reason = "stopped"
         try:
-            kind, result = child.ask(message, self._seconds, given_up)
+            kind, result = child.ask(message, self._seconds, cancelled)
             # A child that ran out of memory may still hold much of it: replace it.
             reason = _MEMORY if kind == _MEMORY else ""
         except tuple(_REASONS) as ended:
@@ -227,11 +229,11 @@ class PixelPool:
             raise ChildFailed(str(result))
         return result
 
-    def _next_child(self, given_up: threading.Event | None) -> _Child:
-        place = self._take(given_up)
+    def _next_child(self, cancelled: threading.Event | None) -> _Child:
+        place = self._take(cancelled)
         if self._is_closed:
             self._free.put(place)
-            raise GivenUp
+            raise CallCancelled
         if place is not None and place.is_alive():
             return place
         try:
@@ -249,17 +251,16 @@ class PixelPool:
             child.end()
         self._free.put(None if reason or self._is_closed else child)
 
-    def _take(self, given_up: threading.Event | None) -> _Child | None:
-        while given_up is not None:
-            if given_up.is_set():
-                raise GivenUp
+    def _take(self, cancelled: threading.Event | None) -> _Child | None:
+        while cancelled is not None:
+            if cancelled.is_set():
+                raise CallCancelled
             with suppress(Empty):
                 return self._free.get(timeout=_POLL_S)
         return self._free.get()
 
     def _start(self) -> _Child:
-        # `multiprocessing` keeps a list of its processes without a lock.
-        with self._starting, _no_main_module():
+        with _starting, _no_main_module():
             return _Child(self._context, self._memory_bytes)
 
 
@@ -293,26 +294,26 @@ class _Child:
         return bool(self._process.is_alive())
 
     def ask(
-        self, message: bytes, seconds: float, given_up: threading.Event | None
+        self, message: bytes, seconds: float, cancelled: threading.Event | None
     ) -> tuple[str, object]:
-        """Outcome and result; raises `_ChildDied`, `_TooSlow` or `GivenUp`."""
+        """Outcome and result; raises `_ChildDied`, `_TooSlow` or `CallCancelled`."""
         try:
             self._pipe.send_bytes(message)
-            self._wait(seconds, given_up)
+            self._wait(seconds, cancelled)
             return _read_answer(self._pipe.recv_bytes())
         except (EOFError, OSError) as exc:
             self._process.join(_END_S)
             raise _ChildDied(ending_text(self._process.exitcode)) from exc
 
-    def _wait(self, seconds: float, given_up: threading.Event | None) -> None:
-        if given_up is None:
+    def _wait(self, seconds: float, cancelled: threading.Event | None) -> None:
+        if cancelled is None:
             if not self._pipe.poll(seconds):
                 raise _TooSlow
             return
         until = time.monotonic() + seconds
         while not self._pipe.poll(_POLL_S):
-            if given_up.is_set():
-                raise GivenUp
+            if cancelled.is_set():
+                raise CallCancelled
             if time.monotonic() > until:
                 raise _TooSlow
 

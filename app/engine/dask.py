@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 from app.addresses import EngineAddress, is_loopback
@@ -41,11 +42,15 @@ def run_scheduler(
         )
     prepare()
     address = EngineAddress("tls" if encrypted else "tcp", host, port)
-    asyncio.run(_serve(address, certificates, ready))
+    with scratch_folder() as folder:
+        asyncio.run(_serve(address, certificates, ready, folder))
 
 
 async def _serve(
-    address: EngineAddress, certificates: Certificates, ready: Callable[[str], None]
+    address: EngineAddress,
+    certificates: Certificates,
+    ready: Callable[[str], None],
+    folder: str,
 ) -> None:
     from distributed import Scheduler
 
@@ -56,6 +61,7 @@ async def _serve(
         security=security(certificates, encrypted=address.is_encrypted),
         dashboard=False,
         dashboard_address=NOWHERE,
+        local_directory=folder,
     )
     try:
         await scheduler
@@ -67,6 +73,16 @@ async def _serve(
     ready(str(scheduler.address))
     await stop.wait()
     await scheduler.close()
+
+
+def scratch_folder() -> TemporaryDirectory[str]:
+    """A new folder for the files of one node, removed at the end of a `with` block.
+
+    Every node searches its folder first for Python modules. By default that lies in
+    `dask-scratch-space` of the folder for temporary files, where another user of the
+    machine may have put files.
+    """
+    return TemporaryDirectory(prefix="unghost-", ignore_cleanup_errors=True)
 
 
 def close_dashboard(node: ServerNode) -> None:

@@ -29,7 +29,7 @@ from app.http.deps import (
     RowId,
 )
 from app.http.files import RESUMABLE, file_of, file_response
-from app.http.pages import NO_STORE, Newest, json_response
+from app.http.pages import NO_STORE, Newest, accepted, json_response
 from app.http.routing import ApiRouter, OpenRouter
 from app.http.transaction import WriteSession
 from app.jobs.queries import job_with_id
@@ -75,7 +75,7 @@ def create_export(
     audit.note(
         AuditAction.EXPORT_CREATED, export.id, dataset=dataset, format=body.format
     )
-    return _accepted(export, dataset)
+    return accepted(describe_export(export, dataset))
 
 
 @router.post("/exports/{export_id}/cancel", status_code=202, response_model=Export)
@@ -86,12 +86,7 @@ def stop_export(
     export = cancel(services, session, EXPORTS, export_id)
     dataset = DatasetRepository(session).with_id(export.dataset_id).name
     audit.note(AuditAction.EXPORT_CANCELLED, export_id, dataset=dataset)
-    return _accepted(export, dataset)
-
-
-def _accepted(export: tables.Export, dataset: str) -> Response:
-    where = {"Location": f"/api/v1/exports/{export.id}"}
-    return json_response(describe_export(export, dataset), 202, where)
+    return accepted(describe_export(export, dataset))
 
 
 @router.get("/exports/{export_id}")

@@ -19,7 +19,7 @@ from app.jobs.kind import Task
 from app.jobs.queries import job_of
 from app.jobs.service import queue_job
 from app.measuring.queries import DatasetRepository
-from app.storage.base import Blob
+from app.storage.base import StoredBlob
 from app.storage.room import require_room
 from filter_core.formats.export import ExportOptions
 from filter_core.formats.registry import format_of
@@ -60,7 +60,7 @@ def request_export(
     return export
 
 
-def finished_file(context: ServiceContext, export: tables.Export) -> Blob:
+def finished_file(context: ServiceContext, export: tables.Export) -> StoredBlob:
     """The file of a finished export; raises Conflict while it is not finished."""
     if export.state != "done" or export.sha256 is None:
         raise Conflict(

@@ -28,7 +28,7 @@ from app.db.tables import Dataset, Export
 from app.jobs.kind import Task
 from app.measuring.active import active_version
 from app.measuring.queries import DatasetRepository, EvidenceRow
-from app.storage.base import Unsure
+from app.storage.base import BlobsUncertain
 from filter_core.formats.export import (
     ExportFrame,
     ExportHead,
@@ -69,8 +69,8 @@ def write_archive(task: Task[Export]) -> None:
     stored = StoredArchive(digest, size_bytes, counts)
     try:
         _end(task, stored)
-    except Unsure as unsure:
-        task.retry_unavailable(partial(context.storage.make_sure, unsure.digests))
+    except BlobsUncertain as uncertain:
+        task.retry_unavailable(partial(context.storage.make_sure, uncertain.digests))
         _end(task, stored)
     # Another process that still writes this export stops at its next `check`, because
     # the job has ended: its folder can be removed as well.
@@ -201,7 +201,7 @@ class ExportFrames:
         return content
 
     def _frame(self, frame: FrameHead, content: _Content) -> ExportFrame:
-        wh = (frame.width or 0, frame.height or 0)
+        wh = (frame.width, frame.height)
         text = content.annotations.get(frame.id, "{}")
         image = content.files.get(frame.id, {}).get("image")
         evidence = content.evidence.get(frame.id)

@@ -158,7 +158,7 @@ class PartLimits:
 
 
 @dataclass(frozen=True)
-class Part:
+class FormPart:
     """A field or a file of a form; the names of files are ignored."""
 
     name: str
@@ -167,7 +167,7 @@ class Part:
 
 async def read_parts(
     media_type: str, stream: AsyncIterable[bytes], limits: PartLimits
-) -> list[Part]:
+) -> list[FormPart]:
     """The parts of a form in the order they were sent.
 
     Parameters
@@ -225,7 +225,7 @@ class _Form:
     """The parts that the parser has found so far."""
 
     limits: PartLimits
-    parts: list[Part] = field(default_factory=list)
+    parts: list[FormPart] = field(default_factory=list)
     is_complete: bool = False
 
     def callbacks(self) -> dict[str, object]:
@@ -273,7 +273,7 @@ class _Form:
         self._content += memoryview(data)[start:end]
 
     def _end(self) -> None:
-        self.parts.append(Part(self._name, bytes(self._content)))
+        self.parts.append(FormPart(self._name, bytes(self._content)))
 
     def _finish(self) -> None:
         self.is_complete = True

@@ -152,8 +152,9 @@ def require_room_to_write(services: ServiceContext, session: Session) -> None:
 def require_room_to_answer(services: ServiceContext, session: Session) -> None:
     """Refuse an answer on a single box, or its undo, if the disk is almost full.
 
-    This begins the transaction, so that a request that is repeated with its key gets
-    its response. With PostgreSQL nothing is refused: answers are on its disk.
+    The transaction begins before that: there a request that repeats an idempotency key
+    gets the stored response, since it needs no room. With PostgreSQL nothing is
+    refused: answers are on its disk.
 
     Raises
     ------

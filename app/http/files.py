@@ -9,7 +9,7 @@ from fastapi.responses import FileResponse, StreamingResponse
 from starlette.datastructures import Headers
 
 from app.errors import RangeNotSatisfiable
-from app.storage.base import Blob
+from app.storage.base import StoredBlob
 
 IMMUTABLE: Final = "private, max-age=31536000, immutable"
 REVALIDATE: Final = "private, no-cache"
@@ -26,7 +26,7 @@ def known_response(request: Request, digest: str) -> Response | None:
 
 
 def file_response(
-    request: Request, blob: Blob, digest: str, media_type: str, name: str = ""
+    request: Request, blob: StoredBlob, digest: str, media_type: str, name: str = ""
 ) -> Response:
     """A response with a file, which never changes under its digest."""
     headers = blob_headers(digest)
@@ -45,7 +45,7 @@ def file_response(
 
 
 def _streamed(
-    request: Request, blob: Blob, media_type: str, headers: dict[str, str]
+    request: Request, blob: StoredBlob, media_type: str, headers: dict[str, str]
 ) -> Response:
     """A response with a blob from a bucket, read a few megabytes at a time."""
     # Not `request.headers`, which are cached: `_without_range` has changed the scope.

@@ -259,7 +259,7 @@ class BodyAllowance:
         if self.held is not None and not self.is_streamed:
             self.held.hold(max(received, self.announced))
 
-    def let_go(self) -> None:
+    def release(self) -> None:
         """Release the body's bytes when the request has ended."""
         if self.held is not None:
             self.held.hold(0)
@@ -308,7 +308,7 @@ class BodyLimit(HttpMiddleware):
         try:
             await self._app(scope, receive_limited, send)
         finally:
-            allowance.let_go()
+            allowance.release()
 
     async def _next(self, receive: Receive, allowance: BodyAllowance) -> Message:
         left_s = min(self._wait_s, allowance.until - time.monotonic())

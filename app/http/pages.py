@@ -1,4 +1,4 @@
-"""JSON responses: pages of lists, and accepted runs (202)."""
+"""JSON responses: pages of lists, and accepted runs and exports (202)."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from pydantic import TypeAdapter
 
 from app.db.pages import NewestPage, id_of_cursor
 from unghost.wire.model import ResponseModel
-from unghost.wire.runs import Run
+from unghost.wire.runs import Export, Run
 
 NO_STORE: Final = {"Cache-Control": "no-store"}
 """Headers of a response with a secret: neither a cache nor the response kept for an
@@ -98,6 +98,7 @@ Cursor = Annotated[
 ]
 
 
-def accepted(run: Run) -> Response:
-    """A 202 with a run, and its URL."""
-    return json_response(run, 202, {"Location": f"/api/v1/runs/{run.id}"})
+def accepted(job: Run | Export) -> Response:
+    """A 202 with a run or an export, and its URL."""
+    kind = "runs" if isinstance(job, Run) else "exports"
+    return json_response(job, 202, {"Location": f"/api/v1/{kind}/{job.id}"})

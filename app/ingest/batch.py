@@ -153,14 +153,14 @@ class BatchIntake:
                     yield await self._store(together)
                     for _ in together:
                         self._places.release()
-                        self._counted.popleft().let_go()
+                        self._counted.popleft().release()
                 prepared, together = [], []  # free them while waiting for the next
             await receiving
         finally:
             receiving.cancel()
             self._throw_away()
             for counted in self._counted:
-                counted.let_go()
+                counted.release()
 
     async def _receive(self, frames: AsyncIterator[UploadedFrame]) -> None:
         """Start measuring frames while there is room; otherwise let the client wait."""
@@ -242,7 +242,7 @@ class _CountedFrame:
     def __init__(self, bodies: OpenBodies, token_id: int, size: int) -> None:
         bodies.take(token_id, size)
         self._bodies, self._token_id, self._size = bodies, token_id, size
-        self._is_measured = self._is_let_go = False
+        self._is_measured = self._is_released = False
         self._lock = threading.Lock()
 
     def measured(self, done: Future[PreparedFrame]) -> None:
@@ -252,12 +252,12 @@ class _CountedFrame:
         kept = frame.size_bytes if isinstance(frame, ReadyFrame) else 0
         with self._lock:
             self._is_measured = True
-            self._lower(0 if self._is_let_go else kept)
+            self._lower(0 if self._is_released else kept)
 
-    def let_go(self) -> None:
+    def release(self) -> None:
         """Release the frame's bytes: at once, or when a running measurement ends."""
         with self._lock:
-            self._is_let_go = True
+            self._is_released = True
             if self._is_measured:
                 self._lower(0)
 

@@ -115,14 +115,14 @@ async def _receive(
     archive = TarStream(limits, any_name=True)
     held: HeldBytes = request.scope[BODY_ALLOWANCE].held
 
-    def lay(chunk: bytes) -> None:
+    def add_files(chunk: bytes) -> None:
         for member in archive.feed(chunk):
             sent.add(member)
 
     pieces = UntilStopped(request.stream(), stop)
     with stop.calling(pieces.wake):
         async for chunk in pieces:
-            await run_in_threadpool(lay, chunk)
+            await run_in_threadpool(add_files, chunk)
             held.hold(archive.size_bytes)
     archive.close()
     held.hold(0)
@@ -133,9 +133,9 @@ async def _in_child(
 ) -> int:
     """Let a child write the response; returns its size. Ends if the client leaves."""
     places: CapacityLimiter = request.app.state.folders
-    async with until_left(request) as given_up:
+    async with until_left(request) as cancelled:
         return await to_thread.run_sync(
-            partial(services.folders.run, write_response, task, given_up=given_up),
+            partial(services.folders.run, write_response, task, cancelled=cancelled),
             limiter=places,
         )
 

@@ -18,7 +18,7 @@ from starlette.types import Receive, Scope, Send
 
 from app.boxes import frames
 from app.context import ServiceContext
-from app.engine.children import GivenUp
+from app.engine.children import CallCancelled
 from app.errors import Unprocessable, UnsupportedMedia
 from app.http.bodies import PartLimits, UntilStopped, read_parts, stopping
 from app.http.deps import (
@@ -300,34 +300,34 @@ async def put_frame(
     places: CapacityLimiter = state.uploads
     own: CapacityLimiter = state.uploading.of(common.sender.token_id)
     # `own`: no token takes the places of all others.
-    async with until_left(request) as given_up, own:
+    async with until_left(request) as cancelled, own:
         return await to_thread.run_sync(
-            _store, services, common, upload, given_up, limiter=places
+            _store, services, common, upload, cancelled, limiter=places
         )
 
 
 @asynccontextmanager
 async def until_left(request: Request) -> AsyncIterator[threading.Event]:
-    """An event that is set when the client disconnects, so that work can be given up.
+    """An event that is set when the client disconnects, so that work can be cancelled.
 
     Raises
     ------
     ClientDisconnect
-        The work was given up (`GivenUp`), as the client has left.
+        The work was cancelled (`CallCancelled`), as the client has left.
     NotReady
-        The work was given up, as the service stops.
+        The work was cancelled, as the service stops.
     """
 
     async def watch() -> None:
         await has_left(request)
-        given_up.set()
+        cancelled.set()
 
-    given_up = threading.Event()
+    cancelled = threading.Event()
     watching = asyncio.ensure_future(watch())
     try:
-        yield given_up
-    except GivenUp:
-        raise (ClientDisconnect if given_up.is_set() else stopping)() from None
+        yield cancelled
+    except CallCancelled:
+        raise (ClientDisconnect if cancelled.is_set() else stopping)() from None
     finally:
         watching.cancel()
 
@@ -336,11 +336,11 @@ def _store(
     services: ServiceContext,
     common: UploadRequest,
     upload: UploadedFrame,
-    given_up: threading.Event,
+    cancelled: threading.Event,
 ) -> Response:
-    if given_up.is_set():  # while the request waited for its place
-        raise GivenUp
-    stored = add_frame(services, common, upload, given_up)
+    if cancelled.is_set():  # while the request waited for its place
+        raise CallCancelled
+    stored = add_frame(services, common, upload, cancelled)
     headers = {"Location": f"/api/v1/frames/{stored.frame_id}"}
     if isinstance(stored, NewFrame):
         # After the transaction, since it takes as long as inserting all rows.

@@ -310,7 +310,7 @@ def _carry_answers(
         by clearing them first. Answers that their author has undone do not count.
     """
     reviews = ReviewRepository(session)
-    answered = reviews.once_answered(former.id)
+    answered = reviews.ever_answered(former.id)
     if not answered:
         return [], Counter()
     latest = LatestAnswers(session).of(box_id for box_id, _, _ in answered)
@@ -340,7 +340,7 @@ def _carry_answers(
         carried[old_id] = review
     if carried:
         reviews.carry_over(carried)
-    return list(carried.values()), reviews.meant_by(dropped)
+    return list(carried.values()), reviews.answers_per_reviewer(dropped)
 
 
 def _geometry(

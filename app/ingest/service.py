@@ -44,7 +44,7 @@ from app.measuring.queries import (
     ProblemRepository,
     note_problem,
 )
-from app.storage.base import Unsure
+from app.storage.base import BlobsUncertain
 from app.storage.room import require_room
 from filter_core.errors import AnnotationError, FilterError, error_context
 from filter_core.formats.reading import MAX_KEY
@@ -66,7 +66,7 @@ def add_frame(
     context: ServiceContext,
     request: UploadRequest,
     upload: UploadedFrame,
-    given_up: threading.Event | None = None,
+    cancelled: threading.Event | None = None,
 ) -> StoredFrame:
     """Check, measure and store one frame, and commit.
 
@@ -76,10 +76,10 @@ def add_frame(
         The frame is invalid; this is stored as a problem of the dataset.
     FrameConflict
         Another frame has this key, and `replace` is not set.
-    app.engine.children.GivenUp
-        `given_up` was set while a child process measured it: nothing is stored.
+    app.engine.children.CallCancelled
+        `cancelled` was set while a child process measured it: nothing is stored.
     """
-    frame = prepare_frame(context, request, upload, given_up)
+    frame = prepare_frame(context, request, upload, cancelled)
     if not isinstance(frame, StoredFrame):
         (frame,) = store_frames(context, request, [frame])
     if isinstance(frame, RefusedFrame):
@@ -91,7 +91,7 @@ def prepare_frame(
     context: ServiceContext,
     request: UploadRequest,
     upload: UploadedFrame,
-    given_up: threading.Event | None = None,
+    cancelled: threading.Event | None = None,
 ) -> PreparedFrame:
     """Check and measure one frame and write its files; no transaction is open.
 
@@ -106,8 +106,8 @@ def prepare_frame(
 
     Raises
     ------
-    app.engine.children.GivenUp
-        `given_up` was set while a child process measured it.
+    app.engine.children.CallCancelled
+        `cancelled` was set while a child process measured it.
     """
     key = upload.key
     try:
@@ -119,7 +119,7 @@ def prepare_frame(
         checked = check_frame(key, annotation, upload, context.settings)
         same = _stored_already(known, checked, request)
         if same is None:
-            measured = _measure(context, active, checked, given_up)
+            measured = _measure(context, active, checked, cancelled)
     except _OF_ONE_FRAME as error:
         return RefusedFrame(key, error)
     if same is not None:
@@ -152,14 +152,14 @@ def _measure(
     context: ServiceContext,
     active: ActiveDataset,
     checked: CheckedFrame,
-    given_up: threading.Event | None = None,
+    cancelled: threading.Event | None = None,
 ) -> MeasuredFrame:
     """Measure a frame; refuses new classes if the dataset's classes are frozen."""
     plan = active.plan
     files = checked.to_measure(plan.files)
     with error_context(checked.key, "/segmentation"):
         measured = measure_files(
-            context.pixels, plan, checked.annotation, files, given_up
+            context.pixels, plan, checked.annotation, files, cancelled
         )
     if active.row.classes_are_frozen:
         _check_classes(context, active, checked, measured)
@@ -259,8 +259,8 @@ def _store_together(
                 return _write(context, session, request, frames)
         except _MeasuredOtherwise:
             frames = [_measured_again(context, request, frame) for frame in frames]
-        except Unsure as unsure:
-            context.storage.make_sure(unsure.digests)
+        except BlobsUncertain as uncertain:
+            context.storage.make_sure(uncertain.digests)
 
 
 @contextmanager

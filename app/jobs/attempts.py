@@ -10,7 +10,7 @@ sets the count to zero (`Attempt.reset`): work that goes on is never given up.
   dies again, the first frame without a result is the **cause**.
 - After three deaths (`MOST_ATTEMPTS`), that frame is put into **quarantine**: it
   becomes a chunk of its own, which is not tried again. The other frames of the chunk
-  get a first attempt at once.
+  are tried again at once, and their count starts at zero.
 
 All other chunks are processed; then the job fails with an error that names what is in
 quarantine (`quarantine_error`). Chunks of a failed job that are in quarantine stay in
@@ -23,9 +23,10 @@ the database; the next run plans their frames anew.
   now **suspects**: each is submitted again while no other chunk is in progress
   (`JobDriver`), so that if a process dies again, this chunk is the cause.
 - The driver itself: if there are no workers it executes all chunks, and always the
-  final step. If it dies, nobody is left to count. So it counts its own death in
-  advance, when it begins (`Attempt.begin`), and sets the count to zero if its work ends
-  without a death (`Attempt.end`).
+  final step. If it dies, nobody is left to count. So the driver adds one to the count
+  when it begins a chunk (`Attempt.begin`). If it does not die, the count goes back to
+  zero: with the first part of a result that is stored, or when the work ends
+  (`Attempt.end`).
 
 **Several frames in a row, each of which ends its process,** would end three processes
 each. So if the frame just before a cause is in quarantine already, not only the cause
@@ -35,9 +36,9 @@ is put into quarantine, but all frames of the chunk that have no result
 **An unreadable frame** ends no process: only the child processes that decode its images
 die, or exceed their limits of time or memory. `refuse` puts its chunk into quarantine
 once all its other frames are stored. If the chunk is tried frame by frame,
-`refuse_frame` puts the frame into quarantine at once, and alone. Otherwise it would
-stay in the chunk as the first frame without a result, and if a later frame ended the
-process, it would be taken for the cause.
+`refuse_frame` puts the frame into quarantine at once, and alone. If it stayed in the
+chunk, the unreadable frame would be the first one without a result, and would be taken
+for the cause when a later frame ends the process.
 """
 
 from __future__ import annotations
@@ -70,7 +71,9 @@ log = logging.getLogger(__name__)
 
 def is_one_by_one(task: AnyTask, chunk: Chunk) -> bool:
     """Whether a process has died during this chunk, which is now worked on again."""
-    return chunk.attempts > (1 if task.is_counted else 0)
+    has_begun = 1 if task.is_counted else 0  # a driver counts the attempt that goes on
+    deaths = chunk.attempts - has_begun
+    return deaths > 0
 
 
 def count_death(session: Session, job: Job, number: int) -> bool:
@@ -128,9 +131,9 @@ class Attempt:
     def reset(self, session: Session) -> None:
         """Set the count to zero in a transaction that stores a part of the result.
 
-        That a frame cannot be read is a result, too. From then on the attempt of a
-        driver does not count: if the process dies later, the next one is a first
-        attempt.
+        That a frame cannot be read is such a part, too. After the first call, the
+        attempt of a driver is no longer counted: if its process dies later, the next
+        attempt is a first one. Further calls do nothing.
         """
         if self._is_reset:
             return
@@ -146,10 +149,13 @@ class Attempt:
         Otherwise this attempt would count as the death of a process. While the database
         is unavailable, this is retried until the service stops.
         """
-        while self._is_counted:  # until the count is committed as zero
+        if not self._is_counted:
+            return  # it was never begun, or is reset already
+        while True:
             try:
                 with self.context.database.write() as session:
                     self.reset(session)
+                return
             except SQLAlchemyError as exc:
                 stops = self.context.engine.stopping.wait(_PAUSE_S)
                 if stops or not is_transient(exc):
@@ -184,7 +190,8 @@ def refuse_frame(
     unfinished = kind.unfinished(session, open_job(session, kind.table, job.id), chunk)
     if unfinished[:1] != [frame_id]:
         return
-    alone = _split_first(session, job, chunk, unfinished)
+    has_others = len(unfinished) > 1
+    alone = _split_first(session, job, chunk, unfinished) if has_others else chunk
     _quarantine_refused(alone, why)
     session.flush()
 
@@ -239,12 +246,12 @@ def _quarantine_cause(session: Session, job: Job, chunk: Chunk) -> None:
     kind = kind_of(job)
     row = open_job(session, kind.table, job.id)
     unfinished = kind.unfinished(session, row, chunk)
-    if not unfinished or _follows_another(session, job, row, unfinished[0]):
+    if len(unfinished) < 2 or _follows_another(session, job, row, unfinished[0]):
         _quarantine(chunk)
         return
     cause = _split_first(session, job, chunk, unfinished)
-    if cause is not chunk:  # the rest of the chunk is tried again
-        cause.attempts, chunk.attempts = chunk.attempts, 0
+    cause.attempts = chunk.attempts
+    chunk.attempts = 0  # the rest of the chunk is tried again
     _quarantine(cause)
 
 
@@ -267,12 +274,10 @@ def _follows_another(session: Session, job: Job, row: JobRow, frame_id: int) -> 
 def _split_first(
     session: Session, job: Job, chunk: Chunk, unfinished: Sequence[int]
 ) -> Chunk:
-    """Make the first unfinished frame a chunk of its own; the chunk begins after it.
+    """Make the first of several unfinished frames a chunk of its own, and return it.
 
-    Returns the new chunk, or the chunk itself if it has no other unfinished frame.
+    The old chunk begins after that frame.
     """
-    if len(unfinished) < 2:
-        return chunk
     frame_id = unfinished[0]
     alone = PlannedChunk(frame_id, frame_id, 1)
     (number,) = ChunkRepository(session).plan(job, [alone])

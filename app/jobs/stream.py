@@ -118,7 +118,7 @@ async def _lines(
     request: Request, events: AsyncGenerator[JobEvent | None, None]
 ) -> AsyncIterator[bytes]:
     pause = settings_of(request).event_heartbeat_s
-    checked = said = time.monotonic()
+    checked = sent = time.monotonic()
     yield _RETRY
     async with aclosing(events):
         async for event in events:
@@ -129,10 +129,10 @@ async def _lines(
                 if not await _may_read(request):
                     return
             if event is not None:
-                said = now
+                sent = now
                 yield _event(event)
-            elif now - said >= pause:
-                said = now
+            elif now - sent >= pause:
+                sent = now
                 yield _STILL_HERE
 
 

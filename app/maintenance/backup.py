@@ -24,7 +24,13 @@ from pathlib import Path
 from typing import IO, Final
 
 from app.addresses import FOLDER
-from app.db.inspection import copy_database, problems_of, referenced_files, revision_of
+from app.db.inspection import (
+    copy_database,
+    foreign_triggers,
+    problems_of,
+    referenced_files,
+    revision_of,
+)
 from app.errors import DamagedFile
 from app.maintenance.datafolder import (
     Advance,
@@ -138,10 +144,17 @@ def _check_complete(
     backup: Path, database: Path, names: set[str], label: BackupLabel
 ) -> None:
     try:
+        triggers = foreign_triggers(database)
         problems = problems_of(database)
         wanted = referenced_files(database)
     except sqlite3.DatabaseError as exc:
         raise CannotMaintain(f"{backup}: its database cannot be read: {exc}") from exc
+    if triggers:
+        # The service would execute it, and could give its author any right.
+        raise CannotMaintain(
+            f"{backup}: the trigger {triggers[0][:80]!r} is not Unghost's: drop it "
+            "in the database, and make another backup"
+        )
     if problems:
         raise CannotMaintain(f"{backup}: its database is damaged: {problems[0]}")
     missing = {blob_name(digest) for digest in wanted - {*label.left_out}} - names
@@ -152,13 +165,31 @@ def _check_complete(
         )
 
 
+_MAX_HEADER: Final = 4096
+"""Bytes of a further header, such as one of POSIX's format; ours have 100."""
+
+
+class _Member(tarfile.TarInfo):
+    """A member of an archive, or a header of the one that follows it."""
+
+    @classmethod
+    def frombuf(cls, buf: bytes | bytearray, encoding: str, errors: str) -> _Member:
+        """A header; ReadError if Python would read it into memory, and slowly."""
+        found = super().frombuf(buf, encoding, errors)
+        if found.size < 0 or (found.size > _MAX_HEADER and not found.isreg()):
+            raise tarfile.ReadError(
+                f"expected a header of at most {_MAX_HEADER} bytes, found {found.size}"
+            )
+        return found
+
+
 @contextmanager
 def _parts(backup: Path) -> Iterator[Iterator[tuple[str, IO[bytes]]]]:
     if backup.is_dir():
         yield _folder_parts(backup)
         return
     try:
-        with tarfile.open(backup, "r:") as archive:
+        with tarfile.open(backup, "r:", tarinfo=_Member) as archive:
             yield _tar_parts(backup, archive)
     except (tarfile.TarError, EOFError) as exc:
         raise CannotMaintain(

@@ -88,9 +88,9 @@ def _files(
         return young
     done = 0
     with steps("remove", "files") as advance:
-        for portion in chunks([file.digest for file in old], TOGETHER):
-            young |= _remove(database, store, found, portion, until)
-            done += len(portion)
+        for digests in chunks([file.digest for file in old], TOGETHER):
+            young |= _remove(database, store, found, digests, until)
+            done += len(digests)
             advance(done, len(old))
     return young
 
@@ -128,9 +128,9 @@ def _rows(database: Database, found: Garbage, young: set[str]) -> None:
         ]
     found.rows = len(unused)
     if found.removed:
-        for portion in chunks(unused, TOGETHER):
+        for digests in chunks(unused, TOGETHER):
             with database.write() as session:
-                StoredFileRepository(session).forget(portion)
+                StoredFileRepository(session).forget(digests)
 
 
 def _left_over(

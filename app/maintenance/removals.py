@@ -41,7 +41,7 @@ class RemovalRepository:
         return list(self._session.scalars(rows.order_by(Dataset.id)))
 
     def remove_some(self, dataset_id: int, most_boxes: int) -> bool:
-        """Delete one portion; False once nothing is left, including the dataset."""
+        """Delete some rows; False once nothing is left, including the dataset."""
         steps: tuple[Callable[[int], bool], ...] = (
             partial(self._frames, most_boxes),
             self._flips,
@@ -116,9 +116,9 @@ def remove_deleted(
 ) -> None:
     """Remove all rows of deleted datasets, until `stop` returns True.
 
-    On a full disk a checkpoint is made before and after each portion, so that SQLite's
-    log does not grow. A reader can prevent that; the log then fills the disk, and the
-    portion fails. The next call begins with a checkpoint.
+    On a full disk a checkpoint is made before and after each transaction, so that
+    SQLite's log does not grow. A reader can prevent that; the log then fills the disk,
+    and the transaction fails. The next call begins with a checkpoint.
     """
     if not reserve.path.exists():
         database.checkpoint()

@@ -66,7 +66,7 @@ def measure_files(
     plan: MeasureConfig,
     annotation: FrameAnnotation,
     files: FrameFiles,
-    given_up: threading.Event | None = None,
+    cancelled: threading.Event | None = None,
 ) -> MeasuredFrame:
     """Decode, project and measure one frame.
 
@@ -78,8 +78,8 @@ def measure_files(
     FilterError
         The frame is invalid; `app.engine.children.PixelsRefused` if it needs more time
         or memory than allowed.
-    app.engine.children.GivenUp
-        `given_up` was set before the child was done.
+    app.engine.children.CallCancelled
+        `cancelled` was set before the child was done.
     """
     # The child gets only the fields that it reads.
     needed = replace(annotation, raw={})
@@ -87,7 +87,7 @@ def measure_files(
     if is_simple(plan, needed, files):
         measured, decode_s, measure_s = pool.run_here(*work)
     else:
-        measured, decode_s, measure_s = pool.run(*work, given_up=given_up)
+        measured, decode_s, measure_s = pool.run(*work, cancelled=cancelled)
     if decode_s is not None:
         DECODE_SECONDS.observe(decode_s)
     MEASURE_SECONDS.observe(measure_s)

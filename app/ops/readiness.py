@@ -15,7 +15,7 @@ from app.db.migrate import current_revision, head_revision
 from app.db.transient import takes_writes
 from app.errors import NotReady, TryLater
 from app.logs import error_log
-from app.maintenance.page_check import ADVICE
+from app.maintenance.sqlite_check import ADVICE
 from app.package import migrations_dir
 from app.process.loop_watch import LoopWatch
 from app.storage.room import free_bytes

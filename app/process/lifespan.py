@@ -33,8 +33,8 @@ from app.maintenance.datafolder import (
     keep_private,
     usable_store,
 )
-from app.maintenance.page_check import checking_pages
 from app.maintenance.removals import removing
+from app.maintenance.sqlite_check import checking_for_damage
 from app.measuring.active import DefaultConfig
 from app.package import migrations_dir
 from app.runs.service import RUNS
@@ -86,7 +86,7 @@ def running(settings: Settings) -> Iterator[ServiceContext]:
             with (
                 running_watchdog(services, partial(start, services)),
                 removing(services),
-                checking_pages(services),
+                checking_for_damage(services),
                 keeping_tokens(services),
             ):
                 yield services

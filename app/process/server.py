@@ -35,7 +35,7 @@ from app.http.problems import PROBLEM_TYPE, Refusal
 from app.incoming import Pieces
 from app.logs import AccessRecord, log_access, logged_with, server_log
 from app.process.connections import MOST_TURNED_AWAY, Connections
-from app.process.transport import WatchedTransport
+from app.process.transport import Timer, WatchedTransport
 from app.settings import Settings
 
 LAST_S: Final = 15
@@ -195,7 +195,7 @@ class ProblemProtocol(HttpToolsProtocol):
         self._unparsed, self._has_parsed = 0, False
         self._discarded = 0  # bytes of a body after its response
         self._fault = _MALFORMED  # the refusal if the parser stops
-        self._timer: asyncio.TimerHandle | None = None
+        self._timer = Timer(self.loop, self._on_timeout)
         self._answered: RequestResponseCycle | None = None
         self._writer = WatchedTransport(
             cast("asyncio.Transport", transport), self.loop, settings.answer_wait_s
@@ -203,13 +203,13 @@ class ProblemProtocol(HttpToolsProtocol):
         super().connection_made(cast("asyncio.Transport", self._writer))
         refusal = self._connections.refusal(self)
         if refusal is None:
-            self._start_timer(self._head_wait_s)
+            self._timer.start(self._head_wait_s)
         else:
             self._turn_away(refusal)
 
     def connection_lost(self, exc: Exception | None) -> None:
         """Stop all timers, and notify the request that is being processed."""
-        self._stop_timer()
+        self._timer.stop()
         self._writer.stop()
         self._connections.leave(self)
         answered = self._answered
@@ -251,7 +251,7 @@ class ProblemProtocol(HttpToolsProtocol):
         self._send(Refusal(status, "too_many_connections", refusal, headers=headers))
         # If it were closed with unread data, some systems would drop the response.
         self.transport.write_eof()
-        self._start_timer(_TURN_AWAY_S)
+        self._timer.start(_TURN_AWAY_S)
 
     def data_received(self, data: bytes) -> None:
         """Parse, and limit how much the parser buffers without a callback."""
@@ -273,13 +273,13 @@ class ProblemProtocol(HttpToolsProtocol):
         self._has_begun = True
         self._discarded = 0
         self._connections.work(self)
-        if self._timer is None:
-            self._start_timer(self._head_wait_s)
+        if not self._timer.is_running:
+            self._timer.start(self._head_wait_s)
 
     def on_headers_complete(self) -> None:
         """Pass the request to the service, unless its head is too long."""
         self._has_parsed, self._has_begun = True, False
-        self._stop_timer()
+        self._timer.stop()
         size = len(self.url) + sum(
             len(name) + len(value) for name, value in self.headers
         )
@@ -313,7 +313,7 @@ class ProblemProtocol(HttpToolsProtocol):
         """Wait for the rest of a body, which is discarded, or for the next request."""
         self._is_signed_in = self.is_known
         is_whole = not self.cycle.more_body
-        self._start_timer(self._head_wait_s if is_whole else self._body_wait_s)
+        self._timer.start(self._head_wait_s if is_whole else self._body_wait_s)
         super().on_response_complete()
         if self.pipeline:  # process waiting requests before reading more
             self.flow.pause_reading()
@@ -335,17 +335,7 @@ class ProblemProtocol(HttpToolsProtocol):
         else:
             self._refuse(self._fault)
 
-    def _start_timer(self, seconds: float) -> None:
-        self._stop_timer()
-        self._timer = self.loop.call_later(seconds, self._on_timeout)
-
-    def _stop_timer(self) -> None:
-        if self._timer is not None:
-            self._timer.cancel()
-            self._timer = None
-
     def _on_timeout(self) -> None:
-        self._timer = None
         if self._is_answering():
             return  # a request is being processed; the next one has to wait
         if self._has_begun:

@@ -1,6 +1,6 @@
-"""A transport that cuts a client off which does not read what was sent to it.
+"""A transport that cuts a client off which does not read, and the timer that it uses.
 
-Otherwise such a client would keep its connection, and the rest of its response in
+Without it, such a client would keep its connection, and the rest of its response in
 memory, for as long as it likes.
 """
 
@@ -11,6 +11,7 @@ import os
 import socket
 import struct
 import sys
+from collections.abc import Callable
 from typing import Final
 
 from app.logs import server_log
@@ -19,6 +20,36 @@ _CHECKS_PER_WAIT: Final = 4
 """How often progress is checked during `wait_s`."""
 _INT: Final = struct.Struct("i")
 _NO_LINGER: Final = struct.pack("ii", 1, 0)
+
+
+class Timer:
+    """Calls a function once, some time after its latest start."""
+
+    def __init__(
+        self, loop: asyncio.AbstractEventLoop, call: Callable[[], None]
+    ) -> None:
+        self._loop, self._call = loop, call
+        self._pending: asyncio.TimerHandle | None = None
+
+    @property
+    def is_running(self) -> bool:
+        """Whether the call is pending."""
+        return self._pending is not None
+
+    def start(self, seconds: float) -> None:
+        """Call the function after this time, and not at an earlier start's."""
+        self.stop()
+        self._pending = self._loop.call_later(seconds, self._end)
+
+    def stop(self) -> None:
+        """Cancel the call, if it is pending."""
+        if self._pending is not None:
+            self._pending.cancel()
+            self._pending = None
+
+    def _end(self) -> None:
+        self._pending = None
+        self._call()
 
 
 class WatchedTransport:
@@ -37,7 +68,7 @@ class WatchedTransport:
         self._transport, self._loop, self._wait_s = transport, loop, wait_s
         self._written = self._sent = 0
         self._since = 0.0
-        self._timer: asyncio.TimerHandle | None = None
+        self._timer = Timer(loop, self._check_progress)
 
     def __getattr__(self, name: str) -> object:
         """All other attributes are those of the transport."""
@@ -47,22 +78,18 @@ class WatchedTransport:
         """Write, and watch the transport until all bytes have arrived."""
         self._written += len(data)
         self._transport.write(data)
-        if self._timer is None:
+        if not self._timer.is_running:
             self._since = self._loop.time()
             self._check_later()
 
     def stop(self) -> None:
         """Stop watching: the connection is closed."""
-        if self._timer is not None:
-            self._timer.cancel()
-            self._timer = None
+        self._timer.stop()
 
     def _check_later(self) -> None:
-        pause_s = self._wait_s / _CHECKS_PER_WAIT
-        self._timer = self._loop.call_later(pause_s, self._check_progress)
+        self._timer.start(self._wait_s / _CHECKS_PER_WAIT)
 
     def _check_progress(self) -> None:
-        self._timer = None
         left = self._left()
         if not left:
             return

@@ -32,6 +32,7 @@ from app.engine.dask import (
     close_dashboard,
     prepare,
     reason_of,
+    scratch_folder,
     security,
     stop_event,
 )
@@ -66,7 +67,7 @@ _KEEP_MEMORY: Final = {
 
 
 @dataclass(frozen=True)
-class Place:
+class WorkerEndpoint:
     """Where a worker listens, and how long it waits for its scheduler."""
 
     host: str | None = None
@@ -79,7 +80,7 @@ class Supervisor:
     """Starts a worker process, and restarts it whenever it dies."""
 
     settings: Settings
-    place: Place
+    endpoint: WorkerEndpoint
     program: str = "app.process.worker"
     _child: subprocess.Popen[bytes] | None = None
     _stopping: threading.Event = field(default_factory=threading.Event)
@@ -108,19 +109,20 @@ class Supervisor:
         return 0
 
     def _work(self) -> int:
-        place = self.place
-        words = [f"--port={place.port}", f"--patience={place.patience_s}"]
-        words += [f"--host={place.host}"] if place.host else []
-        # When this process ends, the pipe is closed, and the child ends as well.
-        self._child = subprocess.Popen(
-            module_command(self.program, *words),
-            env=_environment(self.settings),
-            stdin=subprocess.PIPE,
-        )
-        if self._stopping.is_set():
-            self._child.terminate()
-        with self._child:
-            return self._child.wait()
+        endpoint = self.endpoint
+        words = [f"--port={endpoint.port}", f"--patience={endpoint.patience_s}"]
+        words += [f"--host={endpoint.host}"] if endpoint.host else []
+        with scratch_folder() as scratch:
+            # When this process ends, the pipe is closed, and the child ends as well.
+            self._child = subprocess.Popen(
+                module_command(self.program, *words),
+                env=_environment(self.settings, scratch),
+                stdin=subprocess.PIPE,
+            )
+            if self._stopping.is_set():
+                self._child.terminate()
+            with self._child:
+                return self._child.wait()
 
     def _stop(self, _number: int, _frame: FrameType | None) -> None:
         child = self._child
@@ -150,13 +152,14 @@ def check_engine(settings: Settings) -> EngineAddress:
     return address
 
 
-def _environment(settings: Settings) -> dict[str, str]:
+def _environment(settings: Settings, scratch: str) -> dict[str, str]:
     chosen = {
         f"UNGHOST_{name.upper()}": str(getattr(settings, name))
         for name in settings.model_fields_set
         if isinstance(getattr(settings, name), str | int | float | os.PathLike)
     }
-    return {**os.environ, **_KEEP_MEMORY, **chosen}
+    own = {**_KEEP_MEMORY, "DASK_TEMPORARY_DIRECTORY": scratch}
+    return {**os.environ, **own, **chosen}
 
 
 class Work:
@@ -179,22 +182,22 @@ class Work:
                 self.running -= 1
 
 
-def work(settings: Settings, place: Place) -> int:
+def work(settings: Settings, endpoint: WorkerEndpoint) -> int:
     """Join, and work until stopped or disconnected; returns the exit status."""
     address = check_engine(settings)
     with attached(settings) as services:
         settle()
         mine = Work(services)
         work_with(mine)
-        return asyncio.run(_join(services, mine, address, place))
+        return asyncio.run(_join(services, mine, address, endpoint))
 
 
-def work_when_database_answers(settings: Settings, place: Place) -> int:
+def work_when_database_answers(settings: Settings, endpoint: WorkerEndpoint) -> int:
     """As `work`; waits up to `patience_s` for a database that does not respond."""
-    until, has_warned = time.monotonic() + place.patience_s, False
+    until, has_warned = time.monotonic() + endpoint.patience_s, False
     while True:
         try:
-            return work(settings, place)
+            return work(settings, endpoint)
         except SQLAlchemyError as exc:
             if not is_transient(exc):
                 raise
@@ -208,7 +211,10 @@ def work_when_database_answers(settings: Settings, place: Place) -> int:
 
 
 async def _join(
-    services: ServiceContext, mine: Work, address: EngineAddress, place: Place
+    services: ServiceContext,
+    mine: Work,
+    address: EngineAddress,
+    endpoint: WorkerEndpoint,
 ) -> int:
     from distributed import Worker
 
@@ -219,19 +225,19 @@ async def _join(
         daemon=True,
     ).start()
     shown = security(certificates_of(services.settings), encrypted=address.is_encrypted)
-    if not await _answers(address, shown, place.patience_s):
+    if not await _answers(address, shown, endpoint.patience_s):
         return AWAY
     worker = Worker(
         str(address),
-        host=place.host or _own_address(address),
-        port=place.port,
+        host=endpoint.host or _own_address(address),
+        port=endpoint.port,
         protocol=f"{address.scheme}://",
         security=shown,
         nthreads=1,  # a chunk uses all threads of the engine here
         memory_limit=0,
         dashboard=False,
         dashboard_address=NOWHERE,
-        death_timeout=place.patience_s,
+        death_timeout=endpoint.patience_s,
         validate=False,
     )
     await _started(worker)
@@ -301,7 +307,7 @@ def main() -> int:
     keep_freed_memory()
     try:
         return work_when_database_answers(
-            settings, Place(given.host, given.port, given.patience)
+            settings, WorkerEndpoint(given.host, given.port, given.patience)
         )
     except (UnusableEngine, CannotMaintain) as exc:
         server_log.error("%s", exc)

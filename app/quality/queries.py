@@ -25,7 +25,7 @@ class AnsweredBox(NamedTuple):
     review: str | None
 
 
-class Said(NamedTuple):
+class StoredAnswer(NamedTuple):
     """One answer of one person."""
 
     box_id: int
@@ -55,11 +55,11 @@ class AnswerRepository:
         ).where(Decision.dataset_id == dataset_id, REVIEW_STATES["decided"].condition())
         return [AnsweredBox(*row) for row in self._session.execute(rows)]
 
-    def said(self, dataset_id: int) -> list[Said]:
+    def answers(self, dataset_id: int) -> list[StoredAnswer]:
         """All answers on the boxes of a dataset, by box, newest first.
 
         Also on boxes without an answer now: that somebody has cleared a box's answer
-        does not change what others have said.
+        does not change the answers of others.
         """
         class_ids = DatasetRepository(self._session).classes(dataset_id).values()
         span = BoxProbes(self._session).span(dataset_id, class_ids)
@@ -76,7 +76,7 @@ class AnswerRepository:
             .where(Review.box_id.between(*span), Decision.dataset_id + 0 == dataset_id)
             .order_by(Review.box_id, Review.revision.desc())
         )
-        return [Said(*row) for row in self._session.execute(rows)]
+        return [StoredAnswer(*row) for row in self._session.execute(rows)]
 
     def undone_batches(self, dataset_id: int) -> set[int]:
         """Batches that were undone, and those that undid them."""

@@ -241,22 +241,23 @@ class Panel:
         repeated, since no person gave them. Of an undone bulk answer none counts, not
         even on boxes that the undo has left as they were.
         """
-        answers = AnswerRepository(session)
-        ignored = answers.undone_batches(dataset_id)
+        repository = AnswerRepository(session)
+        ignored = repository.undone_batches(dataset_id)
         undone: set[tuple[int, int]] = set()
         latest: dict[tuple[int, str], str] = {}
-        for said in answers.said(dataset_id):
-            if (said.box_id, said.revision) in undone:
+        for answer in repository.answers(dataset_id):
+            if (answer.box_id, answer.revision) in undone:
                 continue
-            if said.undoes is not None:
-                undone.add((said.box_id, said.undoes))
-            elif said.batch_id not in ignored:
-                latest.setdefault((said.box_id, said.reviewer), said.verdict)
-        return cls({key: said for key, said in latest.items() if said != "clear"})
+            if answer.undoes is not None:
+                undone.add((answer.box_id, answer.undoes))
+            elif answer.batch_id not in ignored:
+                latest.setdefault((answer.box_id, answer.reviewer), answer.verdict)
+        given = {key: verdict for key, verdict in latest.items() if verdict != "clear"}
+        return cls(given)
 
     def reviewers(self) -> tuple[Reviewer, ...]:
         """How many boxes each reviewer answered, and how; the most active first."""
-        counts = Counter((who, said) for (_, who), said in self.latest.items())
+        counts = Counter((who, verdict) for (_, who), verdict in self.latest.items())
         totals = Counter(who for _, who in self.latest)
         return tuple(
             Reviewer(
@@ -272,9 +273,9 @@ class Panel:
     def agreement(self) -> Agreement:
         """How far reviewers agree on boxes that several of them decided."""
         decided = [
-            (box, who, _is_kept(said))
-            for (box, who), said in self.latest.items()
-            if verdict_of(said) is not None
+            (box, who, _is_kept(verdict))
+            for (box, who), verdict in self.latest.items()
+            if verdict_of(verdict) is not None
         ]
         names = sorted({who for _, who, _ in decided})
         place = {name: index for index, name in enumerate(names)}

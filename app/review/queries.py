@@ -55,7 +55,7 @@ class CurrentBox(NamedTuple):
     revision: int
 
 
-class Answer(NamedTuple):
+class NewAnswer(NamedTuple):
     """What a person says of one box of a dataset, or of many with a `batch_id`.
 
     `undoes` is the revision of the answer that it undoes.
@@ -112,15 +112,15 @@ _END_CLAIMS_OF_BATCH: Final = delete(Claim).where(
 def _next_answers(
     box_ids: Sequence[int],
     revision: int,
-    answer: Answer,
-    said: tuple[ColumnElement[str], ColumnElement[str]] | None = None,
+    answer: NewAnswer,
+    content: tuple[ColumnElement[str], ColumnElement[str]] | None = None,
 ) -> _Answers:
     """A SELECT that gives the next answer on each of these boxes.
 
     Boxes at another revision are left out: they were answered meanwhile.
-    `said` are verdict and comment, if they differ from box to box.
+    `content` is verdict and comment, if they differ from box to box.
     """
-    verdict, comment = said or (literal(answer.verdict), literal(answer.comment))
+    verdict, comment = content or (literal(answer.verdict), literal(answer.comment))
     batch: BindParameter[int | None] = literal(answer.batch_id, Key)
     undoes: BindParameter[int | None] = literal(answer.undoes, Integer())
     return select(
@@ -160,7 +160,7 @@ class ReviewRepository:
             raise NotFound("box", box_id)
         return CurrentBox(*found)
 
-    def answer_box(self, box_id: int, seen_revision: int, answer: Answer) -> bool:
+    def answer_box(self, box_id: int, seen_revision: int, answer: NewAnswer) -> bool:
         """Store an answer on a box, if it still has the seen revision; else False.
 
         The revision is compared by the INSERT itself (`_next_answers`), so of two
@@ -218,14 +218,15 @@ class ReviewRepository:
         `clear` is stored, which is the verdict of `undo`, the row of the undo.
         """
         cleared, earlier = _answer_of(undo), aliased(Review)
-        said = (
+        content = (
             func.coalesce(earlier.verdict, cleared.verdict),
             func.coalesce(earlier.comment, cleared.comment),
         )
         stored = sum(
             self._insert(
                 _next_answers(
-                    chunk, there.revision, cleared._replace(undoes=there.answered), said
+                    *(chunk, there.revision),
+                    *(cleared._replace(undoes=there.answered), content),
                 ).outerjoin(
                     earlier,
                     (earlier.box_id == Decision.box_id)
@@ -283,7 +284,7 @@ class ReviewRepository:
         rows = select(standing).where(standing.c.revision == standing.c.answered)
         return self._session.execute(rows).first() is not None
 
-    def once_answered(self, frame_id: int) -> list[tuple[int, str, int]]:
+    def ever_answered(self, frame_id: int) -> list[tuple[int, str, int]]:
         """Boxes of a frame that have, or had, an answer: id, source id and class id."""
         rows = (
             select(Box.id, Box.source_id, Box.class_id)
@@ -293,7 +294,7 @@ class ReviewRepository:
         )
         return [(row[0], row[1], row[2]) for row in self._session.execute(rows)]
 
-    def _said(self, box_ids: Sequence[int]) -> Iterable[_SaidRow]:
+    def _of_boxes(self, box_ids: Sequence[int]) -> Iterable[_AnswerRow]:
         """Answers on these boxes, by box, the newest first.
 
         Of each: box, revision, reviewer, verdict, and the columns `undoes` and
@@ -309,7 +310,7 @@ class ReviewRepository:
         )
         return self._session.execute(rows)
 
-    def meant_by(self, box_ids: Iterable[int]) -> Counter[str]:
+    def answers_per_reviewer(self, box_ids: Iterable[int]) -> Counter[str]:
         """On how many boxes each person has an answer that they did not undo.
 
         The last such answer of each person on a box counts, regardless of later answers
@@ -321,7 +322,8 @@ class ReviewRepository:
         while newest_of:
             before: dict[int, int] = {}
             for chunk in chunks(newest_of):
-                for box_id, who, verdict, origin in _meant(self._said(chunk)):
+                answers = _without_undone(self._of_boxes(chunk))
+                for box_id, who, verdict, origin in answers:
                     last.setdefault((newest_of[box_id], who), verdict)
                     if origin is not None:
                         before[origin] = newest_of[box_id]
@@ -329,17 +331,17 @@ class ReviewRepository:
         return Counter(who for (_, who), verdict in last.items() if verdict != "clear")
 
 
-_SaidRow: TypeAlias = "Row[int, int, str, str, int | None, int | None]"
+_AnswerRow: TypeAlias = "Row[int, int, str, str, int | None, int | None]"
 
 
-def _meant(
-    answers: Iterable[_SaidRow],
+def _without_undone(
+    answers: Iterable[_AnswerRow],
 ) -> Iterator[tuple[int, str, str, int | None]]:
     """The answers that their author did not undo: box, author, verdict, origin.
 
-    `answers` are those of some boxes as `ReviewRepository._said` gives them: an undo
-    comes before the answer that it undoes. The origin of an answer that was carried
-    over is the box in an earlier revision of the frame.
+    `answers` are those of some boxes as `ReviewRepository._of_boxes` gives them: an
+    undo comes before the answer that it undoes. The origin of an answer that was
+    carried over is the box in an earlier revision of the frame.
     """
     undone_by: dict[tuple[int, int], str] = {}
     for box_id, revision, who, verdict, undoes, origin in answers:
@@ -353,8 +355,8 @@ def _meant(
             yield box_id, who, "clear", origin
 
 
-def _answer_of(batch: ReviewBatch, comment: str = "") -> Answer:
-    return Answer(
+def _answer_of(batch: ReviewBatch, comment: str = "") -> NewAnswer:
+    return NewAnswer(
         *(batch.dataset_id, batch.verdict, comment),
         *(batch.reviewer, batch.created_at, batch.id),
     )

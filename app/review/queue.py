@@ -21,7 +21,7 @@ from sqlalchemy.orm import Session
 from app.boxes.counts import count_boxes, count_in_tallies
 from app.boxes.current import TallyRepository
 from app.boxes.filter import BoxFilter, BoxProbes, to_filter
-from app.boxes.orders import BoxPages, Present
+from app.boxes.orders import BoxPages, DatasetContents
 from app.boxes.queries import LatestAnswers
 from app.boxes.reader import DecisionReader
 from app.context import ServiceContext
@@ -130,7 +130,7 @@ def _take(
     blocked: set[int],
 ) -> list[int]:
     tallies = TallyRepository(session)
-    alike, present = tallies.of_dataset(dataset.id), tallies.present(dataset.id)
+    alike, contents = tallies.of_dataset(dataset.id), tallies.contents(dataset.id)
     seed = dataset.id if wanted.seed is None else wanted.seed
     answers = LatestAnswers(session).newest_id() // ANSWERS_PER_SHUFFLE
     found: list[int] = []
@@ -142,14 +142,14 @@ def _take(
             blocked=blocked,
             expected=count_in_tallies(alike, part),
         )
-        found += boxes_in_order(session, part, present, order)
+        found += boxes_in_order(session, part, contents, order)
     return found
 
 
 MAX_PROBES: Final = 1 << 14
 """Boxes that are looked up in random order before all boxes are read instead."""
-FIRST_PORTION: Final = 256
-MAX_PORTION: Final = 4096
+FIRST_SLICE: Final = 256
+MAX_SLICE: Final = 4096
 
 
 @dataclass(frozen=True)
@@ -168,36 +168,36 @@ class QueueOrder:
 
 
 def boxes_in_order(
-    session: Session, wanted: BoxFilter, present: Present, order: QueueOrder
+    session: Session, wanted: BoxFilter, contents: DatasetContents, order: QueueOrder
 ) -> list[int]:
     """The first boxes of the filter that are not blocked."""
     if not order.limit or not order.expected:
         return []
     if order.name in ("random", "audit"):
-        return _shuffled(session, wanted, present, order)
-    parts = _by_class(wanted, present) if order.name == "class" else iter([wanted])
+        return _shuffled(session, wanted, contents, order)
+    parts = _by_class(wanted, contents) if order.name == "class" else iter([wanted])
     free = (
         box_id
         for part in parts
-        for box_id in _by_doubt(session, part, present, order)
+        for box_id in _by_doubt(session, part, contents, order)
         if box_id not in order.blocked
     )
     return list(islice(free, order.limit))
 
 
-def _by_class(wanted: BoxFilter, present: Present) -> Iterator[BoxFilter]:
+def _by_class(wanted: BoxFilter, contents: DatasetContents) -> Iterator[BoxFilter]:
     for each in wanted.thresholds:
         chosen = wanted.class_ids is None or each.class_id in wanted.class_ids
-        if chosen and each.class_id in present.class_ids:
+        if chosen and each.class_id in contents.class_ids:
             yield replace(wanted, class_ids=(each.class_id,))
 
 
 def _by_doubt(
-    session: Session, wanted: BoxFilter, present: Present, order: QueueOrder
+    session: Session, wanted: BoxFilter, contents: DatasetContents, order: QueueOrder
 ) -> Iterator[int]:
     # Boxes answered `unsure` are rare, and have an index of their own, by id.
     sort = "id" if wanted.review == "unsure" else "doubt"
-    pages, cursor = BoxPages(session, wanted, present), ""
+    pages, cursor = BoxPages(session, wanted, contents), ""
     while True:
         ids, following = pages.page(sort, cursor, order.limit + 10)
         yield from ids
@@ -207,10 +207,10 @@ def _by_doubt(
 
 
 def _shuffled(
-    session: Session, wanted: BoxFilter, present: Present, order: QueueOrder
+    session: Session, wanted: BoxFilter, contents: DatasetContents, order: QueueOrder
 ) -> list[int]:
     probes = BoxProbes(session)
-    span = probes.span(wanted.dataset_id, present.class_ids)
+    span = probes.span(wanted.dataset_id, contents.class_ids)
     if span is None:
         return []
     shuffle = Shuffle(*span, order.seed)
@@ -230,11 +230,11 @@ def _shuffled(
 def _probed(
     probes: BoxProbes, wanted: BoxFilter, shuffle: Shuffle, order: QueueOrder
 ) -> list[int]:
-    """Boxes found by looking up one portion after the other, in random order."""
+    """Boxes found by looking up one slice after the other, in random order."""
     found: list[int] = []
     asked = 0
-    for portion in shuffle.portions(FIRST_PORTION, 4, MAX_PORTION):
-        free = [box_id for box_id in portion if box_id not in order.blocked]
+    for part in shuffle.slices(FIRST_SLICE, 4, MAX_SLICE):
+        free = [box_id for box_id in part if box_id not in order.blocked]
         found += probes.selected(wanted, free)
         asked += len(free)
         if len(found) >= order.limit or asked > order.max_probes:
@@ -264,8 +264,8 @@ class Shuffle:
         """The number of positions, less than four times that of numbers."""
         return 1 << 2 * self.half_bits
 
-    def portions(self, first: int, growth: int, most: int) -> Iterator[list[int]]:
-        """All numbers in order, in portions that grow to `most` positions."""
+    def slices(self, first: int, growth: int, most: int) -> Iterator[list[int]]:
+        """All numbers in order, in slices that grow to `most` positions."""
         start, size = 0, first
         while start < self.places:
             stop = min(start + size, self.places)

@@ -1,10 +1,10 @@
 """Stores a person's answer on one box.
 
-1. `create_review` (`routes`) checks the disk and passes the request to `review_box`.
-2. `require_room_to_answer` (`app.http.deps`) begins the transaction, for which
-   `app.http.transaction` waits until no other one writes, and stores the idempotency
-   key of the request. If the disk is almost full, the answer is refused. Then
-   `review_box` reads the current state of the box (`ReviewRepository.state`).
+1. `create_review` (`routes`) begins the transaction, by `require_room_to_answer`
+   (`app.http.deps`). The transaction waits until no other one writes, and stores the
+   idempotency key of the request (`app.http.transaction`). Then, if the disk is almost
+   full, the answer is refused with 503: the page keeps it and sends it again.
+2. `review_box` reads the current state of the box (`ReviewRepository.state`).
 3. `ReviewRepository.answer_box` inserts the answer as a row of `reviews`, if the box
    still has the revision that the person saw; if not, `review_box` raises StaleReview,
    and the client gets the status 412.
@@ -31,7 +31,7 @@ from app.db.engine import once_committed
 from app.errors import Conflict, NotFound, StaleReview
 from app.measuring.queries import DatasetRepository
 from app.metrics import REVIEWS
-from app.review.queries import Answer, CurrentBox, ReviewRepository
+from app.review.queries import CurrentBox, NewAnswer, ReviewRepository
 from app.security import Principal
 from app.verdicts import effective_verdict
 from unghost.wire.boxes import Review, ReviewIn
@@ -49,7 +49,9 @@ def review_box(session: Session, box_id: int, given: ReviewIn, reviewer: str) ->
     """
     reviews = ReviewRepository(session)
     box = reviews.state(box_id)
-    answer = Answer(box.dataset_id, given.verdict, given.comment, reviewer, utc_now())
+    answer = NewAnswer(
+        box.dataset_id, given.verdict, given.comment, reviewer, utc_now()
+    )
     if not reviews.answer_box(box_id, given.seen_revision, answer):
         newest = LatestAnswers(session).of([box_id]).get(box_id)
         raise StaleReview(
@@ -70,8 +72,7 @@ def undo_answer(audit: AuditTrail, box_id: int, revision: int, by: Principal) ->
     Raises
     ------
     NotFound
-        The box does not exist, or is not one of the newest revision of its frame, or
-        has no such answer.
+        The box does not exist, or its frame was replaced, or it has no such answer.
     Forbidden
         It is another person's answer, and the caller is not an admin.
     Conflict
@@ -87,8 +88,8 @@ def undo_answer(audit: AuditTrail, box_id: int, revision: int, by: Principal) ->
     of_others = require_own(by, {undone.reviewer: 1}, f"undoing {what}")
     before = reviews.at(box_id, revision - 1)
     # "clear" is stored where a box had no answer before.
-    said = ("clear", "") if before is None else (before.verdict, before.comment)
-    answer = Answer(box.dataset_id, *said, by.name, utc_now(), undoes=revision)
+    content = ("clear", "") if before is None else (before.verdict, before.comment)
+    answer = NewAnswer(box.dataset_id, *content, by.name, utc_now(), undoes=revision)
     is_in_force = reviews.is_in_force(undone)
     if not (is_in_force and reviews.answer_box(box_id, box.revision, answer)):
         raise Conflict(
@@ -107,7 +108,7 @@ def undo_answer(audit: AuditTrail, box_id: int, revision: int, by: Principal) ->
     return _stored(box, answer, box.revision + 1)
 
 
-def _stored(box: CurrentBox, answer: Answer, revision: int) -> Review:
+def _stored(box: CurrentBox, answer: NewAnswer, revision: int) -> Review:
     return Review(
         box_id=box.box_id,
         revision=revision,

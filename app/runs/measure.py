@@ -72,7 +72,11 @@ class RunScope:
 
 @dataclass(frozen=True)
 class _Source:
-    """How the frames of one chunk are measured."""
+    """How the frames of one chunk are measured.
+
+    If `needs_pixels` is false, all that is new can be computed from the evidence of the
+    dataset's active measurement, `former_measurement_id`; else the images are read.
+    """
 
     config: MeasureConfig
     classes: Mapping[str, int]
@@ -305,7 +309,7 @@ def _remeasured(
     Such files were stored by an earlier version, which checked less.
     """
     annotation = parse_annotation(frame.annotation, frame=frame.key)
-    size = (frame.width or 0, frame.height or 0)
+    size = (frame.width, frame.height)
     usable, damage = dict(contents), None
     while True:
         try:

@@ -91,7 +91,7 @@ class RunRepository:
         self, run_id: int, box_ids: IntArray, before: IntArray, after: IntArray
     ) -> None:
         """Store the changes of a run; ids are in order."""
-        portions = [
+        slices = [
             slice(start, start + BOXES_PER_ROW)
             for start in range(0, len(box_ids), BOXES_PER_ROW)
         ]
@@ -102,7 +102,7 @@ class RunRepository:
                 "last_box_id": int(box_ids[part][-1]),
                 "boxes": pack_flips(box_ids[part], before[part], after[part]),
             }
-            for part in portions
+            for part in slices
         ]
         if rows:
             self._session.execute(insert(Flips), rows)

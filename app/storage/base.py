@@ -30,7 +30,7 @@ class Drafts:
     """Blobs that are being put into a store; each store has its own subclass."""
 
 
-class Unsure(Exception):
+class BlobsUncertain(Exception):
     """Raised if a request to a remote store is needed to find out if blobs exist.
 
     It rolls back the transaction that would refer to them, since no request should be
@@ -44,7 +44,7 @@ class Unsure(Exception):
 
 
 @dataclass(frozen=True)
-class Blob:
+class StoredBlob:
     """A stored blob, read in parts.
 
     `part` returns the bytes from the first offset up to the second; `path` is set if
@@ -99,13 +99,13 @@ class BlobStore(Protocol):
     def read(self, digest: str) -> bytes:
         """The bytes of a blob; DamagedFile if it is missing or its digest is wrong."""
 
-    def open(self, digest: str, *, size_bytes: int | None) -> Blob:
+    def open(self, digest: str, *, size_bytes: int | None) -> StoredBlob:
         """A blob to read from; DamagedFile if it is missing or of another size.
 
         Its content is not compared with the digest.
         """
 
-    def open_verified(self, digest: str, *, size_bytes: int | None) -> Blob:
+    def open_verified(self, digest: str, *, size_bytes: int | None) -> StoredBlob:
         """As `open`; DamagedFile also if the content does not have this digest."""
 
     def require(self, digests: Iterable[str]) -> None:
@@ -118,7 +118,7 @@ class BlobStore(Protocol):
         ------
         TryLater
             One is missing; if the client sends it again, it is put again.
-        Unsure
+        BlobsUncertain
             A remote store has to be queried: end the transaction, call `make_sure`, and
             retry.
         """
@@ -126,8 +126,8 @@ class BlobStore(Protocol):
     def make_sure(self, digests: Iterable[str]) -> None:
         """Check in a remote store that recently put blobs exist.
 
-        Call it outside of transactions, and only after a transaction that `Unsure` has
-        ended. Blobs are removed only while holding the turn to write; so an earlier
+        Call it outside of transactions, and only after `BlobsUncertain` has ended one.
+        Blobs are removed only while holding the turn to write; so an earlier
         removal has ended by then, and for a later one these blobs are too young.
 
         Raises

@@ -14,8 +14,8 @@ from typing import Final
 
 from app.errors import DamagedFile, TryLater
 from app.storage.base import (
-    Blob,
     Drafts,
+    StoredBlob,
     StoredFile,
     digest_of,
     leftovers,
@@ -128,7 +128,7 @@ class FolderStorage:
             raise DamagedFile(digest, "has changed since it was stored")
         return content
 
-    def open(self, digest: str, *, size_bytes: int | None) -> Blob:
+    def open(self, digest: str, *, size_bytes: int | None) -> StoredBlob:
         """A blob to read from; DamagedFile if it is missing or of another size.
 
         Its content is not compared with the digest.
@@ -140,9 +140,9 @@ class FolderStorage:
             raise DamagedFile(digest, "is missing") from exc
         if size_bytes is not None and found != size_bytes:
             raise DamagedFile(digest, f"has {found} of {size_bytes} bytes")
-        return Blob(found, partial(_part, path), path)
+        return StoredBlob(found, partial(_part, path), path)
 
-    def open_verified(self, digest: str, *, size_bytes: int | None) -> Blob:
+    def open_verified(self, digest: str, *, size_bytes: int | None) -> StoredBlob:
         """As `open`; DamagedFile also if the content does not have this digest."""
         blob = self.open(digest, size_bytes=size_bytes)
         if digest_of(self.path(digest)) != digest:
@@ -161,7 +161,7 @@ class FolderStorage:
             raise TryLater("a file was deleted meanwhile; send the frame again")
 
     def make_sure(self, digests: Iterable[str]) -> None:
-        """As `require`, which never raises `Unsure` for files on this machine."""
+        """As `require`, since files on this machine are never uncertain."""
         self.require(digests)
 
     def put_missing(self, blobs: Mapping[str, bytes]) -> None:

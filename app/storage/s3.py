@@ -26,10 +26,10 @@ from app.errors import AppError, DamagedFile, StorageAway, TryLater
 from app.logs import error_log
 from app.storage.base import (
     PIECE,
-    Blob,
+    BlobsUncertain,
     Drafts,
+    StoredBlob,
     StoredFile,
-    Unsure,
     digest_of,
     leftovers,
     place_of,
@@ -138,35 +138,35 @@ class S3Storage:
             raise DamagedFile(digest, "has changed since it was stored")
         return content
 
-    def open(self, digest: str, *, size_bytes: int | None) -> Blob:
+    def open(self, digest: str, *, size_bytes: int | None) -> StoredBlob:
         """A blob to read from; DamagedFile if it is missing or of another size."""
         found = self._find(digest)
         if found is None:
             raise self._missing(digest)
         if size_bytes is not None and found.size_bytes != size_bytes:
             raise _wrong_size(digest, found.size_bytes, size_bytes)
-        return Blob(found.size_bytes, partial(self._part, digest))
+        return StoredBlob(found.size_bytes, partial(self._part, digest))
 
-    def open_verified(self, digest: str, *, size_bytes: int | None) -> Blob:
+    def open_verified(self, digest: str, *, size_bytes: int | None) -> StoredBlob:
         """As `open`; DamagedFile also if the content does not have this digest."""
         if size_bytes is not None and size_bytes <= SMALL_BYTES:
             content = self.read(digest)
             if len(content) != size_bytes:
                 raise _wrong_size(digest, len(content), size_bytes)
-            return Blob(size_bytes, lambda first, end: content[first:end])
+            return StoredBlob(size_bytes, lambda first, end: content[first:end])
         blob = self.open(digest, size_bytes=size_bytes)
         if blob.digest() != digest:
             raise DamagedFile(digest, "has changed since it was stored")
         return blob
 
     def require(self, digests: Iterable[str]) -> None:
-        """Raise `Unsure` for blobs that this process has not put or found recently.
+        """Raise `BlobsUncertain` for those not put or found recently by this process.
 
         The others are too young to be removed.
         """
-        unsure = [digest for digest in digests if digest not in self._recent]
-        if unsure:
-            raise Unsure(unsure)
+        uncertain = [digest for digest in digests if digest not in self._recent]
+        if uncertain:
+            raise BlobsUncertain(uncertain)
 
     def make_sure(self, digests: Iterable[str]) -> None:
         """Look up blobs; raises TryLater if one was removed since it was put."""
@@ -251,7 +251,7 @@ class S3Storage:
             with translated():
                 self._store.put(key, data, mode="create")
         except AlreadyExistsError:
-            # Another process may be removing the existing blob: see `Unsure`.
+            # Another process may be removing the existing blob: see `BlobsUncertain`.
             with translated():
                 self._store.put(key, data, use_multipart=False)
         else:

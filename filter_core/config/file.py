@@ -37,7 +37,7 @@ _MAX_UNUSED: Final = 100
 _SHOWN_KEY: Final = 80
 
 CARLASIMU_ROOT: Final = "sitting"
-"""The one key at the top of carlasimu's file; its authors named it so."""
+"""The one key at the top of each of carlasimu's files; its authors named it so."""
 
 _BY_PATH: Final = {
     f"{CARLASIMU_ROOT}.threshold_small_box": "threshold_small_box",

@@ -80,8 +80,8 @@ class ClassKeys(Generic[NumberT, WholeNumberT, NumberOrNullT]):
     `max_distance` has none: it decides boxes before pixels are looked at, whatever the
     evidence is (`Reason.is_final`).
 
-    Three classes in `filter.py` inherit the keys, and in each of them a key has a value
-    of another type, so the annotations are type variables:
+    The annotations are type variables, because in each of the three classes in
+    `filter.py` that inherit the keys, a key has a value of another type:
 
     - `ClassLimits`, for one class: a number;
     - `ClassConfig`, for what one class overrides: a number, or `INHERIT`;

@@ -1,12 +1,12 @@
 """The sentence that explains a decision, and the tags that hide a box.
 
-`explanations` makes the sentences of many boxes from their evidence and decisions:
-it collects the values of each box in an `ExplainedBox`, from which `explain` makes one
-sentence. There is one for each reason (`_SENTENCES`), or for each channel where a
-channel decided (`_CHANNEL_SENTENCES`).
+`explain` makes the sentence of one box from the values in an `ExplainedBox`. There is
+one for each reason (`_SENTENCES`), or for each channel where a channel decided
+(`_CHANNEL_SENTENCES`). `explanations` collects these values for many boxes, from their
+evidence and decisions.
 
-`explained_by` and EXPLAINED_BY_NEARER do not mean these sentences: a box is explained
-by a nearer one if the pixels that seem to be its own belong to that one.
+`explained_by` and EXPLAINED_BY_NEARER do not mean these sentences, but that the pixels
+of a box belong to a nearer one.
 """
 
 from __future__ import annotations
@@ -37,39 +37,6 @@ from filter_core.types import (
     Verdict,
     floats_or_none,
 )
-
-_HIDES_NOTHING: Final = frozenset(
-    {"Road", "RoadLine", "Sidewalk", "Ground", "Terrain", "Sky"}
-)
-"""Tags of the surroundings of an object, which do not hide it."""
-
-_MOST_SHOWN: Final = 3
-
-
-@dataclass(frozen=True)
-class FrameFacts:
-    """The values that all decisions of one frame share.
-
-    Attributes
-    ----------
-    key : str
-    config : FilterConfig
-    family : str or None
-        Which of CARLA's tables of tags the segmentation has: a key of `FAMILIES`. None
-        if there was no segmentation.
-    lossy : bool
-        The segmentation's colours were not exact.
-    names : mapping
-        Id and class of boxes, such as ``("217", "car")``, by their position in the
-        frame, for sentences that name the nearer box that takes another's pixels
-        (`ChannelNumbers.explained_by`).
-    """
-
-    key: str
-    config: FilterConfig
-    family: str | None = None
-    lossy: bool = False
-    names: Mapping[int, tuple[str, str]] = field(default_factory=dict)
 
 
 class ExplainedBox(NamedTuple):
@@ -127,151 +94,6 @@ class ExplainedBox(NamedTuple):
     nearer: str | None = None
 
 
-def explanations(
-    frames: Sequence[FrameFacts],
-    evidence: Evidence,
-    decisions: Decisions,
-    hidden: Sequence[Sequence[HiddenBy]],
-) -> list[str]:
-    """Why each of N > 0 boxes was kept, rejected or not measured: one sentence each.
-
-    Parameters
-    ----------
-    frames : one for each of N boxes
-        All have the same `config`.
-    evidence : Evidence of N boxes
-    decisions : Decisions of N boxes
-        What `decide` gives for this evidence and configuration.
-    hidden : (N,)
-        What `hidden_by_all` gives for this evidence.
-    """
-    return list(map(explain, _explained(frames, evidence, decisions, hidden)))
-
-
-def _explained(
-    frames: Sequence[FrameFacts],
-    evidence: Evidence,
-    decisions: Decisions,
-    hidden: Sequence[Sequence[HiddenBy]],
-) -> Iterator[ExplainedBox]:
-    count, config = len(frames), frames[0].config
-    limits = [config.limits_of(name) for name in evidence.class_names]
-    classes = evidence.class_index.tolist()
-    numbers, needed = compared_by_channels(evidence, config, decisions)
-    channels, nearer = evidence.channels, nearer_boxes(frames, evidence)
-    gaps = [None] * count if channels is None else floats_or_none(channels.depth_gap)
-    columns: dict[str, Sequence[object]] = {
-        "reason": [Reason(code) for code in decisions.reason.tolist()],
-        "class_name": [evidence.class_names[index] for index in classes],
-        "limits": [limits[index] for index in classes],
-        "match_percent": floats_or_none(evidence.shown_match()),
-        "threshold": floats_or_none(decisions.threshold),
-        "area_percent": floats_or_none(evidence.area_percent),
-        "large": decisions.large.tolist(),
-        "matched_pixels": evidence.matched_pixels.tolist(),
-        "pixels_needed": pixels_needed(evidence, config).tolist(),
-        "distance": floats_or_none(evidence.distance),
-        "accepted": [
-            accepted_names(mask, frame.family) if frame.family else ()
-            for frame, mask in zip(frames, evidence.accept_mask.tolist(), strict=True)
-        ],
-        "hidden_by": hidden,
-        "as_carlasimu": [config.profile == "carlasimu"] * count,
-        "channel": channel_names(decisions),
-        "number": numbers.tolist(),
-        "needed": needed.tolist(),
-        "depth_gap": gaps,
-        "nearer": [None if box is None else _class_and_id(*box) for box in nearer],
-    }
-    rows = zip(*(columns[name] for name in ExplainedBox._fields), strict=True)
-    return map(ExplainedBox._make, rows)
-
-
-def _class_and_id(box_id: str, class_name: str) -> str:
-    return f"{class_name} {box_id}"
-
-
-def nearer_boxes(
-    frames: Sequence[FrameFacts], evidence: Evidence
-) -> list[tuple[str, str] | None]:
-    """Id and class of the nearer box that takes most pixels of each of N boxes.
-
-    None where no box takes any.
-    """
-    if evidence.channels is None:
-        return [None] * len(frames)
-    positions = evidence.channels.explained_by.tolist()
-    return [
-        frame.names.get(position)
-        for frame, position in zip(frames, positions, strict=True)
-    ]
-
-
-def hidden_by_all(
-    frames: Sequence[FrameFacts], evidence: Evidence
-) -> list[list[HiddenBy]]:
-    """`hidden_by` of each of N boxes; nothing where no tags were counted."""
-    if evidence.tag_counts is None:
-        return [[] for _ in frames]
-    counts, masks = evidence.tag_counts.tolist(), evidence.accept_mask.tolist()
-    return [
-        [] if frame.family is None else hidden_by(of_tags, mask, frame.family)
-        for frame, of_tags, mask in zip(frames, counts, masks, strict=True)
-    ]
-
-
-def hidden_by(
-    tag_counts: Sequence[int], accept_mask: int, family: str
-) -> list[HiddenBy]:
-    """The up to three commonest tags in a box that its class does not accept.
-
-    They are taken for what hides it: that they are nearer is not measured.
-
-    Parameters
-    ----------
-    tag_counts : (N_TAGS,) pixels of each tag in the box; the last column is Unknown
-    accept_mask : bit t is set if the class accepts tag t
-    family : a key of `filter_core.segmentation.palettes.FAMILIES`
-
-    Returns
-    -------
-    list of {"tag", "name", "rgb", "percent"}, the commonest first (ties: the lower tag)
-        `rgb` is the tag's colour in the palette, white for Unknown; `percent` is of all
-        counted pixels. Tags that surround objects without hiding them
-        (Road, RoadLine, Sidewalk, Ground, Terrain, Sky) are left out.
-    """
-    total = sum(tag_counts)
-    hiding = _hiding_tags(accept_mask, family)
-    found = [
-        (count, *hiding[column])
-        for column, count in enumerate(tag_counts)
-        if count and column in hiding
-    ]
-    found.sort(key=lambda one: (-one[0], one[1]))
-    return [
-        {"tag": tag, "name": name, "rgb": list(rgb), "percent": 100.0 * count / total}
-        for count, tag, name, rgb in found[:_MOST_SHOWN]
-    ]
-
-
-_HidingTags: TypeAlias = Mapping[int, tuple[int, str, list[int]]]
-"""Tag, name and colour for each column."""
-
-
-@lru_cache(maxsize=1024)
-def _hiding_tags(accept_mask: int, family: str) -> _HidingTags:
-    """The columns of a histogram whose pixels hide a box, with the tags they count."""
-    palette = FAMILIES[family]
-    tags = np.array([*range(UNKNOWN_COLUMN), UNKNOWN_TAG])
-    named = [(tag, palette.name_of(tag)) for tag in tags.tolist()]
-    accepted = accepts(accept_mask, tags).tolist()
-    return {
-        column: (tag, name, palette.rgb_table[tag].tolist())
-        for column, (tag, name) in enumerate(named)
-        if not accepted[column] and name not in _HIDES_NOTHING
-    }
-
-
 def explain(box: ExplainedBox) -> str:
     """Why a box was kept, rejected or not measured, in one sentence.
 
@@ -287,52 +109,6 @@ def explain(box: ExplainedBox) -> str:
     else:
         sentence = _SENTENCES[box.reason](box)
     return f"{box.reason.verdict.value}: {sentence}"
-
-
-def rounded_percent(value: float, against: float | None = None) -> str:
-    """A percentage, 0..100, for people, never rounded to `against` or past it.
-
-    A whole number from 10 up, one decimal below. It has more decimals if rounding would
-    move it to, or past, `against`, 0 or 100.
-    """
-    marks = [0.0, 100.0] + ([against] if against is not None else [])
-    return f"{_rounded(value, 0 if value >= 10 else 1, marks)} %"
-
-
-def _rounded(value: float, digits: int, marks: Sequence[float]) -> str:
-    """With the fewest decimals that keep the value on its side of every mark."""
-    shown = value
-    for count in range(digits, 10):
-        text = f"{value:.{count}f}"
-        shown = float(text)
-        if _keeps_sides(value, shown, marks):
-            break
-    return text.rstrip("0").rstrip(".") if "." in text else text
-
-
-def _keeps_sides(value: float, shown: float, marks: Sequence[float]) -> bool:
-    if value == shown:
-        return True
-    # A loop, because `all` of a generator is slower than the rest of the sentence.
-    for mark in marks:
-        if (value > mark) != (shown > mark) or (value < mark) != (shown < mark):
-            return False
-    return True
-
-
-def _exact_percent(value: float) -> str:
-    return f"{value:.15g} %"
-
-
-def _metres(value: float, limit: float) -> str:
-    return f"{_rounded(value, 0, [limit])} m"
-
-
-def _any_of(names: Sequence[str]) -> str:
-    """Names for people: ``Car or Truck``."""
-    if len(names) < 2:
-        return names[0] if names else "of its class"
-    return f"{', '.join(names[:-1])} or {names[-1]}"
 
 
 def _outside(_: ExplainedBox) -> str:
@@ -425,17 +201,17 @@ _SENTENCES: Final[Mapping[Reason, Callable[[ExplainedBox], str]]] = {
 def _ordered_words(box: ExplainedBox) -> str:
     names = _any_of(box.accepted)
     if _is_kept(box):
-        return (
-            f"{_counted(box, f'of its {names} pixels')} not explained by nearer boxes"
-        )
+        belong = "belongs" if box.number == 1 else "belong"
+        return f"{box.number:,.0f} of its {names} pixels {belong} to no nearer box"
     if not box.number:
         if box.nearer is None:
             return f"none of its pixels are {names}"
-        return f"explained by the nearer {box.nearer}"
+        return f"its pixels belong to the nearer {box.nearer}"
     pixels_are = f"{box.number:.0f} of its pixels {_is(box)}"
     if box.nearer is None:
         return f"only {pixels_are} {names}, {_needed(box)}"
-    return f"explained by the nearer {box.nearer}; {pixels_are} left, {_needed(box)}"
+    others = f"most of its pixels belong to the nearer {box.nearer}"
+    return f"{others}; {pixels_are} left, {_needed(box)}"
 
 
 def _depth_words(box: ExplainedBox) -> str:
@@ -450,7 +226,7 @@ def _depth_words(box: ExplainedBox) -> str:
     return f"all {names} pixels here are {_apart(box.depth_gap)} the box"
 
 
-def _center_words(box: ExplainedBox) -> str:
+def _centre_words(box: ExplainedBox) -> str:
     if _is_kept(box):
         return "nothing nearer than the box is seen at its centre"
     return f"what is seen at its centre is {_apart(box.number)} the box"
@@ -472,6 +248,16 @@ def _lidar_words(box: ExplainedBox) -> str:
         return f"no {points}, {_needed(box)}"
     only = "" if _is_kept(box) else "only "
     return f"{only}{box.number:,.0f} {points}, {_needed(box)}"
+
+
+_CHANNEL_SENTENCES: Final[Mapping[ChannelName, Callable[[ExplainedBox], str]]] = {
+    "ordered": _ordered_words,
+    "depth": _depth_words,
+    "depth_center": _centre_words,
+    "instance": _instance_words,
+    "lidar": _lidar_words,
+}
+"""The sentence of each channel, whether it kept the box or rejected it."""
 
 
 def _is_kept(box: ExplainedBox) -> bool:
@@ -497,11 +283,226 @@ def _apart(gap: float) -> str:
     return f"{metres:.0f} m {where}" if metres >= 10 else f"{metres:.1f} m {where}"
 
 
-_CHANNEL_SENTENCES: Final[Mapping[ChannelName, Callable[[ExplainedBox], str]]] = {
-    "ordered": _ordered_words,
-    "depth": _depth_words,
-    "depth_center": _center_words,
-    "instance": _instance_words,
-    "lidar": _lidar_words,
-}
-"""The sentence of each channel, whether it kept the box or rejected it."""
+def _any_of(names: Sequence[str]) -> str:
+    """Names for people: ``Car or Truck``."""
+    if len(names) < 2:
+        return names[0] if names else "of its class"
+    return f"{', '.join(names[:-1])} or {names[-1]}"
+
+
+def rounded_percent(value: float, against: float | None = None) -> str:
+    """A percentage, 0..100, for people, never rounded to `against` or past it.
+
+    A whole number from 10 up, one decimal below. It has more decimals if rounding would
+    move it to, or past, `against`, 0 or 100.
+    """
+    marks = [0.0, 100.0] + ([against] if against is not None else [])
+    return f"{_rounded(value, 0 if value >= 10 else 1, marks)} %"
+
+
+def _rounded(value: float, digits: int, marks: Sequence[float]) -> str:
+    """With the fewest decimals that keep the value on its side of every mark."""
+    shown = value
+    for count in range(digits, 10):
+        text = f"{value:.{count}f}"
+        shown = float(text)
+        if _keeps_sides(value, shown, marks):
+            break
+    return text.rstrip("0").rstrip(".") if "." in text else text
+
+
+def _keeps_sides(value: float, shown: float, marks: Sequence[float]) -> bool:
+    if value == shown:
+        return True
+    # A loop, because `all` of a generator is slower than the rest of the sentence.
+    for mark in marks:
+        if (value > mark) != (shown > mark) or (value < mark) != (shown < mark):
+            return False
+    return True
+
+
+def _exact_percent(value: float) -> str:
+    return f"{value:.15g} %"
+
+
+def _metres(value: float, limit: float) -> str:
+    return f"{_rounded(value, 0, [limit])} m"
+
+
+@dataclass(frozen=True)
+class FrameFacts:
+    """The values that all decisions of one frame share.
+
+    Attributes
+    ----------
+    key : str
+    config : FilterConfig
+    family : str or None
+        Which of CARLA's tables of tags the segmentation has: a key of `FAMILIES`. None
+        if there was no segmentation.
+    lossy : bool
+        The segmentation's colours were not exact.
+    names : mapping
+        Id and class of boxes, such as ``("217", "car")``, by their position in the
+        frame, for sentences that name the nearer box that takes another's pixels
+        (`ChannelNumbers.explained_by`).
+    """
+
+    key: str
+    config: FilterConfig
+    family: str | None = None
+    lossy: bool = False
+    names: Mapping[int, tuple[str, str]] = field(default_factory=dict)
+
+
+def explanations(
+    frames: Sequence[FrameFacts],
+    evidence: Evidence,
+    decisions: Decisions,
+    hidden: Sequence[Sequence[HiddenBy]],
+) -> list[str]:
+    """Why each of N > 0 boxes was kept, rejected or not measured: one sentence each.
+
+    Parameters
+    ----------
+    frames : one for each of N boxes
+        All have the same `config`.
+    evidence : Evidence of N boxes
+    decisions : Decisions of N boxes
+        What `decide` gives for this evidence and configuration.
+    hidden : (N,)
+        What `hidden_by_all` gives for this evidence.
+    """
+    return list(map(explain, _explained(frames, evidence, decisions, hidden)))
+
+
+def _explained(
+    frames: Sequence[FrameFacts],
+    evidence: Evidence,
+    decisions: Decisions,
+    hidden: Sequence[Sequence[HiddenBy]],
+) -> Iterator[ExplainedBox]:
+    count, config = len(frames), frames[0].config
+    limits = [config.limits_of(name) for name in evidence.class_names]
+    classes = evidence.class_index.tolist()
+    numbers, needed = compared_by_channels(evidence, config, decisions)
+    channels, nearer = evidence.channels, nearer_boxes(frames, evidence)
+    gaps = [None] * count if channels is None else floats_or_none(channels.depth_gap)
+    columns: dict[str, Sequence[object]] = {
+        "reason": [Reason(code) for code in decisions.reason.tolist()],
+        "class_name": [evidence.class_names[index] for index in classes],
+        "limits": [limits[index] for index in classes],
+        "match_percent": floats_or_none(evidence.shown_match()),
+        "threshold": floats_or_none(decisions.threshold),
+        "area_percent": floats_or_none(evidence.area_percent),
+        "large": decisions.large.tolist(),
+        "matched_pixels": evidence.matched_pixels.tolist(),
+        "pixels_needed": pixels_needed(evidence, config).tolist(),
+        "distance": floats_or_none(evidence.distance),
+        "accepted": [
+            accepted_names(mask, frame.family) if frame.family else ()
+            for frame, mask in zip(frames, evidence.accept_mask.tolist(), strict=True)
+        ],
+        "hidden_by": hidden,
+        "as_carlasimu": [config.profile == "carlasimu"] * count,
+        "channel": channel_names(decisions),
+        "number": numbers.tolist(),
+        "needed": needed.tolist(),
+        "depth_gap": gaps,
+        "nearer": [None if box is None else _class_and_id(*box) for box in nearer],
+    }
+    rows = zip(*(columns[name] for name in ExplainedBox._fields), strict=True)
+    return map(ExplainedBox._make, rows)
+
+
+def _class_and_id(box_id: str, class_name: str) -> str:
+    return f"{class_name} {box_id}"
+
+
+def nearer_boxes(
+    frames: Sequence[FrameFacts], evidence: Evidence
+) -> list[tuple[str, str] | None]:
+    """Id and class of the nearer box that takes most pixels of each of N boxes.
+
+    None where no box takes any.
+    """
+    if evidence.channels is None:
+        return [None] * len(frames)
+    positions = evidence.channels.explained_by.tolist()
+    return [
+        frame.names.get(position)
+        for frame, position in zip(frames, positions, strict=True)
+    ]
+
+
+_HIDES_NOTHING: Final = frozenset(
+    {"Road", "RoadLine", "Sidewalk", "Ground", "Terrain", "Sky"}
+)
+"""Tags of the surroundings of an object, which do not hide it."""
+
+_MOST_SHOWN: Final = 3
+
+
+def hidden_by_all(
+    frames: Sequence[FrameFacts], evidence: Evidence
+) -> list[list[HiddenBy]]:
+    """`hidden_by` of each of N boxes; nothing where no tags were counted."""
+    if evidence.tag_counts is None:
+        return [[] for _ in frames]
+    counts, masks = evidence.tag_counts.tolist(), evidence.accept_mask.tolist()
+    return [
+        [] if frame.family is None else hidden_by(of_tags, mask, frame.family)
+        for frame, of_tags, mask in zip(frames, counts, masks, strict=True)
+    ]
+
+
+def hidden_by(
+    tag_counts: Sequence[int], accept_mask: int, family: str
+) -> list[HiddenBy]:
+    """The up to three commonest tags in a box that its class does not accept.
+
+    They are taken for what hides it: that they are nearer is not measured.
+
+    Parameters
+    ----------
+    tag_counts : (N_TAGS,) pixels of each tag in the box; the last column is Unknown
+    accept_mask : bit t is set if the class accepts tag t
+    family : a key of `filter_core.segmentation.palettes.FAMILIES`
+
+    Returns
+    -------
+    list of {"tag", "name", "rgb", "percent"}, the commonest first (ties: the lower tag)
+        `rgb` is the tag's colour in the palette, white for Unknown; `percent` is of all
+        counted pixels. Tags that surround objects without hiding them
+        (Road, RoadLine, Sidewalk, Ground, Terrain, Sky) are left out.
+    """
+    total = sum(tag_counts)
+    hiding = _hiding_tags(accept_mask, family)
+    found = [
+        (count, *hiding[column])
+        for column, count in enumerate(tag_counts)
+        if count and column in hiding
+    ]
+    found.sort(key=lambda one: (-one[0], one[1]))
+    return [
+        {"tag": tag, "name": name, "rgb": list(rgb), "percent": 100.0 * count / total}
+        for count, tag, name, rgb in found[:_MOST_SHOWN]
+    ]
+
+
+_HidingTags: TypeAlias = Mapping[int, tuple[int, str, list[int]]]
+"""Tag, name and colour for each column."""
+
+
+@lru_cache(maxsize=1024)
+def _hiding_tags(accept_mask: int, family: str) -> _HidingTags:
+    """The columns of a histogram whose pixels hide a box, with the tags they count."""
+    palette = FAMILIES[family]
+    tags = np.array([*range(UNKNOWN_COLUMN), UNKNOWN_TAG])
+    named = [(tag, palette.name_of(tag)) for tag in tags.tolist()]
+    accepted = accepts(accept_mask, tags).tolist()
+    return {
+        column: (tag, name, palette.rgb_table[tag].tolist())
+        for column, (tag, name) in enumerate(named)
+        if not accepted[column] and name not in _HIDES_NOTHING
+    }

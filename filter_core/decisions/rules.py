@@ -158,7 +158,7 @@ def _rules(
     big = _per_box(limits.threshold_big_box, class_index)
     needed = _per_box(limits.min_visible_pixels, class_index)
     if _as_carlasimu(limits):
-        # Large boxes have to pass both thresholds, so all boxes can fail the small one.
+        # Large boxes have to pass both thresholds: the small one applies to all boxes.
         fails_big, fails_small = (match <= big) & large, match <= small
     else:
         fails_big, fails_small = (match < big) & large, (match < small) & ~large
@@ -204,7 +204,8 @@ def deciding_thresholds(limits: LimitsByClass) -> list[DecidingThreshold]:
         DecidingThreshold(Reason.LARGE_BELOW_THRESHOLD, True, big),
     ]
     if both:
-        # A large box that has passed `big` can fail `small` only if `small` is higher.
+        # Here a large box must reach both. If it has reached `big`, it can still be
+        # below `small`, but only where `small` is the higher one.
         if_higher = np.where(small > big, small, np.nan)
         found.append(DecidingThreshold(Reason.BELOW_THRESHOLD, True, if_higher))
     return found

@@ -160,7 +160,7 @@ class WrongBox:
 
 
 @dataclass
-class Worst:
+class LargestErrors:
     """The `MOST` largest errors so far by pixels, largest first."""
 
     boxes: list[WrongBox] = field(default_factory=list)
@@ -207,14 +207,14 @@ class ChannelScore:
     by_class, by_band : dict of Confusion
     judged : int
         Boxes that it had a number for; the segmentation judged the others.
-    worst : Worst
+    worst : LargestErrors
         The largest errors.
     """
 
     by_class: dict[str, Confusion] = field(default_factory=dict)
     by_band: dict[str, Confusion] = field(default_factory=dict)
     judged: int = 0
-    worst: Worst = field(default_factory=Worst)
+    worst: LargestErrors = field(default_factory=LargestErrors)
 
     @property
     def total(self) -> Confusion:

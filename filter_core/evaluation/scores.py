@@ -153,11 +153,11 @@ def wilson_interval(part: int, whole: int) -> tuple[float, float]:
        inference", JASA 22, 1927.
     """
     p, spread = part / whole, Z95 * Z95 / whole
-    center = (p + spread / 2) / (1 + spread)
+    centre = (p + spread / 2) / (1 + spread)
     half = math.sqrt(p * (1 - p) * spread + spread * spread / 4) / (1 + spread)
     # Exactly 0 and 1 at the ends, which rounding could miss.
-    low = 0.0 if part == 0 else center - half
-    high = 1.0 if part == whole else center + half
+    low = 0.0 if part == 0 else centre - half
+    high = 1.0 if part == whole else centre + half
     return low, high
 
 

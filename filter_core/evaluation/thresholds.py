@@ -9,7 +9,7 @@ frame.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, astuple, dataclass, field, fields, replace
+from dataclasses import astuple, dataclass, field, fields, replace
 from typing import Final, Literal, TypeAlias
 
 import numpy as np
@@ -169,16 +169,16 @@ def suggest(answers: Answers, current: float, goal: Goal) -> Suggestion | None:
     drawn = np.random.default_rng(_SEED).multinomial(
         len(answers), groups.counts / len(answers), size=_RESAMPLES
     )
-    best = groups.best(drawn, goal).tolist()
-    thresholds = np.array([groups.threshold(cut) for cut in best])
-    low, high = np.quantile(thresholds, [0.025, 0.975]).tolist()
-    curve = np.unique(np.concatenate([_GRID, [current, chosen]])).tolist()
+    best, times = np.unique(groups.best(drawn, goal), return_counts=True)
+    thresholds = [groups.threshold(cut) for cut in best.tolist()]
+    low, high = np.quantile(np.repeat(thresholds, times), [0.025, 0.975]).tolist()
+    at_current, at_chosen = cuts.points(np.array([current, chosen]))
     return Suggestion(
         chosen,
         (min(low, chosen), max(high, chosen)),
-        cuts.point(current),
-        cuts.point(chosen),
-        [cuts.point(threshold) for threshold in curve],
+        at_current,
+        at_chosen,
+        cuts.points(np.unique(np.concatenate([_GRID, [current, chosen]]))),
     )
 
 
@@ -225,8 +225,12 @@ class _Cuts:
 
     def cut(self, threshold: float) -> int:
         """The cut that a threshold makes."""
+        return int(self.cuts_of(np.array(threshold)))
+
+    def cuts_of(self, thresholds: FloatArray) -> NDArray[np.intp]:
+        """The cuts that thresholds make, in their shape."""
         side: Literal["left", "right"] = "right" if self._strict else "left"
-        return int(np.searchsorted(self.values, threshold, side=side))
+        return np.asarray(self.values.searchsorted(thresholds, side=side))
 
     def threshold(self, cut: int) -> float:
         """A threshold that makes a cut, with as few decimals as possible."""
@@ -241,17 +245,20 @@ class _Cuts:
                 return rounded
         return low if self._strict else high
 
-    def point(self, threshold: float) -> Point:
-        """The scores of a threshold."""
-        cut = self.cut(threshold)
-        columns = (column[0, cut] for column in self._scores)
-        right, wrong, lost = (int(count) for count in columns)
-        return Point(
-            threshold,
-            right / (right + wrong) if right + wrong else None,
-            right / (right + lost) if right + lost else None,
-            2 * right / (2 * right + wrong + lost) if right + wrong + lost else None,
-        )
+    def points(self, thresholds: FloatArray) -> list[Point]:
+        """The scores of each threshold."""
+        cuts = self.cuts_of(thresholds)
+        counts = (column[0, cuts].tolist() for column in self._scores)
+        return list(map(_point, thresholds.tolist(), *counts))
+
+
+def _point(threshold: float, right: int, wrong: int, lost: int) -> Point:
+    return Point(
+        threshold,
+        right / (right + wrong) if right + wrong else None,
+        right / (right + lost) if right + lost else None,
+        2 * right / (2 * right + wrong + lost) if right + wrong + lost else None,
+    )
 
 
 def _before(counts: IntArray) -> IntArray:
@@ -377,7 +384,7 @@ class ClassSuggestion:
             "answers": self.boxes,
             "f1_current": self.found.at_current.f1,
             "f1_suggested": self.found.at_suggested.f1,
-            "curve": [asdict(point) for point in self.found.curve],
+            "curve": [dict(vars(point)) for point in self.found.curve],
         }
 
 

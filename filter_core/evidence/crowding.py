@@ -194,10 +194,10 @@ def _by_size_and_place(boxes: FloatArray) -> IntArray:
     if not extent.size:
         return np.empty(0, dtype=np.int64)
     size_class = np.floor(np.log2(extent) / 2).astype(np.int64)
-    center = (boxes[:2] + boxes[2:]) / 2
-    low, high = center.min(axis=1), center.max(axis=1)
+    centre = (boxes[:2] + boxes[2:]) / 2
+    low, high = centre.min(axis=1), centre.max(axis=1)
     cells = 255.0 / np.maximum(high - low, 1.0)
-    column, row = ((center - low[:, None]) * cells[:, None]).astype(np.int64)
+    column, row = ((centre - low[:, None]) * cells[:, None]).astype(np.int64)
     place = _spread_bits(column) | _spread_bits(row) << 1
     return np.lexsort((place, size_class[1], size_class[0]))
 

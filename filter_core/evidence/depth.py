@@ -211,11 +211,11 @@ def center_gaps(vertices: FloatArray, camera: Camera, depth: DepthImage) -> Floa
     itself with; it is wrong whenever something thin crosses the centre.
     """
     gaps = np.full(len(vertices), np.nan)
-    center = to_image_points(vertices.mean(axis=1, keepdims=True), camera)[:, 0]
+    centre = to_image_points(vertices.mean(axis=1, keepdims=True), camera)[:, 0]
     near = depth_interval(vertices, camera, 0.0)[:, 0]
     width, height = depth.wh
-    for row in np.flatnonzero(center[:, 2] > NEAR_PLANE).tolist():
-        u, v = np.floor(center[row, :2] / center[row, 2])
+    for row in np.flatnonzero(centre[:, 2] > NEAR_PLANE).tolist():
+        u, v = np.floor(centre[row, :2] / centre[row, 2])
         if 0 <= u < width and 0 <= v < height:
             pixel = np.s_[int(v) : int(v) + 1, int(u) : int(u) + 1]
             gaps[row] = near[row] - depth.metres(pixel)[0, 0]

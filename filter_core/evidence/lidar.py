@@ -3,9 +3,10 @@
 `read_points` reads PLY (text or binary) and NPY files; `check_points` only checks that
 a file is as long as its header says. `points_inside` counts points in boxes.
 
-NPY is parsed here because NumPy's own reader allocates the size that the header states
-before it looks at the size of the file, and raises errors of Python's tokenizer.
-Nothing is unpickled.
+Both are parsed here because sizes must be checked before memory is taken. NumPy's own
+reader of NPY and the library plyfile (1.1.5) allocate the size that the header states
+before they look at the size of the file; and `check_points` needs a reader that makes
+no array. NumPy's also raises errors of Python's tokenizer. Nothing is unpickled.
 """
 
 from __future__ import annotations

@@ -26,6 +26,7 @@ from filter_core.formats.reading import (
 )
 from filter_core.formats.yolo import LabelFolders, frame_set, ordered_names
 from filter_core.json_text import read_json
+from filter_core.values import shown
 
 CARLASIMU: Final = Format(
     name="carlasimu",
@@ -124,6 +125,11 @@ def _carlasimu_classes(root: Path) -> tuple[str, ...]:
     numbers = document.get("classes") if isinstance(document, dict) else None
     if not isinstance(numbers, dict):
         return _CARLASIMU_CLASSES
+    for number in numbers.values():
+        if not isinstance(number, int):
+            raise LayoutError(
+                f"{name}: expected a number for each class, found {shown(number)}"
+            )
     return ordered_names({number: word for word, number in numbers.items()}, name)
 
 

@@ -343,13 +343,19 @@ class _Reader:
                         key, value, self._before + start, self._before + end
                     )
                 problem = ValueError("cut off")
+            # What was read of this value is checked before more of it is read, so that
+            # a value beyond the limits is never parsed as a whole.
+            self._check(self._text[self._at :])
             too_long = len(self._text) - self._at > limit
             if isinstance(problem, RecursionError) or too_long or not self._more():
                 raise self._error("a JSON value", problem)
 
     def _more(self) -> bool:
-        """Read as much again as is buffered, so that a long value takes linear time."""
-        wanted = max(self._piece_bytes, len(self._text) - self._at)
+        """Read a piece; as much again as is buffered, while that is less than 1 MiB.
+
+        So a long value is parsed a few times, not once for each of many small pieces.
+        """
+        wanted = max(self._piece_bytes, min(len(self._text) - self._at, _PIECE))
         piece = self._file.read(wanted)
         self._before += self._at
         self._text = self._text[self._at :] + piece.decode("latin-1")

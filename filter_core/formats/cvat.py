@@ -51,14 +51,14 @@ class CvatWriter:
         `band` is always empty: only some formats can be exported in bands of distance.
         """
         width, height = out.frame.wh
-        head = attributes(
+        image = attributes(
             id=out.number,
             name=f"{out.stem}{out.suffix}",
             width=width,
             height=height,
         )
         boxes = "".join(_box(one, out.frame.boxes) for one in out.boxes)
-        text = f"  <image{head}>\n{boxes}  </image>\n"
+        text = f"  <image{image}>\n{boxes}  </image>\n"
         self._images.write(text.encode("utf-8", "replace"))
 
     def finish(self) -> None:
@@ -98,20 +98,22 @@ def _label(name: str) -> str:
 def _box(one: LabelBox, boxes: DecidedBoxes) -> str:
     verdict = boxes.effective_verdict(one.row)
     corners = zip(("xtl", "ytl", "xbr", "ybr"), one.xyxy, strict=True)
-    head = attributes(
+    box = attributes(
         label=boxes.class_name(one.row),
         source="auto",
         occluded=int(verdict == "rejected"),
         **{key: number_text(value) for key, value in corners},
         z_order=0,
     )
-    said = {
+    details = {
         "id": boxes.ids[one.row],
         "verdict": verdict,
         "reason": boxes.reason_label(one.row),
     }
-    lines = "".join(f"      {_attribute(key, value)}\n" for key, value in said.items())
-    return f"    <box{head}>\n{lines}    </box>\n"
+    lines = "".join(
+        f"      {_attribute(key, value)}\n" for key, value in details.items()
+    )
+    return f"    <box{box}>\n{lines}    </box>\n"
 
 
 def _attribute(name: str, value: object) -> str:

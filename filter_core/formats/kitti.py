@@ -387,14 +387,14 @@ class KittiWriter:
         if one.ignored:
             return _ignored(one.xyxy)
         box = frame.given.boxes[one.row]
-        said = box.get("kitti")
-        said = said if isinstance(said, Mapping) else {}
-        truncated = said.get("truncated")
+        original = box.get("kitti")
+        original = original if isinstance(original, Mapping) else {}
+        truncated = original.get("truncated")
         if not isinstance(truncated, (int, float)):
             truncated = one.cut
         measured = int(frame.boxes.occlusion[one.row])
-        occluded = _first_level(said.get("occluded"), box.get("occluded"), measured)
-        alpha, box3d = _columns_3d(one, frame, said)
+        occluded = _first_level(original.get("occluded"), box.get("occluded"), measured)
+        alpha, box3d = _columns_3d(one, frame, original)
         columns = (alpha, *one.xyxy, *box3d)
         first = (
             self._types[frame.boxes.class_name(one.row)],

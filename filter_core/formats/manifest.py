@@ -31,8 +31,8 @@ from filter_core.formats.reading import (
     FrameSet,
     FrameSource,
     ReadOptions,
+    is_inside,
     last_name,
-    lies_in,
     manifests_below,
     name_of,
     open_regular,
@@ -123,7 +123,7 @@ def read_manifest(source: Path, options: ReadOptions) -> FrameSet:
     path = manifest_of(source)
     if path is None:
         raise LayoutError(f"expected {MANIFEST_NAME}, found no such file")
-    if not (options.outside_files or lies_in(path, real_paths(source))):
+    if not (options.outside_files or is_inside(path, real_paths(source))):
         raise LayoutError(
             f"{name_of(source)}: expected a manifest in the folder, found {path.name}, "
             f"{_OUTSIDE}"
@@ -162,7 +162,7 @@ class _Folders:
             raise LayoutError(f"{at}, {kind}: expected a path, found {shown(given)}")
         folder = self.segmentation if kind == "segmentation" else self.manifest
         path = _path(folder, given)
-        if self.allowed is None or lies_in(path, self.allowed):
+        if self.allowed is None or is_inside(path, self.allowed):
             return path
         raise LayoutError(
             f"{at}, {kind}: expected a file in the manifest's folder, found "

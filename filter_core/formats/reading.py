@@ -225,7 +225,7 @@ def check_links(source: Path, options: ReadOptions) -> None:
     named = real_paths(*folders)
     for each in folders:
         for link in _links(each):
-            if not lies_in(link, named):
+            if not is_inside(link, named):
                 raise LayoutError(
                     f"{name_of(each)}: expected no link out of the folder, found "
                     f"{shown(link.relative_to(each).as_posix())}; {OUTSIDE_FILES_HINT}"
@@ -246,7 +246,7 @@ def files_inside(found: FrameSet, source: Path, options: ReadOptions) -> FrameSe
     def checked() -> Iterator[FrameSource]:
         for frame in found.frames():
             files = (frame.image, frame.segmentation, *frame.others.values())
-            outside = [file for file in files if file and not lies_in(file, named)]
+            outside = [file for file in files if file and not is_inside(file, named)]
             if not outside:
                 yield frame
                 continue
@@ -260,11 +260,11 @@ def files_inside(found: FrameSet, source: Path, options: ReadOptions) -> FrameSe
 
 
 def real_paths(*paths: Path) -> tuple[Path, ...]:
-    """The paths with all symbolic links followed, for `lies_in`."""
+    """The paths with all symbolic links followed, for `is_inside`."""
     return tuple(Path(os.path.realpath(path)) for path in paths)
 
 
-def lies_in(path: Path, folders: Iterable[Path]) -> bool:
+def is_inside(path: Path, folders: Iterable[Path]) -> bool:
     """Whether a file, with all links followed, is or lies in one of `real_paths`."""
     try:
         real = Path(os.path.realpath(path))
@@ -375,8 +375,16 @@ def frame_key(name: str) -> str:
     The suffix goes (only the last: ``a.b.png`` is ``a.b``), and so do folders that say
     what kind of files they hold: ``train/images/7.png`` and ``train/labels/7.txt`` are
     both ``train/7``. Accents are composed, since some systems store them apart.
+
+    Raises
+    ------
+    LayoutError
+        It is the path of a folder, such as ``/``.
     """
-    path = PurePosixPath(unicodedata.normalize("NFC", name)).with_suffix("")
+    path = PurePosixPath(unicodedata.normalize("NFC", name))
+    if not path.name:
+        raise LayoutError(f"expected the name of a file, found {name[:40]!r}")
+    path = path.with_suffix("")
     folders = [part for part in path.parts[:-1] if part.lower() not in _FOLDER_WORDS]
     return "/".join([*folders, path.name])
 

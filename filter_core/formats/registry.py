@@ -123,9 +123,9 @@ def read_source(
         )
     options = options or ReadOptions()
     for option in sorted(changed_options(options) - found.read_options):
-        heeded = ", ".join(sorted(found.read_options))
+        allowed = ", ".join(sorted(found.read_options))
         raise LayoutError(
-            f"layout {name!r} has no option {option!r}; it has {heeded}",
+            f"layout {name!r} has no option {option!r}; it has {allowed}",
             code=UNUSED_OPTION,
         )
     if found is MANIFEST:  # which checks each file that it names
@@ -250,9 +250,9 @@ def format_of(name: str, options: ExportOptions) -> Format:
         )
     found = FORMATS[name]
     for option in sorted(changed_options(options) - found.options):
-        heeded = ", ".join(sorted(found.options)) or "none"
+        allowed = ", ".join(sorted(found.options)) or "none"
         raise ExportError(
-            f"format {name!r} has no option {option!r}; it has {heeded}",
+            f"format {name!r} has no option {option!r}; it has {allowed}",
             pointer=f"/options/{option}",
         )
     if found.require is not None:

@@ -12,6 +12,7 @@ References
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -116,7 +117,7 @@ def read_voc(content: bytes, name: str) -> dict[str, object]:
     """
     tree = _parse(content, name)
     if tree.root.tag != "annotation":
-        raise tree.error(tree.root, "<annotation>", f"<{tree.root.tag}>")
+        raise tree.error(tree.root, "<annotation>", f"<{tree.root.tag[:40]}>")
     objects = list(tree.root.iter("object"))
     corners = [_corners(tree, one) for one in objects]
     shift = 1.0 if all(map(_is_whole, corners)) else 0.0
@@ -172,7 +173,23 @@ _MAX_DEPTH: Final = 32
 _MAX_ELEMENTS: Final = 500_000
 
 
+_MAX_NAMESPACE: Final = 100
+
+_LONG_NAMESPACE: Final = re.compile(
+    rb"""xmlns(?!(?::[^\s="'<>]{1,%d})?\s{0,9}=\s{0,9}("[^"]{0,%d}"|'[^']{0,%d}'))"""
+    % ((_MAX_NAMESPACE,) * 3)
+)
+"""A declaration that is not short. Every other ``xmlns`` is refused with it."""
+
+
 def _parse(content: bytes, name: str) -> _Tree:
+    # The parser puts a name's namespace before it: 8 MB before each of 500,000 names.
+    # UTF-16 has a NUL beside each letter; other encodings have the letters of ASCII.
+    if _LONG_NAMESPACE.search(content.replace(b"\0", b"")):
+        raise LayoutError(
+            f"{name}: XML with a namespace of more than {_MAX_NAMESPACE} characters is "
+            "refused"
+        )
     parser = _LineParser()
     try:
         parser.feed(content)

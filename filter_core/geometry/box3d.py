@@ -47,11 +47,11 @@ def boxes3d_vertices(rows: ArrayLike) -> FloatArray:
     (N, 8, 3) float64, metres
     """
     boxes = np.asarray(rows, dtype=np.float64).reshape(-1, 15)
-    actor_location, actor_rotation, center, extent, rotation = np.hsplit(
+    actor_location, actor_rotation, centre, extent, rotation = np.hsplit(
         boxes, [3, 6, 9, 12]
     )
     corners = CORNER_SIGNS * extent[:, None]
-    in_actor = corners @ _transposed(rotation_matrices(rotation)) + center[:, None]
+    in_actor = corners @ _transposed(rotation_matrices(rotation)) + centre[:, None]
     turned = in_actor @ _transposed(rotation_matrices(actor_rotation))
     vertices: FloatArray = turned + actor_location[:, None]
     return vertices

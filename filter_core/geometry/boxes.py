@@ -32,7 +32,7 @@ def _corner_size_to_corners(boxes: FloatArray) -> FloatArray:
     return np.hstack([boxes[:, :2], boxes[:, :2] + boxes[:, 2:]])
 
 
-def _center_size_to_corners(boxes: FloatArray) -> FloatArray:
+def _centre_size_to_corners(boxes: FloatArray) -> FloatArray:
     half = boxes[:, 2:] / 2
     return np.hstack([boxes[:, :2] - half, boxes[:, :2] + half])
 
@@ -41,8 +41,8 @@ _TO_XYXY: Final[dict[str, Callable[[FloatArray], FloatArray]]] = {
     "xyxy": _unchanged,
     "xyxyn": _unchanged,
     "xywh": _corner_size_to_corners,
-    "cxcywh": _center_size_to_corners,
-    "cxcywhn": _center_size_to_corners,
+    "cxcywh": _centre_size_to_corners,
+    "cxcywhn": _centre_size_to_corners,
 }
 
 FORMS: Final = tuple(_TO_XYXY)

@@ -18,7 +18,6 @@ and refused as by OpenCV alone, and their pixels are the same.
 References
 ----------
 .. [1] ISO/IEC 15948, "Portable Network Graphics (PNG)", clause 9, filtering.
-.. [2] RFC 1951, 3.2.4, non-compressed blocks.
 """
 
 from __future__ import annotations
@@ -185,14 +184,10 @@ _NO_FILTER, _SUB = 0, 1
 _BARE: Final = 33
 """Where the pixels begin if nothing but the header comes before them."""
 
-_ZLIB: Final = b"\x78\x01"
+_HEAD: Final = struct.Struct(">I4s")
+"""The length and the kind of a chunk; then come its bytes, and their checksum."""
 
-_BLOCK: Final = 0xFFFF
-"""Bytes of the longest block that is stored as it is (RFC 1951, 3.2.4)."""
-
-_BLOCK_HEAD: Final = struct.Struct("<BHH")
-
-_SUM: Final = struct.Struct(">I")
+_IDAT: Final = b"IDAT"
 
 
 @dataclass(frozen=True)
@@ -245,28 +240,10 @@ class InflatedPng:
         return pixels
 
     def uncompressed(self) -> NDArray[np.uint8]:
-        """The same PNG as bytes, with its rows in blocks that are not compressed."""
-        data = self.rows.reshape(-1)
-        blocks, last = divmod(data.size - 1, _BLOCK)
-        cut, last = blocks * _BLOCK, last + 1
-        before = self.head + bytes(4) + b"IDAT" + _ZLIB
-        at = len(before) + cut + _BLOCK_HEAD.size * blocks
-        behind = at + _BLOCK_HEAD.size + last
-        png = np.empty(behind + _SUM.size * 2 + len(END_CHUNK), np.uint8)
-
-        png.data[: len(before)] = before
-        stored = png[len(before) : at].reshape(blocks, _BLOCK_HEAD.size + _BLOCK)
-        stored[:, : _BLOCK_HEAD.size] = np.frombuffer(_block_head(_BLOCK), np.uint8)
-        stored[:, _BLOCK_HEAD.size :] = data[:cut].reshape(blocks, _BLOCK)
-        png.data[at : at + _BLOCK_HEAD.size] = _block_head(last, is_last=True)
-        png[behind - last : behind] = data[cut:]
-        _SUM.pack_into(png.data, behind, zlib_ng.adler32(data.data))
-
-        chunk = png.data[len(self.head) : behind + 2 * _SUM.size]
-        _SUM.pack_into(chunk, 0, len(chunk) - AROUND_BODY)
-        _SUM.pack_into(chunk, len(chunk) - _SUM.size, zlib_ng.crc32(chunk[4:-4]))
-        png.data[-len(END_CHUNK) :] = END_CHUNK
-        return png
+        """The same PNG as bytes, whose rows are stored without being compressed."""
+        body = zlib_ng.compress(self.rows.data, 0)
+        chunk = _HEAD.pack(len(body), _IDAT), body, _sum_of(_IDAT, body)
+        return np.frombuffer(b"".join((self.head, *chunk, END_CHUNK)), np.uint8)
 
 
 _ERROR: Final = cast("type[Exception]", zlib_ng.error)
@@ -281,10 +258,6 @@ def _inflated(body: bytes, size: int) -> bytes | None:
     except _ERROR:
         return None
     return data if inflate.eof and len(data) == size else None
-
-
-def _block_head(size: int, *, is_last: bool = False) -> bytes:
-    return _BLOCK_HEAD.pack(is_last, size, size ^ _BLOCK)
 
 
 @dataclass(frozen=True)
@@ -304,13 +277,13 @@ class _Parts:
         position, begin, bodies = len(SIGNATURE), 0, list[memoryview]()
         view = memoryview(content)
         while position + AROUND_BODY <= len(content):
-            length, kind = struct.unpack_from(">I4s", content, position)
+            length, kind = _HEAD.unpack_from(content, position)
             following = position + AROUND_BODY + length
             chunk = view[position:following]
-            is_looked_at = kind == b"IDAT" or position == len(SIGNATURE)
-            if is_looked_at and not _is_sound(chunk):
+            is_looked_at = kind == _IDAT or position == len(SIGNATURE)
+            if is_looked_at and _sum_of(kind, chunk[8:-4]) != chunk[-4:]:
                 return None
-            if kind == b"IDAT":
+            if kind == _IDAT:
                 begin = begin or position
                 bodies.append(chunk[8:-4])
             elif bodies:
@@ -320,5 +293,6 @@ class _Parts:
         return None
 
 
-def _is_sound(chunk: memoryview) -> bool:
-    return _SUM.pack(zlib_ng.crc32(chunk[4:-4])) == chunk[-4:]
+def _sum_of(kind: bytes, body: bytes | memoryview) -> bytes:
+    """The checksum of a chunk, over its kind and its bytes."""
+    return struct.pack(">I", zlib_ng.crc32(body, zlib_ng.crc32(kind)))

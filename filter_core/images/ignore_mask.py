@@ -95,10 +95,10 @@ def _polygon_mask(corners: FloatArray, wh: tuple[int, int]) -> BoolArray:
     """Even-odd fill: along a row, each edge that is passed turns inside to outside."""
     width, height = wh
     turns = np.zeros((height, width + 1), dtype=np.int64)
-    centers = np.arange(height) + 0.5
+    centres = np.arange(height) + 0.5
     for (x0, y0), (x1, y1) in zip(corners, np.roll(corners, -1, axis=0), strict=True):
-        rows = np.flatnonzero((centers >= y0) != (centers >= y1))
-        crossing = x0 + (centers[rows] - y0) * (x1 - x0) / (y1 - y0 or 1.0)
+        rows = np.flatnonzero((centres >= y0) != (centres >= y1))
+        crossing = x0 + (centres[rows] - y0) * (x1 - x0) / (y1 - y0 or 1.0)
         # The first pixel whose centre is right of the edge.
         columns = np.clip(np.ceil(crossing - 0.5), 0, width).astype(np.int64)
         np.add.at(turns, (rows, columns), 1)

@@ -81,15 +81,15 @@ def exact_codes() -> Codes:
     return table
 
 
-_RECOGNIZED_LEVELS: Final = 8
+_RECOGNISED_LEVELS: Final = 8
 """How near a lossy colour must be to count towards recognising its family."""
 
 
 @lru_cache(maxsize=1)
-def recognizable_codes() -> Codes:
+def recognisable_codes() -> Codes:
     """(2^24,) uint8: the code whose colour is nearest, within 8 levels per channel."""
     colors = [(color, code) for color, code in CODE_OF.items()]
-    return _nearest(colors, _RECOGNIZED_LEVELS, default=NO_FAMILY)
+    return _nearest(colors, _RECOGNISED_LEVELS, default=NO_FAMILY)
 
 
 _NEAREST_LEVELS: Final = 32

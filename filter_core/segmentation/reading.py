@@ -37,7 +37,7 @@ from filter_core.segmentation.palettes import (
     family_of_version,
     palette_of,
 )
-from filter_core.segmentation.recognition import Named, contradiction
+from filter_core.segmentation.recognition import NamedReading, contradiction
 from filter_core.segmentation.tags import (
     looks_raw,
     raw_segmentation,
@@ -227,7 +227,7 @@ def _read_channels(
     rgb: NDArray[np.uint8],
     header: ImageHeader,
     options: SegmentationOptions,
-    named: Named,
+    named: NamedReading,
 ) -> Segmentation:
     if options.encoding == "raw":
         return read_raw_channel(rgb, named)
@@ -270,19 +270,19 @@ def _refuse_unusable(header: ImageHeader, options: SegmentationOptions) -> None:
         )
 
 
-def _named(options: SegmentationOptions) -> tuple[Named, tuple[str, ...]]:
+def _named(options: SegmentationOptions) -> tuple[NamedReading, tuple[str, ...]]:
     """The named family, from the options or else the frame's version, and notes."""
     order: ChannelOrder | None
     order = None if options.channel_order == "auto" else options.channel_order
     family = None if options.palette == "auto" else palette_of(options.palette).name
     sources = {name: _source(options, name) for name in _FIELDS}
     if options.carla_version is None:
-        return Named(family, order, sources), ()
+        return NamedReading(family, order, sources), ()
     try:
         rendered = family_of_version(options.carla_version)
     except UnknownVersion as unknown:
         notes = (f"{unknown}; not used",)
-        return Named(family, order, sources), notes
+        return NamedReading(family, order, sources), notes
     version = f"carla_version {options.carla_version}"
     # The paper's table is no version's: naming it says how to read, not who rendered.
     if family not in (None, rendered, PAPER_TABLE):
@@ -291,7 +291,7 @@ def _named(options: SegmentationOptions) -> tuple[Named, tuple[str, ...]]:
         )
     if family is None:
         family, sources["palette"] = rendered, version
-    return Named(family, order, sources), ()
+    return NamedReading(family, order, sources), ()
 
 
 def _source(options: SegmentationOptions, name: str) -> str:

@@ -3,9 +3,9 @@
 Colours decide, never the share of pixels: an image of carla-0.9.14 can be explained to
 99.6 % by the palette of carla-0.9.10, and a swapped Sky equals Rock.
 
-`recognize` takes the codes of the colours that occur and the options that were `Named`,
-and returns the `Recognition`, or raises `SegmentationError` where it would have to
-guess.
+`recognise` takes the codes of the colours that occur and what the caller has named
+(`NamedReading`), and returns the `Recognition`, or raises `SegmentationError` where it
+would have to guess.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ class Reading(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Named:
+class NamedReading:
     """The family and order that were named instead of left to recognition.
 
     Attributes
@@ -59,7 +59,7 @@ class Named:
     family, order : str or None
         None: not named.
     sources : mapping or None
-        Who named each of them, for errors. Not compared, so that `recognize` finds what
+        Who named each of them, for errors. Not compared, so that `recognise` finds what
         it has cached whoever named them.
     """
 
@@ -102,13 +102,13 @@ class Recognition:
     notes: tuple[str, ...]
 
 
-def recognize(occurring: Iterable[int], named: Named) -> Recognition:
+def recognise(occurring: Iterable[int], named: NamedReading) -> Recognition:
     """Choose the family and channel order of a palette-coloured image.
 
     Parameters
     ----------
     occurring : codes of the known colours that occur
-    named : Named
+    named : NamedReading
 
     Raises
     ------
@@ -123,13 +123,13 @@ def recognize(occurring: Iterable[int], named: Named) -> Recognition:
     tie is broken in favour of what CARLA renders over the paper's table, of ``rgb``,
     and of the newer family; `Recognition.rivals` and the notes say so.
     """
-    return _recognize(frozenset(occurring), named)
+    return _recognise(frozenset(occurring), named)
 
 
 # Frames of one recording have few sets of colours. Errors are not cached: each says who
 # named what.
 @lru_cache(maxsize=256)
-def _recognize(codes: frozenset[int], named: Named) -> Recognition:
+def _recognise(codes: frozenset[int], named: NamedReading) -> Recognition:
     missing = {
         reading: reading.missing(codes)
         for reading in (Reading(f, o) for f in _NEWEST_FIRST for o in ORDERS)
@@ -164,7 +164,7 @@ def _preferred(readings: list[Reading]) -> Reading:
 
 
 def _refuse_contradiction(
-    chosen: Reading, named: Named, missing: Mapping[Reading, frozenset[int]]
+    chosen: Reading, named: NamedReading, missing: Mapping[Reading, frozenset[int]]
 ) -> None:
     for other, unexplained in missing.items():
         if not unexplained < missing[chosen]:

@@ -11,7 +11,7 @@ segmentation of that kind.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Final
 
@@ -34,7 +34,7 @@ from filter_core.segmentation.codes import (
     Segmentation,
     exact_codes,
     nearest_tags,
-    recognizable_codes,
+    recognisable_codes,
     tags_of_codes,
     unpacked,
 )
@@ -46,12 +46,12 @@ from filter_core.segmentation.palettes import (
     palette_of,
 )
 from filter_core.segmentation.recognition import (
-    Named,
+    NamedReading,
     Reading,
     Recognition,
     color_of,
     contradiction,
-    recognize,
+    recognise,
 )
 from filter_core.types import UNKNOWN_TAG, IntArray, TagImage
 
@@ -68,7 +68,7 @@ _RED, _GREEN, _BLUE = 0, 1, 2
 
 
 def read_exact_colors(
-    pixels: NDArray[np.uint8], occurring: Sequence[int], named: Named
+    pixels: NDArray[np.uint8], occurring: Sequence[int], named: NamedReading
 ) -> Segmentation:
     """A segmentation whose colours are exactly those of a palette.
 
@@ -76,17 +76,17 @@ def read_exact_colors(
     ----------
     pixels : (H, W, 3) uint8: red, green, blue
     occurring : codes of the colours that occur, as `exact_codes` has them
-    named : Named
+    named : NamedReading
 
     Raises
     ------
     SegmentationError
         ``foreign_colors``: more than 1 % of the pixels have colours of no family; and
-        what `recognize` raises.
+        what `recognise` raises.
     """
     if NO_FAMILY in occurring:
         _refuse_no_family(pixels, count_codes(pixels, exact_codes()), [NO_FAMILY])
-    found = recognize(set(occurring) - {NO_FAMILY}, named)
+    found = recognise(set(occurring) - {NO_FAMILY}, named)
     tags = tags_of_codes(found.family, found.order)
     segmentation = Segmentation(
         codes=PixelCodes(pixels, tags, tuple(occurring)),
@@ -104,25 +104,27 @@ def read_exact_colors(
 def _with_unknown(segmentation: Segmentation, found: Recognition) -> Segmentation:
     """The same, with what is Unknown counted: only then does each pixel matter."""
     counts = count_codes(segmentation.pixels, exact_codes())
-    foreign, senseless = _split_missing(found)
-    no_family = [NO_FAMILY, *senseless]
+    foreign = _readings_of_foreign(found)
+    no_family = [NO_FAMILY, *sorted(found.missing - foreign.keys())]
     _refuse_no_family(segmentation.pixels, counts, no_family)
     return replace(
         segmentation,
         unknown_pixels=int(counts[[*foreign, *no_family]].sum()),
-        notes=(*found.notes, *_unknown_notes(counts, found, foreign, no_family)),
+        notes=(*found.notes, *_unknown_notes(counts, foreign, no_family)),
     )
 
 
-def _split_missing(found: Recognition) -> tuple[list[int], list[int]]:
-    """Other families' colours, and those that are some family's only when swapped."""
+def _readings_of_foreign(found: Recognition) -> dict[int, Reading]:
+    """The first other family that has a missing colour, by the colour's code.
+
+    Colours that a family has only with red and blue swapped are left out.
+    """
     readings = [Reading(family, found.order) for family in FAMILIES]
-    foreign = [
-        code
+    return {
+        code: having[0]
         for code in sorted(found.missing)
-        if any(not reading.missing(frozenset({code})) for reading in readings)
-    ]
-    return foreign, sorted(found.missing - set(foreign))
+        if (having := [one for one in readings if not one.missing(frozenset({code}))])
+    }
 
 
 def _refuse_no_family(
@@ -152,18 +154,13 @@ def _commonest_color(
 
 
 def _unknown_notes(
-    counts: IntArray, found: Recognition, foreign: list[int], no_family: list[int]
+    counts: IntArray, foreign: Mapping[int, Reading], no_family: list[int]
 ) -> Iterable[str]:
     total = float(counts.sum())
-    for code in foreign:
-        reading = next(
-            reading
-            for reading in (Reading(family, found.order) for family in FAMILIES)
-            if not reading.missing(frozenset({code}))
-        )
+    for code, reading in foreign.items():
         yield (
             f"{100.0 * counts[code] / total:.2f} % of the pixels are "
-            f"{color_of(code, found.order)}, {reading.name_of(code)} of "
+            f"{color_of(code, reading.order)}, {reading.name_of(code)} of "
             f"{reading.family}; counted as Unknown"
         )
     if pixels := int(counts[no_family].sum()):
@@ -173,20 +170,20 @@ def _unknown_notes(
         )
 
 
-def read_nearest_colors(pixels: NDArray[np.uint8], named: Named) -> Segmentation:
+def read_nearest_colors(pixels: NDArray[np.uint8], named: NamedReading) -> Segmentation:
     """A segmentation whose colours a lossy format changed: by the nearest colour.
 
     Parameters
     ----------
     pixels : (H, W, 3) uint8: red, green, blue
-    named : Named
+    named : NamedReading
 
     Raises
     ------
     SegmentationError
-        ``foreign_colors``: nothing resembles a palette; and what `recognize` raises.
+        ``foreign_colors``: nothing resembles a palette; and what `recognise` raises.
     """
-    near = count_codes(pixels, recognizable_codes())
+    near = count_codes(pixels, recognisable_codes())
     floor = _LOSSY_FLOOR_PERCENT / 100.0 * float(near.sum())
     occurring = set(np.flatnonzero(near >= floor).tolist()) - {NO_FAMILY}
     if not occurring:
@@ -195,7 +192,7 @@ def read_nearest_colors(pixels: NDArray[np.uint8], named: Named) -> Segmentation
             "expected a segmentation",
             code="foreign_colors",
         )
-    found = recognize(occurring, named)
+    found = recognise(occurring, named)
     table = nearest_tags(found.family, found.order)
     tags = codes_of(values_of(pixels), table)
     counts = count_codes(tags, table)
@@ -223,7 +220,7 @@ def looks_raw(rgb: NDArray[np.uint8]) -> bool:
     return green == 0 and (red == 0) != (blue == 0) and red + blue <= LAST_TAG
 
 
-def read_raw_channel(rgb: NDArray[np.uint8], named: Named) -> Segmentation:
+def read_raw_channel(rgb: NDArray[np.uint8], named: NamedReading) -> Segmentation:
     """Raw tags in the red channel, or in blue if it alone has any.
 
     Raises
@@ -249,14 +246,14 @@ def _maximum(rgb: NDArray[np.uint8], channel: int) -> int:
 
 
 def read_raw_tags(
-    tags: TagImage, named: Named, order: ChannelOrder = "rgb"
+    tags: TagImage, named: NamedReading, order: ChannelOrder = "rgb"
 ) -> Segmentation:
     """Raw tags of a family that is named, or proved by tags from 23 on.
 
     Parameters
     ----------
     tags : (H, W) uint8
-    named : Named
+    named : NamedReading
     order : for the answer's `channel_order`
 
     Raises
@@ -302,7 +299,7 @@ def _proved_family(counts: IntArray) -> str:
     )
 
 
-def _refuse_contradiction(counts: IntArray, family: str, named: Named) -> None:
+def _refuse_contradiction(counts: IntArray, family: str, named: NamedReading) -> None:
     if family == PAPER_TABLE:
         return
     known = len(palette_of(family).tags)

@@ -1,4 +1,4 @@
-"""Datasets that were deleted, and whose rows go portion by portion."""
+"""Datasets that were deleted, and whose rows go part by part."""
 
 from __future__ import annotations
 

@@ -49,6 +49,13 @@ def admin(service: Live) -> Iterator[httpx.Client]:
         yield client
 
 
+@pytest.fixture(scope="module")
+def own_api(service: Live) -> Iterator[Api]:
+    """An admin's client of the module's service."""
+    with service.admin() as client:
+        yield Api(client)
+
+
 @pytest.fixture
 def anonymous(service: Live) -> Iterator[httpx.Client]:
     with service.client() as client:

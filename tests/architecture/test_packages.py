@@ -1,4 +1,4 @@
-"""A package of the service imports only packages below it.
+"""A package of the service imports only packages below it, and few modules open files.
 
 A module directly below `app` counts as a package.
 """
@@ -33,6 +33,12 @@ LEVELS: Final = (
     {"addresses", "errors", "logs", "memory", "package", "security"},
 )
 """The packages from the top down: each may import only those of the lines below it."""
+OPEN_FILES: Final = ("filter_core/formats/", "filter_core/local.py")
+OPENING: Final = frozenset(
+    {"imread", "imwrite", "fromfile", "tofile", "open"}
+    | {f"{verb}_{what}" for verb in ("read", "write") for what in ("bytes", "text")}
+)
+"""Methods and functions of modules; `open` also by itself."""
 
 
 def package_of(module: str) -> str:
@@ -86,3 +92,29 @@ def test_table_of_the_architecture_has_the_order_of_the_levels():
     assert sorted(names) == sorted(level_of.keys() - {"__main__"})
     levels = [level_of[name] for name in names]
     assert levels == sorted(levels)
+
+
+def opened_files(tree: ast.AST) -> list[int]:
+    """The lines of calls that open a file, as functions or as methods of a path."""
+    called = [node.func for node in ast.walk(tree) if isinstance(node, ast.Call)]
+    return [
+        function.lineno
+        for function in called
+        if getattr(function, "attr", "") in OPENING
+        or getattr(function, "id", "") == "open"
+    ]
+
+
+def test_opened_files_are_detected():
+    program = "open(x)\npath.read_text()\ncv2.imread(x)\nread_text(x)\nImage.open(x)"
+
+    assert opened_files(ast.parse(program)) == [1, 2, 3, 5]
+
+
+def test_in_filter_core_only_formats_and_local_open_files():
+    assert [
+        f"{source.name}:{line}"
+        for source in python_sources("filter_core")
+        if not source.name.startswith(OPEN_FILES)
+        for line in opened_files(source.tree)
+    ] == []

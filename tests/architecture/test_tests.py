@@ -10,10 +10,13 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Iterator
+from functools import cache
 
 import pytest
 
 from tests.support.sources import PRODUCT, Source, python_sources
+
+CODE = python_sources(*PRODUCT, "tests", "benchmarks")
 
 REPLACE = {"setattr", "delattr", "__setattr__", "object"}
 """Functions that change an attribute of their first argument."""
@@ -43,7 +46,7 @@ def is_private(name: str) -> bool:
 def private_names_of_others(tree: ast.Module) -> Iterator[tuple[int, str]]:
     """(line, name) of private names that a module imports, reads or patches.
 
-    Its own attributes, such as `self._name`, do not count.
+    Attributes of `self` do not count: see `inherited_private_names`.
     """
     for node in ast.walk(tree):
         if isinstance(node, ast.ImportFrom):
@@ -56,6 +59,70 @@ def private_names_of_others(tree: ast.Module) -> Iterator[tuple[int, str]]:
         else:
             continue
         yield from ((node.lineno, name) for name in names if is_private(name))
+
+
+def inherited_private_names(source: Source) -> Iterator[tuple[int, str]]:
+    """(line, name) of private names that a module's classes share with the product.
+
+    A class inherits them directly, or through other classes of tests, and reads, sets
+    or overrides them.
+    """
+    for node in classes_of(source):
+        theirs = set().union(*map(private_names_of_product, base_names(node)))
+        yield from (
+            (line, name) for line, name in private_names(node) if name in theirs
+        )
+
+
+@cache
+def private_names_of_product(base: str) -> frozenset[str]:
+    """The private names of every product class with this name or below which it is."""
+    found, seen, names = set[str](), set[str](), [base]
+    while names:
+        name = names.pop()
+        if name not in seen:
+            seen.add(name)
+            for is_product, node in classes_by_name().get(name, []):
+                names.extend(base_names(node))
+                if is_product:
+                    found.update(private for _, private in private_names(node))
+    return frozenset(found)
+
+
+@cache
+def classes_by_name() -> dict[str, list[tuple[bool, ast.ClassDef]]]:
+    """(whether it is one of the product, the class) of all classes with a name."""
+    found: dict[str, list[tuple[bool, ast.ClassDef]]] = {}
+    for source in CODE:
+        is_product = source.name.partition("/")[0] in PRODUCT
+        for node in classes_of(source):
+            found.setdefault(node.name, []).append((is_product, node))
+    return found
+
+
+def classes_of(source: Source) -> Iterator[ast.ClassDef]:
+    return (node for node in ast.walk(source.tree) if isinstance(node, ast.ClassDef))
+
+
+def base_names(node: ast.ClassDef) -> Iterator[str]:
+    """The names of a class's bases, without modules and type parameters."""
+    for base in node.bases:
+        yield ast.unparse(base).partition("[")[0].rpartition(".")[2]
+
+
+def private_names(node: ast.ClassDef) -> Iterator[tuple[int, str]]:
+    """(line, name) of the private names that a class has of itself."""
+    for part in ast.walk(node):
+        if isinstance(part, ast.FunctionDef):
+            name = part.name
+        elif isinstance(part, ast.Attribute) and is_own(part.value):
+            name = part.attr
+        elif isinstance(part, ast.Name) and isinstance(part.ctx, ast.Store):
+            name = part.id
+        else:
+            continue
+        if is_private(name):
+            yield part.lineno, name
 
 
 def is_own(value: ast.expr) -> bool:
@@ -71,7 +138,10 @@ def is_setattr(function: ast.expr) -> bool:
 
 
 def replaced(tree: ast.Module) -> Iterator[int]:
-    """The lines in which an attribute of something of the product is replaced."""
+    """The lines in which an attribute of something of the product is replaced.
+
+    That is, of something that is imported from it, or of a service's application.
+    """
     ours = {
         name.asname or name.name
         for node in ast.walk(tree)
@@ -91,7 +161,7 @@ def replaced(tree: ast.Module) -> Iterator[int]:
             changed = ast.unparse(node.value)
         else:
             continue
-        if is_change and changed in ours:
+        if is_change and (changed in ours or changed.endswith(".app")):
             yield node.lineno
 
 
@@ -103,6 +173,7 @@ def replaced(tree: ast.Module) -> Iterator[int]:
         'with patch.object(cli, "ROWS", 1): pass',
         'vars(cli)["ROWS"] = 1',
         "cli.ROWS = 1",
+        'monkeypatch.setattr(service.app, "openapi", make_slowly)',
     ],
 )
 def test_replaced_product_name_is_detected(statement):
@@ -126,6 +197,26 @@ def test_tests_use_no_private_names():
         f"{source.name}:{line} knows {name}"
         for source in python_sources("tests", "benchmarks")
         for line, name in private_names_of_others(source.tree)
+    ]
+
+    assert found == []
+
+
+@pytest.mark.parametrize("base", ["LocalEngine", "ClusterEngine", "chunks.SmallChunks"])
+@pytest.mark.parametrize(
+    "member", ["run = lambda self: self._chunks", "def _begin(self): pass"]
+)
+def test_inherited_private_name_is_detected(base, member):
+    source = Source("tests/test_it.py", f"class Mine({base}):\n    {member}")
+
+    assert [line for line, _ in inherited_private_names(source)] == [2]
+
+
+def test_tests_use_no_private_names_that_they_inherit():
+    found = [
+        f"{source.name}:{line} knows {name}"
+        for source in python_sources("tests", "benchmarks")
+        for line, name in inherited_private_names(source)
     ]
 
     assert found == []

@@ -12,14 +12,8 @@ import pytest
 import yaml
 from typer.testing import CliRunner
 
-from tests.support.command_line import CommandLine
 from tests.support.fake_carla.scenarios import SMALL
 from unghost.cli.program import app
-
-
-@pytest.fixture
-def unghost(tmp_path):
-    return CommandLine(tmp_path, {})
 
 
 def write_scenario(folder, **changes):
@@ -64,8 +58,8 @@ def test_dry_run_prints_json(tmp_path):
     assert set(plan["sensors"]) == {"rgb", "segmentation"}
 
 
-def test_invalid_scenario_exits_with_1_and_a_message(unghost, tmp_path):
-    said = unghost("capture", write_scenario(tmp_path, vehicls={}), "--dry-run")
+def test_invalid_scenario_exits_with_1_and_a_message(bare_unghost, tmp_path):
+    said = bare_unghost("capture", write_scenario(tmp_path, vehicls={}), "--dry-run")
 
     assert said.code == 1
     assert said.err == (
@@ -74,21 +68,21 @@ def test_invalid_scenario_exits_with_1_and_a_message(unghost, tmp_path):
     )
 
 
-def test_missing_simulator_exits_with_69(unghost, tmp_path):
+def test_missing_simulator_exits_with_69(bare_unghost, tmp_path):
     with socket.socket() as taken:
         # Bound but not listening, so that no other program can listen on this port.
         taken.bind(("127.0.0.1", 0))
         port = taken.getsockname()[1]
-        said = unghost("capture", write_scenario(tmp_path, port=port, timeout_s=1))
+        said = bare_unghost("capture", write_scenario(tmp_path, port=port, timeout_s=1))
 
     assert said.code == 69, said.err
     assert f"no simulator at 127.0.0.1:{port}" in said.err
     assert not (tmp_path / "capture-street").exists()
 
 
-def test_unknown_host_exits_with_69(unghost, tmp_path):
+def test_unknown_host_exits_with_69(bare_unghost, tmp_path):
     # No host has a name that ends in ".invalid": it is reserved for this.
-    said = unghost("capture", write_scenario(tmp_path, host="simulator.invalid"))
+    said = bare_unghost("capture", write_scenario(tmp_path, host="simulator.invalid"))
 
     assert said.code == 69, said.err
     assert "no simulator at simulator.invalid:2000" in said.err
@@ -195,10 +189,10 @@ def test_capture_prints_a_json_summary(as_carla, tmp_path):
     assert as_carla.left_behind() == {}
 
 
-def test_captured_folder_can_be_filtered_directly(unghost, stage):
+def test_captured_folder_can_be_filtered_directly(bare_unghost, stage):
     stage.capture(frames=2)
 
-    said = unghost("filter", stage.folder, "--output", "decisions.jsonl", "--json")
+    said = bare_unghost("filter", stage.folder, "--output", "decisions.jsonl", "--json")
 
     assert said.code == 0, said.err
     told = said.records[0]

@@ -6,7 +6,6 @@ import json
 import os
 import signal
 import sys
-import time
 
 import pytest
 import yaml
@@ -15,6 +14,7 @@ from tests.support.command_line import CommandLine
 from tests.support.fake_carla.scenarios import SMALL
 from tests.support.processes import start
 from tests.support.servers import RunningServer
+from tests.support.waiting import until
 from unghost import Client
 
 pytestmark = pytest.mark.long
@@ -95,15 +95,13 @@ def test_ctrl_c_exits_with_130_and_the_capture_can_be_resumed(line):
     scenario = line.scenario(frames=2000, interval_s=0.05)
     process = line.start("capture", scenario, "--output", "out")
     manifest = line.folder / "out" / "manifest.jsonl"
-    deadline = time.monotonic() + WAIT_S
-    while not manifest.exists() and time.monotonic() < deadline:
-        time.sleep(0.05)
+    until(manifest.exists, "nothing was recorded")
 
     process.send_signal(signal.SIGINT)
     code, _, err = wait_for_exit(process)
 
     assert code == 130, err
-    assert "The same command continues" in err
+    assert "the same command continues" in err
     assert line.left["actors"] == ["traffic.traffic_light"]
     assert line.left["managers"] == [False]
     there = len(manifest.read_text().splitlines())

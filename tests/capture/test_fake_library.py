@@ -58,7 +58,7 @@ PROTOCOLS = {
     known.ActorList: ("ActorList",),
     known.ActorSnapshot: ("ActorSnapshot",),
     known.Timestamp: ("Timestamp",),
-    known.Snapshot: ("WorldSnapshot",),
+    known.WorldSnapshot: ("WorldSnapshot",),
     known.EnvironmentObject: ("EnvironmentObject",),
     known.Settings: ("WorldSettings",),
     known.Map: ("Map",),

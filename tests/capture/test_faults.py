@@ -37,7 +37,7 @@ def test_without_faults_the_planned_ticks_are_recorded(stage):
 def test_tick_with_a_lost_measurement_is_skipped_and_counted(stage):
     stage.simulator.faults.lost = {("semantic_segmentation", FIRST_TICK)}
 
-    done = stage.capture(**SHORT_SCENARIO, sensor_wait_s=1.5)
+    done = stage.capture(**SHORT_SCENARIO, sensor_wait_s=4)
 
     assert ticks(stage) == [FIRST_TICK + 1, FIRST_TICK + 3, FIRST_TICK + 5]
     assert done.missed == {"segmentation sent nothing in time": 1}
@@ -49,7 +49,7 @@ def test_late_measurement_is_not_combined_with_another_tick(stage):
     stage.simulator.speed = 40.0
     stage.simulator.faults.late = {("rgb", FIRST_TICK)}
 
-    done = stage.capture(**SHORT_SCENARIO, sensor_wait_s=1.5)
+    done = stage.capture(**SHORT_SCENARIO, sensor_wait_s=4)
 
     assert ticks(stage)[0] == FIRST_TICK + 1
     assert done.missed == {"rgb sent nothing in time": 1}

@@ -10,14 +10,14 @@ from filter_core.annotation.frame import frame_boxes_2d
 from filter_core.annotation.parsing import parse_annotation
 from filter_core.geometry.box3d import boxes3d_vertices
 from filter_core.geometry.pose import Transform
-from unghost.capture.objects import Named, SeenObject, local_box
+from unghost.capture.objects import ObjectIdentity, SeenObject, local_box
 from unghost.capture.rig import pose_of
 from unghost.capture.scenario import Mount
 from unghost.capture.simulator import as_transform
 from unghost.capture.traffic import light_state
 from unghost.capture.weather import as_numbers, parameters
 
-CAR = Named("7", "actor", "car")
+CAR = ObjectIdentity("7", "actor", "car")
 POSES = [
     carla.Transform(carla.Location(*place), carla.Rotation(*turn))
     for place, turn in [
@@ -41,7 +41,7 @@ def test_corners_of_an_actor_box_match_the_carla_library(pose):
     real = given_box().get_world_vertices(pose)
 
     one = SeenObject(
-        Named("7", "actor", "car"), local_box(given_box()), as_transform(pose)
+        ObjectIdentity("7", "actor", "car"), local_box(given_box()), as_transform(pose)
     )
     corners = boxes3d_vertices([one.row])[0]
 
@@ -63,7 +63,7 @@ def test_corners_of_a_map_box_match_the_carla_library(pose):
 def test_projection_of_annotations_matches_the_matrices_of_the_library(pose):
     ahead = carla.Transform(pose.transform(carla.Location(15, 2, 0)), pose.rotation)
     one = SeenObject(
-        Named("7", "actor", "car"), local_box(given_box()), as_transform(ahead)
+        ObjectIdentity("7", "actor", "car"), local_box(given_box()), as_transform(ahead)
     )
     camera = {"width": 800, "height": 600, "fov": 90}
     annotation = {

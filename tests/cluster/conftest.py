@@ -1,9 +1,10 @@
-"""A cluster for the tests of a module: a scheduler, two workers and a server."""
+"""A running cluster for the tests of a module, and one of a test's own."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from pathlib import Path
 
 import pytest
 
@@ -40,3 +41,10 @@ def running_cluster(
             for worker in workers:
                 worker.wait_for_log("joined the scheduler")
             yield RunningCluster(made, scheduler, workers, server, api)
+
+
+@pytest.fixture
+def made(tmp_path: Path) -> Iterator[Cluster]:
+    """A cluster of a test's own, of which nothing is started yet."""
+    with cluster(tmp_path) as made:
+        yield made

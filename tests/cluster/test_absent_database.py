@@ -6,16 +6,9 @@ import signal
 
 import pytest
 
-from tests.support.cluster import cluster
 from tests.support.ports import reserved_port
 
 SECRET = "hidden-word"
-
-
-@pytest.fixture
-def made(tmp_path):
-    with cluster(tmp_path) as made:
-        yield made
 
 
 @pytest.fixture

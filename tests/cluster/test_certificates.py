@@ -28,7 +28,8 @@ HOSTS = ("scheduler.lab", "10.0.0.5")
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory):
+def issued(tmp_path_factory):
+    """The folder of new certificates, and the answers to the command and a second."""
     folder = tmp_path_factory.mktemp("made")
     words = [word for host in HOSTS for word in ("--host", host)]
     unghost = CommandLine(folder, {}, anew=True)
@@ -40,8 +41,8 @@ def read_certificate(folder, name):
     return x509.load_pem_x509_certificate((folder / f"{name}.pem").read_bytes())
 
 
-def test_certificates_are_never_overwritten_and_keys_are_private(made):
-    folder, first, second = made
+def test_certificates_are_never_overwritten_and_keys_are_private(issued):
+    folder, first, second = issued
     files = {file.name: stat.S_IMODE(file.stat().st_mode) for file in folder.iterdir()}
 
     assert first.code == 0, first.err
@@ -65,8 +66,8 @@ def test_host_that_no_certificate_can_name_is_refused_before_anything_is_written
     assert not (tmp_path / "nodes").exists()
 
 
-def test_each_certificate_is_signed_for_its_hosts_and_days(made):
-    folder = made[0]
+def test_each_certificate_is_signed_for_its_hosts_and_days(issued):
+    folder = issued[0]
     authority = read_certificate(folder, "ca")
     soon = datetime.now(timezone.utc) + timedelta(days=30)
     for name in NODES:
@@ -85,8 +86,8 @@ def test_each_certificate_is_signed_for_its_hosts_and_days(made):
 
 
 @pytest.mark.parametrize("name", NODES)
-def test_key_matches_its_certificate(made, name):
-    folder = made[0]
+def test_key_matches_its_certificate(issued, name):
+    folder = issued[0]
     context = ssl.create_default_context(cafile=str(folder / "ca.pem"))
 
     context.load_cert_chain(folder / f"{name}.pem", folder / f"{name}.key")
@@ -106,24 +107,24 @@ def test_scheduler_without_certificates_is_refused_on_public_address():
         ({"key": "worker.key"}, r"UNGHOST_TLS_KEY: .*worker.key.* does not belong to"),
     ],
 )
-def test_wrong_certificate_or_key_file_is_refused_and_named(made, wrong, words):
+def test_wrong_certificate_or_key_file_is_refused_and_named(issued, wrong, words):
     names = {"ca": "ca.pem", "cert": "scheduler.pem", "key": "scheduler.key"} | wrong
-    shown = Certificates(**{part: made[0] / name for part, name in names.items()})
+    shown = Certificates(**{part: issued[0] / name for part, name in names.items()})
 
     with pytest.raises(UnusableEngine, match=words):
         in_thread(run_scheduler, "127.0.0.1", 0, shown, print)
 
 
-def test_scheduler_names_the_missing_certificate_file(made):
-    shown = Certificates(made[0] / "ca.pem", made[0] / "nothing.pem", None)
+def test_scheduler_names_the_missing_certificate_file(issued):
+    shown = Certificates(issued[0] / "ca.pem", issued[0] / "nothing.pem", None)
 
     with pytest.raises(UnusableEngine, match=r"there is no file .*nothing.pem"):
         in_thread(run_scheduler, "127.0.0.1", 0, shown, print)
 
 
-def test_scheduler_on_a_port_in_use_exits_with_a_message(made, tmp_path):
+def test_scheduler_on_a_port_in_use_exits_with_a_message(issued, tmp_path):
     files = ("--ca", "ca.pem", "--cert", "scheduler.pem", "--key", "scheduler.key")
-    folder = made[0]
+    folder = issued[0]
     words = [str(folder / word) if "." in word else word for word in files]
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = str(taken.getsockname()[1])
@@ -138,14 +139,14 @@ def test_scheduler_on_a_port_in_use_exits_with_a_message(made, tmp_path):
 
 
 @pytest.mark.long
-def test_worker_without_a_scheduler_exits_with_69_and_the_reason(made, tmp_path):
+def test_worker_without_a_scheduler_exits_with_69_and_the_reason(issued, tmp_path):
     with running_services(tmp_path / "data"):
         pass
     with socket.create_server(("127.0.0.1", 0)) as nobody:
         address = f"tls://127.0.0.1:{nobody.getsockname()[1]}"
     names = {"CA": "ca.pem", "CERT": "worker.pem", "KEY": "worker.key"}
     settings = {
-        f"UNGHOST_TLS_{key}": str(made[0] / name) for key, name in names.items()
+        f"UNGHOST_TLS_{key}": str(issued[0] / name) for key, name in names.items()
     }
 
     answer = CommandLine(tmp_path, settings, anew=True)(

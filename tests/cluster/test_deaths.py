@@ -28,12 +28,6 @@ pytestmark = pytest.mark.long
 FRAMES = 60
 
 
-@pytest.fixture
-def made(tmp_path):
-    with cluster(tmp_path) as made:
-        yield made
-
-
 def start_workers_and_run(made, api, config=FROM_PIXELS, *, workers=1):
     """Start workers and a run.
 

@@ -1,4 +1,4 @@
-"""A worker that is started in a folder from somebody else runs no file of it."""
+"""Nodes of a cluster run no Python file of a folder from somebody else."""
 
 from __future__ import annotations
 
@@ -32,3 +32,19 @@ def test_worker_runs_no_python_file_of_the_folder_that_it_is_started_in(tmp_path
                 stop(process)
 
     assert foreign.names_run() == set()
+
+
+def test_nodes_keep_out_of_a_scratch_folder_that_somebody_made_for_dask(tmp_path):
+    """On a machine for several people, `/tmp/dask-scratch-space` may be another's."""
+    foreign = ForeignFolder.below(tmp_path, "dask-scratch-space")
+    foreign.path.chmod(0o777)
+    before = set(foreign.path.iterdir())
+    with cluster(tmp_path / "cluster", anew=True) as made:
+        made.settings["TMPDIR"] = str(tmp_path)
+        with made.server():
+            made.scheduler()
+            made.worker()
+
+    assert foreign.names_run() == set()
+    assert set(foreign.path.iterdir()) == before
+    assert list(tmp_path.glob("unghost-*")) == []

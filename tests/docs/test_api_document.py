@@ -5,13 +5,13 @@ from __future__ import annotations
 import json
 import re
 
-import httpx
 import numpy as np
 import pytest
 
 from app.main import create_app
 from app.settings import Settings
 from filter_core.pipeline import filter_frame
+from tests.support import plain_http
 from tests.support.documents import DOCUMENTS, blocks, read
 
 METHODS = ("GET", "POST", "PUT", "PATCH", "DELETE")
@@ -74,7 +74,7 @@ def test_example_of_an_error_equals_the_response_of_the_server(start_server):
     good, bad = boxes % "1, 2, 3, 4", boxes % "1, 2, NaN, 4"
     annotation = f'{{"boxes": [{good}, {bad[:-1]}, "id": "217"}}]}}'
 
-    with httpx.Client(base_url=server.url, headers=server.headers) as client:
+    with plain_http.Client(base_url=server.url, headers=server.headers) as client:
         client.post("/api/v1/datasets", json={"name": "town10"})
         files = {"annotation": ("annotation.json", annotation, "application/json")}
         problem = client.put(shown["instance"], files=files).json()

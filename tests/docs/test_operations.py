@@ -6,7 +6,6 @@ import json
 import logging
 import re
 
-import httpx
 import pytest
 import yaml
 from prometheus_client.parser import text_string_to_metric_families
@@ -14,8 +13,10 @@ from prometheus_client.parser import text_string_to_metric_families
 from app.db.engine import CACHE_KIB, MOST_CONNECTIONS, WRITER_CACHE_KIB
 from app.logs import AccessRecord, JsonLines, access_log, log_access
 from app.settings import Settings
-from tests.support.api import MOST_LOOKS
+from tests.support import plain_http
 from tests.support.documents import blocks, read
+from tests.support.servers import wait_until_ready
+from tests.support.waiting import until
 
 METRIC = re.compile(r"\b(?:unghost|process)_[a-z_]+\b")
 SETTING = re.compile(r"\bUNGHOST_[A-Z_]+\b")
@@ -38,15 +39,16 @@ def exposed_metrics(server):
 
     Waits for those of blobs, which are there only when files have been counted.
     """
-    for _ in range(MOST_LOOKS):
-        answer = httpx.get(f"{server.url}/metrics", headers=server.headers)
+
+    def with_those_of_blobs():
+        answer = plain_http.get(f"{server.url}/metrics", headers=server.headers)
         found = list(text_string_to_metric_families(answer.text))
         # The parser removes the ending from names of counters.
         ends = {"counter": "_total"}
         names = {family.name + ends.get(family.type, "") for family in found}
-        if "unghost_blobs" in names:
-            return names
-    raise AssertionError(answer.text)
+        return names if "unghost_blobs" in names else None
+
+    return until(with_those_of_blobs, "the files are never counted")
 
 
 @pytest.mark.sqlite_files("one metric is of its log")
@@ -65,7 +67,7 @@ def test_alert_rules_use_only_existing_metrics(server):
 
 
 def test_every_readiness_check_is_documented(server):
-    checks = httpx.get(f"{server.url}/readyz").json()["checks"]
+    checks = wait_until_ready(server.url).json()["checks"]
 
     assert first_cells(section("Alive and ready")) == {*checks, "shutdown"}
 

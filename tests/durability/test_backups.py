@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import json
 import os
 import shutil
 import sqlite3
@@ -18,6 +19,7 @@ from app.maintenance.datafolder import CannotMaintain
 from app.maintenance.restore import restore
 from app.serve import check_free
 from app.settings import Settings
+from app.storage.base import digest_of
 from app.storage.durable import MAINTENANCE_LOCK, locked
 from tests.support import frames as scene
 from tests.support import without_locks
@@ -30,6 +32,7 @@ from tests.support.data_folders import (
     silently,
 )
 from tests.support.processes import start_anew
+from tests.support.waiting import until
 
 pytestmark = [pytest.mark.long, pytest.mark.sqlite_files("a backup copies its file")]
 
@@ -60,8 +63,8 @@ def test_backup_of_busy_server_has_every_frame_acknowledged_before_it(
         )
         sending.start()
         try:
-            while len(answered) < 10:
-                assert sending.is_alive()
+            until(lambda: len(answered) >= 10 or not sending.is_alive())
+            assert sending.is_alive()
             before = {*answered}
             made = unghost("backup", "kept.tar", "--json")
         finally:
@@ -247,6 +250,19 @@ def test_tar_with_a_sparse_file_is_not_restored(tmp_path, header, name):
         restored(tmp_path / "evil.tar", tmp_path / "again")
 
 
+@pytest.mark.parametrize("size", [4097, 10**6, -512])
+@pytest.mark.parametrize("kind", [tarfile.XHDTYPE, tarfile.GNUTYPE_LONGNAME])
+def test_tar_with_an_overlong_header_is_not_restored(tmp_path, kind, size):
+    # Python's reader needs time by the square of its size: four seconds for 80 KB.
+    header = tarfile.TarInfo("header")
+    header.type, header.size = kind, size
+    content = header.tobuf(tarfile.GNU_FORMAT) + b"9" * 10**5
+    (tmp_path / "evil.tar").write_bytes(content)
+
+    with pytest.raises(CannotMaintain, match=f"at most 4096 bytes, found {size}"):
+        restored(tmp_path / "evil.tar", tmp_path / "again")
+
+
 @pytest.mark.parametrize("target", TARGETS)
 def test_backup_with_an_overlong_label_is_not_restored(tmp_path, target):
     folder, kept = tmp_path / "folder", tmp_path / target
@@ -261,6 +277,67 @@ def test_backup_with_an_overlong_label_is_not_restored(tmp_path, target):
 
     with pytest.raises(CannotMaintain, match=r"its backup\.json is longer than"):
         restored(kept, tmp_path / "again")
+
+
+def label_again(kept):
+    """Give a backup the label of its changed database."""
+    label = json.loads((kept / "backup.json").read_text())
+    label["database_sha256"] = digest_of(kept / "unghost.db")
+    (kept / "backup.json").write_text(json.dumps(label))
+
+
+@pytest.mark.parametrize("name", ["again", "audit_log_no_update"])
+def test_backup_whose_database_has_a_foreign_trigger_is_not_restored(
+    filled, tmp_path, name
+):
+    kept = backed_up(filled, tmp_path / "kept")
+    with closing(sqlite3.connect(kept / "unghost.db")) as database:
+        database.execute("DROP TRIGGER audit_log_no_update")
+        # A token of the backup's author would be valid for ever.
+        database.execute(
+            f"CREATE TRIGGER {name} AFTER UPDATE ON tokens BEGIN "
+            "UPDATE tokens SET revoked_at = NULL; END"
+        )
+        database.commit()
+    label_again(kept)
+
+    with pytest.raises(CannotMaintain, match=f"the trigger '{name}' is not Unghost's"):
+        restored(kept, tmp_path / "again")
+
+
+COMPUTED = (
+    "CREATE VIEW frame_files AS WITH RECURSIVE n(i) AS "
+    "(SELECT 1 UNION ALL SELECT i + 1 FROM n WHERE i < 999) "
+    "SELECT printf('%064d', i) AS sha256 FROM n"
+)
+LARGE = (
+    "CREATE TABLE frame_files(x, sha256 AS (hex(zeroblob(5000)) || x)); "
+    "INSERT INTO frame_files(x) VALUES (1), (2), (3)"
+)
+
+
+@pytest.mark.parametrize(
+    ("table", "words"),
+    [
+        (COMPUTED, "frame_files or exports is no table"),
+        (COMPUTED.replace("frame_files", "Frame_Files"), "or exports is no table"),
+        (LARGE, "a file has no SHA-256"),
+    ],
+)
+def test_backup_whose_database_computes_its_files_is_not_restored(
+    filled, tmp_path, table, words
+):
+    kept = backed_up(filled, tmp_path / "kept")
+    with closing(sqlite3.connect(kept / "unghost.db")) as database:
+        database.execute("DROP VIEW readable_decisions")
+        database.execute("DROP TABLE frame_files")
+        database.executescript(table)
+    label_again(kept)
+
+    with pytest.raises(CannotMaintain, match=words) as refused:
+        restored(kept, tmp_path / "again")
+
+    assert len(str(refused.value)) < 300
 
 
 def test_backup_that_is_larger_than_the_free_space_is_not_unpacked(filled, tmp_path):

@@ -37,6 +37,12 @@ def data(tmp_path):
         yield folder
 
 
+def has_reserve(data):
+    """Whether the reserve has its space, which it gets after its name."""
+    path = data / RESERVE
+    return path.exists() and path.stat().st_size > 0
+
+
 @contextmanager
 def full_disk(data, leaving_bytes):
     """Fill the disk until the block ends; `leaving_bytes` stay free."""
@@ -152,7 +158,7 @@ def test_full_disk_still_allows_deletion_and_garbage_collection(data, unghost):
     with served(data, **SETTINGS) as (_, api):
         small = api.dataset()
         api.upload_frame(small, "a")
-        until((data / RESERVE).exists)
+        until(lambda: has_reserve(data))
         with full_disk(data, 0):
             looked = unghost("gc", "--data", data, "--dry-run")
             untouched = (data / RESERVE).exists()
@@ -163,7 +169,7 @@ def test_full_disk_still_allows_deletion_and_garbage_collection(data, unghost):
             collected = unghost("gc", "--data", data, "--grace", "0", "--json")
             left = blobs(data)
         stored = api.post("/datasets", {"name": NAME}).status_code
-        until((data / RESERVE).exists)
+        until(lambda: has_reserve(data))
 
     assert (looked.code, untouched) == (0, True), looked.err
     assert (full, gone.status_code, stored) == (503, 204, 201)
@@ -174,7 +180,7 @@ def test_full_disk_still_allows_deletion_and_garbage_collection(data, unghost):
 
 def test_deletion_on_a_full_disk_resumes_when_no_reader_holds_the_log(data):
     with served(data, **SETTINGS) as (server, api):
-        until((data / RESERVE).exists)
+        until(lambda: has_reserve(data))
         with full_disk(data, 0):
             with database_of(data) as reader:
                 reader.execute(text("SELECT 1 FROM datasets"))
@@ -188,7 +194,7 @@ def test_reserve_is_used_only_by_a_deletion_that_needs_space(data):
         name = api.dataset()
         api.upload_frame(name, "a")
         token = api.post("/tokens", {"name": "ada", "role": "viewer"}).json()["id"]
-        until((data / RESERVE).exists)
+        until(lambda: has_reserve(data))
         with full_disk(data, 0):
             absent = [
                 api.delete(path).status_code
@@ -207,7 +213,7 @@ def test_reserve_is_used_only_by_a_deletion_that_needs_space(data):
         with full_disk(data, 0):
             deleted = api.delete(f"/datasets/{name}/frames/a").status_code
             kept.append((data / RESERVE).exists())
-        until((data / RESERVE).exists)
+        until(lambda: has_reserve(data))
 
     assert absent[:4] == [404, 404, 400, 404]
     assert (revoked, deleted, kept) == (204, 204, [True, True, False])

@@ -124,15 +124,3 @@ def test_server_does_not_start_when_the_database_is_missing(filled, tmp_path):
     assert "restore a backup" in said.splitlines()[-1]
     assert not (filled / "unghost.db").exists()
     assert len(blobs(filled)) == 4
-
-
-@pytest.mark.sqlite_files("its file is damaged, missing or on a small disk")
-@pytest.mark.parametrize("content", [b"no database at all " * 300, b"SQLite format 3"])
-def test_server_does_not_start_with_an_invalid_database_file(tmp_path, content):
-    (tmp_path / "data").mkdir()
-    (tmp_path / "data" / "unghost.db").write_bytes(content)
-
-    said = log_of_failed_start(tmp_path / "data", tmp_path)
-
-    assert "`unghost doctor` says more" in said.splitlines()[-1]
-    assert doctor_findings(tmp_path / "data").keys() >= {"database"}

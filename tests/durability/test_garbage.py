@@ -21,6 +21,7 @@ from tests.support.archives import frame, lines_of, tar_archive
 from tests.support.data_folders import blobs, doctor_findings, served, silently
 from tests.support.databases import empty_postgres, settings_of
 from tests.support.services import ServiceDataset, running_services
+from tests.support.waiting import until
 
 pytestmark = pytest.mark.long
 
@@ -188,9 +189,12 @@ def delete_and_upload_again(api, dataset, number):
 
 def sent_until_stored(send):
     """Repeat a request while it is answered with 503; then it must be 201."""
-    while (status := send()) == 503:
-        pass
-    assert status == 201
+
+    def answered():
+        status = send()
+        return status if status != 503 else None
+
+    assert until(answered) == 201
 
 
 def batch(api, dataset):

@@ -18,6 +18,7 @@ import pytest
 from app.runs.queries import FLIP
 from tests.support.api import Api
 from tests.support.databases import CHOSEN, rows_of
+from tests.support.run_results import wait_for_run_end
 from tests.support.servers import running_server
 from tests.support.slow_datasets import OTHER_PIXELS, create_slow_dataset
 
@@ -70,7 +71,7 @@ def test_run_of_a_killed_server_is_finished_once_by_the_next(folder):
     for _ in range(ROUNDS):
         run_id, before = killed(folder, dataset, next(wanted), dice)
         with served(folder) as (_, api):
-            run = wait_for_run(api, run_id)
+            run = wait_for_run_end(api, run_id)
             shown = api.boxes(dataset, limit=1000)
         assert (run["state"], run["done"]) == ("done", FRAMES), run
         check_no_rows_are_lost_or_duplicated(folder, run, before)
@@ -91,15 +92,6 @@ def killed(folder, dataset, config, dice):
         server.process.kill()
         server.process.wait()
     return answer.json()["id"], measured(folder)
-
-
-def wait_for_run(api, run_id):
-    for _ in range(2000):
-        run = api.json(f"/runs/{run_id}")
-        if run["state"] not in ("queued", "running"):
-            return run
-        time.sleep(0.02)
-    raise AssertionError(run)
 
 
 def check_no_rows_are_lost_or_duplicated(folder, run, before):

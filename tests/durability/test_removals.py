@@ -1,25 +1,31 @@
-"""A deleted dataset cannot be read any more; its rows are deleted in portions.
+"""A deleted dataset cannot be read any more; its rows are deleted in parts.
 
 That continues after a kill.
 """
 
 from __future__ import annotations
 
-import os
 import signal
+import threading
+from contextlib import suppress
 from typing import NamedTuple
 
+import httpx
 import pytest
 
-from app.maintenance.removals import BOXES_AT_A_TIME
+from tests.support.api import Api
+from tests.support.crash_points import Point, crashing_servers
 from tests.support.data_folders import count, served
 from tests.support.databases import problems_of
 from tests.support.large_datasets import DatasetSpec, make_dataset
+from tests.support.live import live
 from tests.support.services import running_services
-from tests.support.waiting import until
+from tests.support.waiting import PATIENCE_S, until
 
 FRAMES, BOXES_PER_FRAME = 800, 50
 BOXES = FRAMES * BOXES_PER_FRAME
+PORTIONS = 1000
+"""More than a removal has."""
 NAME = "large"
 TABLES = (
     *("frames", "boxes", "decisions", "evidence", "reviews", "claims", "problems"),
@@ -56,13 +62,33 @@ class Ids(NamedTuple):
 
 @pytest.fixture
 def data(tmp_path):
-    """A data folder, not served yet; its dataset is removed in several portions."""
+    """A data folder, not served yet; its dataset is removed in several parts."""
     folder = tmp_path / "data"
     with running_services(folder) as services:
         make_dataset(
             services.context, DatasetSpec(NAME, FRAMES, BOXES_PER_FRAME), lambda _: None
         )
     return folder
+
+
+@pytest.fixture
+def held(data, monkeypatch):
+    """A client of the data's service, and the permits to remove a portion each."""
+    permits = threading.Semaphore(0)
+    with live(data) as service, service.admin() as http:
+        database = service.app.state.services.database
+        write = database.write
+
+        def write_if_permitted(**how):
+            if threading.current_thread().name == "removals":
+                permits.acquire(timeout=PATIENCE_S)
+            return write(**how)
+
+        monkeypatch.setattr(database, "write", write_if_permitted)
+        try:
+            yield Api(http), permits
+        finally:
+            permits.release(PORTIONS)
 
 
 def add_one_row_of_each_kind(api):
@@ -82,21 +108,23 @@ def add_one_row_of_each_kind(api):
     return Ids(newest["id"], box, run["id"], export["id"], batch["id"], config)
 
 
-def test_deleted_dataset_returns_404_before_its_rows_are_removed(data):
-    with served(data) as (_, api):
-        ids = add_one_row_of_each_kind(api)
+def test_deleted_dataset_returns_404_before_its_rows_are_removed(data, held):
+    api, permits = held
+    ids = add_one_row_of_each_kind(api)
+    stored = count(data)
 
-        api.remove(NAME)
-        found = {path: api.get(path).status_code for path in ids.paths()}
-        answer = api.review(ids.box, "reject", 1).status_code
-        undone = api.post(f"/review-batches/{ids.batch}/undo").status_code
-        again = api.post("/datasets", {"name": NAME}).status_code
-        metrics = api.http.get("/metrics").text
-        left = count(data)
+    api.remove(NAME)
+    found = {path: api.get(path).status_code for path in ids.paths()}
+    answer = api.review(ids.box, "reject", 1).status_code
+    undone = api.post(f"/review-batches/{ids.batch}/undo").status_code
+    again = api.post("/datasets", {"name": NAME}).status_code
+    metrics = api.http.get("/metrics").text
+    left = count(data)
+    permits.release(PORTIONS)
 
-        until(lambda: count(data) == 0)
-        assert api.json(f"/datasets/{NAME}")["counts"]["frames"] == 0
-    assert left > 0
+    until(lambda: count(data) == 0)
+    assert api.json(f"/datasets/{NAME}")["counts"]["frames"] == 0
+    assert left == stored
     assert found == dict.fromkeys(ids.paths(), 404)
     assert (answer, undone, again) == (404, 404, 201)
     assert "unghost_datasets 1.0\n" in metrics
@@ -104,13 +132,17 @@ def test_deleted_dataset_returns_404_before_its_rows_are_removed(data):
 
 
 def test_removal_interrupted_by_a_kill_is_finished_by_the_next_server(data):
-    with served(data) as (server, api):
-        add_one_row_of_each_kind(api)
-        stored = count(data)
-        api.remove(NAME)
-        until(lambda: count(data) <= stored - BOXES_AT_A_TIME)
-        os.kill(server.process.pid, signal.SIGKILL)
-        server.process.wait()
+    with crashing_servers(data) as servers:
+        # The first commit is that of the request.
+        url, token = servers.server(Point("commit", after=True, turn=5))
+        api = Api.at(url, {"Authorization": f"Bearer {token}"})
+        with api.http:
+            add_one_row_of_each_kind(api)
+            stored = count(data)
+            servers.arm()
+            with suppress(httpx.TransportError):
+                api.remove(NAME)
+            assert servers.wait_for_exit(ask=False) == -signal.SIGKILL
     between = count(data)
 
     with served(data) as (_, api):
@@ -127,17 +159,21 @@ def test_removal_interrupted_by_a_kill_is_finished_by_the_next_server(data):
     assert problems_of(data) == []
 
 
-def test_reviews_are_stored_between_two_portions_of_a_removal(data):
-    with served(data) as (_, api):
-        add_one_row_of_each_kind(api)
-        beside = api.dataset()
-        api.upload_frame(beside, "a")
-        box, *others = api.boxes(beside)
+def test_reviews_are_stored_between_two_portions_of_a_removal(data, held):
+    api, permits = held
+    add_one_row_of_each_kind(api)
+    beside = api.dataset()
+    api.upload_frame(beside, "a")
+    box, *others = api.boxes(beside)
+    stored = count(data)
 
-        api.remove(NAME)
-        answers = [api.review(box["box_id"], "keep", seen) for seen in range(3)]
-        left = count(data)
+    api.remove(NAME)
+    permits.release()
+    until(lambda: count(data) < stored)
+    answers = [api.review(box["box_id"], "keep", seen) for seen in range(3)]
+    left = count(data)
+    permits.release(PORTIONS)
 
-        until(lambda: count(data) == 1 + len(others))
+    until(lambda: count(data) == 1 + len(others))
     assert [answer.status_code for answer in answers] == [201] * 3
     assert left > 1 + len(others)

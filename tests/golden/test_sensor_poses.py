@@ -35,9 +35,9 @@ def test_points_inside_a_box_are_counted_for_any_sensor_pose(cases):
         vertices = np.array(case["truth"]["world_vertices_f64"])
         if min(case["bounding_box"]["extent"]) < SOLID_M:
             continue
-        center = vertices.mean(axis=0)
-        inside = center + (vertices - center) * dice.uniform(0, 0.95, (8, 1))
-        beside = center + (vertices - center) * dice.uniform(1.05, 2, (8, 1))
+        centre = vertices.mean(axis=0)
+        inside = centre + (vertices - centre) * dice.uniform(0, 0.95, (8, 1))
+        beside = centre + (vertices - centre) * dice.uniform(1.05, 2, (8, 1))
         points = LidarPoints(
             to_sensor_axes(case, np.concatenate([inside, beside])),
             np.full(16, CAR),

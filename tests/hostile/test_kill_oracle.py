@@ -21,6 +21,7 @@ from tests.support import databases
 from tests.support.api import Api
 from tests.support.hostile.write_record import Writer, WriteRecord, digest, files
 from tests.support.servers import running_server
+from tests.support.waiting import until
 
 pytestmark = pytest.mark.long
 
@@ -103,8 +104,7 @@ def write_until_killed(server, write_record, dice):
             thread.start()
         # Count acknowledged writes, not seconds: a busy machine acknowledges slowly.
         wanted = dice.randrange(20, 100)
-        while write_record.count_confirmed() < wanted and not faults:
-            time.sleep(0.001)
+        until(lambda: write_record.count_confirmed() >= wanted or faults, every_s=0.001)
         time.sleep(dice.uniform(0, 0.03))
         server.process.kill()
         server.process.wait()

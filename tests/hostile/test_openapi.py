@@ -31,7 +31,7 @@ def test_every_response_to_an_admin_matches_the_openapi_document(case, api):
 
 
 @SCHEMA.parametrize()
-def test_requests_without_a_token_are_unauthorized_and_documented(case, api):
+def test_requests_without_a_token_are_unauthorised_and_documented(case, api):
     answer = without_own_tokens(case).call(str(api.http.base_url))
 
     case.validate_response(answer, additional_checks=[check_is_not_malformed])

@@ -38,19 +38,19 @@ class Thing:
     id: str
     kind: str
     instance: int
-    center: tuple[float, float, float]
+    centre: tuple[float, float, float]
     half: tuple[float, float, float]
     is_drawn: bool = True
 
     @property
     def near(self) -> float:
         """The distance in metres of the side that faces the camera."""
-        return self.center[0] - self.half[0]
+        return self.centre[0] - self.half[0]
 
     @property
     def front(self) -> tuple[int, int, int, int]:
         """The rectangle of the same side in the image, in pixels."""
-        (_, y, z), (_, half_y, half_z) = self.center, self.half
+        (_, y, z), (_, half_y, half_z) = self.centre, self.half
         across = [
             WIDTH / 2 + FOCAL * side / self.near for side in (y - half_y, y + half_y)
         ]
@@ -65,8 +65,8 @@ class Thing:
     def as_box(self) -> dict[str, Any]:
         """The box of an annotation for this cuboid."""
         still = {"pitch": 0.0, "yaw": 0.0, "roll": 0.0}
-        x, y, _ = self.center
-        height = {"x": 0.0, "y": 0.0, "z": self.center[2]}
+        x, y, _ = self.centre
+        height = {"x": 0.0, "y": 0.0, "z": self.centre[2]}
         extent = dict(zip("xyz", self.half, strict=True))
         transform = {"x": x, "y": y, "z": 0.0, **still}
         box3d = {"transform": transform, "location": height, "extent": extent}
@@ -168,7 +168,7 @@ def _points(things: list[Thing]) -> bytes:
         (thing.near + 0.125, y + side / 2, z - EYE + top / 2, 1, thing.instance, tag)
         for thing in things
         if thing.is_drawn
-        for (_, y, z), tag in [(thing.center, TAGS[thing.kind])]
+        for (_, y, z), tag in [(thing.centre, TAGS[thing.kind])]
         for side in np.array([-1, 0, 1]) * thing.half[1]
         for top in np.array([-1, 0, 1]) * thing.half[2]
     ]

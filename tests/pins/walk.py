@@ -6,7 +6,6 @@ import hashlib
 import io
 import json
 import re
-import time
 import zipfile
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -20,6 +19,7 @@ from app.package import VERSION
 from tests.pins import street
 from tests.pins.street import Frame
 from tests.support.archives import tar_archive
+from tests.support.waiting import until
 
 BASE: Final = "/api/v1"
 DATASET: Final = "street"
@@ -51,7 +51,6 @@ _COUNTED_LATER: Final = ("unghost_blobs gauge", "unghost_blob_bytes gauge")
 """Metrics that are there only after files have been counted, in the background."""
 _OF_SQLITE: Final = "unghost_wal_bytes gauge"
 _PARTIAL: Final = 206
-_WAIT_S: Final = 60
 
 
 @dataclass
@@ -95,10 +94,7 @@ class Walk:
 
     def wait(self, step: str, path: str) -> Any:
         """Ask until a job is over, and record only the last response."""
-        until = time.monotonic() + _WAIT_S
-        while self.http.get(BASE + path).json()["state"] not in FINISHED:
-            assert time.monotonic() < until, path
-            time.sleep(0.01)
+        until(lambda: self.http.get(BASE + path).json()["state"] in FINISHED, path)
         return self.get(step, path)
 
 

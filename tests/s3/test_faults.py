@@ -9,6 +9,7 @@ import hashlib
 import random
 import threading
 import time
+from functools import partial
 
 import pytest
 
@@ -17,9 +18,11 @@ from tests.support import plain_http
 from tests.support.api import BASE, Api
 from tests.support.archives import frame, lines_of, tar_archive
 from tests.support.s3_service import served_on_s3
+from tests.support.servers import wait_until_ready
 from tests.support.slow_datasets import FROM_PIXELS
+from tests.support.waiting import until
 
-MOST_TRIES = 200
+IDLE = "\nunghost_workers_busy 0.0\n"
 
 
 def files(number):
@@ -28,15 +31,6 @@ def files(number):
 
 def problem(answer):
     return answer.status_code, answer.json()["code"]
-
-
-def wait_until_ready(server):
-    for _ in range(MOST_TRIES):
-        answer = plain_http.get(f"{server.url}/readyz", timeout=60)
-        if answer.status_code == 200:
-            return
-        time.sleep(0.1)  # the service checks the store once a second
-    raise AssertionError(answer.text)
 
 
 @pytest.fixture(params=["shut", pytest.param("hold", marks=pytest.mark.long)])
@@ -67,12 +61,13 @@ def test_unreachable_store_returns_503_and_stored_files_are_read_later(
     on_s3.gate.flow()
     on_s3.gate.shut()
     on_s3.gate.open()
-    wait_until_ready(on_s3.server)
+    wait_until_ready(on_s3.server.url)
 
     assert problem(refused) == problem(picture) == (503, "storage_away")
     assert int(refused.headers["retry-after"]) > 0
     faults = {fault["code"] for fault in ready.json()["errors"]}
-    assert (ready.status_code, faults) == (503, {"blobs"})
+    # On a busy machine the event loop may have been late, too.
+    assert (ready.status_code, faults - {"event_loop"}) == (503, {"blobs"})
     assert [each["key"] for each in listed] == ["before"]
     assert on_s3.api.get(f"/frames/{frame_id}/image").content == scene.image(1)
     assert on_s3.api.put(dataset, "after", **files(2)).status_code == 201
@@ -108,11 +103,7 @@ def count_log_warnings(server):
 
 def wait_for_log_warning(server, before):
     """Wait until a job has asked the store in vain, as its log says."""
-    for _ in range(MOST_TRIES):
-        if count_log_warnings(server) > before:
-            return
-        time.sleep(0.1)  # nothing but the log shows that a job waits
-    raise AssertionError("nobody has asked the store")
+    until(lambda: count_log_warnings(server) > before, "nobody has asked the store")
 
 
 @pytest.fixture
@@ -151,45 +142,36 @@ def test_run_can_be_cancelled_while_the_store_is_unreachable(on_s3, run_without_
     on_s3.api.http.post(f"{run.headers['location']}/cancel")
 
     assert on_s3.api.wait_for_job(run)["state"] == "cancelled"
-    assert time.monotonic() - begun < 10
-    assert workers_become_idle(on_s3)
-
-
-def workers_become_idle(on_s3):
-    """Whether all measuring threads become idle within five seconds."""
-    until = time.monotonic() + 5
-    while time.monotonic() < until:
-        metrics = on_s3.api.http.get("/metrics").text
-        if "\nunghost_workers_busy 0.0\n" in metrics:
-            return True
-    return False
+    assert time.monotonic() - begun < 20
+    until(lambda: IDLE in on_s3.api.http.get("/metrics").text, "they still measure")
 
 
 def send_one_by_one(api, dataset, count):
     """Upload frames one after another, each again after 503 until it is stored."""
+
+    def is_stored(number):
+        status = api.put(dataset, f"one/{number}", **files(number)).status_code
+        assert status in (200, 201, 503)
+        return status != 503
+
     for number in range(count):
-        for _ in range(MOST_TRIES):
-            status = api.put(dataset, f"one/{number}", **files(number)).status_code
-            if status in (200, 201):
-                break
-            assert status == 503
-        else:
-            raise AssertionError(f"frame {number} was never stored")
+        until(partial(is_stored, number), f"frame {number} was never stored")
 
 
 def send_in_batches(api, dataset, count):
     """Upload frames as a batch; again those that no line of the answer says stored."""
     left = set(range(count))
-    for _ in range(MOST_TRIES):
+
+    def all_are_stored():
         members = [
             one for number in sorted(left) for one in frame(f"{number}", number=number)
         ]
         for line in lines_of(send_batch(api, dataset, members).text):
             if line.get("status") in (200, 201):
                 left.discard(int(line["key"].removeprefix("run/")))
-        if not left:
-            return
-    raise AssertionError(f"never stored: {left}")
+        return not left
+
+    until(all_are_stored, lambda: f"never stored: {left}")
 
 
 def interrupt_store_at_random(way, over, seed):
@@ -223,7 +205,7 @@ def check_uploads_survive_interruptions(running, count):
         finally:
             over.set()
             troubles.join()
-    wait_until_ready(running.server)
+    wait_until_ready(running.server.url)
     check_every_frame(running, dataset, count)
 
 

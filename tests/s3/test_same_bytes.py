@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import time
-
 from app.db.tables import Export
 from app.exports.service import ExportRequest, request_export
 from app.jobs.queries import job_with_id
 from tests.support import frames as scene
 from tests.support.services import ServiceDataset, running_services
+from tests.support.waiting import until
 
 FORMATS = {
     "yolo": {"images": "copy"},
@@ -16,7 +15,6 @@ FORMATS = {
     "manifest": {},
     "decisions-jsonl": {},
 }
-PATIENCE_S = 60
 
 
 def exports(folder, name, **chosen):
@@ -41,14 +39,14 @@ def export_state_and_digest(street, form):
     wanted = ExportRequest(form, FORMATS[form], "ada")
     with street.context.database.write() as session:
         made = request_export(street.context, session, street.row(session), wanted)
-    until = time.monotonic() + PATIENCE_S
-    while time.monotonic() < until:
+
+    def ended():
         with street.context.database.read() as session:
             export = job_with_id(session, Export, made.id)
-        if export.state not in ("queued", "running"):
-            return export.state, export.sha256
-        time.sleep(0.01)
-    raise AssertionError(export.state)
+        is_over = export.state not in ("queued", "running")
+        return (export.state, export.sha256) if is_over else None
+
+    return until(ended, "the export does not end")
 
 
 def test_exports_have_the_same_bytes_from_a_bucket_and_a_folder(tmp_path, s3):

@@ -7,10 +7,11 @@ import hashlib
 import pytest
 
 from tests.support import frames as scene
-from tests.support import plain_http
 from tests.support.api import BASE
 from tests.support.archives import frame, lines_of, tar_archive
+from tests.support.servers import wait_until_ready
 from tests.support.slow_datasets import FROM_PIXELS
+from tests.support.waiting import until
 
 FRAMES = 3
 HOUR_S = 3600
@@ -156,11 +157,9 @@ def test_export_in_the_bucket_supports_range_and_if_range(on_s3, dataset):
 
 
 def test_readyz_and_metrics_report_the_files_of_the_bucket(on_s3, dataset):
-    ready = plain_http.get(f"{on_s3.server.url}/readyz").json()
-    for _ in range(1000):
-        text = on_s3.api.http.get("/metrics").text
-        if "\nunghost_blob_bytes " in text:
-            break
+    ready = wait_until_ready(on_s3.server.url).json()
+    until(lambda: "\nunghost_blob_bytes " in on_s3.api.http.get("/metrics").text)
+    text = on_s3.api.http.get("/metrics").text
 
     assert ready["checks"]["blobs"] == "writable"
     counted = text.partition("\nunghost_blobs ")[2].split()[0]

@@ -20,7 +20,7 @@ SECRET, TOKEN = "never-to-be-seen", "a-session-that-nobody-sees"
 
 
 def refusal(folder, bucket, **chosen):
-    settings = {**bucket.settings, "storage_timeout_s": 1, **chosen}
+    settings = {**bucket.settings, "storage_timeout_s": 10, **chosen}
     with pytest.raises(CannotMaintain) as refused, running_services(folder, **settings):
         pass
     return str(refused.value)

@@ -49,7 +49,7 @@ def test_lookup_of_existing_blobs_does_not_block_other_writers(street_and_gate):
         finally:
             turns.give_back()
         try:
-            turns.take(person=True, wait_s=2)
+            turns.take(person=True, wait_s=PATIENCE_S / 2)
             turns.give_back()
             assert not frame.done()
         finally:

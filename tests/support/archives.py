@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import json
-import socket
 import tarfile
 from collections.abc import Iterable, Mapping
 from typing import Any
@@ -12,6 +11,7 @@ from urllib.parse import urlsplit
 
 from tests.support import frames as scene
 from tests.support.api import BASE
+from tests.support.connections import open_connection, request_head
 from tests.support.servers import RunningServer
 
 Members = list[tuple[str, bytes]]
@@ -63,7 +63,7 @@ def lines_of(text: str) -> list[dict[str, Any]]:
 class Connection:
     """One batch request over a socket, sent and read piece by piece."""
 
-    def __init__(self, server: RunningServer, dataset: str, **options: Any) -> None:
+    def __init__(self, server: RunningServer, dataset: str) -> None:
         place = urlsplit(server.url)
         headers: Mapping[str, str] = {
             "Host": place.netloc,
@@ -72,12 +72,9 @@ class Connection:
             "Connection": "close",
             **server.headers,
         }
-        self.socket = socket.create_connection(
-            (place.hostname, place.port or 80), **options
-        )
+        self.socket = open_connection(server.url)
         path = f"/api/v1/datasets/{dataset}/batches"
-        head = [f"POST {path} HTTP/1.1", *(f"{k}: {v}" for k, v in headers.items())]
-        self.socket.sendall("\r\n".join((*head, "", "")).encode())
+        self.socket.sendall(request_head("POST", path, headers))
         self._answer = self.socket.makefile("rb")
 
     def send(self, data: bytes) -> None:

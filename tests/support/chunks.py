@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import threading
 from collections import Counter
+from collections.abc import Callable
 from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import replace
+from typing import Any, TypeVar
 
 from sqlalchemy import select
 
@@ -15,6 +17,8 @@ from app.engine.chunk import EngineAway, WorkerDied
 from app.engine.local import LocalEngine
 from app.jobs.queries import job_with_id
 from tests.support import frames as scene
+
+T = TypeVar("T")
 
 FRAMES = 12
 FROM_PIXELS = {"profile": "carlasimu"}
@@ -41,7 +45,11 @@ class SmallChunks(LocalEngine):
         with self._changing:
             self._running.add(number)
             self.begun.append((number, frozenset(self._running)))
-        return self._threads.submit(self._work, here, job, number)
+        return self.run_later(self._work, here, job, number)
+
+    def run_later(self, call: Callable[..., T], *given: Any) -> Future[T]:
+        """Call it in one of the threads that work on chunks."""
+        return self._threads.submit(call, *given)
 
     def _work(self, here, job, number):
         try:

@@ -39,7 +39,7 @@ class Node:
 
     def wait_for_log(self, words: str) -> None:
         with suppress(AssertionError):
-            until(lambda: words in self.log_text, words)
+            until(lambda: words in self.log_text or self.process.poll() is not None)
         assert words in self.log_text
 
     def kill(self) -> None:
@@ -143,10 +143,12 @@ def working_process(worker: Node) -> int:
 
     The worker's own process only supervises it, and starts another one when it died.
     """
-    parent = worker.process.pid
-    until(lambda: len(children(parent)) == 1, "no process works")
-    (child,) = children(parent)
-    return child
+
+    def only_child() -> int | None:
+        found = children(worker.process.pid)
+        return found[0] if len(found) == 1 else None
+
+    return until(only_child, "no process works") or 0
 
 
 def kill_working_process(worker: Node) -> int:

@@ -1,8 +1,44 @@
-"""Reads what a server sends on a connection of a test's own."""
+"""Connections of a test's own, for requests that no HTTP client would send."""
 
 from __future__ import annotations
 
 import socket
+from collections.abc import Mapping
+from urllib.parse import urlsplit
+
+from tests.support.waiting import PATIENCE_S
+
+
+def open_connection(
+    url: str, source: str = "", *, receive_buffer: int | None = None
+) -> socket.socket:
+    """A connection to the server at `url`, on which nothing was sent.
+
+    It comes from the address `source`, if that is given. With a small `receive_buffer`
+    it buffers very little of what the test does not read.
+    """
+    place = urlsplit(url)
+    connection = socket.socket()
+    try:
+        if receive_buffer is not None:
+            connection.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, receive_buffer)
+        connection.settimeout(PATIENCE_S)
+        if source:
+            connection.bind((source, 0))
+        connection.connect((place.hostname, place.port or 80))
+    except BaseException:
+        connection.close()
+        raise
+    return connection
+
+
+def request_head(
+    method: str, path: str, headers: Mapping[str, object] | None = None
+) -> bytes:
+    """The head of a request, with a Host unless `headers` have one."""
+    lines = {"Host": "localhost", **(headers or {})}.items()
+    head = (f"{method} {path} HTTP/1.1", *(f"{name}: {value}" for name, value in lines))
+    return "\r\n".join((*head, "", "")).encode()
 
 
 def read_until_closed(connection: socket.socket) -> bytes:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -19,7 +18,6 @@ class Event:
     name: str
     id: str
     data: Any
-    at: float
 
 
 @contextmanager
@@ -59,5 +57,5 @@ def parsed(lines: Iterator[str]) -> Iterator[Event]:
         if "retry" not in fields:
             data = json.loads(fields["data"]) if "data" in fields else None
             name, number = fields.get("event", ""), fields.get("id", "")
-            yield Event(name, number, data, time.monotonic())
+            yield Event(name, number, data)
         fields = {}

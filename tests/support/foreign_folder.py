@@ -35,13 +35,13 @@ class ForeignFolder:
     """Where the files note that they were run."""
 
     @classmethod
-    def below(cls, parent: Path) -> ForeignFolder:
-        """Make one in this folder."""
-        made = cls(parent / "foreign", parent / "bin" / "unghost", parent / "note")
+    def below(cls, parent: Path, name: str = "foreign") -> ForeignFolder:
+        """Make one of this name in a folder."""
+        made = cls(parent / name, parent / "bin" / "unghost", parent / "note")
         made.path.mkdir()
-        for name in (*sys.stdlib_module_names, *_OTHERS):
-            content = _FILE.format(note=str(made.note), name=name)
-            (made.path / f"{name}.py").write_text(content, "utf-8")
+        for module in (*sys.stdlib_module_names, *_OTHERS):
+            content = _FILE.format(note=str(made.note), name=module)
+            (made.path / f"{module}.py").write_text(content, "utf-8")
         made.script.parent.mkdir()
         made.script.write_text(_SCRIPT, "utf-8")
         return made

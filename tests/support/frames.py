@@ -69,6 +69,11 @@ def annotation() -> dict[str, object]:
     }
 
 
+def annotation_of(*boxes: object, **more: object) -> dict[str, object]:
+    """The annotation with these boxes instead of its own, and with these keys."""
+    return {**annotation(), "boxes": list(boxes), **more}
+
+
 def write_manifest(
     folder: Path, count: int, *, bad: frozenset[int] = frozenset()
 ) -> Path:

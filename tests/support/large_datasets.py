@@ -86,7 +86,7 @@ def make_dataset(
         dataset_id = create_dataset(session, new).id
     rng = np.random.default_rng(spec.seed)
     done = 0
-    for frames in _portions(spec.frames):
+    for frames in _frames_per_transaction(spec.frames):
         with context.database.write() as session:
             _store(session, dataset_id, replace(spec, frames=frames), rng)
         done += frames * spec.boxes_per_frame
@@ -94,7 +94,7 @@ def make_dataset(
     return dataset_id
 
 
-def _portions(frames: int) -> Iterator[int]:
+def _frames_per_transaction(frames: int) -> Iterator[int]:
     while frames > 0:
         yield min(frames, FRAMES_PER_TRANSACTION)
         frames -= FRAMES_PER_TRANSACTION

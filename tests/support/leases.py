@@ -4,18 +4,21 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from datetime import timedelta
 
 from app.db.base import utc_now
 from app.db.tables import Lease
-from app.jobs.leases import LEASE_LASTS
 
 HOLDER_ELSEWHERE = "another-machine/1/2/3"
 """A holder's name on another machine: from here nobody can tell if it has ended."""
 PRINT_THIS_PROCESS = "from app.jobs.leases import this_process; print(this_process())"
 
 
-def give_lease(session, job, holder, lasts=LEASE_LASTS):
-    """Give `holder` the lease of a job, in place of the present holder."""
+def give_lease(session, job, holder, lasts=timedelta(hours=1)):
+    """Give `holder` the lease of a job, in place of the present holder.
+
+    It lasts longer than any test, unless `lasts` says otherwise.
+    """
     session.merge(
         Lease(kind=job.kind, job_id=job.id, holder=holder, until=utc_now() + lasts)
     )

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import socket
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import httpx
+import pytest
 import uvicorn
 from fastapi import FastAPI
 
@@ -20,6 +23,7 @@ from app.serve import listen, server_config
 from app.settings import Settings
 from tests.support import plain_http, probe_routes
 from tests.support.databases import give_tables, settings_of
+from tests.support.waiting import PATIENCE_S
 
 
 @dataclass(frozen=True)
@@ -60,6 +64,30 @@ def block_jobs(engine: LocalEngine) -> Iterator[None]:
         yield
     finally:
         done.set()
+
+
+@contextmanager
+def hold_frames(engine: LocalEngine) -> Iterator[threading.Semaphore]:
+    """Let runs measure only as many frames as the semaphore permits, until the end.
+
+    Each frame is stored as soon as it is measured.
+    """
+    permits, start = threading.Semaphore(0), engine.start
+
+    def measure(work: Callable[[Any], Any], frame: Any) -> Any:
+        permits.acquire(timeout=PATIENCE_S)
+        return work(frame)
+
+    def start_held(work: Callable[[Any], Any], frame: Any) -> Future[Any]:
+        return start(partial(measure, work), frame)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("app.runs.measure.COMMIT_EVERY_S", 0)
+        patch.setattr(engine, "start", start_held)
+        try:
+            yield permits
+        finally:
+            permits.release(10_000)
 
 
 class _Server(uvicorn.Server):

@@ -8,6 +8,7 @@ from typing import Final
 import httpx
 
 Client: Final = partial(httpx.Client, verify=False, trust_env=False, timeout=60)
+delete: Final = partial(httpx.delete, verify=False, trust_env=False, timeout=60)
 get: Final = partial(httpx.get, verify=False, trust_env=False, timeout=60)
 head: Final = partial(httpx.head, verify=False, trust_env=False, timeout=60)
 post: Final = partial(httpx.post, verify=False, trust_env=False, timeout=60)

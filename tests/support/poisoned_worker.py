@@ -21,4 +21,4 @@ if __name__ == "__main__":
         sys.exit(worker.main())
     settings = Settings()
     configure_logging(settings.log_level, settings.log_format)
-    sys.exit(worker.Supervisor(settings, worker.Place(), MODULE).run())
+    sys.exit(worker.Supervisor(settings, worker.WorkerEndpoint(), MODULE).run())

@@ -20,7 +20,7 @@ from app.http.deps import ADMIN, CurrentPrincipal, ReadSession, RowId
 from app.http.files import file_response
 from app.http.routing import LARGE_BODY, ApiRouter, OpenRouter, body_up_to
 from app.http.transaction import WriteSession
-from app.storage.base import Blob
+from app.storage.base import StoredBlob
 from filter_core.errors import AnnotationError, AnnotationErrors
 
 router = ApiRouter(prefix="/probe")
@@ -161,7 +161,7 @@ def wait_to_write(_session: WriteSession) -> str:
 @router.get("/large-file")
 async def large_file(request: Request) -> Response:
     path = request.app.state.large_file
-    blob = Blob(path.stat().st_size, lambda first, end: b"", path)
+    blob = StoredBlob(path.stat().st_size, lambda first, end: b"", path)
     return file_response(request, blob, "0" * 64, "application/octet-stream")
 
 

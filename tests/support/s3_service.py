@@ -12,7 +12,7 @@ from tests.support.command_line import CommandLine
 from tests.support.s3_server import Gate, S3Server, TestBucket, gate
 from tests.support.servers import RunningServer, running_server
 
-PATIENCE_S = "2"
+PATIENCE_S = "10"
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class S3Service:
 
 @contextmanager
 def served_on_s3(folder: Path, s3: S3Server, **settings: str) -> Iterator[S3Service]:
-    """Start a server with a new bucket; it waits two seconds for the store."""
+    """Start a server with a new bucket; it waits ten seconds for the store."""
     data, bucket = folder / "data", s3.bucket()
     with gate(bucket.url) as way:
         through = bucket.behind(way.url, storage_timeout_s=PATIENCE_S)

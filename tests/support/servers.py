@@ -11,15 +11,33 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import httpx
+
 from tests.support import plain_http, processes
 from tests.support.databases import environment_of, give_tables
 from tests.support.processes import Process
+from tests.support.waiting import until
 
 STOP_WAIT_S = 30
 SERVER = (sys.executable, "-m", "app")
 """The command that starts a server."""
 SESSION_KEY = "unghost.session.v1"
 """The key under which the page stores its session in the browser."""
+
+
+def wait_until_ready(url: str) -> httpx.Response:
+    """Wait until a server is ready, and return its answer.
+
+    On a busy machine it may not be for some seconds, as its event loop was late.
+    """
+
+    def ask() -> httpx.Response | None:
+        answer = plain_http.get(f"{url}/readyz")
+        return answer if answer.is_success else None
+
+    answer = until(ask, lambda: plain_http.get(f"{url}/readyz").text)
+    assert answer is not None
+    return answer
 
 
 @dataclass(frozen=True)

@@ -14,10 +14,18 @@ LOOK_EVERY_S = 0.01
 Found = TypeVar("Found")
 
 
-def until(holds: Callable[[], Found], what: object = "it never holds") -> Found:
-    """Wait until `holds()` is true, and return it; fails with `what` if it never is."""
+def until(
+    holds: Callable[[], Found],
+    what: object = "it never holds",
+    *,
+    every_s: float = LOOK_EVERY_S,
+) -> Found:
+    """Wait until `holds()` is true, and return it; fails with `what` if it never is.
+
+    It is called again after `every_s`: soon where the state may not last.
+    """
     end = time.monotonic() + PATIENCE_S
     while not (found := holds()):
         assert time.monotonic() < end, what() if callable(what) else what
-        time.sleep(LOOK_EVERY_S)
+        time.sleep(every_s)
     return found

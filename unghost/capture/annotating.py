@@ -21,11 +21,11 @@ from unghost.capture.boxes import ActorBoxes, map_boxes, without_duplicates
 from unghost.capture.folder import MANIFEST_KEYS, FrameRecord
 from unghost.capture.objects import SeenObject
 from unghost.capture.rig import RunningSensor, main_camera
-from unghost.capture.session import Session
+from unghost.capture.session import CaptureSession
 from unghost.capture.simulator import (
     Actor,
     Measurement,
-    Snapshot,
+    WorldSnapshot,
     as_image,
     as_transform,
     has_wrong_metadata,
@@ -43,17 +43,17 @@ class Moment:
 
     Attributes
     ----------
-    snapshot : Snapshot
+    snapshot : WorldSnapshot
     measured : mapping
         The measurement of each sensor, by its name.
-    before, after : Snapshot or None
+    before, after : WorldSnapshot or None
         Of the neighbouring ticks, if images of this simulator may show those ticks.
     """
 
-    snapshot: Snapshot
+    snapshot: WorldSnapshot
     measured: Mapping[str, Measurement]
-    before: Snapshot | None = None
-    after: Snapshot | None = None
+    before: WorldSnapshot | None = None
+    after: WorldSnapshot | None = None
 
 
 @dataclass(eq=False)
@@ -62,7 +62,7 @@ class Annotator:
 
     Attributes
     ----------
-    session : Session
+    session : CaptureSession
     ego : Actor
     sensors : sequence of RunningSensor
     left_out : Counter
@@ -71,7 +71,7 @@ class Annotator:
         Frames whose image had another camera pose than the snapshot.
     """
 
-    session: Session
+    session: CaptureSession
     ego: Actor
     sensors: Sequence[RunningSensor]
     left_out: Counter[str] = field(default_factory=Counter)
@@ -138,7 +138,9 @@ class Annotator:
             for one in self.sensors
         }
 
-    def _boxes(self, snapshot: Snapshot, camera: Transform) -> list[dict[str, object]]:
+    def _boxes(
+        self, snapshot: WorldSnapshot, camera: Transform
+    ) -> list[dict[str, object]]:
         rules = self.session.scenario.boxes
         actors = self._actors.seen(snapshot, self.ego.id, self.left_out)
         taken = _centres(actors)
@@ -172,7 +174,7 @@ class Annotator:
                 story[name] = self._neighbour(other)
         return story
 
-    def _neighbour(self, snapshot: Snapshot) -> dict[str, object]:
+    def _neighbour(self, snapshot: WorldSnapshot) -> dict[str, object]:
         """Poses one tick earlier or later, which show a lag of the images."""
         camera = main_camera(self.session.scenario)
         sensor = next(one.actor.id for one in self.sensors if one.name == camera)
@@ -183,7 +185,9 @@ class Annotator:
         }
         return {"camera": self._pose_in(snapshot, sensor), "actors": actors}
 
-    def _pose_in(self, snapshot: Snapshot, actor_id: int) -> dict[str, float] | None:
+    def _pose_in(
+        self, snapshot: WorldSnapshot, actor_id: int
+    ) -> dict[str, float] | None:
         found = snapshot.find(actor_id)
         return None if found is None else as_transform(found.get_transform()).as_dict()
 
@@ -225,7 +229,7 @@ class SensorPose:
 
 
 def sensor_pose(
-    measurement: Measurement, sensor: Actor, snapshot: Snapshot, version: str
+    measurement: Measurement, sensor: Actor, snapshot: WorldSnapshot, version: str
 ) -> SensorPose:
     """The poses of a sensor at one tick; which one is used depends on the version."""
     measured = as_transform(measurement.transform)

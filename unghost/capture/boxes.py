@@ -18,7 +18,7 @@ from filter_core.classes import class_of
 from filter_core.geometry.pose import Triple
 from unghost.capture.objects import (
     LocalBox,
-    Named,
+    ObjectIdentity,
     SeenObject,
     checked_light,
     checked_parked,
@@ -33,9 +33,9 @@ from unghost.capture.simulator import (
     Box,
     CaptureError,
     Carla,
-    Snapshot,
     TrafficLight,
     World,
+    WorldSnapshot,
     as_transform,
     is_dormant,
     version_numbers,
@@ -71,7 +71,7 @@ class ActorBoxes:
         return frozenset(self._known)
 
     def seen(
-        self, snapshot: Snapshot, ego_id: int, left_out: Counter[str]
+        self, snapshot: WorldSnapshot, ego_id: int, left_out: Counter[str]
     ) -> list[SeenObject]:
         """The actors of a tick that have a box; the others are counted by reason."""
         found = []
@@ -95,7 +95,7 @@ class ActorBoxes:
                     yield prop
 
     def _seen(
-        self, actor: Actor, snapshot: Snapshot, left_out: Counter[str]
+        self, actor: Actor, snapshot: WorldSnapshot, left_out: Counter[str]
     ) -> SeenObject | None:
         moment = snapshot.find(actor.id)
         if moment is None:
@@ -128,7 +128,7 @@ class ActorBoxes:
         base_type = attributes.get("base_type") or None
         is_prop = type_id.startswith("static.")
         class_name = "car" if is_prop else self._class(type_id, base_type)
-        named = Named(
+        named = ObjectIdentity(
             id=str(number),
             source="actor",
             class_name=class_name,
@@ -143,7 +143,7 @@ class ActorBoxes:
     def _class(self, type_id: str, base_type: str | None) -> str | None:
         return self._scenario.classes.get(type_id) or class_of(type_id, base_type)
 
-    def _checked(self, box: LocalBox, named: Named) -> LocalBox | None:
+    def _checked(self, box: LocalBox, named: ObjectIdentity) -> LocalBox | None:
         rules, type_id = self._scenario.boxes, named.type_id or ""
         if type_id.startswith("static."):
             return checked_prop(box)
@@ -157,7 +157,7 @@ class ActorBoxes:
 class _Known:
     """The constant data of an actor; None for its box if that is meaningless."""
 
-    named: Named
+    named: ObjectIdentity
     box: LocalBox | None
 
 
@@ -212,7 +212,7 @@ def _parked(carla: Carla, world: World, left_out: Counter[str]) -> Iterator[Seen
             if box is None:
                 left_out["impossible_box"] += 1
                 continue
-            named = Named(
+            named = ObjectIdentity(
                 id=f"env-{thing.id}",
                 source="environment",
                 class_name=class_name,
@@ -240,7 +240,7 @@ def _lights(carla: Carla, world: World, left_out: Counter[str]) -> Iterator[Seen
             left_out["impossible_box"] += 1
             continue
         # The simulator's tags of lights are stale in 0.9.16, so none are stored.
-        yield SeenObject(Named(name, source, "traffic_light"), box)
+        yield SeenObject(ObjectIdentity(name, source, "traffic_light"), box)
 
 
 def _heads(light: Actor) -> list[tuple[str, str, Box]]:

@@ -15,6 +15,7 @@ import yaml
 from pydantic import TypeAdapter, ValidationError
 
 from filter_core.classes import class_of
+from filter_core.config.file import CARLASIMU_ROOT
 from filter_core.values import nearest
 from unghost.capture.scenario import parse_scenario, read_yaml
 from unghost.capture.simulator import (
@@ -24,8 +25,6 @@ from unghost.capture.simulator import (
     ScenarioError,
 )
 
-_TOP: Final = "sitting"
-"""carlasimu's spelling of the one key at the top of each file."""
 _LAYERS: Final = {"building": "Buildings"}
 """Layers that have another name in mapLayer.yaml than in CARLA."""
 # Keys of data.yaml, and where their values belong.
@@ -140,10 +139,12 @@ def convert_carlasimu(folder: Path) -> Conversion:
 
 def _read(path: Path) -> Mapping[str, object]:
     document = read_yaml(path.read_bytes(), path.name)
-    inner = document.get(_TOP) if isinstance(document, Mapping) else None
+    inner = document.get(CARLASIMU_ROOT) if isinstance(document, Mapping) else None
     if not isinstance(inner, Mapping):
-        raise ScenarioError(f"{path.name}: expected keys under {_TOP!r}")
-    _refuse_unknown(_mapping(document, path.name), frozenset({_TOP}), path.name)
+        raise ScenarioError(f"{path.name}: expected keys under {CARLASIMU_ROOT!r}")
+    _refuse_unknown(
+        _mapping(document, path.name), frozenset({CARLASIMU_ROOT}), path.name
+    )
     return _mapping(inner, path.name)
 
 

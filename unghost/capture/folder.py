@@ -102,6 +102,8 @@ class CaptureFolder:
             The folder holds something else, or frames of another capture.
         """
         self.path.mkdir(parents=True, exist_ok=True)
+        for sensor in MANIFEST_KEYS:
+            _refuse_link(self.path / sensor)
         known = self._read_about()
         if known is None and any(self.path.iterdir()):
             raise CaptureError(
@@ -137,6 +139,7 @@ class CaptureFolder:
         for sensor, (suffix, content) in files.items():
             name = f"{sensor}/{stem}{suffix}"
             target = self.path / name
+            _refuse_link(target.parent)
             target.parent.mkdir(exist_ok=True)
             _write_whole(target, content)
             paths[MANIFEST_KEYS[sensor]] = name
@@ -179,9 +182,7 @@ class CaptureFolder:
 
     def _read_keys(self) -> list[str]:
         path = self.path / MANIFEST_NAME
-        if path.is_symlink():
-            # It may lead to a private file, which would be cut and written to.
-            raise CaptureError(f"{path} is a link, the capture cannot continue")
+        _refuse_link(path)
         if not path.exists():
             return []
         content = path.read_bytes()
@@ -196,6 +197,13 @@ class CaptureFolder:
             raise CaptureError(
                 f"{path} is damaged, the capture cannot continue: {error}"
             ) from error
+
+
+def _refuse_link(path: Path) -> None:
+    # Somebody else may have laid it: to a private file, which would be cut and written
+    # to, or to another capture, whose files have the same names.
+    if path.is_symlink():
+        raise CaptureError(f"{path} is a link, the capture cannot continue")
 
 
 def _write_whole(target: Path, content: bytes) -> None:

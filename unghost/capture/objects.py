@@ -37,7 +37,7 @@ _CAPSULE_M: Final = 1e-3
 
 
 @dataclass(frozen=True)
-class Named:
+class ObjectIdentity:
     """The constant data of an object.
 
     Attributes
@@ -102,7 +102,7 @@ class LocalBox:
 class SeenObject:
     """An object with its box at one tick; without a pose the box is in the world."""
 
-    named: Named
+    named: ObjectIdentity
     box: LocalBox
     pose: Transform | None = None
 

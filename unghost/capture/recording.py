@@ -23,8 +23,8 @@ from unghost.capture.rig import (
 )
 from unghost.capture.scenario import Scenario
 from unghost.capture.session import (
+    CaptureSession,
     Note,
-    Session,
     StopRequest,
     listening_for_stop,
     open_session,
@@ -34,7 +34,7 @@ from unghost.capture.simulator import (
     Carla,
     Client,
     SimulatorAway,
-    Snapshot,
+    WorldSnapshot,
     answers,
     connect,
     has_wrong_metadata,
@@ -141,7 +141,7 @@ def _record(carla: Carla, client: Client, request: Request) -> Recorded:
     return recorded
 
 
-def _compare_versions(session: Session) -> None:
+def _compare_versions(session: CaptureSession) -> None:
     if session.server_version != session.client_version:
         session.note(
             f"the simulator is CARLA {session.server_version}, the client library "
@@ -149,7 +149,7 @@ def _compare_versions(session: Session) -> None:
         )
 
 
-def _about(session: Session) -> dict[str, object]:
+def _about(session: CaptureSession) -> dict[str, object]:
     return {
         "unghost": metadata.version("unghost"),
         "carla_version": session.server_version,
@@ -165,7 +165,7 @@ class _Recorder:
 
     def __init__(
         self,
-        session: Session,
+        session: CaptureSession,
         folder: CaptureFolder,
         recorded: Recorded,
         stop: StopRequest,
@@ -173,7 +173,7 @@ class _Recorder:
         self._session, self._folder = session, folder
         self._recorded, self._stop = recorded, stop
         self._sensors: list[RunningSensor] = []
-        self._last: Snapshot | None = None
+        self._last: WorldSnapshot | None = None
 
     def run(self, advance: Advance) -> None:
         """Do everything: choose, spawn, warm up, record."""

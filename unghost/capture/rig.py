@@ -22,7 +22,7 @@ from unghost.capture.scenario import (
     RangeSensor,
     Scenario,
 )
-from unghost.capture.session import Session
+from unghost.capture.session import CaptureSession
 from unghost.capture.simulator import (
     Actor,
     Blueprint,
@@ -82,7 +82,7 @@ def main_camera(scenario: Scenario) -> str:
     return "rgb" if scenario.sensors.rgb is not None else "segmentation"
 
 
-def prepare_rig(session: Session) -> list[MountedSensor]:
+def prepare_rig(session: CaptureSession) -> list[MountedSensor]:
     """Blueprints with all attributes set; `ScenarioError` names a wrong key."""
     scenario = session.scenario
     return [
@@ -92,7 +92,7 @@ def prepare_rig(session: Session) -> list[MountedSensor]:
 
 
 def _prepared(
-    session: Session, name: str, sensor: CameraSensor | RangeSensor
+    session: CaptureSession, name: str, sensor: CameraSensor | RangeSensor
 ) -> MountedSensor:
     at = f"sensors.{name}"
     blueprint = find_blueprint(session.world, BLUEPRINTS[name], at)
@@ -113,7 +113,7 @@ def _prepared(
 
 
 def start_rig(
-    session: Session, mounted: Sequence[MountedSensor], ego: Actor
+    session: CaptureSession, mounted: Sequence[MountedSensor], ego: Actor
 ) -> list[RunningSensor]:
     """Spawn the sensors and let them deliver."""
     carla = session.carla

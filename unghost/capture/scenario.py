@@ -12,6 +12,7 @@ import json
 import math
 import reprlib
 from collections.abc import Mapping, Sequence
+from itertools import chain
 from pathlib import Path
 from typing import Annotated, Final, Literal, TypeAlias, get_args
 
@@ -40,6 +41,8 @@ from unghost.capture.simulator import (
 _SHORT: Final = reprlib.Repr()
 _SHORT.maxstring = _SHORT.maxother = 60
 _MAX_BYTES: Final = 1 << 20
+_MAX_WRITTEN: Final = 2 * _MAX_BYTES
+"""Characters and values of a document, with all that its aliases stand for."""
 _NOT_THE_CONTENT: Final = frozenset({"host", "port", "timeout_s", "frames"})
 """Keys that, like `sensor_wait_s`, may differ when a capture is continued."""
 _USUAL_SENSOR_WAIT_S: Final = 10.0
@@ -73,14 +76,14 @@ LensAttribute: TypeAlias = Annotated[
 ]
 
 
-class Part(BaseModel):
+class ScenarioSection(BaseModel):
     """A mapping of the scenario: unknown keys and wrong types are refused."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     @field_validator("*", mode="before")
     @classmethod
-    def _no_bool_for_a_number(cls, given: object, place: ValidationInfo) -> object:
+    def _refuse_bool_as_number(cls, given: object, place: ValidationInfo) -> object:
         # `true` would be taken for 1, and `on` and `yes` are true in YAML.
         kind = cls.model_fields[str(place.field_name)].annotation
         if _may_be_bool(kind):
@@ -100,7 +103,7 @@ def _may_be_bool(annotation: object) -> bool:
     return annotation is bool or any(map(_may_be_bool, get_args(annotation)))
 
 
-class TrafficManager(Part):
+class TrafficManager(ScenarioSection):
     """How CARLA's traffic manager drives the vehicles."""
 
     port: Port = 8000
@@ -111,7 +114,7 @@ class TrafficManager(Part):
     respawn_dormant: bool = False
 
 
-class Vehicles(Part):
+class Vehicles(ScenarioSection):
     """The vehicles other than the ego vehicle."""
 
     count: Count = 0
@@ -123,7 +126,7 @@ class Vehicles(Part):
     automatic_lights: bool = False
 
 
-class Walkers(Part):
+class Walkers(ScenarioSection):
     """People on foot."""
 
     standing: Count = 0
@@ -140,14 +143,14 @@ class Walkers(Part):
         return self.standing + self.walking + self.running
 
 
-class Sweep(Part):
+class Sweep(ScenarioSection):
     """One weather parameter that changes evenly from the first frame to the last."""
 
     first: float
     last: float
 
 
-class Weather(Part):
+class Weather(ScenarioSection):
     """A preset, parameters on top of it, and how it changes from frame to frame."""
 
     preset: Preset | None = None
@@ -157,7 +160,7 @@ class Weather(Part):
     sweep: dict[WeatherParameter, Sweep] = Field(default_factory=dict)
 
     @model_validator(mode="after")
-    def _one_meaning(self) -> Weather:
+    def _check_exclusive_keys(self) -> Weather:
         if self.preset is not None and self.presets:
             raise ValueError("preset and presets cannot be given together")
         both = sorted(set(self.parameters) & set(self.sweep))
@@ -172,7 +175,7 @@ class Weather(Part):
         return any(bool(value) for value in chosen)
 
 
-class Ego(Part):
+class Ego(ScenarioSection):
     """The vehicle that carries the sensors."""
 
     blueprint: str = "vehicle.lincoln.mkz_2020"
@@ -182,7 +185,7 @@ class Ego(Part):
     lights: tuple[VehicleLight, ...] = ()
 
 
-class Mount(Part):
+class Mount(ScenarioSection):
     """Where a sensor sits on the ego vehicle, metres and degrees."""
 
     x: float = 1.5
@@ -193,7 +196,7 @@ class Mount(Part):
     roll: float = 0.0
 
 
-class Camera(Part):
+class Camera(ScenarioSection):
     """The settings of all cameras, whose images must match pixel by pixel."""
 
     width: int = Field(default=1280, ge=16, le=16384)
@@ -203,13 +206,13 @@ class Camera(Part):
     lens: dict[LensAttribute, AttributeValue] = Field(default_factory=dict)
 
 
-class CameraSensor(Part):
+class CameraSensor(ScenarioSection):
     """One camera, and its own attributes."""
 
     attributes: dict[str, AttributeValue] = Field(default_factory=dict)
 
     @model_validator(mode="after")
-    def _nothing_shared(self) -> CameraSensor:
+    def _refuse_shared_attributes(self) -> CameraSensor:
         shared = {"image_size_x", "image_size_y", "fov", "sensor_tick"}
         for name in self.attributes:
             if name in shared or name in LENS_ATTRIBUTES:
@@ -221,20 +224,20 @@ class CameraSensor(Part):
         return self
 
 
-class RangeSensor(Part):
+class RangeSensor(ScenarioSection):
     """A LiDAR or a radar: where it sits, and any attribute of its blueprint."""
 
     mount: Mount = Mount()
     attributes: dict[str, AttributeValue] = Field(default_factory=dict)
 
     @model_validator(mode="after")
-    def _every_tick(self) -> RangeSensor:
+    def _refuse_sensor_tick(self) -> RangeSensor:
         if "sensor_tick" in self.attributes:
             raise ValueError("attributes.sensor_tick must stay 0: see interval_s")
         return self
 
 
-class Sensors(Part):
+class Sensors(ScenarioSection):
     """Which sensors are recorded: true, false, or what differs from the defaults."""
 
     rgb: CameraSensor | None = CameraSensor()
@@ -247,7 +250,7 @@ class Sensors(Part):
 
     @model_validator(mode="before")
     @classmethod
-    def _yes_and_no(cls, given: object) -> object:
+    def _expand_bools(cls, given: object) -> object:
         if not isinstance(given, Mapping):
             return given
         plain: dict[object, object] = {True: {}, False: None}
@@ -257,13 +260,13 @@ class Sensors(Part):
         }
 
     @model_validator(mode="after")
-    def _one_camera(self) -> Sensors:
+    def _require_camera(self) -> Sensors:
         if not (self.rgb or self.segmentation):
             raise ValueError("a frame needs rgb or segmentation")
         return self
 
 
-class Boxes(Part):
+class Boxes(ScenarioSection):
     """Which objects get boxes, and how CARLA's known errors are corrected."""
 
     vehicles: bool = True
@@ -277,7 +280,7 @@ class Boxes(Part):
     widen_walkers_m: float = Field(default=0.15, ge=0, le=1)
 
     @model_validator(mode="after")
-    def _in_order(self) -> Boxes:
+    def _check_distances(self) -> Boxes:
         if self.min_distance >= self.max_distance:
             raise ValueError("min_distance must be below max_distance")
         if list(self.bands) != sorted({*self.bands}) or any(b <= 0 for b in self.bands):
@@ -285,7 +288,7 @@ class Boxes(Part):
         return self
 
 
-class Scenario(Part):
+class Scenario(ScenarioSection):
     """One capture. Times are simulated seconds, distances metres."""
 
     host: str = "127.0.0.1"
@@ -311,7 +314,7 @@ class Scenario(Part):
     classes: dict[str, ClassName] = Field(default_factory=dict)
 
     @model_validator(mode="after")
-    def _whole_ticks(self) -> Scenario:
+    def _check_interval(self) -> Scenario:
         if self.interval_s < self.delta_s:
             raise ValueError(
                 f"interval_s {self.interval_s:g} is shorter than a tick "
@@ -353,22 +356,44 @@ def read_scenario(path: Path) -> Scenario:
     ScenarioError
         Every fault, with the file, the key, and the nearest valid key.
     """
-    content = path.read_bytes()
-    if len(content) > _MAX_BYTES:
-        raise ScenarioError(f"{path.name}: larger than {_MAX_BYTES} bytes")
-    return parse_scenario(read_yaml(content, path.name), path.name)
+    return parse_scenario(read_yaml(path.read_bytes(), path.name), path.name)
 
 
 def read_yaml(content: bytes, name: str) -> object:
     """A YAML document; `ScenarioError` names the file and the line."""
+    if len(content) > _MAX_BYTES:
+        raise ScenarioError(f"{name}: larger than {_MAX_BYTES} bytes")
     try:
-        return _UniqueKeys(content.decode("utf-8-sig")).get_single_data()
+        document = _UniqueKeys(content.decode("utf-8-sig")).get_single_data()
+        size = _written_size(document, {})
     except (yaml.YAMLError, UnicodeDecodeError, RecursionError) as error:
-        said = " ".join(str(error).split())
-        raise ScenarioError(f"{name}: cannot be read as YAML: {said[:200]}") from error
+        message = " ".join(str(error).split())
+        raise ScenarioError(
+            f"{name}: cannot be read as YAML: {message[:200]}"
+        ) from error
     except (ValueError, LookupError, AttributeError) as error:
         # A date that no calendar has, and tags that are written out: `!!int many`.
         raise ScenarioError(f"{name}: a value cannot be read: {error}") from error
+    if size > _MAX_WRITTEN:
+        raise ScenarioError(
+            f"{name}: aliases that stand for more than {_MAX_WRITTEN} characters"
+        )
+    return document
+
+
+def _written_size(value: object, known: dict[int, float]) -> float:
+    """Characters and values of a value; infinite if it is within itself.
+
+    `known` are the sizes of lists and mappings that were counted already, by their
+    identities, since a few bytes of aliases can stand for gigabytes.
+    """
+    if not isinstance(value, list | tuple | dict):
+        return 1 + len(str(value))
+    if id(value) not in known:
+        known[id(value)] = math.inf
+        inner = chain.from_iterable(value.items()) if isinstance(value, dict) else value
+        known[id(value)] = 1 + sum(_written_size(one, known) for one in inner)
+    return known[id(value)]
 
 
 class _UniqueKeys(yaml.SafeLoader):
@@ -406,10 +431,10 @@ def _words(fault: Mapping[str, object], name: str) -> str:
         valid = valid_keys(place[:-1])
         hint = nearest(str(place[-1]).casefold(), valid)
         return f"{name}: {key}: unknown key; the nearest valid key is {hint!r}"
-    said = str(fault["msg"]).removeprefix("Value error, ")
+    message = str(fault["msg"]).removeprefix("Value error, ")
     given = fault["input"]
     found = "" if isinstance(given, Mapping) else f", found {_shown(given)}"
-    return f"{name}: {key}: {said}{found}" if key else f"{name}: {said}"
+    return f"{name}: {key}: {message}{found}" if key else f"{name}: {message}"
 
 
 def valid_keys(place: Sequence[object]) -> tuple[str, ...]:

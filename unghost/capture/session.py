@@ -26,8 +26,8 @@ from unghost.capture.simulator import (
     Client,
     GlassWorld,
     ScenarioError,
-    Snapshot,
     World,
+    WorldSnapshot,
 )
 
 Note = Callable[[str], None]
@@ -45,7 +45,7 @@ _HANG_UP: Final = getattr(signal, "SIGHUP", None)
 @contextmanager
 def open_session(
     carla: Carla, client: Client, scenario: Scenario, note: Note
-) -> Iterator[Session]:
+) -> Iterator[CaptureSession]:
     """The scenario's map in synchronous mode, until the block ends.
 
     Afterwards the settings are those of before, the traffic manager is asynchronous
@@ -62,7 +62,7 @@ def open_session(
     if before.synchronous_mode:
         note("the world is in synchronous mode already; maybe another client ticks it")
     world = _world(client, scenario)
-    session = Session(
+    session = CaptureSession(
         carla=carla,
         client=client,
         world=world,
@@ -83,7 +83,7 @@ def open_session(
 
 
 @dataclass(eq=False)
-class Session:
+class CaptureSession:
     """The simulator during one capture, and the changes to be undone.
 
     Attributes
@@ -122,7 +122,7 @@ class Session:
         """Add a function that is called when the capture ends, the last one first."""
         self._undo.append((what, step))
 
-    def tick(self) -> Snapshot | None:
+    def tick(self) -> WorldSnapshot | None:
         """The world one tick later; None if somebody else ticked it, too."""
         before = self.frame
         self.frame = self.world.tick(self.scenario.timeout_s)
@@ -187,7 +187,7 @@ def _same_map(there: str, wanted: str) -> bool:
     return there == wanted or there.rsplit("/", 1)[-1] == wanted.rsplit("/", 1)[-1]
 
 
-def _synchronise(session: Session) -> None:
+def _synchronise(session: CaptureSession) -> None:
     scenario, carla = session.scenario, session.carla
     settings = session.world.get_settings()
     settings.synchronous_mode = True
@@ -211,7 +211,7 @@ def _synchronise(session: Session) -> None:
     _choose_glass(session)
 
 
-def _choose_layers(session: Session, carla: Carla) -> None:
+def _choose_layers(session: CaptureSession, carla: Carla) -> None:
     world = session.world
     for name, wanted in session.scenario.map_layers.items():
         layer = getattr(carla.MapLayer, name)
@@ -223,7 +223,7 @@ def _choose_layers(session: Session, carla: Carla) -> None:
             world.unload_map_layer(layer)
 
 
-def _choose_glass(session: Session) -> None:
+def _choose_glass(session: CaptureSession) -> None:
     see_through = session.scenario.see_through_glass
     if see_through is None:
         return

@@ -15,7 +15,7 @@ from unghost.capture.blueprints import (
     set_attributes,
     with_wheels,
 )
-from unghost.capture.session import Session, StopRequest
+from unghost.capture.session import CaptureSession, StopRequest
 from unghost.capture.simulator import (
     Actor,
     Blueprint,
@@ -64,7 +64,7 @@ class Spawned:
     walkers: int
 
 
-def choose_traffic(session: Session) -> TrafficKinds:
+def choose_traffic(session: CaptureSession) -> TrafficKinds:
     """The blueprints of a scenario; `ScenarioError` before anything is spawned."""
     world, scenario = session.world, session.scenario
     ego = find_blueprint(world, scenario.ego.blueprint, "ego.blueprint")
@@ -88,7 +88,7 @@ def choose_traffic(session: Session) -> TrafficKinds:
     return TrafficKinds(ego, _vehicles(session), walkers, points, controller)
 
 
-def _vehicles(session: Session) -> list[Blueprint]:
+def _vehicles(session: CaptureSession) -> list[Blueprint]:
     wanted = session.scenario.vehicles
     if not wanted.count:
         return []
@@ -107,7 +107,7 @@ def _base_type(blueprint: Blueprint) -> str:
     return blueprint.get_attribute("base_type").as_str() if has else ""
 
 
-def spawn(session: Session, kinds: TrafficKinds, stop: StopRequest) -> Spawned:
+def spawn(session: CaptureSession, kinds: TrafficKinds, stop: StopRequest) -> Spawned:
     """Spawn all vehicles and walkers; the same seed tries the same places."""
     dice = random.Random(session.seed)
     manager = session.client.get_trafficmanager(_port(session))
@@ -122,7 +122,7 @@ def spawn(session: Session, kinds: TrafficKinds, stop: StopRequest) -> Spawned:
 
 
 def _spawn_ego(
-    session: Session, kinds: TrafficKinds, points: list[Pose], chosen: int | None
+    session: CaptureSession, kinds: TrafficKinds, points: list[Pose], chosen: int | None
 ) -> Actor:
     plan = session.scenario.ego
     places = points if chosen is None else [kinds.spawn_points[chosen]]
@@ -139,7 +139,7 @@ def _spawn_ego(
 
 
 def _spawn_vehicles(
-    session: Session,
+    session: CaptureSession,
     kinds: TrafficKinds,
     places: tuple[list[Pose], random.Random],
     stop: StopRequest,
@@ -165,17 +165,17 @@ def _spawn_vehicles(
     return count
 
 
-def _port(session: Session) -> int:
+def _port(session: CaptureSession) -> int:
     return session.scenario.traffic_manager.port
 
 
-def _drive(session: Session, actor: Actor) -> None:
+def _drive(session: CaptureSession, actor: Actor) -> None:
     if not isinstance(actor, Vehicle):
         raise CaptureError(f"{actor.type_id} is not a vehicle: it cannot drive")
     actor.set_autopilot(True, _port(session))
 
 
-def _light(session: Session, actor: Actor, names: Sequence[str]) -> None:
+def _light(session: CaptureSession, actor: Actor, names: Sequence[str]) -> None:
     if not names:
         return
     if not isinstance(actor, Vehicle):
@@ -191,7 +191,7 @@ def light_state(carla: Carla, names: Sequence[str]) -> object:
 
 
 def _spawn_walkers(
-    session: Session, kinds: TrafficKinds, dice: random.Random, stop: StopRequest
+    session: CaptureSession, kinds: TrafficKinds, dice: random.Random, stop: StopRequest
 ) -> int:
     plan, world = session.scenario.walkers, session.world
     if not plan.count:
@@ -226,7 +226,7 @@ def _spawn_walkers(
     return count
 
 
-def _spawn_walker(session: Session, blueprint: Blueprint) -> Actor | None:
+def _spawn_walker(session: CaptureSession, blueprint: Blueprint) -> Actor | None:
     if blueprint.has_attribute("is_invincible"):
         blueprint.set_attribute("is_invincible", "false")
     for _ in range(_TRIES):
@@ -241,7 +241,7 @@ def _spawn_walker(session: Session, blueprint: Blueprint) -> Actor | None:
 
 
 def _spawn_controller(
-    session: Session, blueprint: Blueprint | None, walker: Actor
+    session: CaptureSession, blueprint: Blueprint | None, walker: Actor
 ) -> WalkerController | None:
     if blueprint is None:
         return None
@@ -255,7 +255,7 @@ def _spawn_controller(
     return actor
 
 
-def _walk(session: Session, controller: WalkerController, speed: float) -> None:
+def _walk(session: CaptureSession, controller: WalkerController, speed: float) -> None:
     session.at_end("stop a walker", controller.stop)
     controller.start()
     destination = session.world.get_random_location_from_navigation()

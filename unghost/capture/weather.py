@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Final
 
 from unghost.capture.scenario import Scenario, Weather
-from unghost.capture.session import Session
+from unghost.capture.session import CaptureSession
 from unghost.capture.simulator import WEATHER_PARAMETERS, Carla
 
 _DIGITS: Final = 6
@@ -33,7 +33,7 @@ def preset_of(weather: Weather, index: int) -> str | None:
 class WeatherPlan:
     """Sets the weather of a session, frame by frame."""
 
-    def __init__(self, session: Session) -> None:
+    def __init__(self, session: CaptureSession) -> None:
         self._session = session
         self._before = session.world.get_weather()
         self._last: dict[str, float] | None = None

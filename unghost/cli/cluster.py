@@ -125,9 +125,9 @@ def worker(options: WorkerOptions) -> None:
         tls_key=options.key,
     )
     configure_logging(settings.log_level, settings.log_format)
-    place = working.Place(options.host, options.port, options.patience)
+    endpoint = working.WorkerEndpoint(options.host, options.port, options.patience)
     with refused_on(UnusableEngine):
-        status = working.Supervisor(settings, place).run()
+        status = working.Supervisor(settings, endpoint).run()
     codes = {working.REFUSED: REFUSED, working.AWAY: UNAVAILABLE}
     raise typer.Exit(codes.get(status, DONE))
 

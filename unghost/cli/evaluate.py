@@ -18,9 +18,9 @@ from unghost.cli.options import OutputOptions
 from unghost.cli.screen import Refused, Screen, partly_done, refusal
 from unghost.cli.sources import (
     LocalFilterOptions,
-    not_matched,
     open_source,
     read_config,
+    unmatched_line,
 )
 from unghost.wire.words import EvidenceName
 
@@ -150,7 +150,7 @@ def evaluate(options: EvaluateOptions) -> None:
         )
     left_out = [
         *(refusal(one.key, one.problem.detail) for one in unusable),
-        *map(not_matched, found.unmatched),
+        *map(unmatched_line, found.unmatched),
         *use.unused_lines(),
     ]
     for line in (*left_out, *use.frames_without(done - len(unusable))):

@@ -15,9 +15,9 @@ from unghost.cli.screen import Screen, naming_options, partly_done, refusal
 from unghost.cli.sources import (
     SegmentationReading,
     SourceOptions,
-    not_matched,
     open_source,
     read_config,
+    unmatched_line,
 )
 from unghost.wire.words import ExportFormat
 
@@ -244,7 +244,7 @@ def convert(options: ConvertOptions) -> None:
     progress = _Progress(options.screen)
     counts = _write_labels(options, labels, found, progress)
     for file in found.unmatched:
-        options.screen.note(not_matched(file))
+        options.screen.note(unmatched_line(file))
     boxes = {name: counts["boxes"][name] for name in ("in", "out", "dropped")}
     frames = {"frames": progress.written, "failed": progress.failed}
     options.screen.record(

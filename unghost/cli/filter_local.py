@@ -21,9 +21,9 @@ from unghost.cli.options import OutputOptions, note_unknown_classes
 from unghost.cli.screen import Refused, Screen, partly_done, printable, refusal
 from unghost.cli.sources import (
     LocalFilterOptions,
-    not_matched,
     open_source,
     read_config,
+    unmatched_line,
 )
 from unghost.wire.words import Verdict
 
@@ -81,7 +81,7 @@ def filter_local(options: FilterOptions) -> None:
         for line in tally.watch(decided, found.count):
             write(line.content)
     for file in found.unmatched:
-        tally.screen.note(not_matched(file))
+        tally.screen.note(unmatched_line(file))
     note_unknown_classes(options.screen, config.as_dict(), tally.classes)
     tally.print_summary(options.output, found.unmatched)
     if tally.failed or found.unmatched:

@@ -185,11 +185,12 @@ class Program(LazyGroup):
             self.add_command(command)
 
     def invoke(self, ctx: Context) -> object:
-        """Run a command; what a wrong option is named with is safe to print."""
+        """Run a command; errors about its options are safe to print."""
         try:
             return super().invoke(ctx)
         except typer.BadParameter as error:
-            error.message = printable(error.message)
+            # Typer checks values with pydantic, which puts this before its errors.
+            error.message = printable(error.message.removeprefix("Value error, "))
             raise
 
 
@@ -332,10 +333,10 @@ def _origin(address: str) -> str:
 
     from unghost.client.discovery import DEFAULT_URL, SERVER_VARIABLE
 
-    said = os.environ.get(SERVER_VARIABLE)
+    variable = os.environ.get(SERVER_VARIABLE)
     with suppress(httpx.InvalidURL):  # not used, then
-        if said and _base(httpx.URL(said)) == address:
+        if variable and _base(httpx.URL(variable)) == address:
             return f"This address is from {SERVER_VARIABLE}"
-    if not said and address == DEFAULT_URL:
+    if not variable and address == DEFAULT_URL:
         return "This address is the default"
     return "This address is from --server"

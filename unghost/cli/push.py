@@ -24,9 +24,9 @@ from unghost.cli.sources import (
     SegmentationReading,
     SourceFolder,
     SourceOptions,
-    not_matched,
     open_source,
     outgoing,
+    unmatched_line,
 )
 from unghost.wire.words import UploadWord, Verdict
 
@@ -221,7 +221,7 @@ class PushReport:
     def print_summary(self, unmatched: Sequence[Unmatched], dataset: str) -> None:
         """Print the summary, and the problems one by one."""
         self.print_problems()
-        self._print_some(map(not_matched, unmatched), len(unmatched))
+        self._print_some(map(unmatched_line, unmatched), len(unmatched))
         self._screen.record(
             {
                 "dataset": dataset,

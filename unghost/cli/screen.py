@@ -99,7 +99,7 @@ def partly_done(done: int) -> typer.Exit:
     return typer.Exit(PARTLY if done else REFUSED)
 
 
-class Answer(Protocol):
+class ServerObject(Protocol):
     """An object that came from the server."""
 
     @property
@@ -107,7 +107,7 @@ class Answer(Protocol):
         """Its JSON."""
 
 
-AnswerT = TypeVar("AnswerT", bound=Answer)
+ObjectT = TypeVar("ObjectT", bound=ServerObject)
 WordT = TypeVar("WordT", bound=str)
 
 
@@ -153,8 +153,8 @@ class Screen:
     def listing(
         self,
         columns: Sequence[str],
-        answers: Iterable[AnswerT],
-        row: Callable[[AnswerT], Sequence[object]],
+        answers: Iterable[ObjectT],
+        row: Callable[[ObjectT], Sequence[object]],
     ) -> None:
         """Print a table with a row per object; with `--json`, a line per object."""
         listed = list(answers)

@@ -232,6 +232,6 @@ def outgoing(frames: Iterable[FrameSource]) -> Iterator[OutgoingFrame | NotSent]
         yield OutgoingFrame(frame.key, frame.annotation or {}, there)
 
 
-def not_matched(file: Unmatched) -> str:
+def unmatched_line(file: Unmatched) -> str:
     """The line for a file that belongs to no frame."""
     return one_line(f"not matched: {file.path}: {file.why}")

@@ -57,7 +57,7 @@ MAX_FILE_BYTES: Final = 1024**3
 """The same for a stored file of a frame, which is read into memory."""
 
 
-class Kind(Protocol[T_co]):
+class JsonReader(Protocol[T_co]):
     """A class whose objects can be read from JSON."""
 
     def read(self, raw: Json, /) -> T_co:
@@ -118,7 +118,7 @@ class Call(Generic[T]):
 
 
 @dataclass(frozen=True)
-class Page(Generic[T]):
+class ListPage(Generic[T]):
     """One page of a list. Items are read lazily; the last page has no cursor."""
 
     items: Iterator[T]
@@ -130,23 +130,23 @@ class Listing(Generic[T]):
     """A list that the server returns in pages."""
 
     path: str
-    item: Kind[T]
+    item: JsonReader[T]
     params: Params = field(default_factory=dict)
 
-    def page(self, cursor: str | None = None) -> Call[Page[T]]:
+    def page(self, cursor: str | None = None) -> Call[ListPage[T]]:
         """The call for the first page, or for the page that the cursor names."""
         params = {"limit": PAGE_SIZE, **self.params}
         if cursor is not None:
             params["cursor"] = cursor
         return Call("GET", self.path, self._page, params=params)
 
-    def _page(self, response: httpx.Response) -> Page[T]:
+    def _page(self, response: httpx.Response) -> ListPage[T]:
         page = body_of(response)
         items = page.get("items")
         if not isinstance(items, list):
             raise unexpected(response, "has no items")
         read = (read_object(self.item.read, item, response) for item in items)
-        return Page(read, page.get("next_cursor"))
+        return ListPage(read, page.get("next_cursor"))
 
 
 class Sender(Protocol):
@@ -193,13 +193,13 @@ def _annotate_result(describe: Callable[..., object], result: str) -> None:
     describe.__annotations__["return"] = result
 
 
-def result(kind: Kind[T]) -> Read[T]:
+def result(kind: JsonReader[T]) -> Read[T]:
     """Reads the JSON object of a response as an object of a class."""
     return answer(kind.read)
 
 
 def answer(read: Callable[[Json], T]) -> Read[T]:
-    """Reads the JSON object of a response with a function such as `Kind.read`."""
+    """Reads the JSON object of a response with a function such as `JsonReader.read`."""
     return lambda response: read_object(read, body_of(response), response)
 
 

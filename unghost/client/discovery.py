@@ -89,9 +89,9 @@ def find_server(
     """
     env = os.environ if environ is None else environ
     address = _address(url, env)
-    said = token or env.get("UNGHOST_TOKEN")
-    if said:
-        return Server(address, said.strip())
+    given = token or env.get("UNGHOST_TOKEN")
+    if given:
+        return Server(address, given.strip())
     server = _local_server(address, env)
     refuse_foreign(server)
     return server
@@ -128,11 +128,11 @@ def _caller() -> int | None:
 
 
 def _address(url: str | None, env: Mapping[str, str]) -> str:
-    said = env.get(SERVER_VARIABLE)
-    if url or not said:
+    variable = env.get(SERVER_VARIABLE)
+    if url or not variable:
         return _checked(url or DEFAULT_URL)
     try:
-        return _checked(said)
+        return _checked(variable)
     except BadServerUrl as exc:
         raise BadServerUrl(f"{SERVER_VARIABLE}: {exc}") from exc
 
@@ -152,9 +152,9 @@ def _checked(url: str) -> str:
 def _local_server(url: str, env: Mapping[str, str]) -> Server:
     if not is_local(httpx.URL(url).host):
         return Server(url, None)
-    said = env.get("UNGHOST_DATA")
+    variable = env.get("UNGHOST_DATA")
     named = [
-        Path(said, "token") if said else None,
+        Path(variable, "token") if variable else None,
         _noted_token_file(note_path(url, env)),
     ]
     # Only a guess: the server may have been started with another folder.

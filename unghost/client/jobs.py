@@ -22,7 +22,7 @@ import httpx
 
 from unghost import wire
 from unghost.client.api import export_path, id_of, run_path
-from unghost.client.call import PATIENCE, Call, Kind, read_object, result
+from unghost.client.call import PATIENCE, Call, JsonReader, read_object, result
 from unghost.client.errors import (
     BadRequest,
     DamagedDownload,
@@ -147,7 +147,7 @@ class _Job(Generic[StateT]):
     transport: Transport
     name: str
     path: str
-    kind: Kind[StateT]
+    kind: JsonReader[StateT]
 
     def done(
         self, progress: Progress[StateT] | None, timeout_s: float | None
@@ -189,7 +189,7 @@ class _Job(Generic[StateT]):
         headers = {"Accept": "text/event-stream"}
         if last_id:
             headers["Last-Event-ID"] = last_id
-        return Call("GET", f"{self.path}/events", _itself, headers=headers)
+        return Call("GET", f"{self.path}/events", _as_received, headers=headers)
 
     def _followed(self, progress: Progress[StateT]) -> StateT | None:
         """Its final state from its event stream; None if there is no stream."""
@@ -323,7 +323,7 @@ class _Download:
         if have and have == self.size_bytes:
             return
         headers = {"Range": f"bytes={have}-"} if have else {}
-        call = Call("GET", self.url, _itself, headers=headers)
+        call = Call("GET", self.url, _as_received, headers=headers)
         with self.transport.stream(call) as response:
             is_rest = response.status_code == httpx.codes.PARTIAL_CONTENT
             with self._open(resumed=have > 0 and is_rest) as file:
@@ -370,8 +370,8 @@ def _is_only_ours(found: os.stat_result) -> bool:
     return stat.S_ISREG(found.st_mode) and found.st_nlink == 1 and is_mine
 
 
-def _itself(response: httpx.Response) -> httpx.Response:
-    """The response itself: the caller reads its stream."""
+def _as_received(response: httpx.Response) -> httpx.Response:
+    """The response as it was received: the caller reads its stream."""
     return response
 
 

@@ -23,8 +23,8 @@ from unghost.street.paint import (
     RGB,
     STEEL,
     Float32,
-    Kind,
     Paint,
+    SurfaceKind,
     Tag,
     cloudy_tile,
     coverage,
@@ -138,7 +138,7 @@ def building(plot: Plot, rng: np.random.Generator) -> Mesh:
     seed = int(rng.integers(1, 900))
     top = plot.height + SIDEWALK_HEIGHT
     params = (plot.x0, plot.y0, float(plot.style * 1000 + seed), top)
-    paint = Paint(rgb, kind=Kind.FACADE, params=params)
+    paint = Paint(rgb, kind=SurfaceKind.FACADE, params=params)
     body = block((plot.x0, plot.y0, 0.0), (plot.x1, plot.y1, top), paint, Tag.BUILDING)
     trim = Paint(rgb).tinted(1.12)
     if plot.style == HOUSE:

@@ -1,7 +1,7 @@
 """Renders a town at one moment: depth, tags and normals, and the colour image.
 
-A `Stage` makes a `Snapshot`: all triangles that may be visible, projected to the
-screen. Sampled at the pixels' centres, it gives the planes of a frame (depth, tag and
+A `Stage` makes `VisibleTriangles`: all triangles that may be visible, projected to the
+screen. Sampled at the pixels' centres, they give the planes of a frame (depth, tag and
 normal of each pixel) and its colour image, with smooth edges and sensor noise.
 """
 
@@ -31,7 +31,7 @@ from unghost.street.paint import (
     SURFACE_COLUMNS,
     TILE,
     Float32,
-    Kind,
+    SurfaceKind,
     Tag,
     f32,
     grain_tile,
@@ -54,7 +54,7 @@ _SAMPLES_AT_ONCE: Final = 1 << 16
 
 
 class Stage:
-    """The things of a town, prepared once for snapshots at many moments."""
+    """The things of a town, prepared once for pictures at many moments."""
 
     def __init__(self, town: Town) -> None:
         self.town = town
@@ -66,7 +66,7 @@ class Stage:
         """Where each thing is."""
         return [thing.pose(time_s) for thing in self.town.things]
 
-    def snapshot(self, camera: Camera, time_s: float) -> Snapshot:
+    def visible_triangles(self, camera: Camera, time_s: float) -> VisibleTriangles:
         """All things that the camera may see.
 
         Houses are drawn first; what lies wholly behind them is left out.
@@ -77,7 +77,7 @@ class Stage:
         in_view = _in_view(centres, self._reach, camera)
         distance = np.linalg.norm(centres - camera.position, axis=1)
 
-        def collected(chosen: IntArray) -> Snapshot:
+        def collected(chosen: IntArray) -> VisibleTriangles:
             parts = []
             for one in chosen:
                 far = bool(distance[one] > _FAR_M)
@@ -95,7 +95,7 @@ class Stage:
 
 
 @dataclass(frozen=True, eq=False)
-class Snapshot:
+class VisibleTriangles:
     """Triangles that a camera may see at one moment, in the world and on the screen.
 
     Attributes
@@ -114,14 +114,16 @@ class Snapshot:
     source: IntArray
 
 
-def _projected(mesh: Mesh, owner: NDArray[np.int32], camera: Camera) -> Snapshot:
-    two_sided = mesh.surface[:, 5] == Kind.LEAF
+def _projected(
+    mesh: Mesh, owner: NDArray[np.int32], camera: Camera
+) -> VisibleTriangles:
+    two_sided = mesh.surface[:, 5] == SurfaceKind.LEAF
     screen, source = to_screen(mesh.corners, mesh.normals, camera, two_sided)
-    return Snapshot(camera, mesh, owner, screen, source)
+    return VisibleTriangles(camera, mesh, owner, screen, source)
 
 
-def _together(one: Snapshot, two: Snapshot) -> Snapshot:
-    return Snapshot(
+def _together(one: VisibleTriangles, two: VisibleTriangles) -> VisibleTriangles:
+    return VisibleTriangles(
         one.camera,
         join([one.mesh, two.mesh]),
         np.concatenate([one.owner, two.owner]),
@@ -212,18 +214,18 @@ class Samples:
         )
 
 
-def pixel_centres(snapshot: Snapshot) -> Samples:
+def pixel_centres(visible: VisibleTriangles) -> Samples:
     """The middle of every pixel: what tags, instances and depth are made from."""
-    return _sampled(snapshot, 0.5)
+    return _sampled(visible, 0.5)
 
 
-def pixel_corners(snapshot: Snapshot) -> Samples:
+def pixel_corners(visible: VisibleTriangles) -> Samples:
     """The (H + 1) (W + 1) corners of the pixels, for smoothing the colour image."""
-    return _sampled(snapshot, 0.0)
+    return _sampled(visible, 0.0)
 
 
-def _sampled(snapshot: Snapshot, offset: float) -> Samples:
-    camera = snapshot.camera
+def _sampled(visible: VisibleTriangles, offset: float) -> Samples:
+    camera = visible.camera
     rows, columns = (
         camera.height + (offset == 0),
         camera.width + (offset == 0),
@@ -233,8 +235,8 @@ def _sampled(snapshot: Snapshot, offset: float) -> Samples:
     canvas = Canvas.blank(columns, rows)
     _draw_ground(canvas, rays, camera)
     # The rasteriser samples at half pixels.
-    shifted = snapshot.screen + np.array([0.5 - offset, 0.5 - offset, 0.0])
-    draw(canvas, shifted, snapshot.source)
+    shifted = visible.screen + np.array([0.5 - offset, 0.5 - offset, 0.0])
+    draw(canvas, shifted, visible.source)
     winner, nearness = canvas.winner.reshape(-1), canvas.nearness.reshape(-1)
     depth = np.full(len(winner), SKY_DEPTH, dtype=np.float32)
     solid = np.flatnonzero(winner != SKY)
@@ -282,13 +284,13 @@ class Planes:
 
 
 def planes_of(
-    snapshot: Snapshot, samples: Samples, tags: TagImage, normals: Float32
+    visible: VisibleTriangles, samples: Samples, tags: TagImage, normals: Float32
 ) -> Planes:
     """The samples at the centres of all pixels, as arrays of the image's shape."""
     owner = np.full(len(samples.winner), -1, dtype=np.int32)
     on_thing = samples.winner >= 0
-    owner[on_thing] = snapshot.owner[samples.winner[on_thing]]
-    shape = (snapshot.camera.height, snapshot.camera.width)
+    owner[on_thing] = visible.owner[samples.winner[on_thing]]
+    shape = (visible.camera.height, visible.camera.width)
     return Planes(
         samples.depth.reshape(shape),
         tags.reshape(shape),
@@ -298,17 +300,17 @@ def planes_of(
 
 
 def surfaces(
-    snapshot: Snapshot, samples: Samples, plan: RoadPlan
+    visible: VisibleTriangles, samples: Samples, plan: RoadPlan
 ) -> tuple[Pixels, TagImage]:
     """The samples that do not show the sky, as input of shading, and their tags."""
-    camera, mesh = snapshot.camera, snapshot.mesh
+    camera, mesh = visible.camera, visible.mesh
     ground = np.flatnonzero(samples.winner == GROUND)
     triangle = np.maximum(samples.winner, 0)
     stretch = np.sqrt(np.einsum("ij,ij->i", samples.rays, samples.rays))
     direction = samples.rays / stretch[:, None]
     position = f32(camera.position) + samples.rays * samples.depth[:, None]
     size = samples.depth / np.float32(camera.intrinsic[0, 0])
-    normal = sample_normals(snapshot, triangle, samples.uv)
+    normal = sample_normals(visible, triangle, samples.uv)
     normal[ground] = (0.0, 0.0, 1.0)
     surface, tags = mesh.surface[triangle], mesh.tag[triangle]
     footprint = ground_footprint(direction[ground], size[ground])
@@ -322,20 +324,20 @@ def surfaces(
 
 
 def sample_normals(
-    snapshot: Snapshot, triangle: NDArray[np.int32], uv: Float32
+    visible: VisibleTriangles, triangle: NDArray[np.int32], uv: Float32
 ) -> Float32:
     """(N, 3) float32: normals of the triangles at places (N, 2) on the screen."""
-    normals = snapshot.mesh.normals
+    normals = visible.mesh.normals
     flat = f32(normals[triangle, 0])
-    bent = _bent(snapshot, triangle)
+    bent = _bent(visible, triangle)
     chosen = np.flatnonzero(bent[triangle])
-    flat[chosen] = _smooth(snapshot, triangle[chosen], uv[chosen], flat[chosen])
+    flat[chosen] = _smooth(visible, triangle[chosen], uv[chosen], flat[chosen])
     return flat
 
 
-def _bent(snapshot: Snapshot, triangle: NDArray[np.int32]) -> BoolArray:
+def _bent(visible: VisibleTriangles, triangle: NDArray[np.int32]) -> BoolArray:
     """(T,): triangles in use whose corners have different normals."""
-    normals = snapshot.mesh.normals
+    normals = visible.mesh.normals
     used = np.zeros(len(normals), dtype=bool)
     used[triangle] = True
     numbers = np.flatnonzero(used)
@@ -347,20 +349,20 @@ def _bent(snapshot: Snapshot, triangle: NDArray[np.int32]) -> BoolArray:
 
 
 def _smooth(
-    snapshot: Snapshot, triangle: NDArray[np.int32], uv: Float32, flat: Float32
+    visible: VisibleTriangles, triangle: NDArray[np.int32], uv: Float32, flat: Float32
 ) -> Float32:
     """A normal divided by the depth is linear on the screen.
 
     So three coefficients per axis and triangle say it for every sample.
     """
-    unique, which = _numbered(triangle, len(snapshot.mesh))
-    rows = to_homogeneous(snapshot.mesh.corners[unique], snapshot.camera)
+    unique, which = _numbered(triangle, len(visible.mesh))
+    rows = to_homogeneous(visible.mesh.corners[unique], visible.camera)
     a, b, c = rows[:, 0], rows[:, 1], rows[:, 2]
     inverse = np.stack([cross(b, c), cross(c, a), cross(a, b)], axis=2)
     volume = np.einsum("ni,ni->n", a, cross(b, c))
     sound = np.abs(volume) > 1e-9
     inverse /= np.where(sound, volume, 1.0)[:, None, None]
-    slope = np.einsum("nij,njk->nik", inverse, snapshot.mesh.normals[unique])
+    slope = np.einsum("nij,njk->nik", inverse, visible.mesh.normals[unique])
     per_sample = slope.astype(np.float32).reshape(-1, 9)[which]
     normals = per_sample[:, :3] * uv[:, :1]
     normals += per_sample[:, 3:6] * uv[:, 1:]
@@ -386,25 +388,27 @@ def _numbered(
 
 
 class Photographer:
-    """Takes the colour image of one snapshot."""
+    """Takes the colour image of a town at one moment."""
 
-    def __init__(self, snapshot: Snapshot, plan: RoadPlan, light: Lighting) -> None:
-        self._snapshot, self._plan, self._light = snapshot, plan, light
+    def __init__(
+        self, visible: VisibleTriangles, plan: RoadPlan, light: Lighting
+    ) -> None:
+        self._visible, self._plan, self._light = visible, plan, light
 
     def photograph(
         self, samples: Samples, noise_seed: int
     ) -> tuple[NDArray[np.uint8], Planes]:
         """(H, W, 3) RGB and the planes, from the pixels' centres."""
-        camera = self._snapshot.camera
+        camera = self._visible.camera
         height, width = camera.height, camera.width
         depth = samples.depth.reshape(height, width)
         open_sky = ambient_occlusion(depth, float(camera.intrinsic[0, 0])).reshape(-1)
         shot = self._shoot(samples, open_sky)
         self._smooth_edges(shot.light, samples, open_sky)
-        exposure = self._light.hour.exposure
+        exposure = self._light.daylight.exposure
         linear = _bloomed(shot.light.reshape(height, width, 3), exposure)
         image = _with_noise(develop(linear, exposure), noise_seed)
-        return image, planes_of(self._snapshot, samples, shot.tags, shot.normals)
+        return image, planes_of(self._visible, samples, shot.tags, shot.normals)
 
     def _shoot(self, samples: Samples, open_sky: Float32) -> Shot:
         """All samples; `open_sky` (N,) is their share of the sky's light."""
@@ -417,12 +421,12 @@ class Photographer:
         sky = np.flatnonzero(samples.winner == SKY)
         towards = samples.rays[sky]
         towards = towards / np.linalg.norm(towards, axis=1, keepdims=True)
-        shot.light[sky] = sky_with_clouds(self._light.hour, towards)
+        shot.light[sky] = sky_with_clouds(self._light.daylight, towards)
         solid = np.flatnonzero(samples.winner != SKY)
         # In pieces that fit into the processor's cache.
         for begin in range(0, len(solid), _SAMPLES_AT_ONCE):
             piece = solid[begin : begin + _SAMPLES_AT_ONCE]
-            pixels, tags = surfaces(self._snapshot, samples.part(piece), self._plan)
+            pixels, tags = surfaces(self._visible, samples.part(piece), self._plan)
             shot.tags[piece], shot.normals[piece] = tags, pixels.normal
             shot.light[piece] = shade(pixels, open_sky[piece], self._light)
         return shot
@@ -431,8 +435,8 @@ class Photographer:
         self, image: Float32, samples: Samples, open_sky: Float32
     ) -> None:
         """Mix in the corners of pixels that show more than one triangle."""
-        camera = self._snapshot.camera
-        corners = pixel_corners(self._snapshot)
+        camera = self._visible.camera
+        corners = pixel_corners(self._visible)
         edge = _edges(samples.winner, corners.winner, (camera.height, camera.width))
         row, column = np.divmod(edge, camera.width)
         first = row * (camera.width + 1) + column
@@ -450,7 +454,7 @@ class Photographer:
 
 @dataclass(frozen=True, eq=False)
 class Shot:
-    """Light, tags and normals of a snapshot at N samples.
+    """Light, tags and normals at N samples.
 
     Attributes
     ----------

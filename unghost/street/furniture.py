@@ -29,8 +29,8 @@ from unghost.street.paint import (
     GLASS,
     RGB,
     STEEL,
-    Kind,
     Paint,
+    SurfaceKind,
     Tag,
 )
 
@@ -134,7 +134,7 @@ def sign(kind: int) -> Mesh:
 
 def wall(length: float, height: float, rgb: RGB) -> Mesh:
     """A garden wall along x, with a coping."""
-    face = Paint(rgb, kind=Kind.MASONRY)
+    face = Paint(rgb, kind=SurfaceKind.MASONRY)
     half, top = length / 2, height + 0.09
     pillars = np.linspace(-half, half, max(2, int(length / 4) + 1))
     dark = face.tinted(0.95)
@@ -261,7 +261,7 @@ def tree(kind: TreeKind, rng: np.random.Generator, detail: float = 1.0) -> Mesh:
 
 def hedge(length: float, depth: float, height: float, rng: np.random.Generator) -> Mesh:
     """A clipped hedge along x, dense enough to hide what is behind it."""
-    core = Paint((38, 52, 24), kind=Kind.LEAF)
+    core = Paint((38, 52, 24), kind=SurfaceKind.LEAF)
     low, high = (-length / 2, -depth / 2), (length / 2, depth / 2)
     inner = block((*low, 0.0), (*high, height - 0.06), core, Tag.VEGETATION)
     count = int(46 * (length * depth + 2 * (length + depth) * height))
@@ -351,7 +351,7 @@ def _leaf_mesh(
     corners = np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
     unit = normals / (np.linalg.norm(normals, axis=1, keepdims=True) + 1e-9)
     both = np.repeat(np.concatenate([unit, unit])[:, None], 3, axis=1)
-    mesh = Mesh.of(corners, both, Paint(green, kind=Kind.LEAF), Tag.VEGETATION)
+    mesh = Mesh.of(corners, both, Paint(green, kind=SurfaceKind.LEAF), Tag.VEGETATION)
     tint = np.clip(np.concatenate([shade, shade]), 0.15, 1.6).astype(np.float32)
     mesh.surface[:, :3] *= tint[:, None]
     # Sunny leaves are yellower.

@@ -20,7 +20,15 @@ from filter_core.types import FloatArray
 from unghost.street.buildings import WallPixels, facade_look
 from unghost.street.ground import grass, ground_footprint, paving
 from unghost.street.mesh import along, turned
-from unghost.street.paint import RGB, TILE, Float32, Kind, cloudy_tile, f32, sample
+from unghost.street.paint import (
+    RGB,
+    TILE,
+    Float32,
+    SurfaceKind,
+    cloudy_tile,
+    f32,
+    sample,
+)
 from unghost.street.raster import Canvas, draw
 
 _LOWEST: Final = -1e6
@@ -31,7 +39,7 @@ _TAPS: Final = ((-0.7, -0.3), (0.3, -0.7), (0.7, 0.3), (-0.3, 0.7))
 
 
 @dataclass(frozen=True)
-class Hour:
+class Daylight:
     """Light in linear units; the sun's direction points towards the sun.
 
     Attributes
@@ -57,7 +65,7 @@ class Hour:
 class Lighting:
     """The lighting of a frame."""
 
-    hour: Hour
+    daylight: Daylight
     shadows: tuple[ShadowMap, ...]
 
 
@@ -88,12 +96,12 @@ def shade(pixels: Pixels, open_sky: Float32, light: Lighting) -> Float32:
     """(N, 3) linear light that reaches the camera, haze included."""
     look = _looks(pixels)
     look.open_sky = look.open_sky * open_sky
-    leaf = pixels.surface[:, 5] == Kind.LEAF
+    leaf = pixels.surface[:, 5] == SurfaceKind.LEAF
     diffuse = look.albedo * _irradiance(pixels, look, leaf, light)
     shiny = np.flatnonzero(look.gloss > 0)
-    diffuse[shiny] = _with_mirror(pixels, look, diffuse, shiny, light.hour)
+    diffuse[shiny] = _with_mirror(pixels, look, diffuse, shiny, light.daylight)
     diffuse += look.albedo * look.glow[:, None] * 2.0
-    return _hazed(pixels, diffuse, light.hour)
+    return _hazed(pixels, diffuse, light.daylight)
 
 
 def _looks(pixels: Pixels) -> Look:
@@ -106,9 +114,9 @@ def _looks(pixels: Pixels) -> Look:
         normal=pixels.normal,
     )
     kind = surface[:, 5]
-    _look_at_walls(pixels, look, np.flatnonzero(kind == Kind.FACADE))
-    _look_at_masonry(pixels, look, np.flatnonzero(kind == Kind.MASONRY))
-    flat = np.flatnonzero(kind == Kind.PAVING)
+    _look_at_walls(pixels, look, np.flatnonzero(kind == SurfaceKind.FACADE))
+    _look_at_masonry(pixels, look, np.flatnonzero(kind == SurfaceKind.MASONRY))
+    flat = np.flatnonzero(kind == SurfaceKind.PAVING)
     x, y = pixels.position[flat, 0], pixels.position[flat, 1]
     look.albedo[flat] = paving(
         x,
@@ -116,7 +124,7 @@ def _looks(pixels: Pixels) -> Look:
         look.albedo[flat],
         ground_footprint(pixels.direction[flat], pixels.metres_per_pixel[flat]),
     )
-    lawn = np.flatnonzero(kind == Kind.GRASS)
+    lawn = np.flatnonzero(kind == SurfaceKind.GRASS)
     x, y = pixels.position[lawn, 0], pixels.position[lawn, 1]
     look.albedo[lawn] = grass(
         x, y, ground_footprint(pixels.direction[lawn], pixels.metres_per_pixel[lawn])[0]
@@ -163,8 +171,8 @@ def _look_at_masonry(pixels: Pixels, look: Look, chosen: NDArray[np.int64]) -> N
 def _irradiance(
     pixels: Pixels, look: Look, leaf: NDArray[np.bool_], light: Lighting
 ) -> Float32:
-    hour = light.hour
-    sun = f32(hour.sun)
+    daylight = light.daylight
+    sun = f32(daylight.sun)
     facing = along(look.normal, sun)
     lit = np.maximum(facing, 0.0)
     # Light also shines through leaves and wraps around their clumps.
@@ -178,16 +186,20 @@ def _irradiance(
     direct = np.zeros_like(lit)
     direct[in_sun] = lit[in_sun] * shine
     upwards = (0.5 + 0.5 * look.normal[:, 2])[:, None]
-    dome = f32(hour.zenith) * 0.55 + f32(hour.horizon) * 0.45
-    bounce = f32(hour.bounce)
+    dome = f32(daylight.zenith) * 0.55 + f32(daylight.horizon) * 0.45
+    bounce = f32(daylight.bounce)
     ambient = bounce + (dome - bounce) * upwards
-    total: Float32 = f32(hour.sunlight) * direct[:, None]
+    total: Float32 = f32(daylight.sunlight) * direct[:, None]
     total += ambient * look.open_sky[:, None]
     return total
 
 
 def _with_mirror(
-    pixels: Pixels, look: Look, diffuse: Float32, shiny: NDArray[np.int64], hour: Hour
+    pixels: Pixels,
+    look: Look,
+    diffuse: Float32,
+    shiny: NDArray[np.int64],
+    daylight: Daylight,
 ) -> Float32:
     ray, normal = pixels.direction[shiny], look.normal[shiny]
     facing = np.einsum("ij,ij->i", ray, normal)
@@ -196,64 +208,64 @@ def _with_mirror(
     share = gloss + (1 - gloss) * (1 - np.clip(np.abs(facing), 0, 1)) ** 5 * np.minimum(
         1, gloss * 12
     )
-    mirrored = mirrored_surroundings(hour, away)
-    towards_sun = np.clip(along(away, hour.sun), 0, 1)
+    mirrored = mirrored_surroundings(daylight, away)
+    towards_sun = np.clip(along(away, daylight.sun), 0, 1)
     sparkle = (towards_sun**220 * 9.0 + towards_sun**24 * 0.35) * (gloss > 0.03)
-    mirrored = mirrored + f32(hour.sunlight) * sparkle[:, None]
+    mirrored = mirrored + f32(daylight.sunlight) * sparkle[:, None]
     mirrored *= look.open_sky[shiny][:, None]
     seen: Float32 = diffuse[shiny] * (1 - share[:, None]) + mirrored * share[:, None]
     return seen
 
 
-def _hazed(pixels: Pixels, light: Float32, hour: Hour) -> Float32:
+def _hazed(pixels: Pixels, light: Float32, daylight: Daylight) -> Float32:
     level = pixels.direction.copy()
     level[:, 2] = np.abs(level[:, 2]) * 0.3 + 0.01
-    air = sky_light(hour, level) * 0.92
-    share = 1 - np.exp(-((pixels.distance * hour.haze) ** 1.25))
+    air = sky_light(daylight, level) * 0.92
+    share = 1 - np.exp(-((pixels.distance * daylight.haze) ** 1.25))
     hazed: Float32 = light + (air - light) * share[:, None]
     return hazed
 
 
-def sky_light(hour: Hour, direction: Float32) -> Float32:
+def sky_light(daylight: Daylight, direction: Float32) -> Float32:
     """(N, 3): light from each direction of the sky, without clouds."""
     height = np.clip(direction[:, 2], 0.0, 1.0)
     share = np.sqrt(height)[:, None]
-    low, high = f32(hour.horizon), f32(hour.zenith)
+    low, high = f32(daylight.horizon), f32(daylight.zenith)
     light = low + (high - low) * share
-    towards = np.clip(along(direction, hour.sun), 0.0, 1.0)
+    towards = np.clip(along(direction, daylight.sun), 0.0, 1.0)
     halo = 0.28 * towards**6 + 0.55 * towards**48
-    return light + f32(hour.sunlight) * (0.22 * halo)[:, None]
+    return light + f32(daylight.sunlight) * (0.22 * halo)[:, None]
 
 
-def mirrored_surroundings(hour: Hour, direction: Float32) -> Float32:
+def mirrored_surroundings(daylight: Daylight, direction: Float32) -> Float32:
     """(N, 3): what a mirror in a street shows: sky above, dull houses, road below."""
-    light = sky_light(hour, direction)
-    house = f32(hour.bounce) * 1.1 + f32(hour.horizon) * 0.10
+    light = sky_light(daylight, direction)
+    house = f32(daylight.bounce) * 1.1 + f32(daylight.horizon) * 0.10
     # Roof lines are not level: a wobble around the horizon makes the mirror believable.
     bearing = np.arctan2(direction[:, 1], direction[:, 0])
     roofs = 0.22 + 0.10 * np.sin(7.0 * bearing) * np.sin(17.0 * bearing + 1.0)
     above = np.clip((direction[:, 2] - roofs) / 0.06 + 0.5, 0.0, 1.0)[:, None]
     below = np.clip(-direction[:, 2] / 0.1, 0.0, 1.0)[:, None]
-    surroundings = house + (f32(hour.bounce) * 0.55 - house) * below
+    surroundings = house + (f32(daylight.bounce) * 0.55 - house) * below
     mirrored: Float32 = surroundings + (light - surroundings) * above
     return mirrored
 
 
-def sky_with_clouds(hour: Hour, direction: Float32) -> Float32:
+def sky_with_clouds(daylight: Daylight, direction: Float32) -> Float32:
     """(N, 3): the sky as the camera sees it."""
-    light = sky_light(hour, direction)
-    if hour.clouds <= 0:
+    light = sky_light(daylight, direction)
+    if daylight.clouds <= 0:
         return light
     height = np.maximum(direction[:, 2], 0.02)
     scale = 130.0 / (height + 0.12)
     u, v = direction[:, 0] * scale, direction[:, 1] * scale
     density = _bilinear(cloudy_tile(11), u, v)
-    towards_sun = f32(hour.sun[:2]) * 9.0
+    towards_sun = f32(daylight.sun[:2]) * 9.0
     lit_side = _bilinear(cloudy_tile(11), u + towards_sun[0], v + towards_sun[1])
-    cover = np.clip((density + 2.4 * hour.clouds - 1.35) * 0.75, 0.0, 1.0)
+    cover = np.clip((density + 2.4 * daylight.clouds - 1.35) * 0.75, 0.0, 1.0)
     cover *= np.clip(height * 7.0, 0.0, 1.0) * 0.92
     shine = np.clip(0.86 + 0.22 * (density - lit_side), 0.5, 1.25)
-    white = f32(hour.horizon) * 0.62 + f32(hour.sunlight) * 0.20
+    white = f32(daylight.horizon) * 0.62 + f32(daylight.sunlight) * 0.20
     clouds = white * shine[:, None]
     seen: Float32 = light + (clouds - light) * cover[:, None]
     return seen

@@ -57,7 +57,7 @@ class Tag:
     ROAD_LINE: Final = _PALETTE.tag_of("RoadLine")
 
 
-class Kind(IntEnum):
+class SurfaceKind(IntEnum):
     """Which rule shades a surface; PLAIN is a single colour."""
 
     PLAIN = 0
@@ -77,14 +77,14 @@ class Paint:
     rgb : sRGB, 0..255
     gloss : 0..1, the share of light mirrored when looking straight on
     glow : light given off, in multiples of the colour
-    kind : `Kind`
+    kind : `SurfaceKind`
     params : what the kind's shader needs
     """
 
     rgb: RGB
     gloss: float = 0.0
     glow: float = 0.0
-    kind: Kind = Kind.PLAIN
+    kind: SurfaceKind = SurfaceKind.PLAIN
     params: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
 
     def row(self) -> NDArray[np.float32]:

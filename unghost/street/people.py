@@ -43,7 +43,7 @@ WALK_PHASES: Final = 4
 
 
 @dataclass(frozen=True)
-class Dress:
+class Clothes:
     """The colours of what one person wears."""
 
     shirt: RGB
@@ -53,8 +53,8 @@ class Dress:
     coat: bool = False
 
     @classmethod
-    def random(cls, rng: np.random.Generator) -> Dress:
-        """A dress whose colours are drawn at random."""
+    def random(cls, rng: np.random.Generator) -> Clothes:
+        """Clothes whose colours are drawn at random."""
         shirt, trousers, skin, hair = (
             colors[rng.integers(len(colors))]
             for colors in (SHIRTS, TROUSERS, SKINS, HAIRS)
@@ -74,7 +74,7 @@ class Dress:
 
 
 @dataclass(frozen=True)
-class Pose:
+class BodyPose:
     """Where the joints of a person are: right side first, then left."""
 
     hips: Point
@@ -86,9 +86,13 @@ class Pose:
     hands: tuple[Point, Point]
 
 
-def walker(dress: Dress, phase: int, scale: float = 1.0, *, fine: bool = True) -> Mesh:
+def walker(
+    clothes: Clothes, phase: int, scale: float = 1.0, *, fine: bool = True
+) -> Mesh:
     """Someone walking along x; `phase` is one of `WALK_PHASES` moments of a step."""
-    figure = dress.on(_undyed_walker(phase % WALK_PHASES, coat=dress.coat, fine=fine))
+    figure = clothes.on(
+        _undyed_walker(phase % WALK_PHASES, coat=clothes.coat, fine=fine)
+    )
     return Mesh(figure.corners * scale, figure.normals, figure.surface, figure.tag)
 
 
@@ -110,7 +114,7 @@ def _coat(tag: int) -> Mesh:
     return loft(np.array(rings), [[Paint.dye(_SHIRT)]], tag)
 
 
-def walking_pose(phase: int) -> Pose:
+def walking_pose(phase: int) -> BodyPose:
     """Legs and arms swing against each other."""
     swing = float(np.sin(2 * np.pi * phase / WALK_PHASES + 0.6))
     reach = 0.21 * swing
@@ -133,7 +137,7 @@ def walking_pose(phase: int) -> Pose:
         )
     (right, right_foot), (left, left_foot) = legs
     (right_elbow, right_hand), (left_elbow, left_hand) = arms
-    return Pose(
+    return BodyPose(
         hips=(0.0, 0.0, 0.95), shoulders=(0.01, 0.0, 1.43), head=(0.04, 0.0, 1.65),
         knees=(right, left), feet=(right_foot, left_foot),
         elbows=(right_elbow, left_elbow), hands=(right_hand, left_hand),
@@ -146,12 +150,12 @@ class Figure:
 
     Attributes
     ----------
-    pose : Pose
+    pose : BodyPose
     tag : of all of it
     sides : of its round parts; fewer from afar
     """
 
-    pose: Pose
+    pose: BodyPose
     tag: int
     sides: int = 8
 

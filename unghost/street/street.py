@@ -143,7 +143,7 @@ class _Set:
             thing.shape(time_s).placed(thing.pose(time_s).matrix).corners
             for thing in things
         )
-        return ShadowMap.of(corners, self._town.style.hour.sun, area, texels)
+        return ShadowMap.of(corners, self._town.style.daylight.sun, area, texels)
 
     def render(self, step: int) -> StreetFrame:
         with self._lock:
@@ -152,11 +152,11 @@ class _Set:
         time_s = step * STEP_S
         pose = self._town.camera(step)
         camera = Camera.from_fov(WIDTH, HEIGHT, FOV, pose)
-        snapshot = stage.snapshot(camera, time_s)
-        light = Lighting(style.hour, (still, self._moving_shadows(camera, time_s)))
+        visible = stage.visible_triangles(camera, time_s)
+        light = Lighting(style.daylight, (still, self._moving_shadows(camera, time_s)))
         seed = (self._seed * 31 + self._number) * 100_003 + step
-        photographer = Photographer(snapshot, style.plan, light)
-        image, planes = photographer.photograph(pixel_centres(snapshot), seed)
+        photographer = Photographer(visible, style.plan, light)
+        image, planes = photographer.photograph(pixel_centres(visible), seed)
         key = f"{style.name}/{step:06d}"
         boxes = placed_boxes(things, stage.poses(time_s), camera)
         flat = step % _FLAT_EVERY == _FLAT_EVERY - 1

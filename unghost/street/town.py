@@ -19,7 +19,7 @@ from filter_core.geometry.pose import Transform
 from filter_core.types import FloatArray
 from unghost.street.furniture import TreeKind, tree
 from unghost.street.ground import SIDEWALK_HEIGHT, RoadPlan
-from unghost.street.light import Hour
+from unghost.street.light import Daylight
 from unghost.street.mesh import Mesh
 from unghost.street.paint import FAMILY
 
@@ -53,7 +53,7 @@ class TownStyle:
     ----------
     name : of the map
     seed : of everything random in it
-    plan, hour : its streets and its light
+    plan, daylight : its streets and its light
     weather : CARLA's parameters for the hour
     houses : styles of its houses, as often as each occurs
     storeys : lowest and highest
@@ -66,7 +66,7 @@ class TownStyle:
     name: str
     seed: int
     plan: RoadPlan
-    hour: Hour
+    daylight: Daylight
     weather: dict[str, float]
     houses: tuple[int, ...]
     storeys: tuple[int, int]

@@ -25,9 +25,9 @@ from unghost.street.buildings import (
 )
 from unghost.street.furniture import LINDEN, MAPLE, PLANE_TREE, POPLAR
 from unghost.street.ground import SIDEWALK_HEIGHT, RoadPlan
-from unghost.street.light import Hour
+from unghost.street.light import Daylight
 from unghost.street.mesh import block, join, sheet
-from unghost.street.paint import RGB, Kind, Paint, Tag
+from unghost.street.paint import RGB, Paint, SurfaceKind, Tag
 from unghost.street.town import (
     BACK_ROW,
     HOUSE_TYPE,
@@ -46,9 +46,9 @@ from unghost.street.traffic import (
     run_traffic,
 )
 
-_PAVING: Final = Paint((158, 152, 142), kind=Kind.PAVING)
+_PAVING: Final = Paint((158, 152, 142), kind=SurfaceKind.PAVING)
 _KERB: Final = Paint((172, 168, 160))
-_LAWN: Final = Paint((90, 110, 50), kind=Kind.GRASS)
+_LAWN: Final = Paint((90, 110, 50), kind=SurfaceKind.GRASS)
 _WALL_COLORS: Final = ((168, 150, 126), (150, 92, 74), (186, 178, 164))
 SIDES: Final = (1, -1)
 
@@ -295,7 +295,7 @@ def _towards(azimuth: float, height: float) -> RGB:
     return (flat * float(np.cos(turn)), flat * float(np.sin(turn)), float(np.sin(up)))
 
 
-_AFTERNOON: Final = Hour(
+_AFTERNOON: Final = Daylight(
     sun=_towards(212, 41),
     sunlight=(3.5, 3.0, 2.35),
     zenith=(0.20, 0.40, 0.84),
@@ -305,7 +305,7 @@ _AFTERNOON: Final = Hour(
     clouds=0.46,
     exposure=0.62,
 )
-_MORNING: Final = Hour(
+_MORNING: Final = Daylight(
     sun=_towards(38, 30),
     sunlight=(3.5, 2.75, 1.95),
     zenith=(0.26, 0.43, 0.78),
@@ -315,7 +315,7 @@ _MORNING: Final = Hour(
     clouds=0.36,
     exposure=0.62,
 )
-_OVERCAST: Final = Hour(
+_OVERCAST: Final = Daylight(
     sun=_towards(150, 52),
     sunlight=(1.35, 1.30, 1.22),
     zenith=(0.62, 0.70, 0.82),
@@ -330,7 +330,7 @@ STYLES: Final = (
         name="town-a",
         seed=101,
         plan=RoadPlan(2, (58.0, 176.0, 290.0), 6.0, 4.6),
-        hour=_AFTERNOON,
+        daylight=_AFTERNOON,
         weather={"cloudiness": 30.0, "fog_density": 2.0, "sun_altitude_angle": 41.0},
         houses=(TOWN_HOUSE, TOWN_HOUSE, STONE, BRICK, OFFICE),
         storeys=(3, 5),
@@ -343,7 +343,7 @@ STYLES: Final = (
         name="town-b",
         seed=202,
         plan=RoadPlan(1, (40.0, 128.0, 236.0), 5.0, 3.6),
-        hour=_MORNING,
+        daylight=_MORNING,
         weather={"cloudiness": 20.0, "fog_density": 4.0, "sun_altitude_angle": 30.0},
         houses=(HOUSE, HOUSE, HOUSE, FLATS, BRICK),
         storeys=(2, 3),
@@ -356,7 +356,7 @@ STYLES: Final = (
         name="town-c",
         seed=303,
         plan=RoadPlan(3, (70.0, 200.0, 318.0), 7.0, 5.4),
-        hour=_OVERCAST,
+        daylight=_OVERCAST,
         weather={"cloudiness": 85.0, "fog_density": 8.0, "sun_altitude_angle": 52.0},
         houses=(OFFICE, OFFICE, FLATS, BRICK, STONE),
         storeys=(4, 7),

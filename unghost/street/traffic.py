@@ -18,7 +18,7 @@ from unghost.street.furniture import AMBER, GREEN, RED, traffic_light
 from unghost.street.ground import PARKING, SIDEWALK_HEIGHT
 from unghost.street.mesh import Mesh
 from unghost.street.paint import RGB
-from unghost.street.people import WALK_PHASES, Dress, walker
+from unghost.street.people import WALK_PHASES, Clothes, walker
 from unghost.street.town import (
     BACK_ROW,
     DRIVE_LENGTH,
@@ -107,7 +107,7 @@ HEAVY: Final[dict[str, tuple[str, str, Callable[[np.random.Generator], Mesh]]]] 
 }
 """The class, the blueprint and the building function of each vehicle."""
 _TWO_WHEELERS: Final[
-    dict[str, tuple[Callable[[RGB, Dress], Mesh], tuple[str, ...]]]
+    dict[str, tuple[Callable[[RGB, Clothes], Mesh], tuple[str, ...]]]
 ] = {
     "motorcycle": (
         motorcycle,
@@ -161,7 +161,7 @@ def new_two_wheeler(
     """A motorcycle or a bicycle with its rider."""
     build, type_ids = _TWO_WHEELERS[class_name]
     color = _any_of(CAR_COLORS[3:], rng)
-    mesh = build(color, Dress.random(rng))
+    mesh = build(color, Clothes.random(rng))
     return Thing(
         0, class_name, _any_of(type_ids, rng), class_name, (mesh,), start, route
     )
@@ -171,11 +171,11 @@ def new_walker(
     rng: np.random.Generator, start: Transform, route: Route = _STANDING
 ) -> Thing:
     """Someone on foot: walking if there is a route, else standing."""
-    dress = Dress.random(rng)
+    clothes = Clothes.random(rng)
     scale = float(rng.uniform(0.93, 1.06)) if rng.random() > 0.1 else 0.72
     phases = range(WALK_PHASES) if route.length else (1,)
     near, far = (
-        tuple(walker(dress, phase, scale, fine=fine) for phase in phases)
+        tuple(walker(clothes, phase, scale, fine=fine) for phase in phases)
         for fine in (True, False)
     )
     number = int(rng.integers(1, 49))

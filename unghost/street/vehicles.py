@@ -40,7 +40,7 @@ from unghost.street.paint import (
     Paint,
     Tag,
 )
-from unghost.street.people import Dress, Figure, Pose
+from unghost.street.people import BodyPose, Clothes, Figure
 
 _GROUND_CLEARANCE: Final = 0.19
 _LAMP_HEIGHT: Final = 0.82
@@ -524,14 +524,14 @@ def _spoke_gap(
     return sheet(corners + np.array(centre), (0, 1, 0), BLACK, tag)
 
 
-_CYCLIST: Final = Pose(
+_CYCLIST: Final = BodyPose(
     hips=(-0.22, 0.0, 0.98), shoulders=(0.13, 0.0, 1.40), head=(0.26, 0.0, 1.60),
     knees=((0.16, 0.11, 0.72), (0.10, -0.11, 0.58)),
     feet=((0.02, 0.11, 0.42), (-0.06, -0.11, 0.20)),
     elbows=((0.26, 0.27, 1.17), (0.26, -0.27, 1.17)),
     hands=((0.46, 0.25, 1.05), (0.46, -0.25, 1.05)),
 )  # fmt: skip
-_BIKER: Final = Pose(
+_BIKER: Final = BodyPose(
     hips=(-0.28, 0.0, 0.90), shoulders=(-0.02, 0.0, 1.36), head=(0.08, 0.0, 1.58),
     knees=((0.16, 0.20, 0.76), (0.16, -0.20, 0.76)),
     feet=((-0.06, 0.20, 0.38), (-0.06, -0.20, 0.38)),
@@ -540,7 +540,7 @@ _BIKER: Final = Pose(
 )  # fmt: skip
 
 
-def bicycle(rgb: RGB, dress: Dress) -> Mesh:
+def bicycle(rgb: RGB, clothes: Clothes) -> Mesh:
     """A bicycle heading along x, its rider included."""
     tag = Tag.BICYCLE
     frame = Paint(rgb, gloss=0.05)
@@ -560,11 +560,11 @@ def bicycle(rgb: RGB, dress: Dress) -> Mesh:
         tube((0.02, 0.11, 0.38), (-0.06, -0.11, 0.18), 0.014, (DARK_STEEL, tag), 6),
     ]
     return join(
-        [*parts, dress.on(Figure(_CYCLIST, Tag.RIDER).mesh()), _helmet(_CYCLIST, rgb)]
+        [*parts, clothes.on(Figure(_CYCLIST, Tag.RIDER).mesh()), _helmet(_CYCLIST, rgb)]
     )
 
 
-def motorcycle(rgb: RGB, dress: Dress) -> Mesh:
+def motorcycle(rgb: RGB, clothes: Clothes) -> Mesh:
     """A motorcycle heading along x, its rider included."""
     tag = Tag.MOTORCYCLE
     body = Paint(rgb, gloss=0.07)
@@ -578,7 +578,7 @@ def motorcycle(rgb: RGB, dress: Dress) -> Mesh:
     ]
     fork = tube((0.72, 0.09, 0.31), (0.46, 0.09, 0.98), 0.03, (CHROME, tag), 6)
     swing = tube((-0.68, 0.09, 0.31), (-0.10, 0.09, 0.42), 0.03, (STEEL, tag), 6)
-    rider = replace(dress, hair=rgb)
+    rider = replace(clothes, hair=rgb)
     return join(
         [
             *(_motor_wheel((x, 0.0, 0.31), tag) for x in (0.72, -0.68)),
@@ -610,7 +610,7 @@ def _spokes(hub: tuple[float, float, float], tag: int) -> Mesh:
     )
 
 
-def _helmet(pose: Pose, rgb: RGB, *, full: bool = False) -> Mesh:
+def _helmet(pose: BodyPose, rgb: RGB, *, full: bool = False) -> Mesh:
     x, y, z = pose.head
     if full:
         return ball(

@@ -49,7 +49,7 @@ class TokenIn(RequestModel):
     )
 
     @model_validator(mode="after")
-    def _ends_once(self) -> TokenIn:
+    def _check_expiry(self) -> TokenIn:
         if self.expires_at is not None and "expires_in_days" in self.model_fields_set:
             raise ValueError("expected either expires_at or expires_in_days")
         return self
@@ -88,7 +88,7 @@ class LogIn(RequestModel):
     code: Secret | None = None
 
     @model_validator(mode="after")
-    def _is_one(self) -> LogIn:
+    def _check_credential(self) -> LogIn:
         if (self.token is None) == (self.code is None):
             raise ValueError("expected either token or code")
         return self

@@ -55,7 +55,7 @@ class IgnoreMask(RequestModel):
     )
 
     @model_validator(mode="after")
-    def _has_one_form(self) -> IgnoreMask:
+    def _check_polygons_or_png(self) -> IgnoreMask:
         if (self.polygons is None) == (self.png is None):
             raise ValueError("expected either polygons or png")
         points = sum(map(len, self.polygons or ()))
@@ -87,12 +87,12 @@ class DatasetIn(RequestModel):
     ignore_mask: IgnoreMask | None = None
 
 
-_TAKEN_AWAY_BY_NULL: Final = "ignore_mask"
+_CLEARED_BY_NULL: Final = "ignore_mask"
 
 
 def _values_are_needed(schema: JsonDict) -> None:
     for name, value in properties_of(schema):
-        if name != _TAKEN_AWAY_BY_NULL:
+        if name != _CLEARED_BY_NULL:
             never_null(value)
             value.pop("default", None)
 
@@ -113,10 +113,8 @@ class DatasetPatch(RequestModel):
 
     @field_validator("*", mode="before")
     @classmethod
-    def _only_a_mask_can_be_taken_away(
-        cls, value: object, field: ValidationInfo
-    ) -> object:
-        if value is None and field.field_name != _TAKEN_AWAY_BY_NULL:
+    def _refuse_null(cls, value: object, field: ValidationInfo) -> object:
+        if value is None and field.field_name != _CLEARED_BY_NULL:
             raise ValueError("expected a value, found null; leave the key out instead")
         return value
 

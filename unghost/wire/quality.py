@@ -30,7 +30,7 @@ class QualityQuery(RequestModel):
 
     @field_validator("recall")
     @classmethod
-    def _has_an_effect(cls, recall: float, place: ValidationInfo) -> float:
+    def _refuse_unused_recall(cls, recall: float, place: ValidationInfo) -> float:
         if place.data.get("target") == "f1":
             raise ValueError("has no effect without target=recall")
         return recall

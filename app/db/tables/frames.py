@@ -54,8 +54,9 @@ class Frame(Base):
     run_id: Mapped[int] = mapped_column(Key)
     first_box_id: Mapped[int] = mapped_column(Key)
     box_count: Mapped[int]
-    width: Mapped[int | None]
-    height: Mapped[int | None]
+    # Never NULL, although the columns allow it: a frame of unknown size is refused.
+    width: Mapped[int] = mapped_column(nullable=True)
+    height: Mapped[int] = mapped_column(nullable=True)
     carla_version: Mapped[str | None] = mapped_column(String(200))
     map: Mapped[str | None] = mapped_column(String(200))
     captured_at: Mapped[str | None] = mapped_column(String(64))

@@ -31,7 +31,7 @@ REFUSALS = {401, 403, 429}
 
 
 @pytest.fixture(scope="module")
-def filled(service):
+def path_values(service):
     """A dataset of an admin, and the values for the paths of all routes to it."""
     with service.admin() as admin:
         admin.post("/api/v1/datasets", json={"name": "hers"})
@@ -110,7 +110,7 @@ def test_role_is_allowed_its_routes_and_forbidden_all_others(as_role, role):
 
 @pytest.mark.parametrize("role", ["viewer", "reviewer"])
 def test_role_is_forbidden_on_a_dataset_of_others_and_changes_nothing(
-    service, as_role, filled, role
+    service, as_role, path_values, role
 ):
     """The paths lead to a real dataset, which a refused request must not change."""
     barred = {
@@ -119,19 +119,19 @@ def test_role_is_forbidden_on_a_dataset_of_others_and_changes_nothing(
     with service.admin() as admin:
         before = admin.get("/api/v1/datasets/hers").json()
 
-        statuses = statuses_of(as_role(role), filled, barred)
+        statuses = statuses_of(as_role(role), path_values, barred)
 
         assert set(statuses.values()) == {403}
         assert admin.get("/api/v1/datasets/hers").json() == before
         assert admin.get("/version").status_code == 200
 
 
-def test_a_viewer_may_read_datasets_of_others(as_role, filled):
+def test_a_viewer_may_read_datasets_of_others(as_role, path_values):
     """Datasets are not private: every viewer may read all of them."""
     reading = {one for one, role in NEEDING_A_ROLE.items() if role == "viewer"}
     gets = {one for one in reading if one[0] == "GET"}
 
-    statuses = statuses_of(as_role("viewer"), filled, gets)
+    statuses = statuses_of(as_role("viewer"), path_values, gets)
 
     assert {one for one, status in statuses.items() if status in REFUSALS} == set()
     assert statuses["GET", "/api/v1/boxes/{box_id}"] == 200
@@ -188,12 +188,12 @@ INVALID_CREDENTIALS = {
 
 @pytest.mark.parametrize("which", INVALID_CREDENTIALS)
 def test_every_route_refuses_requests_without_a_valid_token(
-    service, admin, filled, which
+    service, admin, path_values, which
 ):
     headers = INVALID_CREDENTIALS[which](service, admin)
 
     with service.client(**headers) as client:
-        statuses = statuses_of(client, filled)
+        statuses = statuses_of(client, path_values)
 
     assert set(statuses.values()) == UNAUTHORISED
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import signal
 from collections.abc import Iterator
 from pathlib import Path
@@ -186,6 +187,8 @@ def test_interrupted_push_resumes_when_repeated(unghost, name, tmp_path):
     folder = frames_in(tmp_path, 200)
     command = ("push", folder, "--dataset", name, "--json", "--workers", 1)
     with unghost.running(*command) as process:
+        # Too small for all its lines: the command waits for a reader, and does not end.
+        fcntl.fcntl(process.stdout, fcntl.F_SETPIPE_SZ, 4096)
         first = process.stdout.readline()
         process.send_signal(signal.SIGINT)
         _, err = process.communicate(timeout=60)

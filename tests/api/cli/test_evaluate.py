@@ -9,7 +9,6 @@ from xml.etree import ElementTree
 import pytest
 
 from filter_core.config.file import load_config
-from tests.support.command_line import CommandLine
 from tests.support.folders import write_files
 from tests.support.pictures import painted, png
 from tests.support.sensors import ANNOTATION, depth_png, instance_png, scene
@@ -17,11 +16,6 @@ from tests.support.sensors import ANNOTATION, depth_png, instance_png, scene
 pytestmark = pytest.mark.long
 
 DONE, REFUSED, USAGE, PARTLY = 0, 1, 2, 3
-
-
-@pytest.fixture
-def unghost(tmp_path: Path) -> CommandLine:
-    return CommandLine(tmp_path, {})
 
 
 @pytest.fixture
@@ -57,8 +51,8 @@ def write_truth(folder: Path) -> Path:
     return path
 
 
-def test_channels_are_compared_with_a_truth_file(unghost, folder):
-    answer = unghost("evaluate", folder, "--truth", write_truth(folder), "--json")
+def test_channels_are_compared_with_a_truth_file(bare_unghost, folder):
+    answer = bare_unghost("evaluate", folder, "--truth", write_truth(folder), "--json")
 
     assert answer.code == PARTLY
     assert "refused: broken" in answer.err
@@ -68,8 +62,8 @@ def test_channels_are_compared_with_a_truth_file(unghost, folder):
     assert (kept["semantic"], kept["depth"], kept["instance"]) == (2, 0, 0)
 
 
-def test_instances_are_the_truth_without_a_truth_file(unghost, folder):
-    answer = unghost(
+def test_instances_are_the_truth_without_a_truth_file(bare_unghost, folder):
+    answer = bare_unghost(
         "evaluate", folder, "--channel", "semantic", "--channel", "ordered"
     )
 
@@ -82,18 +76,18 @@ def test_instances_are_the_truth_without_a_truth_file(unghost, folder):
     assert "class\tcar\tsemantic" in answer.out
 
 
-def test_plot_names_the_evaluated_channel(unghost, folder, tmp_path):
-    unghost("evaluate", folder, "--channel", "ordered", "--plot", "scores.svg")
+def test_plot_names_the_evaluated_channel(bare_unghost, folder, tmp_path):
+    bare_unghost("evaluate", folder, "--channel", "ordered", "--plot", "scores.svg")
 
     root = ElementTree.fromstring((tmp_path / "scores.svg").read_text("utf-8"))
     texts = [node.text for node in root.iter("{http://www.w3.org/2000/svg}text")]
     assert "ordered" in texts
 
 
-def test_invalid_truth_file_is_refused_with_its_line(unghost, folder):
+def test_invalid_truth_file_is_refused_with_its_line(bare_unghost, folder):
     (folder / "truth.jsonl").write_text("nonsense")
 
-    answer = unghost("evaluate", folder, "--truth", folder / "truth.jsonl")
+    answer = bare_unghost("evaluate", folder, "--truth", folder / "truth.jsonl")
 
     assert answer.code == REFUSED
     assert "truth.jsonl, line 1" in answer.err
@@ -112,9 +106,9 @@ def folder_with_partial_box(folder: Path) -> Path:
 
 
 def test_suggested_thresholds_are_written_as_a_valid_config(
-    unghost, folder_with_partial_box, tmp_path
+    bare_unghost, folder_with_partial_box, tmp_path
 ):
-    (told,) = unghost(
+    (told,) = bare_unghost(
         "evaluate",
         folder_with_partial_box,
         "--suggest",
@@ -122,7 +116,7 @@ def test_suggested_thresholds_are_written_as_a_valid_config(
         "new.yaml",
         "--json",
     ).records
-    after = unghost(
+    after = bare_unghost(
         "evaluate", folder_with_partial_box, "--config", "new.yaml", "--json"
     )
 
@@ -135,14 +129,14 @@ def test_suggested_thresholds_are_written_as_a_valid_config(
     assert after.records[0]["channels"]["semantic"]["f1"]["value"] == 1
 
 
-def test_written_files_take_the_place_of_links(unghost, folder_with_partial_box):
+def test_written_files_take_the_place_of_links(bare_unghost, folder_with_partial_box):
     private = folder_with_partial_box / "private.txt"
     private.write_text("mine")
     config, plot = (folder_with_partial_box / name for name in ("a.yaml", "b.svg"))
     config.symlink_to(private)
     plot.symlink_to(private)
 
-    answer = unghost(
+    answer = bare_unghost(
         *("evaluate", folder_with_partial_box, "--suggest"),
         *("--config-out", config, "--plot", plot),
     )
@@ -154,8 +148,12 @@ def test_written_files_take_the_place_of_links(unghost, folder_with_partial_box)
     assert ElementTree.fromstring(plot.read_text("utf-8")).tag.endswith("svg")
 
 
-def test_suggested_thresholds_are_printed_as_a_table(unghost, folder_with_partial_box):
-    answer = unghost("evaluate", folder_with_partial_box, "--suggest", "--recall", "1")
+def test_suggested_thresholds_are_printed_as_a_table(
+    bare_unghost, folder_with_partial_box
+):
+    answer = bare_unghost(
+        "evaluate", folder_with_partial_box, "--suggest", "--recall", "1"
+    )
 
     (row,) = [
         line.split("\t")
@@ -166,8 +164,10 @@ def test_suggested_thresholds_are_printed_as_a_table(unghost, folder_with_partia
     assert row[-2:] == ["0.667", "1.0"]
 
 
-def test_the_worst_boxes_of_each_channel_are_listed(unghost, folder_with_partial_box):
-    (told,) = unghost("evaluate", folder_with_partial_box, "--json").records
+def test_the_worst_boxes_of_each_channel_are_listed(
+    bare_unghost, folder_with_partial_box
+):
+    (told,) = bare_unghost("evaluate", folder_with_partial_box, "--json").records
 
     assert told["channels"]["semantic"]["worst"] == [
         {"key": key, "id": "beside", "error": "kept_hidden", "pixels": 60 * 70}
@@ -176,11 +176,11 @@ def test_the_worst_boxes_of_each_channel_are_listed(unghost, folder_with_partial
     assert told["channels"]["instance"]["worst"] == []
 
 
-def test_truth_of_other_frames_is_counted_and_exits_with_3(unghost, folder):
+def test_truth_of_other_frames_is_counted_and_exits_with_3(bare_unghost, folder):
     truth = write_truth(folder)
     truth.write_text(truth.read_text().replace('"b"', '"x"'))
 
-    answer = unghost("evaluate", folder, "--truth", truth, "--channel", "semantic")
+    answer = bare_unghost("evaluate", folder, "--truth", truth, "--channel", "semantic")
 
     assert answer.code == PARTLY
     assert "frames without a box of known truth: 2 of 3" in answer.err
@@ -190,27 +190,29 @@ def test_truth_of_other_frames_is_counted_and_exits_with_3(unghost, folder):
     )
 
 
-def test_truth_of_some_frames_only_is_noted(unghost, folder):
+def test_truth_of_some_frames_only_is_noted(bare_unghost, folder):
     truth = write_truth(folder)
     truth.write_text(truth.read_text().partition('{"key": "b"')[0])
 
-    answer = unghost("evaluate", folder, "--truth", truth, "--channel", "semantic")
+    answer = bare_unghost("evaluate", folder, "--truth", truth, "--channel", "semantic")
 
     assert answer.code == DONE
     assert "frames without a box of known truth: 2 of 3" in answer.err
 
 
-def test_empty_truth_is_refused(unghost, folder):
+def test_empty_truth_is_refused(bare_unghost, folder):
     (folder / "truth.jsonl").write_text("")
 
-    answer = unghost("evaluate", folder, "--truth", folder / "truth.jsonl", "--suggest")
+    answer = bare_unghost(
+        "evaluate", folder, "--truth", folder / "truth.jsonl", "--suggest"
+    )
 
     assert answer.code == REFUSED
     assert "nothing was compared" in answer.err
     assert "no threshold can be suggested" not in answer.err
 
 
-def test_unmatched_files_are_listed(unghost, tmp_path):
+def test_unmatched_files_are_listed(bare_unghost, tmp_path):
     tags, _, _ = scene()
     files = {"classes.txt": "car\n", "labels/a.txt": "0 0.5 0.5 0.1 0.1\n"}
     write_files(tmp_path / "yolo", files)
@@ -221,11 +223,11 @@ def test_unmatched_files_are_listed(unghost, tmp_path):
     truth = tmp_path / "truth.jsonl"
     truth.write_text('{"key": "a", "id": "0", "visible": true}')
 
-    answer = unghost("evaluate", "yolo", "--truth", truth)
+    answer = bare_unghost("evaluate", "yolo", "--truth", truth)
 
     assert (answer.code, "refused" in answer.err) == (PARTLY, False), answer.err
     assert "not matched: images/b.png: no label file for this image" in answer.err
 
 
-def test_recall_option_without_suggest_is_refused(unghost, folder):
-    assert unghost("evaluate", folder, "--recall", "0.9").code == USAGE
+def test_recall_option_without_suggest_is_refused(bare_unghost, folder):
+    assert bare_unghost("evaluate", folder, "--recall", "0.9").code == USAGE

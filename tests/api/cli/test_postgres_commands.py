@@ -32,8 +32,7 @@ def url():
 
 @pytest.fixture
 def unghost(tmp_path, url) -> CommandLine:
-    settings = {"UNGHOST_DATA": str(tmp_path / "data"), "UNGHOST_DATABASE_URL": url}
-    return CommandLine(tmp_path, settings)
+    return elsewhere(tmp_path, url)
 
 
 @pytest.fixture

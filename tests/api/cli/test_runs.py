@@ -11,6 +11,7 @@ import pytest
 
 from tests.support.command_line import CommandLine
 from tests.support.slow_datasets import OTHER_PIXELS
+from tests.support.waiting import until
 from unghost import Client, Conflict
 
 pytestmark = pytest.mark.long
@@ -35,8 +36,8 @@ def interrupted(unghost, slow, config, *options):
     with Client(server.url, server.token) as client:
         before = next(client.runs(dataset)).id
         with unghost.running(*words) as process:
-            while (newest := next(client.runs(dataset))).id == before:
-                pass
+            until(lambda: next(client.runs(dataset)).id != before)
+            newest = next(client.runs(dataset))
             next(state for state in client.events(newest) if state.done)
             process.send_signal(signal.SIGINT)
             _, err = process.communicate(timeout=60)

@@ -18,7 +18,7 @@ def dataset(client: Client, request: pytest.FixtureRequest) -> str:
 
 
 @pytest.fixture
-def filled(client: Client, dataset: str) -> str:
+def filled_dataset(client: Client, dataset: str) -> str:
     """A dataset of three frames, each with a box to keep and one to reject."""
     for number in range(3):
         frames.put(client, dataset, f"run/{number:06}", number)

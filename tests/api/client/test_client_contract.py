@@ -8,24 +8,27 @@ import pytest
 
 import unghost
 from tests.support import frames
+from tests.support.waiting import until
 
 JPEG = b"\xff\xd8"
 
 
 def test_version_and_readiness(client):
     assert client.version().version
-    assert client.ready() is True
+    assert until(client.ready) is True
 
 
-def test_changed_dataset_or_the_run_that_measures_again_is_returned(client, filled):
-    changed = client.change_dataset(filled, description="a street")
-    run = client.change_dataset(filled, lossy_segmentation="nearest")
+def test_changed_dataset_or_the_run_that_measures_again_is_returned(
+    client, filled_dataset
+):
+    changed = client.change_dataset(filled_dataset, description="a street")
+    run = client.change_dataset(filled_dataset, lossy_segmentation="nearest")
 
     assert isinstance(changed, unghost.Dataset)
     assert changed.description == "a street"
     assert isinstance(run, unghost.Run)
     assert client.wait(run).state == "done"
-    assert client.dataset(filled).lossy_segmentation == "nearest"
+    assert client.dataset(filled_dataset).lossy_segmentation == "nearest"
 
 
 def test_put_frame_returns_decisions_and_whether_it_is_new(client, dataset):
@@ -53,28 +56,28 @@ def test_put_frame_accepts_file_paths(client, dataset, tmp_path):
     assert {each.verdict for each in stored.decisions} == {"unmeasured"}
 
 
-def test_frame_file_returns_the_uploaded_bytes(client, filled):
-    frame = next(client.frames(filled))
+def test_frame_file_returns_the_uploaded_bytes(client, filled_dataset):
+    frame = next(client.frames(filled_dataset))
 
     assert client.frame_file(frame.id, "segmentation") == frames.segmentation()
 
 
-def test_bulk_review_of_a_stale_selection_raises_stale_review(client, filled):
-    seen = client.select_boxes(filled, verdict="rejected", class_name="car")
-    (one, *_) = client.boxes(filled, verdict="rejected")
+def test_bulk_review_of_a_stale_selection_raises_stale_review(client, filled_dataset):
+    seen = client.select_boxes(filled_dataset, verdict="rejected", class_name="car")
+    (one, *_) = client.boxes(filled_dataset, verdict="rejected")
     client.review(one.box_id, "reject", seen_revision=one.revision)
 
     with pytest.raises(
         unghost.StaleReview, match="boxes now, 3 when they were listed"
     ) as caught:
-        client.bulk_review(filled, "keep", seen)
+        client.bulk_review(filled_dataset, "keep", seen)
     assert caught.value.code == "stale_snapshot"
     assert (caught.value.current or {})["total"] == 3
-    again = client.select_boxes(filled, verdict="rejected", class_name="car")
-    batch = client.bulk_review(filled, "keep", again)
+    again = client.select_boxes(filled_dataset, verdict="rejected", class_name="car")
+    batch = client.bulk_review(filled_dataset, "keep", again)
 
     assert (seen.count, again.count, batch.count) == (3, 3, 3)
-    assert client.count_boxes(filled, verdict="rejected", class_name="car") == 3
+    assert client.count_boxes(filled_dataset, verdict="rejected", class_name="car") == 3
 
 
 def test_push_reports_the_outcome_of_each_frame(client, dataset, tmp_path):
@@ -97,19 +100,19 @@ def test_push_reports_the_outcome_of_each_frame(client, dataset, tmp_path):
     assert client.frame(told["a/1"].frame_id).key == "a/1"
 
 
-def test_export_is_created_and_downloaded(client, filled, tmp_path):
-    export = client.wait_for_export(client.start_export(filled, "yolo"))
+def test_export_is_created_and_downloaded(client, filled_dataset, tmp_path):
+    export = client.wait_for_export(client.start_export(filled_dataset, "yolo"))
 
     path = client.download(export, tmp_path / "labels.zip")
 
-    assert export.id in [each.id for each in client.exports(filled)]
+    assert export.id in [each.id for each in client.exports(filled_dataset)]
     names = zipfile.ZipFile(path).namelist()
     assert any(name.endswith("data.yaml") for name in names)
     assert sum(name.endswith("000001.txt") for name in names) == 1
 
 
-def test_run_events_continue_until_the_run_is_done(client, filled):
-    run = client.start_run(filled, {"min_visible_pixels": 500})
+def test_run_events_continue_until_the_run_is_done(client, filled_dataset):
+    run = client.start_run(filled_dataset, {"min_visible_pixels": 500})
 
     told = list(client.events(run))
 
@@ -123,8 +126,8 @@ def test_events_of_a_missing_run_raise_not_found(client):
         list(client.events(10**9))
 
 
-def test_pictures_of_a_frame_and_a_box_are_jpeg_files(client, filled):
-    frame, box = next(client.frames(filled)), next(client.boxes(filled))
+def test_pictures_of_a_frame_and_a_box_are_jpeg_files(client, filled_dataset):
+    frame, box = next(client.frames(filled_dataset)), next(client.boxes(filled_dataset))
 
     assert client.thumbnail(frame.id).startswith(JPEG)
     assert client.overlay(frame.id, boxes="kept", layer="blend").startswith(JPEG)
@@ -149,8 +152,10 @@ def test_token_is_created_used_and_revoked_and_noted(client, server):
     assert noted[1].details["token_id"] == made.id
 
 
-def test_differences_of_two_runs_and_the_history_of_a_box_are_read(client, filled):
-    run = client.wait(client.start_run(filled, {"min_visible_pixels": 500}))
+def test_differences_of_two_runs_and_the_history_of_a_box_are_read(
+    client, filled_dataset
+):
+    run = client.wait(client.start_run(filled_dataset, {"min_visible_pixels": 500}))
 
     diff, flips = client.diff(run), list(client.flips(run))
     history = list(client.history(flips[0].box_id))

@@ -27,7 +27,7 @@ def test_more_concurrent_writers_than_threads_are_all_answered(service):
     limits = httpx.Limits(max_connections=CLIENTS)
     with (
         plain_http.Client(
-            base_url=service.url, headers=service.bearer, limits=limits, timeout=25
+            base_url=service.url, headers=service.bearer, limits=limits
         ) as client,
         ThreadPoolExecutor(CLIENTS) as pool,
     ):
@@ -47,7 +47,7 @@ def test_readiness_probes_do_not_block_writers(service):
     limits = httpx.Limits(max_connections=CLIENTS)
     with (
         plain_http.Client(
-            base_url=service.url, headers=service.bearer, limits=limits, timeout=25
+            base_url=service.url, headers=service.bearer, limits=limits
         ) as client,
         ThreadPoolExecutor(CLIENTS) as pool,
     ):

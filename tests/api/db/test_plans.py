@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import itertools
 import re
-from collections.abc import Iterator
 from typing import Any
 
 import pytest
@@ -17,7 +16,7 @@ from sqlalchemy import inspect
 
 from app.db.base import Base
 from tests.support import frames as scene
-from tests.support.api import BASE, Api
+from tests.support.api import BASE
 from tests.support.live import live
 from tests.support.statements import Statement, statements_of
 
@@ -64,28 +63,21 @@ def service(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def api(service) -> Iterator[Api]:
-    with service.admin() as client:
-        client.timeout = 60
-        yield Api(client)
-
-
-@pytest.fixture(scope="module")
-def street(api):
+def street(own_api):
     """A dataset with frames, answers, runs and a refused frame."""
-    name = api.dataset()
+    name = own_api.dataset()
     for number in range(6):
         annotation = {**scene.annotation(), "boxes": BOXES, "number": number}
-        api.upload_frame(name, f"a/{number}", annotation)
-    boxes = api.box_ids(name)
+        own_api.upload_frame(name, f"a/{number}", annotation)
+    boxes = own_api.box_ids(name)
     for box_id, verdict in zip(boxes, ("keep", "reject", "unsure"), strict=False):
-        assert api.review(box_id, verdict).status_code == 201
-    api.post(
+        assert own_api.review(box_id, verdict).status_code == 201
+    own_api.post(
         "/reviews/bulk", {"dataset": name, "box_ids": boxes[5:8], "verdict": "keep"}
     )
-    api.run(name, NOTHING_VISIBLE)
-    api.run(name, {})
-    api.put(name, "bad", b"{")
+    own_api.run(name, NOTHING_VISIBLE)
+    own_api.run(name, {})
+    own_api.put(name, "bad", b"{")
     return name
 
 
@@ -264,15 +256,15 @@ REQUESTS = {
 
 
 @pytest.mark.parametrize("name", REQUESTS)
-def test_request_makes_no_full_scan_of_a_big_table(service, api, street, name):
+def test_request_makes_no_full_scan_of_a_big_table(service, own_api, street, name):
     with statements_of(service.app.state.database.engine) as found:
-        REQUESTS[name](api, street)
+        REQUESTS[name](own_api, street)
 
     assert len(found) > 1
     assert full_scans(service, found) == set()
 
 
-def test_full_scan_of_a_big_table_is_detected(service, api, street):
+def test_full_scan_of_a_big_table_is_detected(service, own_api, street):
     whole = "SELECT count(*) FROM decisions AS d WHERE d.reason = 3"
 
     assert full_scans(service, [(whole, ())]) != set()

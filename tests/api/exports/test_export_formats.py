@@ -37,7 +37,7 @@ def fill(client: Client, name: str) -> str:
 
 
 @pytest.fixture(scope="module")
-def filled(server):
+def filled_dataset(server):
     with Client(server.url, server.token) as client:
         return fill(client, "formats")
 
@@ -66,9 +66,9 @@ def labels(folder: Path) -> dict[str, bytes]:
 
 @pytest.mark.parametrize("form", READ_AND_WRITTEN)
 def test_export_pushed_again_gives_the_same_labels(
-    server, client, filled, tmp_path, form
+    server, client, filled_dataset, tmp_path, form
 ):
-    first = export_and_unpack(client, filled, form, tmp_path / "first")
+    first = export_and_unpack(client, filled_dataset, form, tmp_path / "first")
     settings = {"UNGHOST_SERVER": server.url, "UNGHOST_TOKEN": server.token}
     again = client.create_dataset(f"again-{form}", classes=CLASSES).name
 
@@ -82,9 +82,16 @@ def test_export_pushed_again_gives_the_same_labels(
     assert labels(second) == labels(first)
 
 
-def test_kitti_export_applies_bands_and_dontcare_regions(client, filled, tmp_path):
+def test_kitti_export_applies_bands_and_dontcare_regions(
+    client, filled_dataset, tmp_path
+):
     folder = export_and_unpack(
-        client, filled, "kitti", tmp_path / "out", bands=[50], rejected="dontcare"
+        client,
+        filled_dataset,
+        "kitti",
+        tmp_path / "out",
+        bands=[50],
+        rejected="dontcare",
     )
 
     for name in ("label_2", "label50"):
@@ -102,10 +109,10 @@ def test_kitti_export_applies_bands_and_dontcare_regions(client, filled, tmp_pat
     ],
 )
 def test_unknown_format_or_invalid_option_raises_invalid(
-    client, filled, form, options, pointer
+    client, filled_dataset, form, options, pointer
 ):
     with pytest.raises(Invalid) as caught:
-        client.start_export(filled, form, **options)
+        client.start_export(filled_dataset, form, **options)
 
     assert caught.value.status == 422
     assert pointer in str(caught.value.errors)

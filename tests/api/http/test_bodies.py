@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import re
-import socket
-from contextlib import contextmanager
 
 import pytest
 from fastapi.routing import APIRoute
@@ -14,6 +12,7 @@ from app.http.routing import ApiRoute, OpenRoute
 from app.main import create_app
 from app.settings import Settings
 from tests.support.archives import header_of
+from tests.support.connections import open_connection, request_head
 from tests.support.live import live
 from tests.support.routes import every_route, fill_path, operations, values_of_paths
 
@@ -63,21 +62,8 @@ def service(tmp_path_factory):
         yield running
 
 
-@contextmanager
-def open_connection(service):
-    host, port = service.url.removeprefix("http://").split(":")
-    with socket.create_connection((host, int(port)), timeout=60) as connection:
-        yield connection
-
-
-def head(service, method, path, *more):
-    lines = (
-        f"{method} {fill_path(path, VALUES)} HTTP/1.1",
-        "Host: localhost",
-        f"Authorization: Bearer {service.token}",
-        *more,
-    )
-    return "\r\n".join((*lines, "", "")).encode()
+def head(service, method, path, headers):
+    return request_head(method, fill_path(path, VALUES), service.bearer | headers)
 
 
 def read_response(connection) -> bytes:
@@ -108,12 +94,14 @@ def test_too_large_content_length_is_refused_before_the_body_is_read(
     service, anonymous, method, path, route, keyed
 ):
     limit = limit_of(route)
-    key = [f"Idempotency-Key: {method}-{abs(hash(path))}"] if keyed else []
+    headers: dict[str, object] = {"Content-Length": limit + 1}
     media_type = STARTS.get(setting_of(route), (b"", "application/json"))[1]
-    lines = [f"Content-Length: {limit + 1}", f"Content-Type: {media_type}", *key]
+    headers["Content-Type"] = media_type
+    if keyed:
+        headers["Idempotency-Key"] = f"{method}-{abs(hash(path))}"
 
-    with open_connection(service) as connection:
-        connection.sendall(head(service, method, path, *lines))
+    with open_connection(service.url) as connection:
+        connection.sendall(head(service, method, path, headers))
         assert is_alive(service, anonymous)
         received = read_response(connection)
 
@@ -135,11 +123,12 @@ def test_chunked_body_is_read_only_up_to_its_limit(
     name = setting_of(route)
     start, media_type = STARTS.get(name, (b"[", "application/json"))
     body = start.ljust(limit + 1)
-    key = [f"Idempotency-Key: c-{method}-{abs(hash(path))}"] if keyed else []
-    lines = ["Transfer-Encoding: chunked", f"Content-Type: {media_type}", *key]
+    headers = {"Transfer-Encoding": "chunked", "Content-Type": media_type}
+    if keyed:
+        headers["Idempotency-Key"] = f"c-{method}-{abs(hash(path))}"
 
-    with open_connection(service) as connection:
-        connection.sendall(head(service, method, path, *lines))
+    with open_connection(service.url) as connection:
+        connection.sendall(head(service, method, path, headers))
         connection.sendall(b"%x\r\n%b\r\n" % (len(body), body))
         assert is_alive(service, anonymous)
         received = read_response(connection)

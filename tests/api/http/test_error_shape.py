@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import errno
 import json
-import socket
 
 import pytest
 from starlette.requests import ClientDisconnect
 
 from app import errors
 from app.http.problems import refusal_of
-from tests.support.connections import read_until_closed
+from tests.support.connections import open_connection, read_until_closed
 from unghost.wire.model import Fault
 
 KEYS = {
@@ -179,9 +178,7 @@ def test_refusal_keeps_the_faults_of_its_error():
     ],
 )
 def test_malformed_http_request_is_a_problem_document(service, sent):
-    host, port = service.url.removeprefix("http://").split(":")
-
-    with socket.create_connection((host, int(port))) as connection:
+    with open_connection(service.url) as connection:
         connection.sendall(sent)
         received = read_until_closed(connection)
 

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-import socket
-from urllib.parse import urlsplit
 
 import pytest
 
@@ -13,6 +11,7 @@ from app.logs import MAX_PATH, JsonLines
 from tests.support import archives, plain_http
 from tests.support import frames as scene
 from tests.support.api import BASE
+from tests.support.connections import open_connection
 from tests.support.servers import stop
 from tests.support.waiting import until
 
@@ -219,8 +218,7 @@ def send_credentials(server, made):
 
 
 def send_malformed_request(server):
-    place = urlsplit(server.url)
-    with socket.create_connection((place.hostname, place.port)) as connection:
+    with open_connection(server.url) as connection:
         connection.sendall(f"GET /{SECRET}\r\nnot http at all\r\n\r\n".encode())
         with connection.makefile("rb") as stream:
             answer = stream.read().decode()

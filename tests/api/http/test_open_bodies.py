@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import gc
 import json
-import socket
 import tracemalloc
 from contextlib import ExitStack, closing, contextmanager
 from uuid import uuid4
@@ -15,6 +14,7 @@ from app.incoming import OpenBodies
 from tests.support import frames as scene
 from tests.support.archives import END, header_of, lines_of, tar_without_end
 from tests.support.archives import frame as members_of
+from tests.support.connections import open_connection, request_head
 from tests.support.live import live
 from tests.support.waiting import until
 
@@ -62,21 +62,15 @@ class Sender:
     """A connection on which the body of a request is sent piece by piece."""
 
     def __init__(self, service, bearer):
-        host, port = service.url.removeprefix("http://").split(":")
-        self.socket = socket.create_connection((host, int(port)), timeout=60)
+        self.socket = open_connection(service.url)
         self.bearer = bearer
 
-    def begin(self, *lines, method="POST", path="/probe/echo", sent=b"x"):
-        head = (
-            f"{method} {path} HTTP/1.1",
-            "Host: localhost",
-            f"Authorization: {self.bearer}",
-            *lines,
-        )
-        self.socket.sendall("\r\n".join((*head, "", "")).encode() + sent)
+    def begin(self, headers, method="POST", path="/probe/echo", sent=b"x"):
+        head = request_head(method, path, {"Authorization": self.bearer, **headers})
+        self.socket.sendall(head + sent)
 
     def announce(self, size, **how):
-        self.begin(f"Content-Length: {size}", **how)
+        self.begin({"Content-Length": size}, **how)
 
     def send(self, content):
         self.socket.sendall(content)
@@ -169,7 +163,7 @@ def test_bytes_of_a_chunked_body_are_counted_as_they_arrive(service, bearers, se
     first.announce(BODY)
     until_counted(service, BODY)
 
-    second.begin("Transfer-Encoding: chunked", sent=chunk)
+    second.begin({"Transfer-Encoding": "chunked"}, sent=chunk)
     until_counted(service, BODY + 100_000)
     second.send(chunk)
 
@@ -201,7 +195,7 @@ def disconnect(sender):
 
 def send_too_much(sender):
     sender.begin(
-        "Transfer-Encoding: chunked", sent=b"f4240\r\n" + b"x" * 1_000_000 + b"\r\n"
+        {"Transfer-Encoding": "chunked"}, sent=b"f4240\r\n" + b"x" * 1_000_000 + b"\r\n"
     )
     assert sender.answer()[0] == 413
 
@@ -213,8 +207,7 @@ def send_body_without_media_type(sender):
 
 def send_incomplete_form(sender):
     sender.begin(
-        f"Content-Length: {BODY}",
-        "Content-Type: multipart/form-data; boundary=b",
+        {"Content-Length": BODY, "Content-Type": "multipart/form-data; boundary=b"},
         method="PUT",
         path="/api/v1/datasets/street/frames/a",
         sent=b"x" * BODY,
@@ -297,7 +290,7 @@ def traced_memory_without_gc():
         gc.enable()
 
 
-@pytest.mark.parametrize("key", ["", "Idempotency-Key: k"], ids=["", "with a key"])
+@pytest.mark.parametrize("key", [{}, {"Idempotency-Key": "k"}], ids=["", "with a key"])
 @pytest.mark.parametrize("what", REFUSED)
 def test_refused_body_is_not_kept_in_memory(service, bearers, sender, what, key):
     method, path, (media_type, content) = REFUSED[what]
@@ -305,9 +298,7 @@ def test_refused_body_is_not_kept_in_memory(service, bearers, sender, what, key)
 
     def send():
         one.begin(
-            f"Content-Length: {len(content)}",
-            f"Content-Type: {media_type}",
-            *filter(None, [key]),
+            {"Content-Length": len(content), "Content-Type": media_type, **key},
             method=method,
             path=path,
             sent=content,

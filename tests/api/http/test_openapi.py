@@ -6,6 +6,7 @@ import threading
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
+from fastapi import FastAPI
 
 from app.http.problems import PROBLEM_TYPE
 
@@ -58,17 +59,18 @@ def resolve(schema, reference):
 
 @pytest.mark.parametrize("path", ["/openapi.json", "/docs/content"])
 def test_other_requests_are_answered_while_the_document_is_built(
-    service, monkeypatch, path
+    serve, monkeypatch, path
 ):
-    make = service.app.openapi
+    service = serve()
+    make = FastAPI.openapi
     begun, let_go = threading.Event(), threading.Event()
 
-    def make_slowly():
+    def make_slowly(app):
         begun.set()
         assert let_go.wait(60)
-        return make()
+        return make(app)
 
-    monkeypatch.setattr(service.app, "openapi", make_slowly)
+    monkeypatch.setattr(FastAPI, "openapi", make_slowly)
     with service.admin() as client, ThreadPoolExecutor() as pool:
         document = pool.submit(client.get, path)
         try:

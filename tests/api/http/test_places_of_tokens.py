@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import json
-import socket
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
-from urllib.parse import urlsplit
 
 import pytest
 
@@ -14,6 +12,7 @@ from app.http.routing import MAX_READS_PER_TOKEN, MAX_WRITES_PER_TOKEN
 from tests.support import frames as scene
 from tests.support import probe_routes
 from tests.support.api import Api
+from tests.support.connections import open_connection, request_head
 from tests.support.waiting import until
 
 pytestmark = pytest.mark.long
@@ -61,7 +60,6 @@ def test_requests_of_one_token_do_not_block_others(serve, way):
 
 def test_write_whose_client_left_while_it_waited_is_not_executed(serve):
     service = serve()
-    place = urlsplit(service.url)
     with service.admin() as admin, ExitStack() as opened:
         busy = blocked(service, admin, "POST that writes", MAX_WRITES_PER_TOKEN)
         greedy, _ = opened.enter_context(busy)
@@ -70,17 +68,15 @@ def test_write_whose_client_left_while_it_waited_is_not_executed(serve):
         with ExitStack() as connections:
             for number in range(20):
                 body = json.dumps({"name": f"left-{number}"}).encode()
-                head = (
-                    "POST /probe/tokens HTTP/1.1",
-                    f"Host: {place.netloc}",
-                    f"Authorization: {greedy.headers['authorization']}",
-                    "Content-Type: application/json",
-                    f"Content-Length: {len(body)}",
+                headers = {
+                    "Authorization": greedy.headers["authorization"],
+                    "Content-Type": "application/json",
+                    "Content-Length": len(body),
+                }
+                connection = connections.enter_context(open_connection(service.url))
+                connection.sendall(
+                    request_head("POST", "/probe/tokens", headers) + body
                 )
-                connection = connections.enter_context(
-                    socket.create_connection((place.hostname, place.port))
-                )
-                connection.sendall("\r\n".join((*head, "", "")).encode() + body)
             until(lambda: places.statistics().tasks_waiting == 20)
         admin.get("/healthz")  # by now the service knows that they have left
         probe_routes.unblock.set()

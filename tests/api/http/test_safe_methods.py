@@ -14,7 +14,7 @@ MARKUP = "<img src=x onerror=alert(1)>"
 
 
 @pytest.fixture(scope="module")
-def filled(service):
+def path_values(service):
     """A dataset whose texts are HTML; gives the values for the paths of GET routes."""
     with service.admin() as admin:
         admin.post("/api/v1/datasets", json={"name": "marked", "description": MARKUP})
@@ -69,11 +69,11 @@ def files_of(service):
     return {path: path.read_bytes() for path in kept}
 
 
-def test_no_get_has_a_side_effect(service, admin, filled):
+def test_no_get_has_a_side_effect(service, admin, path_values):
     """An image on any page of the web can make a browser send a GET."""
     rows, files = rows_of(service), files_of(service)
 
-    for path in paths_of_get_routes(filled):
+    for path in paths_of_get_routes(path_values):
         admin.get(path)
         admin.get(path, params={"confirm": "marked"})
 
@@ -84,10 +84,10 @@ def test_no_get_has_a_side_effect(service, admin, filled):
     assert files.items() <= left.items()
 
 
-def test_only_the_page_and_the_api_docs_are_html(admin, filled):
+def test_only_the_page_and_the_api_docs_are_html(admin, path_values):
     """Only the page and the API's description are HTML; others may repeat user text."""
     pages, with_markup = set(), 0
-    for path in paths_of_get_routes(filled):
+    for path in paths_of_get_routes(path_values):
         answer = admin.get(path)
         if answer.headers.get("content-type", "").startswith("text/html"):
             pages.add(path)
@@ -99,7 +99,7 @@ def test_only_the_page_and_the_api_docs_are_html(admin, filled):
     assert with_markup >= 3
 
 
-def test_html_pages_contain_no_user_text(admin, filled):
+def test_html_pages_contain_no_user_text(admin, path_values):
     for path in ("/", "/docs", "/docs/content"):
         assert "onerror" not in admin.get(path).text
 
@@ -112,7 +112,7 @@ def test_error_with_markup_in_its_path_is_json(admin, query):
     assert answer.status_code == (400 if query else 404)
 
 
-def test_accept_header_of_html_is_answered_with_json(admin, filled):
+def test_accept_header_of_html_is_answered_with_json(admin, path_values):
     accept = {"Accept": "text/html"}
 
     types = {
@@ -123,7 +123,7 @@ def test_accept_header_of_html_is_answered_with_json(admin, filled):
     assert types == {"application/json", "application/problem+json"}
 
 
-def test_get_with_a_method_override_does_not_delete(admin, filled):
+def test_get_with_a_method_override_does_not_delete(admin, path_values):
     tricks = {"X-HTTP-Method-Override": "DELETE", "X-Method-Override": "DELETE"}
 
     answer = admin.get("/api/v1/datasets/marked", headers=tricks)

@@ -15,6 +15,7 @@ from tests.support import frames as scene
 from tests.support.archives import frame, tar_archive
 from tests.support.live import block_jobs, live
 from tests.support.sources import names_of_tests
+from tests.support.waiting import until
 
 pytestmark = pytest.mark.long
 
@@ -248,10 +249,14 @@ def open_upload(client):
         yield bytes(512)
 
     thread = threading.Thread(target=send, args=(client, body()))
+
+    def is_open():
+        assert thread.is_alive()
+        return "unghost_batches_open 1" in client.get("/metrics").text
+
     thread.start()
     try:
-        while "unghost_batches_open 1" not in client.get("/metrics").text:
-            assert thread.is_alive()
+        until(is_open)
         yield let_go.set
     finally:
         let_go.set()

@@ -51,7 +51,7 @@ def test_batch_response_has_a_line_per_frame_in_order_and_counts(api):
 def test_batch_result_is_streamed_before_the_next_frames_are_sent(api, server):
     dataset = api.dataset()
 
-    with closing(Connection(server, dataset, timeout=60)) as connection:
+    with closing(Connection(server, dataset)) as connection:
         connection.send(tar_without_end(frame("0")))
         for number in range(1, 4):
             connection.send(tar_without_end(frame(f"{number}")))
@@ -300,7 +300,7 @@ def test_too_many_open_batches_return_429(start_api):
     server, api = start_api(UNGHOST_MAX_OPEN_BATCHES="1")
     dataset = api.dataset()
 
-    with closing(Connection(server, dataset, timeout=60)) as connection:
+    with closing(Connection(server, dataset)) as connection:
         connection.send(tar_without_end(frame("a") + frame("b")))
         assert connection.line()["key"] == "run/a"
         refused = send(api, dataset, tar_archive(frame("c")))
@@ -319,7 +319,7 @@ def test_batch_with_a_cut_connection_leaves_only_complete_frames(api, server):
 
     for place in places:
         dataset = api.dataset()
-        with closing(Connection(server, dataset, timeout=60)) as connection:
+        with closing(Connection(server, dataset)) as connection:
             connection.send(content[:place])
         batch_results(send(api, dataset, tar_archive(frame("last"))))
         for key in keys(api, dataset):
@@ -345,8 +345,8 @@ def test_unread_batch_response_applies_backpressure_to_the_upload(api, server):
     faulty = json.dumps({"boxes": boxes}).encode()
     bad = tar_without_end([(f"{number:05}.json", faulty) for number in range(4000)])
 
-    with closing(Connection(server, api.dataset(), timeout=60)) as connection:
-        connection.socket.settimeout(2)
+    with closing(Connection(server, api.dataset())) as connection:
+        connection.socket.settimeout(5)
         assert send_until_blocked(connection, bad) < len(bad)
         connection.socket.settimeout(60)
         lines = [connection.line()["key"] for _ in range(200)]

@@ -298,9 +298,13 @@ def test_folder_upload_counts_as_an_open_batch(serve):
         sending = threading.Thread(
             target=lambda: answers.append(post_folder(sender, slow()))
         )
-        sending.start()
-        while "unghost_batches_open 1" not in admin.get("/metrics").text:
+
+        def is_open():
             assert sending.is_alive()
+            return "unghost_batches_open 1" in admin.get("/metrics").text
+
+        sending.start()
+        until(is_open)
         refused = post_folder(admin, LAYOUT_FILES["yolo"])
         let_go.set()
         sending.join()

@@ -17,16 +17,8 @@ TOO_DEEP = b'{"boxes": [], "x": ' + b"[" * 100_000 + b"]" * 100_000 + b"}"
 EMPTY = {"frames": 0, "boxes": 0, "kept": 0, "rejected": 0, "unmeasured": 0}
 
 
-def annotation(*boxes, **more):
-    return {**scene.annotation(), "boxes": list(boxes), **more}
-
-
 def encode_image(suffix, pixels):
     return cv2.imencode(suffix, pixels)[1].tobytes()
-
-
-def grey_png(tag):
-    return encode_image(".png", np.full((scene.HEIGHT, scene.WIDTH), tag, np.uint8))
 
 
 def png_with_16_bits():
@@ -64,55 +56,76 @@ ANNOTATIONS = [
     pytest.param({}, "bad_annotation", "found nothing", id="no boxes"),
     pytest.param(NAN, "bad_annotation", "NaN", id="NaN"),
     pytest.param(
-        annotation({**BOX, "xyxy": [0, 0, "9", 9]}), "bad_annotation", '"9"', id="text"
+        scene.annotation_of({**BOX, "xyxy": [0, 0, "9", 9]}),
+        "bad_annotation",
+        '"9"',
+        id="text",
     ),
     pytest.param(
-        annotation({**BOX, "xyxy": [0, 0, 9]}), "bad_annotation", "4", id="3 numbers"
+        scene.annotation_of({**BOX, "xyxy": [0, 0, 9]}),
+        "bad_annotation",
+        "4",
+        id="3 numbers",
     ),
     pytest.param(
-        annotation({**BOX, "xyxy": [0, 0, True, 9]}), "bad_annotation", "", id="true"
+        scene.annotation_of({**BOX, "xyxy": [0, 0, True, 9]}),
+        "bad_annotation",
+        "",
+        id="true",
     ),
     pytest.param(
-        annotation(BOX, BOX), "bad_annotation", '"a"', id="an id that occurs twice"
+        scene.annotation_of(BOX, BOX),
+        "bad_annotation",
+        '"a"',
+        id="an id that occurs twice",
     ),
     pytest.param(
-        annotation(BOX, {**BOX, "id": 1}, {**BOX, "id": "1"}),
+        scene.annotation_of(BOX, {**BOX, "id": 1}, {**BOX, "id": "1"}),
         "bad_annotation",
         '"1"',
         id="ids that are the same as text",
     ),
     pytest.param(
-        annotation({"id": "a", "class": "car"}),
+        scene.annotation_of({"id": "a", "class": "car"}),
         "bad_annotation",
         "exactly one of",
         id="no geometry",
     ),
     pytest.param(
-        annotation({**BOX, "xywh": [0, 0, 9, 9]}),
+        scene.annotation_of({**BOX, "xywh": [0, 0, 9, 9]}),
         "bad_annotation",
         "xywh",
         id="two geometries",
     ),
     pytest.param(
-        annotation({"xyxy": [0, 0, 9, 9]}), "bad_annotation", "class", id="no class"
+        scene.annotation_of({"xyxy": [0, 0, 9, 9]}),
+        "bad_annotation",
+        "class",
+        id="no class",
     ),
     pytest.param(
-        annotation({"class": "car", "vertices": [[0, 0, 0]] * 7}),
+        scene.annotation_of({"class": "car", "vertices": [[0, 0, 0]] * 7}),
         "bad_annotation",
         "8",
         id="seven vertices",
     ),
     pytest.param(
-        annotation(BOX, camera={"width": 65, "height": 48, "fov": 90}),
+        scene.annotation_of(BOX, camera={"width": 65, "height": 48, "fov": 90}),
         "image_size_mismatch",
         "65",
         id="a camera of another size",
     ),
     pytest.param(
-        annotation(BOX, map="\ud800"), "bad_annotation", "map", id="half a character"
+        scene.annotation_of(BOX, map="\ud800"),
+        "bad_annotation",
+        "map",
+        id="half a character",
     ),
     pytest.param(
-        annotation(BOX, note={"\ud800": "\ud800"}), "bad_annotation", "note", id="deep"
+        scene.annotation_of(BOX, note={"\ud800": "\ud800"}),
+        "bad_annotation",
+        "note",
+        id="deep",
     ),
 ]
 
@@ -133,7 +146,9 @@ def test_invalid_annotation_is_refused_and_nothing_is_stored(api, sent, code, wo
 
 
 def test_every_fault_of_an_annotation_has_index_id_and_pointer(api):
-    sent = annotation(BOX, {"id": "b", "class": "car", "xyxy": [0, 0, None, 9]}, {})
+    sent = scene.annotation_of(
+        BOX, {"id": "b", "class": "car", "xyxy": [0, 0, None, 9]}, {}
+    )
 
     problem = api.put(api.dataset(), "a", sent).json()
 
@@ -206,19 +221,6 @@ def test_frame_with_an_invalid_file_is_refused(api, part, content, code, words):
     assert api.put(dataset, "a").status_code == 201
 
 
-def test_raw_tags_without_a_named_palette_are_refused(api):
-    dataset, named = api.dataset(), api.dataset(palette="carla-0.9.10")
-    sent = {"boxes": [BOX]}
-
-    refused = api.put(dataset, "a", sent, segmentation=grey_png(10))
-    taken = api.put(named, "a", sent, segmentation=grey_png(10))
-
-    assert (refused.status_code, refused.json()["code"]) == (422, "family_not_named")
-    assert "carla_version" in refused.json()["detail"]
-    assert taken.json()["segmentation"]["palette"] == "carla-0.9.10"
-    assert taken.json()["decisions"][0]["match_percent"] == 100.0
-
-
 def test_palette_contradiction_names_dataset_and_annotation(api):
     dataset = api.dataset(palette="carla-0.9.10")
 
@@ -261,7 +263,7 @@ def test_boxes_with_huge_coordinates_are_decided_without_error(api):
         {"id": "inverted", "class": "car", "xyxy": [40, 40, 20, 24]},
     ]
 
-    answer = api.put(api.dataset(), "a", annotation(*far))
+    answer = api.put(api.dataset(), "a", scene.annotation_of(*far))
 
     reasons = {one["id"]: one["reason"] for one in answer.json()["decisions"]}
     assert reasons == {
@@ -293,11 +295,11 @@ def test_frame_limits_are_those_of_the_settings(start_api):
     dataset = api.dataset()
     path = f"/api/v1/datasets/{dataset}/frames/a"
     wide = encode_image(".png", np.zeros((1, 65, 3), np.uint8))
-    long = json.dumps(annotation(note="x" * 3000))
+    long = json.dumps(scene.annotation_of(note="x" * 3000))
     many = {"annotation": b"{}", **dict.fromkeys(("image", "lidar", "depth"), b"x")}
 
-    boxes = api.put(dataset, "a", annotation(BOX, {**BOX, "id": "b"}, {}))
-    side = api.put(dataset, "a", annotation(), image=wide)
+    boxes = api.put(dataset, "a", scene.annotation_of(BOX, {**BOX, "id": "b"}, {}))
+    side = api.put(dataset, "a", scene.annotation_of(), image=wide)
     file = api.put(dataset, "a", long.encode())
     field = api.http.put(path, data={"annotation": long}, files={"image": b"x"})
     parts = api.http.put(path, files=many)

@@ -57,13 +57,11 @@ KEPT = {
 }
 
 
-def annotation(*boxes, **more):
-    return {**scene.annotation(), "boxes": list(boxes), **more}
-
-
 def test_stored_frame_is_returned_with_every_field(api):
     dataset = api.dataset()
-    sent = annotation({**CAR, "distance": 12.5}, GHOST, weather={"fog_density": 2.0})
+    sent = scene.annotation_of(
+        {**CAR, "distance": 12.5}, GHOST, weather={"fog_density": 2.0}
+    )
 
     answer = api.put(dataset, "town/a b", sent)
 
@@ -116,7 +114,7 @@ def test_same_frame_again_is_200_in_any_order_of_its_json_keys(api):
 @pytest.mark.parametrize(
     "other",
     [
-        {"annotation": annotation(CAR)},
+        {"annotation": scene.annotation_of(CAR)},
         {"image": scene.image(1), "segmentation": scene.segmentation()},
         {"image": scene.image()},
     ],
@@ -156,7 +154,9 @@ def test_replaced_frame_keeps_the_answers_of_unchanged_boxes(api):
     moved = {**CAR, "id": "moved"}
     renamed = {**CAR, "id": "renamed"}
     cleared = {**CAR, "id": "cleared"}
-    old = api.upload_frame(dataset, "a", annotation(CAR, moved, renamed, cleared))
+    old = api.upload_frame(
+        dataset, "a", scene.annotation_of(CAR, moved, renamed, cleared)
+    )
     for box in old["decisions"]:
         assert api.review(box["box_id"], "reject", comment="no").status_code == 201
     api.review(old["decisions"][3]["box_id"], "clear", 1)
@@ -164,7 +164,7 @@ def test_replaced_frame_keeps_the_answers_of_unchanged_boxes(api):
     new = api.upload_frame(
         dataset,
         "a",
-        annotation(
+        scene.annotation_of(
             GHOST,
             {**cleared, "instance_id": 7},
             {**CAR, "note": "the same box"},
@@ -198,7 +198,7 @@ def test_answer_on_a_3d_box_is_carried_over_only_with_the_same_camera(api, yaw, 
     def seen_from(yaw):
         place = {"x": 0, "y": 0, "z": 1, "pitch": 0, "yaw": yaw, "roll": 0}
         size = {"width": scene.WIDTH, "height": scene.HEIGHT, "fov": 90}
-        return {**annotation(box), "camera": {**size, "transform": place}}
+        return {**scene.annotation_of(box), "camera": {**size, "transform": place}}
 
     dataset = api.dataset()
     old = api.upload_frame(dataset, "a", seen_from(0))
@@ -216,7 +216,7 @@ def test_superseded_revision_of_a_frame_stays_readable(api):
     old = api.upload_frame(dataset, "a")
     box = old["decisions"][0]["box_id"]
     api.review(box, "keep")
-    new = api.upload_frame(dataset, "a", annotation(CAR), replace=True)
+    new = api.upload_frame(dataset, "a", scene.annotation_of(CAR), replace=True)
     back = api.upload_frame(dataset, "a", replace=True)
 
     shown = api.json(f"/frames/{old['frame']['id']}")
@@ -227,6 +227,8 @@ def test_superseded_revision_of_a_frame_stays_readable(api):
     assert api.get(f"/frames/{old['frame']['id']}/image").content == scene.image()
     assert [each["frame"]["revision"] for each in (new, back)] == [2, 3]
     assert api.json(f"/datasets/{dataset}/frames/a")["id"] == back["frame"]["id"]
+    (listed,) = api.json(f"/datasets/{dataset}/frames")["items"]
+    assert listed["id"] == back["frame"]["id"]
     assert api.json(f"/datasets/{dataset}/stats")["boxes"] == 2
 
 
@@ -244,6 +246,7 @@ def test_deleting_a_frame_deletes_its_boxes_and_answers(api):
     for url in (f"/frames/{gone['frame']['id']}", f"/boxes/{box}"):
         assert api.get(url).status_code == 404
     assert api.get(f"/boxes/{box}/history").status_code == 404
+    assert keys(api.json(f"/datasets/{dataset}/frames")) == ["a/2"]
     stats = api.json(f"/datasets/{dataset}/stats")
     assert (stats["frames"], stats["boxes"], stats["reviewed"]) == (1, 2, 0)
     assert api.put(dataset, "a/1").status_code == 201
@@ -256,12 +259,28 @@ def town(api):
     more = {2: {**CAR, "class": "truck"}, 3: {**CAR, "distance": 80.0}}
     for number in range(5):
         boxes = [CAR] if number == 4 else [more.get(number, CAR), GHOST]
-        api.upload_frame(dataset, f"town{number // 3}/{number}", annotation(*boxes))
+        api.upload_frame(
+            dataset, f"town{number // 3}/{number}", scene.annotation_of(*boxes)
+        )
     return dataset
 
 
 def keys(answer):
     return [item["key"] for item in answer["items"]]
+
+
+def test_listed_frame_has_its_counts_and_which_files_it_has(api):
+    dataset = api.dataset()
+    api.upload_frame(dataset, "a")
+    api.upload_frame(dataset, "b", scene.annotation_of(CAR), image=scene.image())
+
+    listed = api.json(f"/datasets/{dataset}/frames")["items"]
+
+    names = ("boxes", "kept", "rejected", "unmeasured", "to_review")
+    counts = [[item["counts"][name] for name in names] for item in listed]
+    assert counts == [[2, 1, 1, 0, 1], [1, 0, 0, 1, 1]]
+    files = [(item["has_image"], item["has_segmentation"]) for item in listed]
+    assert files == [(True, True), (True, False)]
 
 
 def test_frame_pagination_by_key_follows_next_links(api, town):
@@ -326,13 +345,14 @@ def test_frame_without_boxes_is_stored_and_missing_dataset_is_404(api):
     assert api.put("nowhere", "a").status_code == 404
 
 
-def test_box_without_segmentation_is_unmeasured_and_not_kept(api):
+def test_boxes_without_segmentation_are_counted_as_unmeasured(api):
     dataset = api.dataset()
     outside = {"id": "out", "class": "car", "xyxy": [70, 0, 80, 9]}
 
-    api.upload_frame(dataset, "a", annotation(CAR, outside), image=scene.image())
+    api.upload_frame(
+        dataset, "a", scene.annotation_of(CAR, outside), image=scene.image()
+    )
 
-    assert api.verdicts(dataset) == {"real": "unmeasured", "out": "rejected"}
     stats = api.json(f"/datasets/{dataset}/stats")
     assert stats["effective"] == {"kept": 0, "rejected": 1, "unmeasured": 1}
     assert (stats["to_review"], stats["by_reason"]) == (

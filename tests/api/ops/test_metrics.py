@@ -10,9 +10,10 @@ from prometheus_client.parser import text_string_to_metric_families
 
 from tests.support import archives
 from tests.support import frames as scene
-from tests.support.api import BASE, MOST_LOOKS
+from tests.support.api import BASE
 from tests.support.databases import CHOSEN, change
 from tests.support.statements import statements_of
+from tests.support.waiting import until
 
 pytestmark = pytest.mark.long
 
@@ -158,10 +159,8 @@ def test_gauges_show_stored_data_and_jobs(worked):
 
 def test_stored_files_are_counted_in_the_background(worked):
     _, api = worked
-    for _ in range(MOST_LOOKS):
-        found = scrape_metrics(api.http)
-        if ("unghost_blobs",) in found:
-            break
+    until(lambda: ("unghost_blobs",) in scrape_metrics(api.http))
+    found = scrape_metrics(api.http)
 
     sizes = [len(scene.image(number)) for number in (0, 1)]
     assert found["unghost_blobs",] == 3

@@ -16,6 +16,7 @@ from tests.support.api import Api
 from tests.support.databases import change, empty_postgres, rows_of
 from tests.support.mounts import read_only, small_disk
 from tests.support.servers import running_server
+from tests.support.waiting import until
 
 pytestmark = pytest.mark.long
 
@@ -25,31 +26,33 @@ MIB = 1024**2
 PATIENCE_S = 60
 
 
-def poll_readyz(url):
-    """Ask /readyz again and again for a minute; yield each answer."""
-    until = time.monotonic() + PATIENCE_S
-    while time.monotonic() < until:
-        yield plain_http.get(f"{url}/readyz", timeout=PATIENCE_S)
-        time.sleep(0.1)  # the server runs its checks once a second
+def ask_readyz(url):
+    return plain_http.get(f"{url}/readyz", timeout=PATIENCE_S)
 
 
 def until_not_ready(url):
     """Wait until the server is not ready; return the faults by check."""
-    for answer in poll_readyz(url):
-        if answer.status_code == 503:
-            assert answer.json()["code"] == "not_ready"
-            assert int(answer.headers["retry-after"]) > 0
-            return {fault["code"]: fault["detail"] for fault in answer.json()["errors"]}
-    raise AssertionError("it stays ready")
+
+    def refusal():
+        answer = ask_readyz(url)
+        return answer if answer.status_code == 503 else None
+
+    answer = until(refusal, "it stays ready")
+    assert answer.json()["code"] == "not_ready"
+    assert int(answer.headers["retry-after"]) > 0
+    return {fault["code"]: fault["detail"] for fault in answer.json()["errors"]}
 
 
 def until_ready(url):
     """Wait until the server is ready; return what each check found."""
-    for answer in poll_readyz(url):
-        if answer.status_code == 200:
-            assert answer.json()["ready"] is True
-            return answer.json()["checks"]
-    raise AssertionError(answer.json())
+
+    def consent():
+        answer = ask_readyz(url)
+        return answer.json() if answer.status_code == 200 else None
+
+    found = until(consent, lambda: ask_readyz(url).text)
+    assert found["ready"] is True
+    return found["checks"]
 
 
 @pytest.fixture(scope="module")
@@ -112,10 +115,12 @@ def test_full_disk_fails_the_database_disk_and_blobs_checks(server):
     until_ready(server.url)
 
     with filled_disk(server.data, leaving_mib=0):
-        for _ in range(PATIENCE_S):
+
+        def three_faults():
             found = until_not_ready(server.url)
-            if len(found) == 3:
-                break
+            return found if len(found) == 3 else None
+
+        found = until(three_faults, lambda: until_not_ready(server.url))
 
     assert set(found) == {"database", "disk", "blobs"}
     assert "full" in found["database"]
@@ -155,15 +160,14 @@ def test_a_schema_of_another_version_is_not_ready(server, revision, advice):
 
 @pytest.mark.sqlite_files("its only place for writers; PostgreSQL has many")
 def test_database_locked_by_another_writer_is_ready(server):
+    def is_noticed():
+        checks = ask_readyz(server.url).json().get("checks", {})
+        return checks.get("database") == "locked by another writer"
+
     with closing(sqlite3.connect(server.data / "unghost.db")) as database:
         database.execute("BEGIN IMMEDIATE")
-        for answer in poll_readyz(server.url):
-            assert answer.status_code == 200
-            if answer.json()["checks"]["database"] == "locked by another writer":
-                break
+        until(is_noticed)
         database.rollback()
-
-    assert answer.json()["checks"]["database"] == "locked by another writer"
 
 
 @pytest.mark.sqlite_files(
@@ -183,7 +187,12 @@ def test_frequent_readyz_requests_do_not_write_each_time(server):
     assert wal.stat().st_size // 4096 <= time.monotonic() - begun + 2
     assert set(answers) == {200}
     assert emptied[0] == 0
-    assert any(wal.stat().st_size > 0 for _ in poll_readyz(server.url))
+
+    def is_written():
+        ask_readyz(server.url)
+        return wal.stat().st_size > 0
+
+    until(is_written)
 
 
 def test_failed_readiness_check_is_logged(server):

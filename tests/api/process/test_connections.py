@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import os
-import socket
 import sys
 import threading
-from contextlib import ExitStack, closing, contextmanager
+from contextlib import ExitStack, contextmanager
 
-import httpx
 import pytest
 
 from app.process.connections import (
@@ -18,7 +16,11 @@ from app.process.connections import (
 )
 from tests.support import frames as scene
 from tests.support import plain_http
-from tests.support.connections import read_until_closed
+from tests.support.connections import (
+    open_connection,
+    read_until_closed,
+    request_head,
+)
 from tests.support.live import live
 from tests.support.servers import start_anew, stop, token_of, wait_for_link
 
@@ -70,16 +72,6 @@ def client_of(url, headers):
     return plain_http.Client(base_url=url, headers=headers, timeout=LONG_S)
 
 
-def open_connection(url, source="127.0.0.1"):
-    """An open connection on which nothing was sent."""
-    at = httpx.URL(str(url))
-    return closing(
-        socket.create_connection(
-            (at.host, at.port or 0), timeout=LONG_S, source_address=(source, 0)
-        )
-    )
-
-
 def put(client, key):
     """Upload a frame on a connection of its own; return the status."""
     files = {
@@ -100,7 +92,7 @@ def test_uploads_succeed_while_thousands_of_idle_connections_are_opened(tmp_path
 
         def open_idle_connections():
             for _ in range(IDLE_CONNECTIONS):
-                held.enter_context(open_connection(admin.base_url))
+                held.enter_context(open_connection(str(admin.base_url)))
 
         opening = threading.Thread(target=open_idle_connections)
         opening.start()
@@ -135,7 +127,7 @@ def test_service_recovers_after_running_out_of_descriptors(tmp_path):
     with full as (admin, log):
         with ExitStack() as held:
             for _ in range(200):
-                last = held.enter_context(open_connection(admin.base_url))
+                last = held.enter_context(open_connection(str(admin.base_url)))
             assert (
                 read_until_closed(last) == b""
             )  # the server had no descriptor left to accept it
@@ -160,28 +152,24 @@ def test_unauthenticated_connections_are_closed_for_new_ones(tmp_path, begun):
     assert "unghost_connections_refused_total 0" in seen
 
 
-def open_busy_connection(service, held, source="127.0.0.1"):
+def open_busy_connection(service, held):
     """A connection with an authenticated request whose body is not yet sent."""
-    lines = (
-        "POST /api/v1/datasets HTTP/1.1",
-        "Host: localhost",
-        f"Authorization: Bearer {service.token}",
-        "Content-Type: application/json",
-        "Content-Length: 17",
-        "Expect: 100-continue",
-    )
-    connection = held.enter_context(open_connection(service.url, source))
-    connection.sendall("\r\n".join((*lines, "", "")).encode())
+    headers = {
+        **service.bearer,
+        "Content-Type": "application/json",
+        "Content-Length": "17",
+        "Expect": "100-continue",
+    }
+    connection = held.enter_context(open_connection(service.url))
+    connection.sendall(request_head("POST", "/api/v1/datasets", headers))
     assert connection.recv(100).startswith(b"HTTP/1.1 100 Continue")
     return connection
 
 
-def health_response(service, source="127.0.0.1"):
+def health_response(service, source=""):
     """The answer to a health check on a new connection."""
     with open_connection(service.url, source) as connection:
-        connection.sendall(
-            b"GET /healthz HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n"
-        )
+        connection.sendall(request_head("GET", "/healthz", {"Connection": "close"}))
         return read_until_closed(connection)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import subprocess
 from contextlib import closing
 
@@ -27,9 +28,11 @@ def foreign(tmp_path) -> ForeignFolder:
 def test_filter_runs_no_python_file_of_the_folder_that_it_is_started_in(
     foreign, tmp_path
 ):
+    """Nor do its worker processes; their lines are written in the order of frames."""
     write_manifest(foreign.path, 1)
     manifest = foreign.path / "manifest.jsonl"
-    manifest.write_text(manifest.read_text() * FEWEST_FRAMES)
+    one, keys = manifest.read_text(), [f"run/{n:06}" for n in range(FEWEST_FRAMES)]
+    manifest.write_text("".join(one.replace("run/000000", key) for key in keys))
 
     ended = subprocess.run(
         foreign.command("filter", ".", "-o", "-", "--workers", FEWEST_PROCESSES),
@@ -42,7 +45,7 @@ def test_filter_runs_no_python_file_of_the_folder_that_it_is_started_in(
     )
 
     assert ended.returncode == DONE, ended.stderr
-    assert len(ended.stdout.splitlines()) == FEWEST_FRAMES
+    assert [json.loads(line)["key"] for line in ended.stdout.splitlines()] == keys
     assert foreign.names_run() == set()
 
 

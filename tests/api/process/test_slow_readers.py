@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import socket
 import threading
 import time
-from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -13,9 +11,14 @@ import pytest
 from app.package import static_dir
 from app.process.server import MOST_PIPELINED
 from tests.support.archives import frame, tar_without_end
-from tests.support.connections import read_until_closed
+from tests.support.connections import (
+    open_connection,
+    read_until_closed,
+    request_head,
+)
 from tests.support.live import live
 from tests.support.probe_routes import endless_response_stopped
+from tests.support.waiting import until
 
 pytestmark = pytest.mark.long
 
@@ -34,33 +37,20 @@ def service(tmp_path):
         yield running
 
 
-def open_connection(service):
+def reluctant_reader(service):
     """A connection that buffers very little of what the test does not read."""
-    host, port = service.url.removeprefix("http://").split(":")
-    connection = socket.socket()
-    connection.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
-    connection.settimeout(LONG_S)
-    connection.connect((host, int(port)))
-    return closing(connection)
-
-
-def request_head(path, **more):
-    lines = (f"GET {path} HTTP/1.1", "Host: localhost")
-    return "\r\n".join(
-        (*lines, *(f"{name}: {value}" for name, value in more.items()), "", "")
-    ).encode()
+    return open_connection(service.url, receive_buffer=4096)
 
 
 def wait_until_only_connection(service):
     """Wait until the connection that asks is the only one."""
     with service.admin() as admin:
-        while "unghost_connections_open 1.0\n" not in admin.get("/metrics").text:
-            pass
+        until(lambda: "unghost_connections_open 1.0\n" in admin.get("/metrics").text)
 
 
 def test_connection_with_unread_responses_is_closed(service):
-    with open_connection(service) as connection:
-        connection.sendall(request_head(ADDRESS) * (MOST_PIPELINED + 1))
+    with reluctant_reader(service) as connection:
+        connection.sendall(request_head("GET", ADDRESS) * (MOST_PIPELINED + 1))
         wait_until_only_connection(service)
         with pytest.raises(ConnectionResetError):
             read_until_closed(connection)
@@ -68,8 +58,8 @@ def test_connection_with_unread_responses_is_closed(service):
 
 def test_unread_stream_is_closed(service):
     endless_response_stopped.clear()
-    with open_connection(service) as connection:
-        connection.sendall(request_head("/probe/endless", **service.bearer))
+    with reluctant_reader(service) as connection:
+        connection.sendall(request_head("GET", "/probe/endless", service.bearer))
         assert endless_response_stopped.wait(LONG_S)
         wait_until_only_connection(service)
 
@@ -77,19 +67,18 @@ def test_unread_stream_is_closed(service):
 def test_batch_with_an_unread_response_is_closed(service):
     with service.admin() as admin:
         admin.post("/api/v1/datasets", json={"name": "street"})
-    lines = (
-        "POST /api/v1/datasets/street/batches HTTP/1.1",
-        "Host: localhost",
-        f"Authorization: Bearer {service.token}",
-        "Content-Type: application/x-tar",
-        "Content-Length: 1000000000",
-    )
+    headers = {
+        **service.bearer,
+        "Content-Type": "application/x-tar",
+        "Content-Length": "1000000000",
+    }
+    head = request_head("POST", "/api/v1/datasets/street/batches", headers)
     faulty = [{"id": str(number)} for number in range(100)]  # makes long lines
     sent = b"".join(
         tar_without_end(frame(f"f{number}", boxes=faulty)) for number in range(9)
     )
-    with open_connection(service) as connection:
-        connection.sendall("\r\n".join((*lines, "", "")).encode() + sent)
+    with reluctant_reader(service) as connection:
+        connection.sendall(head + sent)
         assert connection.recv(1)  # the answer has begun
         wait_until_only_connection(service)
         with service.admin() as admin:
@@ -100,9 +89,10 @@ def test_batch_with_an_unread_response_is_closed(service):
 
 def test_stream_ends_on_disconnect_even_with_a_pipelined_request(service):
     endless_response_stopped.clear()
-    with open_connection(service) as connection:
+    with reluctant_reader(service) as connection:
         connection.sendall(
-            request_head("/probe/endless", **service.bearer) + request_head("/healthz")
+            request_head("GET", "/probe/endless", service.bearer)
+            + request_head("GET", "/healthz")
         )
         assert connection.recv(1)
 
@@ -110,14 +100,14 @@ def test_stream_ends_on_disconnect_even_with_a_pipelined_request(service):
 
 
 def test_slow_reader_gets_the_complete_response(tmp_path):
-    last = request_head(ADDRESS, Connection="close")
+    last = request_head("GET", ADDRESS, {"Connection": "close"})
     wait_s, pause = 1, threading.Event()
     received = bytearray()
     with (
         live(tmp_path / "data", answer_wait_s=wait_s) as service,
-        open_connection(service) as slow,
+        reluctant_reader(service) as slow,
     ):
-        slow.sendall(request_head(ADDRESS) * MOST_PIPELINED + last)
+        slow.sendall(request_head("GET", ADDRESS) * MOST_PIPELINED + last)
         begun = time.monotonic()
         while piece := slow.recv(100_000):
             received += piece
@@ -129,8 +119,8 @@ def test_slow_reader_gets_the_complete_response(tmp_path):
 
 def test_pipelined_requests_are_limited_per_connection(service):
     received = bytearray()
-    with open_connection(service) as connection:
-        connection.sendall(request_head("/healthz") * 500)
+    with reluctant_reader(service) as connection:
+        connection.sendall(request_head("GET", "/healthz") * 500)
         try:
             while piece := connection.recv(65536):
                 received += piece
@@ -154,12 +144,11 @@ def test_file_is_not_read_further_after_the_client_disconnects(service, tmp_path
     with large.open("wb") as file:
         file.truncate(size)
     before = bytes_read_by_this_process()
-    with open_connection(service) as connection:
-        connection.sendall(request_head("/probe/large-file", **service.bearer))
+    with reluctant_reader(service) as connection:
+        connection.sendall(request_head("GET", "/probe/large-file", service.bearer))
         assert connection.recv(1)
     over = 'route="/probe/large-file",status="200"} 1'
     with service.admin() as admin:
-        while over not in admin.get("/metrics").text:
-            pass
+        until(lambda: over in admin.get("/metrics").text)
 
     assert bytes_read_by_this_process() - before < size / 4

@@ -3,21 +3,22 @@
 from __future__ import annotations
 
 import select
-import socket
-from contextlib import closing
 
 import pytest
 
 from app.process.server import MOST_PIPELINED
 from tests.support.archives import frame, tar_without_end
-from tests.support.connections import read_until_closed
+from tests.support.connections import (
+    open_connection,
+    read_until_closed,
+    request_head,
+)
 from tests.support.live import live
 
 pytestmark = pytest.mark.long
 
 TB = str(10**12)
 SOON_S = 0.5
-LONG_S = 60
 STREET = "/api/v1/datasets/street"
 
 
@@ -30,20 +31,14 @@ def service(tmp_path_factory):
         yield running
 
 
-def open_connection(service):
-    host, port = service.url.removeprefix("http://").split(":")
-    return closing(socket.create_connection((host, int(port)), timeout=LONG_S))
-
-
-def request_head(service, method, path, **more):
-    more = {"Host": "localhost", **service.bearer, **more}
-    lines = (f"{method} {path} HTTP/1.1", *(f"{k}: {v}" for k, v in more.items()))
-    return "\r\n".join((*lines, "", "")).encode()
+def head(service, method, path, headers=None):
+    """The head of an admin's request."""
+    return request_head(method, path, service.bearer | (headers or {}))
 
 
 def test_endless_request_head_is_cut_off(service):
     sent = 0
-    with open_connection(service) as connection:
+    with open_connection(service.url) as connection:
         connection.sendall(b"GET /healthz HTTP/1.1\r\nHost: localhost\r\nX-Long: ")
         try:
             while sent < 100_000_000:
@@ -57,14 +52,10 @@ def test_endless_request_head_is_cut_off(service):
 
 def test_body_of_a_refused_request_is_not_read_endlessly(service):
     begin = request_head(
-        service,
-        "POST",
-        "/api/v1/datasets",
-        Authorization="no",
-        **{"Content-Length": TB},
+        "POST", "/api/v1/datasets", {"Authorization": "no", "Content-Length": TB}
     )
     sent = 0
-    with open_connection(service) as connection:
+    with open_connection(service.url) as connection:
         connection.sendall(begin)
         answer = connection.recv(65536)
         try:
@@ -80,7 +71,7 @@ def test_body_of_a_refused_request_is_not_read_endlessly(service):
 
 @pytest.mark.parametrize("begun", [b"GE", b"GET /healthz HTTP/1.1\r\nHost: loc"])
 def test_incomplete_request_head_times_out_with_408(service, begun):
-    with open_connection(service) as connection:
+    with open_connection(service.url) as connection:
         connection.sendall(begun)
         answer = read_until_closed(connection)
 
@@ -89,13 +80,13 @@ def test_incomplete_request_head_times_out_with_408(service, begun):
 
 
 def test_a_silent_connection_is_closed(service):
-    with open_connection(service) as connection:
+    with open_connection(service.url) as connection:
         assert read_until_closed(connection) == b""
 
 
 def test_incomplete_second_request_times_out_with_408(service):
-    first = request_head(service, "GET", "/healthz")
-    with open_connection(service) as connection:
+    first = head(service, "GET", "/healthz")
+    with open_connection(service.url) as connection:
         connection.sendall(first + b"GET /heal")
         answer = read_until_closed(connection)
 
@@ -104,9 +95,9 @@ def test_incomplete_second_request_times_out_with_408(service):
 
 
 def test_pipelined_requests_are_not_mistaken_for_a_long_head(service):
-    asked = request_head(service, "GET", "/healthz", **{"X-Long": "x" * 2_500})
-    last = request_head(service, "GET", "/healthz", Connection="close")
-    with open_connection(service) as connection:
+    asked = head(service, "GET", "/healthz", {"X-Long": "x" * 2_500})
+    last = head(service, "GET", "/healthz", {"Connection": "close"})
+    with open_connection(service.url) as connection:
         connection.sendall(asked * MOST_PIPELINED + last)
         answer = read_until_closed(connection)
 
@@ -125,8 +116,8 @@ def test_pipelined_requests_are_not_mistaken_for_a_long_head(service):
 )
 def test_incomplete_body_times_out_with_408(service, method, path, media_type, begun):
     framing = {"Content-Type": media_type, "Content-Length": "100"}
-    with open_connection(service) as connection:
-        connection.sendall(request_head(service, method, path, **framing) + begun)
+    with open_connection(service.url) as connection:
+        connection.sendall(head(service, method, path, framing) + begun)
         answer = read_until_closed(connection)
 
     assert answer.startswith(b"HTTP/1.1 408 ")
@@ -138,8 +129,8 @@ def test_json_body_that_arrives_byte_by_byte_times_out_with_408(service):
     """Each pause is short enough; all of them together are too long."""
     framing = {"Content-Type": "application/json", "Content-Length": "1000"}
     sent, is_answered = 0, False
-    with open_connection(service) as connection:
-        connection.sendall(request_head(service, "POST", "/api/v1/datasets", **framing))
+    with open_connection(service.url) as connection:
+        connection.sendall(head(service, "POST", "/api/v1/datasets", framing))
         while not is_answered and sent < 100:
             connection.sendall(b" ")
             sent += 1
@@ -153,10 +144,8 @@ def test_json_body_that_arrives_byte_by_byte_times_out_with_408(service):
 def test_batch_that_times_out_keeps_its_stored_frames_and_is_closed(service, admin):
     framing = {"Content-Type": "application/x-tar", "Content-Length": "1000000"}
     whole, half = tar_without_end(frame("whole")), tar_without_end(frame("half"))[:700]
-    with open_connection(service) as connection:
-        connection.sendall(
-            request_head(service, "POST", f"{STREET}/batches", **framing)
-        )
+    with open_connection(service.url) as connection:
+        connection.sendall(head(service, "POST", f"{STREET}/batches", framing))
         connection.sendall(whole + tar_without_end(frame("next"))[:-512] + half)
         lines = b""
         while b'"end": true' not in lines:
@@ -171,8 +160,8 @@ def test_batch_that_times_out_keeps_its_stored_frames_and_is_closed(service, adm
 def test_slow_sender_does_not_time_out(service):
     body = b'{"name": "slow"}'
     framing = {"Content-Type": "application/json", "Content-Length": str(len(body))}
-    with open_connection(service) as connection:
-        connection.sendall(request_head(service, "POST", "/api/v1/datasets", **framing))
+    with open_connection(service.url) as connection:
+        connection.sendall(head(service, "POST", "/api/v1/datasets", framing))
         for one in body:
             connection.sendall(bytes([one]))
         answer = connection.recv(65536)

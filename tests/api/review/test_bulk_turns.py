@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing, contextmanager
@@ -12,10 +11,10 @@ import pytest
 
 from app.db.engine import Database
 from app.review.service import review_box
-from tests.support.api import Api
 from tests.support.database_access import record_access
 from tests.support.databases import url_of
 from tests.support.statements import statements_of
+from tests.support.waiting import until
 from unghost.wire.boxes import ReviewIn
 
 PATIENCE_S = 20
@@ -23,15 +22,9 @@ BOXES = 60
 
 
 @pytest.fixture
-def api(service) -> Iterator[Api]:
-    with service.admin() as client:
-        yield Api(client)
-
-
-@pytest.fixture
-def street(api):
+def street(own_api):
     """A frame with many boxes, and their ids."""
-    return api.dataset_of_cars(BOXES)
+    return own_api.dataset_of_cars(BOXES)
 
 
 @contextmanager
@@ -47,10 +40,7 @@ def blocked_writers(service) -> Iterator[None]:
 
 def wait_for_writers(service, number: int) -> None:
     turns = service.app.state.database.turns
-    until = time.monotonic() + PATIENCE_S
-    while turns.waiting < number:
-        assert time.monotonic() < until
-        time.sleep(0.005)
+    until(lambda: turns.waiting >= number)
 
 
 def answer_as_another_server(service, box_id: int, seen: int = 0) -> None:
@@ -86,18 +76,18 @@ def bulk(api, name, **which):
     ],
 )
 def test_single_answers_are_written_before_operations_on_many_boxes(
-    service, api, street, act, writes
+    service, own_api, street, act, writes
 ):
     name, ids = street
-    other = api.upload_frame(api.dataset(), "b")["decisions"][0]["box_id"]
+    other = own_api.upload_frame(own_api.dataset(), "b")["decisions"][0]["box_id"]
     acts = {
-        "listed": partial(bulk, api, name, box_ids=ids),
-        "filter": partial(bulk, api, name, **filter_with_snapshot(api, name)),
-        "delete": partial(api.delete, f"/datasets/{name}/frames/a"),
+        "listed": partial(bulk, own_api, name, box_ids=ids),
+        "filter": partial(bulk, own_api, name, **filter_with_snapshot(own_api, name)),
+        "delete": partial(own_api.delete, f"/datasets/{name}/frames/a"),
     }
     if act == "undo":
-        batch = bulk(api, name, box_ids=ids).json()["id"]
-        acts["undo"] = partial(api.post, f"/review-batches/{batch}/undo")
+        batch = bulk(own_api, name, box_ids=ids).json()["id"]
+        acts["undo"] = partial(own_api.post, f"/review-batches/{batch}/undo")
 
     with (
         ThreadPoolExecutor(2) as pool,
@@ -106,7 +96,7 @@ def test_single_answers_are_written_before_operations_on_many_boxes(
         with blocked_writers(service):
             many = pool.submit(acts[act])
             wait_for_writers(service, 1)
-            one = pool.submit(api.review, other, "keep")
+            one = pool.submit(own_api.review, other, "keep")
             wait_for_writers(service, 2)
         assert one.result().status_code == 201
         assert many.result().is_success
@@ -121,13 +111,13 @@ def is_single_answer(statement: str) -> bool:
     return statement.startswith("INSERT INTO reviews ")
 
 
-def test_bulk_answer_inserts_its_reviews_with_one_statement(service, api, street):
+def test_bulk_answer_inserts_its_reviews_with_one_statement(service, own_api, street):
     """One statement for each revision, while writing, would hold up other writers."""
     name, ids = street
     claimed = list(range(len(ids)))
 
     with statements_of(service.app.state.database.engine) as found:
-        answer = bulk(api, name, box_ids=ids, seen_revisions=claimed)
+        answer = bulk(own_api, name, box_ids=ids, seen_revisions=claimed)
 
     assert (answer.json()["count"], len(answer.json()["stale"])) == (1, BOXES - 1)
     wrote = [text for text, _ in found if text.startswith("INSERT INTO reviews")]
@@ -145,59 +135,61 @@ def run_while_waiting(service, act, between):
 
 
 def test_bulk_answer_on_a_filter_changed_while_waiting_returns_412(
-    service, api, street
+    service, own_api, street
 ):
     name, ids = street
-    which = filter_with_snapshot(api, name)
+    which = filter_with_snapshot(own_api, name)
 
     with record_access(service.app.state.database) as acts:
         answer = run_while_waiting(
             service,
-            partial(bulk, api, name, **which),
+            partial(bulk, own_api, name, **which),
             partial(answer_as_another_server, service, ids[7]),
         )
 
     assert (answer.status_code, answer.json()["code"]) == (412, "stale_snapshot")
-    assert answer.json()["current"] == {"total": BOXES, **snapshot_of(api, name)}
+    assert answer.json()["current"] == {"total": BOXES, **snapshot_of(own_api, name)}
     assert acts.nested_transactions == set()
-    reviewed = api.json(f"/datasets/{name}/stats")
+    reviewed = own_api.json(f"/datasets/{name}/stats")
     assert (reviewed["unsure"], reviewed["reviewed"]) == (1, 0)
 
 
-def test_bulk_answer_skips_a_listed_box_answered_while_waiting(service, api, street):
+def test_bulk_answer_skips_a_listed_box_answered_while_waiting(
+    service, own_api, street
+):
     name, ids = street
 
     answer = run_while_waiting(
         service,
-        partial(bulk, api, name, box_ids=ids),
+        partial(bulk, own_api, name, box_ids=ids),
         partial(answer_as_another_server, service, ids[7]),
     ).json()
 
     assert (answer["count"], answer["stale"]) == (BOXES - 1, [ids[7]])
-    assert api.json(f"/boxes/{ids[7]}")["review"]["reviewer"] == "ada"
+    assert own_api.json(f"/boxes/{ids[7]}")["review"]["reviewer"] == "ada"
 
 
-def test_undo_skips_a_box_answered_while_waiting(service, api, street):
+def test_undo_skips_a_box_answered_while_waiting(service, own_api, street):
     name, ids = street
-    batch = bulk(api, name, box_ids=ids).json()["id"]
+    batch = bulk(own_api, name, box_ids=ids).json()["id"]
 
     answer = run_while_waiting(
         service,
-        partial(api.post, f"/review-batches/{batch}/undo"),
+        partial(own_api.post, f"/review-batches/{batch}/undo"),
         partial(answer_as_another_server, service, ids[7], 1),
     ).json()
 
     assert (answer["undone"], answer["skipped"]) == (BOXES - 1, [ids[7]])
-    assert api.json(f"/boxes/{ids[7]}")["review"]["reviewer"] == "ada"
+    assert own_api.json(f"/boxes/{ids[7]}")["review"]["reviewer"] == "ada"
 
 
-def test_bulk_answer_on_a_filter_is_replayed_by_idempotency_key(api, street):
+def test_bulk_answer_on_a_filter_is_replayed_by_idempotency_key(own_api, street):
     name, _ = street
-    body = {"dataset": name, "verdict": "keep", **filter_with_snapshot(api, name)}
+    body = {"dataset": name, "verdict": "keep", **filter_with_snapshot(own_api, name)}
     key = {"Idempotency-Key": f"bulk {name}".replace(" ", "-")}
 
     first, again = (
-        api.http.post("/api/v1/reviews/bulk", json=body, headers=key) for _ in "ab"
+        own_api.http.post("/api/v1/reviews/bulk", json=body, headers=key) for _ in "ab"
     )
 
     assert (first.status_code, again.status_code) == (201, 201)

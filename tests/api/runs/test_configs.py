@@ -7,11 +7,9 @@ import json
 import pytest
 
 from tests.support import frames as scene
-from tests.support.api import BASE
-from tests.support.slow_datasets import FROM_PIXELS
+from tests.support.api import BASE, Api
+from tests.support.live import block_jobs
 
-FRAMES = 30
-"""Frames of the slow dataset: a run is still open when it is requested again."""
 CARS_ARE_SKY = {"classes": {"car": {"accept": ["Sky"]}}}
 YAML = {"Content-Type": "application/yaml"}
 
@@ -50,14 +48,15 @@ def test_config_versions_are_identified_by_content(api, dataset):
     assert oldest["active"] is True
 
 
-def test_activating_a_config_again_returns_the_open_run(slow):
-    _, api, dataset = slow
-    added = add_config(api, dataset, json.dumps(FROM_PIXELS).encode())
-    body = {"digest": added.json()["digest"]}
-    path = f"{BASE}/datasets/{dataset}/config"
+def test_activating_a_config_again_returns_the_open_run(serve):
+    service = serve()
+    with service.admin() as http, block_jobs(service.app.state.services.engine):
+        api = Api(http)
+        dataset = api.dataset()
+        digest = add_config(api, dataset, b"min_visible_pixels: 9").json()["digest"]
+        path = f"{BASE}/datasets/{dataset}/config"
 
-    first, second = (api.http.put(path, json=body) for _ in range(2))
-    api.post(f"/runs/{first.json()['id']}/cancel")
+        first, second = (http.put(path, json={"digest": digest}) for _ in range(2))
 
     assert (first.status_code, second.status_code) == (202, 202)
     assert second.json()["id"] == first.json()["id"]

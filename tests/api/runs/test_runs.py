@@ -10,6 +10,7 @@ from tests.support.api import BASE, Api
 from tests.support.databases import change, url_of
 from tests.support.live import block_jobs
 from tests.support.servers import STOP_WAIT_S
+from tests.support.waiting import until
 
 NOTHING_VISIBLE = {"min_visible_pixels": 10**6}
 CARS_ARE_SKY = {"classes": {"car": {"accept": ["Sky"]}}}
@@ -127,10 +128,8 @@ def test_run_interrupted_by_a_crash_resumes_after_an_upgrade(start_api):
     migrate_back_to(first.data, "0005")
 
     _, api = start_api()
-    for _ in range(2000):
-        again = api.json(f"/runs/{run['id']}")
-        if again["state"] == "done":
-            break
+    until(lambda: api.json(f"/runs/{run['id']}")["state"] == "done")
+    again = api.json(f"/runs/{run['id']}")
 
     counted = ("state", "total", "done", "changed", "counts")
     assert [again[key] for key in counted] == [run[key] for key in counted]

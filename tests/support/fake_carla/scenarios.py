@@ -11,7 +11,7 @@ SMALL: dict[str, Any] = {
     "delta_s": 0.05,
     "interval_s": 0.1,
     "warm_up_ticks": 10,
-    "sensor_wait_s": 2.0,
+    "sensor_wait_s": 60.0,
     "ego": {"spawn_point": 0, "autopilot": False},
     "camera": {"width": 160, "height": 96},
     "vehicles": {"count": 4, "filter": "vehicle.tesla.*"},

@@ -165,20 +165,20 @@ class Writer:
         }
         answer = self.api.post("/reviews/bulk", body)
         assert answer.status_code == 201, answer.text
-        self._said(dict.fromkeys(self.box_ids, verdict))
+        self._record_answers(dict.fromkeys(self.box_ids, verdict))
         self.write_record.maybe_answers.remove((boxes, verdict))
         if self.dice.random() < 0.5:
             self.write_record.maybe_undone.append(boxes)
             undone = self.api.post(f"/review-batches/{answer.json()['id']}/undo")
             assert undone.json()["undone"] == len(boxes), undone.text
-            self._said(before)
+            self._record_answers(before)
             self.write_record.maybe_undone.remove(boxes)
 
     def _latest(self, box_id: int) -> str:
         said = self.write_record.answers.get(box_id, [])
         return said[-1] if said else "clear"
 
-    def _said(self, verdicts: dict[int, str]) -> None:
+    def _record_answers(self, verdicts: dict[int, str]) -> None:
         for box_id, verdict in verdicts.items():
             self.write_record.answers.setdefault(box_id, []).append(verdict)
 

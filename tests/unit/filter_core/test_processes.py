@@ -31,6 +31,23 @@ if __name__ == "__main__":
     assert ours.recv() == sys.path
     process.join()
 """
+PRELOADING = """
+import sys
+
+from filter_core.processes import child_context
+
+def work(pipe):
+    pipe.send({"colorsys", "fractions"} & {*sys.modules})
+
+if __name__ == "__main__":
+    context = child_context(["colorsys"])
+    child_context(["fractions"])
+    ours, theirs = context.Pipe()
+    process = context.Process(target=work, args=[theirs])
+    process.start()
+    assert ours.recv() == {"colorsys", "fractions"}
+    process.join()
+"""
 RUNNING = """
 import json
 import subprocess
@@ -73,3 +90,19 @@ def test_started_processes_search_where_their_parent_does_and_nowhere_else(
 
     assert ended.returncode == 0, ended.stderr
     assert foreign.names_run() == set()
+
+
+def test_forked_processes_have_the_modules_of_every_caller(tmp_path):
+    script = tmp_path / "program.py"
+    script.write_text(PRELOADING, "utf-8")
+
+    ended = subprocess.run(
+        [sys.executable, str(script)],
+        env={"PYTHONPATH": str(CHECKOUT)},
+        capture_output=True,
+        check=False,
+        text=True,
+        timeout=PATIENCE_S,
+    )
+
+    assert ended.returncode == 0, ended.stderr

@@ -258,12 +258,12 @@ def stored_thresholds(thresholds: list[Limits], published: bool):
 def read_all_pages(
     session: Session, wanted: BoxFilter, order: str, limits
 ) -> list[int]:
-    present = TallyRepository(session).present(DATASET)
+    contents = TallyRepository(session).contents(DATASET)
     found: list[int] = []
     cursor: str | None = ""
     sizes = iter(limits)
     while cursor is not None:
-        pages = BoxPages(session, wanted, present)
+        pages = BoxPages(session, wanted, contents)
         limit = next(sizes, 7)
         ids, cursor = pages.page(order, cursor, limit)
         assert len(ids) == limit or cursor is None

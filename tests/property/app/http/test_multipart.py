@@ -11,7 +11,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from app.errors import AppError, BadRequest, TooLarge
-from app.http.bodies import Part, PartLimits, read_parts
+from app.http.bodies import FormPart, PartLimits, read_parts
 from tests.support.threads import in_thread
 
 BOUNDARY = b"b0undary"
@@ -23,7 +23,7 @@ contents = st.lists(
     st.sampled_from([b"\r", b"\n", b"-", b"--", BOUNDARY, b"\r\n--b0un", b"\0", b"x"])
 ).map(b"".join)
 names = st.text(st.characters(exclude_characters='"\\\r\n*', codec="utf-8"))
-parts_of_a_form = st.lists(st.builds(Part, names, contents), max_size=5)
+parts_of_a_form = st.lists(st.builds(FormPart, names, contents), max_size=5)
 
 
 def form(parts, *, is_file=True):
@@ -93,7 +93,7 @@ def test_part_without_a_name_is_refused():
 
 
 def test_more_parts_than_allowed_are_refused():
-    parts = [Part(str(number), b"") for number in range(3)]
+    parts = [FormPart(str(number), b"") for number in range(3)]
 
     assert read(form(parts), PartLimits(3, 10)) == parts
     with pytest.raises(TooLarge, match="more than 2 parts"):
@@ -101,7 +101,7 @@ def test_more_parts_than_allowed_are_refused():
 
 
 def test_too_large_part_is_refused_before_it_is_read_completely():
-    body, taken = form([Part("image", b"x" * 10_000)]), 0
+    body, taken = form([FormPart("image", b"x" * 10_000)]), 0
 
     async def stream():
         nonlocal taken
@@ -115,9 +115,9 @@ def test_too_large_part_is_refused_before_it_is_read_completely():
 
 
 def test_bytes_before_and_after_a_form_are_ignored():
-    body = form([Part("image", b"x")])
+    body = form([FormPart("image", b"x")])
 
-    assert read(b"\r\n" + body + b"epilogue") == [Part("image", b"x")]
+    assert read(b"\r\n" + body + b"epilogue") == [FormPart("image", b"x")]
 
 
 def test_too_long_media_type_is_refused():

@@ -33,7 +33,7 @@ class FaultyEngine(runs.SmallChunks):
         future: Future[str] = Future()
         with self._pulling:
             self._waiting.append((future, here, job, number))
-        self._chunks.submit(self._run_a_random_chunk)
+        self.run_later(self._run_a_random_chunk)
         return future
 
     def _run_a_random_chunk(self):

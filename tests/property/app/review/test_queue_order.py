@@ -70,8 +70,8 @@ def slow_queue_order(
         chosen = set(BoxProbes(session).every(wanted).tolist())
         return [box_id for box_id in shuffle.numbers(every) if box_id in chosen]
     sort = "id" if wanted.review == "unsure" else "doubt"
-    present = TallyRepository(session).present(street.id)
-    listed, _ = BoxPages(session, wanted, present).page(sort, "", 1000)
+    contents = TallyRepository(session).contents(street.id)
+    listed, _ = BoxPages(session, wanted, contents).page(sort, "", 1000)
     if order.name == "doubt":
         return listed
     rows = session.execute(select(Decision.box_id, Decision.class_id))
@@ -99,7 +99,7 @@ def test_queue_is_all_boxes_sorted_without_blocked_ones(
         expected = count_in_tallies(tallies.of_dataset(street.id), wanted)
         blocked_ids = {ids[n] for n in blocked}
         order = QueueOrder(name, seed, limit, blocked_ids, expected, most)
-        found = boxes_in_order(session, wanted, tallies.present(street.id), order)
+        found = boxes_in_order(session, wanted, tallies.contents(street.id), order)
         slow = slow_queue_order(session, street, wanted, order)
 
     free = [box_id for box_id in slow if box_id not in order.blocked]
@@ -154,16 +154,16 @@ def test_shuffle_yields_every_number_once_in_order_of_its_places(
 ):
     shuffle = Shuffle(low, low + count - 1, seed)
 
-    numbers = [n for part in shuffle.portions(first, 2, 64) for n in part]
+    numbers = [n for part in shuffle.slices(first, 2, 64) for n in part]
 
     assert sorted(numbers) == list(range(low, low + count))
     places = shuffle.places_of(np.array(numbers, np.int64))
     assert (np.diff(places.astype(np.int64)) > 0).all()
 
 
-def test_first_portion_of_a_shuffle_is_evenly_distributed():
+def test_first_slice_of_a_shuffle_is_evenly_distributed():
     shuffle = Shuffle(1, 1_000_000, "7 0")
-    drawn = np.array(next(shuffle.portions(1 << 14, 1, 1 << 14)))
+    drawn = np.array(next(shuffle.slices(1 << 14, 1, 1 << 14)))
 
     in_tenths = np.bincount((drawn - 1) // 100_000, minlength=10)
 
@@ -177,7 +177,7 @@ def test_first_portion_of_a_shuffle_is_evenly_distributed():
 @pytest.mark.parametrize("seeds", [("1 0", "2 0"), ("1 0", "1 1")])
 def test_different_seeds_give_different_orders(seeds):
     one, other = (
-        [n for part in Shuffle(0, 999, seed).portions(64, 2, 512) for n in part]
+        [n for part in Shuffle(0, 999, seed).slices(64, 2, 512) for n in part]
         for seed in seeds
     )
 

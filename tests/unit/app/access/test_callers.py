@@ -15,8 +15,12 @@ from app.security import Principal
 ADA = Principal(1, "ada", "reviewer")
 
 
+NOW = 1000.0
+
+
 @pytest.fixture
-def recent():
+def recent(monkeypatch):
+    monkeypatch.setattr(time, "monotonic", lambda: NOW)
     recent = RecentCallers()
     recent.remember("token x", ADA, recent.revocations)
     return recent
@@ -28,8 +32,7 @@ def test_only_a_remembered_credential_is_found(recent):
 
 
 def test_remembered_caller_expires_after_a_second(recent, monkeypatch):
-    now = time.monotonic()
-    monkeypatch.setattr(time, "monotonic", lambda: now + callers.REMEMBERED_S)
+    monkeypatch.setattr(time, "monotonic", lambda: NOW + callers.REMEMBERED_S)
 
     assert recent.find("token x") is None
 

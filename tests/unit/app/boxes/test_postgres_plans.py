@@ -63,7 +63,7 @@ def session(context) -> Iterator[Session]:
 
 
 @pytest.fixture
-def dataset(session) -> Dataset:
+def dataset_row(session) -> Dataset:
     return DatasetRepository(session).named(NAME)
 
 
@@ -140,9 +140,9 @@ PAGES = [
 
 
 @pytest.mark.parametrize(("wanted", "order"), PAGES)
-def test_page_of_boxes_reads_few_rows(session, dataset, wanted, order):
-    chosen = to_filter(session, dataset, SELECTIONS[wanted])
-    pages = BoxPages(session, chosen, TallyRepository(session).present(dataset.id))
+def test_page_of_boxes_reads_few_rows(session, dataset_row, wanted, order):
+    chosen = to_filter(session, dataset_row, SELECTIONS[wanted])
+    pages = BoxPages(session, chosen, TallyRepository(session).contents(dataset_row.id))
     ids, cursor = pages.page(order, "", PAGE)
 
     assert len(ids) == PAGE
@@ -151,21 +151,21 @@ def test_page_of_boxes_reads_few_rows(session, dataset, wanted, order):
 
 
 @pytest.mark.parametrize("order", ["doubt", "random", "class"])
-def test_queue_reads_few_rows(context, session, dataset, order):
+def test_queue_reads_few_rows(context, session, dataset_row, order):
     wanted = QueueRequest("ada", order, BoxSelection(), PAGE, (), None)
     queue = remaining_boxes(context, NAME, wanted)
 
     with context.database.write() as writing:
-        found = next_boxes(writing, dataset, wanted, queue)
-        check(writing, lambda: next_boxes(writing, dataset, wanted, queue))
+        found = next_boxes(writing, dataset_row, wanted, queue)
+        check(writing, lambda: next_boxes(writing, dataset_row, wanted, queue))
 
     assert (len(found["items"]), found["remaining"]) == (PAGE, BOXES)
 
 
-def test_storing_a_review_reads_no_other_reviews(context, session, dataset):
+def test_storing_a_review_reads_no_other_reviews(context, session, dataset_row):
     """PostgreSQL's statistics do not include the many answers given just before."""
     frames = FrameRepository(session)
-    (frame,) = frames.page(FrameFilter(dataset.id), PageRequest("key", None, 0))
+    (frame,) = frames.page(FrameFilter(dataset_row.id), PageRequest("key", None, 0))
     ids = list(range(frame.first_box_id, frame.first_box_id + BOXES // 2))
     many = BulkIn(dataset=NAME, verdict="keep", box_ids=ids)
     one = ReviewIn(verdict="keep", seen_revision=0)
@@ -176,34 +176,34 @@ def test_storing_a_review_reads_no_other_reviews(context, session, dataset):
         writing.rollback()
 
 
-def test_counts_are_read_from_tallies(session, dataset):
+def test_counts_are_read_from_tallies(session, dataset_row):
     def read():
-        assert count(TallyRepository(session).of_dataset(dataset.id)).boxes == BOXES
-        TallyRepository(session).present(dataset.id)
-        frames_state(session, dataset.id)
+        assert count(TallyRepository(session).of_dataset(dataset_row.id)).boxes == BOXES
+        TallyRepository(session).contents(dataset_row.id)
+        frames_state(session, dataset_row.id)
 
     check(session, read, most=500)
 
 
-def test_finding_frames_by_key_reads_few_rows(session, dataset):
+def test_finding_frames_by_key_reads_few_rows(session, dataset_row):
     frames = FrameRepository(session)
-    (some,) = frames.page(FrameFilter(dataset.id), PageRequest("key", "", 0))
+    (some,) = frames.page(FrameFilter(dataset_row.id), PageRequest("key", "", 0))
     keys = [f"{some.id + number:08d}" for number in range(50)]
 
     def read():
         for sort in ("key", "id"):
-            frames.page(FrameFilter(dataset.id), PageRequest(sort, None, PAGE))
-        frames.page(FrameFilter(dataset.id, keys[30]), PageRequest("key", "", PAGE))
-        frames.next_frames(dataset.id, after=keys[3], limit=PAGE)
+            frames.page(FrameFilter(dataset_row.id), PageRequest(sort, None, PAGE))
+        frames.page(FrameFilter(dataset_row.id, keys[30]), PageRequest("key", "", PAGE))
+        frames.next_frames(dataset_row.id, after=keys[3], limit=PAGE)
         frames.neighbours(some)
-        assert len(key_rows(session, dataset.id, keys)) == 50
+        assert len(key_rows(session, dataset_row.id, keys)) == 50
 
     check(session, read, most=500)
 
 
-def test_describing_a_box_by_id_reads_few_rows(session, dataset):
+def test_describing_a_box_by_id_reads_few_rows(session, dataset_row):
     frame = FrameRepository(session).page(
-        FrameFilter(dataset.id), PageRequest("key", "", 1)
+        FrameFilter(dataset_row.id), PageRequest("key", "", 1)
     )[0]
 
     check(session, lambda: describe_box(session, frame.first_box_id + 3), most=500)

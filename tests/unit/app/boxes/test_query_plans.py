@@ -45,10 +45,10 @@ def session(street) -> Iterator[Session]:
 def plan_of(session: Session, street, wanted: BoxSelection, order: str) -> list[str]:
     """The steps of SQLite's query plans for the first page of a list."""
     chosen = to_filter(session, street.row(session), wanted)
-    present = TallyRepository(session).present(street.id)
+    contents = TallyRepository(session).contents(street.id)
 
     def read() -> None:
-        ids, _ = BoxPages(session, chosen, present).page(order, "", 10)
+        ids, _ = BoxPages(session, chosen, contents).page(order, "", 10)
         assert ids
 
     return plan_of_statements(session, read)

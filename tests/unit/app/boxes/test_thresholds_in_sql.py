@@ -128,11 +128,11 @@ class StoredDecisions:
 
     def list_ids(self, order, wanted):
         """The ids of all pages of a list."""
-        present = TallyRepository(self.session).present(DATASET)
+        contents = TallyRepository(self.session).contents(DATASET)
         found: list[int] = []
         cursor: str | None = ""
         while cursor is not None:
-            pages = BoxPages(self.session, wanted, present)
+            pages = BoxPages(self.session, wanted, contents)
             page, cursor = pages.page(order, cursor, 50)
             found += page
         return found

@@ -57,19 +57,19 @@ def session(database) -> Iterator[Session]:
 
 
 @pytest.fixture
-def dataset(session) -> int:
+def dataset_id(session) -> int:
     dataset = Dataset(name="bulk", created_by="ada")
     session.add(dataset)
     session.flush()
     return dataset.id
 
 
-def frames(dataset: int, count: int) -> list[dict]:
+def frames(dataset_id: int, count: int) -> list[dict]:
     """Rows of frames with texts that have to be escaped, NULL, JSON and times."""
     return [
         {
             "id": 1000 + number,
-            "dataset_id": dataset,
+            "dataset_id": dataset_id,
             "key": f"{number:05}{UNUSUAL_TEXTS[number % len(UNUSUAL_TEXTS)]}",
             "revision": 1,
             "content_digest": "0" * 64,
@@ -96,18 +96,18 @@ def stored_rows(session: Session, names: list[str]) -> list[tuple]:
 
 
 @pytest.mark.parametrize("count", [1, COPY_FROM_ROWS - 1, COPY_FROM_ROWS, ROWS])
-def test_inserted_rows_are_read_back_unchanged(session, dataset, count):
-    rows = frames(dataset, count)
+def test_inserted_rows_are_read_back_unchanged(session, dataset_id, count):
+    rows = frames(dataset_id, count)
 
     insert_rows(session, Frame, rows)
 
     assert stored_rows(session, list(rows[0])) == [tuple(row.values()) for row in rows]
 
 
-def test_copy_stores_the_same_rows_as_insert(session, dataset, database):
+def test_copy_stores_the_same_rows_as_insert(session, dataset_id, database):
     if database.engine.dialect.name == "sqlite":
         pytest.skip("SQLite has no COPY")
-    rows = frames(dataset, ROWS)
+    rows = frames(dataset_id, ROWS)
     session.execute(insert(Frame), rows)
     inserted = stored_rows(session, list(rows[0]))
     session.execute(delete(Frame))
@@ -117,7 +117,7 @@ def test_copy_stores_the_same_rows_as_insert(session, dataset, database):
     assert stored_rows(session, list(rows[0])) == inserted
 
 
-def test_integers_and_times_are_inserted_unchanged(session, dataset):
+def test_integers_and_times_are_inserted_unchanged(session, dataset_id):
     now = utc_now()
     blobs = [
         {"sha256": f"{n:064}", "size_bytes": n, "media_type": "x", "created_at": now}
@@ -130,10 +130,10 @@ def test_integers_and_times_are_inserted_unchanged(session, dataset):
     assert sorted(map(tuple, found)) == [(n, now) for n in range(ROWS)]
 
 
-def test_bytes_booleans_and_nulls_are_inserted_unchanged(session, dataset):
-    insert_rows(session, Frame, frames(dataset, ROWS))
+def test_bytes_booleans_and_nulls_are_inserted_unchanged(session, dataset_id):
+    insert_rows(session, Frame, frames(dataset_id, ROWS))
     measurement = Measurement(
-        dataset_id=dataset,
+        dataset_id=dataset_id,
         digest="0" * 64,
         pixel_digest="0" * 64,
         options={},
@@ -165,9 +165,9 @@ def test_bytes_booleans_and_nulls_are_inserted_unchanged(session, dataset):
 
 @pytest.mark.parametrize("count", [2, ROWS])
 def test_duplicate_row_raises_integrity_error_without_its_values(
-    session, dataset, count
+    session, dataset_id, count
 ):
-    rows = frames(dataset, count)
+    rows = frames(dataset_id, count)
 
     with pytest.raises(IntegrityError) as refused:
         insert_rows(session, Frame, [*rows, rows[0]])
@@ -177,8 +177,8 @@ def test_duplicate_row_raises_integrity_error_without_its_values(
     assert session.scalars(select(Frame.id)).all() == []
 
 
-def test_update_rows_sets_columns_by_key(session, dataset):
-    rows = frames(dataset, ROWS)
+def test_update_rows_sets_columns_by_key(session, dataset_id):
+    rows = frames(dataset_id, ROWS)
     insert_rows(session, Frame, rows)
     ids = [row["id"] for row in rows][1:]
     told: list[int] = []
@@ -203,8 +203,8 @@ def test_update_rows_sets_columns_by_key(session, dataset):
     assert sum(told) == len(ids)
 
 
-def test_update_rows_sets_columns_to_null(session, dataset):
-    insert_rows(session, Frame, frames(dataset, ROWS))
+def test_update_rows_sets_columns_to_null(session, dataset_id):
+    insert_rows(session, Frame, frames(dataset_id, ROWS))
     ids = list(session.scalars(select(Frame.id)))
 
     update_rows(session, Frame, {"id": ids, "map": [None] * ROWS})
@@ -213,7 +213,7 @@ def test_update_rows_sets_columns_to_null(session, dataset):
     assert set(session.scalars(select(Frame.map))) == {None}
 
 
-def test_update_rows_reports_progress_for_each_portion(session, dataset):
+def test_update_rows_reports_progress_for_each_chunk(session, dataset_id):
     told: list[int] = []
     ids = list(range(ROWS_AT_A_TIME * 2 + 5))
 

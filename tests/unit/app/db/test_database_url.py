@@ -40,6 +40,8 @@ def test_sqlite_url_is_unchanged():
         (f"mysql://a:{SECRET}@db/b", "'mysql' is not"),
         (f"mongodb://a:{SECRET}@db/b", "SQLite, or PostgreSQL with psycopg 3"),
         (f"postgresql://db:{SECRET}/b", "cannot be read as a URL"),
+        (f"postgresql://a:p@{SECRET}@db/b", "@ : / in a password are written as %40"),
+        (f"postgresql://a:p@{SECRET}/@db/b", "@ : / in a password are written as %40"),
         (f"host=db password={SECRET}", "cannot be read as a URL"),
         ("sqlite://", "in memory would be lost"),
         ("sqlite:///:memory:", "in memory would be lost"),

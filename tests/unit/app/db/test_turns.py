@@ -12,6 +12,7 @@ from sqlalchemy.exc import TimeoutError as WaitedTooLong
 from app.db.engine import Database
 from app.db.turns import PEOPLE_IN_A_ROW, Turns
 from tests.support.databases import empty_postgres
+from tests.support.waiting import until
 
 SOON_S = 10
 
@@ -45,7 +46,7 @@ def hold_turn(database):
         before = database.turns.waiting
         thread.start()
         threads.append(thread)
-        wait_until(lambda: database.turns.waiting == before + 1)
+        until(lambda: database.turns.waiting == before + 1)
 
     with database.write() as first:
         first.execute(text("SELECT 1"))
@@ -53,12 +54,6 @@ def hold_turn(database):
     for thread in threads:
         thread.join(SOON_S)
         assert not thread.is_alive()
-
-
-def wait_until(holds):
-    """Wait until `holds()` is true; otherwise the time limit of the test ends it."""
-    while not holds():
-        threading.Event().wait(0.001)
 
 
 def test_writers_take_turns_in_order_of_arrival(database):

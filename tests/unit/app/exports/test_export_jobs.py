@@ -32,11 +32,11 @@ SOME_FORMATS = ("yolo", "coco", "manifest", "decisions-jsonl")
 @pytest.fixture
 def street(services) -> ServiceDataset:
     street: ServiceDataset = services.dataset()
-    filled(street)
+    fill(street)
     return street
 
 
-def filled(street):
+def fill(street):
     for number in range(3):
         files = {"image": scene.image(number), "segmentation": scene.segmentation()}
         street.put(f"{number}", scene.annotation(), **files)
@@ -84,7 +84,7 @@ def equal_datasets(tmp_path_factory):
         for name in ("one", "two"):
             folder = tmp_path_factory.mktemp(name)
             street = running.enter_context(running_services(folder)).dataset("same")
-            filled(street)
+            fill(street)
             streets.append(street)
         yield streets
 

@@ -19,7 +19,7 @@ from tests.support.services import running_services
 
 # It counts other pixels, so earlier measurements cannot be used.
 OTHER_CONFIG = {"profile": "carlasimu"}
-PATIENCE_S = 2.0
+PATIENCE_S = 20.0
 
 
 class WatchedPool(PixelPool):
@@ -34,9 +34,9 @@ class WatchedPool(PixelPool):
         self._record_concurrent_write()
         return super().run_here(work, *args)
 
-    def run(self, work, *args, given_up=None):
+    def run(self, work, *args, cancelled=None):
         self._record_concurrent_write()
-        return super().run(work, *args, given_up=given_up)
+        return super().run(work, *args, cancelled=cancelled)
 
     def _record_concurrent_write(self):
         def write():

@@ -185,7 +185,7 @@ def test_worker_of_another_installation_fails_the_run(street):
 
     class Elsewhere(SmallChunks):
         def start_chunk(self, here, job, number):
-            return self._chunks.submit(lambda: ELSEWHERE)
+            return self.run_later(lambda: ELSEWHERE)
 
     with context_with_engine(street, Elsewhere()) as context:
         drive_job(context, run_job(run_id))

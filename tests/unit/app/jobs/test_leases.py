@@ -220,11 +220,8 @@ def test_leases_of_dead_processes_are_deleted_with_their_jobs(services, write):
     jobs = [run_job(services.dataset().request({})) for _ in holders]
     for job, holder in zip(jobs, holders, strict=True):
         with write() as session:
-            give_lease(session, job, holder)
-    # After all have leases: when a run ends, the service starts those without one.
-    for job in jobs:
-        with write() as session:
             cancel(services.context, session, RUNS, job.id)
+            give_lease(session, job, holder)
 
     Watchdog(services.context).abandoned()
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from contextlib import contextmanager
 from threading import Thread
 
@@ -11,13 +10,13 @@ import pytest
 from app.datasets.service import remove_dataset
 from app.db.tables import Run
 from app.jobs.driver import drive_job
-from app.jobs.events import INTERVAL_S
 from app.jobs.queries import job_with_id
 from app.jobs.service import cancel
 from app.runs.service import RUNS
 from tests.support.databases import migrated_postgres
 from tests.support.large_datasets import DatasetSpec, make_dataset
 from tests.support.services import ServiceDataset, run_job, running_services
+from tests.support.waiting import until
 
 FRAMES = 8_000
 """They have 15 boxes each: so many that changing their decisions takes seconds."""
@@ -53,14 +52,15 @@ def state_and_progress(services, run_id):
 
 def wait_for_progress(services, run_id):
     """Wait until a service sees progress of another one's run; returns its state."""
-    deadline = time.monotonic() + 60
-    while time.monotonic() < deadline:
+
+    def state_at_progress():
         state, done = state_and_progress(services, run_id)
         if 0 < done < FRAMES:
             return state
         assert state in ("queued", "running")
-        time.sleep(INTERVAL_S / 4)
-    raise AssertionError("no progress was reported")
+        return None
+
+    return until(state_at_progress, "no progress was reported")
 
 
 @contextmanager

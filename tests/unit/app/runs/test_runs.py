@@ -17,6 +17,7 @@ from filter_core.types import Reason
 from tests.support import frames as scene
 from tests.support.services import FLIPS, run_job, running_services
 from tests.support.statements import interrupted_at
+from tests.support.waiting import until
 
 KEPT, UNSEEN = int(Reason.VISIBLE), int(Reason.NO_VISIBLE_PIXELS)
 UNMEASURED = int(Reason.NO_SEGMENTATION)
@@ -222,7 +223,7 @@ def test_run_continues_if_its_cancellation_is_rolled_back(services):
     with pytest.raises(ZeroDivisionError):
         cancel_and_fail()
 
-    assert street.wait(run_id).state == "done"
+    until(lambda: street.wait(run_id).state == "done")
     assert services.context.engine.interrupted() == set()
 
 

@@ -156,15 +156,16 @@ def channel_sentence(channel, *, kept=False, **more):
     [
         (
             channel_sentence("ordered", kept=True, number=1204, needed=3),
-            "1,204 of its Car or Truck pixels are not explained by nearer boxes",
+            "1,204 of its Car or Truck pixels belong to no nearer box",
         ),
         (
             channel_sentence("ordered", number=0, nearer="car 217"),
-            "explained by the nearer car 217",
+            "its pixels belong to the nearer car 217",
         ),
         (
             channel_sentence("ordered", number=1, needed=3, nearer="car 217"),
-            "explained by the nearer car 217; 1 of its pixels is left, 3 are needed",
+            "most of its pixels belong to the nearer car 217; 1 of its pixels is left, "
+            "3 are needed",
         ),
         (channel_sentence("ordered", number=0), "none of its pixels are Car or Truck"),
         (

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from filter_core.evaluation.comparison import MOST, Worst
+from filter_core.evaluation.comparison import MOST, LargestErrors
 from tests.support.evidence import evidence_of
 
 LOST, GHOST = (False, True), (True, False)
@@ -20,7 +20,7 @@ def add(worst, boxes, outcomes):
 
 
 def test_ghost_counts_its_box_pixels_and_lost_object_its_matched_pixels():
-    worst = Worst()
+    worst = LargestErrors()
     boxes = [
         {"box_pixels": 500, "matched_pixels": 20},
         {"box_pixels": 400, "matched_pixels": 70},
@@ -33,7 +33,7 @@ def test_ghost_counts_its_box_pixels_and_lost_object_its_matched_pixels():
 
 
 def test_only_the_largest_errors_are_kept():
-    worst = Worst()
+    worst = LargestErrors()
     sizes = list(range(100, 100 + 3 * MOST))
     for start in (0, MOST, 2 * MOST):
         part = [{"box_pixels": size} for size in sizes[start : start + MOST]]

@@ -49,7 +49,7 @@ def test_semantic_evidence_keeps_the_car_hidden_behind_a_car():
 @pytest.mark.parametrize(
     ("evidence", "contents", "explanation"),
     [
-        ("ordered", {}, "rejected: explained by the nearer car 217"),
+        ("ordered", {}, "rejected: its pixels belong to the nearer car 217"),
         (
             "depth",
             {"depth": depth_file()},
@@ -137,13 +137,13 @@ def test_file_that_no_channel_needs_is_not_read():
 @pytest.mark.parametrize(
     ("config", "boxes", "explanation"),
     [
-        ({}, [FAR], "kept: 1 of its Car pixels is not explained by nearer boxes"),
+        ({}, [FAR], "kept: 1 of its Car pixels belongs to no nearer box"),
         (
             {"min_visible_pixels": 2},
             [FAR],
             "rejected: only 1 of its pixels is Car, 2 are needed",
         ),
-        ({}, [NEAR, FAR], "rejected: explained by the nearer car 0"),
+        ({}, [NEAR, FAR], "rejected: its pixels belong to the nearer car 0"),
     ],
     ids=["nothing nearer", "more are asked for", "something nearer"],
 )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import tracemalloc
 
 import pytest
 
@@ -170,6 +171,22 @@ def test_overlong_number_is_refused_for_any_piece_size(tmp_path):
             pytest.raises(LayoutError, match="byte 218: expected JSON in UTF-8, found"),
         ):
             list(coco_index.read_object(opened, "x.json", piece_bytes=size))
+
+
+@pytest.mark.parametrize("filling", ["[],", '{"":0},', "0,"])
+def test_value_of_too_many_values_is_refused_before_it_is_parsed(tmp_path, filling):
+    file = tmp_path / "x.json"
+    file.write_text('{"images": [[' + filling * (15_000_000 // len(filling)) + "0]]}")
+
+    tracemalloc.start()
+    try:
+        with pytest.raises(LayoutError, match="more than 500000 values"):
+            list(read_source(file, "coco"))
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+
+    assert peak < 5 * file.stat().st_size
 
 
 def test_values_are_complete_for_any_piece_size(tmp_path):

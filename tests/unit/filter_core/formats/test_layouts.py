@@ -624,3 +624,32 @@ def test_label_that_is_an_endless_device_is_refused_without_reading_it(tmp_path)
     (frame,) = read_source(town, "yolo", ReadOptions(outside_files=True))
 
     assert "not a regular file" in str(frame.problem)
+
+
+NO_NAME = (
+    '{"images": [{"id": 1, "file_name": "%s"}], "annotations": [], "categories": []}'
+)
+
+
+@pytest.mark.parametrize(
+    ("files", "words"),
+    [
+        ({"a.json": NO_NAME % "/"}, "expected the name of a file, found '/'"),
+        ({"a.json": NO_NAME % "."}, "expected the name of a file, found '.'"),
+        (
+            {"label_2/1.txt": "", "frames.jsonl": '{"file": "", "key": "b"}'},
+            "expected the name of a file, found ''",
+        ),
+        (
+            {"label/1.txt": "", "Readme.txt": '{"classes": {"car": [1]}}'},
+            "Readme.txt: expected a number for each class, found a list",
+        ),
+    ],
+)
+def test_list_with_a_name_or_number_that_is_none_is_refused(tmp_path, files, words):
+    write_files(tmp_path, files)
+
+    with pytest.raises(LayoutError) as refused:
+        list(read_source(tmp_path))
+
+    assert words in refused.value.detail

@@ -83,6 +83,7 @@ def test_image_size_of_zero_is_ignored():
         (b"<annotation>" + b"<a/>" * 500_000, "at most 500000 elements"),
         (b'<!DOCTYPE a [<!ENTITY b "c">]><annotation/>', "a DTD or entities"),
         (b'<?xml version="1.0" encoding="nope"?><annotation/>', "unknown encoding"),
+        (b"<" + b"n" * 1000 + b"/>", "found <" + "n" * 40 + ">"),
     ],
 )
 def test_invalid_voc_file_error_names_line_and_expected_value(content, words):
@@ -90,6 +91,39 @@ def test_invalid_voc_file_error_names_line_and_expected_value(content, words):
         read_voc(content, "a.xml")
 
     assert words in caught.value.detail
+
+
+LONG = "u" * 101
+
+
+@pytest.mark.parametrize(
+    "declaration",
+    [
+        f'xmlns="{LONG}"',
+        f"xmlns:p='{LONG}'",
+        f"xmlns:p\n= '{LONG}'",
+        f'xmlns:{LONG}="u"',
+        f'xmlns:a="u" xmlns:b="{LONG}"',
+        f'xmlns:b="xmlns{LONG}"',
+    ],
+)
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-16", "latin-1"])
+def test_long_xml_namespace_is_refused_before_it_is_written_out(declaration, encoding):
+    # The parser puts the namespace before each name: 8 MB before 500,000 of them.
+    text = f'<?xml version="1.0" encoding="{encoding}"?><annotation {declaration}/>'
+
+    with pytest.raises(LayoutError, match="a namespace of more than 100 characters"):
+        read_voc(text.encode(encoding), "a.xml")
+
+
+def test_usual_xml_namespaces_are_ignored():
+    content = voc().replace(
+        b"<annotation>",
+        b'<annotation xmlns:xsi="http://www.w3.org/2001/XMLSchema-instance" '
+        b"xmlns:xsd = 'http://www.w3.org/2001/XMLSchema'>",
+    )
+
+    assert read_voc(content, "a.xml") == read_voc(voc(), "a.xml")
 
 
 def test_voc_folder_is_read_and_an_invalid_file_is_reported(tmp_path):

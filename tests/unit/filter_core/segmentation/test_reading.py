@@ -146,13 +146,22 @@ def test_colours_of_another_family_are_unknown_counted_and_noted():
     )
 
 
-def test_colours_of_no_family_are_unknown_up_to_one_percent():
-    rgb = painted(np.full((10, 10), 15, np.uint8))
-    rgb[3, 3] = (1, 2, 3)
+@pytest.mark.parametrize(
+    "rgb",
+    [
+        pytest.param((1, 2, 3), id="unlike any"),
+        pytest.param((0, 0, 141), id="one level off Car in blue"),
+        pytest.param((0, 1, 142), id="one level off Car in green"),
+    ],
+)
+def test_colours_of_no_family_are_unknown_up_to_one_percent(rgb):
+    picture = painted(np.full((10, 10), 15, np.uint8))
+    picture[3, 3] = rgb
 
-    segmentation = read_segmentation(png(rgb))
+    segmentation = read_segmentation(png(picture))
 
     assert segmentation.unknown_pixels == 1
+    assert segmentation.tags[3, 3] == 255
     assert "1.00 % of the pixels have colours of no family" in segmentation.notes[-1]
 
 

@@ -5,7 +5,7 @@ import pytest
 from filter_core.errors import SegmentationError
 from filter_core.segmentation.codes import CODE_OF, packed
 from filter_core.segmentation.palettes import FAMILIES, palette_of
-from filter_core.segmentation.recognition import Named, recognize
+from filter_core.segmentation.recognition import NamedReading, recognise
 
 STREET = ("Road", "Building", "Vegetation")
 """Names that every family has, in the same colours."""
@@ -30,7 +30,7 @@ def street(*colors, order="rgb"):
 def test_image_with_all_colours_of_a_family_is_recognised(family, order):
     codes = [CODE_OF[packed(tag.rgb, order)] for tag in FAMILIES[family].tags]
 
-    found = recognize(codes, Named())
+    found = recognise(codes, NamedReading())
 
     assert (found.family, found.order, found.rivals) == (family, order, ())
 
@@ -47,11 +47,11 @@ def test_image_with_all_colours_of_a_family_is_recognised(family, order):
     ],
 )
 def test_colour_unique_to_one_family_determines_the_family(color, family):
-    assert recognize(street(color), Named()).family == family
+    assert recognise(street(color), NamedReading()).family == family
 
 
 def test_families_with_equal_names_for_the_colours_are_not_rivals():
-    found = recognize(street(), Named())
+    found = recognise(street(), NamedReading())
 
     assert (found.family, found.rivals) == ("carla-0.9.14", ())
     assert found.notes == (
@@ -61,7 +61,7 @@ def test_families_with_equal_names_for_the_colours_are_not_rivals():
 
 
 def test_families_that_name_a_colour_differently_are_rivals_and_are_noted():
-    found = recognize(street(SKY, CAR_OR_VEHICLE), Named())
+    found = recognise(street(SKY, CAR_OR_VEHICLE), NamedReading())
 
     assert (found.family, found.rivals) == ("carla-0.9.14", ("carla-0.9.10",))
     assert found.notes == (
@@ -71,15 +71,15 @@ def test_families_that_name_a_colour_differently_are_rivals_and_are_noted():
 
 
 def test_paper_table1_is_recognised_only_by_a_mixture_of_colours():
-    by_truck = recognize(street(TRUCK), Named())
-    by_both = recognize(street(TRUCK, FENCE_BEFORE_0_9_14), Named())
+    by_truck = recognise(street(TRUCK), NamedReading())
+    by_both = recognise(street(TRUCK, FENCE_BEFORE_0_9_14), NamedReading())
 
     assert (by_truck.family, by_both.family) == ("carla-0.9.14", "paper-table1")
 
 
 def test_colours_of_two_families_at_once_are_ambiguous():
     with pytest.raises(SegmentationError) as caught:
-        recognize(street(TERRAIN, TERRAIN_BEFORE_0_9_14), Named())
+        recognise(street(TERRAIN, TERRAIN_BEFORE_0_9_14), NamedReading())
 
     assert caught.value.kind == "ambiguous_palette"
     assert str(caught.value) == (
@@ -90,7 +90,7 @@ def test_colours_of_two_families_at_once_are_ambiguous():
 
 
 def test_more_colours_of_one_family_outweigh_a_stray_one_of_another():
-    found = recognize(street(TERRAIN, TRUCK, TERRAIN_BEFORE_0_9_14), Named())
+    found = recognise(street(TERRAIN, TRUCK, TERRAIN_BEFORE_0_9_14), NamedReading())
 
     assert found.family == "carla-0.9.14"
     assert found.missing == {CODE_OF[packed(TERRAIN_BEFORE_0_9_14)]}
@@ -99,7 +99,7 @@ def test_more_colours_of_one_family_outweigh_a_stray_one_of_another():
 def test_named_family_is_used_where_the_colours_are_ambiguous():
     codes = street(TERRAIN, TERRAIN_BEFORE_0_9_14)
 
-    found = recognize(codes, Named(family="carla-0.9.10"))
+    found = recognise(codes, NamedReading(family="carla-0.9.10"))
 
     assert found.family == "carla-0.9.10"
     assert found.missing == {CODE_OF[packed(TERRAIN)]}
@@ -109,20 +109,20 @@ def test_named_family_is_used_where_the_colours_are_ambiguous():
     ("named", "codes", "message"),
     [
         pytest.param(
-            Named(family="carla-0.9.10", sources={"palette": "the dataset"}),
+            NamedReading(family="carla-0.9.10", sources={"palette": "the dataset"}),
             street(TERRAIN),
             r"the dataset says palette carla-0\.9\.10, the colours that occur prove "
             r"carla-0\.9\.14: \(152, 251, 152\) is Terrain there and no colour of",
             id="another family",
         ),
         pytest.param(
-            Named(order="rgb", sources={"channel_order": "the config"}),
+            NamedReading(order="rgb", sources={"channel_order": "the config"}),
             street(TRUCK, order="bgr"),
             "the config says channel_order rgb, the colours that occur prove bgr: ",
             id="another channel order",
         ),
         pytest.param(
-            Named(order="bgr"),
+            NamedReading(order="bgr"),
             street(TRUCK),
             "the caller says channel_order bgr, the colours that occur prove rgb: ",
             id="another channel order, by nobody in particular",
@@ -133,27 +133,27 @@ def test_named_family_or_order_that_contradicts_colours_is_refused(
     named, codes, message
 ):
     with pytest.raises(SegmentationError, match=message) as caught:
-        recognize(codes, named)
+        recognise(codes, named)
 
     assert caught.value.kind == "segmentation_contradiction"
 
 
 def test_the_papers_table_may_be_named_for_images_of_other_families():
-    found = recognize(street(TERRAIN, TRUCK), Named(family="paper-table1"))
+    found = recognise(street(TERRAIN, TRUCK), NamedReading(family="paper-table1"))
 
     assert found.family == "paper-table1"
     assert found.missing == {CODE_OF[packed(TERRAIN)]}
 
 
 def test_swapped_sky_is_not_taken_for_rock():
-    found = recognize(street(SKY, CAR_OR_VEHICLE, order="bgr"), Named())
+    found = recognise(street(SKY, CAR_OR_VEHICLE, order="bgr"), NamedReading())
 
     assert found.order == "bgr"
     assert found.notes[-1] == "red and blue are swapped in the file; read as bgr"
 
 
 def test_rock_is_not_taken_for_swapped_sky():
-    found = recognize(street(SKY, ROCK, CAR_OR_VEHICLE), Named())
+    found = recognise(street(SKY, ROCK, CAR_OR_VEHICLE), NamedReading())
 
     assert (found.family, found.order) == ("carla-0.9.14", "rgb")
 
@@ -161,7 +161,7 @@ def test_rock_is_not_taken_for_swapped_sky():
 def test_undetermined_channel_order_is_read_as_rgb_with_a_note():
     greys = [(0, 0, 0), (70, 70, 70), SKY]
 
-    found = recognize([CODE_OF[packed(color)] for color in greys], Named())
+    found = recognise([CODE_OF[packed(color)] for color in greys], NamedReading())
 
     assert found.order == "rgb"
     assert found.notes[-1] == (

@@ -100,6 +100,44 @@ def test_converted_sensors_keep_attributes_and_mounts(folder):
     assert sensors.radar is None  # not saved there either
 
 
+BOMB = "&a0 [x]" + "".join(
+    f", &a{i} [{', '.join([f'*a{i - 1}'] * 10)}]" for i in range(1, 8)
+)
+
+
+LONG_TEXT = f"&a {'x' * 1000}" + ", *a" * 3000
+LONG_PAIRS = f"!!pairs [a: &a {'x' * 1000}" + ", a: *a" * 3000 + "]"
+
+
+@pytest.mark.parametrize("aliases", [BOMB, "&a [*a]", LONG_TEXT, LONG_PAIRS])
+@pytest.mark.parametrize(
+    ("name", "line"),
+    [
+        ("data.yaml", "generationv: [{}]"),
+        ("vehicles_name.yaml", "car: [{}]"),
+        ("weather.yaml", "fog_density: [{}]"),
+    ],
+)
+def test_aliases_for_too_many_values_are_refused(tmp_path, name, line, aliases):
+    # Written out, nine levels of ten are ten gigabytes.
+    (tmp_path / name).write_text(f"sitting: {{{line.format(aliases)}}}")
+
+    with pytest.raises(ScenarioError, match="aliases that stand for more than") as told:
+        convert_carlasimu(tmp_path)
+
+    assert len(str(told.value)) < 200
+
+
+def test_few_aliases_are_read(tmp_path):
+    (tmp_path / "sensors.yaml").write_text(
+        "sitting: {rgb_camera: &camera {fov: 100.0}, depth_camera: *camera}"
+    )
+
+    converted = convert_carlasimu(tmp_path)
+
+    assert converted.scenario["camera"] == {"fov": 100.0}
+
+
 def test_unconverted_settings_are_listed_in_yaml_comments(folder):
     text = convert_carlasimu(folder).as_yaml()
 

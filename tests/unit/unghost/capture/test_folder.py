@@ -61,6 +61,20 @@ def test_capture_writes_through_no_link_that_others_laid(folder, tmp_path):
     assert (folder.path / "rgb/000000.png").read_bytes() == b"picture"
 
 
+def test_capture_with_a_link_in_place_of_a_sensors_folder_is_refused(folder, tmp_path):
+    private = tmp_path / "my capture" / "rgb"
+    private.mkdir(parents=True)
+    (private / "000000.png").write_bytes(b"mine")
+    (folder.path / "rgb").symlink_to(private)
+
+    with pytest.raises(CaptureError, match="rgb is a link"):
+        CaptureFolder(folder.path).open(RECORDING)
+    with pytest.raises(CaptureError, match="rgb is a link"):
+        folder.add("Town01/000000", FILES, {"extra": {}})
+
+    assert (private / "000000.png").read_bytes() == b"mine"
+
+
 def test_capture_with_a_link_in_place_of_its_manifest_is_refused(folder, tmp_path):
     private = tmp_path / "private.txt"
     private.write_text("mine, without a line break")

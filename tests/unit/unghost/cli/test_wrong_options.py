@@ -28,7 +28,7 @@ def run(*words):
             [*EXPORT, "yolo", "-O", "color=1"],
             "--option color: expected one of include, include_un",
         ),
-        ([*EXPORT, "ylo"], "'ylo' is not one of 'yolo', 'coco', 'kitti'"),
+        ([*EXPORT, "ylo"], "'--format': 'ylo' is not one of 'yolo', 'coco', 'kitti'"),
     ],
 )
 def test_wrong_command_line_is_refused(words, says):

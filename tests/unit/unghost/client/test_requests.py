@@ -16,7 +16,7 @@ import pytest
 from tests.pins import stored
 from tests.support.response_checks import DECISION
 from unghost.client.api import Api
-from unghost.client.call import Call, Listing, Page, query_of
+from unghost.client.call import Call, Listing, ListPage, query_of
 from unghost.wire import Decision, Selection
 
 DOCUMENT = stored.read("openapi")
@@ -39,11 +39,19 @@ class Recorder(Api):
     def _send(self, call: Call[Any]) -> Call[Any]:
         return call
 
-    def _pages(self, listing: Listing[Any]) -> Call[Page[Any]]:
+    def _pages(self, listing: Listing[Any]) -> Call[ListPage[Any]]:
         return listing.page()
 
 
 CLIENT: Any = Recorder()
+
+
+class Given:
+    """A client whose methods return the arguments that they are given."""
+
+    def __getattr__(self, _: str) -> Callable[..., tuple[Any, Any]]:
+        return lambda *args, **kwargs: (args, kwargs)
+
 
 CALLS: Mapping[str, tuple[str, Callable[[Any], Any]]] = {
     "datasets": ("GET /datasets", lambda c: c.datasets()),
@@ -101,7 +109,9 @@ CALLS: Mapping[str, tuple[str, Callable[[Any], Any]]] = {
     "history": ("GET /boxes/{box_id}/history", lambda c: c.history(7)),
     "queue": (
         "POST /datasets/{dataset}/queue",
-        lambda c: c.queue("town", order="random", filters={"class": "car"}),
+        lambda c: c.queue(
+            "town", order="random", limit=9, filters={"class": "car"}, exclude=[7]
+        ),
     ),
     "review": (
         "POST /boxes/{box_id}/reviews",
@@ -185,6 +195,13 @@ def body_of(operation: Any) -> Any:
     return SCHEMAS.get(name_of(first), first)
 
 
+def sent_of(call: Call[Any]) -> dict[str, Any]:
+    """What a call sends, by name: its query, the keys of its body, or its files."""
+    body: Any = call.json or {}
+    files = {name: part[1] for name, part in (call.files or {}).items()}
+    return {**call.params, **body, **body.get("options", {}), **files}
+
+
 def name_of(schema: Any) -> str:
     return str(schema.get("$ref", "")).rpartition("/")[2]
 
@@ -219,6 +236,21 @@ def test_request_is_sent_as_the_openapi_document_describes_it(name):
     assert sent.keys() >= set(body.get("required", ()))
 
 
+@pytest.mark.parametrize("name", [name for name in CALLS if name != "bulk_review"])
+def test_all_that_a_method_is_given_is_sent(name):
+    route, describe = CALLS[name]
+    call, (args, kwargs) = describe(CLIENT), describe(Given())
+    left = list(map(str, args))
+
+    # The first arguments are those of the path.
+    path = re.sub(r"{\w+}", lambda _: left.pop(0), path_of(route))
+    assert call.path == path
+    sent = sent_of(call)
+    assert {*left} <= {*map(str, sent.values()), str(call.json)}
+    named = {key.replace("class_name", "class"): kwargs[key] for key in kwargs}
+    assert {key: sent.get(key) for key in named} == named
+
+
 @pytest.mark.parametrize("name", CALLS)
 def test_result_is_the_answer_that_the_openapi_document_describes(name):
     annotation = str(inspect.signature(getattr(Api, name)).return_annotation)
@@ -226,6 +258,10 @@ def test_result_is_the_answer_that_the_openapi_document_describes(name):
 
     answers = answers_of(described(CALLS[name][0]))
     assert {READ_FROM.get(kind, kind) for kind in kinds} == answers
+
+
+def test_deletion_of_a_dataset_is_confirmed_by_its_name():
+    assert CLIENT.delete_dataset("town").params == {"confirm": "town"}
 
 
 def test_config_of_text_is_sent_as_yaml():

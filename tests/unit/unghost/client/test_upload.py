@@ -158,7 +158,7 @@ def test_push_of_single_frames_goes_on_after_one_that_others_have_answered(
     assert errors == {"a": "by others"}
 
 
-def test_push_stops_when_unauthorized(batches, client):
+def test_push_stops_when_unauthorised(batches, client):
     batches.replies = [BatchReply(refusal=(401, "unauthorised", {}))]
 
     with pytest.raises(Unauthorized):

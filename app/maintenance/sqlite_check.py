@@ -28,11 +28,11 @@ log = logging.getLogger(__name__)
 
 
 @contextmanager
-def checking_pages(context: ServiceContext) -> Iterator[None]:
+def checking_for_damage(context: ServiceContext) -> Iterator[None]:
     """Check the pages in a background thread, which ends with the block."""
     stop = threading.Event()
     check = threading.Thread(
-        target=_check, args=(context.database, stop), name="page check"
+        target=_check, args=(context.database, stop), name="damage check"
     )
     check.start()
     try:
