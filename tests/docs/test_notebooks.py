@@ -39,11 +39,11 @@ def demo(tmp_path_factory):
 
 
 def run(path: Path, folder: Path, settings: dict[str, str]) -> str:
-    """Run a notebook; give what its cells print, and the types of other outputs."""
+    """Run a notebook in a folder; give what it prints, and the types of outputs."""
     answer = subprocess.run(
         [sys.executable, "-m", "tests.support.run_notebook", path],
-        cwd=CHECKOUT,
-        env=CommandLine(folder, settings).environ,
+        cwd=folder,
+        env=CommandLine(folder, settings).environ | {"PYTHONPATH": str(CHECKOUT)},
         capture_output=True,
         text=True,
     )

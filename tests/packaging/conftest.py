@@ -18,8 +18,10 @@ import pytest
 from tests.support.installation import Installation, install
 from tests.support.sources import CHECKOUT
 
+# Tests that run meanwhile write and remove files in some of these.
 NOT_SOURCE = shutil.ignore_patterns(
-    ".git", ".venv", ".*_cache", "build", "dist", "*.egg-info", "node_modules", "*-data"
+    *(".git", ".venv", ".*_cache", ".hypothesis", "__pycache__", "node_modules"),
+    *("build", "dist", "*.egg-info", "*-data", ".data"),
 )
 
 
