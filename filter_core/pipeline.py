@@ -23,7 +23,7 @@ from filter_core.annotation.parsing import parse_annotation
 from filter_core.classes import class_of
 from filter_core.config.filter import FilterConfig
 from filter_core.config.measure import MeasureConfig
-from filter_core.decisions.explain import FrameFacts
+from filter_core.decisions.explain import BoxName, FrameFacts
 from filter_core.decisions.record import Decision, decision_dicts
 from filter_core.decisions.rules import decide
 from filter_core.errors import ImageSizeMismatch, SegmentationError
@@ -127,13 +127,14 @@ class MeasuredFrame:
             names=self._names(),
         )
 
-    def _names(self) -> dict[int, tuple[str, str]]:
+    def _names(self) -> dict[int, BoxName]:
         """Id and class by row, for channels, which explain boxes by other boxes."""
         if self.evidence.channels is None:
             return {}
         classes, index = self.evidence.class_names, self.evidence.class_index.tolist()
         return {
-            row: (box_id, classes[index[row]]) for row, box_id in enumerate(self.ids)
+            row: BoxName(box_id, classes[index[row]])
+            for row, box_id in enumerate(self.ids)
         }
 
 

@@ -49,7 +49,7 @@ from app.measuring.queries import (
 from app.verdicts import with_answer
 from filter_core.classes import accepts
 from filter_core.config.filter import FilterConfig
-from filter_core.decisions.explain import FrameFacts
+from filter_core.decisions.explain import BoxName, FrameFacts
 from filter_core.decisions.record import (
     Decision,
     decided_boxes,
@@ -308,17 +308,17 @@ class DecisionReader:
             if revision
         )
 
-    def _names(self, boxes: StoredBoxes) -> dict[int, dict[int, tuple[str, str]]]:
+    def _names(self, boxes: StoredBoxes) -> dict[int, dict[int, BoxName]]:
         """Id and class of the boxes that explain these, by frame and position there."""
         explaining = boxes.explaining()
         known = dict(zip(boxes.rows.box_ids, boxes.rows.source_ids, strict=True))
         asked = {one.box_id for one in explaining} - known.keys()
         if asked:
             known |= FrameRepository(self._session).source_ids(asked)
-        names: dict[int, dict[int, tuple[str, str]]] = {}
+        names: dict[int, dict[int, BoxName]] = {}
         for one in explaining:
             of_frame = names.setdefault(one.frame_id, {})
-            of_frame[one.position] = known[one.box_id], one.class_name
+            of_frame[one.position] = BoxName(known[one.box_id], one.class_name)
         return names
 
 

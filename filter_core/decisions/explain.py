@@ -329,6 +329,13 @@ def _metres(value: float, limit: float) -> str:
     return f"{_rounded(value, 0, [limit])} m"
 
 
+class BoxName(NamedTuple):
+    """Id and class of a box, such as "217" and "car"."""
+
+    box_id: str
+    class_name: str
+
+
 @dataclass(frozen=True)
 class FrameFacts:
     """The values that all decisions of one frame share.
@@ -343,16 +350,15 @@ class FrameFacts:
     lossy : bool
         The segmentation's colours were not exact.
     names : mapping
-        Id and class of boxes, such as ``("217", "car")``, by their position in the
-        frame, for sentences that name the nearer box that takes another's pixels
-        (`ChannelNumbers.explained_by`).
+        Id and class of boxes, by their position in the frame, for sentences that name
+        the nearer box that takes another's pixels (`ChannelNumbers.explained_by`).
     """
 
     key: str
     config: FilterConfig
     family: str | None = None
     lossy: bool = False
-    names: Mapping[int, tuple[str, str]] = field(default_factory=dict)
+    names: Mapping[int, BoxName] = field(default_factory=dict)
 
 
 def explanations(
@@ -409,19 +415,15 @@ def _explained(
         "number": numbers.tolist(),
         "needed": needed.tolist(),
         "depth_gap": gaps,
-        "nearer": [None if box is None else _class_and_id(*box) for box in nearer],
+        "nearer": [box and f"{box.class_name} {box.box_id}" for box in nearer],
     }
     rows = zip(*(columns[name] for name in ExplainedBox._fields), strict=True)
     return map(ExplainedBox._make, rows)
 
 
-def _class_and_id(box_id: str, class_name: str) -> str:
-    return f"{class_name} {box_id}"
-
-
 def nearer_boxes(
     frames: Sequence[FrameFacts], evidence: Evidence
-) -> list[tuple[str, str] | None]:
+) -> list[BoxName | None]:
     """Id and class of the nearer box that takes most pixels of each of N boxes.
 
     None where no box takes any.

@@ -188,7 +188,7 @@ def decision_columns(
         area_percent=evidence.area_percent,
         crowding=evidence.crowding,
         explained_by=[
-            nearer and nearer[0] for nearer in nearer_boxes(frames, evidence)
+            nearer and nearer.box_id for nearer in nearer_boxes(frames, evidence)
         ],
         hidden_by=hidden_by_all(frames, evidence),
         reviewer=[None] * count,

@@ -190,7 +190,7 @@ def test_commands_that_import_the_service_match_the_import_contract():
         ("that expires after eight seconds", LEASE_LASTS.total_seconds(), 8),
         ("which happens every two seconds", RENEW_EVERY_S, 2),
         ("when its watchdog looks next, every two seconds", WATCHDOG_EVERY_S, 2),
-        ("After three crashes, the chunk's first frame", MOST_ATTEMPTS, 3),
+        ("If it crashes three processes and stores no result", MOST_ATTEMPTS, 3),
         ("Evidence is stored four times a second", COMMIT_EVERY_S, 0.25),
         ("means reading its row, five times a second", INTERVAL_S, 0.2),
         (

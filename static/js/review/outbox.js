@@ -283,7 +283,8 @@ export function createOutbox(storage, tab, who, newKey = randomId) {
      * @param {SingleAnswer} item @param {number} revision
      */
     renew(item, revision) {
-      // The item gets `renewed` in place of `attempted`, which JSON leaves out: it needs no more room if the storage is full.
+      // The item must not grow, because the storage may be full. So `attempted` goes (JSON leaves out what is undefined)
+      // when `renewed` comes.
       write({ ...item, seenRevision: revision, renewed: (item.renewed ?? 0) + 1, attempted: undefined });
     },
 

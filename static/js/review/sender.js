@@ -154,9 +154,9 @@ export function createSender(outbox, requests = REQUESTS, later) {
   const show = (phase) => state.set(stateIn(phase));
 
   /**
-   * The item to send next: the oldest. But one that was sent before, without a response, comes first: the server may
-   * have stored it, and then later items on its boxes need the new revision. (An item that was taken over from another
-   * tab may be older than it.)
+   * The item to send next. First comes an item that was sent before, without a response: the server may have stored
+   * it, and then later items on its boxes need the new revision. Then comes the oldest item. (The two can differ: an
+   * item that was taken over from another tab may be older than the one that was sent.)
    */
   function next() {
     const items = outbox.items();
