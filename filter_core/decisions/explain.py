@@ -257,7 +257,10 @@ _CHANNEL_SENTENCES: Final[Mapping[ChannelName, Callable[[ExplainedBox], str]]] =
     "instance": _instance_words,
     "lidar": _lidar_words,
 }
-"""The sentence of each channel, whether it kept the box or rejected it."""
+"""The sentence of each channel, whether it kept the box or rejected it.
+
+What each channel measures: `filter_core.evidence_kinds.EVIDENCE`.
+"""
 
 
 def _is_kept(box: ExplainedBox) -> bool:
