@@ -50,8 +50,9 @@ def child_context(preload: Sequence[str]) -> ForkServerContext | SpawnContext:
     Parameters
     ----------
     preload : sequence of str
-        Modules that are imported once for all processes, where the system can fork:
-        with those of earlier calls, if none was started yet.
+        Modules that are imported once for all processes, where the system can fork.
+        Those of all calls before the first process is started are imported; later
+        calls add nothing.
 
     Returns
     -------

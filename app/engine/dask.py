@@ -78,9 +78,9 @@ async def _serve(
 def scratch_folder() -> TemporaryDirectory[str]:
     """A new folder for the files of one node, removed at the end of a `with` block.
 
-    Every node searches its folder first for Python modules. By default that lies in
-    `dask-scratch-space` of the folder for temporary files, where another user of the
-    machine may have put files.
+    Every node searches its own folder first for Python modules. By default, this folder
+    is made in `dask-scratch-space`, where another user of the machine may have put
+    files.
     """
     return TemporaryDirectory(prefix="unghost-", ignore_cleanup_errors=True)
 

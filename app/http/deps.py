@@ -152,9 +152,9 @@ def require_room_to_write(services: ServiceContext, session: Session) -> None:
 def require_room_to_answer(services: ServiceContext, session: Session) -> None:
     """Refuse an answer on a single box, or its undo, if the disk is almost full.
 
-    The transaction begins before that: there a request that repeats an idempotency key
-    gets the stored response, since it needs no room. With PostgreSQL nothing is
-    refused: answers are on its disk.
+    The transaction begins first. A request that repeats an idempotency key gets its
+    stored response there, which needs no room. With PostgreSQL nothing is refused:
+    answers are on its disk.
 
     Raises
     ------

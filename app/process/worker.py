@@ -90,10 +90,14 @@ class Supervisor:
         check_engine(self.settings)
         for number in (signal.SIGTERM, signal.SIGINT):
             signal.signal(number, self._stop)
+        with scratch_folder() as scratch:
+            return self._keep_working(scratch)
+
+    def _keep_working(self, scratch: str) -> int:
         pause = _PAUSE_S
         while not self._stopping.is_set():
             begun = time.monotonic()
-            status = self._work()
+            status = self._work(scratch)
             if self._stopping.is_set():
                 # -SIGTERM: the child had not installed its handler yet.
                 return 0 if status in (0, LOST, -signal.SIGTERM) else REFUSED
@@ -108,21 +112,20 @@ class Supervisor:
             self._stopping.wait(pause)
         return 0
 
-    def _work(self) -> int:
+    def _work(self, scratch: str) -> int:
         endpoint = self.endpoint
         words = [f"--port={endpoint.port}", f"--patience={endpoint.patience_s}"]
         words += [f"--host={endpoint.host}"] if endpoint.host else []
-        with scratch_folder() as scratch:
-            # When this process ends, the pipe is closed, and the child ends as well.
-            self._child = subprocess.Popen(
-                module_command(self.program, *words),
-                env=_environment(self.settings, scratch),
-                stdin=subprocess.PIPE,
-            )
-            if self._stopping.is_set():
-                self._child.terminate()
-            with self._child:
-                return self._child.wait()
+        # When this process ends, the pipe is closed, and the child ends as well.
+        self._child = subprocess.Popen(
+            module_command(self.program, *words),
+            env=_environment(self.settings, scratch),
+            stdin=subprocess.PIPE,
+        )
+        if self._stopping.is_set():
+            self._child.terminate()
+        with self._child:
+            return self._child.wait()
 
     def _stop(self, _number: int, _frame: FrameType | None) -> None:
         child = self._child

@@ -206,12 +206,14 @@ def _ordered_words(box: ExplainedBox) -> str:
     if not box.number:
         if box.nearer is None:
             return f"none of its pixels are {names}"
-        return f"its pixels belong to the nearer {box.nearer}"
-    pixels_are = f"{box.number:.0f} of its pixels {_is(box)}"
+        return f"its {names} pixels belong to nearer boxes, above all {box.nearer}"
     if box.nearer is None:
+        pixels_are = f"{box.number:.0f} of its pixels {_is(box)}"
         return f"only {pixels_are} {names}, {_needed(box)}"
-    others = f"most of its pixels belong to the nearer {box.nearer}"
-    return f"{others}; {pixels_are} left, {_needed(box)}"
+    left = f"only {box.number:.0f} of its {names} pixels {_is(box)} left"
+    return (
+        f"{left}, {_needed(box)}; nearer boxes have the others, above all {box.nearer}"
+    )
 
 
 def _depth_words(box: ExplainedBox) -> str:

@@ -240,7 +240,7 @@ def _composed(
         "box_pixels": evidence.box_pixels.tolist(),
         "area_percent": floats_or_none(evidence.area_percent),
         "crowding": floats_or_none(evidence.crowding),
-        "explained_by": [box and box[0] for box in nearer],
+        "explained_by": [box and box.box_id for box in nearer],
         "hidden_by": hidden,
         "lossy": [frame.lossy for frame in frames],
         "distance": floats_or_none(evidence.distance),

@@ -178,7 +178,10 @@ def _named(index: CocoIndex) -> Iterator[_Name]:
                 f"{index.name}, images[{row}]: expected a file_name, found "
                 f"{str(name)[:40]!r}"
             )
-        file = frame_key(name.replace("\\", "/"))
+        try:
+            file = frame_key(name.replace("\\", "/"))
+        except LayoutError as exc:
+            raise LayoutError(f"{index.name}, images[{row}]: {exc}") from exc
         yield _Name(
             index, row, key if isinstance(key, str) and key else file, file, part
         )

@@ -179,7 +179,7 @@ _LONG_NAMESPACE: Final = re.compile(
     rb"""xmlns(?!(?::[^\s="'<>]{1,%d})?\s{0,9}=\s{0,9}("[^"]{0,%d}"|'[^']{0,%d}'))"""
     % ((_MAX_NAMESPACE,) * 3)
 )
-"""A declaration that is not short. Every other ``xmlns`` is refused with it."""
+"""``xmlns`` without a short namespace behind it; also in a comment or a text."""
 
 
 def _parse(content: bytes, name: str) -> _Tree:

@@ -21,7 +21,7 @@ export const REASONS = {
   no_visible_pixels: "too few visible pixels",
   large_below_threshold: "large, below threshold",
   below_threshold: "below threshold",
-  explained_by_nearer: "its pixels belong to a nearer box",
+  explained_by_nearer: "its pixels belong to nearer boxes",
   hidden_by_depth: "hidden by depth",
   hidden_by_instance: "too few instance pixels",
   too_few_lidar_points: "too few LiDAR points",
@@ -69,7 +69,7 @@ export const EVIDENCE = {
 /** @param {string} name */
 export const evidenceText = (name) => EVIDENCE[name]?.text ?? name.replaceAll("_", " ");
 
-/** The server's sentence after its verdict: "its pixels belong to the nearer car 122". @param {Decision} box */
+/** The server's sentence after its verdict: "its Car pixels belong to nearer boxes, above all car 122". @param {Decision} box */
 const sentenceText = ({ explanation, reason }) => explanation?.replace(/^\w+: /, "") || reasonText(reason);
 
 /** @param {Decision} box */

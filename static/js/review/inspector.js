@@ -266,7 +266,7 @@ function rowsOf(box) {
     ["Crowding", box.crowding === null ? null : percentText(box.crowding)],
     ["Distance", box.distance === null ? null : metresText(box.distance)],
     ["Evidence", box.evidence],
-    ["Pixels belong to", box.explained_by ? `box ${box.explained_by}` : null],
+    ["Pixels taken by", box.explained_by ? `box ${box.explained_by}` : null],
     ["Rectangle", xyxy ? xyxy.map((value) => Math.round(value * 10) / 10).join(", ") : "outside the image"],
     ["Segmentation", box.lossy ? "lossy" : null],
     ["Run", String(box.run)],

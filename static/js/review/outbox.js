@@ -262,6 +262,13 @@ export function createOutbox(storage, tab, who, newKey = randomId) {
     finish(stored, { leftOut = [], revision }) {
       const kept = answer(stored.key); // it may have been undone since `stored` was read
       remove(stored);
+      // First the undo: it has room where the answer was, also if the storage is full.
+      if (kept?.earlier && revision) {
+        const { earlier, ...answered } = kept;
+        const { verdict, comment } = earlier; // what the box gets again
+        const undo = { ...answered, verdict, comment, key: newKey(), undoes: revision, attempted: false };
+        write({ ...undo, seenRevision: revision }); // with the answer's `order`: it is sent before the later items
+      }
       // The response to a bulk item names no revisions: each is the next one.
       const revisions = new Map(seenRevisionsOf(stored).map(([boxId, seen]) => [boxId, revision ?? seen + 1]));
       for (const boxId of leftOut) revisions.delete(boxId);
@@ -269,12 +276,6 @@ export function createOutbox(storage, tab, who, newKey = randomId) {
         if (item.order <= stored.order || wasAttempted(item)) continue;
         const raised = withSeen(item, revisions);
         if (raised !== item) write(raised);
-      }
-      if (kept?.earlier && revision) {
-        const { earlier, ...answered } = kept;
-        const { verdict, comment } = earlier; // what the box gets again
-        const undo = { ...answered, verdict, comment, key: newKey(), undoes: revision, attempted: false };
-        write({ ...undo, seenRevision: revision }); // with the answer's `order`: it is sent before the later items
       }
     },
 

@@ -194,8 +194,8 @@ export function createUploads(calls, isSignedIn) {
   const isRunning = () => job.get() !== null && !isOver(/** @type {Job} */ (job.get()).uploader.state.get().phase);
 
   /**
-   * Forget these files, which are uploaded or not wanted. Others that were taken since stay: the browser tells only with
-   * its next picture that a dialog was closed.
+   * Forget these files, which are uploaded or not wanted. Others that were taken since stay: the event
+   * that a dialog was closed may come after the next files.
    * @param {Promise<Entry[]> | null} entries
    */
   const discard = (entries) => dropped.get() === entries && dropped.set(null);

@@ -39,7 +39,10 @@ def test_a_box_explained_by_a_nearer_one_names_it(api, dataset):
     box = far_box(api, dataset)
 
     assert box["explained_by"] == "217"
-    assert box["explanation"] == "rejected: its pixels belong to the nearer car 217"
+    assert (
+        box["explanation"]
+        == "rejected: its Car pixels belong to nearer boxes, above all car 217"
+    )
 
 
 def test_the_history_of_a_box_has_the_verdicts_of_its_channels(api, dataset):

@@ -53,7 +53,7 @@ test("each reason has its own words", () => {
 test("the label of a box that another channel judged gives that channel's explanation, and no match", () => {
   const judged = { match_percent: 69.8, threshold: null, margin: null, explained_by: "122" };
   const cases = [
-    ["ordered", "rejected", "explained_by_nearer", "its pixels belong to the nearer car 122"],
+    ["ordered", "rejected", "explained_by_nearer", "its Car pixels belong to nearer boxes, above all car 122"],
     ["depth", "rejected", "hidden_by_depth", "all Car pixels here are 2.6 m nearer than the box"],
     ["instance", "rejected", "hidden_by_instance", "no instance in the image belongs to it"],
     ["lidar", "rejected", "too_few_lidar_points", "no LiDAR points of Car lie inside it, 5 are needed"],

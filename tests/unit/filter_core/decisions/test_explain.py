@@ -160,12 +160,12 @@ def channel_sentence(channel, *, kept=False, **more):
         ),
         (
             channel_sentence("ordered", number=0, nearer="car 217"),
-            "its pixels belong to the nearer car 217",
+            "its Car or Truck pixels belong to nearer boxes, above all car 217",
         ),
         (
             channel_sentence("ordered", number=1, needed=3, nearer="car 217"),
-            "most of its pixels belong to the nearer car 217; 1 of its pixels is left, "
-            "3 are needed",
+            "only 1 of its Car or Truck pixels is left, 3 are needed; nearer boxes "
+            "have the others, above all car 217",
         ),
         (channel_sentence("ordered", number=0), "none of its pixels are Car or Truck"),
         (

@@ -49,7 +49,11 @@ def test_semantic_evidence_keeps_the_car_hidden_behind_a_car():
 @pytest.mark.parametrize(
     ("evidence", "contents", "explanation"),
     [
-        ("ordered", {}, "rejected: its pixels belong to the nearer car 217"),
+        (
+            "ordered",
+            {},
+            "rejected: its Car pixels belong to nearer boxes, above all car 217",
+        ),
         (
             "depth",
             {"depth": depth_file()},
@@ -143,7 +147,11 @@ def test_file_that_no_channel_needs_is_not_read():
             [FAR],
             "rejected: only 1 of its pixels is Car, 2 are needed",
         ),
-        ({}, [NEAR, FAR], "rejected: its pixels belong to the nearer car 0"),
+        (
+            {},
+            [NEAR, FAR],
+            "rejected: its Car pixels belong to nearer boxes, above all car 0",
+        ),
     ],
     ids=["nothing nearer", "more are asked for", "something nearer"],
 )

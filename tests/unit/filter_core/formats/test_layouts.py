@@ -634,8 +634,14 @@ NO_NAME = (
 @pytest.mark.parametrize(
     ("files", "words"),
     [
-        ({"a.json": NO_NAME % "/"}, "expected the name of a file, found '/'"),
-        ({"a.json": NO_NAME % "."}, "expected the name of a file, found '.'"),
+        (
+            {"a.json": NO_NAME % "/"},
+            "a.json, images[0]: expected the name of a file, found '/'",
+        ),
+        (
+            {"a.json": NO_NAME % "."},
+            "a.json, images[0]: expected the name of a file, found '.'",
+        ),
         (
             {"label_2/1.txt": "", "frames.jsonl": '{"file": "", "key": "b"}'},
             "expected the name of a file, found ''",
