@@ -45,12 +45,13 @@ def _parsed(text: str) -> URL:
     try:
         url = make_url(text)
         # An @ of the password: what follows it would be named in errors as the host.
-        if url.host and "@" in f"{url.host}/{url.database}":
+        first_key = text.partition("?")[2].partition("=")[0]
+        if url.host and "@" in f"{url.host}/{url.database}?{first_key}":
             raise ArgumentError
     except (ArgumentError, ValueError):
         raise ValueError(
             f"it cannot be read as a URL like {_DATABASE_EXAMPLE}; characters such as "
-            "@ : / in a password are written as %40 %3A %2F"
+            "@ : / ? in a password are written as %40 %3A %2F %3F"
         ) from None
     return url
 

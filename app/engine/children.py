@@ -59,7 +59,7 @@ _NUMPY_MODULES: Final = frozenset(
 _NUMPY_NAMES: Final = frozenset(
     {"_reconstruct", "_frombuffer", "scalar", "ndarray", "dtype"}
 )
-_starting: Final = threading.Lock()
+_start_lock: Final = threading.Lock()
 """One for all pools: a start replaces the main module for a moment, and adds to a list
 that `multiprocessing` keeps of all processes without a lock."""
 _DONE, _REFUSED, _MEMORY, _FAILED = "done", "refused", "memory", "failed"
@@ -237,7 +237,7 @@ class PixelPool:
         if place is not None and place.is_alive():
             return place
         try:
-            return self._start()
+            return _Child(self._context, self._memory_bytes)
         except BaseException:
             self._free.put(None)
             raise
@@ -259,10 +259,6 @@ class PixelPool:
                 return self._free.get(timeout=_POLL_S)
         return self._free.get()
 
-    def _start(self) -> _Child:
-        with _starting, _no_main_module():
-            return _Child(self._context, self._memory_bytes)
-
 
 def _end_all(free: LifoQueue[_Child | None]) -> None:
     with suppress(Empty):
@@ -281,7 +277,8 @@ class _Child:
         self._process = context.Process(
             target=_serve, args=(theirs, memory_bytes), name="pixels", daemon=True
         )
-        self._process.start()
+        with _start_lock, _no_main_module():
+            self._process.start()
         theirs.close()
         try:
             self._pipe.recv_bytes()  # ready: the timeout does not include the start

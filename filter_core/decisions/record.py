@@ -71,7 +71,7 @@ Decision = TypedDict(
         "box_pixels": int | None,
         "area_percent": float | None,
         "crowding": float | None,  # percent
-        "explained_by": str | None,  # id of the nearer box that takes its pixels
+        "explained_by": str | None,  # id of the nearer box that takes most pixels
         "hidden_by": list[HiddenBy],
         "lossy": bool,
         "distance": float | None,  # metres

@@ -351,9 +351,11 @@ class _Reader:
                 raise self._error("a JSON value", problem)
 
     def _more(self) -> bool:
-        """Read a piece; as much again as is buffered, while that is less than 1 MiB.
+        """Read a piece: as much again as is buffered, up to 1 MiB.
 
-        So a long value is parsed a few times, not once for each of many small pieces.
+        So a value of 1 MiB is parsed a few times, not once for each of many small
+        pieces. A longer one is parsed again after each MiB, since its parts are counted
+        before more is read.
         """
         wanted = max(self._piece_bytes, min(len(self._text) - self._at, _PIECE))
         piece = self._file.read(wanted)

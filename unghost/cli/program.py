@@ -189,7 +189,8 @@ class Program(LazyGroup):
         try:
             return super().invoke(ctx)
         except typer.BadParameter as error:
-            # Typer checks values with pydantic, which puts this before its errors.
+            # Newer versions of Typer check values with pydantic, which puts this before
+            # its errors.
             error.message = printable(error.message.removeprefix("Value error, "))
             raise
 

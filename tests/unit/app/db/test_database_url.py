@@ -8,6 +8,7 @@ from pydantic import ValidationError
 from app.settings import Settings
 
 SECRET = "s3cret"
+AT_SIGN_MEANS_PASSWORD = "@ : / ? in a password are written as %40 %3A %2F %3F"
 
 
 @pytest.mark.parametrize(
@@ -40,8 +41,10 @@ def test_sqlite_url_is_unchanged():
         (f"mysql://a:{SECRET}@db/b", "'mysql' is not"),
         (f"mongodb://a:{SECRET}@db/b", "SQLite, or PostgreSQL with psycopg 3"),
         (f"postgresql://db:{SECRET}/b", "cannot be read as a URL"),
-        (f"postgresql://a:p@{SECRET}@db/b", "@ : / in a password are written as %40"),
-        (f"postgresql://a:p@{SECRET}/@db/b", "@ : / in a password are written as %40"),
+        (f"postgresql://a:p@{SECRET}@db/b", AT_SIGN_MEANS_PASSWORD),
+        (f"postgresql://a:p@{SECRET}/@db/b", AT_SIGN_MEANS_PASSWORD),
+        (f"postgresql://a:p@{SECRET}?@db/b", AT_SIGN_MEANS_PASSWORD),
+        (f"postgresql://a:p@{SECRET}?@db/b?sslmode=require", AT_SIGN_MEANS_PASSWORD),
         (f"host=db password={SECRET}", "cannot be read as a URL"),
         ("sqlite://", "in memory would be lost"),
         ("sqlite:///:memory:", "in memory would be lost"),
