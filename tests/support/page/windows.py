@@ -183,11 +183,17 @@ class SharedWindow:
     """Stays open: a window that lost its last page is slow to open another."""
 
     def page(self, state: StorageState) -> Page:
-        """A new page, signed in with this stored state, without an address yet."""
+        """A new page of the server, signed in with this stored state.
+
+        The page that stays open opens it, so that no process has to start: an empty page
+        would be in a process of its own until it is led to the server.
+        """
         (origin,) = state["origins"]
         self.context.clear_cookies()
         self.kept.evaluate(KEEP_ONLY, origin["localStorage"])
-        return self.context.new_page()
+        with self.context.expect_page() as opened:
+            self.kept.evaluate("void open(location.href, '_blank', 'noopener')")
+        return opened.value
 
     def leave(self) -> None:
         """Undo what a test changed in the window, and close its pages."""
