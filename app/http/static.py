@@ -3,7 +3,8 @@
 The shell refers to all files of the page by URLs with a version, which changes with any
 of them: `/static/v-9f86d081884c7d65/js/main.js`. Modules import each other by relative
 URLs, which include the version. A browser may cache such a file forever and revalidates
-only the shell. Files at a URL without a version are revalidated each time.
+only the shell. Files at a URL without a version are revalidated each time. The style
+sheets that the shell names are served as one file, which saves a dozen requests.
 """
 
 from __future__ import annotations
@@ -48,6 +49,9 @@ _IMPORT: Final = re.compile(
     rb"^(?:import|export)\b[^\"'(]*\bfrom\s+\"(\.[^\"]+)\"", re.MULTILINE
 )
 _ENTRY: Final = b'<script type="module"'
+_STYLE_LINK: Final = re.compile(rb'<link rel="stylesheet" href="/static/([^"]+)" />\s*')
+STYLES: Final = "styles.css"
+"""The name of all style sheets of the page, one after the other; it is no file."""
 _VERSION: Final = re.compile(r"v-([0-9a-f]{16})/")
 
 
@@ -61,13 +65,15 @@ class PageFile:
 
 
 def page_file(folder: Path, name: str) -> PageFile:
-    """A file below the folder.
+    """A file below the folder, or all style sheets of the page (`STYLES`).
 
     Raises
     ------
     NotFound
         There is no such file, its type is unknown, or it is outside of the folder.
     """
+    if name == STYLES:
+        return _styles(folder, page_version(folder))
     try:
         path = (folder / name).resolve()
         found = path.is_relative_to(folder.resolve()) and path.is_file()
@@ -101,18 +107,30 @@ def _version_at(folder: Path, _second: int) -> str:
 
 @lru_cache(maxsize=4)
 def shell_page(folder: Path, version: str) -> PageFile:
-    """The page, with links that preload all modules that it starts with.
+    """The page, with one style sheet, and links that preload all modules of its start.
 
     Otherwise a browser discovers them import by import, each with a round trip.
     """
     page = page_file(folder, "index.html").content
-    links = "".join(
+    before, *others = _STYLE_LINK.split(page)[::2]  # between them are the names
+    links = f'<link rel="stylesheet" href="/static/{STYLES}" />\n    ' + "".join(
         f'<link rel="modulepreload" href="/static/{name}" />\n    '
         for name in started_modules(folder, "js/main.js")
     )
-    content = page.replace(_ENTRY, links.encode() + _ENTRY, 1)
-    content = content.replace(b'"/static/', f'"/static/v-{version}/'.encode())
+    after = b"".join(others).replace(_ENTRY, links.encode() + _ENTRY, 1)
+    content = (before + after).replace(b'"/static/', f'"/static/v-{version}/'.encode())
     return PageFile(content, MEDIA_TYPES[".html"], _etag(content))
+
+
+@lru_cache(maxsize=4)
+def _styles(folder: Path, _version: str) -> PageFile:
+    names = _STYLE_LINK.findall(page_file(folder, "index.html").content)
+    sheets = [page_file(folder, name.decode()).content for name in names]
+    content = b"".join(
+        b"/* %b */\n%b\n" % (name, sheet)
+        for name, sheet in zip(names, sheets, strict=True)
+    )
+    return PageFile(content, MEDIA_TYPES[".css"], _etag(content))
 
 
 def started_modules(folder: Path, entry: str) -> list[str]:

@@ -22,42 +22,15 @@ import { TopBar, hasTabs } from "./topbar.js";
 /** The views that are part of the first load; the others are loaded when they are opened. @type {Record<string, View>} */
 const VIEWS = { datasets: DatasetsView, frames: FramesView };
 
-/** With the styles of all of them. @param {() => Promise<View>} load */
-const late = (load) => createLazy(async () => (await Promise.all([load(), fetchStyles()]))[0]);
-
 /** @type {Record<string, import("../core/observable.js").Lazy<View>>} */
 const LATER = {
-  frame: late(async () => (await import("../review/frame.js")).FrameView),
-  grid: late(async () => (await import("../grid/grid.js")).GridView),
-  queue: late(async () => (await import("../queue/queue.js")).QueueView),
-  thresholds: late(async () => (await import("../tuning/thresholds.js")).ThresholdsView),
-  runs: late(async () => (await import("../runs/runs.js")).RunsView),
-  quality: late(async () => (await import("../quality/quality.js")).QualityView),
+  frame: createLazy(async () => (await import("../review/frame.js")).FrameView),
+  grid: createLazy(async () => (await import("../grid/grid.js")).GridView),
+  queue: createLazy(async () => (await import("../queue/queue.js")).QueueView),
+  thresholds: createLazy(async () => (await import("../tuning/thresholds.js")).ThresholdsView),
+  runs: createLazy(async () => (await import("../runs/runs.js")).RunsView),
+  quality: createLazy(async () => (await import("../quality/quality.js")).QualityView),
 };
-
-/** The styles of those views, once they were requested. @type {Promise<unknown> | null} */
-let styles = null;
-
-/** Fetch the styles of these views: they stand in the page in their order, disabled until then. */
-function fetchStyles() {
-  /** @type {NodeListOf<HTMLLinkElement>} */
-  const links = document.querySelectorAll("link[disabled]");
-  styles ??= Promise.all([...links].map(enabled));
-  styles.catch(() => (styles = null));
-  return styles;
-}
-
-/** @param {HTMLLinkElement} link @returns {Promise<unknown>} */
-function enabled(link) {
-  return new Promise((done, fail) => {
-    link.onload = done;
-    link.onerror = () => {
-      link.disabled = true;
-      fail(new Error("The styles of this view could not be loaded."));
-    };
-    link.disabled = false;
-  });
-}
 
 /**
  * The key of a view makes sure that no state of another view or another dataset is kept.

@@ -49,6 +49,28 @@ def test_page_preloads_every_module_of_its_start(anonymous):
     assert not any("uplot" in name for name in named), "loaded with its view"
 
 
+def test_page_has_one_style_sheet_with_all_of_its_styles(anonymous):
+    """A dozen of them would be a dozen requests before anything is drawn."""
+    page = anonymous.get("/").text
+    named = re.findall(r'rel="stylesheet" href="([^"]+)"', page)
+    source = (static_dir() / "index.html").read_text("utf-8")
+    sheets = re.findall(r'rel="stylesheet" href="/static/([^"]+)"', source)
+
+    assert named == [f"{versioned_static_path(anonymous)}styles.css"]
+    answer = anonymous.get(named[0])
+
+    assert answer.headers["content-type"] == TYPES["css"]
+    assert "immutable" in answer.headers["cache-control"]
+    places = [
+        answer.text.index((static_dir() / sheet).read_text("utf-8")) for sheet in sheets
+    ]
+    assert places == sorted(places)
+    assert {"css/base.css", "css/grid.css", "vendor/uplot-1.6.32.css"} < set(sheets)
+    # They would be searched for in the folder of the one sheet.
+    assert "url(" not in answer.text
+    assert "@import" not in answer.text
+
+
 def test_started_modules_follow_static_imports_only(tmp_path):
     (tmp_path / "a").mkdir()
     (tmp_path / "a" / "main.js").write_text(

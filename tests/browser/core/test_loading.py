@@ -1,4 +1,4 @@
-"""Which modules, styles and requests a view needs.
+"""Which modules and requests a view needs.
 
 The first view loads little; a later view loads its modules when it is opened.
 """
@@ -24,7 +24,7 @@ def test_first_view_loads_no_other_views_modules(scene, user):
     loaded = page.evaluate(LOADED)
 
     assert any(name.endswith("/datasets/frames.js") for name in loaded)
-    others = re.compile("/stage/|uplot|/queue/|/review.css")
+    others = re.compile("/stage/|uplot|/queue/")
     assert list(filter(others.search, loaded)) == []
 
 
@@ -42,21 +42,6 @@ def test_first_view_makes_few_requests(scene, user, view):
     # Pictures are left out: their number depends on the datasets of other tests.
     others = [name for name in loaded if not name.endswith("/thumbnail")]
     assert len(others) + len(["page", "picture"]) <= MOST_REQUESTS, loaded
-
-
-def test_lazily_loaded_view_is_not_drawn_without_its_styles(scene, user):
-    page = user.open(f"#/datasets/{scene.dataset}/frames")
-    expect(page.locator("a.thumb")).to_have_count(1)
-    route_loaded(page, "**/review.css", lambda route: route.abort())
-    page.locator("a.thumb").click()
-    expect(page.get_by_role("alert")).to_contain_text("styles of this view")
-
-    page.unroute("**/review.css")
-    page.get_by_role("button", name="Try again").click()
-
-    answers = page.locator(".bar--answer")
-    expect(answers).to_be_visible()
-    assert answers.evaluate("(bar) => getComputedStyle(bar).display") == "flex"
 
 
 def test_view_module_that_fails_to_load_can_be_retried(scene, user):
