@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 
 import pytest
-from playwright.sync_api import expect
+from playwright.sync_api import Page, expect
 
 from tests.support.page.scenes import Scene
 from tests.support.page.windows import OVERFLOW, OpenWindow
@@ -19,18 +19,17 @@ IN_SIGHT = """(element) => {
 }"""
 
 
-@pytest.mark.parametrize(("scheme", "is_dark"), [("dark", True), ("light", False)])
-def test_page_follows_the_system_colour_scheme(
-    open_window: OpenWindow, scheme, is_dark
-):
-    page = open_window(color_scheme=scheme).open("#/datasets")
-
+def is_dark(page: Page) -> bool:
     red, *_ = map(int, re.findall(r"\d+", page.evaluate(BACKGROUND)))
-    assert (red < 60) == is_dark
+    return red < 60
 
 
-def test_chosen_colour_scheme_overrides_system_and_is_remembered(open_window):
-    page = open_window(color_scheme="light").open("#/datasets")
+def test_page_follows_the_system_colour_scheme_unless_one_is_chosen(user):
+    page = user.open("#/datasets")
+    page.emulate_media(color_scheme="dark")
+    assert is_dark(page)
+    page.emulate_media(color_scheme="light")
+    assert not is_dark(page)
     page.get_by_role("button", name="Settings").click()
 
     page.get_by_role("button", name="Dark").click()
@@ -38,8 +37,7 @@ def test_chosen_colour_scheme_overrides_system_and_is_remembered(open_window):
     expect(page.locator("html")).to_have_attribute("data-theme", "dark")
     page.reload()
     expect(page.locator("html")).to_have_attribute("data-theme", "dark")
-    red, *_ = map(int, re.findall(r"\d+", page.evaluate(BACKGROUND)))
-    assert red < 60
+    assert is_dark(page)
 
 
 WIDTHS_BETWEEN = [pytest.param(px, marks=pytest.mark.long) for px in (390, 768, 1024)]

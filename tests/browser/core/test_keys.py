@@ -24,7 +24,7 @@ def pressed(page: Page, name: str):
     return page.get_by_role("button", name=name, exact=True)
 
 
-def test_next_and_previous_keys_select_the_adjacent_box(scene, user):
+def test_next_previous_and_arrow_keys_select_the_adjacent_box(scene, user):
     page = user.open(scene.link())
 
     for keys, selected in [
@@ -36,6 +36,10 @@ def test_next_and_previous_keys_select_the_adjacent_box(scene, user):
         user.press(*keys)
         expect(heading(page)).to_contain_text(selected)
         expect(page.locator("[aria-selected=true]")).to_contain_text(selected)
+
+    page.get_by_role("listbox").focus()
+    user.press("ArrowUp", "ArrowUp", "ArrowDown")
+    expect(heading(page)).to_contain_text("walker")
 
 
 def test_shift_j_key_skips_answered_boxes(scene, user):
@@ -130,7 +134,7 @@ def test_f_key_fits_the_image_after_zooming(scene, user):
     assert view(page) == pytest.approx(fitted)
 
 
-def test_layer_keys_toggle_layers_and_are_remembered(scene, user):
+def test_layer_and_bracket_keys_change_layers_and_are_remembered(scene, user):
     page = user.open(scene.link("real"))
     mask = pressed(page, "Segmentation over the image")
     highlight = pressed(page, "Highlight the matching pixels")
@@ -141,10 +145,14 @@ def test_layer_keys_toggle_layers_and_are_remembered(scene, user):
     expect(mask).to_have_attribute("aria-pressed", "true")
     user.press("l")
     expect(highlight).to_have_attribute("aria-pressed", "false")
+    user.press("]", "]", "[")
+    opacity = page.get_by_role("slider", name="Segmentation opacity")
+    expect(opacity).to_have_value("0.6")
 
     page.reload()
     expect(mask).to_have_attribute("aria-pressed", "true")
     expect(highlight).to_have_attribute("aria-pressed", "false")
+    expect(opacity).to_have_value("0.6")
 
 
 def test_d_key_toggles_3d_edges(make_scene, user):
@@ -155,14 +163,6 @@ def test_d_key_toggles_3d_edges(make_scene, user):
     user.press("d")
 
     expect(pressed(page, "3D edges")).to_have_attribute("aria-pressed", "false")
-
-
-def test_bracket_keys_change_segmentation_opacity(scene, user):
-    page = user.open(scene.link())
-    user.press("m", "]", "]", "[")
-
-    slider = page.get_by_role("slider", name="Segmentation opacity")
-    expect(slider).to_have_value("0.6")
 
 
 def test_g_key_opens_the_grid_and_then_the_frame_list(scene, user):
@@ -177,23 +177,20 @@ def test_g_key_opens_the_grid_and_then_the_frame_list(scene, user):
     assert page.url.endswith(f"#/datasets/{scene.dataset}/frames?verdict=rejected")
 
 
-def test_escape_key_deselects_the_box(scene, user):
+def test_escape_key_deselects_the_box_and_an_answer_key_then_shows_a_hint(scene, user):
     page = user.open(scene.link("ghost"))
 
     user.press("Escape")
-
     expect(heading(page)).to_have_text("This frame")
-
-
-def test_answer_key_without_a_selected_box_shows_hint(scene, user):
-    page = user.open(scene.link())
-
     user.press("a")
 
     expect(page.locator(".toast")).to_have_text("Select a box first.")
 
 
-def test_help_lists_every_binding_of_the_keymap(scene, user):
+UNUSED = ".help__row.is-off dt"
+
+
+def test_help_lists_every_binding_and_marks_those_not_used_in_a_frame(scene, user):
     page = user.open(scene.link())
     user.press("?")
 
@@ -208,34 +205,36 @@ def test_help_lists_every_binding_of_the_keymap(scene, user):
         " row.querySelector('dd .sr-only').textContent])"
     )
     assert sorted(shown) == sorted(table)
+    rows = page.locator(UNUSED).all_text_contents()
+    assert "Remove the answers (not in this view)" in rows
+    assert not [row for row in rows if row.startswith(("Keep", "Next frame"))]
     user.press("?")
     expect(dialog).to_be_hidden()
 
 
-@pytest.mark.parametrize(
-    ("view", "used", "unused"),
-    [
-        ("frame", "Next frame", "Remove the answers"),
-        ("grid", "Remove the answers", "Next frame"),
-    ],
-)
-def test_help_marks_keys_unused_in_the_current_view(scene, user, view, used, unused):
-    links = {"frame": scene.link(), "grid": f"#/datasets/{scene.dataset}/grid"}
-    page = user.open(links[view])
-    page.locator(".cell, .stage").first.wait_for()
+def test_help_marks_keys_that_are_not_used_in_the_grid(scene, user):
+    page = user.open(f"#/datasets/{scene.dataset}/grid")
+    page.locator(".cell").first.wait_for()
     user.press("?")
 
     expect(page.get_by_role("dialog")).to_be_visible()
-    rows = page.locator(".help__row.is-off dt").all_text_contents()
-    assert f"{unused} (not in this view)" in rows
-    assert not [row for row in rows if row.startswith(("Keep", used))]
+    rows = page.locator(UNUSED).all_text_contents()
+    assert "Next frame (not in this view)" in rows
+    assert not [row for row in rows if row.startswith(("Keep", "Remove the answers"))]
 
 
-def test_answer_key_can_be_rebound(scene, user):
+def test_answer_key_can_be_rebound_and_a_key_taken_from_another_is_reported(
+    scene, user
+):
     page = user.open(scene.link("ghost"))
     user.press("?")
     row = page.locator(".help__row", has_text="Reject the box")
     row.hover()
+    row.get_by_role("button").click()
+    user.press("m")
+    expect(page.get_by_role("dialog").get_by_role("status")).to_have_text(
+        "M is no longer a key for: Segmentation over the image, which has no key now"
+    )
     row.get_by_role("button").click()
     user.press("q", "Escape")
     expect(page.get_by_role("dialog")).to_be_hidden()
@@ -246,19 +245,6 @@ def test_answer_key_can_be_rebound(scene, user):
 
     expect(page.locator(".answerline")).to_contain_text("reject")
     expect(page.get_by_role("button", name=re.compile("^Reject"))).to_contain_text("Q")
-
-
-def test_rebinding_reports_a_key_taken_from_another_action(scene, user):
-    page = user.open(scene.link("ghost"))
-    user.press("?")
-    page.get_by_role("button", name="Change the key: Reject the box").click(force=True)
-
-    user.press("m")
-
-    taken = page.get_by_role("dialog").get_by_role("status")
-    expect(taken).to_have_text(
-        "M is no longer a key for: Segmentation over the image, which has no key now"
-    )
 
 
 def change_keys(page: Page, **keys: str) -> None:
@@ -343,12 +329,3 @@ def test_keys_typed_into_a_text_field_are_not_shortcuts(scene, user):
     expect(page.get_by_label("Comment")).to_have_value("axrz jv")
     user.wait_until_saved()
     assert scene.review("ghost") is None
-
-
-def test_arrow_keys_move_the_selection_in_the_box_list(scene, user):
-    page = user.open(scene.link("real"))
-    page.get_by_role("listbox").focus()
-
-    user.press("ArrowDown", "ArrowDown", "ArrowUp")
-
-    expect(heading(page)).to_contain_text("hidden")

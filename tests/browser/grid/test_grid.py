@@ -100,7 +100,9 @@ def test_click_ctrl_click_and_shift_click_select_boxes(sixty_boxes, user):
     expect(page.locator(".bar__count")).to_have_text("3 selected")
 
 
-def test_dragging_a_rectangle_selects_the_boxes_it_touches(sixty_boxes, user):
+def test_dragging_a_rectangle_selects_its_boxes_and_adds_them_with_ctrl(
+    sixty_boxes, user
+):
     page = open_grid(user, sixty_boxes)
     first, last = cell(page, 0).bounding_box(), cell(page, 2).bounding_box()
     assert first is not None
@@ -116,9 +118,6 @@ def test_dragging_a_rectangle_selects_the_boxes_it_touches(sixty_boxes, user):
     cell(page, 5).click(modifiers=["Control"])
     assert selected(page) == [0, 1, 2, 5]
 
-
-def test_ctrl_dragging_a_rectangle_adds_to_the_selection(sixty_boxes, user):
-    page = open_grid(user, sixty_boxes)
     cell(page, 9).click()
     box = cell(page, 1).bounding_box()
     assert box is not None
@@ -133,7 +132,7 @@ def test_ctrl_dragging_a_rectangle_adds_to_the_selection(sixty_boxes, user):
     assert selected(page) == [1, 9]
 
 
-def test_arrow_keys_move_focus_and_space_or_enter_toggles_selection(sixty_boxes, user):
+def test_keys_move_the_focus_and_select(sixty_boxes, user):
     page = open_grid(user, sixty_boxes)
     columns = int(page.get_by_role("grid").get_attribute("aria-colcount") or 0)
 
@@ -144,30 +143,21 @@ def test_arrow_keys_move_focus_and_space_or_enter_toggles_selection(sixty_boxes,
     assert focused == cell(page, 1 + columns).get_attribute("id")
     user.press("Space")
     assert selected(page) == [1]
+    user.press("Escape")
+    assert selected(page) == []
+    expect(page.locator(".bar--grid")).to_have_count(0)
 
-
-def test_shift_arrow_selects_a_range_and_escape_deselects(sixty_boxes, user):
-    page = open_grid(user, sixty_boxes)
+    user.press("End")
+    expect(cell(page, 59)).to_be_in_viewport(ratio=1)
+    user.press("Space", "Home")
+    expect(cell(page, 0)).to_be_in_viewport(ratio=1)
+    expect(page.locator(".bar__count")).to_have_text("1 selected")
+    user.press("Escape")
 
     user.press("ArrowRight", "Shift+ArrowRight", "Shift+ArrowRight")
     assert selected(page) == [1, 2, 3]
     user.press("Shift+ArrowLeft")
     assert selected(page) == [1, 2]
-    user.press("Escape")
-
-    assert selected(page) == []
-    expect(page.locator(".bar--grid")).to_have_count(0)
-
-
-def test_end_and_home_keys_go_to_last_and_first_box(sixty_boxes, user):
-    page = open_grid(user, sixty_boxes)
-
-    user.press("End")
-    expect(cell(page, 59)).to_be_in_viewport(ratio=1)
-    user.press("Space", "Home")
-
-    expect(cell(page, 0)).to_be_in_viewport(ratio=1)
-    expect(page.locator(".bar__count")).to_have_text("1 selected")
 
 
 def test_ctrl_a_selects_all_boxes_of_the_filter(sixty_boxes, user):

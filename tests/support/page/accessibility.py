@@ -14,7 +14,8 @@ RUN = """async () => {
     .filter((one) => one.effect.getComputedTiming().endTime < 2000);
   const rest = Promise.allSettled(moving.map((one) => one.finished));
   await Promise.race([rest, new Promise((late) => setTimeout(late, 2000))]);
-  const { violations } = await axe.run(document, { resultTypes: ["violations"], preload: false });
+  const options = { resultTypes: ["violations"], preload: false };
+  const { violations } = await axe.run(document, options);
   return violations.flatMap(({ id, impact, nodes }) =>
     nodes.map(({ html, failureSummary }) => ({ id, impact, html, failureSummary })));
 }"""

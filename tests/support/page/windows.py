@@ -185,8 +185,8 @@ class SharedWindow:
     def page(self, state: StorageState) -> Page:
         """A new page of the server, signed in with this stored state.
 
-        The page that stays open opens it, so that no process has to start: an empty page
-        would be in a process of its own until it is led to the server.
+        The page that stays open opens it, so that no process has to start: an empty
+        page would be in a process of its own until it is led to the server.
         """
         (origin,) = state["origins"]
         self.context.clear_cookies()
