@@ -12,6 +12,7 @@ from packaging.requirements import Requirement
 from packaging.version import Version
 
 from tests.support.sources import PRODUCT, python_sources
+from tests.support.syntax import facts
 
 MODULE_OF = {
     "opencv-python-headless": "cv2",
@@ -36,19 +37,17 @@ def imported() -> set[str]:
     names = {
         name.split(".")[0]
         for source in python_sources(*PRODUCT)
-        for node in ast.walk(source.tree)
-        for name in imports_of(node)
+        for node in facts(source).imports
+        for name in modules_of(node)
     }
     return names - set(sys.stdlib_module_names) - set(PRODUCT)
 
 
-def imports_of(node: ast.AST) -> list[str]:
+def modules_of(node: ast.Import | ast.ImportFrom) -> list[str]:
     """The modules that one statement imports."""
-    if isinstance(node, ast.Import):
-        return [alias.name for alias in node.names]
     if isinstance(node, ast.ImportFrom):
         return [node.module or ""]
-    return []
+    return [alias.name for alias in node.names]
 
 
 def declared(extra: str = "") -> set[str]:

@@ -35,6 +35,8 @@ def test_number_of_type_escapes_equals_its_maximum(package):
 
 def count_escapes(text: str) -> int:
     """How often a text uses `Any` or `cast` (imports aside) or silences a tool."""
+    if not (_REMARK.search(text) or any(word in text for word in _WORDS)):
+        return 0  # quicker than reading the tokens
     count = 0
     for token in tokenize.generate_tokens(io.StringIO(text).readline):
         is_import = token.line.lstrip().startswith(("from ", "import "))

@@ -9,6 +9,7 @@ import ast
 from pathlib import PurePath
 
 from tests.support.sources import page_sources, python_sources
+from tests.support.syntax import facts
 
 MEANINGLESS_NAMES = frozenset(
     {"util", "utils", "helper", "helpers", "common", "misc", "manager", "managers"}
@@ -36,7 +37,7 @@ def test_imports_are_absolute():
     relative = [
         f"{source.name}:{node.lineno}"
         for source in python_sources()
-        for node in ast.walk(source.tree)
+        for node in facts(source).imports
         if isinstance(node, ast.ImportFrom) and node.level
     ]
 
@@ -47,7 +48,7 @@ def test_every_module_has_a_docstring():
     silent = [
         source.name
         for source in python_sources("app", "filter_core", "unghost")
-        if source.text.strip() and not ast.get_docstring(source.tree)
+        if source.text.strip() and not facts(source).has_docstring
     ]
 
     assert silent == []

@@ -10,6 +10,7 @@ from typing import Final
 
 from tests.support.documents import names_in_rows, read
 from tests.support.sources import python_sources
+from tests.support.syntax import facts
 
 LEVELS: Final = (
     {"__main__"},
@@ -51,12 +52,12 @@ def imports_between_packages() -> set[tuple[str, str]]:
     pairs = set()
     for source in python_sources("app"):
         mine = package_of(source.name.removesuffix(".py").replace("/", "."))
-        for node in ast.walk(source.tree):
-            if isinstance(node, ast.ImportFrom) and node.module:
+        for node in facts(source).imports:
+            if isinstance(node, ast.Import):
+                modules = [alias.name for alias in node.names]
+            elif node.module:
                 named = [f"{node.module}.{alias.name}" for alias in node.names]
                 modules = named if node.module == "app" else [node.module]
-            elif isinstance(node, ast.Import):
-                modules = [alias.name for alias in node.names]
             else:
                 continue
             others = {package_of(name) for name in modules if name.startswith("app.")}

@@ -10,6 +10,7 @@ import ast
 from fnmatch import fnmatchcase
 
 from tests.support.sources import Source, python_sources
+from tests.support.syntax import facts
 
 # Names for connecting and for types and errors; none of them can build a statement.
 HARMLESS_NAMES = {"URL", "Connection", "Engine", "Session", "event", "exc", "make_url"}
@@ -29,7 +30,7 @@ def builders(source: Source) -> list[str]:
     """What a module imports from SQLAlchemy that can build a statement."""
     return [
         f"{source.name}: {alias.name}"
-        for node in ast.walk(source.tree)
+        for node in facts(source).imports
         if isinstance(node, ast.ImportFrom)
         and (node.module or "").startswith("sqlalchemy")
         and node.module not in HARMLESS_MODULES
@@ -40,6 +41,8 @@ def builders(source: Source) -> list[str]:
 
 def calls(source: Source) -> list[str]:
     """Where a module runs a statement on a session or connection."""
+    if not any(f".{name}" in source.text for name in RUN_STATEMENTS):
+        return []  # reading the text is quicker than parsing it
     return [
         f"{source.name}:{node.lineno}"
         for node in ast.walk(source.tree)

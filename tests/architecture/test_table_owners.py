@@ -7,13 +7,14 @@ from __future__ import annotations
 
 import ast
 from collections import Counter
-from collections.abc import Iterator
+from functools import cache
 from typing import Final
 
 from app.db import tables  # noqa: F401  # defines the tables
 from app.db.base import Base
 from app.db.tables import access  # noqa: F401  # defines the rest of them
 from tests.support.sources import Source, python_sources
+from tests.support.syntax import name_of
 
 OWNERS: Final = {
     "access": ("Token", "LoginSession", "LoginCode", "DownloadLink", "AuditEntry"),
@@ -48,28 +49,23 @@ WRITES: Final = frozenset(
 )
 
 
-def written_tables(source: Source) -> Iterator[str]:
+@cache
+def written_tables(source: Source) -> frozenset[str]:
     """The tables in which a module inserts, updates or deletes rows.
 
     Found are statements (`update`, `sa.update`), and assignments to an attribute whose
     name is that of a column in one table only.
     """
+    found: set[str] = set()
     for node in ast.walk(source.tree):
         if isinstance(node, ast.Call) and name_of(node.func) in WRITES:
             # The table is the first argument, or the second one after a session.
-            named = [name_of(one) for one in node.args[:2]]
-            yield from (name for name in named if name in TABLES)
+            found |= TABLES & {name_of(one) for one in node.args[:2]}
         elif isinstance(node, ast.Assign | ast.AugAssign):
             targets = node.targets if isinstance(node, ast.Assign) else [node.target]
             for each in targets:
-                yield from (TABLE_OF[name] for name in columns_set(each))
-
-
-def name_of(node: ast.expr) -> str:
-    """The last part of a dotted name; empty for any other expression."""
-    if isinstance(node, ast.Attribute):
-        return node.attr
-    return node.id if isinstance(node, ast.Name) else ""
+                found |= {TABLE_OF[name] for name in columns_set(each)}
+    return frozenset(found)
 
 
 def columns_set(target: ast.expr) -> list[str]:
@@ -162,6 +158,6 @@ self.owner_of_nothing = 3
 select(Frame)
 """
 
-    assert set(written_tables(Source("app/x.py", text))) == {
+    assert written_tables(Source("app/x.py", text)) == {
         *("Decision", "Box", "Claim", "Dataset")
     }

@@ -15,21 +15,9 @@ from functools import cache
 import pytest
 
 from tests.support.sources import PRODUCT, Source, python_sources
+from tests.support.syntax import Class, facts, imported_names
 
 CODE = python_sources(*PRODUCT, "tests", "benchmarks")
-
-REPLACE = {"setattr", "delattr", "__setattr__", "object"}
-"""Functions that change an attribute of their first argument."""
-
-
-def imported_names(tree: ast.Module) -> Iterator[tuple[int, str]]:
-    """(line, full dotted name) of everything that a module imports."""
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Import):
-            yield from ((node.lineno, one.name) for one in node.names)
-        elif isinstance(node, ast.ImportFrom):
-            for one in node.names:
-                yield node.lineno, f"{node.module}.{one.name}"
 
 
 def is_in_a_test_module(name: str) -> bool:
@@ -39,39 +27,15 @@ def is_in_a_test_module(name: str) -> bool:
     )
 
 
-def is_private(name: str) -> bool:
-    return name.startswith("_") and not name.startswith("__")
-
-
-def private_names_of_others(tree: ast.Module) -> Iterator[tuple[int, str]]:
-    """(line, name) of private names that a module imports, reads or patches.
-
-    Attributes of `self` do not count: see `inherited_private_names`.
-    """
-    for node in ast.walk(tree):
-        if isinstance(node, ast.ImportFrom):
-            names = [*(node.module or "").split("."), *(one.name for one in node.names)]
-        elif isinstance(node, ast.Attribute) and not is_own(node.value):
-            names = [node.attr]
-        elif isinstance(node, ast.Call) and is_setattr(node.func):
-            texts = (one.value for one in node.args if isinstance(one, ast.Constant))
-            names = [str(text).rpartition(".")[2] for text in texts]
-        else:
-            continue
-        yield from ((node.lineno, name) for name in names if is_private(name))
-
-
 def inherited_private_names(source: Source) -> Iterator[tuple[int, str]]:
     """(line, name) of private names that a module's classes share with the product.
 
     A class inherits them directly, or through other classes of tests, and reads, sets
     or overrides them.
     """
-    for node in classes_of(source):
-        theirs = set().union(*map(private_names_of_product, base_names(node)))
-        yield from (
-            (line, name) for line, name in private_names(node) if name in theirs
-        )
+    for each in facts(source).classes:
+        theirs = set().union(*map(private_names_of_product, each.bases))
+        yield from ((line, name) for line, name in each.private_names if name in theirs)
 
 
 @cache
@@ -82,87 +46,39 @@ def private_names_of_product(base: str) -> frozenset[str]:
         name = names.pop()
         if name not in seen:
             seen.add(name)
-            for is_product, node in classes_by_name().get(name, []):
-                names.extend(base_names(node))
+            for is_product, each in classes_by_name().get(name, []):
+                names.extend(each.bases)
                 if is_product:
-                    found.update(private for _, private in private_names(node))
+                    found.update(private for _, private in each.private_names)
     return frozenset(found)
 
 
 @cache
-def classes_by_name() -> dict[str, list[tuple[bool, ast.ClassDef]]]:
+def classes_by_name() -> dict[str, list[tuple[bool, Class]]]:
     """(whether it is one of the product, the class) of all classes with a name."""
-    found: dict[str, list[tuple[bool, ast.ClassDef]]] = {}
+    found: dict[str, list[tuple[bool, Class]]] = {}
     for source in CODE:
         is_product = source.name.partition("/")[0] in PRODUCT
-        for node in classes_of(source):
-            found.setdefault(node.name, []).append((is_product, node))
+        for each in facts(source).classes:
+            found.setdefault(each.name, []).append((is_product, each))
     return found
 
 
-def classes_of(source: Source) -> Iterator[ast.ClassDef]:
-    return (node for node in ast.walk(source.tree) if isinstance(node, ast.ClassDef))
-
-
-def base_names(node: ast.ClassDef) -> Iterator[str]:
-    """The names of a class's bases, without modules and type parameters."""
-    for base in node.bases:
-        yield ast.unparse(base).partition("[")[0].rpartition(".")[2]
-
-
-def private_names(node: ast.ClassDef) -> Iterator[tuple[int, str]]:
-    """(line, name) of the private names that a class has of itself."""
-    for part in ast.walk(node):
-        if isinstance(part, ast.FunctionDef):
-            name = part.name
-        elif isinstance(part, ast.Attribute) and is_own(part.value):
-            name = part.attr
-        elif isinstance(part, ast.Name) and isinstance(part.ctx, ast.Store):
-            name = part.id
-        else:
-            continue
-        if is_private(name):
-            yield part.lineno, name
-
-
-def is_own(value: ast.expr) -> bool:
-    """Whether this is `self`, `cls` or `super()`; or `os`, because of `os._exit`."""
-    if isinstance(value, ast.Call):
-        value = value.func
-    return isinstance(value, ast.Name) and value.id in ("self", "cls", "super", "os")
-
-
-def is_setattr(function: ast.expr) -> bool:
-    name = function.attr if isinstance(function, ast.Attribute) else ""
-    return (function.id if isinstance(function, ast.Name) else name) == "setattr"
-
-
-def replaced(tree: ast.Module) -> Iterator[int]:
+def replaced(source: Source) -> Iterator[int]:
     """The lines in which an attribute of something of the product is replaced.
 
     That is, of something that is imported from it, or of a service's application.
     """
     ours = {
         name.asname or name.name
-        for node in ast.walk(tree)
+        for node in facts(source).imports
         if isinstance(node, ast.ImportFrom)
         and (node.module or "").partition(".")[0] in PRODUCT
         for name in node.names
     }
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Call) and node.args:
-            is_change = ast.unparse(node.func).rpartition(".")[2] in REPLACE
-            changed = ast.unparse(node.args[0])
-        elif isinstance(node, ast.Subscript):
-            is_change = isinstance(node.ctx, ast.Store)
-            changed = ast.unparse(node.value).removeprefix("vars(").removesuffix(")")
-        elif isinstance(node, ast.Attribute):
-            is_change = isinstance(node.ctx, ast.Store)
-            changed = ast.unparse(node.value)
-        else:
-            continue
-        if is_change and (changed in ours or changed.endswith(".app")):
-            yield node.lineno
+    for line, changed in facts(source).changed:
+        if changed in ours or changed.endswith(".app"):
+            yield line
 
 
 @pytest.mark.parametrize(
@@ -179,14 +95,14 @@ def replaced(tree: ast.Module) -> Iterator[int]:
 def test_replaced_product_name_is_detected(statement):
     source = Source("tests/test_it.py", f"from unghost import cli\n{statement}")
 
-    assert list(replaced(source.tree)) == [2]
+    assert list(replaced(source)) == [2]
 
 
 def test_tests_do_not_replace_names_of_the_product():
     found = [
         f"{source.name}:{line}"
         for source in python_sources("tests")
-        for line in replaced(source.tree)
+        for line in replaced(source)
     ]
 
     assert found == []
@@ -196,7 +112,7 @@ def test_tests_use_no_private_names():
     found = [
         f"{source.name}:{line} knows {name}"
         for source in python_sources("tests", "benchmarks")
-        for line, name in private_names_of_others(source.tree)
+        for line, name in facts(source).private_names
     ]
 
     assert found == []
@@ -226,7 +142,7 @@ def test_test_modules_and_conftests_are_never_imported():
     found = [
         f"{source.name}:{line} imports {name}"
         for source in python_sources("tests", "benchmarks", "tools")
-        for line, name in imported_names(source.tree)
+        for line, name in imported_names(source)
         if name.startswith("tests.") and is_in_a_test_module(f"{name}.")
     ]
 
@@ -238,7 +154,7 @@ def test_tests_import_nothing_from_benchmarks():
     found = [
         f"{source.name}:{line} imports {name}"
         for source in python_sources("tests")
-        for line, name in imported_names(source.tree)
+        for line, name in imported_names(source)
         if name.partition(".")[0] == "benchmarks"
     ]
 

@@ -38,7 +38,9 @@ def ends_or_opens_a_session(function):
     calls = [
         (ast.unparse(node.func.value), node.func.attr)
         for node in ast.walk(function)
-        if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute)
+        if isinstance(node, ast.Call)
+        and isinstance(node.func, ast.Attribute)
+        and node.func.attr in ENDING | OPENING
     ]
     return any(
         (name in ENDING and owner.endswith("session"))
