@@ -29,6 +29,7 @@ from tests.support.sources import (
     page_sources,
     python_sources,
 )
+from tests.support.syntax import facts
 
 TEXT = (CHECKOUT / "ARCHITECTURE.md").read_text("utf-8")
 WORDS = " ".join(TEXT.split())
@@ -105,15 +106,6 @@ def names_of(node: ast.AST, *, strings: bool) -> list[str]:
     return []
 
 
-@cache
-def definitions() -> frozenset[str]:
-    """All names that the code defines, and the names of all files without suffix."""
-    sources = (*python_sources(), *page_sources())
-    stems = {PurePosixPath(file).stem for file in files()}
-    code = (source.name for source in sources if source.name.endswith((".py", ".js")))
-    return frozenset(stems).union(*(defined_in(file) for file in code))
-
-
 def is_path(named: str) -> bool:
     return "/" in named or named.endswith(SUFFIXES)
 
@@ -122,19 +114,41 @@ def is_command(named: str) -> bool:
     return named in OF_OTHER_PROGRAMS or named.startswith(COMMANDS)
 
 
-@pytest.mark.parametrize(
-    "named", [n for n in NAMED if is_path(n) and not is_command(n)]
-)
+FILES = [n for n in NAMED if is_path(n) and not is_command(n)]
+# Of a setting with a value, only the setting has to be defined.
+DEFINITIONS = {
+    named: frozenset(re.findall(r"\w+", named.partition("=")[0]))
+    for named in NAMED
+    if not is_path(named) and not is_command(named)
+}
+
+
+@cache
+def definitions() -> frozenset[str]:
+    """The words of `DEFINITIONS` that the code defines or that name a file."""
+    missing = frozenset().union(*DEFINITIONS.values())
+    found = missing & {PurePosixPath(file).stem for file in files()}
+    for source in (*page_sources(), *python_sources()):
+        missing -= found
+        # A module without any of the words that are left is not parsed.
+        if source.name.endswith((".py", ".js")) and is_any_in(source.text, missing):
+            found |= missing & defined_in(source.name)
+    return found
+
+
+def is_any_in(text: str, words: frozenset[str]) -> bool:
+    """Whether a text has one of the words. If there is none, it is not split."""
+    return bool(words) and not words.isdisjoint(re.findall(r"\w+", text))
+
+
+@pytest.mark.parametrize("named", FILES)
 def test_named_files_exist(named):
     assert matching_files(named)
 
 
-@pytest.mark.parametrize(
-    "named", [n for n in NAMED if not is_path(n) and not is_command(n)]
-)
+@pytest.mark.parametrize("named", DEFINITIONS)
 def test_named_definitions_exist(named):
-    for word in re.findall(r"\w+", named.partition("=")[0]):
-        assert word in definitions()
+    assert DEFINITIONS[named] <= definitions()
 
 
 PLACED = re.findall(r"`(\w+)` (?:in|of)\s+`([\w./]+\.(?:py|js))`", TEXT) + re.findall(
@@ -215,10 +229,10 @@ def figures_now() -> dict[str, str]:
 def modules_imported_by(source: Source, modules: Container[str]) -> set[str]:
     """Which of these modules a module imports."""
     names = set()
-    for node in ast.walk(source.tree):
+    for node in facts(source).imports:
         if isinstance(node, ast.Import):
             names |= {alias.name for alias in node.names}
-        elif isinstance(node, ast.ImportFrom):
+        else:
             parts = {f"{node.module}.{alias.name}" for alias in node.names}
             names |= {one if one in modules else f"{node.module}" for one in parts}
     return {name for name in names if name in modules}
