@@ -32,6 +32,7 @@ from filter_core.types import (
 from tests.support.evidence import evidence_of
 
 DATASET = 1
+DECISIONS = Base.metadata.tables[Decision.__tablename__]
 CLASSES = ("car", "pole")
 SPECIAL: tuple[dict[str, object], ...] = (
     {"state": BoxState.OUTSIDE_IMAGE},
@@ -116,7 +117,7 @@ class StoredDecisions:
         same = {"dataset_id": DATASET, "frame_id": 1, "revision": 0}
         names = list(columns)
         session.execute(
-            insert(Decision),
+            insert(DECISIONS),
             [
                 dict(zip(names, row, strict=True)) | same
                 for row in zip(*columns.values(), strict=True)
@@ -138,18 +139,24 @@ class StoredDecisions:
         return found
 
 
+@pytest.fixture(scope="module")
+def engine():
+    """One engine for all configurations, so that each statement is compiled once."""
+    engine = create_engine("sqlite://")
+    Base.metadata.create_all(engine)
+    yield engine
+    engine.dispose()
+
+
 @pytest.fixture(
     scope="module",
     params=CONFIGS,
     ids=lambda config: f"{config.profile}-{config.evidence}",
 )
-def stored(request):
-    """The decisions of one configuration; tests only read them."""
-    engine = create_engine("sqlite://")
-    Base.metadata.create_all(engine)
+def stored(request, engine):
+    """The decisions of one configuration; tests only read them. None is committed."""
     with Session(engine) as session:
         yield StoredDecisions(session, request.param)
-    engine.dispose()
 
 
 @pytest.mark.parametrize("order", ORDERS)
