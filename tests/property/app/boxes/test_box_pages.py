@@ -24,6 +24,7 @@ from filter_core.config.filter import FilterConfig
 from filter_core.types import Reason, Verdict
 
 DATASET, OTHER = 1, 2
+DECISIONS = Base.metadata.tables[Decision.__tablename__]
 
 
 class Limits(NamedTuple):
@@ -94,21 +95,38 @@ def decided(match: float, large: bool, limits: Limits, published: bool):
     return Reason.VISIBLE
 
 
+# Of each box: class, answer, crowding; whether it is large, and a toss-up. One choice
+# among all combinations costs a fifth of five choices.
+PLAIN_COLUMNS = st.sampled_from(
+    [
+        *product(
+            (1, 2),
+            (None, None, "keep", "reject", "unsure"),
+            (0.0, 49.9, 50.0, 80.0, 100.0),
+            (False, True),
+            (False, True),
+        )
+    ]
+)
+# A match, or for every fourth box a reason that does not depend on the match.
+MATCH_OR_REASON = st.one_of(
+    *[MATCHES] * 3, st.sampled_from([*GEOMETRIC, Reason.NO_VISIBLE_PIXELS])
+)
+
+
 @st.composite
 def decision_rows(draw, published: bool) -> list[Row]:
     thresholds = PUBLISHED if published else PAPER
     rows = []
     for box_id in range(1, draw(st.integers(0, 40)) + 1):
-        class_id = draw(st.sampled_from([1, 2]))
-        answer = draw(st.sampled_from([None, None, "keep", "reject", "unsure"]))
-        crowding = draw(st.sampled_from([0.0, 49.9, 50.0, 80.0, 100.0]))
-        if draw(st.integers(0, 3)) == 0:
-            reason = draw(st.sampled_from([*GEOMETRIC, Reason.NO_VISIBLE_PIXELS]))
+        class_id, answer, crowding, large, toss_up = draw(PLAIN_COLUMNS)
+        drawn = draw(MATCH_OR_REASON)
+        if isinstance(drawn, Reason):
+            reason = drawn
             match = None if reason in GEOMETRIC else 0.0
             large, toss_up = False, False
         else:
-            match, large = draw(MATCHES), draw(st.booleans())
-            toss_up = draw(st.booleans())
+            match = drawn
             reason = decided(match, large, thresholds[class_id - 1], published)
         rows.append(
             Row(box_id, class_id, reason, match, crowding, large, toss_up, answer)
@@ -232,7 +250,9 @@ def store_decisions(session: Session, rows: list[Row]) -> None:
         for row in columns
     ]
     if rows:
-        session.execute(insert(Decision), columns + strangers)
+        # The table's own insert: that of the class needs a statement for each change of
+        # the columns that are null.
+        session.execute(insert(DECISIONS), columns + strangers)
     alike = ((row.class_id, int(row.reason), row.toss_up, row.review) for row in rows)
     replace_tallies(session, DATASET, tallies_of(alike))
 
