@@ -5,6 +5,7 @@ from __future__ import annotations
 import subprocess
 import sys
 from datetime import timedelta
+from functools import cache
 
 from app.db.base import utc_now
 from app.db.tables import Lease
@@ -32,8 +33,12 @@ def delete_lease(session, job):
         session.flush()
 
 
+@cache
 def ended_process():
-    """The holder's name of a process of this machine that has already ended."""
+    """The holder's name of a process of this machine that has already ended.
+
+    It is the same one for all tests: a process may hold the leases of many jobs.
+    """
     done = subprocess.run(
         [sys.executable, "-c", PRINT_THIS_PROCESS],
         capture_output=True,
