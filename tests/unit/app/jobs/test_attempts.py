@@ -228,7 +228,7 @@ def test_unreadable_frame_is_not_counted_as_killing_its_process(services):
     """The unreadable frame is first, and refused before the next ends the process."""
     street, run_id, large, stop = run_with_unreadable_frame(services)
 
-    with closing(PixelPool(1, memory_bytes=32 * 2**20)) as pixels:
+    with closing(PixelPool(1, memory_bytes=16 * 2**20)) as pixels:
         drive_run(street, run_id, stop, pixels=pixels)
         with street.context.database.write() as session:
             chunk = session.get_one(Chunk, ("run", run_id, 1))
@@ -247,7 +247,7 @@ def test_unreadable_frame_is_quarantined_before_the_next_is_measured(services):
     street, run_id, large, stop = run_with_unreadable_frame(services)
 
     with (
-        closing(PixelPool(1, memory_bytes=32 * 2**20)) as pixels,
+        closing(PixelPool(1, memory_bytes=16 * 2**20)) as pixels,
         context_with_engine(street, ObservedEngine(stop)) as context,
     ):
         outcome = work_on_chunk(replace(context, pixels=pixels), "run", run_id, 1)
@@ -268,7 +268,7 @@ def test_unreadable_last_frame_is_quarantined_when_measured_singly(services):
     put_large(street, "last")
     run_id = request_run_with_attempts(street, (0, FRAMES - 1, MOST_ATTEMPTS - 1))
 
-    with closing(PixelPool(1, memory_bytes=32 * 2**20)) as pixels:
+    with closing(PixelPool(1, memory_bytes=16 * 2**20)) as pixels:
         run = drive_run(street, run_id, pixels=pixels)
 
     assert run.error is not None
@@ -278,7 +278,7 @@ def test_unreadable_last_frame_is_quarantined_when_measured_singly(services):
 
 def put_large(street, key):
     """Store a frame whose decoded segmentation needs much memory."""
-    annotation, segmentation = scene.large(4000)
+    annotation, segmentation = scene.large(3000)
     street.put(key, annotation, segmentation=segmentation)
 
 

@@ -143,9 +143,13 @@ def test_check_points_refuses_an_invalid_or_truncated_file(content, sensor, word
 @pytest.mark.parametrize("blank", [" ", "\n", "\r\n", "\t\t"])
 @pytest.mark.parametrize("size", [1, 2, 5])
 def test_ascii_numbers_across_read_boundaries_are_counted_correctly(blank, size):
-    """Words of several lengths, so that parts of the file end inside all of them."""
-    points = 40_000 * size
-    words = [f"{number % 10**size}" for number in range(points * 6)]
+    """Words of several lengths, so that parts of the file end inside all of them.
+
+    A part is a MiB, and each file is longer.
+    """
+    points = 90_000
+    different = [str(number) for number in range(10**size)]
+    words = (different * (points * 6 // len(different) + 1))[: points * 6]
     text = header("ascii", points) + blank.join(words).encode()
 
     assert check_points(text, sensor="lidar") == "application/x-ply"
