@@ -153,7 +153,9 @@ def test_ascii_numbers_across_read_boundaries_are_counted_correctly(blank, size)
     text = header("ascii", points) + blank.join(words).encode()
 
     assert check_points(text, sensor="lidar") == "application/x-ply"
-    assert len(read_points(text)) == points
+    read = read_points(text)
+    assert len(read) == points
+    assert [*read.xyz[-1], read.tag[-1]] == [*map(float, words[-6:-3]), int(words[-1])]
     with pytest.raises(PointsError, match="truncated"):
         check_points(text[: text.rindex(blank.encode())], sensor="lidar")
 
