@@ -19,7 +19,7 @@ from filter_core.formats.export import ExportFrame, ExportOptions
 from filter_core.formats.registry import EXPORT_FORMATS, FORMATS, write_export
 from tests.support.exporting import HEAD, sample_frames
 
-FEW, MANY = 30, 110
+FEW, MANY = 20, 60
 
 
 def growth(name: str, temporary: Path) -> float:
