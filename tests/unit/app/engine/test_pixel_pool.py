@@ -189,7 +189,14 @@ with ThreadPoolExecutor(2) as threads:
 
 
 @pytest.mark.parametrize(
-    "end", ["os.kill(os.getpid(), 9)", "", "raise SystemExit(3)", "pool.close()"]
+    "end",
+    [
+        "os.kill(os.getpid(), 9)",
+        "",
+        # Python ends as it does at the end of the program.
+        pytest.param("raise SystemExit(3)", marks=pytest.mark.long),
+        "pool.close()",
+    ],
 )
 def test_child_processes_end_with_their_parent(end):
     program = subprocess.run(
