@@ -8,7 +8,7 @@ from typing import Any
 
 from tests.support.api import FINISHED, Api
 from tests.support.slow_datasets import FROM_PIXELS
-from tests.support.waiting import until
+from tests.support.waiting import LOOK_EVERY_S, until
 
 
 def get_run(api: Api, run_id: int) -> dict[str, Any]:
@@ -39,7 +39,9 @@ def start_run(
 ) -> int:
     """Request a run, and wait until it has measured some frames; returns its id."""
     run_id = post_run(api, dataset, config, activate=activate)
-    until(lambda: get_run(api, run_id)["done"] > 0, "the run does not begin")
+    begun = "the run does not begin"
+    # It may be over soon.
+    until(lambda: get_run(api, run_id)["done"] > 0, begun, every_s=LOOK_EVERY_S)
     return run_id
 
 
