@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from contextlib import contextmanager, suppress
 from functools import partial
+from shutil import copytree, ignore_patterns
 
 import pytest
 from sqlalchemy import text
@@ -27,13 +28,21 @@ NOT_REMOVED_YET = "cannot remove the rows of deleted datasets yet"
 SETTINGS = {"UNGHOST_MIN_FREE_BYTES": f"{MIN_FREE_MIB}MiB"}
 
 
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """A data folder with a dataset whose removal takes long, to copy."""
+    folder = tmp_path_factory.mktemp("made") / "data"
+    with running_services(folder, min_free_bytes=0) as services:
+        make_dataset(services.context, DatasetSpec(NAME, 400, 50), lambda _: None)
+    return folder
+
+
 @pytest.fixture
-def data(tmp_path):
+def data(made, tmp_path):
     """A data folder on a small disk, with a dataset whose removal takes long."""
     with small_disk(tmp_path / "disk", DISK_MIB) as disk:
         folder = disk / "data"
-        with running_services(folder, min_free_bytes=0) as services:
-            make_dataset(services.context, DatasetSpec(NAME, 400, 50), lambda _: None)
+        copytree(made, folder, ignore=ignore_patterns(RESERVE))
         yield folder
 
 
