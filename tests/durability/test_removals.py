@@ -22,8 +22,7 @@ from tests.support.live import live
 from tests.support.services import running_services
 from tests.support.waiting import PATIENCE_S, until
 
-FRAMES, BOXES_PER_FRAME = 800, 50
-BOXES = FRAMES * BOXES_PER_FRAME
+FRAMES, BOXES_PER_FRAME = 240, 50
 PORTIONS = 1000
 """More than a removal has."""
 NAME = "large"
