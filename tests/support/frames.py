@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from filter_core.segmentation.palettes import FAMILIES
-from tests.support.pictures import painted, png
+from tests.support.pictures import painted, plain_png, png
 from unghost import Client, StoredFrame
 
 WIDTH, HEIGHT = 64, 48
@@ -40,16 +40,22 @@ def image(number: int = 0) -> bytes:
     return png(np.full((HEIGHT, WIDTH, 3), number % 256, np.uint8))
 
 
+def color_of(name: str) -> tuple[int, int, int]:
+    """The RGB colour of a tag with this name."""
+    palette = FAMILIES[FAMILY]
+    tag = np.array([[palette.tag_of(name)]], np.uint8)
+    red, green, blue = palette.paint(tag)[0, 0].tolist()
+    return red, green, blue
+
+
 def large(side: int) -> tuple[dict[str, object], bytes]:
     """The annotation of a frame without boxes, and its segmentation of side x side.
 
     That is a small file, whose pixels need 3 bytes each when it is decoded.
     """
-    palette = FAMILIES[FAMILY]
-    road = palette.paint(np.full((1, 1), palette.tag_of("Road"), np.uint8))
     camera = {"width": side, "height": side, "fov": 90}
     found: dict[str, object] = {"carla_version": "0.9.15", "boxes": []}
-    return {**found, "camera": camera}, png(np.tile(road, (side, side, 1)))
+    return {**found, "camera": camera}, plain_png(side, side, color_of("Road"))
 
 
 def as_json(value: object) -> bytes:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import struct
 import zlib
 from collections.abc import Mapping, Sequence
+from functools import cache
 from types import MappingProxyType
 
 import cv2
@@ -41,9 +42,19 @@ def tags_of(rgb: np.ndarray, family: str = FAMILY) -> np.ndarray:
 
 def png(picture: np.ndarray, order: str = "rgb") -> bytes:
     """A PNG of grey, RGB or RGBA pixels; ``bgr`` writes red and blue swapped."""
+    picture = np.ascontiguousarray(picture)
     if picture.ndim == 3 and order == "rgb":
-        picture = picture[:, :, [2, 1, 0, 3][: picture.shape[2]]]
-    return cv2.imencode(".png", np.ascontiguousarray(picture))[1].tobytes()
+        has_alpha = picture.shape[2] == 4
+        swap = cv2.COLOR_RGBA2BGRA if has_alpha else cv2.COLOR_RGB2BGR
+        picture = cv2.cvtColor(picture, swap)
+    return cv2.imencode(".png", picture)[1].tobytes()
+
+
+@cache
+def plain_png(width: int, height: int, rgb: tuple[int, int, int] = (0, 0, 0)) -> bytes:
+    """A PNG of one colour: a small file, but large when decoded."""
+    row = np.full((1, width, 3), rgb[::-1], np.uint8)
+    return png(np.repeat(row, height, axis=0), "bgr")
 
 
 def jpeg(rgb: np.ndarray, quality: int = 95) -> bytes:

@@ -4,18 +4,16 @@ from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
-from functools import cache
 
 import cv2
 import httpx
 import numpy as np
 import pytest
 
-from filter_core.segmentation.palettes import FAMILIES
 from tests.support import frames as scene
 from tests.support.api import BASE, Api
 from tests.support.archives import frame, lines_of, tar_archive
-from tests.support.pictures import png
+from tests.support.pictures import plain_png
 from tests.support.waiting import until
 
 PATIENCE_S = 120
@@ -24,12 +22,9 @@ LOSING_PATIENCE = httpx.Timeout(PATIENCE_S, read=0.3)
 MIB = 1024**2
 
 
-@cache
 def road_segmentation(width, height):
     """A segmentation that is all road: a small file, but large when decoded."""
-    palette = FAMILIES[scene.FAMILY]
-    tags = np.full((height, width), palette.tag_of("Road"), np.uint8)
-    return png(palette.paint(tags))
+    return plain_png(width, height, scene.color_of("Road"))
 
 
 def annotation(width, height, *rectangles):
@@ -145,7 +140,7 @@ def test_reads_and_answers_do_not_wait_for_frames_being_measured(serve):
 def test_drawings_of_thin_images_are_limited_in_size(api, size):
     name = api.dataset()
     width, height = size
-    image = png(np.full((height, width, 3), 90, np.uint8))
+    image = plain_png(width, height, (90, 90, 90))
     files = {"image": image, "segmentation": road_segmentation(width, height)}
     frame = api.upload_frame(
         name, "thin", annotation(width, height, [0, 0, *size]), **files
@@ -180,7 +175,7 @@ def test_overlay_is_drawn_once_and_then_cached(serve):
 def test_client_disconnect_cancels_drawing_of_its_overlay(serve):
     with serving(serve, workers=1) as (service, api):
         side = 6000
-        image = png(np.zeros((side, side, 3), np.uint8))
+        image = plain_png(side, side)
         boxes = [[number, 0, number + 50, side] for number in range(0, 5000, 5)]
         stored = api.upload_frame(
             api.dataset(), "a", annotation(side, side, *boxes), image=image
@@ -216,7 +211,7 @@ def test_client_disconnect_cancels_measuring_of_its_frame(serve):
 
 def test_overlay_refused_for_memory_is_not_retried(serve):
     with serving(serve, workers=1, max_pixel_memory_bytes=64 * MIB) as (_, api):
-        large = png(np.zeros((6000, 6000, 3), np.uint8))
+        large = plain_png(6000, 6000)
         camera = {**annotation(6000, 6000), "boxes": []}
         stored = api.upload_frame(api.dataset(), "a", camera, image=large)
         path = f"/frames/{stored['frame']['id']}/overlay"
@@ -251,7 +246,7 @@ def slow_drawings(service, api, path, count):
 def put_slow_frame(api, name):
     """Store a frame that takes seconds to draw; return the path of its overlay."""
     side = 6000
-    image = png(np.zeros((side, side, 3), np.uint8))
+    image = plain_png(side, side)
     boxes = [[number, 0, number + 50, side] for number in range(0, 5800, 2)]
     stored = api.upload_frame(name, "slow", annotation(side, side, *boxes), image=image)
     return f"{BASE}/frames/{stored['frame']['id']}/overlay"
