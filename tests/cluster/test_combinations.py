@@ -22,7 +22,8 @@ from tests.support.servers import running_server
 from tests.support.slow_datasets import FROM_PIXELS
 
 FORMATS = ("decisions-jsonl", "yolo", "coco", "kitti")
-FRAMES = 30
+FRAMES = 21
+"""More than the least chunk of a cluster."""
 LOCAL = ("local", "sqlite", "folder")
 ALL_REMOTE = ("cluster", "postgres", "s3")
 
