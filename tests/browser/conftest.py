@@ -33,6 +33,8 @@ expect.set_options(timeout=15_000)
 
 
 _numbers = count(1)
+LOOKS = {"viewport", "color_scheme"}
+"""What a page in the shared window can have of its own."""
 
 
 @pytest.fixture(scope="session")
@@ -106,22 +108,23 @@ def open_window(
 ) -> Iterator[OpenWindow]:
     """Opens a window: `open_window(color_scheme="dark")`.
 
-    The first call of a test without options gets the shared window, emptied. The test
-    fails at its end if a script failed in any of its windows.
+    The first call of a test gets the shared window, emptied, unless it asks for one of
+    its own (`own=True`) or for more than a size and colours. The test fails at its end
+    if a script failed in any of its windows.
     """
     faults: list[str] = []
     taken = False
 
-    def arrive(*, sign_in: bool = True, **options: Any) -> Visitor:
+    def arrive(*, sign_in: bool = True, own: bool = False, **options: Any) -> Visitor:
         nonlocal taken
-        if taken or options or not sign_in:
+        if taken or own or not sign_in or options.keys() - LOOKS:
             state = signed_in if sign_in else None
-            own = new_context(browser, storage_state=state, **options)
-            page = opened.enter_context(own).new_page()
+            window = new_context(browser, storage_state=state, **options)
+            page = opened.enter_context(window).new_page()
         else:
             taken = True
             opened.callback(shared_window.leave)
-            page = shared_window.page(signed_in)
+            page = shared_window.page(signed_in, **options)
         page.on("pageerror", lambda error: faults.append(str(error)))
         page.on("console", lambda message: note(message.type, message.text))
         return Visitor(page, server.url)

@@ -29,7 +29,7 @@ def user(open_window: OpenWindow) -> Visitor:
 
     They have to be removed by a script, since pages of 127.0.0.1 count as secure.
     """
-    user = open_window(color_scheme="light")
+    user = open_window(own=True)
     user.page.add_init_script(NOT_SECURE)
     return user
 

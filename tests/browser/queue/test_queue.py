@@ -515,7 +515,7 @@ def test_answers_given_during_a_fetch_are_counted_once(make_scene, user):
 
 def test_reservation_of_the_last_boxes_is_renewed_while_shown(make_scene, open_window):
     ten = make_scene(boxes=many_boxes.alternating_boxes(10))
-    user = open_window(color_scheme="light")
+    user = open_window(own=True)
     user.page.clock.install()
     page = user.open(queue(ten))
     expect(page.locator(".queue__progress")).to_contain_text("10 unanswered")

@@ -202,7 +202,7 @@ def test_answer_of_another_tab_is_shown_before_and_after_it_is_stored(
     scene, open_window
 ):
     """This happens when a tab is reloaded and another tab takes over its answers."""
-    first = open_window(color_scheme="light")
+    first = open_window(own=True)
     first.page.route("**/reviews", lambda route: route.abort())
     first.open(scene.link("ghost"))
     first.press("a")
@@ -227,7 +227,7 @@ def test_bulk_answer_of_another_tab_is_shown_when_it_is_stored(
 ):
     """Formerly views showed the old state if the bulk answer had more than 20 boxes."""
     scene = make_scene(boxes=many_boxes.alternating_boxes(24))
-    first = open_window(color_scheme="light")
+    first = open_window(own=True)
     first.page.route("**/reviews/bulk", lambda route: route.abort())
     first.open(many_boxes.grid(scene))
     expect(first.page.get_by_role("grid")).to_have_attribute("aria-busy", "false")
@@ -250,7 +250,7 @@ def test_bulk_answer_of_another_tab_is_shown_when_it_is_stored(
 
 
 def test_answer_of_another_tab_stays_shown_if_the_box_fails_to_load(scene, open_window):
-    first = open_window(color_scheme="light")
+    first = open_window(own=True)
     second = Visitor(first.page.context.new_page(), first.url)
     second.open(scene.link("ghost"))
     answer = second.page.locator(".answerline")

@@ -320,7 +320,7 @@ def test_export_with_an_invalid_number_is_not_requested(user, street):
 
 
 def test_retry_button_keeps_focus_while_the_run_list_keeps_failing(open_window, street):
-    user = open_window(color_scheme="light")
+    user = open_window(own=True)
     user.page.clock.install()
     user.page.route("**/runs?*", lambda route: route.fulfill(status=500))
     page = user.open(f"#/datasets/{street.dataset}/runs")

@@ -6,7 +6,7 @@ import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import pytest
 from playwright.sync_api import (
@@ -182,7 +182,13 @@ class SharedWindow:
     kept: Page
     """Stays open: a window that lost its last page is slow to open another."""
 
-    def page(self, state: StorageState) -> Page:
+    def page(
+        self,
+        state: StorageState,
+        *,
+        viewport: ViewportSize = WIDE,
+        color_scheme: Literal["dark", "light"] | None = None,
+    ) -> Page:
         """A new page of the server, signed in with this stored state.
 
         The page that stays open opens it, so that no process has to start: an empty
@@ -193,7 +199,12 @@ class SharedWindow:
         self.kept.evaluate(KEEP_ONLY, origin["localStorage"])
         with self.context.expect_page() as opened:
             self.kept.evaluate("void open(location.href, '_blank', 'noopener')")
-        return opened.value
+        page = opened.value
+        if viewport != WIDE:
+            page.set_viewport_size(viewport)
+        if color_scheme:
+            page.emulate_media(color_scheme=color_scheme)
+        return page
 
     def leave(self) -> None:
         """Undo what a test changed in the window, and close its pages."""
