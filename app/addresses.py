@@ -45,7 +45,7 @@ def _parsed(text: str) -> URL:
     try:
         url = make_url(text)
         # An @ of the password: what follows it would be named in errors as the host.
-        first_key = text.partition("?")[2].partition("=")[0]
+        first_key = text.partition("@")[2].partition("?")[2].partition("=")[0]
         if url.host and "@" in f"{url.host}/{url.database}?{first_key}":
             raise ArgumentError
     except (ArgumentError, ValueError):

@@ -73,7 +73,7 @@ def page_file(folder: Path, name: str) -> PageFile:
         There is no such file, its type is unknown, or it is outside of the folder.
     """
     if name == STYLES:
-        return _styles(folder, page_version(folder))
+        return _styles(folder)
     try:
         path = (folder / name).resolve()
         found = path.is_relative_to(folder.resolve()) and path.is_file()
@@ -122,8 +122,7 @@ def shell_page(folder: Path, version: str) -> PageFile:
     return PageFile(content, MEDIA_TYPES[".html"], _etag(content))
 
 
-@lru_cache(maxsize=4)
-def _styles(folder: Path, _version: str) -> PageFile:
+def _styles(folder: Path) -> PageFile:
     names = _STYLE_LINK.findall(page_file(folder, "index.html").content)
     sheets = [page_file(folder, name.decode()).content for name in names]
     content = b"".join(

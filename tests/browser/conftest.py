@@ -33,8 +33,6 @@ expect.set_options(timeout=15_000)
 
 
 _numbers = count(1)
-LOOKS = {"viewport", "color_scheme"}
-"""What a page in the shared window can have of its own."""
 
 
 @pytest.fixture(scope="session")
@@ -106,18 +104,18 @@ def open_window(
     signed_in: StorageState,
     shared_window: SharedWindow,
 ) -> Iterator[OpenWindow]:
-    """Opens a window: `open_window(color_scheme="dark")`.
+    """Opens a window: `open_window(viewport=PHONE)`.
 
     The first call of a test gets the shared window, emptied, unless it asks for one of
-    its own (`own=True`) or for more than a size and colours. The test fails at its end
-    if a script failed in any of its windows.
+    its own (`own=True`) or for more than a size. The test fails at its end if a script
+    failed in any of its windows.
     """
     faults: list[str] = []
     taken = False
 
     def arrive(*, sign_in: bool = True, own: bool = False, **options: Any) -> Visitor:
         nonlocal taken
-        if taken or own or not sign_in or options.keys() - LOOKS:
+        if taken or own or not sign_in or options.keys() - {"viewport"}:
             state = signed_in if sign_in else None
             window = new_context(browser, storage_state=state, **options)
             page = opened.enter_context(window).new_page()

@@ -25,8 +25,9 @@ def is_dark(page: Page) -> bool:
 
 
 def test_page_follows_the_system_colour_scheme_unless_one_is_chosen(user):
-    page = user.open("#/datasets")
+    page = user.page
     page.emulate_media(color_scheme="dark")
+    user.open("#/datasets")
     assert is_dark(page)
     page.emulate_media(color_scheme="light")
     assert not is_dark(page)

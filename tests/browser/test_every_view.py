@@ -249,7 +249,7 @@ VIEWS: list[View] = [
 
 # A narrow and a wide window, light and dark; only the long tests look at all.
 LOOKS = [(390, "light"), (1440, "dark")]
-OTHER_LOOKS = [(390, "dark"), (820, "light"), (820, "dark"), (1440, "light")]
+OTHER_LOOKS = [(1440, "light"), (820, "dark"), (820, "light"), (390, "dark")]
 NEXT_FRAMES = """() => new Promise((done) =>
   requestAnimationFrame(() => requestAnimationFrame(done)))"""
 

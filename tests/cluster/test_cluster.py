@@ -30,7 +30,8 @@ from tests.support.sensors import ANNOTATION, sensors
 from tests.support.slow_datasets import FROM_PIXELS, OTHER_PIXELS, create_slow_dataset
 from tests.support.waiting import until
 
-FRAMES = 30
+FRAMES = 45
+"""More than two chunks: one waits while both workers measure."""
 AT_ONCE_S = 10
 """Longer than even a busy machine needs to answer a request that does no work."""
 EXIT_UNREACHABLE = 69
@@ -38,7 +39,7 @@ EXIT_UNREACHABLE = 69
 
 @pytest.fixture(scope="module")
 def long_street(running_cluster):
-    """Frames that take some ten milliseconds each to measure."""
+    """Frames that take some 20 ms each to measure."""
     return create_slow_dataset(running_cluster.api, FRAMES)
 
 

@@ -38,7 +38,7 @@ def used(tmp_path_factory):
     files_before = set(scratch.path.iterdir())
     folder = tmp_path_factory.mktemp("made")
     foreign, log = ForeignFolder.below(folder), folder / "log"
-    with cluster(folder / "cluster") as made:
+    with cluster(folder / "cluster", anew=True) as made:
         made.settings["TMPDIR"] = str(temporary)
         made.scheduler()
         with made.server() as (_, api), log.open("w") as errors:

@@ -11,7 +11,7 @@ PATIENCE_S = 120
 LOOK_EVERY_S = 0.01
 LONGEST_PAUSE_S = 0.1
 SHARE = 0.03
-"""The pause, as a share of the time waited so far: one look may take as long."""
+"""The pause, as a share of the time waited so far, so that long waits look rarely."""
 
 
 Found = TypeVar("Found")

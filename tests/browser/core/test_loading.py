@@ -28,7 +28,7 @@ def test_first_view_loads_no_other_views_modules(scene, user):
     assert list(filter(others.search, loaded)) == []
 
 
-MOST_REQUESTS = 50
+MOST_REQUESTS = 45
 """Most requests of the first view, including the page, its data and one picture."""
 
 

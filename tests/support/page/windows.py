@@ -6,7 +6,7 @@ import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 import pytest
 from playwright.sync_api import (
@@ -182,13 +182,7 @@ class SharedWindow:
     kept: Page
     """Stays open: a window that lost its last page is slow to open another."""
 
-    def page(
-        self,
-        state: StorageState,
-        *,
-        viewport: ViewportSize = WIDE,
-        color_scheme: Literal["dark", "light"] | None = None,
-    ) -> Page:
+    def page(self, state: StorageState, *, viewport: ViewportSize = WIDE) -> Page:
         """A new page of the server, signed in with this stored state.
 
         The page that stays open opens it, so that no process has to start: an empty
@@ -202,8 +196,6 @@ class SharedWindow:
         page = opened.value
         if viewport != WIDE:
             page.set_viewport_size(viewport)
-        if color_scheme:
-            page.emulate_media(color_scheme=color_scheme)
         return page
 
     def leave(self) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 from pydantic import ValidationError
+from sqlalchemy import make_url
 
 from app.settings import Settings
 
@@ -25,6 +26,13 @@ def test_postgresql_urls_are_changed_to_psycopg_3(given):
     assert url == (
         "postgresql+psycopg://ada:p%40ss@db.example:5433/boxes?sslmode=require"
     )
+
+
+def test_question_mark_in_a_password_is_accepted():
+    url = Settings(database_url="postgresql://ada:p?ss@db/b?sslmode=require")
+
+    assert make_url(url.sqlalchemy_url).password == "p?ss"
+    assert make_url(url.sqlalchemy_url).host == "db"
 
 
 def test_sqlite_url_is_unchanged():

@@ -16,7 +16,7 @@ from app.runs.service import RUNS
 from tests.support.databases import migrated_postgres
 from tests.support.large_datasets import DatasetSpec, make_dataset
 from tests.support.services import ServiceDataset, run_job, running_services
-from tests.support.waiting import until
+from tests.support.waiting import LOOK_EVERY_S, until
 
 FRAMES = 8_000
 """They have 15 boxes each: so many that changing their decisions takes seconds."""
@@ -60,7 +60,7 @@ def wait_for_progress(services, run_id):
         assert state in ("queued", "running")
         return None
 
-    return until(state_at_progress, "no progress was reported")
+    return until(state_at_progress, "no progress was reported", every_s=LOOK_EVERY_S)
 
 
 @contextmanager
