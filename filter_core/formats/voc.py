@@ -187,8 +187,8 @@ def _parse(content: bytes, name: str) -> _Tree:
     # UTF-16 has a NUL beside each letter; other encodings have the letters of ASCII.
     if _LONG_NAMESPACE.search(content.replace(b"\0", b"")):
         raise LayoutError(
-            f"{name}: XML is refused if `xmlns` occurs without a namespace of at most "
-            f"{_MAX_NAMESPACE} characters behind it"
+            f"{name}: expected a namespace of at most {_MAX_NAMESPACE} characters "
+            "after each `xmlns`, also in comments and texts"
         )
     parser = _LineParser()
     try:
