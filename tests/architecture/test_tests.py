@@ -8,7 +8,7 @@ something fail, they change a library, a file or a connection.
 
 from __future__ import annotations
 
-import ast
+import re
 from collections.abc import Iterator
 from functools import cache
 
@@ -18,6 +18,7 @@ from tests.support.sources import PRODUCT, Source, python_sources
 from tests.support.syntax import Class, facts, imported_names
 
 CODE = python_sources(*PRODUCT, "tests", "benchmarks")
+OF_AN_APPLICATION = re.compile(r"\.app(\.state\..+)?$")
 
 
 def is_in_a_test_module(name: str) -> bool:
@@ -67,18 +68,25 @@ def classes_by_name() -> dict[str, list[tuple[bool, Class]]]:
 def replaced(source: Source) -> Iterator[int]:
     """The lines in which an attribute of something of the product is replaced.
 
-    That is, of something that is imported from it, or of a service's application.
+    That is, of something that is imported from it or named in a text, or of a
+    service's application and what it contains.
     """
     ours = {
         name.asname or name.name
         for node in facts(source).imports
-        if isinstance(node, ast.ImportFrom)
-        and (node.module or "").partition(".")[0] in PRODUCT
         for name in node.names
+        if is_of_product(getattr(node, "module", None) or name.name)
     }
     for line, changed in facts(source).changed:
-        if changed in ours or changed.endswith(".app"):
+        text = changed.strip("'")
+        is_named = text != changed and is_of_product(text)
+        if is_named or changed in ours or OF_AN_APPLICATION.search(changed):
             yield line
+
+
+def is_of_product(name: str) -> bool:
+    """Whether a dotted name begins with a package of the product."""
+    return name.partition(".")[0] in PRODUCT
 
 
 @pytest.mark.parametrize(
@@ -90,6 +98,9 @@ def replaced(source: Source) -> Iterator[int]:
         'vars(cli)["ROWS"] = 1',
         "cli.ROWS = 1",
         'monkeypatch.setattr(service.app, "openapi", make_slowly)',
+        'monkeypatch.setattr(service.app.state.services.database, "write", wait)',
+        'monkeypatch.setattr("unghost.cli.ROWS", 1)',
+        "import unghost.cli; unghost.cli.ROWS = 1",
     ],
 )
 def test_replaced_product_name_is_detected(statement):

@@ -6,7 +6,6 @@ That continues after a kill.
 from __future__ import annotations
 
 import signal
-import threading
 from contextlib import suppress
 from typing import NamedTuple
 
@@ -18,9 +17,9 @@ from tests.support.crash_points import Point, crashing_servers
 from tests.support.data_folders import count, served
 from tests.support.databases import problems_of
 from tests.support.large_datasets import DatasetSpec, make_dataset
-from tests.support.live import live
+from tests.support.live import hold_writes, live
 from tests.support.services import running_services
-from tests.support.waiting import PATIENCE_S, until
+from tests.support.waiting import until
 
 FRAMES, BOXES_PER_FRAME = 240, 50
 PORTIONS = 1000
@@ -71,23 +70,14 @@ def data(tmp_path):
 
 
 @pytest.fixture
-def held(data, monkeypatch):
+def held(data):
     """A client of the data's service, and the permits to remove a portion each."""
-    permits = threading.Semaphore(0)
-    with live(data) as service, service.admin() as http:
-        database = service.app.state.services.database
-        write = database.write
-
-        def write_if_permitted(**how):
-            if threading.current_thread().name == "removals":
-                permits.acquire(timeout=PATIENCE_S)
-            return write(**how)
-
-        monkeypatch.setattr(database, "write", write_if_permitted)
-        try:
-            yield Api(http), permits
-        finally:
-            permits.release(PORTIONS)
+    with (
+        live(data) as service,
+        service.admin() as http,
+        hold_writes("removals") as permits,
+    ):
+        yield Api(http), permits
 
 
 def add_one_row_of_each_kind(api):

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import socket
 import threading
-from collections.abc import Callable, Iterator
-from concurrent.futures import Future
+import time
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import partial
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -16,9 +16,12 @@ import httpx
 import pytest
 import uvicorn
 from fastapi import FastAPI
+from sqlalchemy import event
+from sqlalchemy.orm import Session, SessionTransaction
 
 from app.engine.local import LocalEngine
 from app.main import create_app
+from app.runs.measure import COMMIT_EVERY_S
 from app.serve import listen, server_config
 from app.settings import Settings
 from tests.support import plain_http, probe_routes
@@ -67,27 +70,55 @@ def block_jobs(engine: LocalEngine) -> Iterator[None]:
 
 
 @contextmanager
-def hold_frames(engine: LocalEngine) -> Iterator[threading.Semaphore]:
+def hold_frames() -> Iterator[threading.Semaphore]:
     """Let runs measure only as many frames as the semaphore permits, until the end.
 
-    Each frame is stored as soon as it is measured.
+    Each frame needs a permit when its file is read. The clock of the threads that run
+    jobs is ahead by the interval of commits at each reading, so that each frame is
+    stored as soon as it is measured.
     """
-    permits, start = threading.Semaphore(0), engine.start
+    permits, readings = threading.Semaphore(0), count()
+    read, clock = Path.read_bytes, time.monotonic
 
-    def measure(work: Callable[[Any], Any], frame: Any) -> Any:
-        permits.acquire(timeout=PATIENCE_S)
-        return work(frame)
+    def read_if_permitted(path: Path) -> bytes:
+        if threading.current_thread().name.startswith("pixels"):
+            permits.acquire(timeout=PATIENCE_S)
+        return read(path)
 
-    def start_held(work: Callable[[Any], Any], frame: Any) -> Future[Any]:
-        return start(partial(measure, work), frame)
+    def hurried() -> float:
+        if threading.current_thread().name.startswith(("jobs", "chunks")):
+            return clock() + COMMIT_EVERY_S * next(readings)
+        return clock()
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("app.runs.measure.COMMIT_EVERY_S", 0)
-        patch.setattr(engine, "start", start_held)
+        patch.setattr(Path, "read_bytes", read_if_permitted)
+        patch.setattr(time, "monotonic", hurried)
         try:
             yield permits
         finally:
             permits.release(10_000)
+
+
+@contextmanager
+def hold_writes(thread: str) -> Iterator[threading.Semaphore]:
+    """Let a thread begin only as many transactions that write as the semaphore permits.
+
+    It waits before it has any lock.
+    """
+    permits = threading.Semaphore(0)
+
+    def wait(session: Session, transaction: SessionTransaction) -> None:
+        writes = session.get_bind().get_execution_options().get("writes", False)
+        is_wanted = threading.current_thread().name == thread
+        if is_wanted and writes and transaction.parent is None:
+            permits.acquire(timeout=PATIENCE_S)
+
+    event.listen(Session, "after_transaction_create", wait)
+    try:
+        yield permits
+    finally:
+        event.remove(Session, "after_transaction_create", wait)
+        permits.release(10_000)
 
 
 class _Server(uvicorn.Server):

@@ -28,7 +28,7 @@ def held(serve):
         for number in range(FRAMES):
             annotation = {**scene.annotation(), "number": number}
             api.upload_frame(dataset, str(number), annotation)
-        with hold_frames(service.app.state.services.engine) as permits:
+        with hold_frames() as permits:
             yield service, api, dataset, permits
 
 

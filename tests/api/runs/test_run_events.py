@@ -43,7 +43,7 @@ def seen(tmp_path_factory):
                 dataset, str(number), {**scene.annotation(), "number": number}
             )
         found = []
-        with hold_frames(service.app.state.services.engine) as permits:
+        with hold_frames() as permits:
             run_id = start_run(api, dataset, FROM_PIXELS)
             permits.release(SHOWN[0])
             with open_events(api, run_id) as stream:
