@@ -308,5 +308,5 @@ def family_of_version(version: str) -> str:
         if _OLDEST_KNOWN[:2] <= number < _FIRST_UNKNOWN:
             return next(name for first, name in _FIRST_VERSION if (*number, 0) >= first)
     raise UnknownVersion(
-        f"carla_version must be 0.9.0 to 0.9.16 or 0.10, found {version!r}"
+        f"carla_version must be of CARLA 0.9 or 0.10, as in 0.9.15; found {version!r}"
     )

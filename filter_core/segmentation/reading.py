@@ -59,6 +59,9 @@ Lossy: TypeAlias = Literal["refuse", "nearest"]
 
 _FIELDS = ("palette", "encoding", "channel_order", "lossy")
 
+_NEEDS_A_FAMILY: Final = ("family_not_named", "ambiguous_palette")
+"""Errors that a known version of CARLA would prevent."""
+
 
 class NamesReading(Protocol):
     """An object with options for segmentations: a configuration or a dataset."""
@@ -190,9 +193,16 @@ def read_segmentation(
     _refuse_unusable(header, options)
     named, notes = _named(options)
     pixels = _decode(content, header)
-    if header.color_model in ("grey", "grey_alpha"):
-        return _noted(read_raw_tags(_first_channel(pixels), named), notes)
-    return _noted(_read_channels(pixels, header, options, named), notes)
+    try:
+        if header.color_model in ("grey", "grey_alpha"):
+            return _noted(read_raw_tags(_first_channel(pixels), named), notes)
+        return _noted(_read_channels(pixels, header, options, named), notes)
+    except SegmentationError as error:
+        if not notes or error.kind not in _NEEDS_A_FAMILY:
+            raise
+        # A version was given, but an unknown one.
+        text = "; ".join((str(error), *notes))
+        raise SegmentationError(text, code=error.kind) from None
 
 
 def segmentation_from_tags(tags: TagImage, family: str) -> Segmentation:

@@ -100,6 +100,17 @@ def test_raw_tags_without_palette_or_version_are_refused(form):
     assert caught.value.kind == "family_not_named"
 
 
+@pytest.mark.parametrize("form", RAW)
+def test_raw_tags_with_an_unknown_version_are_refused_and_the_version_is_named(form):
+    options = SegmentationOptions(carla_version="nightly")
+
+    with pytest.raises(SegmentationError) as caught:
+        read_segmentation(RAW[form](STREET), options)
+
+    assert caught.value.kind == "family_not_named"
+    assert str(caught.value).endswith("as in 0.9.15; found 'nightly'; not used")
+
+
 @pytest.mark.parametrize("tag", [23, 28, 29])
 def test_raw_tags_from_23_on_prove_the_newest_family(tag):
     tags = STREET.copy()
