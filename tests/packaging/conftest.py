@@ -15,7 +15,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.support.installation import Installation, install
+from tests.support.installation import Installation, install, install_lowest
 from tests.support.sources import CHECKOUT
 
 # Tests that run meanwhile write and remove files in some of these.
@@ -50,3 +50,9 @@ def installation(wheel: Path) -> Iterator[Installation]:
         # Every user of the machine can read an installation.
         folder.chmod(0o755)
         yield install(wheel, folder)
+
+
+@pytest.fixture
+def lowest_installation(wheel: Path, tmp_path: Path) -> Installation:
+    """The wheel, installed with the lowest versions of other packages."""
+    return install_lowest(wheel, tmp_path)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import pytest
+
 from tests.support import plain_http
-from tests.support.installation import Installation
 from tests.support.servers import (
     start_anew,
     stop,
@@ -13,7 +14,12 @@ from tests.support.servers import (
 )
 
 
-def test_the_demo_renders_filters_and_serves(installation: Installation, tmp_path):
+@pytest.mark.parametrize(
+    "kind",
+    ["installation", pytest.param("lowest_installation", marks=pytest.mark.long)],
+)
+def test_the_demo_renders_filters_and_serves(kind, request, tmp_path):
+    installation = request.getfixturevalue(kind)
     options = ["demo", "--frames", "1", "--port", "0"]
     command = [str(installation.command("unghost")), *options]
     log = tmp_path / "log"
@@ -26,10 +32,12 @@ def test_the_demo_renders_filters_and_serves(installation: Installation, tmp_pat
             wait_until_ready(url)
             page = client.get("/")
             stats = client.get("/api/v1/datasets/demo/stats").json()
+            made = client.post("/api/v1/datasets", json={"name": "another"})
     finally:
         stop(process)
 
     assert page.status_code == 200
+    assert made.status_code == 201
     assert stats["frames"] == 1
     assert stats["kept"] > 0
     assert stats["rejected"] > 0

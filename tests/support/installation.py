@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 import sysconfig
 import venv
 from dataclasses import dataclass
+from importlib import metadata
 from pathlib import Path
 
 
@@ -44,6 +46,23 @@ def install(wheel: Path, folder: Path) -> Installation:
     (site_packages,) = home.glob("lib/python*/site-packages")
     dependencies = sysconfig.get_paths()["purelib"]
     (site_packages / "dependencies.pth").write_text(f"{dependencies}\n")
+    work = folder / "elsewhere"
+    work.mkdir()
+    return Installation(python, work)
+
+
+def install_lowest(wheel: Path, folder: Path) -> Installation:
+    """Install the wheel with the lowest versions of other packages that it allows."""
+    home = folder / "venv"
+    venv.create(home, with_pip=True, symlinks=True)
+    python = home / "bin" / "python"
+    lowest = [
+        re.sub(r"([\w-]+)[^;]*>=([\d.]+)[^;]*", r"\1==\2.*", needed)
+        for needed in metadata.requires("unghost") or []
+        if "extra ==" not in needed
+    ]
+    pip = [str(python), "-m", "pip", "--quiet", "install", str(wheel), *lowest]
+    subprocess.run(pip, check=True, capture_output=True, text=True)
     work = folder / "elsewhere"
     work.mkdir()
     return Installation(python, work)
