@@ -32,11 +32,13 @@ def test_the_demo_renders_filters_and_serves(kind, request, tmp_path):
             wait_until_ready(url)
             page = client.get("/")
             stats = client.get("/api/v1/datasets/demo/stats").json()
+            quality = client.get("/api/v1/datasets/demo/quality")
             made = client.post("/api/v1/datasets", json={"name": "another"})
     finally:
         stop(process)
 
     assert page.status_code == 200
+    assert quality.status_code == 200
     assert made.status_code == 201
     assert stats["frames"] == 1
     assert stats["kept"] > 0
