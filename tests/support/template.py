@@ -5,14 +5,19 @@ Each fork becomes what ``python -m MODULE WORDS`` would be, with its own folder,
 environment, standard streams, signal handlers, seeds and exit code. Only /proc still
 shows this program's arguments and environment. The orders come from
 `tests.support.processes`. Nothing here may start a thread: forks would lack it.
+
+The service has a process of its own from which `multiprocessing` forks those that read
+images. That one is forked here as well, before the service starts threads.
 """
 
 from __future__ import annotations
 
 import atexit
+import fcntl
 import gc
 import importlib
 import json
+import multiprocessing.util
 import os
 import pkgutil
 import runpy
@@ -20,19 +25,24 @@ import selectors
 import signal
 import socket
 import sys
-from collections.abc import Iterable
+import traceback
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 LONGEST_ORDER = 1 << 17
+LONGEST_COMMAND = 1 << 16
 STREAMS = 3
+SERVICE = "app"
+FORKSERVER = "multiprocessing.forkserver"
 PACKAGES = ("app", "filter_core", "unghost")
 IMPORTED_LATE = (
     "anyio._backends._asyncio",
     "encodings.idna",
     "httpcore",
-    "multiprocessing.forkserver",
+    FORKSERVER,
     "uvicorn.lifespan.on",
     "uvicorn.loops.auto",
 )
@@ -154,6 +164,66 @@ def folders_given() -> list[str]:
     return [one for one in os.environ.get("PYTHONPATH", "").split(os.pathsep) if one]
 
 
+def prepare_forkserver() -> None:
+    """Fork a process that waits until `multiprocessing` wants its forkserver."""
+    ours, its = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    pid = os.fork()
+    if pid == 0:
+        ours.close()
+        wait_to_be_forkserver(its)
+    its.close()
+    prepared.append((pid, ours))
+
+
+def start_program(
+    path: bytes, command: Sequence[str], descriptors: Sequence[int]
+) -> int:
+    """Start a program for `multiprocessing`, in the prepared process if it suits."""
+    if not prepared or FORKSERVER not in command[-1]:
+        return start_as_given(path, command, descriptors)
+    pid, teller = prepared.pop()
+    wanted = {
+        "program": command[-1],
+        "descriptors": [*descriptors],
+        "environ": {**os.environ},
+    }
+    with teller:
+        socket.send_fds(teller, [json.dumps(wanted).encode()], [*descriptors])
+    return pid
+
+
+def wait_to_be_forkserver(wishes: socket.socket) -> None:
+    """Run the program that is sent, with its descriptors; or end without one."""
+    try:
+        text, given, _, _ = socket.recv_fds(wishes, LONGEST_COMMAND, STREAMS)
+        if text:
+            wanted = json.loads(text)
+            wishes.close()
+            place(given, wanted["descriptors"])
+            os.environ.clear()
+            os.environ.update(wanted["environ"])
+            sys.modules["__main__"] = ModuleType("__main__")
+            exec(wanted["program"], vars(sys.modules["__main__"]))
+    except SystemExit:
+        pass  # how a forkserver ends
+    except BaseException:
+        traceback.print_exc()
+    finally:
+        sys.stderr.flush()
+        os._exit(0)
+
+
+def place(given: Sequence[int], numbers: Sequence[int]) -> None:
+    """Give file descriptors the numbers that they had in another process."""
+    free = max(*given, *numbers) + 1
+    moved = [fcntl.fcntl(one, fcntl.F_DUPFD, free) for one in given]
+    for one in given:
+        os.close(one)
+    for one, number in zip(moved, numbers, strict=True):
+        os.dup2(one, number, inheritable=False)
+        os.close(one)
+
+
 def run(words: list[str]) -> None:
     """Run the module as the main program; exits with its code or raises its error."""
     try:
@@ -178,6 +248,10 @@ def leave() -> None:
 
 if __name__ == "__main__":
     ends_with: list[int] = []
+    prepared: list[tuple[int, socket.socket]] = []
+    # Replaced before the service is imported, which keeps this function.
+    start_as_given = multiprocessing.util.spawnv_passfds
+    vars(multiprocessing.util)["spawnv_passfds"] = start_program
     folders_of_python = [one for one in sys.path[1:] if one not in folders_given()]
     # Registered before all imports, so that it runs after what they register.
     atexit.register(leave)
@@ -187,4 +261,6 @@ if __name__ == "__main__":
     fork = next_fork(socket.socket(fileno=int(sys.argv[1])))
     if fork is not None:
         become(*fork)
+        if fork[0]["words"][0] == SERVICE:
+            prepare_forkserver()
         run(fork[0]["words"])
