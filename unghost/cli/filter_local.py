@@ -21,6 +21,8 @@ from unghost.cli.options import OutputOptions, note_unknown_classes
 from unghost.cli.screen import Refused, Screen, partly_done, printable, refusal
 from unghost.cli.sources import (
     LocalFilterOptions,
+    default_class_of,
+    note_unmapped_classes,
     open_source,
     read_config,
     unmatched_line,
@@ -72,6 +74,8 @@ def filter_local(options: FilterOptions) -> None:
     Writes one line per frame, in the order of the frames. Exit code 3 if some frames
     could not be decided or matched; they are listed, and their lines say why.
     """
+    from filter_core.formats.reading import name_of
+
     _spare_source(options)
     config = read_config(options.config, options, options.screen)
     found = open_source(options.source, options)
@@ -83,6 +87,13 @@ def filter_local(options: FilterOptions) -> None:
     for file in found.unmatched:
         tally.screen.note(unmatched_line(file))
     note_unknown_classes(options.screen, config.as_dict(), tally.classes)
+    note_unmapped_classes(
+        options.screen,
+        name_of(options.source),
+        tally.unmapped.total(),
+        tally.unmapped,
+        default_class_of(found, options),
+    )
     tally.print_summary(options.output, found.unmatched)
     if tally.failed or found.unmatched:
         raise partly_done(tally.decided)
@@ -127,6 +138,7 @@ class _Tally:
         self.decided = 0
         self.failed = 0
         self.classes: Counter[str] = Counter()
+        self.unmapped: Counter[str] = Counter()
         self._boxes: Counter[str] = Counter()
 
     def watch(
@@ -146,6 +158,7 @@ class _Tally:
             return
         self.decided += 1
         self.classes.update(line.classes)
+        self.unmapped.update(line.unmapped)
         self._boxes.update(line.verdicts)
 
     def print_summary(self, output: Path, unmatched: Sequence[Unmatched]) -> None:
@@ -164,12 +177,16 @@ class _Tally:
 
 @dataclass(frozen=True)
 class FrameLine:
-    """A frame's line, its boxes counted by verdict and by class, or what is wrong."""
+    """A frame's line, its boxes counted by verdict and by class, or what is wrong.
+
+    `unmapped` counts only the boxes without a tag that is accepted for their class.
+    """
 
     key: str
     content: bytes
     verdicts: Counter[str] = field(default_factory=Counter)
     classes: Counter[str] = field(default_factory=Counter)
+    unmapped: Counter[str] = field(default_factory=Counter)
     fault: str | None = None
 
 
@@ -304,7 +321,10 @@ def _line_of(config: FilterConfig, frame: FrameSource | FrameOutcome) -> FrameLi
     decisions = outcome.decisions or ()
     verdicts = Counter(str(each["verdict"]) for each in decisions)
     classes = Counter(str(each["class"]) for each in decisions)
-    return FrameLine(outcome.key, content, verdicts, classes)
+    unmapped = Counter(
+        str(each["class"]) for each in decisions if each["reason"] == "unmapped_class"
+    )
+    return FrameLine(outcome.key, content, verdicts, classes, unmapped)
 
 
 @cache

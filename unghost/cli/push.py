@@ -24,6 +24,8 @@ from unghost.cli.sources import (
     SegmentationReading,
     SourceFolder,
     SourceOptions,
+    default_class_of,
+    note_unmapped_classes,
     open_source,
     outgoing,
     unmatched_line,
@@ -81,7 +83,7 @@ def push(options: PushOptions) -> None:
         ensure_dataset(client, options.dataset, options.reading, found.classes or ())
         send(client, options, found, report)
         if report.stored:
-            _note_unmapped(client, options)
+            _note_unmapped(client, options, found)
     report.print_summary(found.unmatched, options.dataset)
     if report.refused or found.unmatched:
         raise partly_done(report.succeeded)
@@ -144,17 +146,17 @@ def send(
             ) from None
 
 
-def _note_unmapped(client: Client, options: PushOptions) -> None:
-    """Name classes without tags: all their boxes are rejected, mostly by mistake."""
+def _note_unmapped(client: Client, options: PushOptions, found: FrameSet) -> None:
     count = client.stats(options.dataset).by_reason.get("unmapped_class", 0)
     if not count:
         return
     boxes = client.boxes(options.dataset, reason="unmapped_class")
-    found = {str(box.class_name) for box in islice(boxes, _LOOKED_AT)}
-    options.screen.note(
-        f"rejected: {count} boxes of {options.dataset}, since no tag is "
-        "accepted for their class: "
-        f"{', '.join(sorted(found))}"
+    note_unmapped_classes(
+        options.screen,
+        options.dataset,
+        count,
+        {str(box.class_name) for box in islice(boxes, _LOOKED_AT)},
+        default_class_of(found, options),
     )
 
 

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Final, TypeAlias
 
 import typer
 
@@ -17,6 +17,9 @@ if TYPE_CHECKING:
     from filter_core.config.filter import FilterConfig
     from filter_core.formats.reading import FrameSet, FrameSource, Unmatched
     from unghost.client.outgoing import NotSent, OutgoingFrame
+
+_LISTED_CLASSES: Final = 20
+"""Classes without tags that are named."""
 
 SourceFolder: TypeAlias = Annotated[
     Path,
@@ -230,6 +233,66 @@ def outgoing(frames: Iterable[FrameSource]) -> Iterator[OutgoingFrame | NotSent]
         files |= frame.others
         there = {name: path for name, path in files.items() if path is not None}
         yield OutgoingFrame(frame.key, frame.annotation or {}, there)
+
+
+def note_unmapped_classes(
+    screen: Screen,
+    source: str,
+    count: int,
+    classes: Collection[str],
+    default_class: str | None,
+) -> None:
+    """Note classes without tags: all their boxes are rejected, mostly by mistake.
+
+    Parameters
+    ----------
+    screen : Screen
+    source : str
+        Of what the boxes are, such as the name of a folder or a dataset.
+    count : int
+        Boxes that were rejected for their class; nothing is noted if it is 0.
+    classes : collection of str
+        The classes of these boxes; the first of them by name are listed.
+    default_class : str or None
+        The class of labels that carry none, if there may be such labels.
+    """
+    if not count:
+        return
+    names = [
+        _unmapped(name, is_default=name == default_class)
+        for name in sorted(classes)[:_LISTED_CLASSES]
+    ]
+    if len(classes) > _LISTED_CLASSES:
+        names.append(f"and {len(classes) - _LISTED_CLASSES} more")
+    screen.note(
+        one_line(
+            f"rejected: {count} boxes of {source}, since no tag is accepted for their "
+            f"class: {', '.join(names)}"
+        )
+    )
+
+
+def _unmapped(name: str, *, is_default: bool) -> str:
+    """A class without tags, and what was probably meant or forgotten."""
+    from filter_core.classes import CLASSES, canonical_class
+    from filter_core.values import similar
+
+    if is_default:
+        return f"{name} (labels without a class; --default-class names theirs)"
+    # A class of the filter itself is spelt right, but older tables have no tag of it;
+    # a name with a dot is a blueprint, which is similar to no class.
+    if canonical_class(name) in CLASSES or "." in name:
+        return name
+    meant = similar(name, CLASSES)
+    return f"{name} (did you mean {meant!r}?)" if meant else name
+
+
+def default_class_of(found: FrameSet, options: SourceOptions) -> str | None:
+    """The class of labels that carry none; None if the layout has no such labels."""
+    from filter_core.formats.registry import FORMATS
+
+    has_some = "default_class" in FORMATS[found.layout].read_options
+    return options.default_class if has_some else None
 
 
 def unmatched_line(file: Unmatched) -> str:

@@ -33,7 +33,8 @@ def cli_without_server(tmp_path: Path) -> Iterator[CommandLine]:
 def name(request: pytest.FixtureRequest) -> str:
     """The name of a dataset of the test's own."""
     test = str(request.node.name)
-    return f"cli-{test.replace('_', '-').strip('-')[:80]}"
+    plain = "".join(each if each.isalnum() else "-" for each in test)
+    return f"cli-{plain.strip('-')[:80]}"
 
 
 @pytest.fixture(scope="module")
@@ -133,16 +134,22 @@ def test_push_json_prints_one_record_per_frame_and_a_summary(unghost, name, tmp_
     assert records[-1]["refused"] == 1
 
 
-def test_push_warns_about_a_class_without_tags(unghost, name, tmp_path):
+@pytest.mark.parametrize(
+    ("class_name", "said"),
+    [("unicorn", "unicorn"), ("caar", "caar (did you mean 'car'?)")],
+)
+def test_push_warns_about_a_class_without_tags(
+    unghost, name, tmp_path, class_name, said
+):
     manifest = frames_in(tmp_path, 2) / "manifest.jsonl"
-    manifest.write_text(manifest.read_text().replace('"car"', '"unicorn"'))
+    manifest.write_text(manifest.read_text().replace('"car"', f'"{class_name}"'))
 
     answer = unghost("push", manifest, "--dataset", name)
 
     assert answer.code == DONE
     expected = (
         f"rejected: 4 boxes of {name}, since no tag is accepted for their class: "
-        "unicorn"
+        f"{said}\n"
     )
     assert expected in answer.err
 

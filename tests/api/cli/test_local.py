@@ -12,8 +12,9 @@ import pytest
 
 from tests.support import plain_http
 from tests.support.command_line import CommandLine
-from tests.support.folders import write_files
-from tests.support.frames import write_manifest
+from tests.support.folders import street_tags, write_files
+from tests.support.frames import FAMILY, write_manifest
+from tests.support.pictures import painted, png
 from tests.support.servers import token_of
 from tests.support.waiting import until
 from unghost import Client
@@ -148,6 +149,66 @@ def test_filter_uses_the_configuration(bare_unghost, tmp_path):
     )
 
     assert "0 kept\t4 rejected" in answer.out
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("caar", "caar (did you mean 'car'?)"),
+        ("unicorn", "unicorn"),
+        ("vehicle.unknown.car", "vehicle.unknown.car"),
+    ],
+)
+def test_filter_warns_about_a_class_without_tags(bare_unghost, tmp_path, name, said):
+    manifest = write_manifest(tmp_path / "frames", 2) / "manifest.jsonl"
+    manifest.write_text(manifest.read_text().replace('"car"', f'"{name}"'))
+
+    answer = bare_unghost("filter", manifest, "-o", "out.jsonl")
+
+    assert answer.code == DONE
+    assert (
+        "rejected: 4 boxes of manifest.jsonl, since no tag is accepted for their "
+        f"class: {said}\n"
+    ) in answer.err
+
+
+def test_filter_does_not_warn_about_classes_with_tags(bare_unghost, tmp_path):
+    folder = write_manifest(tmp_path / "frames", 1)
+
+    answer = bare_unghost("filter", folder, "-o", "out.jsonl")
+
+    assert "no tag is accepted" not in answer.err
+
+
+def test_class_that_only_this_profile_lacks_is_not_called_misspelt(
+    bare_unghost, tmp_path
+):
+    manifest = write_manifest(tmp_path / "frames", 1) / "manifest.jsonl"
+    manifest.write_text(manifest.read_text().replace('"car"', '"vehicle"'))
+    (tmp_path / "filter.yaml").write_text("profile: carlasimu")
+
+    answer = bare_unghost("filter", manifest, "--config", "filter.yaml", "-o", "o")
+
+    assert answer.err.endswith("accepted for their class: vehicle\n")
+
+
+def test_filter_names_the_option_for_labels_without_a_class(bare_unghost, tmp_path):
+    folder = tmp_path / "yolo"
+    write_files(folder, {"a.txt": "9 9 4 4", "classes.txt": "car", "a.png": None})
+    tags = segmentation_folder(tmp_path / "tags")
+
+    answer = bare_unghost("filter", folder, "--segmentation", tags, "-o", "out.jsonl")
+
+    assert answer.code == DONE
+    assert (
+        "rejected: 1 boxes of yolo, since no tag is accepted for their class: unknown "
+        "(labels without a class; --default-class names theirs)\n"
+    ) in answer.err
+
+
+def segmentation_folder(folder: Path) -> Path:
+    """A folder with the segmentation of an image a.png of 80 x 60 pixels."""
+    return write_files(folder, {"a.png": png(painted(street_tags(), FAMILY))})
 
 
 def test_folder_without_a_known_layout_is_refused(bare_unghost, tmp_path):
