@@ -235,6 +235,45 @@ def outgoing(frames: Iterable[FrameSource]) -> Iterator[OutgoingFrame | NotSent]
         yield OutgoingFrame(frame.key, frame.annotation or {}, there)
 
 
+class BoxCheck:
+    """Looks, while the frames of a folder are read, whether any has a box."""
+
+    def __init__(self) -> None:
+        self._frames = 0
+        self._any_box = False
+
+    def watch(self, found: FrameSet) -> FrameSet:
+        """The same frames, looked at while they are read."""
+
+        def watched() -> Iterator[FrameSource]:
+            for frame in found.frames():
+                if frame.problem is None:
+                    self._frames += 1
+                    self._any_box |= bool((frame.annotation or {}).get("boxes"))
+                yield frame
+
+        return replace(found, frames=watched)
+
+    def note(self, screen: Screen, found: FrameSet) -> None:
+        """Note that no frame has a box: mostly, the labels were not found."""
+        from filter_core.formats.pairs import PAIRS
+        from filter_core.formats.registry import FORMATS
+
+        if self._any_box or not self._frames:
+            return
+        hints = ["--layout names another layout"]
+        if "labels" in FORMATS[found.layout].read_options:
+            hints.append("--labels the folder of the labels")
+        why = "whose labels were found, and are empty"
+        if found.layout == PAIRS.name:  # which reads every image as a frame
+            why = "which expects the boxes of an image NAME.png in NAME.json"
+            hints.append("--segmentation that of the segmentations")
+        screen.note(
+            f"none of {self._frames} frames has a box (layout {found.layout}, {why}); "
+            f"{', '.join(hints)}"
+        )
+
+
 def note_unmapped_classes(
     screen: Screen,
     source: str,

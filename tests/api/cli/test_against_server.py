@@ -154,6 +154,17 @@ def test_push_warns_about_a_class_without_tags(
     assert expected in answer.err
 
 
+def test_push_says_that_no_frame_has_a_box_also_when_repeated(unghost, name, tmp_path):
+    write_files(tmp_path / "runs", {"Camera/1.png": None})
+    push = ("push", "runs", "--dataset", name)
+
+    first, again = unghost(*push), unghost(*push)
+
+    for answer in (first, again):
+        assert answer.code == DONE
+        assert "none of 1 frames has a box (layout pairs, which expects" in answer.err
+
+
 def test_push_refuses_changed_frames_and_replaces_with_replace_option(
     unghost, pushed_dataset, tmp_path
 ):

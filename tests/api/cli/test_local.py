@@ -211,6 +211,54 @@ def segmentation_folder(folder: Path) -> Path:
     return write_files(folder, {"a.png": png(painted(street_tags(), FAMILY))})
 
 
+def test_filter_says_that_no_frame_of_a_folder_of_images_has_a_box(
+    bare_unghost, tmp_path
+):
+    write_files(tmp_path / "runs", {"Camera/1.png": None, "Segment/1.png": None})
+
+    answer = bare_unghost("filter", "runs", "-o", "out.jsonl")
+
+    assert answer.code == DONE
+    assert answer.err.endswith(
+        "none of 2 frames has a box (layout pairs, which expects the boxes of an image "
+        "NAME.png in NAME.json); --layout names another layout, --labels the folder of "
+        "the labels, --segmentation that of the segmentations\n"
+    )
+
+
+def test_filter_says_that_the_labels_of_a_folder_hold_no_box(bare_unghost, tmp_path):
+    files = {"a.txt": "", "classes.txt": "car", "a.png": None}
+    write_files(tmp_path / "yolo", files)
+
+    answer = bare_unghost("filter", "yolo", "-o", "out.jsonl")
+
+    assert answer.code == DONE
+    assert (
+        "none of 1 frames has a box (layout yolo, whose labels were found, and are "
+        "empty); --layout names another layout, --labels"
+    ) in answer.err
+
+
+def test_filter_names_no_option_that_a_manifest_does_not_have(bare_unghost, tmp_path):
+    line = '{"key": "1", "image": "1.png", "boxes": []}'
+    write_files(tmp_path / "frames", {"manifest.jsonl": line, "1.png": None})
+
+    answer = bare_unghost("filter", "frames", "-o", "out.jsonl")
+
+    assert answer.err.endswith("are empty); --layout names another layout\n")
+
+
+def test_filter_with_one_box_in_some_frame_does_not_speak_of_none(
+    bare_unghost, tmp_path
+):
+    files = {"a.txt": "", "b.txt": "0 .5 .5 .1 .1", "classes.txt": "car"}
+    write_files(tmp_path / "yolo", {**files, "a.png": None, "b.png": None})
+
+    answer = bare_unghost("filter", "yolo", "-o", "out.jsonl")
+
+    assert "has a box" not in answer.err
+
+
 def test_folder_without_a_known_layout_is_refused(bare_unghost, tmp_path):
     (tmp_path / "empty").mkdir()
 
