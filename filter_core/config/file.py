@@ -36,6 +36,8 @@ _MAX_UNUSED: Final = 100
 
 _SHOWN_KEY: Final = 80
 
+_SHOWN_KEYS: Final = 5
+
 CARLASIMU_ROOT: Final = "sitting"
 """The one key at the top of each of carlasimu's files; its authors named it so."""
 
@@ -82,7 +84,8 @@ def load_config(source: str | bytes | Mapping[str, object]) -> LoadedConfig:
     Raises
     ------
     ConfigError
-        As `parse_yaml`, or as `FilterConfig.from_mapping`.
+        As `parse_yaml`, or as `FilterConfig.from_mapping`; or another of carlasimu's
+        files, which has none of our keys.
     NotAvailable
         As `FilterConfig.from_mapping`.
     """
@@ -222,10 +225,26 @@ def _from_carlasimu(raw: Mapping[str, object]) -> LoadedConfig:
             f"carlasimu's boundingBox.yaml, found {', '.join(map(repr, raw))}"[:300],
             pointer="" if others else f"/{CARLASIMU_ROOT}",
         )
-    config = FilterConfig.from_mapping({"profile": "carlasimu", **_our_keys(raw)})
+    given = _our_keys(raw)
+    if not given:
+        raise _nothing_used(sitting)
+    config = FilterConfig.from_mapping({"profile": "carlasimu", **given})
     paths = _leaf_paths(sitting, CARLASIMU_ROOT)
     unused = islice((path for path in paths if path not in _BY_PATH), _MAX_UNUSED)
     return LoadedConfig(config, tuple(unused))
+
+
+def _nothing_used(sitting: Mapping[object, object]) -> ConfigError:
+    """The error about another of carlasimu's files, such as its ``data.yaml``."""
+    *first, last = _BY_PATH
+    found = list(islice(_leaf_paths(sitting, CARLASIMU_ROOT), _SHOWN_KEYS + 1))
+    more = " and others" if len(found) > _SHOWN_KEYS else ""
+    return ConfigError(
+        "expected a key of carlasimu's boundingBox.yaml that the filter uses "
+        f"({', '.join(first)} or {last}), "
+        f"found {', '.join(found[:_SHOWN_KEYS]) or 'no key'}{more}",
+        pointer=f"/{CARLASIMU_ROOT}",
+    )
 
 
 def _our_keys(raw: Mapping[str, object]) -> dict[str, object]:

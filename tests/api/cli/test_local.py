@@ -211,6 +211,16 @@ def segmentation_folder(folder: Path) -> Path:
     return write_files(folder, {"a.png": png(painted(street_tags(), FAMILY))})
 
 
+def test_other_file_of_carlasimu_is_refused_as_configuration(bare_unghost, tmp_path):
+    folder = write_manifest(tmp_path / "frames", 1)
+    (tmp_path / "data.yaml").write_text("sitting: {host: 127.0.0.1, port: 2000}")
+
+    answer = bare_unghost("filter", folder, "--config", "data.yaml")
+
+    assert (answer.code, answer.out) == (REFUSED, "")
+    assert "data.yaml: expected a key of carlasimu's boundingBox.yaml" in answer.err
+
+
 def test_filter_says_that_no_frame_of_a_folder_of_images_has_a_box(
     bare_unghost, tmp_path
 ):

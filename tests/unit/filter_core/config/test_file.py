@@ -86,6 +86,31 @@ def test_out_of_range_number_in_carlasimu_config_is_refused():
 
 
 @pytest.mark.parametrize(
+    ("text", "found"),
+    [
+        ("sitting: {}", "no key"),
+        ("sitting: {host: a, port: 2000}", "sitting.host, sitting.port"),
+        ("sitting: {cam_rgb: {fov: 90}}", "sitting.cam_rgb.fov"),
+        (
+            "sitting: {building: 1, b: 2, c: 3, d: 4, e: 5, f: 6}",
+            "sitting.building, sitting.b, sitting.c, sitting.d, sitting.e and others",
+        ),
+    ],
+)
+def test_another_file_of_carlasimu_is_refused(text, found):
+    with pytest.raises(ConfigError) as caught:
+        load_config(text)
+
+    assert caught.value.pointer == "/sitting"
+    assert caught.value.detail == (
+        "expected a key of carlasimu's boundingBox.yaml that the filter uses "
+        "(sitting.threshold_small_box, sitting.size_big_box, "
+        "sitting.threshold_big_box, sitting.cam_rgb.min_distance or "
+        f"sitting.cam_rgb.max_distance), found {found}"
+    )
+
+
+@pytest.mark.parametrize(
     ("text", "words"),
     [
         ("profile: paper\nprofile: paper", "line 2, column 1: the key 'profile' is"),
@@ -128,7 +153,7 @@ def test_invalid_configuration_file_is_refused(text, words):
 
 def test_unused_keys_are_truncated_and_limited_to_100():
     leaves = ", ".join(f"k{number}: 1" for number in range(2000))
-    text = f"sitting: {{{'x' * 900}: {{{leaves}}}}}"
+    text = f"sitting: {{size_big_box: 1, {'x' * 900}: {{{leaves}}}}}"
 
     unused = load_config(text).unused_keys
 
