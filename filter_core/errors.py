@@ -155,6 +155,23 @@ def error_context(key: str = "", pointer: str = "") -> Iterator[None]:
         ) from error
 
 
+@contextmanager
+def file_context(kind: str) -> Iterator[None]:
+    """Name the file of a frame that an error about an image is about.
+
+    `kind` is the file's, such as ``segmentation``. It begins the message, and is the
+    pointer if the error has none.
+    """
+    try:
+        yield
+    except ImageError as error:
+        raise type(error)(
+            f"{kind}: {error.detail}",
+            pointer=error.pointer or f"/{kind}",
+            code=error.kind,
+        ) from error
+
+
 class Fault(TypedDict):
     """One error in the list of a problem object.
 

@@ -35,7 +35,13 @@ from filter_core.classes import CLASSES
 from filter_core.config.filter import FilterConfig
 from filter_core.decisions.record import Decision, decided_boxes, decision_columns
 from filter_core.decisions.rules import decide
-from filter_core.errors import FilterError, LayoutError, ProblemObject, problem_of
+from filter_core.errors import (
+    FilterError,
+    LayoutError,
+    ProblemObject,
+    file_context,
+    problem_of,
+)
 from filter_core.evaluation.comparison import (
     COMPARED,
     Evaluation,
@@ -368,7 +374,9 @@ def _export_frame(
         frame = replace(frame, columns=columns)
     if source.image is None:
         return frame
-    media_type = read_image_header(_read(source.image, "image")).media_type
+    content = _read(source.image, "image")
+    with file_context("image"):
+        media_type = read_image_header(content).media_type
     return replace(
         frame, read_image=partial(_read, source.image, "image"), media_type=media_type
     )
@@ -449,7 +457,7 @@ def _segmentation(source: FrameSource) -> bytes | None:
 
 def _size(image: Path) -> tuple[int, int]:
     """Width and height. The file is mapped, so only pages with its header are read."""
-    with _opening(image, "image"), open_regular(image) as file:
+    with _opening(image, "image"), file_context("image"), open_regular(image) as file:
         if not os.fstat(file.fileno()).st_size:
             return read_image_header(b"").wh
         with mmap(file.fileno(), 0, access=ACCESS_READ) as content:

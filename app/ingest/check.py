@@ -16,7 +16,7 @@ from app.settings import Settings
 from app.storage.base import sha256_of
 from filter_core.annotation.frame import AnnotationLimits, FrameAnnotation
 from filter_core.annotation.parsing import parse_annotation, without_key
-from filter_core.errors import ImageError, ImageTooLarge, error_context
+from filter_core.errors import ImageError, ImageTooLarge, error_context, file_context
 from filter_core.evidence.lidar import check_points
 from filter_core.formats.reading import MAX_KEY
 from filter_core.images.header import ImageHeader, read_image_header, require_size
@@ -147,10 +147,8 @@ def check_files(
 
 
 def _header(kind: str, content: bytes, settings: Settings) -> ImageHeader:
-    try:
+    with file_context(kind):
         header = read_image_header(content, max_side=settings.max_image_side_px)
-    except ImageError as error:
-        raise type(error)(f"{kind}: {error.detail}", pointer=f"/{kind}") from error
     if header.width * header.height > settings.max_image_pixels:
         raise ImageTooLarge(
             f"{kind}: expected at most {settings.max_image_pixels} pixels, "

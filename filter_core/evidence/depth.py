@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from filter_core.errors import ImageError
+from filter_core.errors import ImageError, file_context
 from filter_core.evidence.silhouettes import AcceptedPixels
 from filter_core.geometry.camera import Camera
 from filter_core.geometry.projection import NEAR_PLANE, to_image_points
@@ -89,7 +89,8 @@ def read_depth(
     ----------
     .. [1] CARLA documentation, "Sensors reference", depth camera.
     """
-    header = read_image_header(content, max_side=max_side)
+    with file_context("depth"):
+        header = read_image_header(content, max_side=max_side)
     if expected_wh is not None:
         require_size(header, expected_wh, what="the depth image", than="the image")
     if header.media_type != "image/png":
@@ -106,7 +107,8 @@ def read_depth(
             pointer="/depth",
             code="depth_too_coarse",
         )
-    pixels = decode_color(content, header, "bgr")
+    with file_context("depth"):
+        pixels = decode_color(content, header, "bgr")
     if pixels is None:
         raise ImageError("the depth image cannot be decoded: it is damaged")
     return DepthImage(np.asarray(pixels, np.uint8))

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from filter_core.classes import accepts
-from filter_core.errors import ImageError
+from filter_core.errors import ImageError, file_context
 from filter_core.evidence.silhouettes import Silhouette
 from filter_core.images.decoding import decode_color
 from filter_core.images.header import MAX_SIDE, read_image_header, require_size
@@ -80,7 +80,8 @@ def read_instances(
     ----------
     .. [1] CARLA documentation, "Sensors reference", instance segmentation camera.
     """
-    header = read_image_header(content, max_side=max_side)
+    with file_context("instances"):
+        header = read_image_header(content, max_side=max_side)
     if expected_wh is not None:
         require_size(header, expected_wh, what="the instance image", than="the image")
     if header.media_type != "image/png":
@@ -88,7 +89,8 @@ def read_instances(
     if header.color_model not in ("rgb", "rgba") or header.bit_depth != 8:
         found = f"{header.color_model} with {header.bit_depth} bits"
         raise _fault("RGB or RGBA with 8 bits", found)
-    pixels = decode_color(content, header, "bgr")
+    with file_context("instances"):
+        pixels = decode_color(content, header, "bgr")
     if pixels is None:
         raise ImageError("the instance image cannot be decoded: it is damaged")
     blue, green, red = cv2.split(pixels)

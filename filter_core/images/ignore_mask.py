@@ -12,7 +12,7 @@ from typing import TypeAlias
 import cv2
 import numpy as np
 
-from filter_core.errors import FilterError, ImageError
+from filter_core.errors import FilterError, ImageError, file_context
 from filter_core.images.decoding import decode_image
 from filter_core.images.header import MAX_SIDE, read_image_header, require_size
 from filter_core.types import BoolArray, FloatArray, Mask
@@ -63,9 +63,11 @@ def read_ignore_mask(source: bytes | Sequence[Polygon], wh: tuple[int, int]) -> 
 
 
 def _mask_from_image(content: bytes, wh: tuple[int, int]) -> Mask:
-    header = read_image_header(content, max_side=max(MAX_SIDE, *wh))
+    with file_context("ignore_mask"):
+        header = read_image_header(content, max_side=max(MAX_SIDE, *wh))
     require_size(header, wh, what="the ignore mask", than="the image")
-    pixels = decode_image(content, header, cv2.IMREAD_UNCHANGED)
+    with file_context("ignore_mask"):
+        pixels = decode_image(content, header, cv2.IMREAD_UNCHANGED)
     if pixels is None:
         raise ImageError("the ignore mask cannot be decoded: it is damaged")
     if pixels.ndim == 2:

@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from filter_core.errors import ImageError, SegmentationError
+from filter_core.errors import ImageError, SegmentationError, file_context
 from filter_core.images.decoding import decode_color, decode_image
 from filter_core.images.header import (
     MAX_SIDE,
@@ -187,12 +187,14 @@ def read_segmentation(
         or ``bad_segmentation``.
     """
     options = options or SegmentationOptions()
-    header = read_image_header(content, max_side=max_side)
+    with file_context("segmentation"):
+        header = read_image_header(content, max_side=max_side)
     if expected_wh is not None:
         require_size(header, expected_wh, what="the segmentation", than="the image")
     _refuse_unusable(header, options)
     named, notes = _named(options)
-    pixels = _decode(content, header)
+    with file_context("segmentation"):
+        pixels = _decode(content, header)
     try:
         if header.color_model in ("grey", "grey_alpha"):
             return _noted(read_raw_tags(_first_channel(pixels), named), notes)

@@ -211,6 +211,28 @@ def segmentation_folder(folder: Path) -> Path:
     return write_files(folder, {"a.png": png(painted(street_tags(), FAMILY))})
 
 
+@pytest.mark.parametrize("part", ["image", "segmentation", "depth"])
+def test_filter_names_the_part_of_a_frame_that_is_truncated(
+    bare_unghost, tmp_path, part
+):
+    folder = write_manifest(tmp_path / "frames", 1)
+    parts = {"image": "rgb/000000.png", "segmentation": "seg/000000.png", "depth": "d"}
+    file = folder / parts[part]
+    end = 20 if part == "image" else -9  # of an image, only the header is read
+    file.write_bytes((folder / parts["image"]).read_bytes()[:end])
+    manifest = folder / "manifest.jsonl"
+    manifest.write_text(manifest.read_text().replace('{"key"', '{"depth": "d", "key"'))
+    config = tmp_path / "filter.yaml"
+    config.write_text("evidence: depth" if part == "depth" else "")
+
+    answer = bare_unghost("filter", folder, "--config", config, "-o", "out.jsonl")
+
+    assert answer.code == REFUSED
+    assert f"refused: run/000000: {part}: PNG: the file ends too early" in answer.err
+    (line,) = lines_of(tmp_path / "out.jsonl")
+    assert line["error"]["errors"][0]["pointer"] == f"/{part}"
+
+
 def test_other_file_of_carlasimu_is_refused_as_configuration(bare_unghost, tmp_path):
     folder = write_manifest(tmp_path / "frames", 1)
     (tmp_path / "data.yaml").write_text("sitting: {host: 127.0.0.1, port: 2000}")
