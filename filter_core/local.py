@@ -50,7 +50,7 @@ from filter_core.evaluation.comparison import (
 from filter_core.evidence_kinds import EvidenceName, files_for
 from filter_core.formats.export import ExportFrame, GivenAnnotation
 from filter_core.formats.format import Need
-from filter_core.formats.reading import FrameSource, open_regular
+from filter_core.formats.reading import FrameSource, missing_image, open_regular
 from filter_core.images.header import read_image_header
 from filter_core.images.ignore_mask import read_ignore_mask
 from filter_core.json_text import read_json
@@ -426,8 +426,8 @@ def measure_source(
     FilterError
         What is wrong with the frame.
     """
-    if source.problem is not None:
-        raise source.problem
+    if problem := source.problem or missing_image(source):
+        raise problem
     measuring = replace(config.measuring(), channels=()).with_channels(channels)
     options = _frame_options(source, files_for(channels))
     return read_and_measure(

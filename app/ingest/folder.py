@@ -32,6 +32,7 @@ from filter_core.formats.reading import (
     FrameSource,
     ReadOptions,
     is_hidden,
+    missing_image,
 )
 from filter_core.formats.registry import FORMATS, possible_layouts, read_source
 from unghost.wire.folders import (
@@ -276,8 +277,8 @@ class _Response:
             self._write(line)
 
     def _frame(self, source: FrameSource) -> bytes:
-        if source.problem is not None:
-            raise _as_layout_error(source.problem)
+        if problem := source.problem or missing_image(source):
+            raise _as_layout_error(problem)
         given = {"image": source.image, "segmentation": source.segmentation}
         given |= source.others
         files = {

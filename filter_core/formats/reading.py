@@ -67,6 +67,9 @@ class FrameSource:
         ``depth``, ``instances``, ``lidar``, ``radar``, ``ignore_mask`` where given.
     problem : FilterError or None
         Why the frame cannot be used; other frames are still read.
+    label : str or None
+        The label file that belongs to an image of the same name, relative to the folder
+        of the labels; None where the layout names images otherwise.
     """
 
     key: str
@@ -75,6 +78,23 @@ class FrameSource:
     segmentation: Path | None = None
     others: Mapping[str, Path] = field(default_factory=dict)
     problem: FilterError | None = None
+    label: str | None = None
+
+
+def missing_image(frame: FrameSource) -> LayoutError | None:
+    """The error about a label whose image is missing, if the frame needs the image.
+
+    It needs none if its segmentation or its camera give the size of the image.
+    """
+    pictures = frame.image or frame.segmentation
+    if frame.label is None or pictures or "camera" in (frame.annotation or {}):
+        return None
+    *first, last = IMAGE_SUFFIXES
+    return LayoutError(
+        f"{frame.label}: expected an image named {PurePosixPath(frame.label).stem} "
+        f"({', '.join(first)} or {last}), found none",
+        code="image_size_unknown",
+    )
 
 
 @dataclass(frozen=True)
@@ -468,6 +488,7 @@ def frame_of(
         annotation=None if files.map is None else {"map": files.map},
         image=images / files.image if files.image else None,
         segmentation=tags,
+        label=files.label,
     )
 
 

@@ -223,11 +223,13 @@ def read_config(
 
 def outgoing(frames: Iterable[FrameSource]) -> Iterator[OutgoingFrame | NotSent]:
     """Frames to be sent; one that cannot be read becomes `NotSent` with the reason."""
+    from filter_core.formats.reading import missing_image
     from unghost.client.outgoing import NotSent, OutgoingFrame
 
     for frame in frames:
-        if frame.problem is not None:
-            yield NotSent(frame.key, frame.problem)
+        # The server knows the names of no labels.
+        if problem := frame.problem or missing_image(frame):
+            yield NotSent(frame.key, problem)
             continue
         files = {"image": frame.image, "segmentation": frame.segmentation}
         files |= frame.others

@@ -165,6 +165,18 @@ def test_push_says_that_no_frame_has_a_box_also_when_repeated(unghost, name, tmp
         assert "none of 1 frames has a box (layout pairs, which expects" in answer.err
 
 
+def test_push_names_a_label_without_its_image(unghost, name, tmp_path):
+    files = {"classes.txt": "car", "images/a.png": None}
+    labels = {"labels/a.txt": "0 .5 .5 .1 .1", "labels/b.txt": "0 .5 .5 .1 .1"}
+    write_files(tmp_path / "yolo", {**files, **labels})
+
+    answer = unghost("push", "yolo", "--dataset", name)
+
+    assert answer.code == PARTLY
+    assert "1 stored\t0 already_there\t1 refused" in answer.out
+    assert "refused: b: labels/b.txt: expected an image named b (.png" in answer.err
+
+
 def test_push_refuses_changed_frames_and_replaces_with_replace_option(
     unghost, pushed_dataset, tmp_path
 ):

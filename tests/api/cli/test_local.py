@@ -233,6 +233,22 @@ def test_filter_names_the_part_of_a_frame_that_is_truncated(
     assert line["error"]["errors"][0]["pointer"] == f"/{part}"
 
 
+@pytest.mark.parametrize("command", ["filter", "convert"])
+def test_label_without_its_image_is_named(bare_unghost, tmp_path, command):
+    files = {"classes.txt": "car", "images/a.png": None}
+    labels = {"labels/a.txt": "0 .5 .5 .1 .1", "labels/b/c.txt": "0 .5 .5 .1 .1"}
+    write_files(tmp_path / "yolo", {**files, **labels})
+    more = ("--to", "coco") if command == "convert" else ()
+
+    answer = bare_unghost(command, "yolo", *more, "-o", "out")
+
+    assert answer.code == PARTLY
+    assert (
+        "refused: b/c: labels/b/c.txt: expected an image named c (.png, .jpg or "
+        ".jpeg), found none\n"
+    ) in answer.err
+
+
 def test_other_file_of_carlasimu_is_refused_as_configuration(bare_unghost, tmp_path):
     folder = write_manifest(tmp_path / "frames", 1)
     (tmp_path / "data.yaml").write_text("sitting: {host: 127.0.0.1, port: 2000}")

@@ -253,11 +253,25 @@ def test_xml_with_entities_is_a_fault_of_its_frame(admin):
     bomb = b'<!DOCTYPE a [<!ENTITY b "bb">]><annotation>&b;</annotation>'
 
     _, frames, _, _ = parse_response(
-        post_folder(admin, {"a.xml": bomb, "b.xml": VOC_FILE})
+        post_folder(admin, {"a.xml": bomb, "b.xml": VOC_FILE, "b.png": b""})
     )
 
     assert "a DTD or entities is refused" in frames["a"]["fault"]["detail"]
     assert frames["b"]["fault"] is None
+
+
+def test_label_without_its_image_is_a_fault_of_its_frame(admin):
+    files = {**LAYOUT_FILES["yolo"], "labels/train/2.txt": YOLO_LINE}
+
+    _, frames, _, _ = parse_response(post_folder(admin, files))
+
+    assert frames["train/1"]["fault"] is None
+    assert frames["train/2"]["fault"] == {
+        "pointer": "",
+        "code": "image_size_unknown",
+        "detail": "labels/train/2.txt: expected an image named 2 (.png, .jpg or "
+        ".jpeg), found none",
+    }
 
 
 def test_folder_over_the_time_limit_is_refused(serve, tmp_path):
@@ -276,7 +290,7 @@ def test_too_large_file_is_unmatched_and_too_large_answer_refused(serve):
         _, frames, unmatched, _ = parse_response(
             post_folder(admin, pieces(large) + END)
         )
-        many = {"c/label/1.txt": b"0 0 0 0\n" * 1900}
+        many = {"c/label/1.txt": b"0 0 0 0\n" * 1900, "c/img/1.png": b""}
         answer = post_folder(admin, pieces(many) + END)
 
     assert ([*frames], unmatched) == (["2"], {"1.txt": "larger than 16000 bytes"})

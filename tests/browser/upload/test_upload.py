@@ -192,7 +192,8 @@ def test_files_of_two_layouts_are_read_in_the_chosen_layout(scene, user):
     expect(page.locator("a.thumb")).to_have_count(1)
     files = {"v.xml": VOC.encode(), "v.png": scenes.picture(), "classes.txt": b"car"}
 
-    page.evaluate(DROP, encode_files({**files, "w.txt": CAR_LINE.encode()}))
+    yolo = {"w.txt": CAR_LINE.encode(), "w.png": scenes.picture()}
+    page.evaluate(DROP, encode_files({**files, **yolo}))
     expect(page.locator(".upload__sum")).to_contain_text("Pascal VOC · 1 frame")
     page.get_by_role("combobox", name="Dataset").fill("typed")
     page.get_by_role("button", name="YOLO (Ultralytics)").click()
