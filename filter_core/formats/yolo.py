@@ -70,16 +70,32 @@ YOLO: Final = Format(
 )
 
 
-@YOLO.recogniser
-def _recognise(source: Source) -> Recognition:
-    labels = (name for name in source.label_files if name.lower().endswith(".txt"))
-    labelled = any(map(holds_boxes, labels))
-    return "possible" if labelled and _class_list(source.path) else "none"
-
-
 _YAML_LISTS: Final = ("data.yaml", "data.yml", "dataset.yaml")
 
 _TEXT_LISTS: Final = ("classes.txt", "labels.txt", "obj.names")
+
+
+@YOLO.recogniser
+def _recognise(source: Source) -> Recognition:
+    label = _first_label(source)
+    return "possible" if label and _class_list(source.path) else "none"
+
+
+def _first_label(source: Source) -> str | None:
+    labels = (name for name in source.label_files if name.lower().endswith(".txt"))
+    return next(filter(holds_boxes, labels), None)
+
+
+def lacking_class_list(source: Source) -> str:
+    """What a folder lacks that has labels, but no list of classes; empty if neither."""
+    label = _first_label(source)
+    if label is None or _class_list(source.path):
+        return ""
+    *first, last = (*_YAML_LISTS, *_TEXT_LISTS)
+    return (
+        f"found {label}, which may be a label of YOLO, but no list of its "
+        f"classes in {', '.join(first)} or {last}"
+    )
 
 
 def _class_list(root: Path) -> str | None:

@@ -157,7 +157,8 @@ def open_source(path: Path, options: SourceOptions) -> FrameSet:
     typer.BadParameter
         Its layout does not have one of the options.
     Refused
-        It may have several layouts, and none was named; or it has no frames.
+        It may have several layouts, and none was named; or it has no frames, or
+        labels without a list of classes.
     """
     from filter_core.errors import LayoutError
     from filter_core.formats.reading import ReadOptions, name_of
@@ -186,12 +187,32 @@ def open_source(path: Path, options: SourceOptions) -> FrameSet:
     except LayoutError as exc:
         if exc.kind == UNUSED_OPTION:
             raise typer.BadParameter(exc.detail) from exc
+        if hint := _class_options(path, options):
+            raise Refused(f"{exc.detail}; {hint}") from exc
         raise
     if found.count is None and found.layout == "manifest":
         found = replace(found, count=_count_lines(path))
     if found.count == 0:
         raise Refused(f"no frames in {name_of(path)} (layout {found.layout})")
     return found
+
+
+def _class_options(path: Path, options: SourceOptions) -> str:
+    """The options for YOLO's labels without a list of classes; empty for others."""
+    from filter_core.formats.format import Source
+    from filter_core.formats.pairs import PAIRS
+    from filter_core.formats.reading import IMAGE_SUFFIXES, walk
+    from filter_core.formats.yolo import YOLO, lacking_class_list
+
+    layout = options.layout
+    if layout not in ("auto", YOLO.name) or not lacking_class_list(Source(path)):
+        return ""
+    if layout == YOLO.name:
+        return "" if options.classes else "--classes NAMES names them"
+    named = f"--layout {YOLO.name} --classes NAMES names them"
+    has_images = any(True for _ in walk(path, IMAGE_SUFFIXES))
+    images = f", --layout {PAIRS.name} reads the images alone"
+    return f"{named}{images}" if has_images else named
 
 
 def _count_lines(source: Path) -> int:

@@ -249,6 +249,26 @@ def test_label_without_its_image_is_named(bare_unghost, tmp_path, command):
     ) in answer.err
 
 
+def test_options_for_labels_without_a_list_of_classes_are_named(bare_unghost, tmp_path):
+    files = {"labels/1.txt": "0 .5 .5 .1 .1", "images/1.png": None}
+    write_files(tmp_path / "yolo", files)
+
+    refused = bare_unghost("filter", "yolo")
+    also_refused = bare_unghost("filter", "yolo", "--layout", "yolo")
+    named = bare_unghost("filter", "yolo", "--layout", "yolo", "--classes", "car")
+    images = bare_unghost("filter", "yolo", "--layout", "pairs")
+
+    assert (refused.code, also_refused.code) == (REFUSED, REFUSED)
+    assert refused.err.endswith(
+        "but no list of its classes in data.yaml, data.yml, dataset.yaml, classes.txt, "
+        "labels.txt or obj.names; --layout yolo --classes NAMES names them, --layout "
+        "pairs reads the images alone\n"
+    )
+    assert also_refused.err.endswith("found none of them; --classes NAMES names them\n")
+    assert named.code == DONE
+    assert "not matched: labels/1.txt: labels of another layout" in images.err
+
+
 def test_other_file_of_carlasimu_is_refused_as_configuration(bare_unghost, tmp_path):
     folder = write_manifest(tmp_path / "frames", 1)
     (tmp_path / "data.yaml").write_text("sitting: {host: 127.0.0.1, port: 2000}")

@@ -483,8 +483,13 @@ def test_yolo_labels_without_class_names_are_not_silently_ignored(tmp_path):
     write_files(tmp_path, {"images/1.png": None, "labels/1.txt": YOLO_LINE})
 
     assert possible_layouts(tmp_path) == ()
-    with pytest.raises(LayoutError, match="no layout recognised"):
+    with pytest.raises(LayoutError, match="no layout recognised") as caught:
         read_source(tmp_path)
+    assert caught.value.detail.endswith(
+        "; found labels/1.txt, which may be a label of YOLO, but no list of its "
+        "classes in data.yaml, data.yml, dataset.yaml, classes.txt, labels.txt or "
+        "obj.names"
+    )
     assert keys(read_source(tmp_path, "pairs")) == ["1"]
 
 
