@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from filter_core.segmentation.palettes import FAMILIES
-from tests.support.pictures import painted, plain_png, png
+from tests.support.pictures import jpeg, painted, plain_png, png
 from unghost import Client, StoredFrame
 
 WIDTH, HEIGHT = 64, 48
@@ -97,6 +97,13 @@ def write_manifest(
         files = {"image": f"rgb/{name}", "segmentation": f"seg/{name}"}
         lines.append(json.dumps({**frame, **files}))
     (folder / "manifest.jsonl").write_text("\n".join(lines) + "\n")
+    return folder
+
+
+def write_jpeg_segmentation(folder: Path) -> Path:
+    """Write a folder of one frame, whose segmentation is a JPEG."""
+    write_manifest(folder, 1)
+    (folder / "seg/000000.png").write_bytes(jpeg(painted(tags())))
     return folder
 
 

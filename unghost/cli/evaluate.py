@@ -18,6 +18,7 @@ from unghost.cli.options import OutputOptions
 from unghost.cli.screen import Refused, Screen, partly_done, refusal
 from unghost.cli.sources import (
     LocalFilterOptions,
+    naming_reading,
     open_source,
     read_config,
     unmatched_line,
@@ -149,7 +150,7 @@ def evaluate(options: EvaluateOptions) -> None:
             workers=options.workers,
         )
     left_out = [
-        *(refusal(one.key, one.problem.detail) for one in unusable),
+        *(refusal(one.key, naming_reading(one.problem.detail)) for one in unusable),
         *map(unmatched_line, found.unmatched),
         *use.unused_lines(),
     ]

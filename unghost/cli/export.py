@@ -15,6 +15,7 @@ from unghost.cli.screen import Screen, naming_options, partly_done, refusal
 from unghost.cli.sources import (
     SegmentationReading,
     SourceOptions,
+    naming_reading,
     open_source,
     read_config,
     unmatched_line,
@@ -330,5 +331,6 @@ class _Progress:
                     yield frame
                 else:
                     self.failed += 1
-                    self.screen.note(refusal(frame.key, frame.problem.detail))
+                    why = naming_reading(frame.problem.detail)
+                    self.screen.note(refusal(frame.key, why))
                 advance(self.written + self.failed, total)

@@ -23,6 +23,7 @@ from unghost.cli.sources import (
     BoxCheck,
     LocalFilterOptions,
     default_class_of,
+    naming_reading,
     note_unmapped_classes,
     open_source,
     read_config,
@@ -157,7 +158,7 @@ class _Tally:
     def _add(self, line: FrameLine) -> None:
         if line.fault is not None:
             self.failed += 1
-            self.screen.note(refusal(line.key, line.fault))
+            self.screen.note(refusal(line.key, naming_reading(line.fault)))
             return
         self.decided += 1
         self.classes.update(line.classes)

@@ -26,6 +26,7 @@ from unghost.cli.sources import (
     SourceFolder,
     SourceOptions,
     default_class_of,
+    naming_reading,
     note_unmapped_classes,
     open_source,
     outgoing,
@@ -266,7 +267,8 @@ def _line(outcome: NotSent) -> str:
     from unghost.client.errors import ApiError
 
     error = outcome.error
-    line = refusal(outcome.key, _detail(error))
+    why = naming_reading(_detail(error), of_dataset=True)
+    line = refusal(outcome.key, why)
     if not isinstance(error, ApiError):
         return line
     # The message of the error already contains a single fault.

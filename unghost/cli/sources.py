@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -20,6 +21,9 @@ if TYPE_CHECKING:
 
 _LISTED_CLASSES: Final = 20
 """Classes without tags that are named."""
+
+_READING_SETTING: Final = re.compile(r"\b(lossy_segmentation|encoding): (nearest|raw)")
+"""Settings that errors recommend (see `SegmentationReading`)."""
 
 SourceFolder: TypeAlias = Annotated[
     Path,
@@ -355,6 +359,20 @@ def default_class_of(found: FrameSet, options: SourceOptions) -> str | None:
 
     has_some = "default_class" in FORMATS[found.layout].read_options
     return options.default_class if has_some else None
+
+
+def naming_reading(detail: str, *, of_dataset: bool = False) -> str:
+    """The error of a frame with the options of the settings that it recommends.
+
+    `of_dataset`: the options hold only for a dataset that is created.
+    """
+    where = " in the settings of a dataset that exists" if of_dataset else ""
+
+    def named(found: re.Match[str]) -> str:
+        name, value = found.groups()
+        return f"--{name.replace('_', '-')} {value} ({found.group()}{where})"
+
+    return _READING_SETTING.sub(named, detail)
 
 
 def unmatched_line(file: Unmatched) -> str:

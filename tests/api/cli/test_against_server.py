@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 from tests.support import frames
 from tests.support.command_line import CommandLine
 from tests.support.folders import write_files
-from tests.support.frames import write_manifest
+from tests.support.frames import write_jpeg_segmentation, write_manifest
 from tests.support.ports import reserved_port
 from tests.support.servers import RunningServer
 from unghost import Client
@@ -175,6 +175,18 @@ def test_push_names_a_label_without_its_image(unghost, name, tmp_path):
     assert answer.code == PARTLY
     assert "1 stored\t0 already_there\t1 refused" in answer.out
     assert "refused: b: labels/b.txt: expected an image named b (.png" in answer.err
+
+
+def test_push_names_the_option_that_reads_jpeg_segmentations(unghost, name, tmp_path):
+    folder = write_jpeg_segmentation(tmp_path / "frames")
+
+    answer = unghost("push", folder, "--dataset", name)
+
+    assert answer.code == REFUSED
+    assert (
+        "--lossy-segmentation nearest (lossy_segmentation: nearest in the settings of "
+        "a dataset that exists) reads it by the nearest colour"
+    ) in answer.err
 
 
 def test_push_refuses_changed_frames_and_replaces_with_replace_option(

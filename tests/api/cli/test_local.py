@@ -8,12 +8,19 @@ import signal
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from tests.support import plain_http
 from tests.support.command_line import CommandLine
 from tests.support.folders import street_tags, write_files
-from tests.support.frames import FAMILY, write_manifest
+from tests.support.frames import (
+    FAMILY,
+    HEIGHT,
+    WIDTH,
+    write_jpeg_segmentation,
+    write_manifest,
+)
 from tests.support.pictures import painted, png
 from tests.support.servers import token_of
 from tests.support.waiting import until
@@ -267,6 +274,38 @@ def test_options_for_labels_without_a_list_of_classes_are_named(bare_unghost, tm
     assert also_refused.err.endswith("found none of them; --classes NAMES names them\n")
     assert named.code == DONE
     assert "not matched: labels/1.txt: labels of another layout" in images.err
+
+
+@pytest.mark.parametrize("command", ["filter", "convert", "evaluate"])
+def test_option_that_reads_jpeg_segmentations_is_named(bare_unghost, tmp_path, command):
+    folder = write_jpeg_segmentation(tmp_path / "frames")
+    more = {
+        "filter": ("-o", "out.jsonl"),
+        "convert": ("--to", "coco", "--filter", "-o", "out"),
+        "evaluate": ("--channel", "semantic"),
+    }[command]
+
+    refused = bare_unghost(command, folder, *more)
+    named = bare_unghost(
+        "filter", folder, "--lossy-segmentation", "nearest", "-o", "out.jsonl"
+    )
+
+    assert refused.code == REFUSED
+    assert (
+        "expected a PNG. --lossy-segmentation nearest (lossy_segmentation: nearest) "
+        "reads it by the nearest colour"
+    ) in refused.err
+    assert named.code == DONE
+
+
+def test_option_that_reads_raw_tags_is_named(bare_unghost, tmp_path):
+    folder = write_manifest(tmp_path / "frames", 1)
+    noise = np.random.default_rng(0).integers(0, 256, (HEIGHT, WIDTH, 3), np.uint8)
+    (folder / "seg/000000.png").write_bytes(png(noise))
+
+    answer = bare_unghost("filter", folder, "-o", "out.jsonl")
+
+    assert "Raw tags need --encoding raw (encoding: raw); a palette" in answer.err
 
 
 def test_other_file_of_carlasimu_is_refused_as_configuration(bare_unghost, tmp_path):
