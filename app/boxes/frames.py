@@ -131,6 +131,8 @@ def describe_stored(session: Session, frame_id: int) -> dict[str, object]:
         "frame": details,
         "segmentation": details.segmentation,
         "decisions": decisions,
+        "answers_set_aside": 0,
+        "boxes_set_aside": (),
     }
 
 

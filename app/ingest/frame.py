@@ -122,16 +122,29 @@ class ReadyFrame:
 
 
 @dataclass(frozen=True)
+class SetAside:
+    """Answers on a replaced frame whose boxes have changed or are gone.
+
+    `answers` counts them; `boxes` are the ids of the first of these boxes.
+    """
+
+    answers: int = 0
+    boxes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
 class StoredFrame:
     """A frame that is in the database.
 
     If this upload has stored it, it is a `NewFrame` (`app.ingest.rows`). `verdicts` are
-    the numbers of its boxes by verdict; None if they have not been counted.
+    the numbers of its boxes by verdict; None if they have not been counted. `set_aside`
+    are answers on the revision that this upload has replaced.
     """
 
     key: str
     frame_id: int
     verdicts: VerdictCounts | None = None
+    set_aside: SetAside = SetAside()
 
 
 @dataclass(frozen=True)

@@ -191,6 +191,8 @@ class BatchResponse(Response):
                 status=status,
                 frame_id=None,
                 decisions=None,
+                answers_set_aside=0,
+                boxes_set_aside=(),
                 problem=self._problem(frame.error),
             )
         else:
@@ -201,6 +203,8 @@ class BatchResponse(Response):
                 status=status,
                 frame_id=frame.frame_id,
                 decisions=frame.verdicts,
+                answers_set_aside=frame.set_aside.answers,
+                boxes_set_aside=frame.set_aside.boxes,
             )
         self._request.app.state.metrics.observe_frame(status)
         told[kind] += 1

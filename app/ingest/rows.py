@@ -32,7 +32,7 @@ from app.boxes.reader import (
 from app.db.base import utc_now
 from app.db.engine import once_committed
 from app.db.tables import Frame
-from app.ingest.frame import ReadyFrame, StoredFrame
+from app.ingest.frame import ReadyFrame, SetAside, StoredFrame
 from app.measuring.active import ActiveDataset
 from app.measuring.evidence import packed
 from app.measuring.queries import (
@@ -54,7 +54,7 @@ from filter_core.types import (
     Reason,
 )
 from unghost.wire.datasets import VerdictCounts
-from unghost.wire.frames import FrameDetails
+from unghost.wire.frames import MOST_BOXES_SET_ASIDE, FrameDetails
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,6 +93,8 @@ class NewFrame(StoredFrame):
             "frame": frame,
             "segmentation": frame.segmentation,
             "decisions": _decisions(self),
+            "answers_set_aside": self.set_aside.answers,
+            "boxes_set_aside": self.set_aside.boxes,
         }
 
 
@@ -123,8 +125,7 @@ def insert_frames(
     _insert(session, active, new, class_ids)
     for place, frame in enumerate(new):
         if frame.key in formers:
-            carried = _carried(session, sender, formers[frame.key], frame, class_ids)
-            new[place] = replace(frame, carried=carried)
+            new[place] = _carried(session, sender, formers[frame.key], frame, class_ids)
         if known[frame.key].has_problem:
             ProblemRepository(session).forget(active.row.dataset_id, frame.key)
     once_committed(session, partial(_count, new))
@@ -279,40 +280,44 @@ def _carried(
     former: Frame,
     frame: NewFrame,
     class_ids: Mapping[str, int],
-) -> Sequence[LatestReview]:
+) -> NewFrame:
     """Carry answers over and audit dropped ones; Forbidden if those are others'."""
     carried, dropped = _carry_answers(session, former, frame, class_ids)
-    of_others = require_own(sender, dropped, f"replacing frame {frame.key!r}")
+    by_reviewer = Counter(who for _, who in dropped)
+    of_others = require_own(sender, by_reviewer, f"replacing frame {frame.key!r}")
     AuditTrail(session, sender).note(
         AuditAction.FRAME_REPLACED,
         frame.key,
         dataset=frame.active.name,
         revision=frame.revision,
-        answers=sum(dropped.values()),
+        answers=len(dropped),
         of_others=of_others,
     )
-    return carried
+    boxes = tuple(dict.fromkeys(source_id for source_id, _ in dropped))
+    set_aside = SetAside(len(dropped), boxes[:MOST_BOXES_SET_ASIDE])
+    return replace(frame, carried=carried, set_aside=set_aside)
 
 
 def _carry_answers(
     session: Session, former: Frame, frame: NewFrame, class_ids: Mapping[str, int]
-) -> tuple[list[LatestReview], Counter[str]]:
+) -> tuple[list[LatestReview], list[tuple[str, str]]]:
     """Repeat the latest answers on boxes of the same class and place in the image.
 
     Returns
     -------
     carried : list of LatestReview
         The repeated answers, each the first on its new box.
-    dropped : Counter of str
-        How many answers are dropped, by reviewer: their boxes no longer exist, have
-        changed, or have no answer in force. Answers that another person cleared or
-        replaced, in any revision, count: otherwise people could remove others' answers
-        by clearing them first. Answers that their author has undone do not count.
+    dropped : list of (str, str)
+        The box's id and the reviewer of each answer that is dropped, in order of the
+        boxes: these no longer exist, have changed, or have no answer in force. Answers
+        that another person cleared or replaced, in any revision, count: otherwise
+        people could remove others' answers by clearing them first. Answers that their
+        author has undone do not count.
     """
     reviews = ReviewRepository(session)
     answered = reviews.ever_answered(former.id)
     if not answered:
-        return [], Counter()
+        return [], []
     latest = LatestAnswers(session).of(box_id for box_id, _, _ in answered)
     annotation = FrameRepository(session).with_id(former.id, annotation=True).annotation
     boxes = frame.ready.checked.annotation.boxes
@@ -320,7 +325,7 @@ def _carry_answers(
     evidence = frame.ready.measured.evidence
     names = [evidence.class_names[index] for index in evidence.class_index.tolist()]
     carried: dict[int, LatestReview] = {}
-    dropped = []
+    dropped: dict[int, str] = {}
     for old_id, source_id, class_id in answered:
         review, index = latest[old_id], index_of.get(source_id)
         raw = annotation["boxes"][old_id - former.first_box_id]
@@ -331,7 +336,7 @@ def _carry_answers(
             or _geometry(raw, annotation)
             != _geometry(boxes[index].raw, frame.ready.checked.annotation.raw)
         ):
-            dropped.append(old_id)
+            dropped[old_id] = source_id
             continue
         if review.undoes is not None:  # it repeats one that may be another person's
             review = review._replace(reviewer=reviews.author(old_id, review.revision))
@@ -340,7 +345,8 @@ def _carry_answers(
         carried[old_id] = review
     if carried:
         reviews.carry_over(carried)
-    return list(carried.values()), reviews.answers_per_reviewer(dropped)
+    answers = reviews.answers_in_force(dropped)
+    return list(carried.values()), [(dropped[old], who) for old, who in answers]
 
 
 def _geometry(

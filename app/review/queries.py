@@ -12,7 +12,6 @@ new frame (`carry_over`). Each of them
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from datetime import datetime
 from typing import Final, NamedTuple, TypeAlias
@@ -310,8 +309,8 @@ class ReviewRepository:
         )
         return self._session.execute(rows)
 
-    def answers_per_reviewer(self, box_ids: Iterable[int]) -> Counter[str]:
-        """On how many boxes each person has an answer that they did not undo.
+    def answers_in_force(self, box_ids: Iterable[int]) -> list[tuple[int, str]]:
+        """Each box and person with an answer that they did not undo, by box.
 
         The last such answer of each person on a box counts, regardless of later answers
         by others, unless it removed their answer (`clear`). Answers on the same box in
@@ -328,7 +327,7 @@ class ReviewRepository:
                     if origin is not None:
                         before[origin] = newest_of[box_id]
             newest_of = before
-        return Counter(who for (_, who), verdict in last.items() if verdict != "clear")
+        return sorted(key for key, verdict in last.items() if verdict != "clear")
 
 
 _AnswerRow: TypeAlias = "Row[int, int, str, str, int | None, int | None]"

@@ -37,7 +37,7 @@ from unghost.wire.words import UploadWord, Verdict
 if TYPE_CHECKING:
     from filter_core.formats.reading import FrameSet, Unmatched
     from unghost.client.client import Client
-    from unghost.client.outgoing import NotSent, Outcome
+    from unghost.client.outgoing import AlreadyThere, NotSent, Outcome, Sent
     from unghost.wire.datasets import Dataset
 
 
@@ -68,7 +68,8 @@ class PushOptions(ServerOptions, SourceOptions, SegmentationReading):
         bool,
         typer.Option(
             "--replace",
-            help="Replace stored frames whose content differs, instead of refusing.",
+            help="Replace stored frames whose content differs, instead of refusing. "
+            "Answers on boxes that changed are set aside.",
         ),
     ] = False
 
@@ -176,6 +177,8 @@ class PushReport:
         self._outcomes: Counter[str] = Counter()
         self._problems: list[str] = []
         self._changed = 0
+        self._set_aside: list[str] = []
+        self._with_set_aside = self._answers_set_aside = 0
 
     @property
     def seen(self) -> int:
@@ -206,11 +209,20 @@ class PushReport:
         if isinstance(outcome, Sent):
             for verdict in get_args(Verdict):
                 self._verdicts[verdict] += getattr(outcome.counts, verdict)
+            self._note_set_aside(outcome)
         elif isinstance(outcome, NotSent):
             self._changed += isinstance(outcome.error, Conflict)
             if len(self._problems) < _LISTED:
                 self._problems.append(_line(outcome))
         self._screen.record(_record(outcome))
+
+    def _note_set_aside(self, outcome: Sent) -> None:
+        if not outcome.answers_set_aside:
+            return
+        self._answers_set_aside += outcome.answers_set_aside
+        self._with_set_aside += 1
+        if len(self._set_aside) < _LISTED:
+            self._set_aside.append(_set_aside_line(outcome))
 
     def print_problems(self) -> None:
         """The frames that were refused, one by one."""
@@ -227,15 +239,23 @@ class PushReport:
     def print_summary(self, unmatched: Sequence[Unmatched], dataset: str) -> None:
         """Print the summary, and the problems one by one."""
         self.print_problems()
+        self._print_some(self._set_aside, self._with_set_aside)
         self._print_some(map(unmatched_line, unmatched), len(unmatched))
         self._screen.record(
             {
                 "dataset": dataset,
                 **self.counts(),
+                "answers_set_aside": self._answers_set_aside,
                 "unmatched": [vars(file) for file in unmatched],
             },
-            "\t".join(f"{count} {name}" for name, count in self.counts().items()),
+            self._summary(),
         )
+
+    def _summary(self) -> str:
+        counts = self.counts()
+        if self._answers_set_aside:
+            counts["answers_set_aside"] = self._answers_set_aside
+        return "\t".join(f"{count} {name}" for name, count in counts.items())
 
     def counts(self) -> dict[str, int]:
         """Frames by outcome, then boxes by verdict."""
@@ -256,11 +276,32 @@ def _record(outcome: Outcome) -> dict[str, object]:
 
     record: dict[str, object] = {"key": outcome.key, "outcome": outcome.word}
     if not isinstance(outcome, NotSent):
-        return {**record, "frame_id": outcome.frame_id}
+        return {**record, "frame_id": outcome.frame_id, **_set_aside(outcome)}
     error = outcome.error
     if isinstance(error, ApiError):
         return {**record, "error": error.problem}
     return {**record, "error": {"code": "unreadable", "detail": _detail(error)}}
+
+
+def _set_aside(outcome: Sent | AlreadyThere) -> dict[str, object]:
+    """What a record says about answers that were set aside; empty if none were."""
+    from unghost.client.outgoing import Sent
+
+    if not isinstance(outcome, Sent) or not outcome.answers_set_aside:
+        return {}
+    return {
+        "answers_set_aside": outcome.answers_set_aside,
+        "boxes_set_aside": list(outcome.boxes_set_aside),
+    }
+
+
+def _set_aside_line(outcome: Sent) -> str:
+    number, boxes = outcome.answers_set_aside, outcome.boxes_set_aside
+    answers = "1 answer was" if number == 1 else f"{number} answers were"
+    return one_line(
+        f"{outcome.key}: {answers} set aside, since the box has changed or is gone: "
+        f"{', '.join(boxes)}"
+    )
 
 
 def _line(outcome: NotSent) -> str:

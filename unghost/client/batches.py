@@ -173,7 +173,14 @@ def _outcome(key: str, answer: Json) -> Outcome:
     line = wire.BatchLine.read(answer)
     if line.frame_id is None or line.decisions is None:
         raise ValueError("a stored frame lacks its id or its decisions")
-    return Sent(key, line.frame_id, line.status == httpx.codes.CREATED, line.decisions)
+    return Sent(
+        key,
+        line.frame_id,
+        line.status == httpx.codes.CREATED,
+        line.decisions,
+        line.answers_set_aside,
+        line.boxes_set_aside,
+    )
 
 
 def _raise_problem(answer: Json) -> None:

@@ -145,12 +145,18 @@ class PackedFrame:
 
 @dataclass(frozen=True)
 class Sent:
-    """A frame that was sent and stored; `counts` are the verdicts of its boxes."""
+    """A frame that was sent and stored; `counts` are the verdicts of its boxes.
+
+    `answers_set_aside` counts people's answers on the frame that it replaced which were
+    not carried over, and `boxes_set_aside` are ids of the first of their boxes.
+    """
 
     key: str
     frame_id: int
     created: bool
     counts: VerdictCounts
+    answers_set_aside: int = 0
+    boxes_set_aside: tuple[str, ...] = ()
 
     @property
     def word(self) -> UploadWord:

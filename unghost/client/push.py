@@ -216,7 +216,14 @@ class _Senders:
             if _concerns_all(error):
                 raise
             return NotSent(frame.key, error)
-        return Sent(frame.key, stored.frame.id, stored.created, stored.frame.counts)
+        return Sent(
+            frame.key,
+            stored.frame.id,
+            stored.created,
+            stored.frame.counts,
+            stored.answers_set_aside,
+            stored.boxes_set_aside,
+        )
 
     def _sender(self) -> BatchSender:
         """The sender of this thread, created on first use."""

@@ -94,12 +94,31 @@ class Frame(FrameDetails):
     boxes: Annotated[tuple[Decision, ...], IfAbsent(())]
 
 
+MOST_BOXES_SET_ASIDE: Final = 10
+"""Boxes whose answers were set aside that the answer to an upload names."""
+
+_ANSWERS_SET_ASIDE: Final = (
+    "Answers of people on the replaced frame that were not carried over, since their "
+    "boxes have changed or are gone. 0 if no frame was replaced."
+)
+_BOXES_SET_ASIDE: Final = (
+    "The ids that these boxes had in their frame, in order; "
+    f"at most {MOST_BOXES_SET_ASIDE}."
+)
+
+
 class StoredFrame(ResponseModel):
     """A stored frame, with what was recognised and the decisions on its boxes."""
 
     frame: FrameDetails
     segmentation: SegmentationReport | None
     decisions: Annotated[tuple[Decision, ...], IfAbsent(())]
+    answers_set_aside: Annotated[int, IfAbsent(0)] = Field(
+        description=_ANSWERS_SET_ASIDE
+    )
+    boxes_set_aside: Annotated[tuple[str, ...], IfAbsent(())] = Field(
+        description=_BOXES_SET_ASIDE
+    )
     _created: bool = PrivateAttr(default=True)
 
     @property
@@ -148,6 +167,12 @@ class BatchLine(SparseModel):
     status: int
     frame_id: int | None
     decisions: VerdictCounts | None
+    answers_set_aside: Annotated[int, IfAbsent(0)] = Field(
+        description=_ANSWERS_SET_ASIDE
+    )
+    boxes_set_aside: Annotated[tuple[str, ...], IfAbsent(())] = Field(
+        description=_BOXES_SET_ASIDE
+    )
     problem: Problem | None = Field(default=None, json_schema_extra=never_null)
 
 

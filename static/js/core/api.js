@@ -137,7 +137,7 @@ export async function send(address, init = {}, shown = session) {
  * succeed later. (A request that was abandoned is left as it is.)
  * @template T @param {Promise<T>} part @param {AbortSignal | null} [signal] @returns {Promise<T>}
  */
-const whole = (part, signal) =>
+export const whole = (part, signal) =>
   part.catch((cause) => {
     throw signal?.aborted ? cause : new NoResponse(cause);
   });

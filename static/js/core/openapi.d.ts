@@ -3329,6 +3329,16 @@ export interface components {
             segmentation: components["schemas"]["SegmentationReport"] | null;
             /** Decisions */
             decisions: components["schemas"]["Decision"][];
+            /**
+             * Answers Set Aside
+             * @description Answers of people on the replaced frame that were not carried over, since their boxes have changed or are gone. 0 if no frame was replaced.
+             */
+            answers_set_aside: number;
+            /**
+             * Boxes Set Aside
+             * @description The ids that these boxes had in their frame, in order; at most 10.
+             */
+            boxes_set_aside: string[];
         };
         /**
          * Suggestion
@@ -3521,6 +3531,16 @@ export interface components {
             /** Frame Id */
             frame_id: number | null;
             decisions: components["schemas"]["VerdictCounts"] | null;
+            /**
+             * Answers Set Aside
+             * @description Answers of people on the replaced frame that were not carried over, since their boxes have changed or are gone. 0 if no frame was replaced.
+             */
+            answers_set_aside: number;
+            /**
+             * Boxes Set Aside
+             * @description The ids that these boxes had in their frame, in order; at most 10.
+             */
+            boxes_set_aside: string[];
             problem?: components["schemas"]["Problem"];
         };
         /**

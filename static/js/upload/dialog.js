@@ -154,7 +154,7 @@ function Review({ app, found, plan, typed, setTyped, close }) {
       : html`<p id="upload-where" class="faint">${!isKnown ? "Loading the list of datasets …" : there ? `Adds to a dataset that has ${countOf(there.counts.frames, "frame")}. Frames that are already stored are not stored again.` : "A new dataset will be created."}</p>`}
     <p id="upload-error" class="field__error" role="alert">${fault}</p>
     ${there
-      ? html`<label class="switch"><input type="checkbox" checked=${replace} onChange=${() => setReplace(!replace)} /><span>Replace frames whose content has changed</span></label>`
+      ? html`<label class="switch"><input type="checkbox" checked=${replace} onChange=${() => setReplace(!replace)} /><span>Replace frames whose content has changed; answers on boxes that changed are set aside</span></label>`
       : html`<label class="switch"><input type="checkbox" checked=${lossy} onChange=${() => setLossy(!lossy)} /><span>Accept JPEG segmentations; match each pixel to the nearest colour</span></label>`}
     <${Hints} plan=${plan} name=${name} top=${found.top} />
     <${FileList} title="Cannot be read" items=${plan.problems.map(({ key, why }) => ({ name: key, why: withoutName(why, key) }))} isOpen=${true} />

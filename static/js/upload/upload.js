@@ -170,7 +170,7 @@ const PHASES = {
 /** @param {{app: import("./uploader.js").UploadApp, job: import("./uploader.js").Job}} props */
 function UploadPanel({ app, job: { dataset, uploader } }) {
   const progress = useValue(uploader.state);
-  const { phase, total, refused, trouble } = progress;
+  const { phase, total, refused, setAside, trouble } = progress;
   const done = doneOf(progress);
   const percent = total ? Math.floor((100 * done) / total) : 100;
   const isEnd = isOver(phase);
@@ -184,6 +184,7 @@ function UploadPanel({ app, job: { dataset, uploader } }) {
     </div>
     <p class="upload-panel__text" role="status">${isEnd ? outcome(progress) : `${countText(done)} of ${countOf(total, "frame")}`}</p>
     ${trouble && html`<${FailureLine} error=${{ message: trouble }} />`}
+    <${FileList} title="Answers set aside" items=${setAside.map(({ key, answers, boxes }) => ({ name: key, why: `${countOf(answers, "answer")} on boxes that changed or are gone: ${boxes.join(", ")}` }))} isOpen=${isEnd} />
     <${FileList} title="Refused" items=${refused.map(({ key, why, more }) => ({ name: key, why, more }))} isOpen=${isEnd} />
     <footer class="upload-panel__foot">
       ${!isEnd && html`<button class="button" onClick=${uploader.cancel}>Cancel</button>`}
@@ -196,9 +197,11 @@ function UploadPanel({ app, job: { dataset, uploader } }) {
 }
 
 /** @param {Progress} progress */
-function outcome({ stored, same, refused }) {
+function outcome({ stored, same, refused, setAside }) {
   const parts = [`${countOf(stored, "frame")} stored`];
   if (same) parts.push(`${countText(same)} there already`);
   if (refused.length) parts.push(`${countText(refused.length)} refused`);
+  const answers = setAside.reduce((sum, frame) => sum + frame.answers, 0);
+  if (answers) parts.push(`${countOf(answers, "answer")} set aside`);
   return parts.join(" · ");
 }

@@ -1,13 +1,15 @@
 // @ts-check
 // Uploads frames, a few at a time: pause, resume, cancel, retry refused frames.
 
-import { ApiError, NoResponse, ask, createRetries, post } from "../core/api.js";
+import { ApiError, NoResponse, ask, createRetries, post, whole } from "../core/api.js";
 import { createValue } from "../core/observable.js";
 
 /** @typedef {import("./folder.js").Entry} Entry */
 /** @typedef {import("./folder.js").ReadFrame} ReadFrame */
 /** @typedef {"sending" | "paused" | "offline" | "busy" | "signed-out" | "done" | "stopped"} Phase */
 /** @typedef {{key: string, why: string, more: readonly string[]}} Refusal */
+/** @typedef {{key: string, answers: number, boxes: readonly string[]}} SetAside */
+/** @typedef {{isNew: boolean, answers: number, boxes: readonly string[]}} Stored  whether it was stored just now, and the answers that were set aside */
 
 /** The files that a frame may have. */
 export const FILE_KINDS = ["image", "segmentation", "depth", "instances", "lidar", "radar", "ignore_mask"];
@@ -19,6 +21,7 @@ export const FILE_KINDS = ["image", "segmentation", "depth", "instances", "lidar
  * @property {number} stored
  * @property {number} same  the server had them already
  * @property {readonly Refusal[]} refused
+ * @property {readonly SetAside[]} setAside  replaced frames with answers on boxes that changed or are gone
  * @property {string} trouble  why everything has stopped, or ""
  */
 
@@ -33,7 +36,7 @@ const concernsAll = ({ status, problem }) => [403, 404].includes(status) && prob
 
 /**
  * @param {readonly ReadFrame[]} frames
- * @param {(frame: ReadFrame, signal: AbortSignal) => Promise<boolean>} put  true when it was stored just now
+ * @param {(frame: ReadFrame, signal: AbortSignal) => Promise<Stored>} put
  * @param {import("../core/api.js").Later} [later]
  */
 export function createUploader(frames, put, later) {
@@ -41,7 +44,7 @@ export function createUploader(frames, put, later) {
   const stop = new AbortController();
   /** @type {Map<string, ReadFrame>} */
   const refusedFrames = new Map();
-  const state = createValue(/** @type {Progress} */ ({ phase: "paused", total: frames.length, stored: 0, same: 0, refused: [], trouble: "" }));
+  const state = createValue(/** @type {Progress} */ ({ phase: "paused", total: frames.length, stored: 0, same: 0, refused: [], setAside: [], trouble: "" }));
   let active = 0;
   const retries = createRetries(later);
 
@@ -58,16 +61,17 @@ export function createUploader(frames, put, later) {
 
   /** @param {ReadFrame} frame */
   async function sendOne(frame) {
-    await put(frame, stop.signal).then(count, (error) => stop.signal.aborted || afterError(frame, error));
+    await put(frame, stop.signal).then((stored) => count(frame, stored), (error) => stop.signal.aborted || afterError(frame, error));
     active--;
     fill();
   }
 
-  /** @param {boolean} isNew */
-  function count(isNew) {
+  /** @param {ReadFrame} frame @param {Stored} ended */
+  function count({ key }, { isNew, answers, boxes }) {
     retries.reset();
-    const { stored, same } = state.get();
+    const { stored, same, setAside } = state.get();
     change(isNew ? { stored: stored + 1 } : { same: same + 1 });
+    if (answers) change({ setAside: [...setAside, { key, answers, boxes }] });
   }
 
   /** @param {ReadFrame} frame @param {Error} error */
@@ -168,11 +172,14 @@ export const uploadCalls = {
 
   /**
    * @param {string} dataset @param {ReadFrame} frame @param {boolean} replace  other content becomes the next revision
-   * @param {AbortSignal} signal @returns {Promise<boolean>} true: stored now; false: it was there already
+   * @param {AbortSignal} signal @returns {Promise<Stored>}
    */
   async putFrame(dataset, frame, replace, signal) {
     const body = await formOf(frame);
-    return (await ask("put", "/api/v1/datasets/{dataset}/frames/{key}", { path: { dataset, key: frame.key }, query: { replace }, body, signal })).status === 201;
+    const response = await ask("put", "/api/v1/datasets/{dataset}/frames/{key}", { path: { dataset, key: frame.key }, query: { replace }, body, signal });
+    /** @type {import("../core/openapi.js").StoredFrame | null} */
+    const stored = replace ? await whole(response.json(), signal) : null;
+    return { isNew: response.status === 201, answers: stored?.answers_set_aside ?? 0, boxes: stored?.boxes_set_aside ?? [] };
   },
 };
 

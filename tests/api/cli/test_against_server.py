@@ -212,6 +212,31 @@ def test_push_refuses_changed_frames_and_replaces_with_replace_option(
     assert "1 stored\t2 already_there\t0 refused" in replaced.out
 
 
+def test_push_says_which_answers_replacing_a_frame_has_set_aside(
+    unghost, server, pushed_dataset, tmp_path
+):
+    with Client(server.url, server.token) as client:
+        frame = client.frame_by_key(pushed_dataset, "run/000001")
+        (ghost,) = [box for box in frame.boxes if box.id == "ghost"]
+        client.review(ghost.box_id, "keep", seen_revision=0)
+    manifest = tmp_path / "frames-3" / "manifest.jsonl"
+    lines = manifest.read_text().splitlines()
+    lines[1] = lines[1].replace('"id": "ghost"', '"id": "other"')
+    manifest.write_text("\n".join(lines))
+    again = ("push", tmp_path / "frames-3", "--dataset", pushed_dataset, "--replace")
+
+    replaced = unghost(*again)
+    repeated = unghost(*again)
+
+    assert replaced.code == DONE
+    assert (
+        "run/000001: 1 answer was set aside, since the box has changed or is gone: "
+        "ghost\n"
+    ) in replaced.err
+    assert replaced.out.endswith("\t1 answers_set_aside\n")
+    assert "set aside" not in repeated.err + repeated.out
+
+
 def test_push_refuses_a_palette_other_than_that_of_the_dataset(
     unghost, unchanged_dataset, tmp_path
 ):

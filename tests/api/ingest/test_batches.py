@@ -169,6 +169,20 @@ def test_repeated_key_with_other_content_is_409_unless_replaced(api, replace):
     assert revision == (3 if replace else 1)
 
 
+def test_batch_reports_the_answers_that_replacing_a_frame_has_set_aside(api):
+    dataset = api.dataset()
+    (box, *_) = api.upload_frame(dataset, "run/a")["decisions"]
+    assert api.review(box["box_id"], "reject").status_code == 201
+    document = {**scene.annotation(), "boxes": [], "key": "run/a"}
+    members = [("a.json", json.dumps(document).encode()), *frame("b")]
+
+    archive = tar_archive(members)
+    (replaced, new, _) = lines_of(send(api, dataset, archive, replace="true").text)
+
+    assert (replaced["answers_set_aside"], new["answers_set_aside"]) == (1, 0)
+    assert (replaced["boxes_set_aside"], new["boxes_set_aside"]) == ([box["id"]], [])
+
+
 def test_frame_stored_by_a_single_upload_is_200_in_a_batch(api):
     dataset = api.dataset()
     alone = api.upload_frame(dataset, "run/a")["frame"]["id"]

@@ -188,6 +188,27 @@ def test_replaced_frame_keeps_the_answers_of_unchanged_boxes(api):
     assert [entry["kind"] for entry in history] == ["review", "decision"]
     assert history[0]["carried_from"] == old["decisions"][0]["box_id"]
     assert api.json(f"/datasets/{dataset}/stats")["reviewed"] == 1
+    assert old["answers_set_aside"] == 0
+    assert (new["answers_set_aside"], new["boxes_set_aside"]) == (
+        2,
+        ["moved", "renamed"],
+    )
+
+
+def test_replacing_names_the_first_of_many_boxes_whose_answers_are_set_aside(api):
+    dataset = api.dataset()
+    boxes = [{**CAR, "id": f"box-{number}"} for number in range(12)]
+    old = api.upload_frame(dataset, "a", scene.annotation_of(*boxes))
+    ids = [box["box_id"] for box in old["decisions"]]
+    body = {"dataset": dataset, "box_ids": ids, "verdict": "reject"}
+    assert api.post("/reviews/bulk", body).status_code == 201
+
+    new = api.upload_frame(dataset, "a", scene.annotation_of(GHOST), replace=True)
+    again = api.put(dataset, "a", scene.annotation_of(GHOST), replace=True).json()
+
+    assert new["answers_set_aside"] == 12
+    assert new["boxes_set_aside"] == [f"box-{number}" for number in range(10)]
+    assert (again["answers_set_aside"], again["boxes_set_aside"]) == (0, [])
 
 
 @pytest.mark.parametrize(("yaw", "keeps"), [(0, True), (30, False)])

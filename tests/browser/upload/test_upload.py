@@ -115,6 +115,32 @@ def test_uploading_the_same_folder_again_stores_nothing(town, user):
     expect(outcome).to_have_text("0 frames stored · 3 there already")
 
 
+def test_replaced_frame_is_listed_with_the_answers_that_were_set_aside(
+    town, user, http
+):
+    page = pick_folder(user, town)
+    send(page)
+    page.get_by_role("button", name="Close the upload").click()
+    frame = scenes.get(http, f"/datasets/{town.name}/frames/1")
+    path = f"/boxes/{frame['boxes'][0]['box_id']}/reviews"
+    answer = {"verdict": "reject", "seen_revision": 0}
+    assert http.post(path, json=answer).status_code == 201
+    moved = CAR_LINE.replace("0.25", "0.3", 1)
+    (town / "labels" / "1.txt").write_text(moved)
+
+    page = pick_folder(user, town)
+    page.get_by_label("Replace frames whose content has changed").check()
+    send(page)
+
+    outcome = page.locator(".upload-panel__text")
+    expect(outcome).to_have_text(
+        "1 frame stored · 2 there already · 1 answer set aside"
+    )
+    expect(page.get_by_label("Answers set aside")).to_have_text(
+        re.compile(r"1 1 answer on boxes that changed or are gone: .+")
+    )
+
+
 def test_dropped_files_are_uploaded_to_the_current_dataset(scene, user):
     page = user.open(scene.link("ghost"))
     files = {

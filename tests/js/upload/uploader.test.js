@@ -12,11 +12,13 @@ const settled = () => new Promise((resolve) => setImmediate(resolve));
 
 /** An uploader whose requests stay open until the test answers them. @param {number} count */
 function sending(count) {
-  /** @type {{key: string, signal: AbortSignal, resolve: (isNew: boolean) => void, reject: (error: Error) => void}[]} */
+  /** @type {{key: string, signal: AbortSignal, resolve: (isNew: boolean, boxes?: string[]) => void, reject: (error: Error) => void}[]} */
   const calls = [];
   /** @type {{run: () => void, delayMs: number}[]} */
   const timers = [];
-  const put = (/** @type {{key: string}} */ { key }, /** @type {AbortSignal} */ signal) => new Promise((resolve, reject) => calls.push({ key, signal, resolve, reject }));
+  const put = (/** @type {{key: string}} */ { key }, /** @type {AbortSignal} */ signal) =>
+    new Promise((resolve, reject) =>
+      calls.push({ key, signal, resolve: (isNew, boxes = []) => resolve({ isNew, answers: boxes.length, boxes }), reject }));
   const uploader = createUploader(frames(count), /** @type {any} */ (put), (run, delayMs) => timers.push({ run, delayMs }));
   const outline = () => {
     const { phase, stored, same, refused } = uploader.state.get();
@@ -36,6 +38,18 @@ test("four frames are sent at a time, and the end state counts new and known one
   }
 
   assert.deepEqual(outline(), ["done", 5, 1, ""]);
+});
+
+test("frames whose answers were set aside are listed with the boxes", async () => {
+  const { uploader, calls, outline } = sending(3);
+  uploader.resume();
+  calls[0]?.resolve(true);
+  calls[1]?.resolve(true, ["suv", "bike"]);
+  calls[2]?.resolve(false);
+  await settled();
+
+  assert.deepEqual(outline(), ["done", 2, 1, ""]);
+  assert.deepEqual(uploader.state.get().setAside, [{ key: "1", answers: 2, boxes: ["suv", "bike"] }]);
 });
 
 test("a refused frame is listed with the server's message, and can be sent again", async () => {
@@ -136,14 +150,14 @@ test("a frame with other people's answers is refused, and the others are sent", 
 });
 
 test("an upload that is paused while its last frames are being sent is done when they have arrived", async () => {
-  /** @type {((isNew: boolean) => void)[]} */
+  /** @type {((stored: import("../../../static/js/upload/uploader.js").Stored) => void)[]} */
   const arrive = [];
   const frames = ["a", "b"].map((key) => /** @type {any} */ ({ key }));
   const uploader = createUploader(frames, () => new Promise((resolve) => arrive.push(resolve)));
   uploader.resume();
   uploader.pause();
 
-  arrive.forEach((resolve) => resolve(true));
+  arrive.forEach((resolve) => resolve({ isNew: true, answers: 0, boxes: [] }));
   await new Promise((resolve) => setTimeout(resolve));
 
   const { phase, stored } = uploader.state.get();
@@ -153,7 +167,7 @@ test("an upload that is paused while its last frames are being sent is done when
 test("files that are dropped while a new dataset is being made stay, also when its upload begins", async () => {
   globalThis.addEventListener ??= () => {};
   const made = /** @type {(() => void)[]} */ ([]);
-  const calls = { createDataset: () => new Promise((resolve) => made.push(() => resolve(null))), putFrame: async () => true };
+  const calls = { createDataset: () => new Promise((resolve) => made.push(() => resolve(null))), putFrame: async () => ({ isNew: true, answers: 0, boxes: [] }) };
   const uploads = createUploads(/** @type {any} */ (calls), createValue(true));
   const [first, second] = [Promise.resolve([]), Promise.resolve([])];
   uploads.take(first);
