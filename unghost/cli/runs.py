@@ -27,7 +27,7 @@ from unghost.cli.screen import Screen, most_first
 if TYPE_CHECKING:
     from filter_core.config.filter import ConfigChange
     from unghost.client.client import Client
-    from unghost.wire import ConfigVersion, Diff, FlipCounts, Preview, Run
+    from unghost.wire import ConfigVersion, Dataset, Diff, FlipCounts, Preview, Run
 
 
 _DIFF_COLUMNS: Final = ("class", "boxes", "kept -> rejected", "rejected -> kept")
@@ -36,6 +36,9 @@ _SUMS: Final = (
     *("kept_to_rejected", "rejected_to_kept", "by_class", "sides_by_class"),
 )
 """The last line of `unghost diff --json`: the counts of all boxes."""
+
+READING: Final = ("palette", "encoding", "channel_order", "lossy_segmentation")
+"""Keys of a configuration that are settings of a dataset, too."""
 
 CancelOnInterrupt: TypeAlias = Annotated[
     bool,
@@ -249,13 +252,34 @@ def _ways(counts: FlipCounts) -> tuple[int, int]:
 
 
 def show_config(options: DatasetOptions) -> None:
-    """Print the active configuration as YAML, every key with its value."""
+    """Print the active configuration as YAML, every key with its value.
+
+    A comment lists the dataset's own settings, which are used in place of these keys.
+    """
     import yaml
 
     with options.connect() as client:
         version = client.active_config(options.dataset)
+        own = _own_settings(client.dataset(options.dataset), version)
+    head = [f"digest: {version.digest}", *own]
     text = yaml.safe_dump(dict(version.config), sort_keys=False, allow_unicode=True)
-    options.screen.record(version.raw, f"# digest: {version.digest}\n{text.rstrip()}")
+    comments = "".join(f"# {line}\n" for line in head)
+    options.screen.record(version.raw, f"{comments}{text.rstrip()}")
+
+
+def _own_settings(dataset: Dataset, version: ConfigVersion) -> list[str]:
+    """A line for each setting of the dataset that a key of the version does not have.
+
+    A dataset's setting that is not the default is used in place of the key.
+    """
+    from unghost.wire.datasets import DatasetIn
+
+    fields = DatasetIn.model_fields
+    return [
+        f"the dataset's own setting is used: {name}: {getattr(dataset, name)}"
+        for name in READING
+        if getattr(dataset, name) not in (fields[name].default, version.config[name])
+    ]
 
 
 @dataclass(frozen=True, kw_only=True)

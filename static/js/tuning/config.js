@@ -45,6 +45,21 @@ export function keyValue(config, { key, initial }) {
   return own === undefined ? /** @type {ConfigValue} */ (initial) : own;
 }
 
+/** What a dataset's settings are unless they were changed. */
+const UNSET = ["auto", "refuse"];
+
+/**
+ * The dataset's own setting, if it is used in place of this key of the configuration; else "".
+ * @param {Readonly<Record<string, unknown>>} dataset @param {ConfigBody} config @param {{key: string, initial: unknown}} field
+ */
+export function ownSetting(dataset, config, field) {
+  const own = dataset[field.key];
+  return typeof own === "string" && isReading(field.key) && !UNSET.includes(own) && own !== keyValue(config, field) ? own : "";
+}
+
+/** @param {string} key */
+const isReading = (key) => ["palette", "encoding", "channel_order", "lossy_segmentation"].includes(key);
+
 /** The value that applies to a class: its own, or the one for all classes. @param {ConfigBody} config @param {string} name @param {string} [key] @returns {ConfigValue | undefined} */
 export function appliesTo(config, name, key = THRESHOLD) {
   const own = valueOf(config, classPath(name, key));

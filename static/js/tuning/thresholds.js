@@ -40,13 +40,13 @@ export function ThresholdsView({ app, route }) {
         : counts?.boxes === 0
           ? html`<${Empty} />`
           : counts && active.value
-            ? html`<${Tuner} key=${name} app=${app} route=${route} dataset=${name} active=${active.value} onApplied=${active.reload} />`
+            ? html`<${Tuner} key=${name} app=${app} route=${route} dataset=${name} settings=${dataset.value} active=${active.value} onApplied=${active.reload} />`
             : html`<${Skeleton} />`}
     </main>`;
 }
 
-/** @param {{app: App, route: Route, dataset: string, active: ConfigVersion, onApplied: () => void}} props */
-function Tuner({ app, route, dataset, active, onApplied }) {
+/** @param {{app: App, route: Route, dataset: string, settings: import("../core/openapi.js").Dataset, active: ConfigVersion, onApplied: () => void}} props */
+function Tuner({ app, route, dataset, settings, active, onApplied }) {
   const { class: selected = "", scale = "" } = route.query;
   const direction = directionIn(route.query);
   const tuning = useTuning(app, dataset, active, route.query);
@@ -91,7 +91,7 @@ function Tuner({ app, route, dataset, active, onApplied }) {
           <${ClassCards} app=${app} tuning=${tuning} scale=${scale} selected=${selected} />
           <${Reasons} tuning=${tuning} selected=${selected} />`}
         <${Versions} dataset=${dataset} tuning=${tuning} saved=${saved} isRunning=${isRunning} onRun=${onRun} />
-        <${ConfigPanel} tuning=${tuning} keys=${keys} />
+        <${ConfigPanel} tuning=${tuning} keys=${keys} settings=${settings} />
       </div>
       ${!isUnknown && html`<${FlipPanel} app=${app} tuning=${tuning} selected=${selected} direction=${direction} onDirection=${(/** @type {string} */ flips) => tuning.look({ class: selected, scale, flips })} />`}
     </div>

@@ -8,7 +8,7 @@ import { html, useState } from "../core/html.js";
 import { Icon } from "../core/icons.js";
 import { agoText, countOf, countText } from "../core/numbers.js";
 import { Dialog, FailureLine, Words, useCopy, useDialog } from "../core/parts.js";
-import { differences, editsBetween, keyValue, toYaml, valueOf, valueText } from "./config.js";
+import { differences, editsBetween, keyValue, ownSetting, toYaml, valueOf, valueText } from "./config.js";
 
 /** @typedef {import("../core/openapi.js").ConfigVersion} ConfigVersion */
 /** @typedef {import("../core/openapi.js").Run} Run */
@@ -93,8 +93,8 @@ function differenceText(active, version) {
   return rows.length > 1 ? `${words}, and ${countOf(rows.length - 1, "more key")}` : words;
 }
 
-/** @param {{tuning: Tuning, keys: import("../core/hooks.js").Loaded<Field[]>}} props */
-export function ConfigPanel({ tuning, keys }) {
+/** @param {{tuning: Tuning, keys: import("../core/hooks.js").Loaded<Field[]>, settings: import("../core/openapi.js").Dataset}} props */
+export function ConfigPanel({ tuning, keys, settings }) {
   const { tried, active } = tuning;
   const ofClasses = differences({ ...tried, classes: {} }, tried);
   return html`<section class="panelbox" aria-labelledby="config-title">
@@ -103,13 +103,16 @@ export function ConfigPanel({ tuning, keys }) {
     <div class="tablewrap"><table class="table table--keys" aria-busy=${keys.state === "loading"}>
       <thead><tr><th scope="col">Key</th><th scope="col">Value</th><th scope="col">Active</th><th class="table__text" scope="col">Meaning</th></tr></thead>
       <tbody>
-        ${keys.value?.map((field) => html`<tr key=${field.key}><th scope="row"><code><${Words} text=${field.key} /></code></th><td><${Value} tuning=${tuning} field=${field} /></td><td class="num faint">${valueText(keyValue(active.config, field))}</td><td class="table__text faint">${field.help}</td></tr>`)}
+        ${keys.value?.map((field) => html`<tr key=${field.key}><th scope="row"><code><${Words} text=${field.key} /></code></th><td><${Value} tuning=${tuning} field=${field} /></td><td class="num faint">${valueText(keyValue(active.config, field))}</td><td class="table__text faint">${field.help}<${OwnSetting} value=${ownSetting(settings, tried, field)} /></td></tr>`)}
         ${ofClasses.map((row) => html`<tr key=${row.path}><th scope="row"><code><${Words} text=${row.path} /></code></th><td class="num">${valueText(row.after)}</td><td class="num faint">${valueText(valueOf(active.config, row.path))}</td><td class="table__text faint">for this class only</td></tr>`)}
       </tbody>
     </table></div>
     <${Yaml} text=${toYaml(tried)} />
   </section>`;
 }
+
+/** @param {{value: string}} props */
+const OwnSetting = ({ value }) => value && html` <strong>The dataset's own setting is used: ${value}.</strong>`;
 
 /** @param {{tuning: Tuning, field: Field}} props */
 function Value({ tuning, field }) {

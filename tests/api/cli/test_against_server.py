@@ -318,6 +318,21 @@ def test_config_show_diff_and_set(unghost, pushed_dataset, tmp_path):
     assert record["rejected"] == 6
 
 
+def test_config_show_tells_settings_of_the_dataset_that_are_used_instead(
+    unghost, server, name, unchanged_dataset
+):
+    with Client(server.url, server.token) as client:
+        client.create_dataset(name, lossy_segmentation="nearest")
+
+    shown = unghost("config", "show", name)
+    other = unghost("config", "show", unchanged_dataset)
+
+    comment = "# the dataset's own setting is used: lossy_segmentation: nearest\n"
+    assert comment in shown.out
+    assert "\nlossy_segmentation: refuse\n" in shown.out
+    assert "own setting" not in other.out
+
+
 def test_config_diff_as_json(unghost, unchanged_dataset, tmp_path):
     file = write_config(tmp_path, "min_visible_pixels: 500\n")
 

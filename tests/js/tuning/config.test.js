@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { appliesTo, classPath, differences, editsBetween, editsOf, effectiveEdits, queryOf, toYaml, valueOf, valueText, withEdits } from "../../../static/js/tuning/config.js";
+import { appliesTo, classPath, differences, editsBetween, editsOf, effectiveEdits, ownSetting, queryOf, toYaml, valueOf, valueText, withEdits } from "../../../static/js/tuning/config.js";
 
 const ACTIVE = {
   profile: "paper",
@@ -14,6 +14,15 @@ test("a class has its own threshold, or else the one for all classes", () => {
   assert.equal(appliesTo(ACTIVE, "car"), 10);
   assert.equal(appliesTo(ACTIVE, "traffic_light"), 2);
   assert.equal(appliesTo(ACTIVE, "street_light"), 2);
+});
+
+test("a setting of the dataset that is not the default is used in place of the key of the configuration", () => {
+  const dataset = { palette: "auto", lossy_segmentation: "nearest", description: "refuse" };
+  const config = { lossy_segmentation: "refuse", palette: "carla-0.9.14" };
+
+  assert.equal(ownSetting(dataset, config, { key: "lossy_segmentation", initial: "refuse" }), "nearest");
+  assert.equal(ownSetting(dataset, { lossy_segmentation: "nearest" }, { key: "lossy_segmentation", initial: "refuse" }), "");
+  for (const key of ["palette", "description", "min_distance"]) assert.equal(ownSetting(dataset, config, { key, initial: null }), "");
 });
 
 test("edits change only the keys that they name, in a copy of the configuration", () => {
