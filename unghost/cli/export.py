@@ -115,14 +115,22 @@ def export(options: ExportOptions) -> None:
     """Have the server write the labels of a dataset, and download them.
 
     An interrupted download continues where it stopped: equal labels give equal files.
+    The first export freezes the dataset's classes for good, also if there is no frame:
+    later frames with other classes are refused.
     """
     screen = options.screen
     with options.connect() as client:
+        before = client.dataset(options.dataset)
         with naming_options(_OPTION_OF_FIELD):
             started = client.start_export(
                 options.dataset, options.format, **options.given
             )
         screen.note(f"export {started.id} of {options.dataset} ({options.format})")
+        if not before.classes_frozen:
+            screen.note(
+                f"the classes of {options.dataset} are frozen from now on: frames with "
+                "other classes are refused"
+            )
         done = wait_for_export(client, started, screen)
         _download(client, done, options)
     if counted := _boxes_written(done):

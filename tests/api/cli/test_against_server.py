@@ -356,6 +356,21 @@ def test_run_wait_returns_when_the_run_is_done(unghost, unchanged_dataset, tmp_p
     assert stats["rejected"] == 3
 
 
+def test_first_export_says_that_it_freezes_the_classes_even_of_an_empty_dataset(
+    unghost, server, name, tmp_path
+):
+    with Client(server.url, server.token) as client:
+        client.create_dataset(name, classes=["car"])
+        command = ("export", name, "--format", "yolo", "-o", tmp_path / "out.zip")
+
+        first, second = unghost(*command), unghost(*command)
+
+        assert client.dataset(name).classes_frozen
+    said = f"the classes of {name} are frozen from now on"
+    assert (said in first.err, said in second.err) == (True, False)
+    assert "freezes the dataset's classes" in unghost("export", "--help").out
+
+
 def test_labels_are_exported_to_a_file(unghost, unchanged_dataset, tmp_path):
     answer = unghost(
         "export", unchanged_dataset, "--format", "yolo", "-o", tmp_path / "out.zip"
