@@ -431,9 +431,14 @@ def nearest(word: object, known: Iterable[str]) -> str:
     return _matches(word, known, 0.0)[0]
 
 
-def similar(word: object, known: Iterable[str]) -> str | None:
-    """The known word that was probably meant; None if no word is similar enough."""
-    return next(iter(_matches(word, known, _SIMILAR)), None)
+def similar(
+    word: object, known: Iterable[str], *, likeness: float = _SIMILAR
+) -> str | None:
+    """The known word that was probably meant; None if no word is similar enough.
+
+    `likeness` is 1 for equal words. Demand more where other words may be on purpose.
+    """
+    return next(iter(_matches(word, known, likeness)), None)
 
 
 def _matches(word: object, known: Iterable[str], cutoff: float) -> list[str]:

@@ -20,7 +20,7 @@ import typer
 from unghost.cli.options import OutputOptions, note_unknown_classes
 from unghost.cli.screen import Refused, Screen, partly_done, printable, refusal
 from unghost.cli.sources import (
-    BoxCheck,
+    FrameCheck,
     LocalFilterOptions,
     default_class_of,
     naming_reading,
@@ -80,8 +80,8 @@ def filter_local(options: FilterOptions) -> None:
 
     _spare_source(options)
     config = read_config(options.config, options, options.screen)
-    boxes = BoxCheck()
-    found = boxes.watch(open_source(options.source, options))
+    check = FrameCheck()
+    found = check.watch(open_source(options.source, options))
     tally = _Tally(options.screen)
     with _output(options.output) as write:
         decided = decided_lines(found, config, options.workers)
@@ -89,7 +89,7 @@ def filter_local(options: FilterOptions) -> None:
             write(line.content)
     for file in found.unmatched:
         tally.screen.note(unmatched_line(file))
-    boxes.note(options.screen, found)
+    check.note(options.screen, found)
     note_unknown_classes(options.screen, config.as_dict(), tally.classes)
     note_unmapped_classes(
         options.screen,

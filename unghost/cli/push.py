@@ -21,7 +21,7 @@ from unghost.cli.screen import (
     refusal,
 )
 from unghost.cli.sources import (
-    BoxCheck,
+    FrameCheck,
     SegmentationReading,
     SourceFolder,
     SourceOptions,
@@ -81,14 +81,14 @@ def push(options: PushOptions) -> None:
     Exit code 3 if some frames were refused or could not be matched; they are listed.
     """
     report = PushReport(options.screen)
-    boxes = BoxCheck()
-    found = boxes.watch(open_source(options.source, options))
+    check = FrameCheck()
+    found = check.watch(open_source(options.source, options))
     with options.connect() as client:
         ensure_dataset(client, options.dataset, options.reading, found.classes or ())
         send(client, options, found, report)
         if report.stored:
             _note_unmapped(client, options, found)
-    boxes.note(options.screen, found)
+    check.note(options.screen, found)
     report.print_summary(found.unmatched, options.dataset)
     if report.refused or found.unmatched:
         raise partly_done(report.succeeded)

@@ -19,6 +19,9 @@ if TYPE_CHECKING:
     from filter_core.formats.reading import FrameSet, FrameSource, Unmatched
     from unghost.client.outgoing import NotSent, OutgoingFrame
 
+_MISSPELT: Final = 0.85
+"""Likeness of a key to one with a meaning; other keys are kept on purpose."""
+
 _LISTED_CLASSES: Final = 20
 """Classes without tags that are named."""
 
@@ -262,12 +265,13 @@ def outgoing(frames: Iterable[FrameSource]) -> Iterator[OutgoingFrame | NotSent]
         yield OutgoingFrame(frame.key, frame.annotation or {}, there)
 
 
-class BoxCheck:
-    """Looks, while the frames of a folder are read, whether any has a box."""
+class FrameCheck:
+    """Looks, while the frames of a folder are read, for what is mostly a mistake."""
 
     def __init__(self) -> None:
         self._frames = 0
         self._any_box = False
+        self._keys: set[str] = set()
 
     def watch(self, found: FrameSet) -> FrameSet:
         """The same frames, looked at while they are read."""
@@ -275,14 +279,36 @@ class BoxCheck:
         def watched() -> Iterator[FrameSource]:
             for frame in found.frames():
                 if frame.problem is None:
+                    annotation = frame.annotation or {}
                     self._frames += 1
-                    self._any_box |= bool((frame.annotation or {}).get("boxes"))
+                    self._any_box |= bool(annotation.get("boxes"))
+                    self._keys.update(annotation)
                 yield frame
 
         return replace(found, frames=watched)
 
     def note(self, screen: Screen, found: FrameSet) -> None:
-        """Note that no frame has a box: mostly, the labels were not found."""
+        """Note what was seen: keys that were probably misspelt, and no box at all."""
+        self._note_keys(screen)
+        self._note_no_box(screen, found)
+
+    def _note_keys(self, screen: Screen) -> None:
+        from filter_core.annotation.parsing import KNOWN_FRAME_KEYS
+        from filter_core.formats.manifest import FRAME_FILES
+        from filter_core.values import similar
+
+        known = KNOWN_FRAME_KEYS.union(FRAME_FILES)
+        for key in sorted(self._keys - known):
+            if meant := similar(key, known, likeness=_MISSPELT):
+                screen.note(
+                    one_line(
+                        f"the key {key!r} of frames is kept, but has no meaning; "
+                        f"did you mean {meant!r}?"
+                    )
+                )
+
+    def _note_no_box(self, screen: Screen, found: FrameSet) -> None:
+        """Mostly, the labels were not found."""
         from filter_core.formats.pairs import PAIRS
         from filter_core.formats.registry import FORMATS
 

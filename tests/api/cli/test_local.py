@@ -355,6 +355,24 @@ def test_filter_names_no_option_that_a_manifest_does_not_have(bare_unghost, tmp_
     assert answer.err.endswith("are empty); --layout names another layout\n")
 
 
+def test_filter_names_misspelt_keys_and_no_others(bare_unghost, tmp_path):
+    folder = write_manifest(tmp_path / "street", 2)
+    manifest = folder / "manifest.jsonl"
+    lines = lines_of(manifest)
+    given = {"segmentaton": "seg.png", "scenario": 7, "map": "Town01"}
+    text = "".join(json.dumps({**line, **given}) + "\n" for line in lines)
+    manifest.write_text(text, "utf-8")
+
+    answer = bare_unghost("filter", "street", "-o", "out.jsonl")
+
+    assert answer.code == DONE
+    assert answer.err.count("has no meaning") == 1
+    assert (
+        "the key 'segmentaton' of frames is kept, but has no meaning; "
+        "did you mean 'segmentation'?\n"
+    ) in answer.err
+
+
 def test_filter_with_one_box_in_some_frame_does_not_speak_of_none(
     bare_unghost, tmp_path
 ):
