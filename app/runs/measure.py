@@ -47,7 +47,9 @@ _DAMAGED: Final = (
 )
 """Errors of a file itself, independent of the configuration."""
 COMMIT_EVERY_S: Final = 0.25
-"""Interval of commits: how much work a crash may cost, and how often progress moves."""
+"""Interval of commits, in seconds, and so of progress.
+
+A crash costs the frames measured since the last commit and those in progress."""
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,7 @@ from app.jobs.attempts import MOST_ATTEMPTS
 from app.jobs.events import INTERVAL_S
 from app.jobs.leases import LEASE_LASTS, RENEW_EVERY_S, WATCHDOG_EVERY_S
 from app.runs.measure import COMMIT_EVERY_S
+from app.settings import Settings
 from tests.support.documents import names_in_rows
 from tests.support.sources import (
     CHECKOUT,
@@ -206,6 +207,11 @@ def test_commands_that_import_the_service_match_the_import_contract():
         ("when its watchdog looks next, every two seconds", WATCHDOG_EVERY_S, 2),
         ("If it crashes three processes and stores no result", MOST_ATTEMPTS, 3),
         ("Evidence is stored four times a second", COMMIT_EVERY_S, 0.25),
+        (
+            "a POST and its response, for three days",
+            Settings.model_fields["idempotency_hours"].default,
+            72,
+        ),
         ("means reading its row, five times a second", INTERVAL_S, 0.2),
         (
             "up to 32 of them, or those of 100 ms",
