@@ -28,6 +28,9 @@ T = TypeVar("T")
 DEFAULT_TIMEOUT: Final = httpx.Timeout(60.0, connect=5.0)
 """Long, because an upload is answered when its frame is decided, and may be queued."""
 
+NO_ANSWER: Final = "no answer from"
+"""The beginning of the message of an error that names the server."""
+
 _PLAIN: Final = "identity"
 _NOTHING_DONE: Final = frozenset({429, 503})
 """Statuses of a server that is too busy to have done anything."""
@@ -157,7 +160,7 @@ class Transport:
 
         It is not retried: the caller, which reads the body, decides that.
         """
-        response = self._http.send(self._request(call), stream=True)
+        response = self._head(self._request(call))
         try:
             refuse_encoded(response)
             if not response.is_success:
@@ -212,11 +215,21 @@ class Transport:
                     raise
 
     def _whole(self, call: Call[T], key: str) -> httpx.Response:
-        response = self._http.send(self._request(call, key), stream=True)
+        response = self._head(self._request(call, key))
         try:
             return whole(response, response.iter_raw(), call.max_bytes)
         finally:
             response.close()
+
+    def _head(self, request: httpx.Request) -> httpx.Response:
+        """Send a request; its response, whose body has not been read."""
+        try:
+            return self._http.send(request, stream=True)
+        except httpx.TransportError as error:
+            # Of the same type, since callers distinguish them; httpx names no address.
+            why = str(error) or type(error).__name__
+            error.args = (f"{NO_ANSWER} {self._server.url}: {why}",)
+            raise
 
     def _request(self, call: Call[T], key: str | None = None) -> httpx.Request:
         headers = dict(call.headers)

@@ -126,11 +126,26 @@ def test_retry_waits_for_the_retry_after_header(scripted):
 
 
 def test_unreachable_server_raises_httpx_connect_error(closed_port):
+    url = f"http://127.0.0.1:{closed_port}"
     with (
-        Client(f"http://127.0.0.1:{closed_port}", retry=QUICK_RETRIES) as client,
-        pytest.raises(httpx.ConnectError),
+        Client(url, retry=QUICK_RETRIES) as client,
+        pytest.raises(httpx.ConnectError) as caught,
     ):
         client.version()
+
+    assert str(caught.value).startswith(f"no answer from {url}: [Errno ")
+    assert caught.value.request.url == f"{url}/version"
+
+
+def test_unreachable_server_is_named_once_where_an_answer_is_streamed(closed_port):
+    url = f"http://127.0.0.1:{closed_port}"
+    with (
+        Client(url, retry=QUICK_RETRIES) as client,
+        pytest.raises(httpx.ConnectError) as caught,
+    ):
+        next(client.events(1))
+
+    assert str(caught.value).count("no answer from") == 1
 
 
 def test_readiness_check_is_not_retried(scripted, client):
