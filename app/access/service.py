@@ -42,6 +42,12 @@ that logging in always works."""
 MOST_NAMED: Final = 3
 """How many names of people an error lists; the others are counted."""
 _NO_ENTRY: Final = "a valid token or session is required"
+_UNKNOWN_TOKEN: Final = (
+    "the token that was sent is not accepted: this server does not know it"
+)
+_UNKNOWN_SESSION: Final = (
+    "the session that was sent is not accepted: it has ended, or is another server's"
+)
 
 
 def by_secret(session: Session, secret: str) -> Principal:
@@ -60,17 +66,19 @@ def by_token(session: Session, token: str) -> Principal:
         It is unknown, revoked or expired. The error tells the last two apart: only
         somebody who has the token can see them.
     """
+    if not token:
+        raise Unauthorised(_NO_ENTRY)
     digest, now = hash_secret(token), utc_now()
     tokens = Tokens(session)
     if token.startswith(SESSION_PREFIX):
         # It would open another session, which its own end would not end.
-        raise _refused(None, now)
+        raise _refused(None, now, _UNKNOWN_TOKEN)
     row = tokens.valid_by_hash(digest, now)
     # The former first token, which was renewed, is stored as a session.
     former = tokens.valid_by_session(digest, now) if row is None else None
     found = row or former
     if found is None or not same_hash(found.hash, digest):
-        raise _refused(tokens.by_hash(digest), now)
+        raise _refused(tokens.by_hash(digest), now, _UNKNOWN_TOKEN)
     former_hash = None if former is None else digest
     return Principal(found.id, found.name, found.role, former_hash=former_hash)
 
@@ -81,7 +89,8 @@ def by_session(session: Session, secret: str) -> Principal:
     tokens = Tokens(session)
     row = tokens.valid_by_session(digest, now)
     if row is None or not same_hash(row.hash, digest):
-        raise _refused(tokens.by_session_hash(digest), now, "session_expired")
+        token = tokens.by_session_hash(digest)
+        raise _refused(token, now, _UNKNOWN_SESSION, "session_expired")
     return Principal(row.id, row.name, row.role, session_hash=digest)
 
 
@@ -99,8 +108,10 @@ def require_valid(connection: Connection, principal: Principal) -> None:
     now, token_id = utc_now(), principal.token_id
     session_hash = principal.session_hash or principal.former_hash
     if not is_valid(connection, token_id, session_hash, now):
-        otherwise = "session_expired" if principal.session_hash else ""
-        raise _refused(end_of(connection, token_id), now, otherwise)
+        end = end_of(connection, token_id)
+        if principal.session_hash:
+            raise _refused(end, now, _UNKNOWN_SESSION, "session_expired")
+        raise _refused(end, now, _UNKNOWN_TOKEN)
 
 
 def log_in(audit: AuditTrail, by: str, lifetime: timedelta) -> str:
@@ -291,11 +302,17 @@ def check_link(session: Session, key: str, export_id: int) -> None:
 
 
 def _refused(
-    token: Token | TokenEnd | None, now: datetime, otherwise: str = ""
+    token: Token | TokenEnd | None,
+    now: datetime,
+    unknown: str = _NO_ENTRY,
+    otherwise: str = "",
 ) -> Unauthorised:
-    """The error for a token, or its session, that is not valid."""
+    """The error for a token, or its session, that is not valid.
+
+    `unknown` is its text, and `otherwise` its code, if the token has not ended itself.
+    """
     if token is None:
-        return Unauthorised(_NO_ENTRY)
+        return Unauthorised(unknown)
     if token.revoked_at is not None:
         return Unauthorised(
             "this token was revoked; ask an admin for a new one",
@@ -307,7 +324,7 @@ def _refused(
             "ask an admin for another one",
             code="token_expired",
         )
-    return Unauthorised(_NO_ENTRY, code=otherwise)
+    return Unauthorised(unknown, code=otherwise)
 
 
 def _is_valid(token: Token, now: datetime) -> bool:

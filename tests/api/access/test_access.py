@@ -16,6 +16,7 @@ OPEN = {
     ("get", "/open/hello"),
     ("get", "/open/wait"),
 }
+WRONG_TOKEN = "the token that was sent is not accepted: this server does not know it"
 METHODS = ("get", "post", "put", "patch", "delete")
 
 
@@ -59,6 +60,35 @@ def test_invalid_authorization_header_returns_401_unauthorised(anonymous, header
 
     assert (answer.status_code, answer.json()["code"]) == (401, "unauthorised")
     assert answer.headers["www-authenticate"].startswith("Bearer")
+
+
+@pytest.mark.parametrize(
+    ("header", "detail"),
+    [
+        ("Bearer ug_x", WRONG_TOKEN),
+        (
+            "Bearer us_x",
+            "the session that was sent is not accepted: it has ended, or is another "
+            "server's",
+        ),
+        ("Bearer", "a valid token or session is required"),
+        ("Basic dWc6", "a valid token or session is required"),
+        (None, "a token is required: Authorization: Bearer ug_..."),
+    ],
+)
+def test_error_says_whether_a_wrong_token_or_none_was_sent(anonymous, header, detail):
+    headers = {} if header is None else {"Authorization": header}
+
+    answer = anonymous.get("/version", headers=headers)
+
+    assert (answer.status_code, answer.json()["detail"]) == (401, detail)
+
+
+def test_wrong_token_at_login_is_not_called_missing(anonymous):
+    answer = anonymous.post("/api/v1/session", json={"token": "ug_x"})
+
+    assert answer.status_code == 401
+    assert answer.json()["detail"] == WRONG_TOKEN
 
 
 def test_token_file_is_private_and_token_is_not_in_the_database(service):
