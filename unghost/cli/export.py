@@ -121,7 +121,8 @@ def export(options: ExportOptions) -> None:
     screen = options.screen
     with options.connect() as client:
         before = client.dataset(options.dataset)
-        with naming_options(_OPTION_OF_FIELD):
+        given = {f"--option {name}": value for name, value in options.given.items()}
+        with naming_options(_OPTION_OF_FIELD, given):
             started = client.start_export(
                 options.dataset, options.format, **options.given
             )

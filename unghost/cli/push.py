@@ -111,7 +111,7 @@ def ensure_dataset(
         dataset = client.dataset(name)
     except NotFound:
         try:
-            with naming_options(_OPTION_OF_FIELD):
+            with naming_options(_OPTION_OF_FIELD, {"--dataset": name}):
                 return client.create_dataset(
                     name, classes=list(classes) or None, **options
                 )

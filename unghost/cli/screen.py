@@ -37,6 +37,8 @@ EXIT_CODES: Final = {
 }
 """What each exit code means."""
 
+_SHOWN: Final = 60
+"""Characters of a wrong value that are quoted."""
 _LINE_EVERY_S: Final = 5.0
 _CONTROL_OR_BREAK: Final = re.compile(r"[\x00-\x1f\x7f-\x9f\u2028\u2029\ud800-\udfff]")
 _CONTROL: Final = re.compile(rf"(?![\t\n]){_CONTROL_OR_BREAK.pattern}")
@@ -62,13 +64,18 @@ def refused_on(*errors: type[Exception]) -> Iterator[None]:
 
 
 @contextmanager
-def naming_options(option_of_field: Mapping[str, str]) -> Iterator[None]:
+def naming_options(
+    option_of_field: Mapping[str, str], given: Mapping[str, object]
+) -> Iterator[None]:
     """Name the command's options in a refusal, where the server names fields.
 
     Parameters
     ----------
     option_of_field : mapping of str to str
         The beginning of a field's JSON pointer, and what replaces it.
+    given : mapping of str to object
+        The values by option. The server quotes no text, which may be a secret in some
+        requests; here it is what the user has just typed.
 
     Raises
     ------
@@ -88,10 +95,19 @@ def naming_options(option_of_field: Mapping[str, str]) -> Iterator[None]:
                 option + line.removeprefix(field) if line.startswith(field) else line
                 for line in lines
             ]
+        lines = [_with_found(line, given) for line in lines]
         text = "\n  ".join(lines)
         if all(line.startswith("--") for line in lines):
             raise typer.BadParameter(text) from error
         raise Refused(text) from error
+
+
+def _with_found(line: str, given: Mapping[str, object]) -> str:
+    """A fault of an option with its value, if the fault does not say it."""
+    option, colon, why = line.partition(": ")
+    if not colon or option not in given or "found" in why:
+        return line
+    return f"{line}, found {str(given[option])[:_SHOWN]!r}"
 
 
 def partly_done(done: int) -> typer.Exit:

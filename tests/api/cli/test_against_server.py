@@ -392,6 +392,10 @@ def test_labels_are_exported_to_a_file(unghost, unchanged_dataset, tmp_path):
     [
         ("split=often", "--option split: expected a number"),
         ("split=2", "--option split: expected at most 1"),
+        (
+            "include=keptt",
+            "--option include: expected 'effective', 'kept' or 'all', found 'keptt'",
+        ),
     ],
 )
 def test_export_option_refused_by_the_server_is_named(
@@ -414,6 +418,7 @@ def test_refused_name_of_a_dataset_names_the_option(unghost, tmp_path):
 
     assert answer.code == USAGE
     assert "--dataset: expected 1 to 100 of a-z" in answer.err
+    assert answer.err.rstrip().endswith(", found 'Town 10'")
 
 
 def test_refused_classes_of_a_folder_are_no_wrong_usage(unghost, name, tmp_path):
