@@ -97,12 +97,12 @@ def push(options: PushOptions) -> None:
 def ensure_dataset(
     client: Client, name: str, options: Mapping[str, str], classes: Sequence[str]
 ) -> Dataset:
-    """The dataset, created if it does not exist.
+    """The dataset, created if it does not exist; one without frames gets the options.
 
     Raises
     ------
     Refused
-        It is there, with other options than those given; or it cannot have this name
+        It has frames, and other options than those given; or it cannot have this name
         or these classes.
     """
     from unghost.client.errors import Conflict, NotFound
@@ -117,14 +117,30 @@ def ensure_dataset(
                 )
         except Conflict:  # another push made it just now
             dataset = client.dataset(name)
-    for option, value in options.items():
-        there = getattr(dataset, option)
-        if there != value:
-            raise Refused(
-                f"dataset {name!r} has {option} {there!r}, not {value!r}; change it in "
-                "the dataset's settings, which measures every frame again"
-            )
+    others = {
+        option: value
+        for option, value in options.items()
+        if getattr(dataset, option) != value
+    }
+    if others and dataset.counts.frames == 0:
+        return _changed(client, name, others)
+    for option, value in others.items():
+        raise Refused(
+            f"dataset {name!r} has {option} {getattr(dataset, option)!r}, not "
+            f"{value!r}; change it in the dataset's settings, which measures every "
+            "frame again"
+        )
     return dataset
+
+
+def _changed(client: Client, name: str, options: Mapping[str, str]) -> Dataset:
+    """The dataset with other options, which it has once the run that they need ends."""
+    from unghost.wire.runs import Run
+
+    changed = client.change_dataset(name, **options)
+    if isinstance(changed, Run):
+        client.wait(changed)
+    return client.dataset(name)
 
 
 def send(

@@ -14,6 +14,7 @@ from tests.support import frames
 from tests.support.command_line import CommandLine
 from tests.support.folders import write_files
 from tests.support.frames import write_jpeg_segmentation, write_manifest
+from tests.support.pictures import jpeg, painted
 from tests.support.ports import reserved_port
 from tests.support.servers import RunningServer
 from unghost import Client
@@ -248,6 +249,25 @@ def test_push_refuses_a_palette_other_than_that_of_the_dataset(
 
     assert answer.code == REFUSED
     assert "'auto', not 'carla-0.9.0'" in answer.err
+
+
+def test_push_changes_the_settings_of_a_dataset_without_frames(
+    unghost, server, name, tmp_path
+):
+    folder = frames_in(tmp_path, 2)
+    for file in (folder / "seg").iterdir():
+        file.write_bytes(jpeg(painted(frames.tags(), frames.FAMILY)))
+    command = ("push", folder, "--dataset", name)
+
+    refused = unghost(*command)
+    stored = unghost(*command, "--lossy-segmentation", "nearest")
+    other = unghost(*command, "--lossy-segmentation", "refuse")
+
+    assert refused.code == REFUSED
+    assert "expected a PNG" in refused.err
+    assert (stored.code, stored.out[:8]) == (DONE, "2 stored")
+    assert other.code == REFUSED
+    assert "has lossy_segmentation 'nearest', not 'refuse'" in other.err
 
 
 def test_interrupted_push_resumes_when_repeated(unghost, name, tmp_path):
