@@ -53,7 +53,7 @@ function SaveState({ app }) {
   const { phase, count } = useValue(app.sender.state);
   const { icon, text } = PHASES[phase];
   const isWaiting = phase !== "saved" && phase !== "saving";
-  const words = isWaiting ? `${countOf(count, "answer")} ${text}` : text;
+  const words = isWaiting ? `${countOf(count, "answer")} waiting: ${text}` : text;
   return html`<div class="savestate savestate--${phase}" role="status" title=${words}>
     <${Icon} name=${icon} /><span class="savestate__text">${words}</span>
     ${isWaiting && html`<button class="button button--small" onClick=${app.resume}>Retry</button>`}

@@ -98,7 +98,7 @@ def test_unsent_answer_is_never_sent_as_another_person(open_window, server, bo, 
     expect(page.locator(".who__name")).to_have_text("admin")
     ada.open(scene.link("ghost"))
     ada.press("a")
-    expect(page.locator(".savestate")).to_contain_text("1 answer offline")
+    expect(page.locator(".savestate")).to_contain_text("1 answer waiting: offline")
 
     page.goto(server.login_link_of(token))
     page.get_by_role("button", name=f"Sign in as {name}").click()

@@ -152,7 +152,9 @@ def test_offline_undo_is_shown_at_once_and_sent_when_online(many, user, page):
     user.press("z")
 
     expect(page.locator(".sign--reject")).to_have_count(0)
-    expect(page.locator(".savestate")).to_contain_text("3 answers offline, kept here")
+    expect(page.locator(".savestate")).to_contain_text(
+        "3 answers waiting: offline, kept here"
+    )
     expect(strip(page)).to_contain_text("Not sent yet: undo the answers on 3 boxes.")
     page.context.set_offline(False)
     expect(toast(page)).to_contain_text("3 answers undone")
@@ -457,7 +459,9 @@ def test_offline_bulk_answer_is_marked_unsent_and_sent_when_online(many, user, p
 
     expect(strip(page)).to_contain_text("Not sent yet: reject 3 boxes.")
     expect(page.locator(".sign.is-waiting")).to_have_count(3)
-    expect(page.locator(".savestate")).to_contain_text("3 answers offline, kept here")
+    expect(page.locator(".savestate")).to_contain_text(
+        "3 answers waiting: offline, kept here"
+    )
     assert answers(many) == {}
     page.context.set_offline(False)
     expect(toast(page)).to_contain_text("3 boxes rejected")

@@ -50,7 +50,7 @@ def test_boxes_with_unsent_answers_are_not_queued_after_a_reload(twenty_boxes, u
     open_queue(user, twenty_boxes)
     first = queued_box_id(page)
     user.press("x")
-    expect(page.locator(".savestate")).to_contain_text("1 answer offline")
+    expect(page.locator(".savestate")).to_contain_text("1 answer waiting: offline")
 
     page.reload()
     expect(page.locator(".stage")).to_have_attribute("data-picture", "shown")

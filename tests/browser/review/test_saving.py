@@ -32,7 +32,7 @@ def test_offline_answers_are_sent_when_online_again(scene: Scene, user: Visitor)
     user.press("a", "j", "x", "j", "x", "z")
 
     # The third one is undone before it was sent.
-    expect(save_state(page)).to_contain_text("2 answers offline, kept here")
+    expect(save_state(page)).to_contain_text("2 answers waiting: offline, kept here")
     expect(page.locator(".sign.is-waiting").first).to_be_visible()
     assert [scene.revision(name) for name in ("ghost", "walker", "away")] == [0, 0, 0]
     page.context.set_offline(False)
@@ -40,6 +40,24 @@ def test_offline_answers_are_sent_when_online_again(scene: Scene, user: Visitor)
     assert scene.review("ghost")["verdict"] == "keep"
     assert scene.review("walker")["verdict"] == "reject"
     assert scene.revision("away") == 0
+
+
+def test_top_bar_counts_the_answers_that_a_busy_server_has_not_taken(
+    scene: Scene, user: Visitor
+):
+    page = user.open(scene.link("ghost"))
+    problem = {"code": "busy", "detail": "too many requests"}
+    page.route("**/reviews", lambda route: route.fulfill(status=503, json=problem))
+
+    user.press("a")
+
+    expect(save_state(page)).to_contain_text(
+        "1 answer waiting: server busy, trying again"
+    )
+    page.unroute("**/reviews")
+    page.get_by_role("button", name="Retry").click()
+    user.wait_until_saved()
+    assert scene.review("ghost")["verdict"] == "keep"
 
 
 OFFLINE_UNTIL_RETRY = """(() => {
@@ -66,7 +84,7 @@ def test_offline_answers_survive_a_reload_and_are_sent_by_retry(
     user.press("a", "j", "x", "j", "x", "z")
 
     # The third one is undone before it was sent.
-    expect(save_state(page)).to_contain_text("2 answers offline, kept here")
+    expect(save_state(page)).to_contain_text("2 answers waiting: offline, kept here")
     expect(page.locator(".sign.is-waiting").first).to_be_visible()
     page.reload()
     user.wait_until_drawn()
