@@ -120,8 +120,8 @@ def export(options: ExportOptions) -> None:
     """
     screen = options.screen
     with options.connect() as client:
-        before = client.dataset(options.dataset)
         given = {f"--option {name}": value for name, value in options.given.items()}
+        before = client.dataset(options.dataset)
         with naming_options(_OPTION_OF_FIELD, given):
             started = client.start_export(
                 options.dataset, options.format, **options.given

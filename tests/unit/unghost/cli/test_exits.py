@@ -7,7 +7,8 @@ import pytest
 from typer.testing import CliRunner
 
 from filter_core.errors import LayoutError
-from tests.support.scripted_server import problem
+from tests.support.scripted_server import json_reply, problem
+from unghost import wire
 from unghost.capture.simulator import ScenarioError, SimulatorAway
 from unghost.cli.program import app, error_lines, exit_code
 from unghost.cli.screen import EXIT_CODES, Refused
@@ -15,6 +16,23 @@ from unghost.client import errors
 from unghost.client.discovery import BadServerUrl, ForeignServer
 
 REQUEST = httpx.Request("GET", "http://127.0.0.1:8000/api/v1/datasets?limit=1")
+TOWN = {
+    "name": "town",
+    "description": "",
+    "classes": ["car"],
+    "classes_frozen": True,
+    "palette": "auto",
+    "encoding": "auto",
+    "channel_order": "auto",
+    "lossy_segmentation": "refuse",
+    "has_ignore_mask": False,
+    "created_at": "2026-01-01T00:00:00Z",
+    "config": "x",
+    "active_run": 1,
+    "thumbnail_frame_id": None,
+    "counts": dict.fromkeys(wire.DatasetCounts.model_fields, 0),
+}
+"""A dataset, as the server describes it."""
 PROBLEM = {
     "code": "bad_annotation",
     "detail": "two faults",
@@ -119,7 +137,8 @@ def test_control_characters_of_a_server_do_not_look_like_another_line():
 
 def test_control_characters_about_a_wrong_option_are_escaped(scripted, tmp_path):
     fault = {"pointer": "/options/split", "code": "x", "detail": "no \x1b[2J"}
-    scripted.answer(problem(422, "bad_options", errors=[fault]))
+    refused = problem(422, "bad_options", errors=[fault])
+    scripted.answer(json_reply(TOWN), refused)
 
     answer = CliRunner().invoke(
         app,
