@@ -43,6 +43,8 @@ def test_batch_response_has_a_line_per_frame_in_order_and_counts(api):
         "status": 201,
         "frame_id": first["frame_id"],
         "decisions": decisions,
+        "answers_set_aside": 0,
+        "boxes_set_aside": [],
     }
     assert api.json(f"/frames/{second['frame_id']}")["key"] == "run/b"
     assert end == {"end": True, "frames": 2, "stored": 2, "same": 0, "refused": 0}
