@@ -196,9 +196,11 @@ def _parse(content: bytes, name: str) -> _Tree:
         root = parser.close()
     except ParseError as exc:
         line, column = exc.position
+        # The text ends in the place, too, with columns counted from 0.
+        problem = str(exc).removesuffix(f": line {line}, column {column}")
         raise LayoutError(
             f"{name}, line {line}, column {column + 1}: cannot be read as XML: "
-            f"{exc.msg}"
+            f"{problem}"
         ) from exc
     except DefusedXmlException as exc:
         raise LayoutError(f"{name}: XML with a DTD or entities is refused") from exc

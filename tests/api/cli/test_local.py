@@ -215,7 +215,8 @@ def test_filter_names_the_option_for_labels_without_a_class(bare_unghost, tmp_pa
 
 def segmentation_folder(folder: Path) -> Path:
     """A folder with the segmentation of an image a.png of 80 x 60 pixels."""
-    return write_files(folder, {"a.png": png(painted(street_tags(), FAMILY))})
+    write_files(folder, {"a.png": png(painted(street_tags(), FAMILY))})
+    return folder
 
 
 @pytest.mark.parametrize("part", ["image", "segmentation", "depth"])
