@@ -208,7 +208,7 @@ def test_commands_that_import_the_service_match_the_import_contract():
         ("If it crashes three processes and stores no result", MOST_ATTEMPTS, 3),
         ("Evidence is stored four times a second", COMMIT_EVERY_S, 0.25),
         (
-            "a POST and its response, for three days",
+            "a POST and its response, for 72 hours (`UNGHOST_IDEMPOTENCY_HOURS`)",
             Settings.model_fields["idempotency_hours"].default,
             72,
         ),
