@@ -47,9 +47,10 @@ _DAMAGED: Final = (
 )
 """Errors of a file itself, independent of the configuration."""
 COMMIT_EVERY_S: Final = 0.25
-"""Interval of commits, in seconds, and so of progress.
+"""Interval of commits, and so of progress.
 
-A crash costs the frames measured since the last commit and those in progress."""
+A crash costs the frames that are being measured and those since the last commit.
+"""
 
 
 @dataclass(frozen=True)
