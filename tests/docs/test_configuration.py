@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import yaml
 
 from app.settings import Settings
@@ -35,6 +37,15 @@ def test_every_setting_has_a_description():
 
     assert silent == []
     assert len(list(settings_table())) == len(Settings.model_fields) + 2
+
+
+def test_limits_of_batches_in_their_document_are_all_that_refuse_open_batches():
+    limits = read("docs/batches.md").partition("\n## Limits\n")[2]
+    named = set(re.findall(r"`UNGHOST_(\w+)`", limits))
+
+    opened = {name for name in Settings.model_fields if "open_batches" in name}
+    assert {name.lower() for name in named} >= opened
+    assert {name.lower() for name in named} <= set(Settings.model_fields)
 
 
 def test_generated_parts_of_the_documents_are_up_to_date():
