@@ -41,7 +41,7 @@ PAIRS: Final = Format(
         "each frame's [annotation](api.md#a-frames-annotation) as `NAME.json`, where "
         "there is one"
     ),
-    recognised_by="images, where there is nothing else",
+    recognised_by="images, in a folder of no other layout",
 )
 
 

@@ -49,9 +49,9 @@ class FormatOptions:
             "-O",
             metavar="KEY=VALUE",
             help="An option of the format, such as include=all, split=0.9 or "
-            "bands=50,100. split is about the share of the frames for training: a hash "
-            "of its key decides the part of a frame, so that it keeps its part when "
-            "others are added.",
+            "bands=50,100. split says about which share of the frames is "
+            "for training. A hash of a frame's key decides whether the frame is, which "
+            "does not change when others are added.",
         ),
     ] = None
 

@@ -102,7 +102,8 @@ class SegmentationReading:
     palette: Annotated[
         Palette | None,
         typer.Option(
-            help="Table of tags of the segmentations, by the version of CARLA."
+            help="Table of tags of the segmentations, named after the first version of "
+            "CARLA that has it: carla-0.9.14 is also that of 0.9.15, 0.9.16 and 0.10."
         ),
     ] = None
     encoding: Annotated[
