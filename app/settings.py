@@ -157,7 +157,7 @@ class Settings(BaseSettings):
         default=72,
         ge=1,
         le=8784,
-        description="Hours for which the answer to an Idempotency-Key is kept.",
+        description="Hours for which the response to an Idempotency-Key is kept.",
     )
 
     max_connections: int | None = Field(

@@ -480,10 +480,10 @@ class Api:
         expires_at: datetime | None = None,
         expires_in_days: int | None = 90,
     ) -> Call[wire.NewToken]:
-        """Create a token; its secret is in this answer and nowhere else. For admins.
+        """Create a token; its secret is in this response and nowhere else. For admins.
 
         It expires at `expires_at`, else after so many days; None for never. If the
-        answer is lost, this is not retried: the token may exist, but without its
+        response is lost, this is not retried: the token may exist, but without its
         secret.
         """
         body: dict[str, object] = {"name": name, "role": role}

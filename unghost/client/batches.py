@@ -1,4 +1,4 @@
-"""Sends a batch of frames in one request; frames without an answer are sent again."""
+"""Sends a batch of frames in one request; frames without a result are sent again."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class BatchSender:
         self._connection = Duplex(endpoint)
 
     def close(self) -> None:
-        """Cut the connection for good; frames without an answer were not sent."""
+        """Cut the connection for good; frames without a result were not sent."""
         self._connection.abort()
 
     def send(self, frames: Sequence[PackedFrame], report: Report) -> None:
@@ -55,45 +55,45 @@ class BatchSender:
         ApiError
             An error that concerns all frames: no access, no such dataset, a full disk.
         httpx.TransportError
-            The server does not answer even after the retries. The count of retries
+            The server does not respond even after the retries. The count of retries
             starts again after each outcome.
         """
-        unanswered = deque(frames)
+        unreported = deque(frames)
         attempts = Attempts(self._retry, PATIENCE)
-        while unanswered:
-            before = len(unanswered)
+        while unreported:
+            before = len(unreported)
             try:
-                self._send_once(unanswered, report)
-                if len(unanswered) == before:
+                self._send_once(unreported, report)
+                if len(unreported) == before:
                     raise self._unexpected("has no line for any frame")
             except (Unavailable, httpx.TransportError) as error:
-                moved_on = len(unanswered) < before
+                moved_on = len(unreported) < before
                 wait_s = attempts.failed(error, moved_on=moved_on)
                 if not self._pause(wait_s):
                     raise
 
-    def _send_once(self, unanswered: deque[PackedFrame], report: Report) -> None:
-        """Send one request; frames with an outcome are removed from `unanswered`."""
-        lines = self._lines(tuple(unanswered))
+    def _send_once(self, unreported: deque[PackedFrame], report: Report) -> None:
+        """Send one request; frames with an outcome are removed from `unreported`."""
+        lines = self._lines(tuple(unreported))
         ended = False
         try:
             for line in lines:
-                answer = self._object(line)
-                if answer.get("end") is True:
+                result = self._object(line)
+                if result.get("end") is True:
                     ended = True
-                    _raise_problem(answer)
-                elif unanswered and _is_about(unanswered[0], answer):
-                    frame = unanswered.popleft().frame
-                    report(self._outcome(frame.key, answer))
+                    _raise_problem(result)
+                elif unreported and _is_about(unreported[0], result):
+                    frame = unreported.popleft().frame
+                    report(self._outcome(frame.key, result))
             if not ended:
-                raise self._cut("the answer has no last line")
+                raise self._cut("the response has no last line")
         except _FrameChanged as changed:
-            unanswered.remove(changed.packed)
+            unreported.remove(changed.packed)
             key = changed.packed.frame.key
             report(NotSent(key, ValueError(str(changed))))
         except h11.RemoteProtocolError as error:
             raise self._cut(
-                "the connection was closed before the answer was complete"
+                "the connection was closed before the response was complete"
             ) from error
         except OSError as error:
             raise self._cut(error.strerror or str(error)) from error
@@ -101,7 +101,7 @@ class BatchSender:
             lines.close()
 
     def _lines(self, frames: tuple[PackedFrame, ...]) -> Generator[bytes, None, None]:
-        """Lines of the answer, while the frames are being sent and after it."""
+        """Lines of the response, while the frames are being sent and after it."""
         connection, sent = self._connection, False
         size = sum(packed.size for packed in frames) + len(END_OF_ARCHIVE)
         try:
@@ -129,16 +129,16 @@ class BatchSender:
 
     def _object(self, line: bytes) -> Json:
         try:
-            answer = json.loads(line)
+            result = json.loads(line)
         except ValueError:
-            answer = None
-        if isinstance(answer, dict):
-            return answer
+            result = None
+        if isinstance(result, dict):
+            return result
         raise self._unexpected("has a line that is not a JSON object")
 
-    def _outcome(self, key: str, answer: Json) -> Outcome:
+    def _outcome(self, key: str, result: Json) -> Outcome:
         try:
-            return _outcome(key, answer)
+            return _outcome(key, result)
         except (ValueError, AttributeError) as error:
             why = f"has a line that cannot be read: {error}"
             raise self._unexpected(why) from error
@@ -161,16 +161,16 @@ class _FrameChanged(Exception):
         self.packed = packed
 
 
-def _is_about(packed: PackedFrame, answer: Json) -> bool:
+def _is_about(packed: PackedFrame, result: Json) -> bool:
     # By its name in the archive, if the server could not read its key.
-    return answer.get("key") in (packed.frame.key, packed.name)
+    return result.get("key") in (packed.frame.key, packed.name)
 
 
-def _outcome(key: str, answer: Json) -> Outcome:
-    problem = answer.get("problem")
+def _outcome(key: str, result: Json) -> Outcome:
+    problem = result.get("problem")
     if problem is not None:
         return NotSent(key, error_of_problem(problem))
-    line = wire.BatchLine.read(answer)
+    line = wire.BatchLine.read(result)
     if line.frame_id is None or line.decisions is None:
         raise ValueError("a stored frame lacks its id or its decisions")
     return Sent(
@@ -183,7 +183,7 @@ def _outcome(key: str, answer: Json) -> Outcome:
     )
 
 
-def _raise_problem(answer: Json) -> None:
-    problem = answer.get("problem")
+def _raise_problem(result: Json) -> None:
+    problem = result.get("problem")
     if problem is not None:
         raise error_of_problem(problem)

@@ -51,7 +51,7 @@ a run: the server may be restarted in between."""
 
 
 MAX_JSON_BYTES: Final = 64 * 1024**2
-"""Longer answers are refused: ten thousand boxes, explained, take half of it."""
+"""Longer responses are refused: ten thousand boxes, explained, take half of it."""
 
 MAX_FILE_BYTES: Final = 1024**3
 """The same for a stored file of a frame, which is read into memory."""
@@ -78,10 +78,10 @@ class Call(Generic[T]):
     read
         Makes the result from a response with a success status.
     retried
-        Whether to try again if the server does not answer or is busy.
+        Whether to try again if the server does not respond or is busy.
     repeatable
-        Whether it can be sent again after its answer was lost, although the server may
-        have executed it.
+        Whether it can be sent again after its response was lost, although the server
+        may have executed it.
     max_bytes
         A longer response is refused, unless it is streamed.
     patience

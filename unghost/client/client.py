@@ -86,7 +86,7 @@ class Client(Api, JobMethods):
         Frames are sent in batches, and their files are streamed from the disk. Frames
         that the server already has are not sent. A frame that the server refuses gives
         an outcome (`NotSent`), not an exception. If a connection breaks, it is opened
-        again, and the frames without an answer are sent again. Closing the iterator
+        again, and the frames without a result are sent again. Closing the iterator
         early stops the upload.
 
             frames = (OutgoingFrame(p.stem, boxes_of(p), {"image": p}) for p in paths)

@@ -26,7 +26,7 @@ _CONTINUE_S: Final = 5.0
 _CHUNK_BYTES: Final = 1 << 18
 
 MAX_LINE_BYTES: Final = 16 * 1024**2
-"""Of the answer to one frame."""
+"""Maximum size of the line of a response that is about one frame."""
 
 _NOTHING_THERE: Final = (BlockingIOError, ssl.SSLWantReadError)
 

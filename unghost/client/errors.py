@@ -103,7 +103,7 @@ class Invalid(ApiError):
 
 
 class Unavailable(ApiError):
-    """408, 429, 502, 503 or 504: the server cannot answer now."""
+    """408, 429, 502, 503 or 504: the server cannot respond now."""
 
 
 class ServerFault(ApiError):

@@ -26,7 +26,7 @@ from unghost.client.errors import NotFound, Unavailable, error_of, unexpected
 T = TypeVar("T")
 
 DEFAULT_TIMEOUT: Final = httpx.Timeout(60.0, connect=5.0)
-"""Long, because an upload is answered when its frame is decided, and may be queued."""
+"""Long: the response to an upload comes when its frame, perhaps queued, is decided."""
 
 NO_ANSWER: Final = "no answer from"
 """The beginning of the message of an error that names the server."""
@@ -152,7 +152,7 @@ class Transport:
         httpx.TransportError
             There is no response.
         """
-        return call.read(self._answer(call))
+        return call.read(self._response(call))
 
     @contextmanager
     def stream(self, call: Call[T]) -> Iterator[T]:
@@ -192,7 +192,7 @@ class Transport:
             (url.scheme in named or "all" in named) and not proxy_bypass(url.host)
         )
 
-    def _answer(self, call: Call[T]) -> httpx.Response:
+    def _response(self, call: Call[T]) -> httpx.Response:
         attempts = Attempts(self.retry, call.patience)
         # The same for each attempt, so that the server executes a POST only once.
         key = uuid.uuid4().hex
@@ -204,7 +204,7 @@ class Transport:
                 return _success(response)
             except NotFound:
                 if response is not None and call.method == "DELETE" and may_be_done:
-                    return response  # deleted by an attempt whose answer was lost
+                    return response  # deleted by an attempt whose response was lost
                 raise
             except (Unavailable, httpx.TransportError) as error:
                 may_be_done = may_be_done or not _was_refused(error)

@@ -139,7 +139,7 @@ Counts: TypeAlias = VerdictCounts
 """What all counts have in common, under the name by which `unghost` offers it."""
 
 
-# Bases are written from right to left: that is the order of the keys in an answer.
+# Bases are written from right to left: that is the order of the keys in a response.
 class FrameCounts(VerdictCounts, _OfBoxes):
     """Boxes of a frame: by the filter's verdict, and by what people said.
 

@@ -123,12 +123,12 @@ class StoredFrame(ResponseModel):
 
     @property
     def created(self) -> bool:
-        """False if the same was stored already: an answer of 200 and not 201."""
+        """False if the same was stored already: a response of 200 and not 201."""
         return self._created
 
     @classmethod
     def answered(cls, raw: Json, *, created: bool) -> StoredFrame:
-        """Read an answer whose status says whether the frame is new."""
+        """Read a response whose status says whether the frame is new."""
         made = cls.read(raw)
         made._created = created
         return made

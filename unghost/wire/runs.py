@@ -114,7 +114,7 @@ class _OfAll(ResponseModel):
     total: int = Field(description="Boxes whose verdicts differ.")
 
 
-# Bases are written from right to left: that is the order of the keys in an answer.
+# Bases are written from right to left: that is the order of the keys in a response.
 class Flips(FlipCounts, _OfAll):
     """How many verdicts would change, and the boxes nearest to their new threshold."""
 

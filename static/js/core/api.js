@@ -61,7 +61,7 @@ export const whenSignedOut = (tell) => void (onSignedOut = tell);
 export class ApiError extends Error {
   /** @param {number} status @param {Problem} problem @param {number | null} retryAfterS */
   constructor(status, problem, retryAfterS) {
-    super(problem.detail || problem.title || `the server answered ${status}`);
+    super(problem.detail || problem.title || `the server responded with ${status}`);
     this.name = "ApiError";
     this.status = status;
     this.problem = problem;
@@ -118,7 +118,7 @@ export function createRetries(later = (run, delayMs) => void setTimeout(run, del
 }
 
 /**
- * Fetch from this server. If the server answers 401 to the page's own session, the callback of `whenSignedOut` is called.
+ * Fetch from this server. If the server responds with 401 to the page's own session, the callback of `whenSignedOut` is called.
  * @param {string} address @param {RequestInit} [init] @param {string} [shown]  the session, empty for none
  * @returns {Promise<Response>} a successful response; anything else is thrown as ApiError or NoResponse
  */

@@ -1,5 +1,5 @@
 // @ts-check
-// Reads dropped files: their names and labels are sent to the server, which answers with the frames it found. No DOM.
+// Reads dropped files: their names and labels are sent to the server, which responds with the frames it found. No DOM.
 
 import { ask } from "../core/api.js";
 import { contentOf } from "./uploader.js";
@@ -64,8 +64,8 @@ export function topOf(entries) {
 export async function readFolder(entries, layout, signal, tell) {
   const body = await archiveOf(entries, signal, (done, of) => tell({ step: "labels", done, of }));
   tell({ step: "waiting", done: 0, of: null });
-  const answer = await ask("post", "/api/v1/folders", { query: { layout }, body, signal });
-  return planOf(linesOf(answer), entries, (done, of) => tell({ step: "frames", done, of }));
+  const response = await ask("post", "/api/v1/folders", { query: { layout }, body, signal });
+  return planOf(linesOf(response), entries, (done, of) => tell({ step: "frames", done, of }));
 }
 
 const TELL_EVERY = 100;
@@ -91,7 +91,7 @@ export async function planOf(lines, entries, tell) {
       if (done % TELL_EVERY === 0) tell(done, head?.count ?? null);
     } else head = line;
   }
-  if (!head || !isWhole) throw new Error("The server's answer was cut off. Try again.");
+  if (!head || !isWhole) throw new Error("The server's response was cut off. Try again.");
   const { layout, layouts, titles, classes } = head;
   return { layout, layouts, titles, classes, ...found };
 }
@@ -105,9 +105,9 @@ function addFrame(plan, { key, annotation, files, fault }, byPath) {
   else plan.frames.push({ key, annotation, files: Object.fromEntries(found.flatMap(({ kind, entry }) => (entry ? [[kind, entry]] : []))) });
 }
 
-/** The lines of an answer, each as soon as it has come. @param {Response} answer @returns {AsyncGenerator<FolderLine>} */
-export async function* linesOf(answer) {
-  const reader = answer.body?.pipeThrough(new TextDecoderStream()).getReader();
+/** The lines of a response, each as soon as it has come. @param {Response} response @returns {AsyncGenerator<FolderLine>} */
+export async function* linesOf(response) {
+  const reader = response.body?.pipeThrough(new TextDecoderStream()).getReader();
   let rest = "";
   for (let piece = await reader?.read(); piece && !piece.done; piece = await reader?.read()) {
     const lines = (rest + piece.value).split("\n");
