@@ -129,4 +129,4 @@ REVIEW_STATES: Final[Mapping[str, ReviewState]] = {
         ("keep", "reject", "unsure"), lambda: Decision.review.is_not(None)
     ),
 }
-"""By the values of the filter `review` of a list."""
+"""The states by which lists can be filtered, by the value of the filter `review`."""

@@ -313,7 +313,7 @@ class BoxProbes:
         return self._session.scalar(rows.where(*wanted.conditions())) or 0
 
     def selected(self, wanted: BoxFilter, box_ids: Sequence[int]) -> list[int]:
-        """Those of these boxes that the filter selects, in their order."""
+        """Which of the given boxes the filter selects, in the order given."""
         if not box_ids:
             return []
         conditions = wanted.conditions_by_id()

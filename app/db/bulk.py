@@ -156,7 +156,10 @@ def first_row(
 def run_each(
     session: Session, statement: Executable, rows: Sequence[Mapping[str, object]]
 ) -> None:
-    """As `run`, once per row; all rows have the columns of the first."""
+    """Execute a statement once per row, without SQLAlchemy's overhead (`run`).
+
+    All rows have the columns of the first.
+    """
     if rows:
         _run(session.connection(), statement, frozenset(rows[0]), rows)
 
@@ -175,7 +178,7 @@ def insert_rows(
 def insert_columns(
     session: Session, model: type[Base], columns: Mapping[str, Sequence[object]]
 ) -> None:
-    """As `insert_rows`, with rows given as columns of equal length."""
+    """Insert rows, given as columns of equal length; no defaults are filled in."""
     connection = session.connection()
     compiled = _compile(_insert(model), frozenset(columns), connection.dialect)
     given = dict(columns)
@@ -198,7 +201,7 @@ def insert_columns(
 def copy_in(
     session: Session, model: type[Base], rows: Sequence[Mapping[str, object]]
 ) -> None:
-    """As `insert_rows`, always by PostgreSQL's COPY."""
+    """Insert rows by PostgreSQL's COPY; no defaults are filled in."""
     connection = session.connection()
     compiled = _compile(_insert(model), frozenset(rows[0]), connection.dialect)
     names = list(rows[0])
@@ -284,7 +287,7 @@ def insert_into(session: Session, model: type[Base]) -> DialectInsert:
 
 
 def insert_of_dialect(dialect: str, model: type[Base]) -> DialectInsert:
-    """As `insert_into`, by the dialect's name: for cached statements."""
+    """An insert with ``on_conflict_do_...``, for a dialect: for cached statements."""
     if dialect == "postgresql":
         return postgresql.insert(_table(model))
     return sqlite.insert(_table(model))

@@ -32,7 +32,7 @@ _TRIGGERS: Final = frozenset(
     "BEGIN SELECT RAISE(ABORT, 'the audit log is only added to'); END"
     for event in ("UPDATE", "DELETE")
 )
-"""Those that the migrations make."""
+"""The SQL of the triggers that the migrations make."""
 _DIGEST: Final = re.compile(r"[0-9a-f]{64}")
 _MEMORY: Final = ("", ":memory:")
 

@@ -20,7 +20,10 @@ request to the file storage that is made while the lock is held.
 """
 KEPT_CONNECTIONS: Final = 8
 MOST_CONNECTIONS: Final = 32
-"""For one process: three processes fit into the 100 that a server allows by default."""
+"""Most connections of one process.
+
+Three processes fit into the 100 that a server allows by default.
+"""
 _CONNECT_ARGS: Final[Mapping[str, str]] = {
     "application_name": "unghost",
     "connect_timeout": "10",

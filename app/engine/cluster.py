@@ -61,7 +61,10 @@ class AbsenceLog:
 
 
 class ClusterEngine(LocalEngine):
-    """As `LocalEngine`, with the chunks of jobs on workers."""
+    """Executes the chunks of jobs on workers of a cluster.
+
+    Everything else happens in this process, as in `LocalEngine`.
+    """
 
     def __init__(self, workers: int, scheduler: Scheduler) -> None:
         prepare()

@@ -51,7 +51,7 @@ FORMAT: Final = 1
 LABEL: Final = "backup.json"
 DATABASE: Final = "unghost.db"
 MAX_LABEL_BYTES: Final = 16 * 1024**2
-"""Of the label: names of some 200,000 files that were left out."""
+"""Maximum size of a label: it can name some 200,000 files that were left out."""
 _BLOB: Final = re.compile(rf"{BLOBS}/([0-9a-f]{{2}})/(\1[0-9a-f]{{62}})")
 _CHUNK: Final = 1 << 20
 _MB: Final = 10**6

@@ -45,7 +45,7 @@ class StoredFileRepository:
             yield WantedFile(str(row[0]), row[1])
 
     def referred_to(self, digests: Sequence[str]) -> set[str]:
-        """Those of these blobs to which a frame or an export refers."""
+        """Which of the given blobs a frame or an export refers to."""
         frames = select(FrameFile.sha256).where(FrameFile.sha256.in_(digests))
         exports = select(Export.sha256).where(
             Export.sha256.in_(digests), Export.state == "done"

@@ -474,7 +474,7 @@ class EvidenceRepository:
         return list(self._session.scalars(rows))
 
     def lacking(self, frame_ids: Iterable[int], measurement_id: int) -> set[int]:
-        """Those of these frames that exist and that it does not cover yet.
+        """Which of the frames exist and have no evidence in this measurement yet.
 
         Only one transaction writes at a time: the result stays valid until the commit.
         """

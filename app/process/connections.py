@@ -22,8 +22,11 @@ from app.logs import server_log
 from app.settings import ANY_HOST, Settings
 
 RESERVED_DESCRIPTORS: Final = 320
-"""For the database (two for each of 48 connections), files read and written in threads,
-child processes, the storage, the listener, and `MOST_TURNED_AWAY`."""
+"""Descriptors that are kept for other uses than connections of clients.
+
+They are the database (two for each of 48 connections), files read and written in
+threads, child processes, the storage, the listener, and `MOST_TURNED_AWAY`.
+"""
 MOST_CONNECTIONS: Final = 2048
 LEAST_CONNECTIONS: Final = 16
 MOST_TURNED_AWAY: Final = 64

@@ -182,7 +182,7 @@ class ReviewRepository:
         return stored
 
     def states(self, dataset_id: int, box_ids: Iterable[int]) -> Iterator[CurrentBox]:
-        """Those of these boxes that are current boxes of the dataset."""
+        """The state of each given box that is a current box of the dataset."""
         for chunk in chunks(box_ids):
             rows = select(*_STATE).where(Decision.box_id.in_(chunk), _of(dataset_id))
             for row in self._session.execute(rows):

@@ -137,7 +137,10 @@ class BlobStore(Protocol):
         """
 
     def put_missing(self, blobs: Mapping[str, bytes]) -> None:
-        """Put those of these blobs that are missing or of another size."""
+        """Put the given blobs (content by digest), except those that are there.
+
+        A stored blob of another size than its content counts as missing.
+        """
 
     def remove(self, digests: Sequence[str], *, unused_since: float) -> dict[str, int]:
         """Remove blobs that were not put since a time; returns the removed sizes."""
@@ -146,7 +149,7 @@ class BlobStore(Protocol):
         """Move a file from the temporary folder into the store; returns its digest."""
 
     def files(self) -> Iterator[StoredFile]:
-        """All blobs."""
+        """All blobs of the store."""
 
     def leftovers(self) -> Iterator[tuple[Path, float]]:
         """Unfinished files on this machine, each with the time of its last change."""

@@ -165,7 +165,7 @@ class FolderStorage:
         self.require(digests)
 
     def put_missing(self, blobs: Mapping[str, bytes]) -> None:
-        """Put those of these blobs that are missing or of another size."""
+        """Put the given blobs that are missing or stored with another size."""
         lost = {
             digest: data
             for digest, data in blobs.items()

@@ -177,7 +177,7 @@ class S3Storage:
             self._recent.add(digest, begun)
 
     def put_missing(self, blobs: Mapping[str, bytes]) -> None:
-        """Put those of these blobs that are missing or of another size."""
+        """Put the given blobs that are missing or stored with another size."""
         found = zip(blobs, self._asks.map(self._find, blobs), strict=True)
         sizes = {digest: file.size_bytes for digest, file in found if file}
         lost = {

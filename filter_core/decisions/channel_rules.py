@@ -167,7 +167,7 @@ class _Channel:
     at_most: bool = False
 
     def number(self, numbers: ChannelNumbers) -> FloatArray | IntArray:
-        """(N,): what it compares of each box."""
+        """The number of each box that the rule compares, (N,)."""
         column: FloatArray | IntArray = getattr(numbers, self.column)
         return column
 

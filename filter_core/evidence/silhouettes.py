@@ -250,7 +250,10 @@ def _touched(edges: _Edges, top: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def _centred(edges: _Edges, top: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """As `_touched`, for pixel centres; the interval may be empty."""
+    """Columns whose pixel centres hulls hold, in rows with upper edge `top`, (R, 1).
+
+    Returns the first column and the last one + 1; the interval may be empty.
+    """
     middle = top + 0.5
     crossed = (edges.low_y <= middle) & (edges.high_y >= middle)
     first = edges.x_at(middle)

@@ -241,7 +241,7 @@ class GivenAnnotation:
 
     @cached_property
     def frame(self) -> JsonObject:
-        """All of it."""
+        """The whole annotation."""
         return self._read()
 
     @property

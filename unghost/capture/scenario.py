@@ -139,7 +139,7 @@ class Walkers(ScenarioSection):
 
     @property
     def count(self) -> int:
-        """All of them."""
+        """The number of pedestrians: standing, walking and running."""
         return self.standing + self.walking + self.running
 
 

@@ -208,7 +208,7 @@ class Samples:
     rays: Float32
 
     def part(self, chosen: IntArray) -> Samples:
-        """Some of them."""
+        """The chosen samples, by their indices, in the order of `chosen`."""
         return Samples(
             self.uv[chosen], self.winner[chosen], self.depth[chosen], self.rays[chosen]
         )

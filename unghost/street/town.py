@@ -241,7 +241,7 @@ class Thing:
         return float(np.linalg.norm(self.box[1]))
 
     def pose(self, time_s: float) -> Transform:
-        """Where it is at a time."""
+        """The pose of the thing at a time, in seconds."""
         if not self.route.length:
             return self.start
         yaw = np.radians(self.start.rotation[1])

@@ -35,10 +35,10 @@ Polygon = Annotated[list[Point], Field(min_length=3, max_length=1000, fail_fast=
 Polygons = Annotated[list[Polygon], Field(min_length=1, max_length=100, fail_fast=True)]
 
 MAX_CLASSES: Final = 1_000
-"""Of a dataset: of those that it is created with and those that its frames add."""
+"""Most classes of a dataset: those it is created with and those its frames add."""
 
 MAX_POINTS: Final = 10_000
-"""Of all polygons of an ignore mask; previews of thresholds read them each time."""
+"""Most points of an ignore mask; each preview of thresholds reads all of them."""
 
 
 class IgnoreMask(RequestModel):
