@@ -295,12 +295,12 @@ def error_lines(error: Exception) -> Iterator[str]:
     import httpx
 
     from unghost.client.errors import ApiError, Unauthorized
-    from unghost.client.transport import NO_ANSWER
+    from unghost.client.transport import NO_RESPONSE
 
     if isinstance(error, httpx.TransportError):
         why = str(error) or type(error).__name__
-        named = why.startswith(NO_ANSWER)
-        yield why if named else f"{NO_ANSWER} {_address(error)}: {why}"
+        named = why.startswith(NO_RESPONSE)
+        yield why if named else f"{NO_RESPONSE} {_address(error)}: {why}"
         origin = _origin(_address(error))
         yield f"{origin}; --server URL or UNGHOST_SERVER selects another."
         yield "Is the server running? `unghost serve` starts one."

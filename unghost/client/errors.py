@@ -173,7 +173,7 @@ def error_of_problem(problem: Json) -> ApiError:
 def unexpected(response: httpx.Response, why: str) -> UnexpectedAnswer:
     """The exception for a 2xx response with unexpected content."""
     where = response.url.copy_with(query=None)
-    problem = {"code": "unexpected_answer", "detail": f"the answer of {where} {why}"}
+    problem = {"code": "unexpected_answer", "detail": f"the response of {where} {why}"}
     return UnexpectedAnswer(response.status_code, problem)
 
 

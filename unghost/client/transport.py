@@ -28,7 +28,7 @@ T = TypeVar("T")
 DEFAULT_TIMEOUT: Final = httpx.Timeout(60.0, connect=5.0)
 """Long: the response to an upload comes when its frame, perhaps queued, is decided."""
 
-NO_ANSWER: Final = "no answer from"
+NO_RESPONSE: Final = "no response from"
 """The beginning of the message of an error that names the server."""
 
 _PLAIN: Final = "identity"
@@ -228,7 +228,7 @@ class Transport:
         except httpx.TransportError as error:
             # Of the same type, since callers distinguish them; httpx names no address.
             why = str(error) or type(error).__name__
-            error.args = (f"{NO_ANSWER} {self._server.url}: {why}",)
+            error.args = (f"{NO_RESPONSE} {self._server.url}: {why}",)
             raise
 
     def _request(self, call: Call[T], key: str | None = None) -> httpx.Request:

@@ -245,7 +245,7 @@ _IN_EVERY_ANSWER: Final = (
 class Problem(SparseModel):
     """Why a request failed (RFC 9457): `code` for programs, `detail` for people.
 
-    An answer always has the fields down to `errors`, and the others only where they
+    A response always has the fields down to `errors`, and the others only where they
     apply.
     """
 

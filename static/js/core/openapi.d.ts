@@ -3621,7 +3621,7 @@ export interface components {
          * Problem
          * @description Why a request failed (RFC 9457): `code` for programs, `detail` for people.
          *
-         *     An answer always has the fields down to `errors`, and the others only where they
+         *     A response always has the fields down to `errors`, and the others only where they
          *     apply.
          */
         Problem: {

@@ -293,8 +293,8 @@ def test_unavailable_server_exits_with_69(cli_without_server):
     answer = cli_without_server("stats", "town")
 
     assert answer.code == UNAVAILABLE
-    assert "unghost: no answer from http://127.0.0.1:" in answer.err
-    assert answer.err.count("no answer from") == 1
+    assert "unghost: no response from http://127.0.0.1:" in answer.err
+    assert answer.err.count("no response from") == 1
     assert "from UNGHOST_SERVER; --server URL or" in answer.err
     assert "Traceback" not in answer.err
     assert answer.out == ""

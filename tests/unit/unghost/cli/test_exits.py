@@ -83,7 +83,7 @@ def test_connection_error_message_names_address_and_its_origin(
     lines = list(error_lines(httpx.ConnectError("refused", request=REQUEST)))
 
     assert lines == [
-        "no answer from http://127.0.0.1:8000: refused",
+        "no response from http://127.0.0.1:8000: refused",
         f"{origin}; --server URL or UNGHOST_SERVER selects another.",
         "Is the server running? `unghost serve` starts one.",
     ]

@@ -118,5 +118,5 @@ def test_pagination_requests_next_page_after_the_previous_one(scripted, client):
 def test_unreadable_response_raises_unexpected_answer(scripted, client, ask, answer):
     scripted.answer(json_reply(answer))
 
-    with pytest.raises(UnexpectedAnswer, match=f"the answer of {scripted.url}/"):
+    with pytest.raises(UnexpectedAnswer, match=f"the response of {scripted.url}/"):
         ask(client)

@@ -133,7 +133,7 @@ def test_unreachable_server_raises_httpx_connect_error(closed_port):
     ):
         client.version()
 
-    assert str(caught.value).startswith(f"no answer from {url}: [Errno ")
+    assert str(caught.value).startswith(f"no response from {url}: [Errno ")
     assert caught.value.request.url == f"{url}/version"
 
 
@@ -145,7 +145,7 @@ def test_unreachable_server_is_named_once_where_an_answer_is_streamed(closed_por
     ):
         next(client.events(1))
 
-    assert str(caught.value).count("no answer from") == 1
+    assert str(caught.value).count("no response from") == 1
 
 
 def test_readiness_check_is_not_retried(scripted, client):
