@@ -22,6 +22,9 @@ if TYPE_CHECKING:
 _MISSPELT: Final = 0.85
 """Likeness of a key to one with a meaning; other keys are kept on purpose."""
 
+_MOST_KEYS: Final = 1000
+"""Different keys that are looked at; others are not looked for any more."""
+
 _LISTED_CLASSES: Final = 20
 """Classes without tags that are named."""
 
@@ -283,7 +286,8 @@ class FrameCheck:
                     annotation = frame.annotation or {}
                     self._frames += 1
                     self._any_box |= bool(annotation.get("boxes"))
-                    self._keys.update(annotation)
+                    if len(self._keys) < _MOST_KEYS:
+                        self._keys.update(annotation)
                 yield frame
 
         return replace(found, frames=watched)
