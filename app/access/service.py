@@ -45,6 +45,7 @@ _NO_ENTRY: Final = "a valid token or session is required"
 _UNKNOWN_TOKEN: Final = (
     "the token that was sent is not accepted: this server does not know it"
 )
+_NO_TOKEN: Final = "the token that was sent is not accepted: it is a session's"
 _UNKNOWN_SESSION: Final = (
     "the session that was sent is not accepted: it has ended, or is another server's"
 )
@@ -72,7 +73,7 @@ def by_token(session: Session, token: str) -> Principal:
     tokens = Tokens(session)
     if token.startswith(SESSION_PREFIX):
         # It would open another session, which its own end would not end.
-        raise _refused(None, now, _UNKNOWN_TOKEN)
+        raise _refused(None, now, _NO_TOKEN)
     row = tokens.valid_by_hash(digest, now)
     # The former first token, which was renewed, is stored as a session.
     former = tokens.valid_by_session(digest, now) if row is None else None

@@ -50,7 +50,7 @@ from filter_core.formats.reading import (
 )
 from filter_core.formats.tally import Counts
 from filter_core.formats.voc import VOC
-from filter_core.formats.yolo import YOLO, lacking_class_list
+from filter_core.formats.yolo import YOLO, NoClassList, lacking_class_list
 from filter_core.values import nearest
 
 FORMATS: Final[Mapping[str, Format]] = {
@@ -172,10 +172,10 @@ def detect_layout(source: Path) -> str:
         )
     *first, last = (one.recognised_by for one in _IN_ORDER_OF_TRIAL if one.recognise)
     lacking = lacking_class_list(Source(source))
-    raise LayoutError(
-        f"{name_of(source)}: no layout recognised; "
-        f"expected {', '.join(first)}, or {last}{lacking and f'; {lacking}'}"
-    )
+    problem = f"no layout recognised; expected {', '.join(first)}, or {last}"
+    if lacking:
+        raise NoClassList(f"{name_of(source)}: {problem}; {lacking}")
+    raise LayoutError(f"{name_of(source)}: {problem}")
 
 
 def possible_layouts(source: Path) -> tuple[str, ...]:

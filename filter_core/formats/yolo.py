@@ -81,6 +81,10 @@ def _recognise(source: Source) -> Recognition:
     return "possible" if label and _class_list(source.path) else "none"
 
 
+class NoClassList(LayoutError):
+    """A folder with labels of YOLO, but without the list of their classes."""
+
+
 def _first_label(source: Source) -> str | None:
     labels = (name for name in source.label_files if name.lower().endswith(".txt"))
     return next(filter(holds_boxes, labels), None)
@@ -143,7 +147,7 @@ def _yolo_classes(root: Path) -> tuple[str, ...]:
     """
     name = _class_list(root)
     if name is None:
-        raise LayoutError(
+        raise NoClassList(
             f"expected the class names in one of {', '.join(_YAML_LISTS)} or "
             f"{', '.join(_TEXT_LISTS)}, found none of them"
         )

@@ -52,7 +52,10 @@ def install(wheel: Path, folder: Path) -> Installation:
 
 
 def install_lowest(wheel: Path, folder: Path) -> Installation:
-    """Install the wheel with the lowest versions of other packages that it allows."""
+    """Install the wheel with the lowest versions of other packages that it allows.
+
+    Of these, the newest release: ``numpy>=1.26`` is tried with 1.26.4.
+    """
     home = folder / "venv"
     venv.create(home, with_pip=True, symlinks=True)
     python = home / "bin" / "python"

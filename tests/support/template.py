@@ -208,9 +208,9 @@ def wait_to_be_forkserver(wishes: socket.socket) -> None:
         pass  # how a forkserver ends
     except BaseException:
         traceback.print_exc()
-    finally:
         sys.stderr.flush()
-        os._exit(0)
+        os._exit(1)
+    os._exit(0)
 
 
 def place(given: Sequence[int], numbers: Sequence[int]) -> None:

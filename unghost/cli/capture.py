@@ -171,7 +171,7 @@ def _require_dataset(folder: Path, dataset: str, options: CaptureOptions) -> Non
     """Check the dataset now, so that a wrong token is not found after hours."""
     pushing = _pushing(folder, dataset, options)
     with pushing.connect() as client:
-        ensure_dataset(client, dataset, pushing.reading, ())
+        ensure_dataset(client, dataset, pushing.reading, (), options.screen)
 
 
 def _push(folder: Path, dataset: str, options: CaptureOptions) -> None:

@@ -320,15 +320,13 @@ def error_lines(error: Exception) -> Iterator[str]:
 
 
 def _address(error: httpx.TransportError) -> str:
+    from unghost.client.transport import address_of
+
     try:
         url = error.request.url
     except RuntimeError:  # httpx: the error has no request
         return "the server"
-    return _base(url)
-
-
-def _base(url: httpx.URL) -> str:
-    return str(url.copy_with(path="/", query=None)).rstrip("/")
+    return address_of(url)
 
 
 def _origin(address: str) -> str:
@@ -336,10 +334,11 @@ def _origin(address: str) -> str:
     import httpx
 
     from unghost.client.discovery import DEFAULT_URL, SERVER_VARIABLE
+    from unghost.client.transport import address_of
 
     variable = os.environ.get(SERVER_VARIABLE)
     with suppress(httpx.InvalidURL):  # not used, then
-        if variable and _base(httpx.URL(variable)) == address:
+        if variable and address_of(httpx.URL(variable)) == address:
             return f"This address is from {SERVER_VARIABLE}"
     if not variable and address == DEFAULT_URL:
         return "This address is the default"

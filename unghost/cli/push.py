@@ -32,6 +32,7 @@ from unghost.cli.sources import (
     outgoing,
     unmatched_line,
 )
+from unghost.wire.frames import MOST_BOXES_SET_ASIDE
 from unghost.wire.words import UploadWord, Verdict
 
 if TYPE_CHECKING:
@@ -84,7 +85,8 @@ def push(options: PushOptions) -> None:
     check = FrameCheck()
     found = check.watch(open_source(options.source, options))
     with options.connect() as client:
-        ensure_dataset(client, options.dataset, options.reading, found.classes or ())
+        classes, reading = found.classes or (), options.reading
+        ensure_dataset(client, options.dataset, reading, classes, options.screen)
         send(client, options, found, report)
         if report.stored:
             _note_unmapped(client, options, found)
@@ -95,15 +97,19 @@ def push(options: PushOptions) -> None:
 
 
 def ensure_dataset(
-    client: Client, name: str, options: Mapping[str, str], classes: Sequence[str]
+    client: Client,
+    name: str,
+    options: Mapping[str, str],
+    classes: Sequence[str],
+    screen: Screen,
 ) -> Dataset:
     """The dataset, created if it does not exist; one without frames gets the options.
 
     Raises
     ------
     Refused
-        It has frames, and other options than those given; or it cannot have this name
-        or these classes.
+        It has other options than those given, and has frames or cannot get them; or it
+        cannot have this name or these classes.
     """
     from unghost.client.errors import Conflict, NotFound
 
@@ -123,24 +129,39 @@ def ensure_dataset(
         if getattr(dataset, option) != value
     }
     if others and dataset.counts.frames == 0:
-        return _changed(client, name, others)
+        dataset = _changed(client, dataset, others, screen)
     for option, value in others.items():
-        raise Refused(
-            f"dataset {name!r} has {option} {getattr(dataset, option)!r}, not "
-            f"{value!r}; change it in the dataset's settings, which measures every "
-            "frame again"
-        )
+        there = getattr(dataset, option)
+        if there != value:
+            raise Refused(
+                f"dataset {name!r} has {option} {there!r}, not {value!r}; change it in "
+                "the dataset's settings, which measures every frame again"
+            )
     return dataset
 
 
-def _changed(client: Client, name: str, options: Mapping[str, str]) -> Dataset:
-    """The dataset with other options, which it has once the run that they need ends."""
+def _changed(
+    client: Client, dataset: Dataset, options: Mapping[str, str], screen: Screen
+) -> Dataset:
+    """The dataset as it is after a change of options and the run that this needs."""
+    from unghost.client.errors import Conflict, RunFailed
     from unghost.wire.runs import Run
 
-    changed = client.change_dataset(name, **options)
-    if isinstance(changed, Run):
-        client.wait(changed)
-    return client.dataset(name)
+    try:
+        changed = client.change_dataset(dataset.name, **options)
+        if isinstance(changed, Run):
+            client.wait(changed)
+    except (Conflict, RunFailed) as error:
+        raise Refused(
+            f"{', '.join(options)} of dataset {dataset.name!r} cannot be changed: "
+            f"{error}"
+        ) from error
+    for option, value in options.items():
+        screen.note(
+            f"{option} of {dataset.name}, which had no frames: "
+            f"{getattr(dataset, option)!r} -> {value!r}"
+        )
+    return client.dataset(dataset.name)
 
 
 def send(
@@ -314,9 +335,10 @@ def _set_aside(outcome: Sent | AlreadyThere) -> dict[str, object]:
 def _set_aside_line(outcome: Sent) -> str:
     number, boxes = outcome.answers_set_aside, outcome.boxes_set_aside
     answers = "1 answer was" if number == 1 else f"{number} answers were"
+    more = " and others" if number > len(boxes) == MOST_BOXES_SET_ASIDE else ""
     return one_line(
-        f"{outcome.key}: {answers} set aside, since the box has changed or is gone: "
-        f"{', '.join(boxes)}"
+        f"{outcome.key}: {answers} set aside, on boxes that changed or are gone: "
+        f"{', '.join(boxes)}{more}"
     )
 
 

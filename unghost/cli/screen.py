@@ -105,7 +105,8 @@ def naming_options(
 def _with_found(line: str, given: Mapping[str, object]) -> str:
     """A fault of an option with its value, if the fault does not say it."""
     option, colon, why = line.partition(": ")
-    if not colon or option not in given or "found" in why:
+    is_complete = not why.startswith("expected ") or ", found " in why
+    if not colon or option not in given or is_complete:
         return line
     return f"{line}, found {str(given[option])[:_SHOWN]!r}"
 

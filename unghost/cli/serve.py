@@ -232,7 +232,7 @@ class _Filling:
     def _push(self, client: Client) -> PushReport:
         report = PushReport(Screen())
         found = open_source(self._street, SourceOptions())
-        ensure_dataset(client, _DEMO_DATASET, {}, found.classes or ())
+        ensure_dataset(client, _DEMO_DATASET, {}, found.classes or (), self._screen)
         with self._screen.progress("filter the street", "frames") as advance:
             for outcome in client.push(_DEMO_DATASET, outgoing(found)):
                 report.add(outcome)

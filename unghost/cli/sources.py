@@ -178,6 +178,7 @@ def open_source(path: Path, options: SourceOptions) -> FrameSet:
         possible_layouts,
         read_source,
     )
+    from filter_core.formats.yolo import NoClassList
 
     read = ReadOptions(
         segmentation=options.segmentation,
@@ -198,8 +199,8 @@ def open_source(path: Path, options: SourceOptions) -> FrameSet:
     except LayoutError as exc:
         if exc.kind == UNUSED_OPTION:
             raise typer.BadParameter(exc.detail) from exc
-        if hint := _class_options(path, options):
-            raise Refused(f"{exc.detail}; {hint}") from exc
+        if isinstance(exc, NoClassList):
+            raise Refused(f"{exc.detail}; {_class_options(path, layout)}") from exc
         raise
     if found.count is None and found.layout == "manifest":
         found = replace(found, count=_count_lines(path))
@@ -208,18 +209,14 @@ def open_source(path: Path, options: SourceOptions) -> FrameSet:
     return found
 
 
-def _class_options(path: Path, options: SourceOptions) -> str:
-    """The options for YOLO's labels without a list of classes; empty for others."""
-    from filter_core.formats.format import Source
+def _class_options(path: Path, layout: str) -> str:
+    """The options for YOLO's labels without a list of classes."""
     from filter_core.formats.pairs import PAIRS
     from filter_core.formats.reading import IMAGE_SUFFIXES, walk
-    from filter_core.formats.yolo import YOLO, lacking_class_list
+    from filter_core.formats.yolo import YOLO
 
-    layout = options.layout
-    if layout not in ("auto", YOLO.name) or not lacking_class_list(Source(path)):
-        return ""
     if layout == YOLO.name:
-        return "" if options.classes else "--classes NAMES names them"
+        return "--classes NAMES names them"
     named = f"--layout {YOLO.name} --classes NAMES names them"
     has_images = any(True for _ in walk(path, IMAGE_SUFFIXES))
     images = f", --layout {PAIRS.name} reads the images alone"
@@ -322,12 +319,14 @@ class FrameCheck:
         hints = ["--layout names another layout"]
         if "labels" in FORMATS[found.layout].read_options:
             hints.append("--labels the folder of the labels")
-        why = "whose labels were found, and are empty"
+        why = "which lists no boxes"
+        if "labels" in FORMATS[found.layout].read_options:
+            why = "whose labels were found, and are empty"
         if found.layout == PAIRS.name:  # which reads every image as a frame
             why = "which expects the boxes of an image NAME.png in NAME.json"
             hints.append("--segmentation that of the segmentations")
         screen.note(
-            f"none of {self._frames} frames has a box (layout {found.layout}, {why}); "
+            f"no frame has a box ({self._frames} read, layout {found.layout}, {why}); "
             f"{', '.join(hints)}"
         )
 
@@ -395,9 +394,9 @@ def default_class_of(found: FrameSet, options: SourceOptions) -> str | None:
 def naming_reading(detail: str, *, of_dataset: bool = False) -> str:
     """The error of a frame with the options of the settings that it recommends.
 
-    `of_dataset`: the options hold only for a dataset that is created.
+    `of_dataset`: the options hold only for a dataset without frames.
     """
-    where = " in the settings of a dataset that exists" if of_dataset else ""
+    where = " in the settings of a dataset that has frames" if of_dataset else ""
 
     def named(found: re.Match[str]) -> str:
         name, value = found.groups()

@@ -37,6 +37,12 @@ _NOTHING_DONE: Final = frozenset({429, 503})
 _NOT_SENT: Final = (httpx.ConnectError, httpx.ConnectTimeout, httpx.PoolTimeout)
 
 
+def address_of(url: httpx.URL) -> str:
+    """The address of a server for messages: without a user and a password in it."""
+    bare = url.copy_with(userinfo=b"", path="/", query=None, fragment=None)
+    return str(bare).rstrip("/")
+
+
 @dataclass(frozen=True)
 class RetryPolicy:
     """How often a call is tried, and how long to wait in between.
@@ -228,7 +234,7 @@ class Transport:
         except httpx.TransportError as error:
             # Of the same type, since callers distinguish them; httpx names no address.
             why = str(error) or type(error).__name__
-            error.args = (f"{NO_RESPONSE} {self._server.url}: {why}",)
+            error.args = (f"{NO_RESPONSE} {address_of(request.url)}: {why}",)
             raise
 
     def _request(self, call: Call[T], key: str | None = None) -> httpx.Request:

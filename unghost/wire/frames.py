@@ -95,7 +95,7 @@ class Frame(FrameDetails):
 
 
 MOST_BOXES_SET_ASIDE: Final = 10
-"""Boxes whose answers were set aside that the answer to an upload names."""
+"""The most ids in `boxes_set_aside` of a response."""
 
 _ANSWERS_SET_ASIDE: Final = (
     "Answers of people on the replaced frame that were not carried over, since their "

@@ -163,7 +163,7 @@ def test_push_says_that_no_frame_has_a_box_also_when_repeated(unghost, name, tmp
 
     for answer in (first, again):
         assert answer.code == DONE
-        assert "none of 1 frames has a box (layout pairs, which expects" in answer.err
+        assert "no frame has a box (1 read, layout pairs, which expects" in answer.err
 
 
 def test_push_names_a_label_without_its_image(unghost, name, tmp_path):
@@ -186,7 +186,7 @@ def test_push_names_the_option_that_reads_jpeg_segmentations(unghost, name, tmp_
     assert answer.code == REFUSED
     assert (
         "--lossy-segmentation nearest (lossy_segmentation: nearest in the settings of "
-        "a dataset that exists) reads it by the nearest colour"
+        "a dataset that has frames) reads it by the nearest colour"
     ) in answer.err
 
 
@@ -231,8 +231,7 @@ def test_push_says_which_answers_replacing_a_frame_has_set_aside(
 
     assert replaced.code == DONE
     assert (
-        "run/000001: 1 answer was set aside, since the box has changed or is gone: "
-        "ghost\n"
+        "run/000001: 1 answer was set aside, on boxes that changed or are gone: ghost\n"
     ) in replaced.err
     assert replaced.out.endswith("\t1 answers_set_aside\n")
     assert "set aside" not in repeated.err + repeated.out

@@ -184,6 +184,7 @@ def test_filter_does_not_warn_about_classes_with_tags(bare_unghost, tmp_path):
 
     answer = bare_unghost("filter", folder, "-o", "out.jsonl")
 
+    assert answer.code == DONE
     assert "no tag is accepted" not in answer.err
 
 
@@ -277,6 +278,20 @@ def test_options_for_labels_without_a_list_of_classes_are_named(bare_unghost, tm
     assert "not matched: labels/1.txt: labels of another layout" in images.err
 
 
+def test_folder_that_is_refused_for_a_link_gets_no_hint_about_classes(
+    bare_unghost, tmp_path
+):
+    label = "Car 0 0 0 10 10 20 20 1 1 1 0 1 9 0"
+    write_files(tmp_path / "kitti", {"label_2/1.txt": label})
+    (tmp_path / "kitti" / "image_2").symlink_to(tmp_path)
+
+    refused = bare_unghost("filter", "kitti")
+
+    assert refused.code == REFUSED
+    assert "no link out of the folder" in refused.err
+    assert "--classes" not in refused.err
+
+
 @pytest.mark.parametrize("command", ["filter", "convert", "evaluate"])
 def test_option_that_reads_jpeg_segmentations_is_named(bare_unghost, tmp_path, command):
     folder = write_jpeg_segmentation(tmp_path / "frames")
@@ -328,7 +343,7 @@ def test_filter_says_that_no_frame_of_a_folder_of_images_has_a_box(
 
     assert answer.code == DONE
     assert answer.err.endswith(
-        "none of 2 frames has a box (layout pairs, which expects the boxes of an image "
+        "no frame has a box (2 read, layout pairs, which expects the boxes of an image "
         "NAME.png in NAME.json); --layout names another layout, --labels the folder of "
         "the labels, --segmentation that of the segmentations\n"
     )
@@ -342,7 +357,7 @@ def test_filter_says_that_the_labels_of_a_folder_hold_no_box(bare_unghost, tmp_p
 
     assert answer.code == DONE
     assert (
-        "none of 1 frames has a box (layout yolo, whose labels were found, and are "
+        "no frame has a box (1 read, layout yolo, whose labels were found, and are "
         "empty); --layout names another layout, --labels"
     ) in answer.err
 
@@ -353,7 +368,7 @@ def test_filter_names_no_option_that_a_manifest_does_not_have(bare_unghost, tmp_
 
     answer = bare_unghost("filter", "frames", "-o", "out.jsonl")
 
-    assert answer.err.endswith("are empty); --layout names another layout\n")
+    assert answer.err.endswith("no boxes); --layout names another layout\n")
 
 
 def test_filter_names_misspelt_keys_and_no_others(bare_unghost, tmp_path):
@@ -382,6 +397,7 @@ def test_filter_with_one_box_in_some_frame_does_not_speak_of_none(
 
     answer = bare_unghost("filter", "yolo", "-o", "out.jsonl")
 
+    assert answer.code == DONE
     assert "has a box" not in answer.err
 
 

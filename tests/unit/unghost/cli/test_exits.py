@@ -7,6 +7,7 @@ import pytest
 from typer.testing import CliRunner
 
 from filter_core.errors import LayoutError
+from tests.support.frames import write_manifest
 from tests.support.scripted_server import json_reply, problem
 from unghost import wire
 from unghost.capture.simulator import ScenarioError, SimulatorAway
@@ -133,6 +134,27 @@ def test_control_characters_of_a_server_do_not_look_like_another_line():
     (line,) = error_lines(errors.Forbidden(403, hostile))
 
     assert line == r"no\u000a\u001b[2Junghost: done (bad_annotation)"
+
+
+def test_settings_of_an_empty_dataset_that_cannot_be_changed_are_named(
+    scripted, tmp_path
+):
+    write_manifest(tmp_path / "frames", 1)
+    scripted.answer(json_reply(TOWN), problem(409, "run_open"))
+
+    answer = CliRunner().invoke(
+        app,
+        [
+            *("push", str(tmp_path / "frames"), "--dataset", "town"),
+            *("--lossy-segmentation", "nearest"),
+            *("--server", scripted.url, "--token", "secret"),
+        ],
+    )
+
+    assert answer.exit_code == 1
+    assert str(answer.exception or answer.output).startswith(
+        "lossy_segmentation of dataset 'town' cannot be changed: it is run_open"
+    )
 
 
 def test_control_characters_about_a_wrong_option_are_escaped(scripted, tmp_path):

@@ -137,6 +137,18 @@ def test_unreachable_server_raises_httpx_connect_error(closed_port):
     assert caught.value.request.url == f"{url}/version"
 
 
+def test_password_in_the_address_of_an_unreachable_server_is_not_shown(closed_port):
+    url = f"http://ann:secret@127.0.0.1:{closed_port}"
+    with (
+        Client(url, retry=QUICK_RETRIES) as client,
+        pytest.raises(httpx.ConnectError) as caught,
+    ):
+        client.version()
+
+    assert f"no response from http://127.0.0.1:{closed_port}: " in str(caught.value)
+    assert "secret" not in str(caught.value)
+
+
 def test_unreachable_server_is_named_once_where_an_answer_is_streamed(closed_port):
     url = f"http://127.0.0.1:{closed_port}"
     with (
