@@ -218,8 +218,8 @@ class _Mark(Protocol):
 
 def _from_carlasimu(raw: Mapping[str, object]) -> LoadedConfig:
     others = [str(key) for key in raw if key != CARLASIMU_ROOT]
-    sitting = raw[CARLASIMU_ROOT]
-    if others or not isinstance(sitting, Mapping):
+    content = raw[CARLASIMU_ROOT]
+    if others or not isinstance(content, Mapping):
         raise ConfigError(
             f"expected one root key {CARLASIMU_ROOT!r} with keys below it, as in "
             f"carlasimu's boundingBox.yaml, found {', '.join(map(repr, raw))}"[:300],
@@ -227,17 +227,17 @@ def _from_carlasimu(raw: Mapping[str, object]) -> LoadedConfig:
         )
     given = _our_keys(raw)
     if not given:
-        raise _nothing_used(sitting)
+        raise _nothing_used(content)
     config = FilterConfig.from_mapping({"profile": "carlasimu", **given})
-    paths = _leaf_paths(sitting, CARLASIMU_ROOT)
+    paths = _leaf_paths(content, CARLASIMU_ROOT)
     unused = islice((path for path in paths if path not in _BY_PATH), _MAX_UNUSED)
     return LoadedConfig(config, tuple(unused))
 
 
-def _nothing_used(sitting: Mapping[object, object]) -> ConfigError:
+def _nothing_used(content: Mapping[object, object]) -> ConfigError:
     """The error about another of carlasimu's files, such as its ``data.yaml``."""
     *first, last = _BY_PATH
-    found = list(islice(_leaf_paths(sitting, CARLASIMU_ROOT), _SHOWN_KEYS + 1))
+    found = list(islice(_leaf_paths(content, CARLASIMU_ROOT), _SHOWN_KEYS + 1))
     more = " and others" if len(found) > _SHOWN_KEYS else ""
     return ConfigError(
         "expected a key of carlasimu's boundingBox.yaml that the filter uses "

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final, TypeAlias
 
@@ -23,6 +23,7 @@ from unghost.cli.options import (
     note_unknown_classes,
 )
 from unghost.cli.screen import Screen, most_first
+from unghost.cli.sources import SegmentationReading
 
 if TYPE_CHECKING:
     from filter_core.config.filter import ConfigChange
@@ -36,9 +37,6 @@ _SUMS: Final = (
     *("kept_to_rejected", "rejected_to_kept", "by_class", "sides_by_class"),
 )
 """The last line of `unghost diff --json`: the counts of all boxes."""
-
-READING: Final = ("palette", "encoding", "channel_order", "lossy_segmentation")
-"""Keys of a configuration that are settings of a dataset, too."""
 
 CancelOnInterrupt: TypeAlias = Annotated[
     bool,
@@ -274,11 +272,11 @@ def _own_settings(dataset: Dataset, version: ConfigVersion) -> list[str]:
     """
     from unghost.wire.datasets import DatasetIn
 
-    fields = DatasetIn.model_fields
+    defaults = {name: one.default for name, one in DatasetIn.model_fields.items()}
     return [
         f"the dataset's own setting is used: {name}: {getattr(dataset, name)}"
-        for name in READING
-        if getattr(dataset, name) not in (fields[name].default, version.config[name])
+        for name in (option.name for option in fields(SegmentationReading))
+        if getattr(dataset, name) not in (defaults[name], version.config[name])
     ]
 
 

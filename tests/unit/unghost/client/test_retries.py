@@ -125,28 +125,18 @@ def test_retry_waits_for_the_retry_after_header(scripted):
     assert time.monotonic() - started >= 1
 
 
-def test_unreachable_server_raises_httpx_connect_error(closed_port):
-    url = f"http://127.0.0.1:{closed_port}"
+@pytest.mark.parametrize("user", ["", "ann:secret@"])
+def test_unreachable_server_is_named_without_a_password(closed_port, user):
+    address = f"127.0.0.1:{closed_port}"
     with (
-        Client(url, retry=QUICK_RETRIES) as client,
+        Client(f"http://{user}{address}", retry=QUICK_RETRIES) as client,
         pytest.raises(httpx.ConnectError) as caught,
     ):
         client.version()
 
-    assert str(caught.value).startswith(f"no response from {url}: [Errno ")
-    assert caught.value.request.url == f"{url}/version"
-
-
-def test_password_in_the_address_of_an_unreachable_server_is_not_shown(closed_port):
-    url = f"http://ann:secret@127.0.0.1:{closed_port}"
-    with (
-        Client(url, retry=QUICK_RETRIES) as client,
-        pytest.raises(httpx.ConnectError) as caught,
-    ):
-        client.version()
-
-    assert f"no response from http://127.0.0.1:{closed_port}: " in str(caught.value)
+    assert str(caught.value).startswith(f"no response from http://{address}: [Errno ")
     assert "secret" not in str(caught.value)
+    assert caught.value.request.url == f"http://{user}{address}/version"
 
 
 def test_unreachable_server_is_named_once_where_an_answer_is_streamed(closed_port):
