@@ -1,6 +1,6 @@
-"""The class of a box, and the tags whose pixels match that class.
+"""The filter's classes, and the tags whose pixels match each of them.
 
-`class_of` returns the class of a CARLA actor by its blueprint. `accept_mask_of` returns
+What the names of classes in labels mean is in `class_names`. `accept_mask_of` returns
 the tags that a class accepts in a tag family, as bits; only `accepts` tests such a
 mask. `canonical_accept` checks the accept set of a configuration, which replaces it.
 """
@@ -14,6 +14,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from filter_core.class_names import canonical_class, class_meant_by
 from filter_core.errors import ConfigError
 from filter_core.segmentation.palettes import (
     FAMILIES,
@@ -23,76 +24,6 @@ from filter_core.segmentation.palettes import (
 )
 from filter_core.types import UNKNOWN_COLUMN, BoolArray, IntArray, Profile
 from filter_core.values import nearest, place_of, shown
-
-_ALIASES: Final = {"street_light": "traffic_light"}
-"""Other names under which a class is known."""
-
-_VEHICLES: Final = {
-    "car": """
-        audi.a2 audi.etron audi.tt bmw.grandtourer chevrolet.impala citroen.c3
-        dodge.charger_2020 dodge.charger_police dodge.charger_police_2020
-        ford.crown ford.mustang jeep.wrangler_rubicon lincoln.mkz_2017
-        lincoln.mkz_2020 mercedes.coupe mercedes.coupe_2020 micro.microlino
-        mini.cooper_s mini.cooper_s_2021 nissan.micra nissan.patrol
-        nissan.patrol_2021 seat.leon tesla.model3 toyota.prius
-    """,
-    "truck": """
-        carlamotors.carlacola carlamotors.european_hgv carlamotors.firetruck
-        tesla.cybertruck
-    """,
-    "van": """
-        ford.ambulance mercedes.sprinter volkswagen.t2 volkswagen.t2_2021
-    """,
-    "bus": """
-        mitsubishi.fusorosa
-    """,
-    "motorcycle": """
-        harley-davidson.low_rider kawasaki.ninja vespa.zx125 yamaha.yzf
-    """,
-    "bicycle": """
-        bh.crossbike diamondback.century gazelle.omafiets
-    """,
-}
-
-BLUEPRINT_CLASS: Final = {
-    f"vehicle.{name}": base_type
-    for base_type, names in _VEHICLES.items()
-    for name in names.split()
-}
-"""CARLA's vehicle blueprints and the class of each."""
-
-_BASE_TYPES: Final = frozenset(_VEHICLES)
-
-_PREFIXES: Final = (("walker.", "walker"), ("traffic.traffic_light", "traffic_light"))
-
-
-def canonical_class(name: str) -> str:
-    """The canonical name of a class, from that name or an alias."""
-    return _ALIASES.get(name, name)
-
-
-def class_of(type_id: str | None, base_type: str | None) -> str | None:
-    """The class of a CARLA actor, or None if nothing maps it.
-
-    Parameters
-    ----------
-    type_id : str or None
-        Blueprint, such as ``vehicle.audi.tt``: looked up in CARLA's catalogue.
-    base_type : str or None
-        The actor's own attribute, for blueprints that the catalogue does not have. If
-        it names no class either, ``walker.*`` and ``traffic.traffic_light*`` map by
-        their beginning; any other blueprint is not guessed at.
-    """
-    blueprint = type_id or ""
-    if blueprint in BLUEPRINT_CLASS:
-        return BLUEPRINT_CLASS[blueprint]
-    if base_type in _BASE_TYPES:
-        return base_type
-    for prefix, name in _PREFIXES:
-        if blueprint.startswith(prefix):
-            return name
-    return None
-
 
 # A class accepts several tags: a driven van is tagged Truck and a parked one Car, a
 # cybertruck either, and the box of a two-wheeler also contains its rider.
@@ -108,20 +39,43 @@ _ACCEPT_SINCE_0_9_14: Final = {
     "vehicle": ("Car", "Truck", "Bus", "Motorcycle", "Bicycle", "Rider"),
 }
 
+CLASSES: Final = tuple(_ACCEPT_SINCE_0_9_14)
+"""The filter's own classes, in the order in which they are listed."""
+
+_ONE_TAG: Final = {
+    **{"rider": ("Rider",), "train": ("Train",), "traffic_sign": ("TrafficSign",)},
+    **{"building": ("Building",), "fence": ("Fence",), "pole": ("Pole",)},
+    **{"road_line": ("RoadLine",), "road": ("Road",), "sidewalk": ("Sidewalk",)},
+    **{"vegetation": ("Vegetation",), "wall": ("Wall",), "sky": ("Sky",)},
+    **{"ground": ("Ground",), "bridge": ("Bridge",), "rail_track": ("RailTrack",)},
+    **{"guard_rail": ("GuardRail",), "static": ("Static",), "dynamic": ("Dynamic",)},
+    **{"water": ("Water",), "terrain": ("Terrain",), "rock": ("Rock",)},
+}
+"""Classes that are one of CARLA's tags, in the families that have it."""
+
+MEASURED_CLASSES: Final = (*CLASSES, *_ONE_TAG)
+"""The classes that some family of tags can measure."""
+
 _ACCEPT_BEFORE: Final = {
+    **_ONE_TAG,
     **dict.fromkeys(("car", "truck", "van", "bus", "vehicle"), ("Vehicle",)),
     **dict.fromkeys(("motorcycle", "bicycle"), ("Vehicle", "Pedestrian")),
-    "walker": ("Pedestrian",),
+    **dict.fromkeys(("walker", "rider"), ("Pedestrian",)),
 }
 
 _ACCEPT: Final[dict[str, dict[str, tuple[str, ...]]]] = {
-    "carla-0.9.14": _ACCEPT_SINCE_0_9_14,
+    "carla-0.9.14": {**_ONE_TAG, **_ACCEPT_SINCE_0_9_14},
     "carla-0.9.10": {**_ACCEPT_BEFORE, "traffic_light": ("TrafficLight",)},
     "carla-0.9.0": _ACCEPT_BEFORE,
 }
 
-CLASSES: Final = tuple(_ACCEPT_SINCE_0_9_14)
-"""The filter's own classes, in the order in which they are listed."""
+PASS: Final = "pass"
+"""In place of a class in a class map: boxes of that name are not measured."""
+
+
+def measured_class(name: str) -> str:
+    """The filter's class as which a name is measured, or the name if it means none."""
+    return class_meant_by(name) or name
 
 
 def accept_mask_of(
@@ -135,7 +89,7 @@ def accept_mask_of(
     Parameters
     ----------
     class_name : str
-        Aliases are understood.
+        One of `MEASURED_CLASSES` or an alias; `measured_class` gives it for any name.
     family : str or None
         A key of `filter_core.segmentation.palettes.FAMILIES`. None: nothing was
         measured, so only whether the class is mapped matters; the newest family that

@@ -20,7 +20,7 @@ from filter_core.annotation.frame import (
     frame_boxes_2d,
 )
 from filter_core.annotation.parsing import parse_annotation
-from filter_core.classes import class_of
+from filter_core.class_names import class_of
 from filter_core.config.filter import FilterConfig
 from filter_core.config.measure import MeasureConfig
 from filter_core.decisions.explain import BoxName, FrameFacts
@@ -349,6 +349,7 @@ def _frame_boxes(
         ids=tuple(box.id for box in boxes),
         vertices=geometry.vertices,
         instance_id=np.array(instance_ids, dtype=np.int64),
+        measured_as=tuple(map(config.measured_class, names)),
     )
 
 

@@ -138,6 +138,9 @@ class FrameBoxes:
     instance_id : (N,) int64
         The object's id in an instance image, as given by the annotation;
         `NOT_MEASURED` where it is not given. Default: none given.
+    measured_as : tuple of str
+        The filter's class as which each of `class_names` is measured; a name that
+        means no class stands for itself. Default: `class_names`.
     """
 
     xyxy: BoxesXYXY
@@ -149,10 +152,13 @@ class FrameBoxes:
     ids: tuple[str, ...] = ()
     vertices: FloatArray = field(default_factory=lambda: np.empty((0, 8, 3)))
     instance_id: IntArray = field(default_factory=lambda: np.empty(0, np.int64))
+    measured_as: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         """Fill in the defaults; the broadcast arrays take no memory."""
         count = len(self)
+        if not self.measured_as:
+            object.__setattr__(self, "measured_as", self.class_names)
         if not self.ids:
             object.__setattr__(self, "ids", tuple(map(str, range(count))))
         if not len(self.vertices):
@@ -345,6 +351,17 @@ class Evidence:
             "distance from the camera; NaN if unknown", unit="metres"
         )
     )
+    unknown_pixels: IntArray = field(
+        metadata={
+            "column": NumberColumn(
+                "those of box_pixels whose tag or colour the family does not have",
+                "px",
+                "i8",
+                0,
+                since=2,
+            )
+        }
+    )
     xyxy: BoxesXYXY | None = field(
         default=None,
         metadata=_float_column(
@@ -478,14 +495,17 @@ ReasonLabel: TypeAlias = Literal[
     "hidden_by_instance",
     "too_few_lidar_points",
     "visible",
+    "passed",
+    "unknown_pixels",
 ]
-"""The names of reasons on the wire, in the order of `Reason`."""
+"""The names of reasons on the wire."""
 
 
 class _ReasonRow(NamedTuple):
     """The declaration of a reason; the attributes are those of `Reason`."""
 
     number: int
+    label: ReasonLabel
     verdict: Verdict = Verdict.REJECTED
     is_final: bool = False
     in_image: bool = True
@@ -494,16 +514,19 @@ class _ReasonRow(NamedTuple):
 class Reason(IntEnum):
     """The rule that decided a box: one row per reason, without gaps in the numbers.
 
-    Reasons 10 to 13, from EXPLAINED_BY_NEARER on, come from channels only. The channel
+    Reasons 10 to 13, from EXPLAINED_BY_NEARER to TOO_FEW_LIDAR_POINTS, come from
+    channels only. The channel
     ``ordered`` may also give NO_VISIBLE_PIXELS, as the rules do. A box that a channel
     keeps is VISIBLE, like one that reaches its threshold; `Decisions.channel` says
-    which it was. A new reason comes last, and its name last in `ReasonLabel`; "Add
-    a rule or a reason" in ARCHITECTURE.md has the other places.
+    which it was. DROPPED_CLASS and UNMAPPED_CLASS have the same name: that nothing is
+    known of a box's class, which profile ``carlasimu`` rejects, as the published code
+    drops such boxes. A new reason comes last; "Add a rule or a reason" in
+    ARCHITECTURE.md has the other places.
 
     Attributes
     ----------
     label : ReasonLabel
-        Its name on the wire, such as ``below_threshold``.
+        Its name on the wire, such as ``below_threshold``; two reasons can share one.
     verdict : Verdict
     is_final : bool
         No channel overwrites it: it follows from the box and the configuration, and
@@ -515,20 +538,25 @@ class Reason(IntEnum):
         (`static/js/queue/session.js`).
     """
 
-    OUTSIDE_IMAGE = _ReasonRow(1, is_final=True, in_image=False)
-    COVERS_IMAGE = _ReasonRow(2, is_final=True)
-    DEGENERATE = _ReasonRow(3, is_final=True, in_image=False)
-    OUT_OF_RANGE = _ReasonRow(4, is_final=True)
-    UNMAPPED_CLASS = _ReasonRow(5, is_final=True)
-    NO_SEGMENTATION = _ReasonRow(6, Verdict.UNMEASURED)
-    NO_VISIBLE_PIXELS = _ReasonRow(7)
-    LARGE_BELOW_THRESHOLD = _ReasonRow(8)
-    BELOW_THRESHOLD = _ReasonRow(9)
-    EXPLAINED_BY_NEARER = _ReasonRow(10)
-    HIDDEN_BY_DEPTH = _ReasonRow(11)
-    HIDDEN_BY_INSTANCE = _ReasonRow(12)
-    TOO_FEW_LIDAR_POINTS = _ReasonRow(13)
-    VISIBLE = _ReasonRow(14, Verdict.KEPT)
+    OUTSIDE_IMAGE = _ReasonRow(1, "outside_image", is_final=True, in_image=False)
+    COVERS_IMAGE = _ReasonRow(2, "covers_image", is_final=True)
+    DEGENERATE = _ReasonRow(3, "degenerate", is_final=True, in_image=False)
+    OUT_OF_RANGE = _ReasonRow(4, "out_of_range", is_final=True)
+    DROPPED_CLASS = _ReasonRow(5, "unmapped_class", is_final=True)
+    NO_SEGMENTATION = _ReasonRow(6, "no_segmentation", Verdict.UNMEASURED)
+    NO_VISIBLE_PIXELS = _ReasonRow(7, "no_visible_pixels")
+    LARGE_BELOW_THRESHOLD = _ReasonRow(8, "large_below_threshold")
+    BELOW_THRESHOLD = _ReasonRow(9, "below_threshold")
+    EXPLAINED_BY_NEARER = _ReasonRow(10, "explained_by_nearer")
+    HIDDEN_BY_DEPTH = _ReasonRow(11, "hidden_by_depth")
+    HIDDEN_BY_INSTANCE = _ReasonRow(12, "hidden_by_instance")
+    TOO_FEW_LIDAR_POINTS = _ReasonRow(13, "too_few_lidar_points")
+    VISIBLE = _ReasonRow(14, "visible", Verdict.KEPT)
+    UNMAPPED_CLASS = _ReasonRow(
+        15, "unmapped_class", Verdict.UNMEASURED, is_final=True
+    )
+    PASSED = _ReasonRow(16, "passed", Verdict.UNMEASURED, is_final=True)
+    UNKNOWN_PIXELS = _ReasonRow(17, "unknown_pixels", Verdict.UNMEASURED)
 
     label: ReasonLabel
     verdict: Verdict
@@ -538,6 +566,7 @@ class Reason(IntEnum):
     def __new__(
         cls,
         number: int,
+        label: ReasonLabel = "visible",
         verdict: Verdict = Verdict.REJECTED,
         is_final: bool = False,
         in_image: bool = True,
@@ -547,26 +576,26 @@ class Reason(IntEnum):
         # type checkers, which would refuse `Reason(5)` without them.
         reason = int.__new__(cls, number)
         reason._value_ = number
-        reason.label = get_args(ReasonLabel)[number - 1]
+        reason.label = label
         reason.verdict = verdict
         reason.is_final = is_final
         reason.in_image = in_image
         return reason
 
     @classmethod
-    def from_label(cls, label: str) -> Reason:
-        """The reason of this name.
+    def with_label(cls, label: str) -> tuple[Reason, ...]:
+        """The reasons of this name, mostly one.
 
         Raises
         ------
         ValueError
             There is no reason of this name.
         """
-        try:
-            return cls[label.upper()]
-        except KeyError:
-            known = ", ".join(reason.label for reason in cls)
-            raise ValueError(f"unknown reason {label!r}; known: {known}") from None
+        reasons = tuple(reason for reason in cls if reason.label == label)
+        if not reasons:
+            known = ", ".join(get_args(ReasonLabel))
+            raise ValueError(f"unknown reason {label!r}; known: {known}")
+        return reasons
 
 
 _REASONS: Final = tuple(Reason)

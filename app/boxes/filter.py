@@ -340,7 +340,9 @@ def _reasons(wanted: BoxSelection) -> tuple[int, ...]:
     if wanted.reason:
         try:
             chosen &= {
-                int(Reason.from_label(name)) for name in wanted.reason.split(",")
+                int(reason)
+                for name in wanted.reason.split(",")
+                for reason in Reason.with_label(name)
             }
         except ValueError as error:
             raise BadRequest(str(error), code="unknown_reason") from error

@@ -47,22 +47,26 @@ def outcome(names: Sequence[str], table: IntArray) -> dict[str, object]:
         verdicts[:, VERDICT_OF_REASON[reason]] += table[:, reason]
     return {
         "counts": _by_verdict(verdicts.sum(axis=0)),
-        "by_reason": {
-            reason.label: int(per_reason[reason])
-            for reason in Reason
-            if per_reason[reason]
-        },
+        "by_reason": _by_label(per_reason),
         "by_class": {
             name: _by_verdict(row)
             for name, row in zip(names, verdicts, strict=True)
             if row.any()
         },
         "reasons_by_class": {
-            name: {reason.label: int(row[reason]) for reason in Reason if row[reason]}
+            name: _by_label(row)
             for name, row in zip(names, table, strict=True)
             if row.any()
         },
     }
+
+
+def _by_label(counts: IntArray) -> dict[str, int]:
+    """Boxes by the name of their reason, from (reasons,) boxes by its number."""
+    labels: Counter[str] = Counter()
+    for reason in Reason:
+        labels[reason.label] += int(counts[reason])
+    return {label: boxes for label, boxes in labels.items() if boxes}
 
 
 def match_counts(evidence: Evidence, bins: int) -> IntArray:

@@ -17,7 +17,7 @@ from typing import Any, Final, NamedTuple, Protocol, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from filter_core.classes import MAX_ACCEPT, canonical_accept
+from filter_core.classes import MAX_ACCEPT, PASS, canonical_accept, measured_class
 from filter_core.errors import ConfigError
 from filter_core.evidence_kinds import AUTO, STRONGEST_FIRST
 from filter_core.segmentation.palettes import LAST_TAG
@@ -143,6 +143,10 @@ FARTHEST_METRES: Final = METRES._replace(null=math.inf)
 """The farthest distance that is allowed; null: no limit."""
 
 
+MAX_CLASS_NAME: Final = 200
+"""Characters of a class's name in a configuration."""
+
+
 def counted(unit: str) -> NumberRange:
     """Whole numbers of something, such as ``pixels``."""
     return NumberRange(0, _MAX_COUNT, unit, whole=True)
@@ -188,6 +192,26 @@ class TagList:
             "minItems": 1,
             "maxItems": MAX_ACCEPT,
         }
+
+
+class ClassName:
+    """Names of classes that can be measured, or ``pass``.
+
+    Whether the configuration knows a name is checked when all its classes are there.
+    """
+
+    def __str__(self) -> str:
+        return f"the name of a class, or {PASS}"
+
+    def checked(self, name: str, value: object, at: str = "") -> str:
+        """See `Allowed.checked`; a name that means a class becomes that class."""
+        if not isinstance(value, str) or not 0 < len(value) <= MAX_CLASS_NAME:
+            raise _refused(name, value, str(self), at)
+        return measured_class(value)
+
+    def schema(self) -> dict[str, object]:
+        """See `Allowed.schema`."""
+        return {"type": "string", "minLength": 1, "maxLength": MAX_CLASS_NAME}
 
 
 class Key(NamedTuple):

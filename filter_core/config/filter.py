@@ -16,9 +16,13 @@ from functools import cached_property, lru_cache
 from types import MappingProxyType
 from typing import Final, NamedTuple, TypeVar
 
-from filter_core.classes import canonical_class
+import numpy as np
+
+from filter_core.class_names import canonical_class
+from filter_core.classes import MEASURED_CLASSES, PASS, measured_class
 from filter_core.config.declaration import (
     INHERIT,
+    MAX_CLASS_NAME,
     Inherit,
     Number,
     NumberRange,
@@ -41,8 +45,8 @@ from filter_core.evidence_kinds import (
     ChannelName,
 )
 from filter_core.segmentation.reading import SegmentationOptions
-from filter_core.types import FloatArray, IntArray, Profile
-from filter_core.values import JsonObject, place_of, pointer_token, shown
+from filter_core.types import BoolArray, FloatArray, IntArray, Profile
+from filter_core.values import JsonObject, place_of, pointer_token, shown, similar
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -118,9 +122,12 @@ class LimitsByClass(ClassKeys[FloatArray, IntArray, FloatArray]):
     ----------
     profile : ``paper`` or ``carlasimu``
         Of the configuration.
+    passed : (K,) bool
+        The class map says ``pass``: boxes of the class are not measured.
     """
 
     profile: Profile
+    passed: BoolArray
 
 
 _IN_EVERY_DIGEST: Final = frozenset(
@@ -221,8 +228,22 @@ class DecideConfig(DecidingKeys, ClassLimits):
         return STRONGEST_FIRST if self.evidence == AUTO else (self.evidence,)
 
     def of_class(self, name: str) -> ClassConfig:
-        """The overrides of a class by its name or an alias; all `INHERIT` if none."""
-        return self.classes.get(canonical_class(name), _NO_OVERRIDES)
+        """The overrides that apply to a class; all `INHERIT` if there are none.
+
+        They are those of its own name, completed by those of the class as which it is
+        measured if the configuration says so; else those of the class that the name
+        means.
+        """
+        own = self.classes.get(canonical_class(name))
+        if own is None:
+            return self.classes.get(measured_class(name), _NO_OVERRIDES)
+        other = self.classes.get(str(own.measures_as), _NO_OVERRIDES)
+        return ClassConfig(
+            **{
+                key: getattr(other if getattr(own, key) is INHERIT else own, key)
+                for key in keys_of(ClassConfig)
+            }
+        )
 
     def limits_of(self, class_name: str) -> ClassLimits:
         """The values for one class: its overrides, and the global values."""
@@ -285,13 +306,15 @@ class FilterConfig(ReadingKeys, DecideConfig):
                 for name, one in self.classes.items()
                 if one.accept is not INHERIT
             },
+            class_map={
+                name: one.measures_as
+                for name, one in self.classes.items()
+                if one.measures_as is not INHERIT
+            },
             ignored=ignored,
             channels=tuple(name for name in CHANNELS if name in self.channels),
             depth_tolerance=float(self.depth_tolerance),
         )
-
-
-_MAX_CLASS_NAME: Final = 200
 
 
 def _canonical_classes(raw: object) -> Mapping[str, ClassConfig]:
@@ -309,16 +332,40 @@ def _canonical_classes(raw: object) -> Mapping[str, ClassConfig]:
                 "same class; keep one",
                 pointer=f"/classes/{pointer_token(given_name)}",
             )
-        one = (
-            overrides
-            if isinstance(overrides, ClassConfig)
-            else ClassConfig.from_mapping(
-                overrides, at=f"/classes/{pointer_token(given_name)}"
-            )
-        )
-        classes[name] = one
+        at = f"/classes/{pointer_token(given_name)}"
+        if isinstance(overrides, str):
+            overrides = {"measures_as": overrides}
+        if not isinstance(overrides, ClassConfig):
+            overrides = ClassConfig.from_mapping(overrides, at=at)
+        classes[name] = overrides
+    for name, one in classes.items():
+        _refuse_unknown_meaning(name, one, classes)
     return MappingProxyType(
         {name: classes[name] for name in sorted(classes) if classes[name].as_dict()}
+    )
+
+
+def _refuse_unknown_meaning(
+    name: str, one: ClassConfig, classes: Mapping[str, ClassConfig]
+) -> None:
+    """Raise if a class is to be measured as something that has no tags."""
+    if one.measures_as is INHERIT:
+        return
+    at = f"/classes/{pointer_token(name)}"
+    if one.accept is not INHERIT:
+        raise ConfigError(
+            f"classes.{name}: expected measures_as or accept, found both; keep one",
+            pointer=at,
+        )
+    other = classes.get(one.measures_as, _NO_OVERRIDES)
+    if one.measures_as in (*MEASURED_CLASSES, PASS) or other.accept is not INHERIT:
+        return
+    close = similar(one.measures_as, (*MEASURED_CLASSES, PASS))
+    hint = f"did you mean {close!r}?" if close else f"such as {MEASURED_CLASSES[0]!r}"
+    raise ConfigError(
+        f"classes.{name}: expected a class that has tags, or {PASS}, found "
+        f"{one.measures_as!r}; {hint}",
+        pointer=f"{at}/measures_as",
     )
 
 
@@ -363,8 +410,9 @@ def _limits_by_class(config: DecideConfig, names: tuple[str, ...]) -> LimitsByCl
         name: allowed.array([getattr(one, name) for one in limits])
         for name, allowed in _NUMBER_RANGES.items()
     }
+    passed = np.array([config.of_class(name).measures_as == PASS for name in names])
     make: Callable[..., LimitsByClass] = LimitsByClass
-    return make(**arrays, profile=config.profile)
+    return make(**arrays, profile=config.profile, passed=passed.astype(np.bool_))
 
 
 def _names_of(name: str, classes: Mapping[str, object]) -> list[str]:
@@ -374,11 +422,11 @@ def _names_of(name: str, classes: Mapping[str, object]) -> list[str]:
 def _checked_class_name(name: object) -> str:
     if (
         not isinstance(name, str)
-        or not 0 < len(name) <= _MAX_CLASS_NAME
+        or not 0 < len(name) <= MAX_CLASS_NAME
         or not name.isprintable()
     ):
         raise ConfigError(
-            f"classes: expected a class name of 1 to {_MAX_CLASS_NAME} printable "
+            f"classes: expected a class name of 1 to {MAX_CLASS_NAME} printable "
             f"characters, found {str(name)[:60]!r}",
             pointer="/classes",
         )
@@ -399,10 +447,15 @@ def schema_of(config_class: type[DecideConfig]) -> dict[str, object]:
     properties["classes"] = {
         "description": "What single classes do differently, by their names.",
         "type": ["object", "null"],
-        "propertyNames": {"minLength": 1, "maxLength": _MAX_CLASS_NAME},
-        "additionalProperties": _object_schema(
-            {name: key.schema() for name, key in keys_of(ClassConfig).items()}
-        ),
+        "propertyNames": {"minLength": 1, "maxLength": MAX_CLASS_NAME},
+        "additionalProperties": {
+            "anyOf": [
+                keys_of(ClassConfig)["measures_as"].allowed.schema(),
+                _object_schema(
+                    {name: key.schema() for name, key in keys_of(ClassConfig).items()}
+                ),
+            ]
+        },
         "default": {},
     }
     return {

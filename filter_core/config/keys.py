@@ -31,6 +31,7 @@ from filter_core.config.declaration import (
     NEAREST_METRES,
     PERCENT,
     AllowedWords,
+    ClassName,
     Inherit,
     Key,
     Number,
@@ -131,7 +132,19 @@ class ClassKeys(Generic[NumberT, WholeNumberT, NumberOrNullT]):
 
 @dataclass(frozen=True, kw_only=True)
 class OnlyClassKeys:
-    """The keys that only single classes have."""
+    """The keys that only single classes have.
+
+    In the place of these, a class can also have a name: ``Car: car`` is short for
+    ``Car: {measures_as: car}``.
+    """
+
+    measures_as: str | Inherit = key(
+        ClassName(),
+        INHERIT,
+        "The class as which boxes of this name are measured; pass: they are not "
+        "measured, and written as they came.",
+        needs_pixels=True,
+    )
 
     accept: tuple[str | int, ...] | Inherit = key(
         TagList(),

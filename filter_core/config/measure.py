@@ -16,11 +16,20 @@ from typing import Final
 
 import numpy as np
 
-from filter_core.classes import accept_mask_of, canonical_class
+from filter_core.class_names import canonical_class
+from filter_core.classes import PASS, accept_mask_of, measured_class
 from filter_core.evidence_kinds import CHANNELS, ChannelName, files_for
 from filter_core.segmentation.reading import SegmentationOptions
 from filter_core.types import IntArray, Profile, ProjectionMode
 from filter_core.values import JsonObject
+
+NEWEST_VERSION: Final = 2
+"""How frames are measured now, in profile ``paper``:
+
+1. Edges are taken as given, and only the filter's own names of classes have tags.
+2. An edge that was rounded becomes a whole number again (`correct_xyxy`), and names of
+   classes mean what the vocabulary says (`class_meant_by`).
+"""
 
 _READING: Final = ("palette", "encoding", "channel_order", "lossy")
 
@@ -39,12 +48,18 @@ class MeasureConfig:
         The same, completed by the dataset's options.
     accept : Mapping
         Tags that count for a class, by its name; classes without one have the default.
+    class_map : Mapping
+        The class as which a name is measured, or `PASS`; other names mean what the
+        vocabulary says.
     ignored : JsonObject or None
         The dataset's ignored pixels, which never count.
     channels : tuple of ChannelName
         The channels to be measured: names of `CHANNELS`, in that order.
     depth_tolerance : float, metres
         See the key of that name.
+    version : int
+        How boxes are measured in profile ``paper``, see `NEWEST_VERSION`. A dataset
+        keeps the version of its stored numbers until a run measures it again.
     """
 
     profile: Profile = "paper"
@@ -52,9 +67,11 @@ class MeasureConfig:
     own_reading: SegmentationOptions = field(default_factory=SegmentationOptions)
     reading: SegmentationOptions = field(default_factory=SegmentationOptions)
     accept: Mapping[str, tuple[str | int, ...]] = field(default_factory=dict)
+    class_map: Mapping[str, str] = field(default_factory=dict)
     ignored: JsonObject | None = None
     channels: tuple[ChannelName, ...] = ()
     depth_tolerance: float = 0.15
+    version: int = NEWEST_VERSION
 
     @property
     def digest(self) -> str:
@@ -72,10 +89,18 @@ class MeasureConfig:
         plain = self.as_dict()
         # Channels store no histograms, so other accept sets need the pixels again.
         # Under carlasimu, `as_dict` has them in "measure" too.
-        return _digest(plain if self.channels else plain | {"accept": None})
+        if self.channels:
+            return _digest(plain)
+        if self.profile == "paper":
+            plain.pop("class_map", None)
+        return _digest(plain | {"accept": None})
 
     def as_dict(self) -> dict[str, object]:
-        """The stored form, ready for JSON; ``channels`` only where there are any."""
+        """The stored form, ready for JSON.
+
+        ``channels`` and ``class_map`` only where there are any, ``version`` only where
+        it makes a difference and is not the first.
+        """
         own = [getattr(self.own_reading, name) for name in _READING]
         by_name: list[object] = [self.profile, *own, self.projection]
         accept = {name: list(tags) for name, tags in self.accept.items()}
@@ -88,6 +113,10 @@ class MeasureConfig:
             "reading": {name: getattr(self.reading, name) for name in _READING},
             "ignored": self.ignored,
         }
+        if self.class_map:
+            plain["class_map"] = dict(self.class_map)
+        if self.profile == "paper" and self.version > 1:
+            plain["version"] = self.version
         if not self.channels:
             return plain
         tolerance = self.depth_tolerance if "depth" in self.channels else None
@@ -102,7 +131,9 @@ class MeasureConfig:
         )
 
     def as_measured(self, stored: JsonObject) -> MeasureConfig:
-        """The same, with reading, ignored pixels and channels of a stored measurement.
+        """The same, as a stored measurement was made.
+
+        That is, with its reading, ignored pixels, channels and version.
 
         Parameters
         ----------
@@ -117,6 +148,7 @@ class MeasureConfig:
             ignored=stored["ignored"],
             channels=channels,
             depth_tolerance=self.depth_tolerance if tolerance is None else tolerance,
+            version=stored.get("version", 1),
         )
 
     def is_covered_by(self, stored: JsonObject) -> bool:
@@ -126,14 +158,12 @@ class MeasureConfig:
         channels.
         """
         channels, tolerance = _channels_of(stored)
+        plain = self.as_dict()
+        compared = {*plain, "class_map", "version"} - {"channels"}
         return (
             set(self.channels) <= set(channels)
             and ("depth" not in self.channels or self.depth_tolerance == tolerance)
-            and all(
-                stored[key] == value
-                for key, value in self.as_dict().items()
-                if key != "channels"
-            )
+            and all(stored.get(key) == plain.get(key) for key in compared)
         )
 
     @property
@@ -150,6 +180,21 @@ class MeasureConfig:
         """
         return self.files == ("depth",) and "ordered" not in self.channels
 
+    @property
+    def undoes_rounding(self) -> bool:
+        """Whether edges that were rounded become whole numbers again."""
+        return self.profile == "paper" and self.version > 1
+
+    def measured_class(self, name: str) -> str:
+        """The class as which boxes of this name are measured, or `PASS`."""
+        own_name = canonical_class(name)
+        if own_name in self.class_map:
+            return self.class_map[own_name]
+        # Profile carlasimu knows the names of the published code only.
+        if self.profile == "carlasimu" or self.version == 1:
+            return own_name
+        return measured_class(name)
+
     def accept_masks(self, class_names: Iterable[str], family: str | None) -> IntArray:
         """(K,) int64: the tags each class accepts, bit t for tag t; 0 if not mapped.
 
@@ -160,13 +205,15 @@ class MeasureConfig:
         ConfigError
             A class accepts a tag that the family does not have.
         """
-        masks = [
-            accept_mask_of(
-                name, family, self.profile, self.accept.get(canonical_class(name))
-            )
-            for name in class_names
-        ]
+        masks = [self._accept_mask(name, family) for name in class_names]
         return np.array(masks, dtype=np.int64)
+
+    def _accept_mask(self, name: str, family: str | None) -> int:
+        measured_as = self.measured_class(name)
+        if measured_as == PASS:
+            return 0
+        accept = self.accept.get(canonical_class(name), self.accept.get(measured_as))
+        return accept_mask_of(measured_as, family, self.profile, accept)
 
 
 def _channels_of(

@@ -2,8 +2,8 @@
 
 A configuration names channels to try in order (`DecideConfig.channels`). The first one
 with a number for a box decides, and overwrites what the rules of the segmentation
-decided, except for the reasons with `Reason.is_final`: from OUTSIDE_IMAGE to
-UNMAPPED_CLASS. They need no pixels. A box that no channel has a number for keeps its
+decided, except for the reasons with `Reason.is_final`, such as OUTSIDE_IMAGE and
+UNMAPPED_CLASS: these need no pixels. A box that no channel has a number for keeps its
 decision. `_CHANNELS` has one row per channel: the number that it compares, the number
 that is needed, and the reason of the boxes that it rejects. The sentences of channels
 are in `explain`.
@@ -12,7 +12,7 @@ are in `explain`.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -30,7 +30,7 @@ from filter_core.types import (
     Reason,
 )
 
-_IS_FINAL: Final = np.array([False, *(reason.is_final for reason in Reason)])
+IS_FINAL: Final = np.array([False, *(reason.is_final for reason in Reason)])
 """`Reason.is_final` by the number of the reason; there is no reason 0."""
 
 
@@ -52,7 +52,7 @@ def apply_channels(
     if evidence.channels is None or config.evidence == SEMANTIC:
         return
     boxes = _boxes_of(evidence, evidence.channels, config)
-    open_to_channels = ~_IS_FINAL.take(decisions.reason)
+    open_to_channels = ~IS_FINAL.take(decisions.reason)
     for name in config.channels:
         rows = np.flatnonzero(open_to_channels & has_number(evidence, name))
         open_to_channels[rows] = False
@@ -66,6 +66,29 @@ def apply_channels(
         decisions.toss_up[rows] = False
         decisions.large[rows] = False
         decisions.channel[rows] = 1 + CHANNELS.index(name)
+
+
+def with_more_pixels(
+    numbers: ChannelNumbers | None, pixels: IntArray
+) -> ChannelNumbers | None:
+    """The numbers of channels as if so many more pixels of each box had matched.
+
+    `pixels` is (N,) int64. Numbers that were not measured stay so, and those that count
+    no pixels stay as they are.
+    """
+    if numbers is None:
+        return None
+    counts = {
+        name: getattr(numbers, name)
+        for name in ("owned_pixels", "depth_pixels", "instance_pixels")
+    }
+    return replace(
+        numbers,
+        **{
+            name: np.where(count == NOT_MEASURED, count, count + pixels)
+            for name, count in counts.items()
+        },
+    )
 
 
 def compared_by_channels(

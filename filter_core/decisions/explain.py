@@ -53,6 +53,8 @@ class ExplainedBox(NamedTuple):
     large : bool
     matched_pixels, pixels_needed : int
         The pixels with an accepted tag, and the fewest that keep the box.
+    unknown_pixels, box_pixels : int
+        The pixels whose tag or colour is not known, and all that count.
     distance : float or None, metres
     accepted : tuple of str
         Names of the tags that count.
@@ -83,6 +85,8 @@ class ExplainedBox(NamedTuple):
     large: bool = False
     matched_pixels: int = 0
     pixels_needed: int = 1
+    unknown_pixels: int = 0
+    box_pixels: int = 0
     distance: float | None = None
     accepted: tuple[str, ...] = ()
     hidden_by: Sequence[HiddenBy] = ()
@@ -140,6 +144,18 @@ def _unmapped(box: ExplainedBox) -> str:
     return f"no tag is accepted for the class {box.class_name!r}"
 
 
+def _passed(box: ExplainedBox) -> str:
+    return f"the class map says that {box.class_name!r} is not measured"
+
+
+def _unknown_pixels(box: ExplainedBox) -> str:
+    share = 100 * box.unknown_pixels / max(box.box_pixels, 1)
+    return (
+        f"{rounded_percent(share)} of its pixels have a tag or colour that is not known; "
+        f"as {_any_of(box.accepted)} they would keep it"
+    )
+
+
 def _unmeasured(_: ExplainedBox) -> str:
     return "there is no segmentation to measure with"
 
@@ -188,7 +204,10 @@ _SENTENCES: Final[Mapping[Reason, Callable[[ExplainedBox], str]]] = {
     Reason.COVERS_IMAGE: _covers,
     Reason.DEGENERATE: _degenerate,
     Reason.OUT_OF_RANGE: _out_of_range,
+    Reason.DROPPED_CLASS: _unmapped,
     Reason.UNMAPPED_CLASS: _unmapped,
+    Reason.PASSED: _passed,
+    Reason.UNKNOWN_PIXELS: _unknown_pixels,
     Reason.NO_SEGMENTATION: _unmeasured,
     Reason.NO_VISIBLE_PIXELS: _no_visible_pixels,
     Reason.LARGE_BELOW_THRESHOLD: _too_little,
@@ -409,6 +428,8 @@ def _explained(
         "large": decisions.large.tolist(),
         "matched_pixels": evidence.matched_pixels.tolist(),
         "pixels_needed": pixels_needed(evidence, config).tolist(),
+        "unknown_pixels": evidence.unknown_pixels.tolist(),
+        "box_pixels": evidence.box_pixels.tolist(),
         "distance": floats_or_none(evidence.distance),
         "accepted": [
             accepted_names(mask, frame.family) if frame.family else ()

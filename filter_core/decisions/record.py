@@ -69,6 +69,7 @@ Decision = TypedDict(
         "large": bool,
         "matched_pixels": int | None,
         "box_pixels": int | None,
+        "unknown_pixels": int | None,
         "area_percent": float | None,
         "crowding": float | None,  # percent
         "explained_by": str | None,  # id of the nearer box that takes most pixels
@@ -238,6 +239,9 @@ def _composed(
         "large": decisions.large.tolist(),
         "matched_pixels": counts_or_none(_matched_pixels(evidence)),
         "box_pixels": evidence.box_pixels.tolist(),
+        "unknown_pixels": counts_or_none(
+            np.where(evidence.measured, evidence.unknown_pixels, NOT_MEASURED)
+        ),
         "area_percent": floats_or_none(evidence.area_percent),
         "crowding": floats_or_none(evidence.crowding),
         "explained_by": [box and box.box_id for box in nearer],

@@ -14,14 +14,21 @@ with the match; "Add a rule or a reason" has it for a new reason.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Final, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from filter_core.config.filter import DecideConfig, LimitsByClass
-from filter_core.decisions.channel_rules import apply_channels
+from filter_core.decisions.channel_rules import (
+    IS_FINAL,
+    apply_channels,
+    with_more_pixels,
+)
 from filter_core.types import (
+    REJECTED,
+    VERDICT_OF_REASON,
     BoolArray,
     BoxState,
     Decisions,
@@ -89,7 +96,41 @@ def decide(evidence: Evidence, config: DecideConfig) -> Decisions:
         rows = slice(start, start + _BLOCK)
         _decide_block(evidence, rows, limits, thresholds, decisions)
     apply_channels(evidence, config, decisions)
+    if config.profile == "paper":
+        _spare_unknown(evidence, config, decisions)
     return decisions
+
+
+def _spare_unknown(
+    evidence: Evidence, config: DecideConfig, decisions: Decisions
+) -> None:
+    """Give rejected boxes that their unknown pixels could save another reason.
+
+    A pixel is unknown if its tag or colour is none of its family. A box is UNKNOWN_PIXELS
+    if it is rejected, but would be kept if its unknown pixels matched.
+    """
+    is_open = (VERDICT_OF_REASON == REJECTED) & ~IS_FINAL
+    rows = np.flatnonzero(
+        (evidence.unknown_pixels > 0) & is_open.take(decisions.reason)
+    )
+    if not len(rows):
+        return
+    boxes = evidence.take(rows)
+    matched = boxes.matched_pixels + boxes.unknown_pixels
+    as_matched = replace(
+        boxes,
+        matched_pixels=matched,
+        match_percent=100.0 * matched / np.maximum(boxes.box_pixels, 1),
+        unknown_pixels=np.zeros_like(boxes.unknown_pixels),
+        channels=with_more_pixels(boxes.channels, boxes.unknown_pixels),
+    )
+    spared = rows[decide(as_matched, config).reason == Reason.VISIBLE]
+    decisions.reason[spared] = Reason.UNKNOWN_PIXELS
+    decisions.threshold[spared] = np.nan
+    decisions.margin[spared] = np.nan
+    decisions.toss_up[spared] = False
+    decisions.large[spared] = False
+    decisions.channel[spared] = 0
 
 
 def _decide_block(
@@ -137,8 +178,8 @@ def _look_up(
 def _as_carlasimu(limits: LimitsByClass) -> bool:
     """Whether to compare as under profile ``carlasimu``, the paper's published code.
 
-    It differs from ``paper`` here in three ways (and in others where boxes are
-    measured): a box of exactly the size `size_big_box` is large; a match equal to a
+    It differs from ``paper`` here in four ways (and in others where boxes are
+    measured): a box whose class is not known is rejected; a box of exactly the size `size_big_box` is large; a match equal to a
     threshold fails; and large boxes must pass both thresholds.
     """
     return limits.profile == "carlasimu"
@@ -163,12 +204,15 @@ def _rules(
     else:
         fails_big, fails_small = (match < big) & large, (match < small) & ~large
     state = evidence.state[rows]
+    is_published = _as_carlasimu(limits)
+    unmapped = Reason.DROPPED_CLASS if is_published else Reason.UNMAPPED_CLASS
     return (
         (Reason.OUTSIDE_IMAGE, state == BoxState.OUTSIDE_IMAGE.value),
         (Reason.COVERS_IMAGE, state == BoxState.COVERS_IMAGE.value),
         (Reason.DEGENERATE, state == BoxState.DEGENERATE.value),
         (Reason.OUT_OF_RANGE, _is_out_of_range(evidence, rows, limits)),
-        (Reason.UNMAPPED_CLASS, evidence.accept_mask[rows] == 0),
+        (Reason.PASSED, limits.passed[class_index]),
+        (unmapped, evidence.accept_mask[rows] == 0),
         (Reason.NO_SEGMENTATION, ~evidence.measured[rows]),
         (Reason.NO_VISIBLE_PIXELS, evidence.matched_pixels[rows] < needed),
         (Reason.LARGE_BELOW_THRESHOLD, fails_big),

@@ -15,7 +15,7 @@ from typing import Final, Literal, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from filter_core.classes import canonical_class
+from filter_core.class_names import canonical_class
 from filter_core.config.filter import FilterConfig
 from filter_core.decisions.rules import decide
 from filter_core.evaluation.scores import Confusion

@@ -99,13 +99,18 @@ def measure_evidence(
         depth image that is too coarse is refused only if nothing but depth is to be
         measured (`MeasureConfig.depth_required`); else depth stays unmeasured.
     """
-    options = MeasureOptions(profile=config.profile)
+    options = MeasureOptions(config.profile, rounded_edges=config.undoes_rounding)
     evidence = measure(sensors.segmentation, boxes, options, ignore=sensors.ignore)
     channels = sensors.measurable_channels(config)
     if not channels:
         return evidence
     # Equal to `evidence.xyxy`, whose type allows None for evidence that was loaded.
-    xyxy, _ = correct_xyxy(boxes.xyxy, boxes.image_wh, config.profile)
+    xyxy, _ = correct_xyxy(
+        boxes.xyxy,
+        boxes.image_wh,
+        options.profile,
+        rounded_edges=options.rounded_edges,
+    )
     corrected = replace(boxes, xyxy=xyxy)
     numbers = _measure_channels(corrected, sensors, config, channels)
     return replace(evidence, channels=numbers)

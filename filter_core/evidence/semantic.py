@@ -48,9 +48,12 @@ class MeasureOptions:
     Attributes
     ----------
     profile : ``paper`` or ``carlasimu``
+    rounded_edges : bool
+        Whether the rounding of edges is undone; see `correct_xyxy`.
     """
 
     profile: Profile = "paper"
+    rounded_edges: bool = True
 
 
 _DEFAULTS: Final = MeasureOptions()
@@ -105,7 +108,9 @@ def measure(
     """
     _require_sizes(segmentation, boxes, ignore)
     wh = boxes.image_wh
-    corrected, state = correct_xyxy(boxes.xyxy, wh, options.profile)
+    corrected, state = correct_xyxy(
+        boxes.xyxy, wh, options.profile, rounded_edges=options.rounded_edges
+    )
     live = state == BoxState.MEASURABLE
     areas = _areas(corrected)
     bounds = _bounds(corrected, wh, options.profile)
@@ -132,9 +137,16 @@ def measure(
         area_percent=(areas / float(wh[0] * wh[1])) * 100,
         crowding=crowding_percent(corrected, np.where(live, boxes.accept_mask, 0)),
         distance=boxes.distance,
+        unknown_pixels=_unknown_pixels(counts.tag_counts, len(boxes)),
         xyxy=corrected,
         tag_counts=counts.tag_counts,
     )
+
+
+def _unknown_pixels(tag_counts: NDArray[np.int32] | None, count: int) -> IntArray:
+    if tag_counts is None:
+        return np.zeros(count, np.int64)
+    return tag_counts[:, UNKNOWN_COLUMN].astype(np.int64)
 
 
 def _require_sizes(
@@ -214,7 +226,7 @@ def _refuse_ambiguous_family(segmentation: Segmentation, boxes: FrameBoxes) -> N
     if not segmentation.rivals:
         return
     rows = zip(boxes.class_index.tolist(), boxes.accept_mask.tolist(), strict=True)
-    masks = {(boxes.class_names[index], mask) for index, mask in rows}
+    masks = {(boxes.measured_as[index], mask) for index, mask in rows}
     for name, mask in sorted(masks):
         # A mask that is configured names tags of a known family: no ambiguity.
         if mask != accept_mask_of(name, segmentation.family):
@@ -248,7 +260,7 @@ def _has_exact_colors(segmentation: Segmentation) -> bool:
 def _accepted_by_color(segmentation: Segmentation, boxes: FrameBoxes) -> BoolArray:
     """(N, 256): true at the code of each class's one colour, in the family or not."""
     table = np.zeros((len(boxes.class_names), 256), dtype=np.bool_)
-    for row, name in enumerate(boxes.class_names):
+    for row, name in enumerate(boxes.measured_as):
         color = PUBLISHED_COLORS.get(name)
         if color is not None:
             code = CODE_OF.get(packed(color, segmentation.channel_order))

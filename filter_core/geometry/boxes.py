@@ -1,8 +1,8 @@
 """Rectangles in pixels: five notations, correction (Algorithm 1), pixels they touch.
 
-`to_xyxy` converts rectangles from any of the notations, `correct_xyxy` clamps them to
-the image and finds those that cannot be measured, and `pixel_bounds` returns the pixels
-that the others touch. No 3D here.
+`to_xyxy` converts rectangles from any of the notations, `correct_xyxy` undoes the
+rounding of their edges, clamps them to the image and finds those that cannot be
+measured, and `pixel_bounds` returns the pixels that the others touch. No 3D here.
 """
 
 from __future__ import annotations
@@ -80,8 +80,23 @@ def to_xyxy(form: str, values: ArrayLike, wh: tuple[int, int]) -> BoxesXYXY:
     return _TO_XYXY[form](boxes * np.array(size, dtype=np.float64))
 
 
+EDGE_TOLERANCE: Final = 0.01
+"""px: an edge that is this near to a whole number is that number.
+
+Formats of labels round: six decimals of a share are up to 0.001 px in an image that is
+2,000 px wide, and KITTI's two decimals 0.005 px.
+"""
+
+_FLOAT_ERROR: Final = 1e-9
+"""px: by so much the difference of two float64 coordinates may be wrong."""
+
+
 def correct_xyxy(
-    xyxy: ArrayLike, wh: tuple[int, int], profile: Profile = "paper"
+    xyxy: ArrayLike,
+    wh: tuple[int, int],
+    profile: Profile = "paper",
+    *,
+    rounded_edges: bool = True,
 ) -> tuple[BoxesXYXY, NDArray[np.uint8]]:
     """Correct the coordinates of boxes (Algorithm 1), and return the state of each.
 
@@ -91,6 +106,9 @@ def correct_xyxy(
         As given: may reach out of the image, be inverted, or have no area.
     wh : (width, height) of the image, px
     profile : Profile
+    rounded_edges : bool
+        Whether the rounding of edges is undone (see Notes); never in profile
+        ``carlasimu``. False for numbers that were measured before this was done.
 
     Returns
     -------
@@ -107,7 +125,12 @@ def correct_xyxy(
 
     Notes
     -----
-    In this order: strictly outside on either axis (min > size or max < 0) is
+    First, in profile ``paper``, an edge within `EDGE_TOLERANCE` of a whole number
+    becomes that number, so that a box has the same pixels in every format of labels. It
+    stays as it is where both edges of an axis would become the same number, since
+    undoing a rounding must not take a box's extent away.
+
+    Then, in this order: strictly outside on either axis (min > size or max < 0) is
     ``OUTSIDE_IMAGE``; clamp; an extent of zero or less afterwards, inverted boxes
     included, is ``DEGENERATE``. Profile ``carlasimu`` differs in two ways, as its code
     does: ``x_min >= width`` is outside too (on x only), and a corrected box whose area
@@ -126,6 +149,8 @@ def correct_xyxy(
     boxes = _as_boxes(xyxy)
     _refuse_non_finite(boxes)
     limit = np.array([*wh, *wh], dtype=np.float64)
+    if profile == "paper" and rounded_edges:
+        boxes = _with_whole_edges(boxes)
 
     corrected: BoxesXYXY = np.minimum(np.maximum(boxes, 0.0), limit)
     extent = corrected[:, 2:] - corrected[:, :2]
@@ -146,6 +171,22 @@ def correct_xyxy(
     state[outside] = BoxState.OUTSIDE_IMAGE
     corrected[outside | degenerate] = np.nan
     return corrected, state
+
+
+def _with_whole_edges(boxes: BoxesXYXY) -> BoxesXYXY:
+    """(N, 4) px: the boxes with edges that were rounded as the whole numbers they were.
+
+    Most boxes have whole edges or edges with fractions, so that nothing is changed.
+    """
+    whole = np.rint(boxes) + 0.0  # not -0.0
+    distance = np.abs(boxes - whole)
+    is_rounded = (distance > 0) & (distance <= EDGE_TOLERANCE + _FLOAT_ERROR)
+    if not is_rounded.any():
+        return boxes
+    edges = np.where(is_rounded, whole, boxes)
+    is_lost = (edges[:, :2] == edges[:, 2:]) & (boxes[:, :2] != boxes[:, 2:])
+    restored: BoxesXYXY = np.where(np.hstack([is_lost, is_lost]), boxes, edges)
+    return restored
 
 
 def _refuse_non_finite(boxes: FloatArray) -> None:

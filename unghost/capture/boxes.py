@@ -14,7 +14,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from filter_core.classes import class_of
+from filter_core.class_names import class_of
 from filter_core.geometry.pose import Triple
 from unghost.capture.objects import (
     LocalBox,

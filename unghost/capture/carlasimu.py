@@ -14,7 +14,7 @@ from typing import Final
 import yaml
 from pydantic import TypeAdapter, ValidationError
 
-from filter_core.classes import class_of
+from filter_core.class_names import class_of
 from filter_core.config.file import CARLASIMU_ROOT
 from filter_core.values import nearest
 from unghost.capture.scenario import parse_scenario, read_yaml

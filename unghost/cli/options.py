@@ -216,7 +216,8 @@ def note_unknown_classes(
         The number of boxes of each class that occurs. If there are none, nothing is
         known about the classes.
     """
-    from filter_core.classes import CLASSES, canonical_class
+    from filter_core.class_names import canonical_class
+    from filter_core.classes import CLASSES
     from filter_core.values import similar
 
     named = config.get("classes")

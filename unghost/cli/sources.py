@@ -370,7 +370,8 @@ def note_unmapped_classes(
 
 def _unmapped(name: str, *, is_default: bool) -> str:
     """A class without tags, and what was probably meant or forgotten."""
-    from filter_core.classes import CLASSES, canonical_class
+    from filter_core.class_names import canonical_class
+    from filter_core.classes import CLASSES
     from filter_core.values import similar
 
     if is_default:

@@ -94,6 +94,7 @@ class Decision(ResponseModel):
     large: Annotated[bool, IfAbsent(False)]
     matched_pixels: int | None
     box_pixels: int | None
+    unknown_pixels: Annotated[int | None, IfAbsent(None)]
     area_percent: float | None
     crowding: float | None
     explained_by: str | None

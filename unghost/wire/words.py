@@ -37,6 +37,8 @@ Reason: TypeAlias = Literal[
     "hidden_by_instance",
     "too_few_lidar_points",
     "visible",
+    "passed",
+    "unknown_pixels",
 ]
 """The rule that gave a box its verdict."""
 OcclusionLevel: TypeAlias = Literal[0, 1, 2, 3]

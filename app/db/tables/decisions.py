@@ -52,7 +52,7 @@ class Decision(Base):
 
     __tablename__ = "decisions"
     __table_args__ = (
-        CheckConstraint("reason between 1 and 14", name="reason"),
+        CheckConstraint("reason between 1 and 17", name="reason"),
         CheckConstraint("review in ('keep', 'reject', 'unsure')", name="review"),
         Index("ix_decisions_by_reason", "dataset_id", "reason", "box_id"),
         Index("ix_decisions_by_class", "dataset_id", "class_id", "box_id"),

@@ -7,12 +7,11 @@ import json
 import numpy as np
 import pytest
 
+from filter_core.class_names import BLUEPRINT_CLASS, class_of
 from filter_core.classes import (
-    BLUEPRINT_CLASS,
     accept_mask_of,
     accepted_names,
     accepts,
-    class_of,
 )
 from filter_core.config.filter import FilterConfig
 from filter_core.errors import ConfigError
