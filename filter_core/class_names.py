@@ -176,11 +176,11 @@ _NAMES: Final = {
 """By class: what it is called, with ``_`` between words."""
 
 _STATES: Final = {
-    "traffic_light": frozenset(
-        "red green yellow orange amber off on unknown go stop warning left right "
-        "straight forward".split()
-    ),
-    "traffic_sign": frozenset("stop yield speed limit".split()),
+    "traffic_light": {
+        *("red", "green", "yellow", "orange", "amber", "off", "on", "unknown"),
+        *("go", "stop", "warning", "left", "right", "straight", "forward"),
+    },
+    "traffic_sign": {"stop", "yield", "speed", "limit"},
 }
 """Words that say in which state or of which kind an object is: a
 ``traffic_light_red`` is a traffic light, and a ``traffic_sign_30`` a traffic sign."""
@@ -194,6 +194,7 @@ _MEANING: Final = {
     for class_name, names in _NAMES.items()
     for name in names.split()
 }
+
 
 @lru_cache(maxsize=4096)
 def class_meant_by(name: str) -> str | None:

@@ -43,13 +43,27 @@ CLASSES: Final = tuple(_ACCEPT_SINCE_0_9_14)
 """The filter's own classes, in the order in which they are listed."""
 
 _ONE_TAG: Final = {
-    **{"rider": ("Rider",), "train": ("Train",), "traffic_sign": ("TrafficSign",)},
-    **{"building": ("Building",), "fence": ("Fence",), "pole": ("Pole",)},
-    **{"road_line": ("RoadLine",), "road": ("Road",), "sidewalk": ("Sidewalk",)},
-    **{"vegetation": ("Vegetation",), "wall": ("Wall",), "sky": ("Sky",)},
-    **{"ground": ("Ground",), "bridge": ("Bridge",), "rail_track": ("RailTrack",)},
-    **{"guard_rail": ("GuardRail",), "static": ("Static",), "dynamic": ("Dynamic",)},
-    **{"water": ("Water",), "terrain": ("Terrain",), "rock": ("Rock",)},
+    "rider": ("Rider",),
+    "train": ("Train",),
+    "traffic_sign": ("TrafficSign",),
+    "building": ("Building",),
+    "fence": ("Fence",),
+    "pole": ("Pole",),
+    "road_line": ("RoadLine",),
+    "road": ("Road",),
+    "sidewalk": ("Sidewalk",),
+    "vegetation": ("Vegetation",),
+    "wall": ("Wall",),
+    "sky": ("Sky",),
+    "ground": ("Ground",),
+    "bridge": ("Bridge",),
+    "rail_track": ("RailTrack",),
+    "guard_rail": ("GuardRail",),
+    "static": ("Static",),
+    "dynamic": ("Dynamic",),
+    "water": ("Water",),
+    "terrain": ("Terrain",),
+    "rock": ("Rock",),
 }
 """Classes that are one of CARLA's tags, in the families that have it."""
 

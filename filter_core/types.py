@@ -552,9 +552,7 @@ class Reason(IntEnum):
     HIDDEN_BY_INSTANCE = _ReasonRow(12, "hidden_by_instance")
     TOO_FEW_LIDAR_POINTS = _ReasonRow(13, "too_few_lidar_points")
     VISIBLE = _ReasonRow(14, "visible", Verdict.KEPT)
-    UNMAPPED_CLASS = _ReasonRow(
-        15, "unmapped_class", Verdict.UNMEASURED, is_final=True
-    )
+    UNMAPPED_CLASS = _ReasonRow(15, "unmapped_class", Verdict.UNMEASURED, is_final=True)
     PASSED = _ReasonRow(16, "passed", Verdict.UNMEASURED, is_final=True)
     UNKNOWN_PIXELS = _ReasonRow(17, "unknown_pixels", Verdict.UNMEASURED)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 
 from sqlalchemy.orm import Session
 
@@ -56,6 +56,22 @@ def plan_for(dataset: DatasetReading, config: FilterConfig) -> MeasureConfig:
 def plan_of(measurement: Measurement, config: FilterConfig) -> MeasureConfig:
     """The plan by which a measurement was made."""
     return config.measuring().as_measured(measurement.options)
+
+
+def version_of(measurement: Measurement) -> int:
+    """The `MeasureConfig.version` in which a measurement was made."""
+    return int(measurement.options.get("version", 1))
+
+
+def in_version(
+    session: Session, dataset: Dataset, plan: MeasureConfig, version: int
+) -> MeasureConfig:
+    """The plan in the version of stored numbers, if that saves reading images.
+
+    So the numbers of an earlier version stay in use until images are read anyway.
+    """
+    stored = replace(plan, version=version)
+    return plan if needs_pixels(session, dataset, stored) else stored
 
 
 def needs_pixels(session: Session, dataset: Dataset, plan: MeasureConfig) -> bool:

@@ -6,6 +6,7 @@ deciding again: numbers and configurations never change, and deciding is pure.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -33,8 +34,10 @@ from app.measuring.evidence import recount, unpack_numbers
 from app.measuring.plan import (
     DatasetReading,
     active_measurement,
+    in_version,
     needs_pixels,
     plan_for,
+    version_of,
 )
 from app.measuring.queries import (
     ConfigRepository,
@@ -60,6 +63,7 @@ from filter_core.types import (
 from unghost.wire.boxes import XYXY
 from unghost.wire.datasets import Histogram
 from unghost.wire.runs import Diff, Flip, FlipCounts, Flips, FlipSide, Preview
+from unghost.wire.words import FlipCause
 
 _REASONS: Final = len(VERDICT_OF_REASON)
 _FLIPS: Final = VERDICT_OF_REASON[:, None] != VERDICT_OF_REASON
@@ -214,13 +218,15 @@ class _Nearest:
 class _Decided:
     """Boxes of a part of a dataset, and the decisions on all boxes of the part.
 
-    `rows` selects boxes of the part; None selects all.
+    `rows` selects boxes of the part; None selects all. `version` is the one in which
+    they were measured (`MeasureConfig.version`).
     """
 
     numbers: DatasetColumns
     evidence: Evidence
     decisions: Decisions
     rows: IntArray | None = None
+    version: int = 1
 
     @cached_property
     def reasons(self) -> NDArray[np.uint8]:
@@ -251,6 +257,29 @@ class _Decided:
         ]
 
 
+def _causes(
+    before: _Decided, after: _Decided, places: IntArray
+) -> list[FlipCause | None]:
+    """What besides the configuration has changed the verdicts of these boxes.
+
+    None where nothing else is known to have.
+    """
+    then, now = before.rows_of(places), after.rows_of(places)
+    is_known = (before.evidence.accept_mask[then] == 0) & (
+        after.evidence.accept_mask[now] != 0
+    )
+    is_rounded: BoolArray = np.zeros(len(places), np.bool_)
+    edges, new_edges = before.evidence.xyxy, after.evidence.xyxy
+    if before.version < after.version and edges is not None and new_edges is not None:
+        former, new = edges[then], new_edges[now]
+        same = (former == new) | (np.isnan(former) & np.isnan(new))
+        is_rounded = np.logical_not(same.all(axis=1))
+    return [
+        "class_known" if known else "edge_rounded" if rounded else None
+        for known, rounded in zip(is_known.tolist(), is_rounded.tolist(), strict=True)
+    ]
+
+
 def _flips(before: _Decided, after: _Decided, places: IntArray) -> list[Flip]:
     """The flips of boxes with these indexes, still without their rectangles."""
     rows = after.rows_of(places)
@@ -264,13 +293,15 @@ def _flips(before: _Decided, after: _Decided, places: IntArray) -> list[Flip]:
             match_percent=now.match_percent,
             before=then,
             after=now,
+            cause=cause,
         )
-        for box_id, frame_id, class_index, then, now in zip(
+        for box_id, frame_id, class_index, then, now, cause in zip(
             after.numbers.box_ids[rows].tolist(),
             after.numbers.frame_ids[rows].tolist(),
             after.evidence.class_index[rows].tolist(),
             before.sides(places),
             after.sides(places),
+            _causes(before, after, places),
             strict=True,
         )
     ]
@@ -316,6 +347,7 @@ def preview(
     """The counts, histograms and flips of a configuration that is not applied."""
     plan = plan_for(DatasetReading.of(dataset), config)
     measurement = active_measurement(session, dataset)
+    plan = in_version(session, dataset, plan, version_of(measurement))
     if needs_pixels(session, dataset, plan):
         return Preview(
             config=config.digest,
@@ -416,7 +448,11 @@ def run_diff(
     ]
     measurements = [filled(run.measurement_id) for run in runs]
     names = tuple(DatasetRepository(session).classes(runs[1].dataset_id))
-    table = FlipTable(names)
+    table, causes = FlipTable(names), Counter[FlipCause]()
+    versions = [
+        version_of(EvidenceRepository(session).measurement_with_id(id_))
+        for id_ in measurements
+    ]
     # One more than the limit, to find out whether there is a next page.
     place = number_and_id_of_cursor(page.cursor) if page.cursor else None
     nearest = _Nearest(page.limit + 1, place)
@@ -426,10 +462,11 @@ def run_diff(
             decide(part.evidence, config)
             for part, config in zip(numbers, configs, strict=True)
         ]
-        before, after = _compared(numbers, decisions)
+        before, after = _compared(numbers, decisions, versions)
         reasons = before.reasons, after.reasons
         flips = table.add(after.evidence, *reasons, after.rows)
         nearest.add(before, after, flips)
+        causes.update(filter(None, _causes(before, after, flips)))
     listed, following = nearest.found[: page.limit], None
     if len(nearest.found) > page.limit:
         distance, box_id, _ = listed[-1]
@@ -443,6 +480,7 @@ def run_diff(
         **table.totals(),
         by_class=by_class,
         sides_by_class={name: sides[name] for name in sorted(sides)},
+        by_cause=dict(sorted(causes.items())),
         items=_with_rectangles(
             session, (flip for _, _, flip in listed), measurements[1]
         ),
@@ -485,7 +523,9 @@ def compared_runs(
 
 
 def _compared(
-    numbers: Sequence[DatasetColumns], decisions: Sequence[Decisions]
+    numbers: Sequence[DatasetColumns],
+    decisions: Sequence[Decisions],
+    versions: Sequence[int],
 ) -> tuple[_Decided, _Decided]:
     before, after = numbers
     if before is after:
@@ -496,6 +536,6 @@ def _compared(
             before.box_ids, after.box_ids, assume_unique=True, return_indices=True
         )
     return (
-        _Decided(before, before.evidence, decisions[0], rows[0]),
-        _Decided(after, after.evidence, decisions[1], rows[1]),
+        _Decided(before, before.evidence, decisions[0], rows[0], versions[0]),
+        _Decided(after, after.evidence, decisions[1], rows[1], versions[1]),
     )

@@ -228,6 +228,7 @@ def create_run(
         config if isinstance(config, str) else FilterConfig.from_mapping(config.root),
         audit.name,
         activate=body.activate,
+        measure_again=body.measure_again,
     )
     run = request_run(services, session, found, wanted)
     described = described_run(services, session, run)

@@ -16,14 +16,22 @@ from sqlalchemy.orm import Session
 from app.boxes.queries import FrameRepository
 from app.context import ServiceContext
 from app.db.base import filled, utc_now
-from app.db.tables import Chunk, ConfigVersion, Dataset, Run
+from app.db.tables import Chunk, ConfigVersion, Dataset, Measurement, Run
 from app.errors import NotFound
 from app.jobs.chunks import PlannedChunk
 from app.jobs.kind import Task
 from app.jobs.queries import job_of
 from app.jobs.service import queue_job
 from app.measuring.active import active_version, add_version, config_of
-from app.measuring.plan import DatasetReading, measurement_for, needs_pixels, plan_for
+from app.measuring.plan import (
+    DatasetReading,
+    active_measurement,
+    in_version,
+    measurement_for,
+    needs_pixels,
+    plan_for,
+    version_of,
+)
 from app.measuring.queries import (
     ConfigRepository,
     DatasetRepository,
@@ -43,6 +51,7 @@ class RunRequest:
     """The parameters of a new run.
 
     `channels` are measured in addition to those by which the configuration decides.
+    `measure_again`: numbers that an earlier version has measured are not used.
     """
 
     config: str | FilterConfig
@@ -50,6 +59,7 @@ class RunRequest:
     activate: bool
     reading: DatasetReading | None = None
     channels: tuple[str, ...] = ()
+    measure_again: bool = False
 
 
 def request_run(
@@ -60,6 +70,9 @@ def request_run(
     config = config_of(version)
     reading = wanted.reading or coming_settings(session, dataset)[0]
     plan = plan_for(reading, config).with_channels(wanted.channels)
+    if not wanted.measure_again:
+        stored = version_of(_coming_measurement(session, dataset))
+        plan = in_version(session, dataset, plan, stored)
     measurement = measurement_for(session, dataset, reading, plan)
     run = Run(
         dataset_id=dataset.id,
@@ -92,11 +105,17 @@ def coming_settings(
     run = RunRepository(session).last_to_activate(dataset.id)
     if run is None:
         return reading, config_of(active_version(session, dataset))
-    measurement = EvidenceRepository(session).measurement_with_id(
-        filled(run.measurement_id)
-    )
+    measurement = _coming_measurement(session, dataset)
     config = config_of(ConfigRepository(session).with_id(run.config_id))
     return replace(reading, **measurement.options["dataset"]), config
+
+
+def _coming_measurement(session: Session, dataset: Dataset) -> Measurement:
+    """The measurement that is active when all open runs are done."""
+    run = RunRepository(session).last_to_activate(dataset.id)
+    if run is None:
+        return active_measurement(session, dataset)
+    return EvidenceRepository(session).measurement_with_id(filled(run.measurement_id))
 
 
 def _version(session: Session, dataset: Dataset, wanted: RunRequest) -> ConfigVersion:

@@ -151,8 +151,8 @@ def _passed(box: ExplainedBox) -> str:
 def _unknown_pixels(box: ExplainedBox) -> str:
     share = 100 * box.unknown_pixels / max(box.box_pixels, 1)
     return (
-        f"{rounded_percent(share)} of its pixels have a tag or colour that is not known; "
-        f"as {_any_of(box.accepted)} they would keep it"
+        f"{rounded_percent(share)} of its pixels have a tag or colour that is not "
+        f"known; as {_any_of(box.accepted)} they would keep it"
     )
 
 

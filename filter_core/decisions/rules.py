@@ -106,8 +106,8 @@ def _spare_unknown(
 ) -> None:
     """Give rejected boxes that their unknown pixels could save another reason.
 
-    A pixel is unknown if its tag or colour is none of its family. A box is UNKNOWN_PIXELS
-    if it is rejected, but would be kept if its unknown pixels matched.
+    A pixel is unknown if its tag or colour is none of its family. The reason is
+    UNKNOWN_PIXELS if the box would be kept if its unknown pixels matched.
     """
     is_open = (VERDICT_OF_REASON == REJECTED) & ~IS_FINAL
     rows = np.flatnonzero(
@@ -179,8 +179,9 @@ def _as_carlasimu(limits: LimitsByClass) -> bool:
     """Whether to compare as under profile ``carlasimu``, the paper's published code.
 
     It differs from ``paper`` here in four ways (and in others where boxes are
-    measured): a box whose class is not known is rejected; a box of exactly the size `size_big_box` is large; a match equal to a
-    threshold fails; and large boxes must pass both thresholds.
+    measured): a box whose class is not known is rejected; a box of exactly the size
+    `size_big_box` is large; a match equal to a threshold fails; and large boxes must
+    pass both thresholds.
     """
     return limits.profile == "carlasimu"
 

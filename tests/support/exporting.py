@@ -109,6 +109,15 @@ def column(decisions, name, dtype=np.float64, absent=np.nan):
     return np.array([absent if each is None else each for each in values], dtype)
 
 
+def reason_of(decision):
+    """The reason of a decision; where several share a name, that of its verdict."""
+    return next(
+        reason
+        for reason in Reason.with_label(decision["reason"])
+        if reason.verdict.value == decision["verdict"]
+    )
+
+
 def columns(decisions):
     """Turn decisions (dicts) into the columns that label formats are written from."""
     names = tuple({one["class"]: None for one in decisions})
@@ -121,7 +130,7 @@ def columns(decisions):
         ids=[one["id"] for one in decisions],
         class_names=names,
         class_index=np.array([names.index(one["class"]) for one in decisions], int),
-        reason=np.array([Reason.from_label(one["reason"]) for one in decisions], "u1"),
+        reason=np.array([reason_of(one) for one in decisions], "u1"),
         answer=np.array([Answer[each.upper()] for each in said], np.uint8),
         lossy=column(decisions, "lossy", bool, absent=False),
         xyxy=rectangles("xyxy"),

@@ -35,8 +35,15 @@ _DIFF_COLUMNS: Final = ("class", "boxes", "kept -> rejected", "rejected -> kept"
 _SUMS: Final = (
     *("run", "against", "compared", "total"),
     *("kept_to_rejected", "rejected_to_kept", "by_class", "sides_by_class"),
+    "by_cause",
 )
 """The last line of `unghost diff --json`: the counts of all boxes."""
+
+_CAUSES: Final = {
+    "class_known": "the name of its class is understood now",
+    "edge_rounded": "an edge that was rounded is a whole number again",
+}
+"""Of each `FlipCause`, what it means."""
 
 CancelOnInterrupt: TypeAlias = Annotated[
     bool,
@@ -67,6 +74,14 @@ class RunOptions(DatasetOptions):
             "--wait", help="Wait until the run is done and show its progress."
         ),
     ] = False
+    measure_again: Annotated[
+        bool,
+        typer.Option(
+            "--measure-again",
+            help="Read all images again, also if numbers that an earlier version of "
+            "Unghost has measured would do.",
+        ),
+    ] = False
     cancel_on_interrupt: CancelOnInterrupt = False
 
 
@@ -95,7 +110,10 @@ def run(options: RunOptions) -> None:
     with options.connect() as client:
         version = _add_config(client, options, options.config)
         started = client.start_run(
-            options.dataset, version.digest, activate=options.activate
+            options.dataset,
+            version.digest,
+            activate=options.activate,
+            measure_again=options.measure_again,
         )
         if options.wait:
             started = wait_for_run(
@@ -227,6 +245,8 @@ def diff(options: DiffOptions) -> None:
                 screen.record(flip.raw)
     screen.record({name: found.raw[name] for name in _SUMS if name in found.raw})
     screen.table(_DIFF_COLUMNS, rows_of(found))
+    for cause, boxes in found.by_cause.items():
+        screen.note(f"{boxes} of them: {_CAUSES.get(cause, cause)}")
     screen.note(
         f"{found.total} of {found.compared} boxes have another verdict in run "
         f"{found.run} than in run {found.against}"

@@ -396,10 +396,17 @@ class Api:
         config: Mapping[str, object] | str,
         *,
         activate: bool = False,
+        measure_again: bool = False,
     ) -> Call[wire.Run]:
-        """Apply a config (a mapping, or the digest of a stored one)."""
+        """Apply a config (a mapping, or the digest of a stored one).
+
+        `measure_again`: read all images, also if stored numbers of an earlier version
+        of Unghost would do.
+        """
         path = dataset_path(dataset, "runs")
-        body = {"config": config, "activate": activate}
+        body: dict[str, object] = {"config": config, "activate": activate}
+        if measure_again:  # which older servers do not know
+            body["measure_again"] = True
         return Call("POST", path, result(wire.Run), json=body)
 
     @endpoint

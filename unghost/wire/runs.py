@@ -27,6 +27,7 @@ from unghost.wire.model import (
 from unghost.wire.words import (
     FINISHED,
     ExportFormat,
+    FlipCause,
     Images,
     Include,
     JobState,
@@ -101,6 +102,11 @@ class Flip(ResponseModel):
     match_percent: float | None
     before: FlipSide
     after: FlipSide
+    cause: Annotated[FlipCause | None, IfAbsent(None)] = Field(
+        description="What changed the verdict besides the configuration: class_known: "
+        "the name of its class is understood now; edge_rounded: an edge that was "
+        "rounded is a whole number again. null: nothing else is known to have."
+    )
 
 
 class FlipCounts(ResponseModel):
@@ -158,6 +164,13 @@ class RunIn(RequestModel):
     config: Annotated[Digest | FilterConfigIn, WrapValidator(_in_either_form)]
     scope: Literal["dataset"] = "dataset"
     activate: bool = False
+    measure_again: Annotated[
+        bool,
+        Field(
+            description="Read all images, also if numbers that an earlier version of "
+            "Unghost has measured would do."
+        ),
+    ] = False
 
 
 class RunCounts(VerdictCounts, SparseModel):
@@ -219,6 +232,10 @@ class Diff(FlipCounts, _OfAll, _Compared):
     sides_by_class: Annotated[Mapping[str, FlipCounts], IfAbsent({})] = Field(
         description="How many of these boxes change from kept to rejected, and the "
         "reverse."
+    )
+    by_cause: Annotated[Mapping[FlipCause, int], IfAbsent({})] = Field(
+        description="Of how many of these boxes the cause is known, by the cause; see "
+        "the causes of items."
     )
     items: Annotated[tuple[Flip, ...], IfAbsent(())]
     next_cursor: str | None

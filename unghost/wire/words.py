@@ -41,6 +41,9 @@ Reason: TypeAlias = Literal[
     "unknown_pixels",
 ]
 """The rule that gave a box its verdict."""
+FlipCause: TypeAlias = Literal["class_known", "edge_rounded"]
+"""What has changed a verdict besides the configuration: a class has tags now, or an
+edge that was rounded is a whole number again."""
 OcclusionLevel: TypeAlias = Literal[0, 1, 2, 3]
 """How much of an object is hidden, as in KITTI; 3: unknown."""
 BoxSort: TypeAlias = Literal[
