@@ -440,7 +440,7 @@ def _attributes(row: int, frame: ExportFrame) -> dict[str, object]:
     return attributes
 
 
-_DECIMALS: Final = 4
+_DECIMALS: Final = 9
 
 
 def _round(value: float) -> float:

@@ -345,7 +345,7 @@ class YoloWriter:
         self._context.sink("data.yaml", [text])
 
 
-_DECIMALS: Final = 8
+_DECIMALS: Final = 9
 """Finer than a thousandth of a pixel in the largest image."""
 
 _HALF_UNITS: Final = 10**_DECIMALS // 2

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from filter_core.annotation.frame import frame_boxes_2d
 from filter_core.annotation.parsing import parse_annotation
 from filter_core.formats.registry import EXPORT_FORMATS, FORMATS, read_source
+from filter_core.geometry.boxes import correct_xyxy, pixel_bounds, to_xyxy
 from tests.support.exporting import (
     CLASSES,
     WH,
@@ -26,7 +27,7 @@ from tests.support.exporting import (
 
 # Pixels by which a rectangle may change: half a unit of the format's last digit. In VOC
 # half a pixel, or a whole one where the rectangle would otherwise be empty.
-PRECISION = {"yolo": 2e-6, "coco": 1e-4, "kitti": 1e-4, "manifest": 0.0, "voc": 1.0}
+PRECISION = {"yolo": 2e-7, "coco": 1e-8, "kitti": 1e-4, "manifest": 0.0, "voc": 1.0}
 
 READ_AND_WRITTEN = [name for name in EXPORT_FORMATS if FORMATS[name].read]
 
@@ -38,9 +39,15 @@ KEYS = st.text(
 
 
 def rectangle(x, y, beyond):
-    """Corners from (start, extent) on each axis; two sides move out by `beyond`."""
+    """Corners from (start, extent) on each axis; two sides move out by `beyond`.
+
+    Edges that are nearly whole are whole: those that were rounded come back so.
+    """
     (x_min, width), (y_min, height) = x, y
-    return x_min - beyond, y_min, x_min + width, y_min + height + beyond
+    edges = x_min - beyond, y_min, x_min + width, y_min + height + beyond
+    return tuple(
+        float(round(edge)) if abs(edge - round(edge)) < 0.02 else edge for edge in edges
+    )
 
 
 def span(side):
@@ -111,6 +118,74 @@ def test_exported_labels_round_trip_within_the_format_precision(name, drawn):
             given_xyxy = np.clip(given_xyxy, 0, [*WH, *WH])
         atol = PRECISION[name]
         np.testing.assert_allclose(rectangles, given_xyxy, rtol=0, atol=atol)
+
+
+WHOLE = st.lists(
+    st.tuples(
+        st.tuples(st.integers(0, WH[0] - 1), st.integers(1, WH[0])),
+        st.tuples(st.integers(0, WH[1] - 1), st.integers(1, WH[1])),
+    ).map(lambda spans: rectangle(*spans, 0)),
+    min_size=1,
+    max_size=8,
+)
+
+
+def pixels(rectangles, wh=WH):
+    corrected, _ = correct_xyxy(rectangles, wh)
+    return pixel_bounds(corrected, wh).tolist()
+
+
+@pytest.mark.parametrize("name", READ_AND_WRITTEN)
+@SLOW
+@given(rectangles=WHOLE)
+def test_whole_rectangles_have_the_same_pixels_after_every_round_trip(name, rectangles):
+    boxes = [box(number, xyxy) for number, xyxy in enumerate(rectangles)]
+    with tempfile.TemporaryDirectory() as folder:
+        first = export(name, [frame("a", *boxes)])
+        source = write_exported_files(Path(folder) / "first", first)
+        again = convert(name, source, name)
+        copy = write_exported_files(Path(folder) / "again", again)
+
+        for labels in (read_labels(source), read_labels(copy)):
+            ((_, found),) = labels.values()
+            assert pixels(found) == pixels(rectangles)
+
+
+@pytest.mark.parametrize("name", ["yolo", "coco", "manifest"])
+@SLOW
+@given(drawn=st.lists(RECTANGLES.filter(bool), min_size=1, max_size=1))
+def test_other_rectangles_have_the_same_pixels_where_nine_decimals_are_written(
+    name, drawn
+):
+    # Multiples of a 64th of a pixel: nine decimals tell them from the tolerance.
+    rectangles = [(np.rint(np.array(xyxy) * 64) / 64).tolist() for _, xyxy in drawn[0]]
+    boxes = [box(number, xyxy) for number, xyxy in enumerate(rectangles)]
+    with tempfile.TemporaryDirectory() as folder:
+        source = write_exported_files(Path(folder), export(name, [frame("a", *boxes)]))
+        ((_, found),) = read_labels(source).values()
+
+    assert pixels(found) == pixels(rectangles)
+
+
+@given(
+    wh=st.tuples(st.integers(1, 4096), st.integers(1, 4096)),
+    corners=st.tuples(*[st.integers(0, 4096)] * 4),
+    decimals=st.sampled_from([6, 7, 8]),
+)
+def test_shares_with_six_decimals_have_the_pixels_of_the_whole_rectangle(
+    wh, corners, decimals
+):
+    """YOLO's labels as most programs write them, from whole corners in the image."""
+    (x0, x1), (y0, y1) = (
+        sorted(min(corner, side) for corner in corners[axis::2])
+        for axis, side in enumerate(wh)
+    )
+    corners_size = [(x0 + x1) / 2, (y0 + y1) / 2, x1 - x0, y1 - y0]
+    shares = np.array(corners_size) / [*wh, *wh]
+
+    read = to_xyxy("cxcywhn", [np.round(shares, decimals)], wh)
+
+    assert pixels(read, wh) == pixels([[x0, y0, x1, y1]], wh)
 
 
 @pytest.mark.parametrize("name", READ_AND_WRITTEN)

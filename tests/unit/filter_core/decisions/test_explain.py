@@ -126,7 +126,7 @@ CHANNEL_OF: dict[Reason, ChannelName] = {
         ),
         (
             ExplainedBox(Reason.UNMAPPED_CLASS, "bike"),
-            "rejected: no tag is accepted for the class 'bike'",
+            "unmeasured: no tag is accepted for the class 'bike'",
         ),
         (
             ExplainedBox(Reason.NO_SEGMENTATION, "car"),

@@ -45,7 +45,8 @@ def evidence(box, *, of="car", profile="paper", tags=PICTURE, ignore=None):
         pytest.param((1, 1, 1.001, 3), 2, 2, id="a sliver has a column of its own"),
         pytest.param((5.999, 0, 6, 4), 4, 0, id="a sliver at the right edge"),
         pytest.param((0, 0, 1, 1), 1, 0, id="the first pixel"),
-        pytest.param((0.9999, 1, 3, 3), 6, 4, id="a hair over the edge of a pixel"),
+        pytest.param((0.98, 1, 3, 3), 6, 4, id="a hair over the edge of a pixel"),
+        pytest.param((0.9999, 1, 3, 3), 4, 4, id="an edge that was rounded"),
     ],
 )
 def test_box_counts_every_pixel_that_it_touches(box, pixels, matched):

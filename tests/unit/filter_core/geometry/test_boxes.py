@@ -115,6 +115,36 @@ def test_correct_xyxy_follows_algorithm_1(box, expected, state):
 
 
 @pytest.mark.parametrize(
+    ("box", "expected"),
+    [
+        pytest.param(
+            [101, 53.0002, 107, 59.0002], [101, 53, 107, 59], id="six decimals of YOLO"
+        ),
+        pytest.param(
+            [100.99, 53.01, 107.01, 58.99], [101, 53, 107, 59], id="at the tolerance"
+        ),
+        pytest.param(
+            [100.98, 53.011, 107, 59.02], [100.98, 53.011, 107, 59.02], id="beyond it"
+        ),
+        pytest.param([0.5, 1.25, 2.5, 3], [0.5, 1.25, 2.5, 3], id="fractions"),
+        pytest.param([-0.004, 0, 5, 5], [0, 0, 5, 5], id="around zero"),
+        pytest.param([0, 0, 199.995, 100.004], [0, 0, 200, 100], id="at the image"),
+        pytest.param(
+            [9.996, 20, 10.004, 30.001], [9.996, 20, 10.004, 30], id="thinner than that"
+        ),
+    ],
+)
+def test_edges_that_were_rounded_become_whole_numbers_again(box, expected):
+    rectangle, state = corrected(box)
+    as_given, _ = correct_xyxy([box], WH, rounded_edges=False)
+    as_published, _ = correct_xyxy([box], WH, "carlasimu")
+
+    assert (rectangle, state) == (expected, BoxState.MEASURABLE)
+    clamped = np.clip(box, 0, [*WH, *WH]).tolist()
+    assert as_given[0].tolist() == as_published[0].tolist() == clamped
+
+
+@pytest.mark.parametrize(
     ("box", "state"),
     [
         pytest.param(

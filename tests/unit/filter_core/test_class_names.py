@@ -1,0 +1,140 @@
+"""The names that people give to classes, and what they mean."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from filter_core.class_names import class_meant_by
+from filter_core.classes import CLASSES, MEASURED_CLASSES, accept_mask_of
+from filter_core.config.filter import FilterConfig
+from filter_core.formats.registry import read_source
+from filter_core.local import filter_source
+from filter_core.pipeline import filter_frame
+from filter_core.segmentation.palettes import FAMILIES
+from tests.support.pictures import tag_image
+from tests.support.shared_data import shared
+
+MEANINGS = {
+    "car": "car Car CARS taxi vehicle.car vehicle.tesla.model3 vehicle.bmw.isetta "
+    "vehicle.emergency.police vehicle.dodge_charger.police vehicle.ue4.audi.tt",
+    "truck": "Truck trucks fire_truck vehicle.truck vehicle.carlacola.actors",
+    "van": "Van vehicle.sprinter.mercedes vehicle.emergency.ambulance",
+    "bus": "Bus Buses vehicle.bus.rigid vehicle.fuso.mitsubishi",
+    "motorcycle": "motorbike Motor motobike vehicle.motorcycle",
+    "bicycle": "Bike Cyclist vehicle.bicycle bicycles",
+    "walker": "Pedestrian person People Person_sitting human.pedestrian.adult "
+    "walker.pedestrian.0012 Pedestrians",
+    "traffic_light": "TrafficLight traffic-lights street_light traffic_light_red "
+    "traffic_light_green traffic.traffic_light",
+    "traffic_sign": "traffic_sign TrafficSigns traffic_sign_30 StopSign",
+    "vehicle": "Vehicle vehicles",
+    "rider": "rider",
+    "train": "Tram train",
+    "road_line": "RoadLines",
+}
+
+UNKNOWN = (
+    *("Misc", "DontCare", "caar", "", "0", "unknown", "bus_stop", "car_wheel", "NONE"),
+    *("vehicle", "static.prop.trafficcone01", "traffic", "traffic_cone", "light", "ü"),
+)
+
+
+@pytest.mark.parametrize(
+    ("name", "meaning"),
+    [(name, meaning) for meaning, names in MEANINGS.items() for name in names.split()],
+)
+def test_common_names_mean_a_class(name, meaning):
+    assert class_meant_by(name) == meaning
+    assert class_meant_by(f" {name} ".replace("_", " ")) == meaning or "." in name
+
+
+@pytest.mark.parametrize("name", [name for name in UNKNOWN if name != "vehicle"])
+def test_other_names_mean_nothing(name):
+    assert class_meant_by(name) is None
+
+
+def test_every_class_and_every_tag_that_is_an_object_has_a_name():
+    tags = {
+        tag.name
+        for family, palette in FAMILIES.items()
+        if family != "paper-table1"
+        for tag in palette.tags
+    } - {"Unlabeled", "Other"}
+
+    assert {class_meant_by(name) for name in (*CLASSES, *tags)} == {*MEASURED_CLASSES}
+    newest = list(FAMILIES)[2]
+    assert all(accept_mask_of(name, newest) for name in MEASURED_CLASSES)
+
+
+def test_names_of_other_datasets_are_measured_as_what_they_mean():
+    """A visible car under the names of KITTI, COCO and VOC."""
+    case = shared("cases/05-class-names")
+    names = [
+        box["class"]
+        for box in json.loads((case / "manifest.jsonl").read_text())["boxes"]
+    ]
+
+    (outcome,) = filter_source(read_source(case), FilterConfig())
+
+    decisions = outcome.decisions or []
+    assert [decision["class"] for decision in decisions] == names
+    outcomes = {
+        decision["class"]: (decision["verdict"], decision["reason"])
+        for decision in decisions
+    }
+    kept = ("kept", "visible")
+    for name in ("Car", "Car ", "Van", "Truck", "truck", "Vehicle"):
+        assert outcomes[name] == kept
+    assert outcomes["Misc"] == ("unmeasured", "unmapped_class")
+    others = {*names} - {"Car", "Car ", "Van", "Truck", "truck", "Vehicle", "Misc"}
+    assert {outcomes[name] for name in others} == {("rejected", "no_visible_pixels")}
+
+
+TAGS = tag_image("cccc", "cccc", "....", "....")
+
+
+def decided(name, config=None, **keys):
+    """The decision on one box with car pixels, of a class of this name."""
+    frame = {
+        "carla_version": "0.9.15",
+        "boxes": [{"class": name, "xyxy": [0, 0, 4, 2]}],
+    }
+    config = FilterConfig.from_mapping({"classes": config or {}, **keys})
+    (decision,) = filter_frame(frame, TAGS, config).decisions
+    return decision["class"], decision["verdict"], decision["reason"]
+
+
+def test_unknown_class_is_unmeasured_and_profile_carlasimu_drops_it():
+    assert decided("caar") == ("caar", "unmeasured", "unmapped_class")
+    for name in ("caar", "Car"):  # the published code knows neither
+        assert decided(name, profile="carlasimu") == (
+            name,
+            "rejected",
+            "unmapped_class",
+        )
+
+
+def test_class_map_says_as_what_a_name_is_measured():
+    assert decided("caar", {"caar": "car"}) == ("caar", "kept", "visible")
+    assert decided("caar", {"caar": "Car"}) == ("caar", "kept", "visible")
+    assert decided("Car", {"Car": "walker"})[1:] == ("rejected", "no_visible_pixels")
+    assert decided("Car", {"Car": "pass"}) == ("Car", "unmeasured", "passed")
+    assert decided("caar", {"caar": "car"}, profile="carlasimu")[1] == "kept"
+    own = {"caar": "sign", "sign": {"accept": ["Car"]}}
+    assert decided("caar", own) == ("caar", "kept", "visible")
+
+
+def test_thresholds_of_a_class_hold_for_all_its_names():
+    high = {"car": {"min_visible_pixels": 9}}
+
+    for name, config in [
+        ("car", high),
+        ("Car", high),
+        ("caar", {**high, "caar": "car"}),
+        ("caar", {**high, "caar": {"measures_as": "car", "threshold_small_box": 5}}),
+    ]:
+        assert decided(name, config) == (name, "rejected", "no_visible_pixels")
+    lower = {**high, "Car": {"min_visible_pixels": 8}}
+    assert decided("Car", lower) == ("Car", "kept", "visible")
