@@ -153,6 +153,7 @@ def columns_of(boxes: DecidedBoxes) -> DecisionColumns:
         large=boxes.lossy,
         matched_pixels=np.arange(BOXES),
         box_pixels=np.arange(BOXES),
+        unknown_pixels=np.arange(BOXES),
         area_percent=numbers,
         crowding=numbers,
         explained_by=absent,

@@ -770,8 +770,8 @@ class DecisionColumns:
     threshold, margin : (N,) float64, percent; NaN where no threshold applied
     toss_up, large : (N,) bool
         See `Decisions`, like `threshold` and `margin`.
-    matched_pixels, box_pixels : (N,) int64, px
-        See `Evidence`; `NOT_MEASURED` for the matched ones where nothing was measured.
+    matched_pixels, unknown_pixels, box_pixels : (N,) int64, px
+        See `Evidence`; `NOT_MEASURED` for the first two where nothing was measured.
     area_percent, crowding : (N,) float64, percent; NaN where unknown
     explained_by : sequence of N str or None
         The id of the nearer box that takes most of the box's pixels.
@@ -789,6 +789,7 @@ class DecisionColumns:
     large: BoolArray
     matched_pixels: IntArray
     box_pixels: IntArray
+    unknown_pixels: IntArray
     area_percent: FloatArray
     crowding: FloatArray
     explained_by: Sequence[str | None]

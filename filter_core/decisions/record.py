@@ -184,8 +184,9 @@ def decision_columns(
         margin=decisions.margin,
         toss_up=decisions.toss_up,
         large=decisions.large,
-        matched_pixels=_matched_pixels(evidence),
+        matched_pixels=_counted(evidence.matched_pixels, evidence),
         box_pixels=evidence.box_pixels,
+        unknown_pixels=_counted(evidence.unknown_pixels, evidence),
         area_percent=evidence.area_percent,
         crowding=evidence.crowding,
         explained_by=[
@@ -237,11 +238,9 @@ def _composed(
         "margin": floats_or_none(decisions.margin),
         "toss_up": decisions.toss_up.tolist(),
         "large": decisions.large.tolist(),
-        "matched_pixels": counts_or_none(_matched_pixels(evidence)),
+        "matched_pixels": counts_or_none(_counted(evidence.matched_pixels, evidence)),
         "box_pixels": evidence.box_pixels.tolist(),
-        "unknown_pixels": counts_or_none(
-            np.where(evidence.measured, evidence.unknown_pixels, NOT_MEASURED)
-        ),
+        "unknown_pixels": counts_or_none(_counted(evidence.unknown_pixels, evidence)),
         "area_percent": floats_or_none(evidence.area_percent),
         "crowding": floats_or_none(evidence.crowding),
         "explained_by": [box and box.box_id for box in nearer],
@@ -264,8 +263,9 @@ def _class_names(evidence: Evidence) -> list[str]:
     return [evidence.class_names[index] for index in evidence.class_index.tolist()]
 
 
-def _matched_pixels(evidence: Evidence) -> IntArray:
-    return np.where(evidence.measured, evidence.matched_pixels, NOT_MEASURED)
+def _counted(pixels: IntArray, evidence: Evidence) -> IntArray:
+    """(N,): counts of pixels, `NOT_MEASURED` where there was no segmentation."""
+    return np.where(evidence.measured, pixels, NOT_MEASURED)
 
 
 def _visible_pixels(channels: ChannelNumbers) -> IntArray:

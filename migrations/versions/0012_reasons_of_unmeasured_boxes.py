@@ -39,6 +39,10 @@ REASONS = {
     17: "unknown_pixels",
 }
 FORMER = {code: name for code, name in REASONS.items() if code <= 14}
+INDEXES = sa.text(
+    "SELECT name, sql FROM sqlite_master "
+    "WHERE type = 'index' AND tbl_name = 'decisions' AND sql IS NOT NULL"
+)
 TALLIES = sa.table(
     "tallies",
     *map(sa.column, ("dataset_id", "class_id", "reason", "toss_up", "review", "boxes")),
@@ -68,13 +72,20 @@ def downgrade() -> None:
 
 
 def _allow(reasons: dict[int, str]) -> None:
-    # The view has to go first: its table is made anew on SQLite.
+    # SQLite makes the table anew: the view has to go first, and Alembic would lose the
+    # conditions of its indexes.
     op.execute("DROP VIEW readable_decisions")
+    indexes: list[tuple[str, str]] = []
+    if op.get_bind().dialect.name == "sqlite":
+        indexes = [(name, sql) for name, sql in op.get_bind().execute(INDEXES)]
     with op.batch_alter_table("decisions") as decisions:
         decisions.drop_constraint(op.f("ck_decisions_reason"), type_="check")
         decisions.create_check_constraint(
             op.f("ck_decisions_reason"), f"reason between 1 and {max(reasons)}"
         )
+    for name, sql in indexes:
+        op.execute(f"DROP INDEX {name}")
+        op.execute(sql)
     cases = " ".join(f"WHEN {code} THEN '{name}'" for code, name in reasons.items())
     unmeasured = ", ".join(str(code) for code in reasons if code == 6 or code > 14)
     op.execute(

@@ -42,6 +42,7 @@ def evidence_of(boxes, class_names=("car",)):
             dtype=np.int64,
         ).reshape(-1),
         image_pixels=np.full(len(boxes), 1_000_000, dtype=np.int64),
+        unknown_pixels=column("unknown_pixels", 0, np.int64),
         match_percent=percent,
         area_percent=column("area_percent", 1.0, np.float64),
         crowding=np.zeros(len(boxes)),

@@ -153,6 +153,7 @@ def table_columns(decisions):
         large=column(decisions, "large", bool, absent=False),
         matched_pixels=column(decisions, "matched_pixels", np.int64, NOT_MEASURED),
         box_pixels=column(decisions, "box_pixels", np.int64, absent=0),
+        unknown_pixels=column(decisions, "unknown_pixels", np.int64, absent=0),
         explained_by=[one.get("explained_by") for one in decisions],
         hidden_by=[one.get("hidden_by", []) for one in decisions],
         reviewer=[one.get("reviewer") for one in reviews],

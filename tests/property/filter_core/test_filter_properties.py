@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from filter_core.config.filter import FilterConfig
 from filter_core.evidence.semantic import with_accept_sets
 from filter_core.pipeline import filter_frame
+from tests.support.slow_definitions import slow_edges
 
 WH = (24, 16)
 ACCEPTS = {"car": {14}, "van": {14, 15}, "walker": {12}, "kite": set()}
@@ -50,7 +51,7 @@ CONFIGS = st.builds(
 def slow_reason(box, tags, config):
     """The reason of one box by steps 1 to 3 of filter.md, one pixel at a time."""
     width, height = WH
-    x_min, y_min, x_max, y_max = box["xyxy"]
+    x_min, y_min, x_max, y_max = slow_edges(box["xyxy"])
     if x_min > width or y_min > height or x_max < 0 or y_max < 0:
         return "outside_image"
     x_min, x_max = (min(max(x, 0), width) for x in (x_min, x_max))

@@ -49,6 +49,7 @@ def test_decision_has_all_keys_of_the_api():
         "large": False,
         "matched_pixels": 1200,
         "box_pixels": 1200,
+        "unknown_pixels": 0,
         "area_percent": 25.0,
         "crowding": 0.0,
         "hidden_by": [],

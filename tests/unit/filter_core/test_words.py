@@ -9,8 +9,9 @@ from filter_core.types import Reason, ReasonLabel, Verdict, VerdictName
 
 
 def test_reason_labels_equal_the_type_hint():
-    assert [reason.name.lower() for reason in Reason] == list(get_args(ReasonLabel))
-    assert [reason.label for reason in Reason] == list(get_args(ReasonLabel))
+    assert {reason.label for reason in Reason} == {*get_args(ReasonLabel)}
+    for label in get_args(ReasonLabel):
+        assert Reason[label.upper()] in Reason.with_label(label)
 
 
 def test_verdict_values_equal_the_type_hint():

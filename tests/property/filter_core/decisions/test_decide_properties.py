@@ -24,6 +24,7 @@ Z95 = 1.959963984540054
 def boxes(draw):
     pixels = draw(st.integers(1, 5000))
     matched = draw(st.integers(0, pixels))
+    unknown = draw(st.one_of(st.just(0), st.integers(0, pixels - matched)))
     return {
         "class_index": draw(st.integers(0, len(NAMES) - 1)),
         "state": draw(st.sampled_from([0, 0, 0, *BoxState])),
@@ -31,6 +32,7 @@ def boxes(draw):
         "measured": draw(st.sampled_from([True, True, False])),
         "box_pixels": pixels,
         "matched_pixels": matched,
+        "unknown_pixels": unknown,
         "match_percent": 100 * matched / pixels,
         "area_percent": draw(PERCENT),
         "distance": draw(st.sampled_from([math.nan, 0, 5, 50.5, 100, 101])),
@@ -59,11 +61,36 @@ def configs(draw):
     raw = draw(thresholds(NUMBERS))
     raw["profile"] = draw(st.sampled_from(["paper", "carlasimu"]))
     raw["classes"] = {name: draw(thresholds(NUMBERS)) for name in NAMES[1:]}
+    if draw(st.booleans()):
+        raw["classes"]["van"]["measures_as"] = "pass"
     return FilterConfig.from_mapping(raw)
 
 
 def slow(box, config):
-    """The reason and threshold of one box, by Algorithm 2 as described in filter.md."""
+    """The reason and threshold of one box, as described in filter.md."""
+    reason, threshold = slow_by_pixels(box, config)
+    if config.profile == "carlasimu" or reason not in BY_PIXELS:
+        return reason, threshold
+    matched = box["matched_pixels"] + box["unknown_pixels"]
+    as_matched = {
+        **box,
+        "matched_pixels": matched,
+        "match_percent": 100 * matched / box["box_pixels"],
+    }
+    if slow_by_pixels(as_matched, config)[0] == Reason.VISIBLE:
+        return Reason.UNKNOWN_PIXELS, None
+    return reason, threshold
+
+
+BY_PIXELS = (
+    Reason.NO_VISIBLE_PIXELS,
+    Reason.LARGE_BELOW_THRESHOLD,
+    Reason.BELOW_THRESHOLD,
+)
+
+
+def slow_by_pixels(box, config):
+    """The reason and threshold of one box, by Algorithm 2."""
     name = NAMES[box["class_index"]]
 
     def limit(key):
@@ -78,7 +105,9 @@ def slow(box, config):
     def fails(threshold):
         return match <= threshold if published else match < threshold
 
-    early = early_reason(box, limit("max_distance"), limit("min_visible_pixels"))
+    early = early_reason(
+        box, config, limit("max_distance"), limit("min_visible_pixels")
+    )
     if early is not None:
         return early, None
     if large and fails(big):
@@ -90,7 +119,7 @@ def slow(box, config):
     return Reason.VISIBLE, max(small, big) if published else big
 
 
-def early_reason(box, max_distance, min_visible_pixels):
+def early_reason(box, config, max_distance, min_visible_pixels):
     states = {
         BoxState.OUTSIDE_IMAGE: Reason.OUTSIDE_IMAGE,
         BoxState.COVERS_IMAGE: Reason.COVERS_IMAGE,
@@ -100,8 +129,11 @@ def early_reason(box, max_distance, min_visible_pixels):
         return states[box["state"]]
     if max_distance is not None and box["distance"] > max_distance:
         return Reason.OUT_OF_RANGE
+    if config.of_class(NAMES[box["class_index"]]).measures_as == "pass":
+        return Reason.PASSED
     if box["accept_mask"] == 0:
-        return Reason.UNMAPPED_CLASS
+        published = config.profile == "carlasimu"
+        return Reason.DROPPED_CLASS if published else Reason.UNMAPPED_CLASS
     if not box["measured"]:
         return Reason.NO_SEGMENTATION
     if box["matched_pixels"] < min_visible_pixels:

@@ -14,6 +14,7 @@ from filter_core.geometry.boxes import (
     to_xyxy,
 )
 from filter_core.types import BoxState
+from tests.support.slow_definitions import slow_edges
 
 WH = (64, 48)
 
@@ -29,24 +30,8 @@ proper = st.tuples(
 ).map(lambda box: [box[0], box[1], box[0] + box[2], box[1] + box[3]])
 
 
-def whole_edges(low, high):
-    """The two edges of an axis, those that were rounded as whole numbers."""
-    whole = [
-        round(edge) if abs(edge - round(edge)) <= 0.01 + 1e-9 else edge
-        for edge in (low, high)
-    ]
-    return (low, high) if whole[0] == whole[1] and low != high else whole
-
-
-def unrounded(box, profile):
-    if profile == "carlasimu":
-        return box
-    (x0, x1), (y0, y1) = whole_edges(*box[::2]), whole_edges(*box[1::2])
-    return [x0, y0, x1, y1]
-
-
 def slow_correction(box, profile):
-    (x0, y0, x1, y1), (width, height) = unrounded(box, profile), WH
+    (x0, y0, x1, y1), (width, height) = slow_edges(box, profile), WH
     published = profile == "carlasimu"
     if x0 > width or y0 > height or x1 < 0 or y1 < 0 or (published and x0 >= width):
         return BoxState.OUTSIDE_IMAGE
@@ -69,7 +54,7 @@ def test_correct_xyxy_equals_the_slow_definition(profile, given_boxes):
         slow_correction(box, profile) for box in given_boxes
     ]
     dropped = np.isin(states, [BoxState.OUTSIDE_IMAGE, BoxState.DEGENERATE])
-    edges = np.array([unrounded(box, profile) for box in given_boxes], np.float64)
+    edges = np.array([slow_edges(box, profile) for box in given_boxes], np.float64)
     clamped = np.minimum(np.maximum(edges, 0), [*WH, *WH])
     np.testing.assert_array_equal(rows[~dropped], clamped[~dropped])
     assert np.isnan(rows[dropped]).all()

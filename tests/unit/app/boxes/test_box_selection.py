@@ -30,7 +30,20 @@ def test_empty_selection_selects_all_boxes(street):
     ("wanted", "reasons"),
     [
         ({"verdict": "kept"}, (Reason.VISIBLE,)),
-        ({"verdict": "unmeasured"}, (Reason.NO_SEGMENTATION,)),
+        (
+            {"verdict": "unmeasured"},
+            (
+                Reason.NO_SEGMENTATION,
+                Reason.UNMAPPED_CLASS,
+                Reason.PASSED,
+                Reason.UNKNOWN_PIXELS,
+            ),
+        ),
+        ({"reason": "unmapped_class"}, (Reason.DROPPED_CLASS, Reason.UNMAPPED_CLASS)),
+        (
+            {"verdict": "unmeasured", "reason": "unmapped_class"},
+            (Reason.UNMAPPED_CLASS,),
+        ),
         ({"reason": "visible,degenerate"}, (Reason.DEGENERATE, Reason.VISIBLE)),
         ({"verdict": "kept", "reason": "degenerate"}, (0,)),
     ],

@@ -33,7 +33,7 @@ from tests.support.evidence import evidence_of
 
 DATASET = 1
 DECISIONS = Base.metadata.tables[Decision.__tablename__]
-CLASSES = ("car", "pole")
+CLASSES = ("car", "pole", "misc")
 SPECIAL: tuple[dict[str, object], ...] = (
     {"state": BoxState.OUTSIDE_IMAGE},
     {"state": BoxState.COVERS_IMAGE},
@@ -42,6 +42,7 @@ SPECIAL: tuple[dict[str, object], ...] = (
     {"accept_mask": 0},
     {"measured": False, "match_percent": np.nan},
     {"match_percent": 0.0},
+    {"match_percent": 0.0, "unknown_pixels": 500},
 )
 MATCHES = (2.0, 3.0, 4.0, 7.0, 9.9, 10.0, 10.1, 14.0, 49.0, 50.0, 51.0, 54.0, 90.0)
 MEASURED: tuple[dict[str, object], ...] = tuple(
@@ -64,7 +65,10 @@ CONFIGS = [
             "profile": profile,
             "evidence": evidence,
             "max_distance": 200,
-            "classes": {"pole": {"threshold_small_box": 3, "threshold_big_box": 2}},
+            "classes": {
+                "pole": {"threshold_small_box": 3, "threshold_big_box": 2},
+                "misc": "pass",
+            },
         }
     )
     for profile in ("paper", "carlasimu")
@@ -101,7 +105,7 @@ class StoredDecisions:
             (0, 0), True, self.ids, self.ids, class_ids, evidence
         )
         self.thresholds = class_thresholds(
-            config, dict(zip(CLASSES, (1, 2), strict=True))
+            config, dict(zip(CLASSES, (1, 2, 3), strict=True))
         )
         columns = {
             "box_id": self.ids.tolist(),

@@ -55,7 +55,7 @@ def test_yolo_export_writes_image_and_label_of_the_same_name():
     part = split_of("a/7", "Town01", 0.8)
     assert files[f"images/{part}/a__7.png"] == b"PNG"
     line = files[f"labels/{part}/a__7.txt"].decode()
-    assert line == "0 0.20000000 0.50000000 0.20000000 0.50000000\n"
+    assert line == "0 0.200000000 0.500000000 0.200000000 0.500000000\n"
 
 
 def test_data_yaml_has_train_val_and_names_in_order_and_no_path():
@@ -85,7 +85,7 @@ def test_boxes_are_clipped_before_they_are_normalised():
     files = export([frame("7", amodal)], split=1.0, images="none", boxes="amodal")
 
     text = files["labels/train/7.txt"].decode()
-    assert text == "0 0.90000000 0.25000000 0.20000000 0.50000000\n"
+    assert text == "0 0.900000000 0.250000000 0.200000000 0.500000000\n"
     assert manifest_of(files)["boxes"] == [
         {
             "frame": "7",
