@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import json
 import subprocess
 import sys
 
@@ -183,6 +184,47 @@ def test_every_reason_can_be_stored_and_is_named_in_the_view(engine):
         connection.execute(DECIDE, values | {"reason": 1 + max(Reason)})
 
     assert shown == {reason: (reason.verdict.value, reason.label) for reason in Reason}
+
+
+COUNTED = "SELECT reason, count(*) FROM decisions GROUP BY reason ORDER BY reason"
+TALLIED = "SELECT reason, sum(boxes) FROM tallies GROUP BY reason ORDER BY reason"
+
+
+@pytest.mark.parametrize("profile", ["paper", "carlasimu"])
+def test_boxes_of_unknown_classes_become_unmeasured_under_profile_paper(
+    engine, profile
+):
+    migrate(engine, SCRIPTS, "0011")
+    fill(engine, "0011")
+    with engine.begin() as connection:
+        for statement in (
+            "UPDATE decisions SET reason = 5",
+            "DELETE FROM tallies",
+            "INSERT INTO tallies (dataset_id, class_id, reason, toss_up, review, boxes)"
+            " SELECT dataset_id, class_id, 5, false, '', count(*) FROM decisions"
+            " GROUP BY dataset_id, class_id",
+        ):
+            connection.execute(text(statement))
+        boxes = connection.execute(text("SELECT count(*) FROM decisions")).scalar_one()
+        connection.execute(
+            text("UPDATE config_versions SET body = :body"),
+            {"body": json.dumps({"profile": profile})},
+        )
+
+    def stored():
+        with engine.connect() as connection:
+            return [
+                [tuple(map(int, row)) for row in connection.execute(text(query))]
+                for query in (COUNTED, TALLIED)
+            ]
+
+    migrate(engine, SCRIPTS)
+    above = stored()
+    migrate(engine, SCRIPTS, "0011")
+
+    reason = Reason.UNMAPPED_CLASS if profile == "paper" else Reason.DROPPED_CLASS
+    assert above == [[(int(reason), boxes)]] * 2
+    assert stored() == [[(int(Reason.DROPPED_CLASS), boxes)]] * 2
 
 
 @pytest.mark.parametrize(

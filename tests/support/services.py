@@ -172,7 +172,12 @@ class ServiceDataset:
             undo_batch(self.context, audit, batch_id, self.by)
 
     def request(
-        self, config: Mapping[str, Any], *, activate: bool = True, **reading: Any
+        self,
+        config: Mapping[str, Any],
+        *,
+        activate: bool = True,
+        measure_again: bool = False,
+        **reading: Any,
     ) -> int:
         """Queue a run that is not carried out yet; its id."""
         wanted = RunRequest(
@@ -180,15 +185,16 @@ class ServiceDataset:
             self.services.author,
             activate,
             DatasetReading(self.name, **reading) if reading else None,
+            measure_again=measure_again,
         )
         with self.context.database.write() as session:
             return request_run(self.idle_context, session, self.row(session), wanted).id
 
     def run(
-        self, config: Mapping[str, Any], *, activate: bool = True, **reading: Any
+        self, config: Mapping[str, Any], *, activate: bool = True, **more: Any
     ) -> Run:
         """Request a run and carry it out to its end."""
-        run_id = self.request(config, activate=activate, **reading)
+        run_id = self.request(config, activate=activate, **more)
         drive_job(self.context, run_job(run_id))
         with self.context.database.read() as session:
             return job_with_id(session, Run, run_id)
