@@ -10,13 +10,13 @@ import { exactPercentText, metresText, percentText, unbroken, wholePercentText }
 /** @typedef {import("./box.js").Decision} Decision */
 /** @typedef {import("./box.js").Verdict} Verdict */
 
-/** Short names of the reasons, in the order of `Reason` in filter_core/types.py. @type {Record<string, string>} */
+/** Short names of the reasons, in the order of `ReasonLabel` in filter_core/types.py. @type {Record<string, string>} */
 export const REASONS = {
   outside_image: "outside the image",
   covers_image: "covers the image",
   degenerate: "no area",
   out_of_range: "out of range",
-  unmapped_class: "class not mapped",
+  unmapped_class: "class not known",
   no_segmentation: "not measured",
   no_visible_pixels: "too few visible pixels",
   large_below_threshold: "large, below threshold",
@@ -26,6 +26,8 @@ export const REASONS = {
   hidden_by_instance: "too few instance pixels",
   too_few_lidar_points: "too few LiDAR points",
   visible: "visible",
+  passed: "not to be measured",
+  unknown_pixels: "unknown pixels",
 };
 
 /** In a blind review: in place of what the filter and others say. */

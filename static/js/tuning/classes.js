@@ -117,7 +117,13 @@ function ClassCounts({ tuning, name }) {
 }
 
 /** The verdict of the reasons that do not reject a box. @type {Record<string, string>} */
-const METERS = { visible: "kept", no_segmentation: "unmeasured" };
+const METERS = {
+  visible: "kept",
+  no_segmentation: "unmeasured",
+  unmapped_class: "unmeasured",
+  passed: "unmeasured",
+  unknown_pixels: "unmeasured",
+};
 
 /** @param {{tuning: import("./preview.js").Tuning, selected: string}} props */
 export function Reasons({ tuning, selected }) {
