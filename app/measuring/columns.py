@@ -31,6 +31,7 @@ from filter_core.types import (
     VERDICTS,
     Decisions,
     Evidence,
+    FloatArray,
     IntArray,
     Reason,
 )
@@ -82,16 +83,33 @@ def match_counts(evidence: Evidence, bins: int) -> IntArray:
     return table
 
 
+def unknown_pixels(evidence: Evidence) -> FloatArray:
+    """(2, classes): pixels of unknown tag or colour in boxes, and all their pixels."""
+    return np.array(
+        [
+            np.bincount(evidence.class_index, pixels, len(evidence.class_names))
+            for pixels in (evidence.unknown_pixels, evidence.box_pixels)
+        ]
+    )
+
+
 def histogram(
-    names: Sequence[str], counts: IntArray, config: FilterConfig
+    names: Sequence[str], counts: IntArray, pixels: FloatArray, config: FilterConfig
 ) -> Histogram:
-    """The counts of classes that occur, with the thresholds of a configuration."""
+    """The counts of classes that occur, with the thresholds of a configuration.
+
+    `counts` are those of `match_counts`, `pixels` those of `unknown_pixels`.
+    """
     limits = config.limits_by_class(names).threshold_small_box
     occurs = np.flatnonzero(counts.sum(axis=1)).tolist()
     return Histogram(
         edges=np.linspace(0.0, _MAX_PERCENT, counts.shape[1] + 1).tolist(),
         classes={names[index]: counts[index].tolist() for index in occurs},
         thresholds={names[index]: float(limits[index]) for index in occurs},
+        unknown_percent={
+            names[index]: float(100 * pixels[0, index] / pixels[1, index])
+            for index in np.flatnonzero(pixels[0]).tolist()
+        },
     )
 
 
@@ -117,6 +135,7 @@ class _Known:
     decided: tuple[str, Decisions] | None = None
     counts: OrderedDict[Hashable, int] = field(default_factory=OrderedDict)
     match_counts: tuple[int, IntArray] | None = None
+    unknown_pixels: FloatArray | None = None
 
 
 @dataclass(frozen=True)
@@ -163,6 +182,13 @@ class DatasetColumns:
             held = (bins, match_counts(self.evidence, bins))
             self._known.match_counts = held
         return held[1]
+
+    def unknown_pixels(self) -> FloatArray:
+        """`unknown_pixels` of these boxes, cached."""
+        known = self._known
+        if known.unknown_pixels is None:
+            known.unknown_pixels = unknown_pixels(self.evidence)
+        return known.unknown_pixels
 
 
 class ColumnCache:

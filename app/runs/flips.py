@@ -363,6 +363,7 @@ def preview(
     names = tuple(DatasetRepository(session).classes(dataset.id))
     table, nearest = FlipTable(names), _Nearest(limits.flips)
     matches: IntArray = np.zeros((len(names), limits.bins), np.int64)
+    pixels: FloatArray = np.zeros((2, len(names)))
     active = config_of(active_version(session, dataset))
     cache = context.one(ColumnCache)
     for (numbers,) in cache.parts(session, dataset.id, measurement.id):
@@ -372,6 +373,7 @@ def preview(
             matches += match_counts(evidence, limits.bins)
         else:
             matches += numbers.match_counts(limits.bins)
+        pixels += numbers.unknown_pixels()
         before = _Decided(numbers, numbers.evidence, numbers.decided(active))
         after = _Decided(numbers, evidence, decide(evidence, config))
         flips = table.add(evidence, before.reasons, after.reasons)
@@ -380,7 +382,7 @@ def preview(
         config=config.digest,
         needs_pixels=False,
         **outcome(names, table.after),
-        histograms=histogram(names, matches, config),
+        histograms=histogram(names, matches, pixels, config),
         flips=Flips(
             total=sum(table.flips().values()),
             **table.totals(),
@@ -399,10 +401,13 @@ def current_histogram(
     measurement = active_measurement(session, dataset)
     names = tuple(DatasetRepository(session).classes(dataset.id))
     counts: IntArray = np.zeros((len(names), bins), np.int64)
+    pixels: FloatArray = np.zeros((2, len(names)))
     cache = context.one(ColumnCache)
     for (numbers,) in cache.parts(session, dataset.id, measurement.id):
         counts += numbers.match_counts(bins)
-    return histogram(names, counts, config_of(active_version(session, dataset)))
+        pixels += numbers.unknown_pixels()
+    config = config_of(active_version(session, dataset))
+    return histogram(names, counts, pixels, config)
 
 
 def _recounted(

@@ -220,9 +220,12 @@ class Histogram(ResponseModel):
     """Boxes per bin of match_percent, for each class that occurs.
 
     `edges` has one number more than each class has counts. `thresholds` are those of
-    the active configuration, in percent.
+    the active configuration, in percent. `unknown_percent` is the share of the pixels
+    in the boxes of a class whose tag or colour is not known, for classes with such
+    pixels.
     """
 
     edges: tuple[float, ...]
     classes: Mapping[str, tuple[int, ...]]
     thresholds: Mapping[str, float]
+    unknown_percent: Annotated[Mapping[str, float], IfAbsent({})]

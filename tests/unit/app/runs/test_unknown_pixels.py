@@ -1,0 +1,93 @@
+"""Boxes whose pixels have tags that nobody knows are unmeasured, and this is said."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from app.context import ServiceContext
+from app.runs.flips import current_histogram
+from filter_core.config.filter import FilterConfig
+from filter_core.pipeline import filter_frame
+from filter_core.types import Reason
+from tests.support import frames as scene
+from tests.support.pictures import png
+
+CHANGED_CAR = 100
+"""The tag of cars in a changed CARLA."""
+
+FAR = [50, 30, 55, 34]
+BOXES = [
+    {"id": "far", "class": "car", "xyxy": FAR},
+    {"id": "near", "class": "car", "xyxy": scene.ON_THE_CAR},
+    {"id": "sky", "class": "car", "xyxy": scene.IN_THE_SKY},
+    {"id": "edge", "class": "car", "xyxy": [2, 2, 55, 34]},
+]
+FRAME = {"carla_version": "0.9.15", "boxes": BOXES}
+
+
+def tags():
+    """The scene with a far car of an unknown tag: less than 1 % of the image."""
+    pixels = scene.tags()
+    pixels[FAR[1] : FAR[3], FAR[0] : FAR[2]] = CHANGED_CAR
+    assert (pixels == CHANGED_CAR).mean() < 0.01
+    return pixels
+
+
+def decisions(config):
+    result = filter_frame(FRAME, png(tags()), FilterConfig.from_mapping(config))
+    return {decision["id"]: decision for decision in result.decisions}
+
+
+def test_box_that_its_unknown_pixels_could_keep_is_unmeasured():
+    found = decisions({"threshold_small_box": 20})
+
+    assert {box: one["reason"] for box, one in found.items()} == {
+        "far": "unknown_pixels",
+        "near": "visible",
+        "sky": "no_visible_pixels",
+        "edge": "below_threshold",
+    }
+    far = found["far"]
+    assert (far["verdict"], far["unknown_pixels"], far["box_pixels"]) == (
+        "unmeasured",
+        20,
+        20,
+    )
+    assert far["explanation"] == (
+        "unmeasured: 100 % of its pixels have a tag or colour that is not known; "
+        "as Car they would keep it"
+    )
+    assert (far["threshold"], far["margin"], far["toss_up"]) == (None, None, False)
+
+
+@pytest.mark.parametrize("evidence", ["ordered", "auto"])
+def test_channels_that_count_tags_do_not_reject_for_unknown_ones(evidence):
+    boxes = [{**box, "distance": 10 + at} for at, box in enumerate(BOXES)]
+    config = FilterConfig.from_mapping({"evidence": evidence})
+
+    result = filter_frame({**FRAME, "boxes": boxes}, png(tags()), config)
+
+    reasons = {one["id"]: one["reason"] for one in result.decisions}
+    assert reasons["far"] == "unknown_pixels"
+    assert reasons["sky"] == "no_visible_pixels"
+
+
+def test_profile_carlasimu_stays_as_published():
+    assert decisions({"profile": "carlasimu"})["far"]["verdict"] == "rejected"
+
+
+def test_service_stores_unknown_pixels_and_says_their_share_by_class(services):
+    street = services.dataset()
+    street.put("a", FRAME, segmentation=png(tags()))
+
+    reasons = [reason for _, reason in sorted(street.reasons().items())]
+    assert reasons[0] == Reason.UNKNOWN_PIXELS
+    context: ServiceContext = services.context
+    with context.database.read() as session:
+        shares = current_histogram(context, session, street.row(session), 10)
+    pixels = sum(
+        (x1 - x0) * (y1 - y0) for box in BOXES for x0, y0, x1, y1 in [box["xyxy"]]
+    )
+    assert shares.unknown_percent == {"car": pytest.approx(100 * 40 / pixels)}
+    assert np.sum(shares.classes["car"]) == len(BOXES)
