@@ -52,6 +52,9 @@ export function AllClasses({ app, tuning, scale, selected }) {
 /** @param {Tuning} tuning @returns {Record<string, number[]>} */
 const histogramsOf = ({ preview, baseline }) => (preview?.histograms ?? baseline?.histograms)?.classes ?? {};
 
+/** The share of a class's pixels that have no known tag, in percent. @param {Tuning} tuning @param {string} name */
+const unknownOf = ({ preview, baseline }, name) => (preview?.histograms ?? baseline?.histograms)?.unknown_percent?.[name] ?? 0;
+
 /** @param {number} following @param {readonly string[]} own */
 function followText(following, own) {
   if (own.length === 0) return `${countOf(following, "class", "classes")}, boxes by their share of matching pixels`;
@@ -101,6 +104,7 @@ function ClassCard({ app, tuning, name, counts, scale, isSelected }) {
     </header>
     <${Histogram} app=${app} name=${name} size="small" counts=${counts} threshold=${threshold} active=${thresholdOf(active.config, name)} isLog=${scale !== "linear"} onChange=${set} />
     <${ClassCounts} tuning=${tuning} name=${name} />
+    ${unknownOf(tuning, name) > 0 && html`<p class="faint">${percentText(unknownOf(tuning, name))} of its pixels have no known tag</p>`}
   </section>`;
 }
 
@@ -112,6 +116,7 @@ function ClassCounts({ tuning, name }) {
   return html`<dl class="classcard__counts num">
     <div><dt><span class="badge__sign badge__sign--kept"><${Icon} name="check" /></span><span class="sr-only">kept</span></dt><dd>${now ? countText(now.kept) : "…"} <${Delta} count=${now?.kept} before=${before?.kept} /></dd></div>
     <div><dt><span class="badge__sign badge__sign--rejected"><${Icon} name="cross" /></span><span class="sr-only">rejected</span></dt><dd>${now ? countText(now.rejected) : "…"}</dd></div>
+    ${now && now.unmeasured > 0 && html`<div><dt>unmeasured</dt><dd>${countText(now.unmeasured)}</dd></div>`}
     <div class="classcard__flips"><dt class="sr-only">would flip</dt><dd>${flips ? `${countOf(flips.kept_to_rejected + flips.rejected_to_kept, "flip")}` : "no flip"}</dd></div>
   </dl>`;
 }
