@@ -58,7 +58,7 @@ from filter_core.segmentation.reading import (
 from filter_core.types import BoxState, Decisions, Evidence, FrameBoxes, Reason, Verdict
 
 if TYPE_CHECKING:
-    from filter_core.formats.reading import ReadOptions
+    from filter_core.formats.recording import RecordingDescription
     from filter_core.formats.registry import detect_layout, read_source
     from filter_core.local import FrameOutcome, filter_source
 
@@ -91,8 +91,8 @@ __all__ = [
     "MeasuredFrame",
     "NotAvailable",
     "Palette",
-    "ReadOptions",
     "Reason",
+    "RecordingDescription",
     "Segmentation",
     "SegmentationError",
     "SegmentationOptions",
@@ -122,7 +122,7 @@ __all__ = [
 
 _OF_FOLDERS = {
     "FrameOutcome": "filter_core.local",
-    "ReadOptions": "filter_core.formats.reading",
+    "RecordingDescription": "filter_core.formats.recording",
     "detect_layout": "filter_core.formats.registry",
     "filter_source": "filter_core.local",
     "read_source": "filter_core.formats.registry",

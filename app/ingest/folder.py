@@ -30,10 +30,10 @@ from filter_core.formats.reading import (
     TEXT_SUFFIXES,
     FrameSet,
     FrameSource,
-    ReadOptions,
     is_hidden,
     missing_image,
 )
+from filter_core.formats.recording import RECORDING_NAME, describe
 from filter_core.formats.registry import FORMATS, possible_layouts, read_source
 from unghost.wire.folders import (
     FolderEnd,
@@ -188,13 +188,14 @@ def write_response(task: FolderTask) -> int:
         read; the response would be too large.
     """
     source = _only_folder(task.root)
-    layouts = possible_layouts(source)
-    layout = task.layout
-    if layout == "auto" and layouts:
-        layout = layouts[0]
     # There are no links here, and `_name_of` refuses every file that was not sent: its
     # message fits the page better than the reader's, which names an option.
-    found = read_source(source, layout, ReadOptions(outside_files=True))
+    description = describe(source, options={"outside_files": True})
+    layouts = possible_layouts(source)
+    layout = task.layout if task.layout != "auto" else description.layout
+    if layout == "auto" and layouts:
+        layout = layouts[0]
+    found = read_source(source, layout, description)
     layouts = layouts or (found.layout,)
     with _Response(task, source) as response:
         response.write(
@@ -317,6 +318,7 @@ class _Response:
         known = {
             *self.used,
             *([_relative(manifest, self.task.root)] if manifest else []),
+            _relative(self.source / RECORDING_NAME, self.task.root),
         }
         top = _relative(self.source, self.task.root)
         for name in sorted(self._names - known):

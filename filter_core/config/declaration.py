@@ -227,6 +227,8 @@ class Key(NamedTuple):
         The kinds of evidence whose rules use the key; empty: all.
     needs_pixels : bool
         Whether images may have to be read again after it has changed.
+    place : str
+        The key in a file, such as ``depth.encoding``; empty: the name of the field.
     """
 
     allowed: Allowed
@@ -234,6 +236,7 @@ class Key(NamedTuple):
     sentence: str
     evidence: tuple[str, ...] = ()
     needs_pixels: bool = False
+    place: str = ""
 
     def schema(self) -> dict[str, object]:
         """Its JSON schema, without the default."""
@@ -257,13 +260,20 @@ def key(
     *,
     evidence: tuple[str, ...] = (),
     needs_pixels: bool = False,
+    place: str = "",
 ) -> _Field:
     """A dataclass field that declares a key; for the parameters see `Key`.
 
     Where no value is given, the field is `INHERIT` until the configuration puts
     `default` in its place. (In the overrides of a class it stays `INHERIT`.)
     """
-    declared = Key(allowed, default, sentence, evidence, needs_pixels)
+    declared = Key(allowed, default, sentence, evidence, needs_pixels, place)
+    return field(default=INHERIT, metadata={_KEY: declared})
+
+
+def same_key(of: type[Dataclass], name: str, *, place: str) -> _Field:
+    """A dataclass field that declares a key as another class does, at another place."""
+    declared = declared_keys(of)[name]._replace(place=place)
     return field(default=INHERIT, metadata={_KEY: declared})
 
 

@@ -9,13 +9,16 @@ from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from itertools import islice
+from types import MappingProxyType
 from typing import Final, Protocol
 
 import yaml
 
+from filter_core.classes import canonical_class
 from filter_core.config.filter import FilterConfig
 from filter_core.errors import ConfigError, JsonError
 from filter_core.json_text import JsonLimits, read_json, repeated_key
+from filter_core.values import JsonObject
 
 _MAX_CHARACTERS: Final = 64 * 1024
 
@@ -66,7 +69,11 @@ class LoadedConfig:
     unused_keys: tuple[str, ...] = ()
 
 
-def load_config(source: str | bytes | Mapping[str, object]) -> LoadedConfig:
+def load_config(
+    source: str | bytes | Mapping[str, object],
+    *,
+    below: Mapping[str, object] = MappingProxyType({}),
+) -> LoadedConfig:
     """The configuration that a YAML or JSON text, or a mapping, describes.
 
     Parameters
@@ -74,6 +81,9 @@ def load_config(source: str | bytes | Mapping[str, object]) -> LoadedConfig:
     source : str, bytes (UTF-8) or mapping
         Our own keys (`FilterConfig`), every one optional; or the paper's published
         ``boundingBox.yaml`` (root key ``sitting``), which gives profile ``carlasimu``.
+    below : mapping, optional
+        Values of keys that `source` does not have; of ``classes``, entries of classes
+        that it does not have.
 
     Returns
     -------
@@ -93,8 +103,27 @@ def load_config(source: str | bytes | Mapping[str, object]) -> LoadedConfig:
     if raw is None:  # an empty file: every key is optional
         raw = {}
     if isinstance(raw, Mapping) and CARLASIMU_ROOT in raw:
-        return _from_carlasimu(raw)
-    return LoadedConfig(FilterConfig.from_mapping(raw))
+        return _from_carlasimu(raw, below)
+    if not isinstance(raw, Mapping):
+        return LoadedConfig(FilterConfig.from_mapping(raw))
+    return LoadedConfig(FilterConfig.from_mapping(_above(below, raw)))
+
+
+def _above(below: Mapping[str, object], given: Mapping[str, object]) -> JsonObject:
+    classes, given_classes = below.get("classes"), given.get("classes") or {}
+    if not isinstance(classes, Mapping) or not isinstance(given_classes, Mapping):
+        return {**below, **given}
+    merged = merged_classes(classes, given_classes)
+    return {**below, **given, "classes": merged}
+
+
+def merged_classes(
+    below: Mapping[str, object], above: Mapping[str, object]
+) -> dict[str, object]:
+    """The entries of two mappings by class; those `above` win, under any alias."""
+    taken = set(map(canonical_class, map(str, above)))
+    kept = {k: v for k, v in below.items() if canonical_class(str(k)) not in taken}
+    return {**kept, **above}
 
 
 def parse_yaml(text: str | bytes) -> object:
@@ -216,7 +245,9 @@ class _Mark(Protocol):
     column: int
 
 
-def _from_carlasimu(raw: Mapping[str, object]) -> LoadedConfig:
+def _from_carlasimu(
+    raw: Mapping[str, object], below: Mapping[str, object]
+) -> LoadedConfig:
     others = [str(key) for key in raw if key != CARLASIMU_ROOT]
     content = raw[CARLASIMU_ROOT]
     if others or not isinstance(content, Mapping):
@@ -228,7 +259,7 @@ def _from_carlasimu(raw: Mapping[str, object]) -> LoadedConfig:
     given = _our_keys(raw)
     if not given:
         raise _nothing_used(content)
-    config = FilterConfig.from_mapping({"profile": "carlasimu", **given})
+    config = FilterConfig.from_mapping({**below, "profile": "carlasimu", **given})
     paths = _leaf_paths(content, CARLASIMU_ROOT)
     unused = islice((path for path in paths if path not in _BY_PATH), _MAX_UNUSED)
     return LoadedConfig(config, tuple(unused))

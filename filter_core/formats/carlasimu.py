@@ -17,13 +17,13 @@ from filter_core.errors import JsonError, LayoutError
 from filter_core.formats.format import FOLDER_OPTIONS, Format, Recognition, Source
 from filter_core.formats.reading import (
     FrameSet,
-    ReadOptions,
     Unmatched,
     frame_key,
     read_label_text,
     segmentation_folder,
     walk,
 )
+from filter_core.formats.recording import RecordingDescription
 from filter_core.formats.yolo import LabelFolders, frame_set, ordered_names
 from filter_core.json_text import read_json
 from filter_core.values import shown
@@ -75,7 +75,7 @@ _IMAGES: Final = ("images", "img")
 
 
 @CARLASIMU.reader
-def read_carlasimu(root: Path, options: ReadOptions) -> FrameSet:
+def read_carlasimu(root: Path, options: RecordingDescription) -> FrameSet:
     """The frames of a carlasimu folder, by the widest of its distance bands.
 
     The bands are cumulative (``label200`` holds what ``label50`` does), so the others

@@ -38,7 +38,6 @@ from filter_core.formats.reading import (
     FileIndex,
     FrameSet,
     FrameSource,
-    ReadOptions,
     Unmatched,
     annotated,
     frame_key,
@@ -46,6 +45,7 @@ from filter_core.formats.reading import (
     segmentation_folder,
     walk,
 )
+from filter_core.formats.recording import RecordingDescription
 from filter_core.formats.writing import (
     PARTS,
     ExportContext,
@@ -88,7 +88,7 @@ def _coco_files(root: Path) -> list[Path]:
 
 
 @COCO.reader
-def read_coco(root: Path, options: ReadOptions) -> FrameSet:
+def read_coco(root: Path, options: RecordingDescription) -> FrameSet:
     """The frames of one or several COCO files.
 
     If several images share an id, it is unknown to which of them a box belongs: they
@@ -122,7 +122,7 @@ _SPLITS: Final = ("train", "val", "test")
 
 
 def _match(
-    folder: Path, indices: Sequence[CocoIndex], options: ReadOptions
+    folder: Path, indices: Sequence[CocoIndex], options: RecordingDescription
 ) -> tuple[list[tuple[FrameSource, _Name]], tuple[Unmatched, ...]]:
     """Every image as a frame with its files, by their keys; what is left over."""
     tags = options.segmentation or segmentation_folder(folder)

@@ -199,10 +199,7 @@ class ExportOptions:
 
 
 def changed_options(options: Dataclass) -> frozenset[str]:
-    """Names of the options that differ from their defaults.
-
-    `options` are those of an export, or of reading a folder (`ReadOptions`).
-    """
+    """Names of the options of an export that differ from their defaults."""
     return frozenset(
         one.name for one in fields(options) if getattr(options, one.name) != one.default
     )

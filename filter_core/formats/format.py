@@ -18,7 +18,8 @@ from filter_core.formats.export import (
     ExportOptions,
     Sink,
 )
-from filter_core.formats.reading import FrameSet, ReadOptions, walk
+from filter_core.formats.reading import FrameSet, walk
+from filter_core.formats.recording import RecordingDescription
 from filter_core.formats.tally import Counts
 from filter_core.formats.writing import NewWriter, write_labels
 
@@ -35,8 +36,8 @@ Formats are tried in a fixed order.
 - ``none``: it is not in this format.
 """
 
-FOLDER_OPTIONS: Final = frozenset({"segmentation", "labels", "outside_files"})
-"""The `ReadOptions` that say where the files of a frame are."""
+FOLDER_OPTIONS: Final = frozenset({"segmentation", "labels"})
+"""The keys of a description that say where the files of a frame are."""
 
 SELECTION_OPTIONS: Final = frozenset({"include", "include_unmeasured", "images"})
 """The `ExportOptions` that select what is written: which boxes, and images or none."""
@@ -99,7 +100,7 @@ class Write(Protocol):
 
 _Recogniser = TypeVar("_Recogniser", bound=Callable[[Source], Recognition])
 
-_Reader = TypeVar("_Reader", bound=Callable[[Path, ReadOptions], FrameSet])
+_Reader = TypeVar("_Reader", bound=Callable[[Path, RecordingDescription], FrameSet])
 
 _Writer = TypeVar("_Writer", bound=Write)
 
@@ -131,8 +132,7 @@ class Format:
     recognised_by : str
         The files that `recognise` looks for, in words.
     read_options : frozenset of str
-        The names of the `ReadOptions` that `read` uses; any other must keep its
-        default.
+        Those of `READER_KEYS` that `read` uses; any other must keep its default.
     options : frozenset of str
         The names of the `ExportOptions` that `write` uses; any other must keep its
         default.
@@ -156,7 +156,7 @@ class Format:
     options: frozenset[str] = frozenset()
     needs: frozenset[Need] = frozenset()
     recognise: Callable[[Source], Recognition] | None = field(default=None, init=False)
-    read: Callable[[Path, ReadOptions], FrameSet] | None = field(
+    read: Callable[[Path, RecordingDescription], FrameSet] | None = field(
         default=None, init=False
     )
     write: Write | None = field(default=None, init=False)

@@ -39,7 +39,6 @@ from filter_core.formats.reading import (
     FrameFileNames,
     FrameSet,
     FrameSource,
-    ReadOptions,
     annotated,
     frame_of,
     match,
@@ -50,6 +49,7 @@ from filter_core.formats.reading import (
     walk,
     with_keys,
 )
+from filter_core.formats.recording import RecordingDescription
 from filter_core.formats.writing import (
     PARTS,
     ExportContext,
@@ -99,7 +99,7 @@ def _kitti_folder(root: Path) -> Path | None:
 
 
 @KITTI.reader
-def read_kitti(root: Path, options: ReadOptions) -> FrameSet:
+def read_kitti(root: Path, options: RecordingDescription) -> FrameSet:
     """The frames of a KITTI folder; a bad file is its frame's problem.
 
     Raises

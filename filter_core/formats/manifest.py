@@ -22,23 +22,22 @@ from filter_core.formats.format import (
     Recognition,
     Source,
 )
+from filter_core.formats.outside import OUTSIDE_FILES_HINT, allowed_folders
 from filter_core.formats.reading import (
     KEYS_NAME,
     MANIFEST_NAME,
     MAX_KEY,
     MAX_LABEL_BYTES,
-    OUTSIDE_FILES_HINT,
     FrameSet,
     FrameSource,
-    ReadOptions,
     is_inside,
     last_name,
     manifests_below,
     name_of,
     open_regular,
-    real_paths,
     walk,
 )
+from filter_core.formats.recording import RecordingDescription
 from filter_core.formats.writing import ExportContext, OutFrame, Traits
 from filter_core.json_text import read_json
 from filter_core.values import shown
@@ -63,7 +62,7 @@ MANIFEST: Final = Format(
     ),
     brief="the annotations as uploaded, without the rejected boxes",
     recognised_by=MANIFEST_NAME,
-    read_options=frozenset({"segmentation", "outside_files"}),
+    read_options=frozenset({"segmentation"}),
     needs=LABEL_NEEDS,
     options=SELECTION_OPTIONS,
 )
@@ -108,12 +107,12 @@ FRAME_FILES: Final = (
 
 
 @MANIFEST.reader
-def read_manifest(source: Path, options: ReadOptions) -> FrameSet:
+def read_manifest(source: Path, options: RecordingDescription) -> FrameSet:
     """The frames of a manifest, read line by line in its order.
 
     Paths are relative to the manifest's folder, or absolute. With
     ``options.segmentation``, relative segmentations are looked for in that folder. A
-    file outside these folders is its frame's problem, unless ``options.outside_files``.
+    file outside these folders is its frame's problem, unless the options allow it.
 
     Raises
     ------
@@ -123,7 +122,8 @@ def read_manifest(source: Path, options: ReadOptions) -> FrameSet:
     path = manifest_of(source)
     if path is None:
         raise LayoutError(f"expected {MANIFEST_NAME}, found no such file")
-    if not (options.outside_files or is_inside(path, real_paths(source))):
+    allowed = allowed_folders(options, source)
+    if allowed is not None and not is_inside(path, allowed):
         raise LayoutError(
             f"{name_of(source)}: expected a manifest in the folder, found {path.name}, "
             f"{_OUTSIDE}"
@@ -170,9 +170,9 @@ class _Folders:
         )
 
 
-def _read_lines(path: Path, options: ReadOptions) -> Iterator[FrameSource]:
+def _read_lines(path: Path, options: RecordingDescription) -> Iterator[FrameSource]:
     tags = options.segmentation or path.parent
-    allowed = None if options.outside_files else real_paths(path.parent, tags)
+    allowed = allowed_folders(options, path.parent)
     folders = _Folders(path.parent, tags, allowed)
     with open_regular(path) as file:
         number = 0

@@ -20,7 +20,6 @@ from filter_core.formats.reading import (
     FileIndex,
     FrameSet,
     FrameSource,
-    ReadOptions,
     Unmatched,
     annotated,
     frame_key,
@@ -30,6 +29,7 @@ from filter_core.formats.reading import (
     segmentation_folder,
     walk,
 )
+from filter_core.formats.recording import RecordingDescription
 from filter_core.json_text import read_json
 from filter_core.values import shown
 
@@ -64,7 +64,7 @@ _OTHER_FOLDERS: Final = frozenset({"depth", "instances", "instance", "ignore_mas
 
 
 @PAIRS.reader
-def read_pairs(root: Path, options: ReadOptions) -> FrameSet:
+def read_pairs(root: Path, options: RecordingDescription) -> FrameSet:
     """A frame for each image; an annotation that cannot be read is its problem.
 
     Label files of other layouts, and images in a folder of another sensor, are listed

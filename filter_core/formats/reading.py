@@ -21,7 +21,6 @@ from typing import BinaryIO, Final
 
 from filter_core.errors import FilterError, JsonError, LayoutError
 from filter_core.json_text import read_json
-from filter_core.values import shown
 
 MAX_LABEL_BYTES: Final = 16 * 1024 * 1024
 """Larger files are refused: ten thousand boxes take under a megabyte."""
@@ -139,33 +138,6 @@ class FrameSet:
 
 
 @dataclass(frozen=True)
-class ReadOptions:
-    """Options for reading a folder that its own files do not determine.
-
-    Attributes
-    ----------
-    segmentation : Path or None
-        The folder of the segmentations, if it is not the layout's own.
-    labels : Path or None
-        The folder of the labels, if it is not the layout's own.
-    classes : tuple of str or None
-        Names of the classes by index, instead of the layout's own list.
-    default_class : str
-        The class of labels that carry none.
-    outside_files : bool
-        Whether files outside the folder are read if a manifest or a symbolic link in
-        the folder names them. By default they are refused: a folder that somebody else
-        made could name private files, which would then be uploaded.
-    """
-
-    segmentation: Path | None = None
-    labels: Path | None = None
-    classes: Sequence[str] | None = None
-    default_class: str = "unknown"
-    outside_files: bool = False
-
-
-@dataclass(frozen=True)
 class FrameFileNames:
     """The names of one frame's files, each relative to the folder it was found in.
 
@@ -224,61 +196,6 @@ def walk(
                 yield (Path(folder) / name).relative_to(root).as_posix()
 
 
-OUTSIDE_FILES_HINT: Final = "with --outside-files (outside_files) such files are read"
-"""The option that reads files outside the folder, for command line and library."""
-
-
-def check_links(source: Path, options: ReadOptions) -> None:
-    """Refuse a folder with a symbolic link that leads out of it.
-
-    A link may lead to what was named: the source itself and the folders in `options`.
-    Links to files that no reader opens are not looked at.
-
-    Raises
-    ------
-    LayoutError
-        There is such a link; names the first one.
-    """
-    if options.outside_files:
-        return
-    folders = [source, *filter(None, (options.segmentation, options.labels))]
-    named = real_paths(*folders)
-    for each in folders:
-        for link in _links(each):
-            if not is_inside(link, named):
-                raise LayoutError(
-                    f"{name_of(each)}: expected no link out of the folder, found "
-                    f"{shown(link.relative_to(each).as_posix())}; {OUTSIDE_FILES_HINT}"
-                )
-
-
-def files_inside(found: FrameSet, source: Path, options: ReadOptions) -> FrameSet:
-    """The frames of a file that was named itself, such as COCO's.
-
-    A frame with a file outside the folder of `source` has that as its problem. The
-    folder is not searched for links: it may be one with much else in it.
-    """
-    if options.outside_files:
-        return found
-    folders = filter(None, (source.parent, options.segmentation, options.labels))
-    named = real_paths(source, *folders)
-
-    def checked() -> Iterator[FrameSource]:
-        for frame in found.frames():
-            files = (frame.image, frame.segmentation, *frame.others.values())
-            outside = [file for file in files if file and not is_inside(file, named)]
-            if not outside:
-                yield frame
-                continue
-            problem = LayoutError(
-                f"frame {frame.key}: expected a file in the folder, found "
-                f"{shown(outside[0].name)}, a link out of it; {OUTSIDE_FILES_HINT}"
-            )
-            yield FrameSource(key=frame.key, annotation=None, problem=problem)
-
-    return replace(found, frames=checked)
-
-
 def real_paths(*paths: Path) -> tuple[Path, ...]:
     """The paths with all symbolic links followed, for `is_inside`."""
     return tuple(Path(os.path.realpath(path)) for path in paths)
@@ -291,24 +208,6 @@ def is_inside(path: Path, folders: Iterable[Path]) -> bool:
     except ValueError:  # no file can have such a name
         return False
     return any(real.is_relative_to(folder) for folder in folders)
-
-
-def _links(folder: Path) -> Iterator[Path]:
-    """Links to folders that some reader enters, and to files that one opens."""
-    try:
-        with os.scandir(folder) as entries:
-            found = sorted(entries, key=lambda entry: entry.name)
-    except OSError:  # no reader can list it, either
-        return
-    for entry in found:
-        path = folder / entry.name
-        is_entered = path.is_dir() and not is_hidden(entry.name)
-        is_opened = path.suffix.lower() in (*IMAGE_SUFFIXES, *TEXT_SUFFIXES)
-        if entry.is_symlink():
-            if is_entered or is_opened:
-                yield path
-        elif is_entered:
-            yield from _links(path)
 
 
 def match(

@@ -38,15 +38,20 @@ from filter_core.formats.format import Format, Source
 from filter_core.formats.kitti import KITTI
 from filter_core.formats.label_studio import LABEL_STUDIO
 from filter_core.formats.manifest import MANIFEST
+from filter_core.formats.outside import check_links, files_inside
 from filter_core.formats.pairs import PAIRS
 from filter_core.formats.reading import (
     MANIFEST_NAME,
     FrameSet,
-    ReadOptions,
-    check_links,
-    files_inside,
     manifests_below,
     name_of,
+)
+from filter_core.formats.recording import (
+    LAYOUTS,
+    READER_KEYS,
+    RecordingDescription,
+    describe,
+    place_in_file,
 )
 from filter_core.formats.tally import Counts
 from filter_core.formats.voc import VOC
@@ -75,9 +80,6 @@ FORMATS: Final[Mapping[str, Format]] = {
 EXPORT_FORMATS: Final = tuple(name for name, one in FORMATS.items() if one.write)
 """The formats that `write_export` can write."""
 
-LAYOUTS: Final = ("auto", *(name for name, one in FORMATS.items() if one.read))
-"""The formats that `read_source` can read, and ``auto``."""
-
 UNUSED_OPTION: Final = "unused_option"
 """Code of the error about an option that a layout does not have."""
 
@@ -88,7 +90,7 @@ _IN_ORDER_OF_TRIAL: Final = dict.fromkeys((*_TRIED_FIRST, *FORMATS.values()))
 
 
 def read_source(
-    source: Path, layout: str = "auto", options: ReadOptions | None = None
+    source: Path, layout: str = "auto", options: RecordingDescription | None = None
 ) -> FrameSet:
     """The frames of a folder or a file, in the order of their keys or lines.
 
@@ -97,8 +99,10 @@ def read_source(
     source : Path
         A folder in a recognised layout, a ``.jsonl`` file, or COCO's ``.json`` file.
     layout : str
-        One of `LAYOUTS`: the format to read it in.
-    options : ReadOptions, optional
+        One of `LAYOUTS`: the format to read it in; ``auto``: that of the description,
+        else the one that the files show.
+    options : RecordingDescription, optional
+        Default: that of ``recording.yaml`` beside the data (`describe`).
 
     Returns
     -------
@@ -108,24 +112,27 @@ def read_source(
     ------
     LayoutError
         Nothing there, no layout or several recognised, an option that the layout does
-        not have, no list of classes, or files outside the folder that
-        `ReadOptions.outside_files` does not allow.
+        not have, no list of classes, files outside the folder that the options do
+        not allow, or a fault in ``recording.yaml``.
     """
     if not source.exists():
         raise LayoutError(
             f"{name_of(source)}: expected a folder or a manifest, found none"
         )
+    options = describe(source) if options is None else options
+    layout = options.layout if layout == "auto" else layout
     name = detect_layout(source) if layout == "auto" else layout
     found = FORMATS.get(name)
     if found is None or found.read is None:
         raise LayoutError(
             f"unknown layout {name[:40]!r}; the nearest is {nearest(name, LAYOUTS)!r}"
         )
-    options = options or ReadOptions()
-    for option in sorted(changed_options(options) - found.read_options):
+    for option in sorted(READER_KEYS & set(options.changed) - found.read_options):
+        place = place_in_file(option)
         allowed = ", ".join(sorted(found.read_options))
         raise LayoutError(
-            f"layout {name!r} has no option {option!r}; it has {allowed}",
+            f"layout {name!r} has no option {option!r} ({place} of a description); it "
+            f"has {allowed}",
             code=UNUSED_OPTION,
         )
     if found is MANIFEST:  # which checks each file that it names

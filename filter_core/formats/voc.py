@@ -26,6 +26,7 @@ from filter_core.errors import LayoutError
 from filter_core.formats.export import ExportFrame
 from filter_core.formats.files import element
 from filter_core.formats.format import (
+    FOLDER_OPTIONS,
     LABEL_NEEDS,
     LABEL_OPTIONS,
     Format,
@@ -36,7 +37,6 @@ from filter_core.formats.reading import (
     IMAGE_SUFFIXES,
     FrameFileNames,
     FrameSet,
-    ReadOptions,
     annotated,
     band_folders,
     frame_of,
@@ -46,6 +46,7 @@ from filter_core.formats.reading import (
     walk,
     with_keys,
 )
+from filter_core.formats.recording import RecordingDescription
 from filter_core.formats.writing import (
     PARTS,
     ExportContext,
@@ -63,6 +64,7 @@ VOC: Final = Format(
     ),
     brief="one XML file per frame",
     recognised_by="Pascal VOC's .xml files",
+    read_options=FOLDER_OPTIONS | {"origin"},
     needs=LABEL_NEEDS,
     options=LABEL_OPTIONS | {"bands", "rejected"},
 )
@@ -75,7 +77,7 @@ def _recognise(source: Source) -> Recognition:
 
 
 @VOC.reader
-def read_voc_folder(root: Path, options: ReadOptions) -> FrameSet:
+def read_voc_folder(root: Path, options: RecordingDescription) -> FrameSet:
     """The frames of a VOC folder; a file that is not VOC is that frame's problem."""
     tags = options.segmentation or segmentation_folder(root)
     labels = options.labels or root

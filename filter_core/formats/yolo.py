@@ -34,7 +34,6 @@ from filter_core.formats.reading import (
     IMAGE_SUFFIXES,
     FrameFileNames,
     FrameSet,
-    ReadOptions,
     annotated,
     band_folders,
     frame_of,
@@ -46,6 +45,7 @@ from filter_core.formats.reading import (
     walk,
     with_keys,
 )
+from filter_core.formats.recording import RecordingDescription
 from filter_core.formats.writing import (
     PARTS,
     ExportContext,
@@ -113,7 +113,7 @@ def _class_list(root: Path) -> str | None:
 
 
 @YOLO.reader
-def read_yolo(root: Path, options: ReadOptions) -> FrameSet:
+def read_yolo(root: Path, options: RecordingDescription) -> FrameSet:
     """The frames of a YOLO folder; a bad file is its frame's problem.
 
     Raises

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from filter_core.config.filter import FilterConfig
-from filter_core.formats.reading import ReadOptions
+from filter_core.formats.recording import RecordingDescription
 from filter_core.formats.registry import read_source
 from filter_core.geometry.boxes import to_xyxy
 from filter_core.local import filter_source
@@ -28,7 +28,7 @@ def test_the_authors_own_frame_is_imported_and_corrected(profile):
         shared(f"{AUTHORS}/kept_rejected_oracle.DERIVED.json").read_text()
     )
     frames = read_source(
-        shared(f"{AUTHORS}/samples"), options=ReadOptions(default_class="car")
+        shared(f"{AUTHORS}/samples"), options=RecordingDescription(default_class="car")
     )
 
     (outcome,) = filter_source(frames, FilterConfig(profile=profile))
@@ -75,7 +75,7 @@ def annotation_by_key(frames):
 
 def test_voc_and_yolo_labels_of_a_dataset_give_the_same_boxes():
     root = shared(THREE_FORMS)
-    labels = ReadOptions(labels=root / "labels_yolo_format")
+    labels = RecordingDescription(labels=root / "labels_yolo_format")
     voc = annotation_by_key(read_source(root, "voc"))
     yolo = annotation_by_key(read_source(root, "yolo", labels))
 

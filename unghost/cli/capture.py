@@ -179,7 +179,7 @@ def _push(folder: Path, dataset: str, options: CaptureOptions) -> None:
 
     pushing = _pushing(folder, dataset, options)
     report = PushReport(options.screen)
-    found = open_source(folder, pushing)
+    found = open_source(folder, pushing.layout, pushing.describe(folder))
     with pushing.connect() as client:
         send(client, pushing, found, report)
     report.print_summary(found.unmatched, dataset)

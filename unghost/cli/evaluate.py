@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from filter_core.evaluation.comparison import EvaluationObject
     from filter_core.evaluation.scores import ConfusionObject, MeasuredObject
     from filter_core.evaluation.thresholds import ClassSuggestion, Goal, TruthCollector
+    from filter_core.formats.recording import RecordingDescription
     from filter_core.local import EvaluationTask, KnownBoxes, Truth
 
 
@@ -124,8 +125,9 @@ def evaluate(options: EvaluateOptions) -> None:
     """
     from filter_core.local import evaluate_source
 
-    found = open_source(options.source, options)
-    screen, task = options.screen, _task(options)
+    description = options.describe(options.source)
+    found = open_source(options.source, options.layout, description)
+    screen, task = options.screen, _task(options, description)
     thresholds = _Thresholds.asked_for(options, task.config)
     use = _TruthUse(task.truth)
 
@@ -200,12 +202,14 @@ class _TruthUse:
             yield f"lines of the ground truth about no box here: {self._unused}{such}"
 
 
-def _task(options: EvaluateOptions) -> EvaluationTask:
+def _task(
+    options: EvaluateOptions, description: RecordingDescription
+) -> EvaluationTask:
     from filter_core.evaluation.comparison import COMPARED
     from filter_core.local import EvaluationTask, read_truth
 
     return EvaluationTask(
-        config=read_config(options.config, options, options.screen),
+        config=read_config(options.config, options, description, options.screen),
         truth=None if options.truth is None else read_truth(options.truth),
         channels=tuple(options.channel or COMPARED),
     )

@@ -13,7 +13,6 @@ from unghost.cli.options import DatasetOptions, OutputOptions, listed
 from unghost.cli.runs import cancel_interrupted
 from unghost.cli.screen import Screen, naming_options, partly_done, refusal
 from unghost.cli.sources import (
-    SegmentationReading,
     SourceOptions,
     naming_reading,
     open_source,
@@ -23,6 +22,7 @@ from unghost.cli.sources import (
 from unghost.wire.words import ExportFormat
 
 if TYPE_CHECKING:
+    from filter_core.config.filter import FilterConfig
     from filter_core.formats.export import ExportFrame
     from filter_core.formats.export import ExportOptions as LabelOptions
     from filter_core.formats.reading import FrameSet
@@ -197,7 +197,7 @@ def _kb(size_bytes: int) -> int:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ConvertOptions(OutputOptions, SourceOptions, SegmentationReading, FormatOptions):
+class ConvertOptions(OutputOptions, SourceOptions, FormatOptions):
     """Options of `unghost convert`."""
 
     source: Annotated[
@@ -250,9 +250,11 @@ def convert(options: ConvertOptions) -> None:
             raise typer.BadParameter(f"--{option} is for --filter")
     # Before the folder is read, which may take long: this refuses an unknown format.
     labels = _label_options(options)
-    found = open_source(options.source, options)
+    description = options.describe(options.source)
+    found = open_source(options.source, options.layout, description)
     progress = _Progress(options.screen)
-    counts = _write_labels(options, labels, found, progress)
+    config = read_config(options.config, options, description, options.screen)
+    counts = _write_labels(options, labels, found, config, progress)
     for file in found.unmatched:
         options.screen.note(unmatched_line(file))
     boxes = {name: counts["boxes"][name] for name in ("in", "out", "dropped")}
@@ -294,7 +296,11 @@ def _label_options(options: ConvertOptions) -> LabelOptions:
 
 
 def _write_labels(
-    options: ConvertOptions, labels: LabelOptions, found: FrameSet, progress: _Progress
+    options: ConvertOptions,
+    labels: LabelOptions,
+    found: FrameSet,
+    config: FilterConfig,
+    progress: _Progress,
 ) -> Counts:
     from filter_core.formats.export import ExportHead
     from filter_core.formats.files import folder_sink
@@ -302,7 +308,6 @@ def _write_labels(
     from filter_core.formats.registry import format_of, write_export
     from filter_core.local import class_order, export_sources
 
-    config = read_config(options.config, options, options.screen)
     classes = found.classes or class_order(found)
     options.screen.note(f"classes in this order: {', '.join(classes)}")
     decided = {"config": config.digest} if options.filter else {}

@@ -79,9 +79,11 @@ def filter_local(options: FilterOptions) -> None:
     from filter_core.formats.reading import name_of
 
     _spare_source(options)
-    config = read_config(options.config, options, options.screen)
+    description = options.describe(options.source)
+    config = read_config(options.config, options, description, options.screen)
     check = FrameCheck()
-    found = check.watch(open_source(options.source, options))
+    frames = open_source(options.source, options.layout, description)
+    found = check.watch(frames)
     tally = _Tally(options.screen)
     with _output(options.output) as write:
         decided = decided_lines(found, config, options.workers)
@@ -96,7 +98,7 @@ def filter_local(options: FilterOptions) -> None:
         name_of(options.source),
         tally.unmapped.total(),
         tally.unmapped,
-        default_class_of(found, options),
+        default_class_of(found, description),
     )
     tally.print_summary(options.output, found.unmatched)
     if tally.failed or found.unmatched:

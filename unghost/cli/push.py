@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from itertools import islice
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final, get_args
 
 import typer
@@ -22,7 +23,6 @@ from unghost.cli.screen import (
 )
 from unghost.cli.sources import (
     FrameCheck,
-    SegmentationReading,
     SourceFolder,
     SourceOptions,
     default_class_of,
@@ -50,7 +50,7 @@ _OPTION_OF_FIELD: Final = {"/name": "--dataset", "/classes": "classes (--classes
 
 
 @dataclass(frozen=True, kw_only=True)
-class PushOptions(ServerOptions, SourceOptions, SegmentationReading):
+class PushOptions(ServerOptions, SourceOptions):
     """Options of `unghost push`."""
 
     source: SourceFolder
@@ -65,6 +65,24 @@ class PushOptions(ServerOptions, SourceOptions, SegmentationReading):
         int,
         typer.Option(min=1, max=16, help="Number of frames to send at the same time."),
     ] = 2
+    root: Annotated[
+        list[Path] | None,
+        typer.Option(
+            metavar="DIR",
+            help="Folder whose files may be uploaded, too, if a manifest, labels or a "
+            "symbolic link name them; may be repeated.",
+            exists=True,
+            file_okay=False,
+        ),
+    ] = None
+    outside_files: Annotated[
+        bool,
+        typer.Option(
+            "--outside-files",
+            help="Upload any file that a manifest, labels or a symbolic link name, "
+            "wherever it lies; only for folders whose origin you trust.",
+        ),
+    ] = False
     replace: Annotated[
         bool,
         typer.Option(
@@ -73,6 +91,11 @@ class PushOptions(ServerOptions, SourceOptions, SegmentationReading):
             "Answers on boxes that changed are set aside.",
         ),
     ] = False
+
+    @property
+    def outside(self) -> dict[str, object]:
+        """Which files outside the folder may be read: those that were allowed."""
+        return {"outside_files": self.outside_files, "roots": tuple(self.root or ())}
 
 
 def push(options: PushOptions) -> None:
@@ -83,13 +106,16 @@ def push(options: PushOptions) -> None:
     """
     report = PushReport(options.screen)
     check = FrameCheck()
-    found = check.watch(open_source(options.source, options))
+    description = options.describe(options.source)
+    frames = open_source(options.source, options.layout, description)
+    found = check.watch(frames)
     with options.connect() as client:
-        classes, reading = found.classes or (), options.reading
+        classes = found.classes or ()
+        reading = {**description.segmentation_settings(), **options.reading}
         ensure_dataset(client, options.dataset, reading, classes, options.screen)
         send(client, options, found, report)
         if report.stored:
-            _note_unmapped(client, options, found)
+            _note_unmapped(client, options, default_class_of(found, description))
     check.note(options.screen, found)
     report.print_summary(found.unmatched, options.dataset)
     if report.refused or found.unmatched:
@@ -188,7 +214,9 @@ def send(
             ) from None
 
 
-def _note_unmapped(client: Client, options: PushOptions, found: FrameSet) -> None:
+def _note_unmapped(
+    client: Client, options: PushOptions, default_class: str | None
+) -> None:
     count = client.stats(options.dataset).by_reason.get("unmapped_class", 0)
     if not count:
         return
@@ -198,7 +226,7 @@ def _note_unmapped(client: Client, options: PushOptions, found: FrameSet) -> Non
         options.dataset,
         count,
         {str(box.class_name) for box in islice(boxes, _LOOKED_AT)},
-        default_class_of(found, options),
+        default_class,
     )
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final, TypeAlias
 
@@ -23,7 +23,7 @@ from unghost.cli.options import (
     note_unknown_classes,
 )
 from unghost.cli.screen import Screen, most_first
-from unghost.cli.sources import SegmentationReading
+from unghost.cli.sources import SEGMENTATION_SETTINGS
 
 if TYPE_CHECKING:
     from filter_core.config.filter import ConfigChange
@@ -295,7 +295,7 @@ def _own_settings(dataset: Dataset, version: ConfigVersion) -> list[str]:
     defaults = {name: one.default for name, one in DatasetIn.model_fields.items()}
     return [
         f"the dataset's own setting is used: {name}: {getattr(dataset, name)}"
-        for name in (option.name for option in fields(SegmentationReading))
+        for name in SEGMENTATION_SETTINGS
         if getattr(dataset, name) not in (defaults[name], version.config[name])
     ]
 

@@ -231,7 +231,10 @@ class _Filling:
 
     def _push(self, client: Client) -> PushReport:
         report = PushReport(Screen())
-        found = open_source(self._street, SourceOptions())
+        reading = SourceOptions()
+        found = open_source(
+            self._street, reading.layout, reading.describe(self._street)
+        )
         ensure_dataset(client, _DEMO_DATASET, {}, found.classes or (), self._screen)
         with self._screen.progress("filter the street", "frames") as advance:
             for outcome in client.push(_DEMO_DATASET, outgoing(found)):

@@ -17,6 +17,7 @@ from unghost.wire.words import ChannelOrder, Encoding, Layout, LossyPolicy, Pale
 if TYPE_CHECKING:
     from filter_core.config.filter import FilterConfig
     from filter_core.formats.reading import FrameSet, FrameSource, Unmatched
+    from filter_core.formats.recording import RecordingDescription
     from unghost.client.outgoing import NotSent, OutgoingFrame
 
 _MISSPELT: Final = 0.85
@@ -29,7 +30,7 @@ _LISTED_CLASSES: Final = 20
 """Classes without tags that are named."""
 
 _READING_SETTING: Final = re.compile(r"\b(lossy_segmentation|encoding): (nearest|raw)")
-"""Settings that errors recommend (see `SegmentationReading`)."""
+"""Settings that errors recommend (see `SourceOptions`)."""
 
 SourceFolder: TypeAlias = Annotated[
     Path,
@@ -43,7 +44,7 @@ SourceFolder: TypeAlias = Annotated[
 
 @dataclass(frozen=True, kw_only=True)
 class SourceOptions:
-    """How to read a folder of frames."""
+    """How to read a folder of frames; what is not given is recognised or described."""
 
     layout: Annotated[
         Layout,
@@ -79,29 +80,13 @@ class SourceOptions:
         ),
     ] = None
     default_class: Annotated[
-        str, typer.Option(metavar="NAME", help="Class to use for labels without one.")
-    ] = "unknown"
-    outside_files: Annotated[
-        bool,
+        str | None,
         typer.Option(
-            "--outside-files",
-            help="Also read files outside the folder that a manifest or a symbolic "
-            "link names; only for folders whose origin you trust.",
+            metavar="NAME",
+            help="Class to use for labels without one.",
+            show_default="unknown",
         ),
-    ] = False
-
-    @property
-    def class_list(self) -> tuple[str, ...] | None:
-        """The names of the classes, if they were given."""
-        if self.classes is None:
-            return None
-        return tuple(name.strip() for name in self.classes.split(","))
-
-
-@dataclass(frozen=True, kw_only=True)
-class SegmentationReading:
-    """Options for reading segmentations, where their files do not determine them."""
-
+    ] = None
     palette: Annotated[
         Palette | None,
         typer.Option(
@@ -124,21 +109,119 @@ class SegmentationReading:
             "JPEG files."
         ),
     ] = None
+    depth_encoding: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ENCODING",
+            help="How the depth images encode distances, such as carla or carla-bgr.",
+        ),
+    ] = None
+    origin: Annotated[
+        str | None,
+        typer.Option(
+            metavar="0|1",
+            help="Whether rectangles in whole pixels are counted from 0 or from 1; "
+            "default: as the files show.",
+        ),
+    ] = None
+    class_map: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME=CLASS",
+            help="What a class measures as, such as Car=car, or NAME=pass to pass its "
+            "boxes on unmeasured; several separated by commas, or repeated.",
+        ),
+    ] = None
+    outside_files: Annotated[
+        bool,
+        # Hidden: of the commands that upload nothing, older scripts may still use it.
+        typer.Option("--outside-files", hidden=True),
+    ] = False
+    recording: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="The description of the recording (YAML); default: recording.yaml "
+            "beside the data, if there is one.",
+            exists=True,
+            dir_okay=False,
+        ),
+    ] = None
 
     @property
     def reading(self) -> dict[str, str]:
-        """The given options, with the names that datasets and configurations use."""
-        given = {
-            "palette": self.palette,
-            "encoding": self.encoding,
-            "channel_order": self.channel_order,
-            "lossy_segmentation": self.lossy_segmentation,
-        }
+        """The given options for segmentations, with the names of datasets' settings."""
+        given = {name: getattr(self, name) for name in SEGMENTATION_SETTINGS}
         return {name: word for name, word in given.items() if word is not None}
+
+    @property
+    def outside(self) -> dict[str, object]:
+        """Which files outside the folder may be read: all, since none is uploaded."""
+        return {"outside_files": True}
+
+    def describe(self, source: Path) -> RecordingDescription:
+        """How the folder is read: by these options, else by its description.
+
+        Raises
+        ------
+        LayoutError
+            The description cannot be read.
+        typer.BadParameter
+            An option has a wrong value.
+        """
+        from filter_core.errors import ConfigError
+        from filter_core.formats.recording import describe
+
+        given = {
+            name: getattr(self, name)
+            for name in (*_DESCRIBING, *SEGMENTATION_SETTINGS)
+            if getattr(self, name) is not None
+        }
+        if self.classes is not None:
+            given["classes"] = _names(self.classes)
+        if self.class_map is not None:
+            given["class_map"] = dict(_class_map(self.class_map))
+        try:
+            return describe(source, self.recording, given | self.outside)
+        except ConfigError as exc:
+            raise typer.BadParameter(_naming_option(exc.detail)) from exc
+
+
+_DESCRIBING: Final = (
+    *("segmentation", "labels", "default_class", "depth_encoding", "origin"),
+)
+"""Options that are keys of a description as they are."""
+
+SEGMENTATION_SETTINGS: Final = (
+    *("palette", "encoding", "channel_order", "lossy_segmentation"),
+)
+"""Options that are settings of a dataset, too."""
+
+
+def _names(words: str) -> tuple[str, ...]:
+    return tuple(name.strip() for name in words.split(","))
+
+
+def _class_map(given: Iterable[str]) -> Iterator[tuple[str, str]]:
+    for entry in (entry for words in given for entry in _names(words)):
+        # A name may have "=" in it; the class it measures as has none.
+        name, _, meant = entry.rpartition("=")
+        if not name.strip() or not meant.strip():
+            raise typer.BadParameter(
+                f"--class-map: expected NAME=CLASS, such as Car=car, found {entry!r}"
+            )
+        yield name.strip(), meant.strip()
+
+
+def _naming_option(detail: str) -> str:
+    """The error about a key of a description, with the option in its place."""
+    name, colon, rest = detail.partition(": ")
+    option = {"classes": "--class-map"}.get(name, f"--{name.replace('_', '-')}")
+    return f"{option}{colon}{rest}"
 
 
 @dataclass(frozen=True, kw_only=True)
-class LocalFilterOptions(SourceOptions, SegmentationReading):
+class LocalFilterOptions(SourceOptions):
     """A folder, and how it is filtered on this machine."""
 
     source: SourceFolder
@@ -158,8 +241,10 @@ class LocalFilterOptions(SourceOptions, SegmentationReading):
     ] = None
 
 
-def open_source(path: Path, options: SourceOptions) -> FrameSet:
-    """The frames of a folder or a file.
+def open_source(
+    path: Path, layout: Layout, description: RecordingDescription
+) -> FrameSet:
+    """The frames of a folder or a file; a `layout` that is named wins.
 
     Raises
     ------
@@ -172,7 +257,7 @@ def open_source(path: Path, options: SourceOptions) -> FrameSet:
         labels without a list of classes.
     """
     from filter_core.errors import LayoutError
-    from filter_core.formats.reading import ReadOptions, name_of
+    from filter_core.formats.reading import name_of
     from filter_core.formats.registry import (
         UNUSED_OPTION,
         possible_layouts,
@@ -180,27 +265,20 @@ def open_source(path: Path, options: SourceOptions) -> FrameSet:
     )
     from filter_core.formats.yolo import NoClassList
 
-    read = ReadOptions(
-        segmentation=options.segmentation,
-        labels=options.labels,
-        classes=options.class_list,
-        default_class=options.default_class,
-        outside_files=options.outside_files,
-    )
-    layout = options.layout
-    possible = possible_layouts(path) if layout == "auto" else ()
+    chosen: str = layout if layout != "auto" else description.layout
+    possible = possible_layouts(path) if chosen == "auto" else ()
     if len(possible) > 1:
         raise Refused(
             f"{name_of(path)}: could be {' or '.join(possible)}; choose one, for "
             f"example with --layout {possible[0]}"
         )
     try:
-        found = read_source(path, possible[0] if possible else layout, read)
+        found = read_source(path, possible[0] if possible else chosen, description)
     except LayoutError as exc:
         if exc.kind == UNUSED_OPTION:
             raise typer.BadParameter(exc.detail) from exc
         if isinstance(exc, NoClassList):
-            raise Refused(f"{exc.detail}; {_class_options(path, layout)}") from exc
+            raise Refused(f"{exc.detail}; {_class_options(path, chosen)}") from exc
         raise
     if found.count is None and found.layout == "manifest":
         found = replace(found, count=_count_lines(path))
@@ -237,17 +315,24 @@ def _count_lines(source: Path) -> int:
 
 
 def read_config(
-    path: Path | None, reading: SegmentationReading, screen: Screen
+    path: Path | None,
+    options: SourceOptions,
+    description: RecordingDescription,
+    screen: Screen,
 ) -> FilterConfig:
-    """The configuration of a file, overridden by options of the command line."""
+    """The configuration of a file, above the description and below the options.
+
+    A class map of the command line is part of the description.
+    """
     from filter_core.config.file import load_config
     from filter_core.config.filter import FilterConfig
 
     with error_context(path):
-        loaded = load_config(path.read_bytes() if path is not None else b"")
+        content = path.read_bytes() if path is not None else b""
+        loaded = load_config(content, below=description.config_keys())
     if loaded.unused_keys:
         screen.note(f"keys that are not used: {', '.join(loaded.unused_keys)}")
-    return FilterConfig.from_mapping({**loaded.config.as_dict(), **reading.reading})
+    return FilterConfig.from_mapping({**loaded.config.as_dict(), **options.reading})
 
 
 def outgoing(frames: Iterable[FrameSource]) -> Iterator[OutgoingFrame | NotSent]:
@@ -384,12 +469,12 @@ def _unmapped(name: str, *, is_default: bool) -> str:
     return f"{name} (did you mean {meant!r}?)" if meant else name
 
 
-def default_class_of(found: FrameSet, options: SourceOptions) -> str | None:
+def default_class_of(found: FrameSet, description: RecordingDescription) -> str | None:
     """The class of labels that carry none; None if the layout has no such labels."""
     from filter_core.formats.registry import FORMATS
 
     has_some = "default_class" in FORMATS[found.layout].read_options
-    return options.default_class if has_some else None
+    return description.default_class if has_some else None
 
 
 def naming_reading(detail: str, *, of_dataset: bool = False) -> str:

@@ -13,10 +13,10 @@ import pytest
 from filter_core.errors import LayoutError
 from filter_core.formats.reading import (
     MAX_LABEL_BYTES,
-    ReadOptions,
     frame_key,
     read_label_bytes,
 )
+from filter_core.formats.recording import RecordingDescription
 from filter_core.formats.registry import detect_layout, possible_layouts, read_source
 from tests.support.folders import write_files
 
@@ -129,7 +129,7 @@ def test_segmentations_in_a_flat_folder_are_matched_by_name(tmp_path):
         },
     )
 
-    options = ReadOptions(segmentation=tmp_path / "tags")
+    options = RecordingDescription(segmentation=tmp_path / "tags")
     frames = read_source(tmp_path, options=options)
 
     found = {frame.key: frame.segmentation for frame in frames}
@@ -248,7 +248,7 @@ def test_yolo_without_class_names_is_refused_unless_they_are_given(tmp_path):
 
     with pytest.raises(LayoutError, match=r"data\.yaml"):
         read_source(tmp_path, "yolo")
-    named = read_source(tmp_path, "yolo", ReadOptions(classes=["car"]))
+    named = read_source(tmp_path, "yolo", RecordingDescription(classes=["car"]))
     assert [frame.annotation for frame in named] == [{"boxes": [BOX]}]
 
 
@@ -257,13 +257,21 @@ def test_yolo_without_class_names_is_refused_unless_they_are_given(tmp_path):
     [
         (
             "pairs",
-            ReadOptions(classes=["car"]),
+            RecordingDescription(classes=["car"]),
             "layout 'pairs' has no option 'classes'; it has labels, outside_files, "
             "segmentation",
         ),
-        ("pairs", ReadOptions(default_class="car"), "no option 'default_class'"),
-        ("coco", ReadOptions(default_class="car"), "no option 'default_class'"),
-        ("manifest", ReadOptions(labels=Path("labels")), "no option 'labels'"),
+        (
+            "pairs",
+            RecordingDescription(default_class="car"),
+            "no option 'default_class'",
+        ),
+        (
+            "coco",
+            RecordingDescription(default_class="car"),
+            "no option 'default_class'",
+        ),
+        ("manifest", RecordingDescription(labels=Path("labels")), "no option 'labels'"),
     ],
 )
 def test_option_that_a_layout_does_not_use_is_refused(tmp_path, layout, options, words):
@@ -340,7 +348,9 @@ def test_coco_file_that_is_named_is_read_beside_links_out_of_its_folder(tmp_path
     (town / "2.png").symlink_to(tmp_path / "private.png")
 
     good, bad = read_source(town / "x.json")
-    _, allowed = read_source(town / "x.json", options=ReadOptions(outside_files=True))
+    _, allowed = read_source(
+        town / "x.json", options=RecordingDescription(outside_files=True)
+    )
 
     assert (good.problem, good.image) == (None, town / "1.png")
     assert (bad.annotation, bad.image) == (None, None)
@@ -356,7 +366,7 @@ def test_links_inside_the_folder_and_into_named_folders_are_read(tmp_path):
     (town / "seg").symlink_to(tmp_path / "tags")
     (town / "notes").symlink_to(tmp_path / "notes")
     (tmp_path / "link").symlink_to(town)
-    named = ReadOptions(segmentation=town / "seg")
+    named = RecordingDescription(segmentation=town / "seg")
 
     (frame,) = read_source(tmp_path / "link", options=named)
 
@@ -370,7 +380,7 @@ def test_links_out_of_the_folder_are_read_with_the_option(tmp_path):
     (town / "1.png").symlink_to(tmp_path / "disk/1.png")
     (town / "seg").symlink_to(tmp_path / "tags")
 
-    (frame,) = read_source(town, options=ReadOptions(outside_files=True))
+    (frame,) = read_source(town, options=RecordingDescription(outside_files=True))
 
     assert frame.image == town / "1.png"
     assert frame.segmentation == town / "seg/1.png"
@@ -432,7 +442,9 @@ def test_raw_cxcywh_boxes_have_class_unknown_or_the_default_class(tmp_path):
     write_files(tmp_path, {"label/1.txt": "10 20 4 6\n", "img/1.png": None})
 
     plain = list(read_source(tmp_path))
-    named = list(read_source(tmp_path, options=ReadOptions(default_class="car")))
+    named = list(
+        read_source(tmp_path, options=RecordingDescription(default_class="car"))
+    )
 
     rectangle = {"cxcywh": [10.0, 20.0, 4.0, 6.0]}
     assert plain[0].annotation == {"boxes": [{"class": "unknown", **rectangle}]}
@@ -626,7 +638,7 @@ def test_label_that_is_an_endless_device_is_refused_without_reading_it(tmp_path)
     (town / "labels").mkdir()
     (town / "labels" / "1.txt").symlink_to("/dev/zero")
 
-    (frame,) = read_source(town, "yolo", ReadOptions(outside_files=True))
+    (frame,) = read_source(town, "yolo", RecordingDescription(outside_files=True))
 
     assert "not a regular file" in str(frame.problem)
 

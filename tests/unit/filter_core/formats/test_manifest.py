@@ -8,7 +8,8 @@ import pytest
 
 from filter_core.errors import LayoutError
 from filter_core.formats.manifest import FRAME_FILES
-from filter_core.formats.reading import MAX_LABEL_BYTES, ReadOptions
+from filter_core.formats.reading import MAX_LABEL_BYTES
+from filter_core.formats.recording import RecordingDescription
 from filter_core.formats.registry import read_source
 from filter_core.values import shown
 from tests.support.folders import write_files
@@ -58,7 +59,7 @@ def test_file_outside_the_folder_is_the_problem_of_its_frame(town, kind, given):
     path = write(town, *map(json.dumps, lines))
 
     bad, good = read_source(path)
-    allowed, _ = read_source(path, options=ReadOptions(outside_files=True))
+    allowed, _ = read_source(path, options=RecordingDescription(outside_files=True))
 
     assert str(bad.problem) == (
         f"frames.jsonl, line 1, {kind}: expected a file in the manifest's folder, "
@@ -91,7 +92,7 @@ def test_manifest_that_is_a_link_to_a_file_outside_is_refused(tmp_path):
 
     with pytest.raises(LayoutError, match=r"manifest\.jsonl, which is or leads out"):
         read_source(tmp_path / "town")
-    allowed = ReadOptions(outside_files=True)
+    allowed = RecordingDescription(outside_files=True)
     assert [one.key for one in read_source(link)] == ["a/0"]
     assert [one.key for one in read_source(link.parent, options=allowed)] == ["a/0"]
 
@@ -99,7 +100,9 @@ def test_manifest_that_is_a_link_to_a_file_outside_is_refused(tmp_path):
 def test_segmentation_paths_are_relative_to_the_given_folder(tmp_path):
     path = write(tmp_path, json.dumps({**FRAME, "segmentation": "0.png"}))
 
-    (frame,) = read_source(path, options=ReadOptions(segmentation=tmp_path / "seg"))
+    (frame,) = read_source(
+        path, options=RecordingDescription(segmentation=tmp_path / "seg")
+    )
 
     assert frame.segmentation == tmp_path / "seg/0.png"
 

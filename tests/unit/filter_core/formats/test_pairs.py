@@ -6,7 +6,7 @@ import json
 
 import pytest
 
-from filter_core.formats.reading import ReadOptions
+from filter_core.formats.recording import RecordingDescription
 from filter_core.formats.registry import read_source
 from tests.support.folders import write_files
 
@@ -66,7 +66,9 @@ def test_ambiguous_segmentation_name_is_not_assigned(tmp_path):
 def test_segmentation_and_label_folders_can_be_given(tmp_path):
     files = {"rgb/1.png": None, "tags/1.png": None, "boxes/1.json": json.dumps(BOXES)}
     write_files(tmp_path, files)
-    options = ReadOptions(segmentation=tmp_path / "tags", labels=tmp_path / "boxes")
+    options = RecordingDescription(
+        segmentation=tmp_path / "tags", labels=tmp_path / "boxes"
+    )
 
     (frame,) = read_source(tmp_path, "pairs", options)
 

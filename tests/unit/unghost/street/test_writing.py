@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from filter_core.formats.manifest import read_manifest
-from filter_core.formats.reading import ReadOptions
+from filter_core.formats.recording import RecordingDescription
 from tests.support.demo_street import LAID_LINKS, LINKED_TEXT, demo_street
 
 
@@ -60,6 +60,6 @@ def test_street_is_written_through_no_link_in_its_folder(street):
 
 
 def test_written_manifest_can_be_read_without_problems(street):
-    (source,) = read_manifest(street.manifest, ReadOptions()).frames()
+    (source,) = read_manifest(street.manifest, RecordingDescription()).frames()
 
     assert (source.key, source.problem) == ("town-a/000000", None)

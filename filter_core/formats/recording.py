@@ -1,0 +1,421 @@
+"""The description of a recording: how its folder is read.
+
+Each key is declared once, as a field of `RecordingDescription`, with the values that it
+allows and its meaning. `describe` makes a description from ``recording.yaml`` beside
+the data, or from a file that was named, and from options, which win over the file.
+
+Readers of folders take the description. What it says about segmentations, depth and
+classes is for the filter: `RecordingDescription.config_keys`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar, Final, Literal, NamedTuple, TypeAlias, get_args
+
+from filter_core.config.declaration import (
+    INHERIT,
+    AllowedWords,
+    declared_keys,
+    key,
+    refuse_unknown_keys,
+    same_key,
+)
+from filter_core.config.file import merged_classes, parse_yaml
+from filter_core.config.filter import DecideConfig
+from filter_core.config.keys import ReadingKeys
+from filter_core.errors import ConfigError, LayoutError
+from filter_core.formats.reading import is_inside, read_label_bytes, real_paths
+from filter_core.segmentation.reading import Encoding, Lossy, OrderOfChannels
+from filter_core.values import place_of, pointer_token, shown
+
+RECORDING_NAME: Final = "recording.yaml"
+"""The name under which a description is found beside the data."""
+
+LAYOUTS: Final = (
+    "auto",
+    "yolo",
+    "coco",
+    "kitti",
+    "voc",
+    "manifest",
+    "carlasimu",
+    "pairs",
+)
+"""The formats that a folder can be read in, and ``auto`` to recognise it."""
+
+DEPTH_ENCODINGS: Final = (
+    "auto",
+    "carla",
+    "carla-bgr",
+    "metres16",
+    "millimetres16",
+    "metres32",
+    "log8",
+)
+
+Origin: TypeAlias = Literal["auto", "0", "1"]
+
+_MAX_NAMES: Final = 100_000
+
+_MAX_NAME: Final = 1000
+
+
+class AllowedName(NamedTuple):
+    """A text that is not empty.
+
+    Attributes
+    ----------
+    what : str
+        What it names, for people.
+    """
+
+    what: str
+
+    def __str__(self) -> str:
+        return self.what
+
+    def checked(self, name: str, value: object, at: str = "") -> str:
+        """See `Allowed.checked`."""
+        if not isinstance(value, str) or not 0 < len(value) <= _MAX_NAME:
+            raise ConfigError(
+                f"{place_of(at)}{name}: expected {self}, found {shown(value)}",
+                pointer=f"{at}/{name}",
+            )
+        return value
+
+    def schema(self) -> dict[str, object]:
+        """See `Allowed.schema`."""
+        return {"type": "string", "minLength": 1, "maxLength": _MAX_NAME}
+
+
+class ClassNames:
+    """The names of the classes by their numbers."""
+
+    def __str__(self) -> str:
+        return "a list of class names"
+
+    def checked(self, name: str, value: object, at: str = "") -> tuple[str, ...]:
+        """See `Allowed.checked`."""
+        if not isinstance(value, list | tuple) or not 0 < len(value) <= _MAX_NAMES:
+            raise ConfigError(
+                f"{place_of(at)}{name}: expected {self}, found {shown(value)}",
+                pointer=f"{at}/{name}",
+            )
+        class_name = AllowedName("a class name")
+        return tuple(
+            class_name.checked(str(number), word, f"{at}/{name}")
+            for number, word in enumerate(value)
+        )
+
+    def schema(self) -> dict[str, object]:
+        """See `Allowed.schema`."""
+        return {"type": "array", "items": {"type": "string"}, "minItems": 1}
+
+
+class ClassMap:
+    """What classes measure as: the ``classes`` of a configuration."""
+
+    def __str__(self) -> str:
+        return "a mapping of class names, as a configuration has it"
+
+    def checked(self, name: str, value: object, at: str = "") -> dict[str, object]:
+        """See `Allowed.checked`."""
+        if not isinstance(value, Mapping):
+            raise ConfigError(
+                f"{place_of(at)}{name}: expected {self}, found {shown(value)}",
+                pointer=f"{at}/{name}",
+            )
+        DecideConfig(classes=value)
+        return dict(value)
+
+    def schema(self) -> dict[str, object]:
+        """See `Allowed.schema`."""
+        return {"type": "object"}
+
+
+class AllowedOrigin:
+    """Whether pixels are counted from 0 or from 1."""
+
+    def __str__(self) -> str:
+        return "auto, 0 or 1"
+
+    def checked(self, name: str, value: object, at: str = "") -> str:
+        """See `Allowed.checked`."""
+        is_number = isinstance(value, int) and not isinstance(value, bool)
+        word = str(value) if is_number else value
+        return AllowedWords(get_args(Origin)).checked(name, word, at)
+
+    def schema(self) -> dict[str, object]:
+        """See `Allowed.schema`."""
+        return {"enum": ["auto", 0, 1]}
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecordingDescription:
+    """How a folder of frames is read; what is not given is recognised from its files.
+
+    Wrong values raise `ConfigError` when the object is made.
+
+    Attributes
+    ----------
+    outside_files : bool
+        Whether files outside the folder are read if a manifest or a symbolic link in
+        the folder names them. By default they are refused: a folder that somebody else
+        made could name private files, which would then be uploaded. So no file of the
+        folder can say this, nor `roots`.
+    roots : tuple of Path
+        Folders whose files may be read besides those in the folder.
+
+    All other attributes are declared keys, with their meaning (`described_keys`).
+    """
+
+    layout: str = key(
+        AllowedWords(LAYOUTS), "auto", "How the files of the folder are arranged."
+    )
+    segmentation: Path | None = key(
+        AllowedName("the path of a folder"),
+        None,
+        "The folder of the segmentations, if it is not one of the usual ones.",
+        place="segmentation.folder",
+    )
+    palette: str = same_key(ReadingKeys, "palette", place="segmentation.palette")
+    encoding: Encoding = same_key(
+        ReadingKeys, "encoding", place="segmentation.encoding"
+    )
+    channel_order: OrderOfChannels = same_key(
+        ReadingKeys, "channel_order", place="segmentation.channel_order"
+    )
+    lossy_segmentation: Lossy = same_key(
+        ReadingKeys, "lossy_segmentation", place="segmentation.lossy"
+    )
+    depth_encoding: str = key(
+        AllowedWords(DEPTH_ENCODINGS),
+        "auto",
+        "How the depth images encode distances.",
+        place="depth.encoding",
+    )
+    labels: Path | None = key(
+        AllowedName("the path of a folder"),
+        None,
+        "The folder of the labels (for COCO the file), if it is not the layout's own.",
+        place="boxes.labels",
+    )
+    classes: tuple[str, ...] | None = key(
+        ClassNames(),
+        None,
+        "The names of the classes in the order of their numbers.",
+        place="boxes.classes",
+    )
+    default_class: str = key(
+        AllowedName("a class name"),
+        "unknown",
+        "The class of labels that carry none.",
+        place="boxes.default_class",
+    )
+    origin: Origin = key(
+        AllowedOrigin(),
+        "auto",
+        "Whether rectangles in whole pixels are counted from 0 or from 1.",
+        place="boxes.origin",
+    )
+    class_map: Mapping[str, object] = key(
+        ClassMap(),
+        {},
+        "What the filter measures a class as: the name of another class, `pass` for "
+        "boxes that are passed on unmeasured, or options as in a configuration.",
+        place="classes",
+    )
+    outside_files: bool = False
+    roots: tuple[Path, ...] = ()
+
+    _FOLDERS: ClassVar = ("segmentation", "labels")
+
+    def __post_init__(self) -> None:
+        for name, declared in declared_keys(type(self)).items():
+            value = getattr(self, name)
+            if value is INHERIT or value is None:
+                value = declared.default
+            elif name not in self._FOLDERS:
+                value = declared.allowed.checked(name, value)
+            object.__setattr__(self, name, value)
+
+    @property
+    def changed(self) -> dict[str, object]:
+        """The keys whose values are not their defaults, by attribute."""
+        return {
+            name: value
+            for name, declared in declared_keys(type(self)).items()
+            if (value := getattr(self, name)) != declared.default
+        }
+
+    def config_keys(self) -> dict[str, object]:
+        """What it says about measuring, as keys of a configuration.
+
+        A configuration's own values win over these (`load_config`).
+        """
+        named = {**self.segmentation_settings(), "depth_encoding": self.depth_encoding}
+        keys = {name: value for name, value in named.items() if name in self.changed}
+        return {**keys, **({"classes": self.class_map} if self.class_map else {})}
+
+    def segmentation_settings(self) -> dict[str, str]:
+        """What it says about segmentations, as settings of a dataset."""
+        return {
+            name: str(value)
+            for name, value in self.changed.items()
+            if name in declared_keys(ReadingKeys)
+        }
+
+
+READER_KEYS: Final = frozenset(
+    {"segmentation", "labels", "classes", "default_class", "origin"}
+)
+"""The keys that only some layouts use; each `Format` says which."""
+
+
+def place_in_file(name: str) -> str:
+    """The key in a file for an attribute, such as ``boxes.classes`` for ``classes``."""
+    return declared_keys(RecordingDescription)[name].place or name
+
+
+_NOT_YET: Final = frozenset(
+    {
+        "files",
+        "key",
+        "split",
+        "map",
+        "segmentation.scale",
+        "segmentation.tags",
+        "boxes.unit",
+        "boxes.corners",
+        "boxes.fields",
+    }
+)
+"""Keys with a meaning that no reader carries out."""
+
+
+def describe(
+    source: Path,
+    file: Path | None = None,
+    options: Mapping[str, Any] | None = None,
+) -> RecordingDescription:
+    """The description of a recording, from a file and from options.
+
+    Parameters
+    ----------
+    source : Path
+        The folder, or the file that is read.
+    file : Path, optional
+        The description. Default: ``recording.yaml`` in the folder or beside the file,
+        if there is one. Only a file that is named here may name folders elsewhere.
+    options : mapping, optional
+        Values by attribute, which win over those of the file; class maps are merged.
+
+    Raises
+    ------
+    LayoutError
+        The file cannot be read, has an unknown key, one that is not supported yet, or a
+        wrong value; names file and key.
+    ConfigError
+        An option has a wrong value.
+    """
+    folder = source if source.is_dir() else source.parent
+    beside = folder / RECORDING_NAME
+    path = file or (beside if beside.is_file() else None)
+    described = {} if path is None else _values(path, folder, is_named=file is not None)
+    chosen = dict(options or {})
+    if "class_map" in chosen:
+        below = described.get("class_map", {})
+        chosen["class_map"] = merged_classes(below, chosen["class_map"])
+    return RecordingDescription(**{**described, **chosen})
+
+
+def _values(path: Path, folder: Path, *, is_named: bool) -> dict[str, Any]:
+    """The values of a file by attribute; paths are relative to the folder."""
+    try:
+        document = parse_yaml(read_label_bytes(path, path.name))
+        values = dict(_checked(document))
+    except ConfigError as exc:
+        raise LayoutError(
+            f"{path.name}: {exc.detail}", pointer=exc.pointer, code=exc.kind
+        ) from exc
+    for name in RecordingDescription._FOLDERS:
+        if name in values:
+            place = f"{path.name}: {place_in_file(name)}"
+            values[name] = _folder(folder, values[name], place, is_named=is_named)
+    return values
+
+
+def _folder(folder: Path, given: str, place: str, *, is_named: bool) -> Path:
+    there = folder / given
+    if not there.exists():
+        raise LayoutError(f"{place}: expected a folder, found none named {given[:60]}")
+    if not is_named and not is_inside(there, real_paths(folder)):
+        raise LayoutError(
+            f"{place}: expected a folder in that of the recording, found "
+            f"{shown(given)}; --recording FILE names a description that you trust"
+        )
+    return there
+
+
+def _checked(document: object) -> Iterator[tuple[str, object]]:
+    """The values of a file by attribute, each in its canonical form."""
+    declared = declared_keys(RecordingDescription)
+    by_place = {one.place or name: name for name, one in declared.items()}
+    for place, value in _leaves(document, by_place):
+        *section, last = place.split(".")
+        at = "".join(f"/{part}" for part in section)
+        name = by_place[place]
+        yield name, declared[name].allowed.checked(last, value, at)
+
+
+def _leaves(
+    document: object, by_place: Mapping[str, str]
+) -> Iterator[tuple[str, object]]:
+    """The given keys, such as ``boxes.classes``, with their values."""
+    for name, value in _section(document, "", by_place):
+        if name in by_place:
+            yield name, value
+        else:
+            yield from _section(value, name, by_place)
+
+
+def _section(
+    section: object, name: str, by_place: Mapping[str, str]
+) -> Iterator[tuple[str, object]]:
+    """The keys of one mapping by their full names; an empty one has none."""
+    at = f"/{name}" if name else ""
+    if section is None:
+        return
+    if not isinstance(section, Mapping):
+        raise ConfigError(
+            f"{place_of(at)}expected a mapping of keys, found {shown(section)}",
+            pointer=at,
+        )
+    prefix = f"{name}." if name else ""
+    inside = (place for place in by_place if place.startswith(prefix))
+    valid = dict.fromkeys(place.removeprefix(prefix).split(".")[0] for place in inside)
+    for word, value in section.items():
+        if f"{prefix}{word}" in _NOT_YET:
+            raise ConfigError(
+                f"{prefix}{word} is not supported yet",
+                pointer=f"{at}/{pointer_token(word)}",
+                code="not_supported_yet",
+            )
+        refuse_unknown_keys([word], valid, at=at)
+        if value is not None:
+            yield f"{prefix}{word}", value
+
+
+def described_keys() -> dict[str, tuple[str, str, str]]:
+    """For the documentation: allowed values, default and meaning of each key."""
+    return {
+        one.place or name: (
+            str(one.allowed),
+            "" if one.default in (None, {}) else str(one.default),
+            one.sentence,
+        )
+        for name, one in declared_keys(RecordingDescription).items()
+    }
