@@ -260,21 +260,22 @@ def key(
     *,
     evidence: tuple[str, ...] = (),
     needs_pixels: bool = False,
-    place: str = "",
 ) -> _Field:
     """A dataclass field that declares a key; for the parameters see `Key`.
 
     Where no value is given, the field is `INHERIT` until the configuration puts
     `default` in its place. (In the overrides of a class it stays `INHERIT`.)
     """
-    declared = Key(allowed, default, sentence, evidence, needs_pixels, place)
+    declared = Key(allowed, default, sentence, evidence, needs_pixels)
     return field(default=INHERIT, metadata={_KEY: declared})
 
 
-def same_key(of: type[Dataclass], name: str, *, place: str) -> _Field:
-    """A dataclass field that declares a key as another class does, at another place."""
-    declared = declared_keys(of)[name]._replace(place=place)
-    return field(default=INHERIT, metadata={_KEY: declared})
+def placed(place: str, declared: Key) -> _Field:
+    """A dataclass field that declares a key at another place than its name.
+
+    The key may be that of another class (`declared_keys`).
+    """
+    return field(default=INHERIT, metadata={_KEY: declared._replace(place=place)})
 
 
 def declared_keys(of: type[Dataclass]) -> dict[str, Key]:

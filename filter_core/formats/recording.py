@@ -13,15 +13,17 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, ClassVar, Final, Literal, NamedTuple, TypeAlias, get_args
 
 from filter_core.config.declaration import (
     INHERIT,
     AllowedWords,
+    Key,
     declared_keys,
     key,
+    placed,
     refuse_unknown_keys,
-    same_key,
 )
 from filter_core.config.file import merged_classes, parse_yaml
 from filter_core.config.filter import DecideConfig
@@ -153,6 +155,9 @@ class AllowedOrigin:
         return {"enum": ["auto", 0, 1]}
 
 
+_OF_READING: Final = declared_keys(ReadingKeys)
+
+
 @dataclass(frozen=True, kw_only=True)
 class RecordingDescription:
     """How a folder of frames is read; what is not given is recognised from its files.
@@ -175,58 +180,72 @@ class RecordingDescription:
     layout: str = key(
         AllowedWords(LAYOUTS), "auto", "How the files of the folder are arranged."
     )
-    segmentation: Path | None = key(
-        AllowedName("the path of a folder"),
-        None,
-        "The folder of the segmentations, if it is not one of the usual ones.",
-        place="segmentation.folder",
+    segmentation: Path | None = placed(
+        "segmentation.folder",
+        Key(
+            AllowedName("the path of a folder"),
+            None,
+            "The folder of the segmentations, if it is not one of the usual ones.",
+        ),
     )
-    palette: str = same_key(ReadingKeys, "palette", place="segmentation.palette")
-    encoding: Encoding = same_key(
-        ReadingKeys, "encoding", place="segmentation.encoding"
+    palette: str = placed("segmentation.palette", _OF_READING["palette"])
+    encoding: Encoding = placed("segmentation.encoding", _OF_READING["encoding"])
+    channel_order: OrderOfChannels = placed(
+        "segmentation.channel_order", _OF_READING["channel_order"]
     )
-    channel_order: OrderOfChannels = same_key(
-        ReadingKeys, "channel_order", place="segmentation.channel_order"
+    lossy_segmentation: Lossy = placed(
+        "segmentation.lossy", _OF_READING["lossy_segmentation"]
     )
-    lossy_segmentation: Lossy = same_key(
-        ReadingKeys, "lossy_segmentation", place="segmentation.lossy"
+    depth_encoding: str = placed(
+        "depth.encoding",
+        Key(
+            AllowedWords(DEPTH_ENCODINGS),
+            "auto",
+            "How the depth images encode distances.",
+        ),
     )
-    depth_encoding: str = key(
-        AllowedWords(DEPTH_ENCODINGS),
-        "auto",
-        "How the depth images encode distances.",
-        place="depth.encoding",
+    labels: Path | None = placed(
+        "boxes.labels",
+        Key(
+            AllowedName("the path of a folder"),
+            None,
+            "The folder of the labels (for COCO the file), if it is not the layout's "
+            "own.",
+        ),
     )
-    labels: Path | None = key(
-        AllowedName("the path of a folder"),
-        None,
-        "The folder of the labels (for COCO the file), if it is not the layout's own.",
-        place="boxes.labels",
+    classes: tuple[str, ...] | None = placed(
+        "boxes.classes",
+        Key(
+            ClassNames(),
+            None,
+            "The names of the classes in the order of their numbers.",
+        ),
     )
-    classes: tuple[str, ...] | None = key(
-        ClassNames(),
-        None,
-        "The names of the classes in the order of their numbers.",
-        place="boxes.classes",
+    default_class: str = placed(
+        "boxes.default_class",
+        Key(
+            AllowedName("a class name"),
+            "unknown",
+            "The class of labels that carry none.",
+        ),
     )
-    default_class: str = key(
-        AllowedName("a class name"),
-        "unknown",
-        "The class of labels that carry none.",
-        place="boxes.default_class",
+    origin: Origin = placed(
+        "boxes.origin",
+        Key(
+            AllowedOrigin(),
+            "auto",
+            "Whether rectangles in whole pixels are counted from 0 or from 1.",
+        ),
     )
-    origin: Origin = key(
-        AllowedOrigin(),
-        "auto",
-        "Whether rectangles in whole pixels are counted from 0 or from 1.",
-        place="boxes.origin",
-    )
-    class_map: Mapping[str, object] = key(
-        ClassMap(),
-        {},
-        "What the filter measures a class as: the name of another class, `pass` for "
-        "boxes that are passed on unmeasured, or options as in a configuration.",
-        place="classes",
+    class_map: Mapping[str, object] = placed(
+        "classes",
+        Key(
+            ClassMap(),
+            MappingProxyType({}),
+            "What the filter measures a class as: the name of another class, `pass` "
+            "for boxes that are passed on unmeasured, or options as in `classes` of a "
+            "configuration.",
+        ),
     )
     outside_files: bool = False
     roots: tuple[Path, ...] = ()
@@ -265,7 +284,7 @@ class RecordingDescription:
         return {
             name: str(value)
             for name, value in self.changed.items()
-            if name in declared_keys(ReadingKeys)
+            if name in _OF_READING
         }
 
 

@@ -231,10 +231,8 @@ class _Filling:
 
     def _push(self, client: Client) -> PushReport:
         report = PushReport(Screen())
-        reading = SourceOptions()
-        found = open_source(
-            self._street, reading.layout, reading.describe(self._street)
-        )
+        described = SourceOptions().describe(self._street)
+        found = open_source(self._street, "manifest", described)
         ensure_dataset(client, _DEMO_DATASET, {}, found.classes or (), self._screen)
         with self._screen.progress("filter the street", "frames") as advance:
             for outcome in client.push(_DEMO_DATASET, outgoing(found)):

@@ -11,6 +11,7 @@ from zipfile import ZipFile
 import pytest
 
 from filter_core.errors import LayoutError
+from filter_core.formats.outside import OUTSIDE_FILES_HINT
 from filter_core.formats.reading import (
     MAX_LABEL_BYTES,
     frame_key,
@@ -258,8 +259,8 @@ def test_yolo_without_class_names_is_refused_unless_they_are_given(tmp_path):
         (
             "pairs",
             RecordingDescription(classes=["car"]),
-            "layout 'pairs' has no option 'classes'; it has labels, outside_files, "
-            "segmentation",
+            "layout 'pairs' has no option 'classes' (boxes.classes of a description); "
+            "it has labels, segmentation",
         ),
         (
             "pairs",
@@ -319,8 +320,8 @@ def test_link_out_of_the_folder_is_refused_before_it_is_read(tmp_path, layout, l
         read_source(town, layout)
 
     assert caught.value.detail == (
-        f'town: expected no link out of the folder, found "{link}"; with '
-        "--outside-files (outside_files) such files are read"
+        f'town: expected no link out of the folder, found "{link}"; '
+        f"{OUTSIDE_FILES_HINT}"
     )
 
 

@@ -8,6 +8,7 @@ import pytest
 
 from filter_core.errors import LayoutError
 from filter_core.formats.manifest import FRAME_FILES
+from filter_core.formats.outside import OUTSIDE_FILES_HINT
 from filter_core.formats.reading import MAX_LABEL_BYTES
 from filter_core.formats.recording import RecordingDescription
 from filter_core.formats.registry import read_source
@@ -63,8 +64,8 @@ def test_file_outside_the_folder_is_the_problem_of_its_frame(town, kind, given):
 
     assert str(bad.problem) == (
         f"frames.jsonl, line 1, {kind}: expected a file in the manifest's folder, "
-        f"found {shown(given)}, which is or leads outside; with --outside-files "
-        "(outside_files) such files are read"
+        f"found {shown(given)}, which is or leads outside; "
+        f"{OUTSIDE_FILES_HINT}"
     )
     assert (bad.annotation, bad.image, bad.segmentation, bad.others) == (
         None, None, None, {}

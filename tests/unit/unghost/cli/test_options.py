@@ -17,7 +17,7 @@ from filter_core.evaluation.comparison import COMPARED
 from filter_core.formats.registry import EXPORT_FORMATS, LAYOUTS
 from tests.support.imports import LARGE_MODULES
 from unghost.cli.program import app
-from unghost.cli.sources import SegmentationReading, SourceOptions
+from unghost.cli.sources import SourceOptions
 from unghost.client.discovery import BadServerUrl
 from unghost.wire.words import Role
 
@@ -107,17 +107,21 @@ def test_help_and_remote_commands_do_not_load_heavy_modules(tmp_path):
 
 
 def test_only_given_segmentation_options_are_passed_on():
-    given = SegmentationReading(palette="carla-0.9.14", lossy_segmentation=None)
+    given = SourceOptions(palette="carla-0.9.14", lossy_segmentation=None)
 
     assert given.reading == {"palette": "carla-0.9.14"}
 
 
-def test_class_names_are_separated_by_commas():
-    assert SourceOptions(classes="car, traffic light").class_list == (
-        "car",
-        "traffic light",
+def test_class_names_and_class_maps_are_separated_by_commas(tmp_path):
+    given = SourceOptions(
+        classes="car, traffic light", class_map=["Car=car, Misc=pass", "a=b=van"]
     )
-    assert SourceOptions().class_list is None
+
+    description = given.describe(tmp_path)
+
+    assert description.classes == ("car", "traffic light")
+    assert description.class_map == {"Car": "car", "Misc": "pass", "a=b": "van"}
+    assert SourceOptions().describe(tmp_path).changed == {}
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,150 @@
+"""The description of a recording: from its file and from options, into readers."""
+
+from __future__ import annotations
+
+import pytest
+
+from filter_core.config.declaration import declared_keys
+from filter_core.config.file import load_config
+from filter_core.errors import ConfigError, LayoutError
+from filter_core.formats.recording import (
+    RECORDING_NAME,
+    RecordingDescription,
+    describe,
+    described_keys,
+)
+from filter_core.formats.registry import FORMATS, read_source
+from tests.support.folders import write_files
+
+WHOLE = """
+layout: yolo
+segmentation:
+  folder: tags
+  palette: carla-0.9.14
+  encoding: raw
+  channel_order: bgr
+  lossy: nearest
+depth: {encoding: carla-bgr}
+boxes:
+  labels: boxes
+  classes: [van, car]
+  default_class: van
+classes:
+  sign: {accept: [TrafficSign]}
+"""
+
+
+def test_every_key_of_a_description_reaches_reader_or_configuration(tmp_path):
+    files = {"rgb/1.png": None, "tags/1.png": None, "boxes/1.txt": "1 .5 .5 .5 .5"}
+    write_files(tmp_path, {**files, RECORDING_NAME: WHOLE})
+
+    description = describe(tmp_path)
+    (frame,) = read_source(tmp_path)
+
+    assert {*description.changed, "origin"} == {*declared_keys(RecordingDescription)}
+    assert frame.segmentation == tmp_path / "tags/1.png"
+    assert [box["class"] for box in frame.annotation["boxes"]] == ["car"]
+    assert description.config_keys() == {
+        "palette": "carla-0.9.14",
+        "encoding": "raw",
+        "channel_order": "bgr",
+        "lossy_segmentation": "nearest",
+        "depth_encoding": "carla-bgr",
+        "classes": {"sign": {"accept": ["TrafficSign"]}},
+    }
+
+
+def test_description_lies_beside_the_file_too_or_anywhere_if_it_is_named(tmp_path):
+    beside = "boxes: {classes: [car]}"
+    write_files(tmp_path, {RECORDING_NAME: beside, "x.json": "", "o/other.yaml": ""})
+
+    assert describe(tmp_path / "x.json").classes == ("car",)
+    assert describe(tmp_path, tmp_path / "o/other.yaml") == RecordingDescription()
+
+
+def test_option_wins_over_the_file_and_a_configuration_over_both(tmp_path):
+    text = "segmentation: {palette: carla-0.9.10}\nclasses: {person: walker, A: car}"
+    write_files(tmp_path, {RECORDING_NAME: text})
+
+    options = {"palette": "carla-0.9.14", "class_map": {"A": "bus"}}
+    description = describe(tmp_path, options=options)
+    config = "classes: {pedestrian: {min_visible_pixels: 7}, A: {accept: [Car]}}"
+    below = description.config_keys()
+
+    assert description.palette == "carla-0.9.14"
+    assert description.class_map == {"person": "walker", "A": "bus"}
+    # A mapping of one class wins under any of its names, and as a whole.
+    assert load_config(config, below=below).config.as_dict()["classes"]["A"] == {
+        "accept": ["Car"]
+    }
+    assert load_config("palette: paper-table1", below=below).config.palette == (
+        "paper-table1"
+    )
+    assert load_config("", below=below).config.palette == "carla-0.9.14"
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("layot: yolo", "recording.yaml: unknown key 'layot'; the nearest valid key "
+         "is 'layout'"),
+        ("layout: yollo", "layout: expected one of auto, yolo, coco, kitti, voc, "
+         'manifest, carlasimu, pairs, found "yollo"; did you mean \'yolo\'?'),
+        ("segmentation: {palete: auto}", "recording.yaml: segmentation: unknown key "
+         "'palete'; the nearest valid key is 'palette'"),
+        ("depth: {encoding: rgb}", "depth: encoding: expected one of auto, carla"),
+        ("boxes: {origin: 2}", "recording.yaml: boxes: origin: expected"),
+        ("boxes: {classes: []}", "boxes: classes: expected a list of class names"),
+        ("boxes: [car]", "boxes: expected a mapping of keys, found a list of 1"),
+        ("classes: {car: {acept: [Car]}}", "classes.car: unknown key 'acept'"),
+        ("files: {image: x}", "recording.yaml: files is not supported yet"),
+        ("boxes: {unit: shares}", "recording.yaml: boxes.unit is not supported yet"),
+        ("outside_files: true", "unknown key 'outside_files'"),
+        ("segmentation: {folder: nowhere}", "segmentation.folder: expected a folder"),
+        ("segmentation: {folder: ..}", "found \"..\"; --recording FILE names"),
+        ("a: [", "recording.yaml: line 1"),
+    ],
+)  # fmt: skip
+def test_fault_of_a_description_names_file_and_key(tmp_path, text, words):
+    write_files(tmp_path, {RECORDING_NAME: text, "1.png": None})
+
+    with pytest.raises(LayoutError) as caught:
+        read_source(tmp_path)
+
+    assert words in str(caught.value)
+    assert RECORDING_NAME in str(caught.value)
+
+
+def test_folders_elsewhere_need_a_description_that_was_named(tmp_path):
+    write_files(tmp_path, {"town/1.png": None, "tags/1.png": None})
+    file = tmp_path / "described.yaml"
+    file.write_text("segmentation: {folder: ../tags}")
+
+    named = describe(tmp_path / "town", file)
+
+    assert named.segmentation.samefile(tmp_path / "tags")
+
+
+def test_wrong_option_names_itself():
+    with pytest.raises(ConfigError, match="origin: expected"):
+        RecordingDescription(origin="2")
+
+
+def test_key_that_a_layout_does_not_use_is_refused_with_its_place(tmp_path):
+    write_files(tmp_path, {RECORDING_NAME: "boxes: {origin: 1}", "1.png": None})
+
+    with pytest.raises(LayoutError, match=r"'origin' \(boxes.origin of a description"):
+        read_source(tmp_path)
+
+
+def test_empty_description_changes_nothing(tmp_path):
+    write_files(tmp_path, {RECORDING_NAME: "# nothing\nboxes:\nclasses: {}\n"})
+
+    assert describe(tmp_path) == RecordingDescription()
+    assert describe(tmp_path).changed == {}
+
+
+def test_layouts_are_the_formats_that_can_be_read():
+    layouts = described_keys()["layout"][0].removeprefix("one of ").split(", ")
+
+    assert layouts == ["auto", *(name for name, one in FORMATS.items() if one.read)]
