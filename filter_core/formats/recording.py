@@ -10,11 +10,11 @@ classes is for the filter: `RecordingDescription.config_keys`.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, ClassVar, Final, Literal, NamedTuple, TypeAlias, get_args
+from typing import ClassVar, Final, Literal, NamedTuple, TypeAlias, get_args
 
 from filter_core.config.declaration import (
     INHERIT,
@@ -318,7 +318,7 @@ _NOT_YET: Final = frozenset(
 def describe(
     source: Path,
     file: Path | None = None,
-    options: Mapping[str, Any] | None = None,
+    options: Mapping[str, object] | None = None,
 ) -> RecordingDescription:
     """The description of a recording, from a file and from options.
 
@@ -345,13 +345,14 @@ def describe(
     path = file or (beside if beside.is_file() else None)
     described = {} if path is None else _values(path, folder, is_named=file is not None)
     chosen = dict(options or {})
-    if "class_map" in chosen:
-        below = described.get("class_map", {})
-        chosen["class_map"] = merged_classes(below, chosen["class_map"])
-    return RecordingDescription(**{**described, **chosen})
+    maps = described.get("class_map"), chosen.get("class_map")
+    if isinstance(maps[0], Mapping) and isinstance(maps[1], Mapping):
+        chosen["class_map"] = merged_classes(*maps)
+    make: Callable[..., RecordingDescription] = RecordingDescription
+    return make(**{**described, **chosen})
 
 
-def _values(path: Path, folder: Path, *, is_named: bool) -> dict[str, Any]:
+def _values(path: Path, folder: Path, *, is_named: bool) -> dict[str, object]:
     """The values of a file by attribute; paths are relative to the folder."""
     try:
         document = parse_yaml(read_label_bytes(path, path.name))
@@ -367,10 +368,12 @@ def _values(path: Path, folder: Path, *, is_named: bool) -> dict[str, Any]:
     return values
 
 
-def _folder(folder: Path, given: str, place: str, *, is_named: bool) -> Path:
-    there = folder / given
+def _folder(folder: Path, given: object, place: str, *, is_named: bool) -> Path:
+    there = folder / str(given)
     if not there.exists():
-        raise LayoutError(f"{place}: expected a folder, found none named {given[:60]}")
+        raise LayoutError(
+            f"{place}: expected a folder, found none named {shown(given)}"
+        )
     if not is_named and not is_inside(there, real_paths(folder)):
         raise LayoutError(
             f"{place}: expected a folder in that of the recording, found "
