@@ -14,7 +14,7 @@ from typing import Final, Protocol
 
 import yaml
 
-from filter_core.classes import canonical_class
+from filter_core.class_names import canonical_class
 from filter_core.config.filter import FilterConfig
 from filter_core.errors import ConfigError, JsonError
 from filter_core.json_text import JsonLimits, read_json, repeated_key

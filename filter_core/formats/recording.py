@@ -345,9 +345,9 @@ def describe(
     path = file or (beside if beside.is_file() else None)
     described = {} if path is None else _values(path, folder, is_named=file is not None)
     chosen = dict(options or {})
-    maps = described.get("class_map"), chosen.get("class_map")
-    if isinstance(maps[0], Mapping) and isinstance(maps[1], Mapping):
-        chosen["class_map"] = merged_classes(*maps)
+    below, above = described.get("class_map"), chosen.get("class_map")
+    if isinstance(below, Mapping) and isinstance(above, Mapping):
+        chosen["class_map"] = merged_classes(below, above)
     make: Callable[..., RecordingDescription] = RecordingDescription
     return make(**{**described, **chosen})
 
