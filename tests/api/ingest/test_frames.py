@@ -37,6 +37,7 @@ KEPT = {
     "large": False,
     "matched_pixels": 320,
     "box_pixels": 320,
+    "unknown_pixels": 0,
     "area_percent": pytest.approx(100 * 320 / (64 * 48)),
     "crowding": 0.0,
     "explained_by": None,

@@ -179,6 +179,7 @@ def test_preview_returns_the_flips_and_writes_nothing(api, dataset):
             "edges": [0.0, 50.0, 100.0],
             "classes": {"car": [1, 1]},
             "thresholds": {"car": 10.0},
+            "unknown_percent": {},
         },
         "flips": {"total": 2, **each_way, "by_class": {"car": each_way}},
     }
@@ -187,6 +188,7 @@ def test_preview_returns_the_flips_and_writes_nothing(api, dataset):
         "frame_id": frame,
         "class": "car",
         "xyxy": api.json(f"/boxes/{ghost}")["xyxy"],
+        "cause": None,
         "match_percent": 100.0,
         "before": unseen,
         "after": kept,
@@ -261,9 +263,11 @@ def test_stats_and_histogram_are_those_of_the_boxes(api, dataset):
         "edges": [0.0, 25.0, 50.0, 75.0, 100.0],
         "classes": {"car": [1, 0, 0, 1]},
         "thresholds": {"car": 10.0},
+        "unknown_percent": {},
     }
     assert api.json(f"/datasets/{api.dataset(classes=[])}/histogram", bins=2) == {
         "edges": [0.0, 50.0, 100.0],
         "classes": {},
         "thresholds": {},
+        "unknown_percent": {},
     }

@@ -44,6 +44,7 @@ def test_diff_is_against_the_previously_active_run_by_default(api, dataset):
         "rejected_to_kept": 0,
         "by_class": {"car": 1},
         "sides_by_class": {"car": {"kept_to_rejected": 1, "rejected_to_kept": 0}},
+        "by_cause": {},
         "next_cursor": None,
     }
     assert item == {
@@ -64,6 +65,7 @@ def test_diff_is_against_the_previously_active_run_by_default(api, dataset):
             "match_percent": 100.0,
             "threshold": None,
         },
+        "cause": None,
     }
     assert api.json(f"/runs/{tried['id']}/diff")["against"] == first
 
