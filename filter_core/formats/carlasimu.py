@@ -20,10 +20,10 @@ from filter_core.formats.reading import (
     Unmatched,
     frame_key,
     read_label_text,
-    segmentation_folder,
     walk,
 )
 from filter_core.formats.recording import RecordingDescription
+from filter_core.formats.streams import Streams, auxiliary_folders
 from filter_core.formats.yolo import LabelFolders, frame_set, ordered_names
 from filter_core.json_text import read_json
 from filter_core.values import shown
@@ -91,20 +91,19 @@ def read_carlasimu(root: Path, options: RecordingDescription) -> FrameSet:
         raise LayoutError("expected labels/labelNN/ or label/, found neither")
     bands = _bands(camera)
     labels = options.labels or bands[-1]
+    images = next((camera / n for n in _IMAGES if (camera / n).is_dir()), labels)
+    # On Linux it writes `out\\seg`, a folder of this name beside `out`.
+    beside = auxiliary_folders(camera, camera.parent, of=camera.name)
     folders = LabelFolders(
-        images=next((camera / n for n in _IMAGES if (camera / n).is_dir()), labels),
+        images=images,
         labels=labels,
-        segmentations=options.segmentation or _segmentations(camera),
+        streams=Streams(images, options.segmentation, beside=beside),
         classes=tuple(options.classes or _carlasimu_classes(camera)),
         default_class=options.default_class,
     )
     frames = frame_set("carlasimu", folders, walk(labels, (".txt",)))
     narrower = [] if options.labels else list(_only_narrower(bands))
     return replace(frames, unmatched=(*frames.unmatched, *narrower))
-
-
-def _segmentations(camera: Path) -> Path | None:
-    return segmentation_folder(camera) or segmentation_folder(camera.parent)
 
 
 _CARLASIMU_CLASSES: Final = ("car", "bus", "truck", "van", "walker", "street_light")

@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import ClassVar, Final
@@ -34,18 +34,18 @@ from filter_core.formats.format import (
     Source,
 )
 from filter_core.formats.reading import (
-    IMAGE_SUFFIXES,
     FileIndex,
+    FrameFileNames,
     FrameSet,
     FrameSource,
     Unmatched,
     annotated,
     frame_key,
+    frame_of,
     last_name,
-    segmentation_folder,
-    walk,
 )
 from filter_core.formats.recording import RecordingDescription
+from filter_core.formats.streams import Streams
 from filter_core.formats.writing import (
     PARTS,
     ExportContext,
@@ -125,30 +125,24 @@ def _match(
     folder: Path, indices: Sequence[CocoIndex], options: RecordingDescription
 ) -> tuple[list[tuple[FrameSource, _Name]], tuple[Unmatched, ...]]:
     """Every image as a frame with its files, by their keys; what is left over."""
-    tags = options.segmentation or segmentation_folder(folder)
-    images = FileIndex(walk(folder, IMAGE_SUFFIXES, [tags] if tags else []))
-    segmentations = FileIndex(walk(tags, IMAGE_SUFFIXES) if tags else ())
+    streams = Streams(folder, options.segmentation)
+    images = FileIndex(streams.images)
     named = [one for index in indices for one in _named(index)]
     bases = Counter(last_name(one.file) for one in named)
     seen = Counter(one.key for one in named)
-    rows = []
+    files = []
     for one in named:
         alone = bases[last_name(one.file)] == 1
         image = images.take(f"{one.part}/{one.file}") if one.part else None
         image = image or images.take(one.file, by_base=alone)
-        tag = segmentations.take(one.file, by_base=alone)
-        frame = FrameSource(
-            key=one.key,
-            annotation=None,
-            image=folder / image if image else None,
-            segmentation=tags / tag if tags and tag else None,
-            problem=_problem(one, seen[one.key]),
-        )
-        rows.append((frame, one))
-    unmatched = (
-        *images.left_over("no COCO file lists this image"),
-        *segmentations.left_over("no COCO file lists an image for this segmentation"),
-    )
+        files.append(FrameFileNames(one.key, f"{one.file}.", image))
+    files, left_over = streams.complete(files, "image of a COCO file")
+    rows = [
+        (replace(frame_of(file, folder), label=None, problem=problem), one)
+        for file, one in zip(files, named, strict=True)
+        for problem in [_problem(one, seen[one.key])]
+    ]
+    unmatched = (*images.left_over("no COCO file lists this image"), *left_over)
     return sorted(rows, key=lambda row: row[0].key), unmatched
 
 

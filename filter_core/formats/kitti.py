@@ -34,7 +34,6 @@ from filter_core.formats.format import (
     Source,
 )
 from filter_core.formats.reading import (
-    IMAGE_SUFFIXES,
     FileIndex,
     FrameFileNames,
     FrameSet,
@@ -45,11 +44,11 @@ from filter_core.formats.reading import (
     open_regular,
     read_columns,
     read_label_text,
-    segmentation_folder,
     walk,
     with_keys,
 )
 from filter_core.formats.recording import RecordingDescription
+from filter_core.formats.streams import Streams, auxiliary_folders
 from filter_core.formats.writing import (
     PARTS,
     ExportContext,
@@ -115,16 +114,11 @@ def read_kitti(root: Path, options: RecordingDescription) -> FrameSet:
         images=home / _IMAGES,
         labels=options.labels or home / _LABELS,
         calibrations=home / _CALIBRATIONS,
-        segmentations=options.segmentation
-        or segmentation_folder(home)
-        or segmentation_folder(root),
     )
-    tags = folders.segmentations
-    frames, unmatched = match(
-        walk(folders.labels, (".txt",)),
-        walk(folders.images, IMAGE_SUFFIXES),
-        walk(tags, IMAGE_SUFFIXES) if tags else (),
-    )
+    beside = auxiliary_folders(home, root)
+    streams = Streams(folders.images, options.segmentation, beside=beside)
+    frames, unmatched = match(walk(folders.labels, (".txt",)), streams.images)
+    frames, left_over = streams.complete(frames, "label file")
     calibrations = FileIndex(walk(folders.calibrations, (".txt",)))
     taken = {files.label: calibrations.take(files.key) for files in frames}
     named = with_keys(root, frames, f"{home.relative_to(root).as_posix()}/{_IMAGES}/")
@@ -133,7 +127,7 @@ def read_kitti(root: Path, options: RecordingDescription) -> FrameSet:
         layout="kitti",
         frames=lambda: _read_frames(folders, named, taken),
         count=len(frames),
-        unmatched=(*unmatched, *left),
+        unmatched=(*unmatched, *left_over, *left),
     )
 
 
@@ -142,7 +136,6 @@ class _KittiFolders:
     images: Path
     labels: Path
     calibrations: Path
-    segmentations: Path | None
 
 
 def _read_frames(
@@ -152,7 +145,7 @@ def _read_frames(
 ) -> Iterator[FrameSource]:
     for files in frames:
         read = partial(_annotation, folders, files, calibrations[files.label])
-        frame = frame_of(files, folders.images, folders.segmentations)
+        frame = frame_of(files, folders.images)
         yield annotated(frame, read)
 
 

@@ -7,8 +7,8 @@ in the same folder with an ending (``1_seg.png``). ``1.json`` is the annotation 
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Final
@@ -18,18 +18,19 @@ from filter_core.formats.format import Format, Recognition, Source
 from filter_core.formats.reading import (
     IMAGE_SUFFIXES,
     FileIndex,
+    FrameFileNames,
     FrameSet,
     FrameSource,
     Unmatched,
     annotated,
-    frame_key,
+    frame_of,
     holds_boxes,
     manifests_below,
     read_label_bytes,
-    segmentation_folder,
     walk,
 )
 from filter_core.formats.recording import RecordingDescription
+from filter_core.formats.streams import Streams
 from filter_core.json_text import read_json
 from filter_core.values import shown
 
@@ -56,13 +57,6 @@ def _recognise(source: Source) -> Recognition:
     return "fallback" if any(True for _ in walk(root, IMAGE_SUFFIXES)) else "none"
 
 
-_ENDING: Final = re.compile(r"[-_. ](seg|segmentation|semantic)$", re.IGNORECASE)
-
-
-_OTHER_FOLDERS: Final = frozenset({"depth", "instances", "instance", "ignore_mask"})
-"""Names of folders whose images are not the camera's."""
-
-
 @PAIRS.reader
 def read_pairs(root: Path, options: RecordingDescription) -> FrameSet:
     """A frame for each image; an annotation that cannot be read is its problem.
@@ -70,35 +64,24 @@ def read_pairs(root: Path, options: RecordingDescription) -> FrameSet:
     Label files of other layouts, and images in a folder of another sensor, are listed
     as unmatched.
     """
-    tags = options.segmentation or segmentation_folder(root)
-    names = list(walk(root, IMAGE_SUFFIXES, [tags] if tags else []))
-    beside = {name for name in names if _ENDING.search(Path(name).stem)}
-    others = [name for name in names if name not in beside and _is_other_sensor(name)]
     labels = options.labels or root
-    images = FileIndex(name for name in names if name not in beside.union(others))
-    folder_tags = FileIndex(walk(tags, IMAGE_SUFFIXES) if tags else ())
-    beside_tags = FileIndex(sorted(beside), _key_without_ending)
+    streams = Streams(root, options.segmentation)
+    images = FileIndex(streams.images)
     annotations = FileIndex(walk(labels, (".json",)))
+    files, left_over = streams.complete(
+        (FrameFileNames(key, "", image) for key, image in images), "image"
+    )
     frames = []
-    for key, image in images:
-        alone = images.is_only_base(key)
-        in_folder = folder_tags.take(key, by_base=alone)
-        by_name = beside_tags.take(key, by_base=alone) if in_folder is None else None
-        annotation = annotations.take(key, by_base=alone)
-        tag = tags / in_folder if tags and in_folder else None
-        frame = FrameSource(
-            key=key,
-            annotation={"boxes": []} if annotation is None else None,
-            image=root / image,
-            segmentation=root / by_name if by_name else tag,
-        )
+    for one in files:
+        alone = images.is_only_base(one.key)
+        annotation = annotations.take(one.key, by_base=alone)
+        given = {"boxes": []} if annotation is None else None
+        frame = replace(frame_of(one, root), label=None, annotation=given)
         frames.append((frame, annotation))
     unmatched = (
         *images.unmatched,
-        *folder_tags.left_over(_NO_IMAGE),
-        *beside_tags.left_over(_NO_IMAGE),
+        *left_over,
         *annotations.left_over("no image of this name"),
-        *(Unmatched(name, _OTHER_SENSOR) for name in others),
         *_foreign_labels(labels),
     )
     return FrameSet(
@@ -107,23 +90,6 @@ def read_pairs(root: Path, options: RecordingDescription) -> FrameSet:
         count=len(frames),
         unmatched=unmatched,
     )
-
-
-_NO_IMAGE: Final = "no image for this segmentation"
-
-_OTHER_SENSOR: Final = (
-    "images of depth, instances or ignored regions belong to a frame only if a "
-    "manifest names them"
-)
-
-
-def _is_other_sensor(name: str) -> bool:
-    folders = name.lower().split("/")[:-1]
-    return not _OTHER_FOLDERS.isdisjoint(folders)
-
-
-def _key_without_ending(name: str) -> str:
-    return _ENDING.sub("", frame_key(name))
 
 
 def _foreign_labels(root: Path) -> Iterator[Unmatched]:

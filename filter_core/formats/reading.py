@@ -41,12 +41,10 @@ IMAGE_SUFFIXES: Final = (".png", ".jpg", ".jpeg")
 TEXT_SUFFIXES: Final = (".txt", ".xml", ".json", ".jsonl", ".yaml", ".yml", ".names")
 """Text files that some reader opens. The page has these, too (`TEXT` in folder.js)."""
 
-_FOLDER_WORDS: Final = frozenset(
+FOLDER_WORDS: Final = frozenset(
     {"images", "image", "img", "jpegimages", "labels", "label", "annotations"}
 )
 """Names of folders that describe the kind of files, and are not part of a key."""
-
-_SEGMENTATION_FOLDERS: Final = ("seg", "segmentation", "segmentations", "semantic")
 
 _BAND: Final = re.compile(r"label\d+", re.IGNORECASE)
 
@@ -145,22 +143,18 @@ class FrameFileNames:
     ----------
     key : str
     label : str
-    image, segmentation : str or None
+    image : str or None
     map : str or None
         The town, where a list of the frames' keys says so.
+    files : mapping of str to Path
+        The auxiliary images, such as ``segmentation``, by role.
     """
 
     key: str
     label: str
     image: str | None = None
-    segmentation: str | None = None
     map: str | None = None
-
-
-def segmentation_folder(root: Path) -> Path | None:
-    """The folder of the segmentations, if it has one of the usual names."""
-    candidates = (root / name for name in _SEGMENTATION_FOLDERS)
-    return next((path for path in candidates if path.is_dir()), None)
+    files: Mapping[str, Path] = field(default_factory=dict)
 
 
 def band_folders(root: Path) -> list[Path]:
@@ -211,25 +205,21 @@ def is_inside(path: Path, folders: Iterable[Path]) -> bool:
 
 
 def match(
-    labels: Iterable[str],
-    images: Iterable[str],
-    segmentations: Iterable[str] = (),
+    labels: Iterable[str], images: Iterable[str]
 ) -> tuple[list[FrameFileNames], tuple[Unmatched, ...]]:
     """One entry per label file, in the order of the keys, and all that is left over."""
     label_index = FileIndex(labels)
-    image_index, tag_index = FileIndex(images), FileIndex(segmentations)
+    image_index = FileIndex(images)
     frames = []
     for key, label in label_index:
-        # Segmentations are often in a flat folder although labels have sub-folders, but
-        # only a name that occurs once on both sides identifies a frame.
+        # Images may be in a flat folder although labels have sub-folders, but only a
+        # name that occurs once on both sides identifies a frame.
         alone = label_index.is_only_base(key)
         image = image_index.take(key, by_base=alone)
-        tags = tag_index.take(key, by_base=alone)
-        frames.append(FrameFileNames(key, label, image, tags))
+        frames.append(FrameFileNames(key, label, image))
     unmatched = (
         *label_index.unmatched,
         *image_index.left_over("no label file for this image"),
-        *tag_index.left_over("no label file for this segmentation"),
     )
     return frames, unmatched
 
@@ -304,7 +294,7 @@ def frame_key(name: str) -> str:
     if not path.name:
         raise LayoutError(f"expected the name of a file, found {name[:40]!r}")
     path = path.with_suffix("")
-    folders = [part for part in path.parts[:-1] if part.lower() not in _FOLDER_WORDS]
+    folders = [part for part in path.parts[:-1] if part.lower() not in FOLDER_WORDS]
     return "/".join([*folders, path.name])
 
 
@@ -375,18 +365,16 @@ def with_keys(
     return sorted(renamed, key=lambda one: one.key)
 
 
-def frame_of(
-    files: FrameFileNames, images: Path, segmentations: Path | None
-) -> FrameSource:
+def frame_of(files: FrameFileNames, images: Path) -> FrameSource:
     """A frame from the names of its files; its label file is not read yet."""
-    tags = None
-    if segmentations is not None and files.segmentation is not None:
-        tags = segmentations / files.segmentation
+    others = dict(files.files)
+    segmentation = others.pop("segmentation", None)
     return FrameSource(
         key=files.key,
         annotation=None if files.map is None else {"map": files.map},
         image=images / files.image if files.image else None,
-        segmentation=tags,
+        segmentation=segmentation,
+        others=others,
         label=files.label,
     )
 

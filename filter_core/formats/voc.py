@@ -34,7 +34,6 @@ from filter_core.formats.format import (
     Source,
 )
 from filter_core.formats.reading import (
-    IMAGE_SUFFIXES,
     FrameFileNames,
     FrameSet,
     annotated,
@@ -42,11 +41,11 @@ from filter_core.formats.reading import (
     frame_of,
     match,
     read_label_bytes,
-    segmentation_folder,
     walk,
     with_keys,
 )
 from filter_core.formats.recording import RecordingDescription
+from filter_core.formats.streams import Streams
 from filter_core.formats.writing import (
     PARTS,
     ExportContext,
@@ -79,23 +78,20 @@ def _recognise(source: Source) -> Recognition:
 @VOC.reader
 def read_voc_folder(root: Path, options: RecordingDescription) -> FrameSet:
     """The frames of a VOC folder; a file that is not VOC is that frame's problem."""
-    tags = options.segmentation or segmentation_folder(root)
     labels = options.labels or root
-    skip = [*([tags] if tags else []), *band_folders(root)]
-    frames, unmatched = match(
-        walk(labels, (".xml",), skip),
-        walk(root, IMAGE_SUFFIXES, skip),
-        walk(tags, IMAGE_SUFFIXES) if tags else (),
-    )
+    skip = band_folders(root)
+    streams = Streams(root, options.segmentation, skip)
+    frames, unmatched = match(walk(labels, (".xml",), skip), streams.images)
+    frames, left_over = streams.complete(frames, "label file")
     named = with_keys(root, frames)
     return FrameSet(
         layout="voc",
         frames=lambda: (
-            annotated(frame_of(one, root, tags), partial(_annotation, labels, one))
+            annotated(frame_of(one, root), partial(_annotation, labels, one))
             for one in named
         ),
         count=len(frames),
-        unmatched=unmatched,
+        unmatched=(*unmatched, *left_over),
     )
 
 

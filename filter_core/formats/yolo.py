@@ -31,7 +31,6 @@ from filter_core.formats.format import (
     Source,
 )
 from filter_core.formats.reading import (
-    IMAGE_SUFFIXES,
     FrameFileNames,
     FrameSet,
     annotated,
@@ -41,11 +40,11 @@ from filter_core.formats.reading import (
     match,
     read_columns,
     read_label_text,
-    segmentation_folder,
     walk,
     with_keys,
 )
 from filter_core.formats.recording import RecordingDescription
+from filter_core.formats.streams import Streams
 from filter_core.formats.writing import (
     PARTS,
     ExportContext,
@@ -122,15 +121,14 @@ def read_yolo(root: Path, options: RecordingDescription) -> FrameSet:
         There is no list of classes, or it cannot be read.
     """
     classes = tuple(options.classes or _yolo_classes(root))
-    tags = options.segmentation or segmentation_folder(root)
+    skip = band_folders(root)
     folders = LabelFolders(
         images=root,
         labels=options.labels or root,
-        segmentations=tags,
+        streams=Streams(root, options.segmentation, skip),
         classes=classes,
         default_class=options.default_class,
     )
-    skip = [*([tags] if tags else []), *band_folders(root)]
     labels = (
         name for name in walk(folders.labels, (".txt",), skip) if holds_boxes(name)
     )
@@ -196,8 +194,8 @@ class LabelFolders:
     ----------
     images, labels : Path
         Folders.
-    segmentations : Path or None
-        A folder.
+    streams : Streams
+        The images.
     classes : tuple of str
         Class names by their numbers.
     default_class : str
@@ -206,7 +204,7 @@ class LabelFolders:
 
     images: Path
     labels: Path
-    segmentations: Path | None
+    streams: Streams
     classes: tuple[str, ...]
     default_class: str = "unknown"
 
@@ -216,24 +214,18 @@ def frame_set(layout: str, folders: LabelFolders, labels: Iterator[str]) -> Fram
 
     `labels` are the files, relative to the folder of the labels.
     """
-    tags = folders.segmentations
-    frames, unmatched = match(
-        labels,
-        walk(folders.images, IMAGE_SUFFIXES, [tags] if tags else []),
-        walk(tags, IMAGE_SUFFIXES) if tags else (),
-    )
+    frames, unmatched = match(labels, folders.streams.images)
+    frames, left_over = folders.streams.complete(frames, "label file")
     named = with_keys(folders.images, frames)
     return FrameSet(
         layout=layout,
         frames=lambda: (
-            annotated(
-                frame_of(one, folders.images, tags), partial(_annotation, folders, one)
-            )
+            annotated(frame_of(one, folders.images), partial(_annotation, folders, one))
             for one in named
         ),
         classes=folders.classes,
         count=len(frames),
-        unmatched=unmatched,
+        unmatched=(*unmatched, *left_over),
     )
 
 

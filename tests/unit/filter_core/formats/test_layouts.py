@@ -111,7 +111,7 @@ def test_unmatched_files_are_listed_with_the_reason(tmp_path):
     assert [(one.path, one.why) for one in frames.unmatched] == [
         ("images/a.png", "same frame as images/a.jpg, which is used"),
         ("images/alone.png", "no label file for this image"),
-        ("other.png", "no label file for this segmentation"),
+        ("seg/other.png", "no label file for this segmentation"),
     ]
     assert keys(frames) == ["a", "no image"]
 

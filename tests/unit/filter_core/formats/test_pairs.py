@@ -60,7 +60,7 @@ def test_ambiguous_segmentation_name_is_not_assigned(tmp_path):
         "b/1": None,
         "b/2": tmp_path / "seg/b/2.png",
     }
-    assert [one.path for one in found.unmatched] == ["1.png"]
+    assert [one.path for one in found.unmatched] == ["seg/1.png"]
 
 
 def test_segmentation_and_label_folders_can_be_given(tmp_path):
@@ -98,14 +98,3 @@ def test_labels_of_other_layouts_are_listed_as_unmatched(tmp_path):
     found = read_source(tmp_path, "pairs")
 
     assert [one.path for one in found.unmatched] == ["1.txt", "a.xml"]
-
-
-def test_depth_and_instance_images_are_unmatched_and_not_frames(tmp_path):
-    names = ("rgb/1.png", "seg/rgb/1.png", "depth/1.png", "a/instances/1.png")
-    write_files(tmp_path, dict.fromkeys(names))
-
-    found = read_source(tmp_path)
-
-    assert [frame.key for frame in found] == ["rgb/1"]
-    assert [one.path for one in found.unmatched] == ["a/instances/1.png", "depth/1.png"]
-    assert "only if a manifest names them" in found.unmatched[0].why
