@@ -107,11 +107,10 @@ def _links(folder: Path) -> Iterator[Path]:
     except OSError:  # no reader can list it, either
         return
     for entry in found:
-        path = folder / entry.name
-        is_entered = path.is_dir() and not is_hidden(entry.name)
-        is_opened = path.suffix.lower() in (*IMAGE_SUFFIXES, *TEXT_SUFFIXES)
         if entry.is_symlink():
-            if is_entered or is_opened:
+            path = folder / entry.name
+            is_entered = path.is_dir() and not is_hidden(entry.name)
+            if is_entered or path.suffix.lower() in (*IMAGE_SUFFIXES, *TEXT_SUFFIXES):
                 yield path
-        elif is_entered:
-            yield from _links(path)
+        elif entry.is_dir() and not is_hidden(entry.name):
+            yield from _links(folder / entry.name)

@@ -16,6 +16,7 @@ import unicodedata
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from pathlib import Path, PurePosixPath
 from typing import BinaryIO, Final
 
@@ -185,9 +186,11 @@ def walk(
             for name in folders
             if not is_hidden(name) and (Path(folder) / name).resolve() not in skipped
         )
+        below = Path(folder).relative_to(root).as_posix()
+        prefix = "" if below == "." else f"{below}/"
         for name in sorted(files):
-            if not is_hidden(name) and Path(name).suffix.lower() in suffixes:
-                yield (Path(folder) / name).relative_to(root).as_posix()
+            if split_name(name)[1].lower() in suffixes and not is_hidden(name):
+                yield prefix + name
 
 
 def real_paths(*paths: Path) -> tuple[Path, ...]:
@@ -290,12 +293,30 @@ def frame_key(name: str) -> str:
     LayoutError
         It is the path of a folder, such as ``/``.
     """
-    path = PurePosixPath(unicodedata.normalize("NFC", name))
-    if not path.name:
-        raise LayoutError(f"expected the name of a file, found {name[:40]!r}")
-    path = path.with_suffix("")
-    folders = [part for part in path.parts[:-1] if part.lower() not in FOLDER_WORDS]
-    return "/".join([*folders, path.name])
+    folders, _, last = unicodedata.normalize("NFC", name).rpartition("/")
+    if last in ("", "."):
+        path = PurePosixPath(name)
+        if not path.name:
+            raise LayoutError(f"expected the name of a file, found {name[:40]!r}")
+        folders, _, last = str(path).rpartition("/")
+    return f"{key_of_folders(folders)}{split_name(last)[0]}"
+
+
+def split_name(name: str) -> tuple[str, str]:
+    """The stem and the suffix of a file's name: ``a.b`` and ``.png``.
+
+    Without a path, since one for each of a hundred thousand files takes seconds.
+    """
+    stem, dot, suffix = name.rpartition(".")
+    return (stem, f"{dot}{suffix}") if stem else (name, "")
+
+
+@lru_cache(4096)
+def key_of_folders(folders: str) -> str:
+    """The beginning of a frame's key, from the path of a file's folder."""
+    parts = PurePosixPath(folders).parts
+    kept = [part for part in parts if part.lower() not in FOLDER_WORDS]
+    return "".join(f"{part}/" for part in kept)
 
 
 _CLASS_LISTS: Final = frozenset({"classes.txt", "labels.txt"})

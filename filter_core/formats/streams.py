@@ -21,11 +21,12 @@ from typing import Final, Literal, NamedTuple, TypeAlias
 
 from filter_core.formats.looks import Look, look_of
 from filter_core.formats.reading import (
-    FOLDER_WORDS,
     IMAGE_SUFFIXES,
     FrameFileNames,
     Unmatched,
+    key_of_folders,
     last_name,
+    split_name,
     walk,
 )
 
@@ -111,8 +112,7 @@ def _joined(tokens: Iterable[str]) -> str:
     return _SEVERAL_SEPARATORS.sub(r"\1", "".join(tokens)).strip(_SEPARATORS)
 
 
-@dataclass(frozen=True, slots=True)
-class _Image:
+class _Image(NamedTuple):
     """An image, and what its path says.
 
     Attributes
@@ -147,6 +147,7 @@ class _Above(NamedTuple):
     """What the folders above an image say, and the beginnings of its keys."""
 
     parts: tuple[_Part, ...]
+    role: Role | None
     picture: str
     frame: str
     stream: str
@@ -154,34 +155,33 @@ class _Above(NamedTuple):
 
 @lru_cache(4096)
 def _above(folders: str) -> _Above:
+    normal = unicodedata.normalize("NFC", folders)
     # carlasimu on Linux writes folders with a backslash in their names.
-    names = folders.replace("\\", "/").split("/")
+    names = normal.replace("\\", "/").split("/")
     parts = tuple(_part_of(name) for name in names if name)
-    picture, frame = (part.picture for part in parts), (part.frame for part in parts)
-    return _Above(parts, _begin(picture), _begin(frame), _DIGITS.sub("#", folders))
-
-
-def _begin(folders: Iterable[str]) -> str:
-    """The beginning of a key, as `frame_key` has it."""
-    kept = (one for one in folders if one and one.lower() not in FOLDER_WORDS)
-    return "".join(f"{unicodedata.normalize('NFC', one)}/" for one in kept)
+    picture, frame = (
+        key_of_folders("/".join(filter(None, texts)))
+        for texts in ([part.picture for part in parts], [part.frame for part in parts])
+    )
+    return _Above(parts, _role(parts), picture, frame, _DIGITS.sub("#", folders))
 
 
 def _image(name: str, folder: Path) -> _Image:
     folders, _, last = name.rpartition("/")
-    stem, _, suffix = last.rpartition(".")
-    above, own = _above(folders), _part_of(unicodedata.normalize("NFC", stem))
-    parts = (*above.parts, own)
-    role = _role(parts)
-    words = "" if own.role is None else _DIGITS.sub("#", stem.replace(own.frame, ""))
+    stem, suffix = split_name(unicodedata.normalize("NFC", last))
+    above, own = _above(folders), _part_of(stem)
+    role, words = above.role, ""
+    if own.role is not None:
+        role = _role((*above.parts, own))
+        words = _DIGITS.sub("#", stem.replace(own.frame, ""))
     return _Image(
         name,
         folder,
         role,
-        in_folder=any(part.role == role and part.is_pure for part in above.parts),
-        picture=f"{above.picture}{own.picture}".rstrip("/"),
-        frame=f"{above.frame}{own.frame}".rstrip("/"),
-        stream=(above.stream, words, suffix.lower()),
+        any(part.is_pure and part.role == role for part in above.parts),
+        f"{above.picture}{own.picture}".rstrip("/"),
+        f"{above.frame}{own.frame}".rstrip("/"),
+        (above.stream, words, suffix.lower()),
     )
 
 
@@ -248,18 +248,20 @@ class Streams:
 
         `without` is what an image that is left over lacks, such as ``label file``.
         """
-        completed = list(frames)
-        keys = [_image(one.image or one.label, Path()) for one in completed]
+        given = list(frames)
+        keys = [_image(one.image or one.label, Path()) for one in given]
+        files: list[dict[str, Path]] = [{} for _ in given]
         left_over = list(self._refused)
-        for role in _USED:
+        for role in (role for role in _USED if self._by_role[role]):
             index = _Index(self._by_role[role], keys)
-            for place, key in enumerate(keys):
+            for key, own in zip(keys, files, strict=True):
                 if (image := index.take(key)) is not None:
-                    files = {**completed[place].files, role: image.path}
-                    completed[place] = replace(completed[place], files=files)
+                    own[role] = image.path
             left_over += index.left_over(f"no {without} for this {_NOUNS[role]}")
         for role, why in _UNUSED.items():
             left_over += (Unmatched(one.name, why) for one in self._by_role[role])
+        pairs = zip(given, files, strict=True)
+        completed = [replace(one, files=own) if own else one for one, own in pairs]
         return completed, tuple(left_over)
 
 
@@ -412,8 +414,8 @@ class _Index:
     """
 
     def __init__(self, images: Sequence[_Image], frames: Sequence[_Image]) -> None:
-        self._unused = {image.path: image for image in images}
-        self._same: dict[Path, Unmatched] = {}
+        self._unused = {image.name: image for image in images}
+        self._same: dict[str, Unmatched] = {}
         # Of several images, those in a folder of their own come first.
         ordered = sorted(images, key=lambda one: not one.in_folder)
         self._by_picture = _grouped((one.picture, one) for one in ordered)
@@ -432,11 +434,11 @@ class _Index:
         if not images:
             return None
         first, *others = images
-        self._unused.pop(first.path, None)
+        self._unused.pop(first.name, None)
         for other in others:
-            if self._unused.pop(other.path, None):
+            if self._unused.pop(other.name, None):
                 why = f"same frame as {first.name}, which is used"
-                self._same[other.path] = Unmatched(other.name, why)
+                self._same[other.name] = Unmatched(other.name, why)
         return first
 
     def _of_this_base(self, frame: _Image) -> list[_Image]:
