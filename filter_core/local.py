@@ -87,18 +87,27 @@ class FrameOutcome:
         In the order of its boxes; None if there is an error.
     error : ProblemObject or None
         Why the frame cannot be used.
+    notes : tuple of str
+        What a person should know about how its depth and instance image were read.
     """
 
     key: str
     palette: str | None = None
     decisions: list[Decision] | None = None
     error: ProblemObject | None = None
+    notes: tuple[str, ...] = ()
 
     def as_dict(self) -> dict[str, object]:
         """The line of this frame in a decisions file."""
         if self.error is not None:
             return {"key": self.key, "error": self.error}
-        return {"key": self.key, "palette": self.palette, "decisions": self.decisions}
+        notes = {"notes": self.notes} if self.notes else {}
+        return {
+            "key": self.key,
+            "palette": self.palette,
+            **notes,
+            "decisions": self.decisions,
+        }
 
 
 def filter_source(
@@ -138,7 +147,7 @@ def filter_one(source: FrameSource, config: FilterConfig) -> FrameOutcome:
         decisions = FrameResult(measured, verdicts, config).decisions
     except FilterError as error:
         return FrameOutcome(source.key, error=problem_of(error))
-    return FrameOutcome(source.key, measured.palette, decisions)
+    return FrameOutcome(source.key, measured.palette, decisions, notes=measured.notes)
 
 
 Truth = Mapping[str, Mapping[str, bool]]

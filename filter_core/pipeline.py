@@ -72,7 +72,10 @@ class FrameOptions:
 
 
 class SegmentationReport(TypedDict):
-    """What was recognised in a segmentation, ready for JSON."""
+    """What was recognised in a segmentation, ready for JSON.
+
+    `notes` are also about the frame's depth and instance image.
+    """
 
     palette: str
     encoding: Literal["palette", "raw"]
@@ -96,7 +99,9 @@ class MeasuredFrame:
     evidence : Evidence of N boxes
     geometry : BoxGeometry of N boxes
     segmentation : SegmentationReport or None
-        None if there was no segmentation.
+        None if there was no segmentation. Its notes include `notes`.
+    notes : tuple of str
+        What a person should know about how other sensors' files were read.
     """
 
     key: str
@@ -106,6 +111,7 @@ class MeasuredFrame:
     evidence: Evidence
     geometry: BoxGeometry
     segmentation: SegmentationReport | None
+    notes: tuple[str, ...] = ()
 
     @property
     def palette(self) -> str | None:
@@ -266,14 +272,16 @@ def measure_frame(
     )
     family = _family(annotation, sensors, config)
     boxes = _frame_boxes(annotation.boxes, geometry, config, family, wh)
+    evidence, notes = measure_evidence(boxes, sensors, config)
     return MeasuredFrame(
         key=options.key,
         annotation=annotation,
         ids=boxes.ids,
         wh=wh,
-        evidence=measure_evidence(boxes, sensors, config),
+        evidence=evidence,
         geometry=geometry,
-        segmentation=None if segmentation is None else _report(segmentation),
+        segmentation=None if segmentation is None else _report(segmentation, notes),
+        notes=notes,
     )
 
 
@@ -402,12 +410,12 @@ def _named_family(reading: SegmentationOptions) -> str | None:
     return family_of_version(reading.carla_version)
 
 
-def _report(segmentation: Segmentation) -> SegmentationReport:
+def _report(segmentation: Segmentation, notes: Sequence[str]) -> SegmentationReport:
     return {
         "palette": segmentation.family,
         "encoding": segmentation.encoding,
         "channel_order": segmentation.channel_order,
         "lossy": segmentation.lossy,
         "unknown_percent": segmentation.unknown_percent,
-        "notes": list(segmentation.notes),
+        "notes": [*segmentation.notes, *notes],
     }

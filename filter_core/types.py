@@ -56,6 +56,17 @@ published code behaves."""
 ProjectionMode: TypeAlias = Literal["clipped", "naive"]
 """How 3D boxes become rectangles: cut exactly at the image, or as in the paper."""
 
+DepthEncoding: TypeAlias = Literal[
+    "auto",
+    "carla",
+    "carla-bgr",
+    "millimetres16",
+    "metres16",
+    "log8",
+    "linear8",
+]
+"""How a depth image holds metres; ``auto`` leaves it to recognition."""
+
 VerdictName: TypeAlias = Literal["kept", "rejected", "unmeasured"]
 """The values of `Verdict`."""
 

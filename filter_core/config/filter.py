@@ -314,6 +314,7 @@ class FilterConfig(ReadingKeys, DecideConfig):
             ignored=ignored,
             channels=tuple(name for name in CHANNELS if name in self.channels),
             depth_tolerance=float(self.depth_tolerance),
+            depth_encoding=self.depth_encoding,
         )
 
 

@@ -47,7 +47,7 @@ from filter_core.segmentation.reading import (
     Lossy,
     OrderOfChannels,
 )
-from filter_core.types import Dataclass, Profile, ProjectionMode
+from filter_core.types import Dataclass, DepthEncoding, Profile, ProjectionMode
 
 NumberT = TypeVar("NumberT")
 
@@ -230,6 +230,13 @@ class ReadingKeys:
         AllowedWords(get_args(Lossy)),
         "refuse",
         "Whether segmentations as JPEG are refused, or read by the nearest colours.",
+        needs_pixels=True,
+    )
+    depth_encoding: DepthEncoding = key(
+        AllowedWords(get_args(DepthEncoding)),
+        "auto",
+        "How depth images hold metres. Those of 8 bits, and those in whole metres, are "
+        "too coarse to be evidence.",
         needs_pixels=True,
     )
 

@@ -20,7 +20,7 @@ from filter_core.class_names import canonical_class
 from filter_core.classes import PASS, accept_mask_of, measured_class
 from filter_core.evidence_kinds import CHANNELS, ChannelName, files_for
 from filter_core.segmentation.reading import SegmentationOptions
-from filter_core.types import IntArray, Profile, ProjectionMode
+from filter_core.types import DepthEncoding, IntArray, Profile, ProjectionMode
 from filter_core.values import JsonObject
 
 NEWEST_VERSION: Final = 2
@@ -57,6 +57,8 @@ class MeasureConfig:
         The channels to be measured: names of `CHANNELS`, in that order.
     depth_tolerance : float, metres
         See the key of that name.
+    depth_encoding : DepthEncoding
+        How depth images are read, if any channel reads them.
     version : int
         How boxes are measured in profile ``paper``, see `NEWEST_VERSION`. A dataset
         keeps the version of its stored numbers until a run measures it again.
@@ -71,6 +73,7 @@ class MeasureConfig:
     ignored: JsonObject | None = None
     channels: tuple[ChannelName, ...] = ()
     depth_tolerance: float = 0.15
+    depth_encoding: DepthEncoding = "auto"
     version: int = NEWEST_VERSION
 
     @property
@@ -121,6 +124,8 @@ class MeasureConfig:
             return plain
         tolerance = self.depth_tolerance if "depth" in self.channels else None
         stored = {"names": list(self.channels), "depth_tolerance": tolerance}
+        if self.depth_encoding != "auto" and "depth" in self.files:
+            stored["depth_encoding"] = self.depth_encoding
         return plain | {"channels": stored}
 
     def with_channels(self, names: Collection[str]) -> MeasureConfig:
@@ -141,13 +146,16 @@ class MeasureConfig:
             `as_dict` of the measurement's `MeasureConfig`, and under ``sources`` the
             `SegmentationOptions.sources` of its `reading`.
         """
-        channels, tolerance = _channels_of(stored)
+        channels, tolerance, encoding = _channels_of(stored)
         return replace(
             self,
             reading=SegmentationOptions(**stored["reading"], sources=stored["sources"]),
             ignored=stored["ignored"],
             channels=channels,
             depth_tolerance=self.depth_tolerance if tolerance is None else tolerance,
+            depth_encoding=(
+                encoding if "depth" in files_for(channels) else self.depth_encoding
+            ),
             version=stored.get("version", 1),
         )
 
@@ -157,12 +165,13 @@ class MeasureConfig:
         `stored` is `as_dict` of the measurement's `MeasureConfig`. It may have more
         channels.
         """
-        channels, tolerance = _channels_of(stored)
+        channels, tolerance, encoding = _channels_of(stored)
         plain = self.as_dict()
         compared = {*plain, "class_map", "version"} - {"channels"}
         return (
             set(self.channels) <= set(channels)
             and ("depth" not in self.channels or self.depth_tolerance == tolerance)
+            and ("depth" not in self.files or self.depth_encoding == encoding)
             and all(stored.get(key) == plain.get(key) for key in compared)
         )
 
@@ -218,10 +227,14 @@ class MeasureConfig:
 
 def _channels_of(
     stored: JsonObject,
-) -> tuple[tuple[ChannelName, ...], float | None]:
-    """The channels and the `depth_tolerance` of a stored measurement."""
+) -> tuple[tuple[ChannelName, ...], float | None, DepthEncoding]:
+    """Channels, `depth_tolerance` and `depth_encoding` of a stored measurement."""
     found = stored.get("channels") or {}
-    return tuple(found.get("names", ())), found.get("depth_tolerance")
+    return (
+        tuple(found.get("names", ())),
+        found.get("depth_tolerance"),
+        found.get("depth_encoding", "auto"),
+    )
 
 
 def _digest(plain: Mapping[str, object]) -> str:

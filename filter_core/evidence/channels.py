@@ -8,27 +8,33 @@ are not requested, or whose input is missing, stay "not measured".
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Final
 
 from filter_core.config.measure import MeasureConfig
 from filter_core.errors import ImageError, error_context
 from filter_core.evidence.depth import (
-    DepthImage,
     center_gaps,
     depth_interval,
     fill_depth,
     read_depth,
+    settled_depth,
 )
 from filter_core.evidence.instances import (
     InstanceImage,
     fill_instances,
     read_instances,
+    settled_instances,
 )
 from filter_core.evidence.lidar import points_inside, read_points
 from filter_core.evidence.ordered import owned_pixels
 from filter_core.evidence.semantic import MeasureOptions, measure
-from filter_core.evidence.silhouettes import accepted_pixels, frame_silhouettes
+from filter_core.evidence.silhouettes import (
+    AcceptedPixels,
+    accepted_pixels,
+    frame_silhouettes,
+)
 from filter_core.evidence_kinds import files_for
 from filter_core.geometry.boxes import correct_xyxy
 from filter_core.geometry.camera import Camera
@@ -78,7 +84,7 @@ class Sensors:
 
 def measure_evidence(
     boxes: FrameBoxes, sensors: Sensors, config: MeasureConfig
-) -> Evidence:
+) -> tuple[Evidence, tuple[str, ...]]:
     """All numbers of a frame's boxes that a configuration asks for.
 
     Parameters
@@ -89,21 +95,24 @@ def measure_evidence(
 
     Returns
     -------
-    Evidence of N boxes
+    evidence : Evidence of N boxes
         Its `channels` are None if no channel can be measured.
+    notes : tuple of str
+        What a person should know about how the sensors' files were read.
 
     Raises
     ------
     FilterError
         What `filter_core.evidence.semantic.measure` raises; or a file cannot be used. A
-        depth image that is too coarse is refused only if nothing but depth is to be
-        measured (`MeasureConfig.depth_required`); else depth stays unmeasured.
+        depth image that is too coarse or not understood is refused only if nothing but
+        depth is to be measured (`MeasureConfig.depth_required`); else depth stays
+        unmeasured, and a note says why.
     """
     options = MeasureOptions(config.profile, rounded_edges=config.undoes_rounding)
     evidence = measure(sensors.segmentation, boxes, options, ignore=sensors.ignore)
     channels = sensors.measurable_channels(config)
     if not channels:
-        return evidence
+        return evidence, ()
     # Equal to `evidence.xyxy`, whose type allows None for evidence that was loaded.
     xyxy, _ = correct_xyxy(
         boxes.xyxy,
@@ -112,8 +121,8 @@ def measure_evidence(
         rounded_edges=options.rounded_edges,
     )
     corrected = replace(boxes, xyxy=xyxy)
-    numbers = _measure_channels(corrected, sensors, config, channels)
-    return replace(evidence, channels=numbers)
+    numbers, notes = _measure_channels(corrected, sensors, config, channels)
+    return replace(evidence, channels=numbers), notes
 
 
 def _measure_channels(
@@ -121,63 +130,84 @@ def _measure_channels(
     sensors: Sensors,
     config: MeasureConfig,
     channels: Collection[str],
-) -> ChannelNumbers:
-    """The numbers of the given channels; those of the others stay "not measured"."""
-    numbers = ChannelNumbers.absent(len(boxes))
+) -> tuple[ChannelNumbers, tuple[str, ...]]:
+    """The numbers of the given channels, and notes.
+
+    Those of other channels stay "not measured".
+    """
+    numbers, notes = ChannelNumbers.absent(len(boxes)), list[str]()
     wh, camera, segmentation = boxes.image_wh, sensors.camera, sensors.segmentation
-    # Read every file before measuring anything, so that errors are raised early. A file
-    # is read by its kind, since two channels share the depth image.
+    # A file is read by its kind, since two channels share the depth image.
     kinds = files_for(channels)
-    depth = _read_depth(sensors, wh, config) if "depth" in kinds else None
     instances = _read_instances(sensors, wh) if "instances" in kinds else None
     points = read_points(sensors.contents["lidar"]) if "lidar" in kinds else None
 
     silhouettes = frame_silhouettes(
         boxes.xyxy, boxes.vertices, camera, wh, centres="ordered" in channels
     )
-    if instances is not None:
-        fill_instances(numbers, instances, boxes, silhouettes)
+    accepted: list[AcceptedPixels] = []
     if segmentation is not None and not {"ordered", "depth"}.isdisjoint(channels):
         accepted = accepted_pixels(
-            silhouettes,
-            segmentation.codes,
-            boxes.accept_mask,
-            sensors.ignore,
+            silhouettes, segmentation.codes, boxes.accept_mask, sensors.ignore
         )
-        if "ordered" in channels:
-            owned, explained_by = owned_pixels(accepted, boxes.distance, boxes.ids, wh)
-            numbers.owned_pixels[:] = owned
-            numbers.explained_by[:] = explained_by
-        if "depth" in channels and depth is not None and camera is not None:
-            interval = depth_interval(boxes.vertices, camera, config.depth_tolerance)
-            fill_depth(numbers, accepted, depth, interval)
-    if "depth_center" in channels and depth is not None and camera is not None:
-        numbers.center_gap[:] = center_gaps(boxes.vertices, camera, depth)
+    if instances is not None:
+        instances = settled_instances(instances, boxes, silhouettes)
+        notes.extend(instances.notes)
+        fill_instances(numbers, instances, boxes, silhouettes)
+    if "ordered" in channels and segmentation is not None:
+        owned, explained_by = owned_pixels(accepted, boxes.distance, boxes.ids, wh)
+        numbers.owned_pixels[:] = owned
+        numbers.explained_by[:] = explained_by
+    if "depth" in kinds:
+        notes.extend(_measure_depth(numbers, boxes, sensors, config, accepted))
     if points is not None and sensors.lidar is not None:
         numbers.lidar_points[:] = points_inside(
             points, sensors.lidar, boxes.vertices, boxes.accept_mask
         )
-    return numbers
+    return numbers, tuple(notes)
 
 
-def _read_depth(
-    sensors: Sensors, wh: tuple[int, int], config: MeasureConfig
-) -> DepthImage | None:
-    """The depth image; None if it is too coarse and depth is not required."""
+def _measure_depth(
+    numbers: ChannelNumbers,
+    boxes: FrameBoxes,
+    sensors: Sensors,
+    config: MeasureConfig,
+    accepted: Sequence[AcceptedPixels],
+) -> tuple[str, ...]:
+    """Fill the columns that the depth image measures; the notes on how it was read."""
+    camera = sensors.camera
     try:
         with error_context(pointer="/depth"):
-            return read_depth(
-                sensors.contents["depth"], expected_wh=wh, max_side=sensors.max_side
+            depth = read_depth(
+                sensors.contents["depth"],
+                config.depth_encoding,
+                expected_wh=boxes.image_wh,
+                max_side=sensors.max_side,
             )
+            if camera is None:
+                return ()
+            interval = depth_interval(boxes.vertices, camera, config.depth_tolerance)
+            depth = settled_depth(depth, accepted, interval)
     except ImageError as error:
-        is_coarse = error.kind in ("depth_too_coarse", "lossy_depth")
-        if is_coarse and not config.depth_required:
-            return None
-        raise
+        if error.kind not in _NO_EVIDENCE or config.depth_required:
+            raise
+        return (f"depth is not used as evidence: {error.detail}",)
+    if "depth" in config.channels:
+        fill_depth(numbers, accepted, depth, interval)
+    if "depth_center" in config.channels:
+        numbers.center_gap[:] = center_gaps(boxes.vertices, camera, depth)
+    return depth.notes
+
+
+_NO_EVIDENCE: Final = ("depth_too_coarse", "lossy_depth", "unknown_depth")
+"""Errors of a depth image that is not damaged, but from which nothing follows."""
 
 
 def _read_instances(sensors: Sensors, wh: tuple[int, int]) -> InstanceImage:
     with error_context(pointer="/instances"):
         return read_instances(
-            sensors.contents["instances"], expected_wh=wh, max_side=sensors.max_side
+            sensors.contents["instances"],
+            sensors.segmentation,
+            expected_wh=wh,
+            max_side=sensors.max_side,
         )

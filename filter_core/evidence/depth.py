@@ -1,16 +1,18 @@
-"""CARLA's depth image as evidence: which pixels of a box are at the box's own depth.
+"""Depth images as evidence: which pixels of a box are at the box's own depth.
 
-`read_depth` reads the image. `fill_depth` compares the depths of each box's accepted
-pixels with the depths that the box takes up (`depth_interval`). `center_gaps` compares
-only the pixel at the box's centre.
+`read_depth` reads the image and recognises how it holds metres; where its pixels alone
+do not tell, `settled_depth` asks the boxes. `fill_depth` compares the depths of each
+box's accepted pixels with the depths that the box takes up (`depth_interval`).
+`center_gaps` compares only the pixel at the box's centre.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -18,55 +20,115 @@ from filter_core.errors import ImageError, file_context
 from filter_core.evidence.silhouettes import AcceptedPixels
 from filter_core.geometry.camera import Camera
 from filter_core.geometry.projection import NEAR_PLANE, to_image_points
-from filter_core.images.decoding import decode_color
-from filter_core.images.header import MAX_SIDE, read_image_header, require_size
+from filter_core.images.decoding import decode_color, decode_image
+from filter_core.images.header import (
+    MAX_SIDE,
+    ImageHeader,
+    read_image_header,
+    require_size,
+)
 from filter_core.images.pixels import values_of
-from filter_core.types import ChannelNumbers, FloatArray, IntArray, Mask
+from filter_core.types import (
+    ChannelNumbers,
+    DepthEncoding,
+    FloatArray,
+    IntArray,
+    Mask,
+)
 
 DEPTH_RANGE: Final = 1000.0
-"""Metres: the largest depth that the image can hold, which is that of the sky."""
+"""Metres: the largest depth that CARLA's image can hold, which is that of the sky."""
 
 DEPTH_STEPS: Final = (1 << 24) - 1
+
+_TOO_COARSE: Final = {
+    "metres16": "steps of 1 m",
+    "log8": "256 steps on a logarithmic scale",
+    "linear8": "256 steps of 3.9 m",
+}
+"""Encodings whose steps tell no object from the one behind it."""
 
 
 @dataclass(frozen=True, eq=False)
 class DepthImage:
-    """A raw depth image.
+    """A depth image.
 
     Attributes
     ----------
-    pixels : (H, W, 3) uint8
-        Blue, green, red: the highest byte first.
+    pixels : (H, W, 3) uint8, or (H, W) uint16
+        Blue, green, red: the highest byte first; or millimetres.
+    encoding : ``carla``, ``carla-bgr`` or ``millimetres16``
+        Of the file. `pixels` of ``carla-bgr`` are in the right order already.
+    is_certain : bool
+        Whether its content or the caller says so; else the boxes have to confirm it.
     """
 
-    pixels: NDArray[np.uint8]
+    pixels: NDArray[np.uint8] | NDArray[np.uint16]
+    encoding: DepthEncoding = "carla"
+    is_certain: bool = True
 
     @property
     def wh(self) -> tuple[int, int]:
         """Width and height, px."""
         return self.pixels.shape[1], self.pixels.shape[0]
 
+    @property
+    def is_wide(self) -> bool:
+        """Whether it has one channel of 16 bits: too few for all depths of a street."""
+        return self.pixels.ndim == 2
+
+    def can_tell(self, steps: NDArray[np.int32], farthest: float) -> bool:
+        """Whether it says which of some pixels are as far away as an object.
+
+        16 bits end at 65.535 m, and 0 is "not known" there. `steps` are those of the
+        pixels, `farthest` is the step of the object's farthest point.
+        """
+        return not self.is_wide or (farthest <= _LAST_OF_16 and bool(steps.all()))
+
     def steps(self, region: tuple[slice, slice]) -> NDArray[np.int32]:
         """(h, w) int32: depth in steps of 1000 m / (2^24 - 1)."""
-        packed = values_of(self.pixels[region])
+        pixels = self.pixels[region]
+        if self.is_wide:
+            return np.rint(pixels * _STEPS_PER_MM).astype(np.int32)
+        packed = values_of(pixels.astype(np.uint8, copy=False))
         return np.bitwise_and(packed, DEPTH_STEPS, dtype=np.int32)
 
     def metres(self, region: tuple[slice, slice]) -> FloatArray:
         """(h, w) float64: planar depth, along the camera's axis."""
         return self.steps(region).astype(np.float64) * (DEPTH_RANGE / DEPTH_STEPS)
 
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What a person should know about the reading."""
+        if self.encoding == "carla":
+            return ()
+        if self.encoding == "carla-bgr":
+            return ("red and blue are swapped in the depth image; read as carla-bgr",)
+        return (
+            "the depth image is read as millimetres16; depth does not judge boxes "
+            "beyond 65.535 m",
+        )
+
+
+_STEPS_PER_MM: Final = DEPTH_STEPS / (1000.0 * DEPTH_RANGE)
+
+_LAST_OF_16: Final = np.iinfo(np.uint16).max * _STEPS_PER_MM
+
 
 def read_depth(
     content: bytes,
+    encoding: DepthEncoding = "auto",
     *,
     expected_wh: tuple[int, int] | None = None,
     max_side: int = MAX_SIDE,
 ) -> DepthImage:
-    """Read a raw depth image of CARLA.
+    """Read a depth image.
 
     Parameters
     ----------
-    content : bytes of a PNG, RGB or RGBA
+    content : bytes of a PNG
+        RGB or RGBA of 8 bits, as CARLA writes it, or grey of 16 bits.
+    encoding : DepthEncoding
     expected_wh : (width, height), px
     max_side : int, px
 
@@ -77,13 +139,17 @@ def read_depth(
     Raises
     ------
     ImageError
-        ``depth_too_coarse``: 8 bits in all; ``lossy_depth``: a JPEG; ``bad_image``: it
-        cannot be decoded; and what `read_image_header` raises.
+        ``depth_too_coarse``: 8 bits in all, or steps of a metre; ``lossy_depth``: a
+        JPEG; ``unknown_depth``: it holds no metres in a way that is known; or
+        ``bad_image``: it cannot be decoded; and what `read_image_header` raises.
 
     Notes
     -----
     ``metres = 1000 (R + 256 G + 65536 B) / (2^24 - 1)`` [1]_. An image that was
     converted for people has 256 steps: 3.9 m each, if they are even.
+
+    The order of the bytes is told from how much they differ between pixels side by
+    side: the highest hardly does, the lowest almost always, and by any amount.
 
     References
     ----------
@@ -93,25 +159,217 @@ def read_depth(
         header = read_image_header(content, max_side=max_side)
     if expected_wh is not None:
         require_size(header, expected_wh, what="the depth image", than="the image")
+    _refuse_form(header, encoding)
+    is_wide = header.bit_depth == 16
+    with file_context("depth"):
+        pixels = (
+            decode_image(content, header, cv2.IMREAD_UNCHANGED)
+            if is_wide
+            else decode_color(content, header, "rgb" if encoding in _SWAPPED else "bgr")
+        )
+    if pixels is None:
+        raise ImageError("the depth image cannot be decoded: it is damaged")
+    if is_wide:
+        wide = pixels.astype(np.uint16, copy=False)
+        return DepthImage(wide, "millimetres16", encoding != "auto")
+    if encoding != "auto":
+        return DepthImage(pixels, encoding)
+    return _recognised(pixels)
+
+
+_SWAPPED: Final = ("carla-bgr",)
+
+
+def _refuse_form(header: ImageHeader, encoding: DepthEncoding) -> None:
+    """Refuse what cannot hold metres well enough, or not in the encoding that is named.
+
+    Raises
+    ------
+    ImageError
+    """
     if header.media_type != "image/png":
         raise ImageError(
             "the depth image: expected a PNG, found a JPEG, whose losses change metres",
             pointer="/depth",
             code="lossy_depth",
         )
-    if header.color_model not in ("rgb", "rgba") or header.bit_depth != 8:
-        raise ImageError(
-            "the depth image: expected CARLA's raw depth (RGB or RGBA, 24 bits), found "
-            f"{header.color_model} with {header.bit_depth} bits: 256 steps of 3.9 m "
-            "tell no car from the one behind it; save the image without a converter",
-            pointer="/depth",
-            code="depth_too_coarse",
+    form = f"{header.color_model} with {header.bit_depth} bits"
+    if encoding in _TOO_COARSE:
+        raise _too_coarse(f"depth_encoding {encoding}: {_TOO_COARSE[encoding]}")
+    if header.color_model in ("grey", "grey_alpha") and header.bit_depth <= 8:
+        raise _too_coarse(f"{form}: {_TOO_COARSE['linear8']}, if they are even,")
+    is_color = header.color_model in ("rgb", "rgba") and header.bit_depth == 8
+    is_wide = header.color_model == "grey" and header.bit_depth == 16
+    if encoding == "auto" and (is_color or is_wide):
+        return
+    if is_color and encoding in ("carla", *_SWAPPED):
+        return
+    if is_wide and encoding == "millimetres16":
+        return
+    named = "" if encoding == "auto" else f" for depth_encoding {encoding}"
+    of_16 = encoding in ("auto", "millimetres16")
+    of_24 = encoding != "millimetres16"
+    expected = ["RGB or RGBA with 8 bits"] * of_24 + ["grey with 16 bits"] * of_16
+    raise _unknown(f"expected {' or '.join(expected)}{named}, found {form}")
+
+
+def _too_coarse(found: str) -> ImageError:
+    return ImageError(
+        f"the depth image: expected CARLA's raw depth (RGB or RGBA, 24 bits), found "
+        f"{found} tell no car from the one behind it; save the image without a "
+        "converter",
+        pointer="/depth",
+        code="depth_too_coarse",
+    )
+
+
+def _unknown(text: str) -> ImageError:
+    return ImageError(
+        f"the depth image: {text}", pointer="/depth", code="unknown_depth"
+    )
+
+
+_SAMPLED_PAIRS: Final = 8192
+_FEWEST_PAIRS: Final = 64
+
+_FLAT_SHARE: Final = 0.05
+"""Pairs of pixels that differ: fewer in drawn scenes, instances and segmentations."""
+
+_ROUGH_STEP: Final = 16
+_LEAST_ROUGH, _MOST_ROUGH = 0.6, 0.2
+"""Shares of differing pairs whose lowest, and highest, byte differs by more.
+
+Of raw depth: from 0.84, and up to 0.02. Of photos, both are below 0.1; of instance
+images, the highest byte's is above 0.25.
+"""
+
+
+def _recognised(bgr: NDArray[np.uint8]) -> DepthImage:
+    """A coloured image in the order of channels that its content shows.
+
+    Raises
+    ------
+    ImageError
+        ``depth_too_coarse``: it is grey; ``unknown_depth``: it is no raw depth.
+    """
+    pixels, differences = _sampled_pairs(bgr)
+    # Black and white are depths, too: 0 m and the sky's 1000 m.
+    grey = (pixels == pixels[:, :1]).all()
+    if grey and ((pixels > 0) & (pixels < 255)).any():
+        raise _too_coarse(
+            "8 bits, three times the same: 256 steps, even or logarithmic,"
         )
-    with file_context("depth"):
-        pixels = decode_color(content, header, "bgr")
-    if pixels is None:
-        raise ImageError("the depth image cannot be decoded: it is damaged")
-    return DepthImage(np.asarray(pixels, np.uint8))
+    differing = differences[(differences != 0).any(axis=1)]
+    pairs = max(1, len(differences))
+    if len(differing) < _FEWEST_PAIRS or len(differing) < _FLAT_SHARE * pairs:
+        return DepthImage(bgr, is_certain=False)
+    levels = np.abs(differing)
+    levels = np.minimum(levels, 256 - levels)  # a byte that overflows goes on at 0
+    blue, _, red = (levels > _ROUGH_STEP).mean(axis=0).tolist()
+    if red >= _LEAST_ROUGH and blue <= _MOST_ROUGH:
+        return DepthImage(bgr)
+    if blue >= _LEAST_ROUGH and red <= _MOST_ROUGH:
+        return _swapped(DepthImage(bgr))
+    raise _unknown(
+        "expected CARLA's raw depth, in which blue changes little from pixel to pixel "
+        f"and red much, found changes of more than {_ROUGH_STEP} levels at "
+        f"{100 * blue:.0f} % (blue) and {100 * red:.0f} % (red) of the pixels that "
+        "change; a photo, a colour map or another sensor's image has such. If it is "
+        "depth, name its depth_encoding"
+    )
+
+
+def _sampled_pairs(
+    bgr: NDArray[np.uint8],
+) -> tuple[NDArray[np.int16], NDArray[np.int16]]:
+    """Some pixels, and how much those beside and below them differ, all (P, 3).
+
+    Pairs within the sky are left out: it is white, and tells nothing.
+    """
+    height, width, _ = bgr.shape
+    step = max(1, int((2 * height * width / _SAMPLED_PAIRS) ** 0.5))
+    first = bgr[: height - 1 : step, : width - 1 : step].astype(np.int16)
+    found = [
+        other[: first.shape[0], : first.shape[1]].astype(np.int16)
+        for other in (bgr[1::step, ::step], bgr[::step, 1::step])
+    ]
+    seen = [(first.min(axis=2) < 255) | (other.min(axis=2) < 255) for other in found]
+    differences = [(other - first)[s] for other, s in zip(found, seen, strict=True)]
+    return first.reshape(-1, 3), np.concatenate(differences)
+
+
+def _swapped(depth: DepthImage) -> DepthImage:
+    """The same file, read with red and blue exchanged."""
+    pixels = cv2.cvtColor(depth.pixels, cv2.COLOR_BGR2RGB).astype(np.uint8, copy=False)
+    return replace(depth, pixels=pixels, encoding="carla-bgr")
+
+
+def settled_depth(
+    depth: DepthImage, accepted: Sequence[AcceptedPixels], interval: FloatArray
+) -> DepthImage:
+    """The image, read as its boxes show where its content alone does not tell.
+
+    Parameters
+    ----------
+    depth : DepthImage
+        Returned as it is if it is certain.
+    accepted, interval : as for `fill_depth`
+
+    Raises
+    ------
+    ImageError
+        ``unknown_depth``: no box, or of 16 bits not every second one, has its pixels at
+        its own depth.
+
+    Notes
+    -----
+    A box fits if half of its accepted pixels or more are at its depth. A hidden one
+    does not, so that a single box speaks for one of two orders of channels; but numbers
+    of 16 bits may be of any unit, and have to fit most boxes.
+    """
+    if depth.is_certain:
+        return depth
+    low, high = step_interval(interval)
+    boxes = [
+        pixels
+        for pixels in accepted
+        if pixels.mask.any() and not np.isnan(interval[pixels.silhouette.row, 0])
+    ]
+    is_color = not depth.is_wide
+    if not boxes and (is_color or np.isnan(interval[:, 0]).all()):
+        return depth
+    readings = [depth, _swapped(depth)] if is_color else [depth]
+    fits = [_boxes_that_fit(one, boxes, low, high) for one in readings]
+    most = max(fits)
+    if most and (is_color or 2 * most >= len(boxes)):
+        return readings[fits.index(most)]
+    if is_color:
+        raise _unknown(
+            "its pixels are at the depth of none of the boxes that they belong to, in "
+            "either order of channels, and it is too flat to tell what it is; if it is "
+            "depth, name its depth_encoding"
+        )
+    raise _unknown(
+        f"read as millimetres, its 16 bits are at the depth of {most} of {len(boxes)} "
+        "boxes that pixels belong to; expected most of them. If it is in millimetres, "
+        "name depth_encoding millimetres16"
+    )
+
+
+def _boxes_that_fit(
+    depth: DepthImage,
+    boxes: Sequence[AcceptedPixels],
+    low: IntArray,
+    high: IntArray,
+) -> int:
+    """How many boxes have half of their accepted pixels or more at their own depth."""
+    fitting = 0
+    for pixels in boxes:
+        row = pixels.silhouette.row
+        steps = depth.steps(pixels.silhouette.region)[pixels.mask]
+        own = np.count_nonzero((steps >= low[row]) & (steps <= high[row]))
+        fitting += 2 * own >= len(steps)
+    return fitting
 
 
 def fill_depth(
@@ -131,6 +389,10 @@ def fill_depth(
     depth : DepthImage
     interval : (N, 2) float64, metres
         Nearest and farthest depth of each 3D box, tolerance included; NaN: not 3D.
+
+    Notes
+    -----
+    Boxes about which the image cannot tell (`DepthImage.can_tell`) stay unmeasured.
     """
     low, high = step_interval(interval)
     for pixels in accepted:
@@ -139,6 +401,8 @@ def fill_depth(
         if np.isnan(interval[row, 0]):
             continue
         steps = depth.steps(outline.region)
+        if not depth.can_tell(steps[pixels.mask], high[row]):
+            continue
         nearer = steps < low[row]
         seen = pixels.mask & ~nearer & (steps <= high[row])
         numbers.depth_pixels[row] = np.count_nonzero(seen)
@@ -205,7 +469,7 @@ def center_gaps(vertices: FloatArray, camera: Camera, depth: DepthImage) -> Floa
     -------
     (N,) float64, metres
         Above 0: the surface is nearer than the nearest point of the box. NaN where the
-        centre is not in the image, or the box not 3D.
+        centre is not in the image, the box not 3D, or the image cannot tell.
 
     Notes
     -----
@@ -214,11 +478,13 @@ def center_gaps(vertices: FloatArray, camera: Camera, depth: DepthImage) -> Floa
     """
     gaps = np.full(len(vertices), np.nan)
     centre = to_image_points(vertices.mean(axis=1, keepdims=True), camera)[:, 0]
-    near = depth_interval(vertices, camera, 0.0)[:, 0]
+    interval = depth_interval(vertices, camera, 0.0)
+    farthest = step_interval(interval)[1]
     width, height = depth.wh
     for row in np.flatnonzero(centre[:, 2] > NEAR_PLANE).tolist():
         u, v = np.floor(centre[row, :2] / centre[row, 2])
         if 0 <= u < width and 0 <= v < height:
             pixel = np.s_[int(v) : int(v) + 1, int(u) : int(u) + 1]
-            gaps[row] = near[row] - depth.metres(pixel)[0, 0]
+            if depth.can_tell(depth.steps(pixel), farthest[row]):
+                gaps[row] = interval[row, 0] - depth.metres(pixel)[0, 0]
     return gaps

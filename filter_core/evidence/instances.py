@@ -1,7 +1,8 @@
 """CARLA's instance image as evidence: which object each pixel belongs to.
 
-`read_instances` reads the image. `fill_instances` assigns instances to boxes, one to
-one and with the best total fit, and counts the pixels of each.
+`read_instances` reads the image, and `settled_instances` asks the boxes for the order
+of its channels where nothing else tells it. `fill_instances` assigns instances to
+boxes, one to one and with the best total fit, and counts the pixels of each.
 """
 
 from __future__ import annotations
@@ -19,9 +20,12 @@ from filter_core.errors import ImageError, file_context
 from filter_core.evidence.silhouettes import Silhouette
 from filter_core.images.decoding import decode_color
 from filter_core.images.header import MAX_SIDE, read_image_header, require_size
+from filter_core.images.pixels import ChannelOrder, sampled
+from filter_core.segmentation.codes import Segmentation
 from filter_core.segmentation.palettes import LAST_TAG
 from filter_core.types import (
     NOT_MEASURED,
+    UNKNOWN_TAG,
     ChannelNumbers,
     FloatArray,
     FrameBoxes,
@@ -44,14 +48,27 @@ class InstanceImage:
     tags : (H, W) uint8
     ids : (H, W) uint16
         Green + 256 blue.
+    order : ``rgb`` or ``bgr``
+        Of the channels in the file.
+    is_certain : bool
+        Whether the channels' values tell their order; else the boxes have to.
     """
 
     tags: NDArray[np.uint8]
     ids: NDArray[np.uint16]
+    order: ChannelOrder = "rgb"
+    is_certain: bool = True
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What a person should know about the reading."""
+        swapped = "red and blue are swapped in the instance image; read as bgr"
+        return (swapped,) if self.order == "bgr" else ()
 
 
 def read_instances(
     content: bytes,
+    segmentation: Segmentation | None = None,
     *,
     expected_wh: tuple[int, int] | None = None,
     max_side: int = MAX_SIDE,
@@ -62,6 +79,7 @@ def read_instances(
     ----------
     content : bytes of a PNG, RGB or RGBA
         Red is the tag, green and blue are 16 bits of an id [1]_.
+    segmentation : Segmentation of the same frame, optional
     expected_wh : (width, height), px
     max_side : int, px
 
@@ -69,12 +87,15 @@ def read_instances(
     ------
     ImageError
         ``lossy_instances``: a JPEG; ``bad_instances``: not RGB(A) of 8 bits, or neither
-        red nor blue holds tags; and what `read_image_header` raises.
+        red nor blue holds tags, or not those of the segmentation; and what
+        `read_image_header` raises.
 
     Notes
     -----
-    Images that were saved with red and blue exchanged are common. They are recognised
-    by values above 29, the largest tag, where the tags should be.
+    Images that were saved with red and blue exchanged are common. Tags are where most
+    pixels agree with the segmentation. Without one, they are in the channel that alone
+    has values of 1 to 29, the largest tag; if both have, the boxes tell
+    (`settled_instances`).
 
     References
     ----------
@@ -93,14 +114,103 @@ def read_instances(
         pixels = decode_color(content, header, "bgr")
     if pixels is None:
         raise ImageError("the instance image cannot be decoded: it is damaged")
-    blue, green, red = cv2.split(pixels)
-    if int(red.max(initial=0)) > LAST_TAG:
-        if int(blue.max(initial=0)) > LAST_TAG:
-            found = f"values up to {red.max()} in red and {blue.max()} in blue"
-            raise _fault(f"tags of 0 to {LAST_TAG} in red", found)
+    orders = _orders_of_tags(pixels, segmentation)
+    return _image(pixels, orders[0], is_certain=len(orders) == 1)
+
+
+_LEAST_AGREEMENT: Final = 0.5
+"""Tags of both cameras agree nearly everywhere, other images nearly nowhere."""
+
+_FEWEST_TAGS: Final = 64
+"""If fewer pixels of a sample have a tag other than 0, all pixels are compared."""
+
+
+def _orders_of_tags(
+    bgr: NDArray[np.uint8], segmentation: Segmentation | None
+) -> list[ChannelOrder]:
+    """The orders of channels that an instance image can have, the likelier first.
+
+    Raises
+    ------
+    ImageError
+        None.
+    """
+    channels: dict[ChannelOrder, int] = {"rgb": _RED, "bgr": _BLUE}
+    tags, values = np.empty(0, np.uint8), bgr
+    if segmentation is not None:
+        tags, values = segmentation.sampled_tags, sampled(bgr)
+        if np.count_nonzero(tags) < _FEWEST_TAGS:
+            tags, values = segmentation.tags, bgr
+    if not tags.any():
+        highest = {
+            order: int(cv2.minMaxLoc(cv2.extractChannel(bgr, channel))[1])
+            for order, channel in channels.items()
+        }
+        orders = [order for order in channels if 0 < highest[order] <= LAST_TAG]
+        if not orders:
+            found = f"values up to {highest['rgb']} in red and {highest['bgr']} in blue"
+            raise _fault(f"tags of 1 to {LAST_TAG} in red", found)
+        return orders
+    known = (tags > 0) & (tags < UNKNOWN_TAG)
+    agreeing = {
+        order: int(np.count_nonzero((values[..., channel] == tags) & known))
+        for order, channel in channels.items()
+    }
+    best: ChannelOrder = "bgr" if agreeing["bgr"] > agreeing["rgb"] else "rgb"
+    # Some images have tags of a few objects only, and 0 elsewhere.
+    tagged = np.count_nonzero(values[..., channels[best]])
+    if agreeing[best] < _LEAST_AGREEMENT * max(tagged, 1):
+        percent = 100.0 / max(1, int(np.count_nonzero(known)))
+        raise _fault(
+            "the segmentation's tags in red (or in blue, if they are swapped)",
+            f"them at {percent * agreeing['rgb']:.0f} % of the pixels in red and "
+            f"{percent * agreeing['bgr']:.0f} % in blue",
+        )
+    return [best]
+
+
+_BLUE, _GREEN, _RED = 0, 1, 2
+
+
+def _image(
+    bgr: NDArray[np.uint8], order: ChannelOrder, *, is_certain: bool
+) -> InstanceImage:
+    blue, green, red = cv2.split(bgr)
+    if order == "bgr":
         red, blue = blue, red
     ids = cv2.merge([green, blue]).view("<u2")[..., 0]
-    return InstanceImage(np.asarray(red, np.uint8), ids.astype(np.uint16))
+    return InstanceImage(
+        np.asarray(red, np.uint8), ids.astype(np.uint16), order, is_certain
+    )
+
+
+def settled_instances(
+    image: InstanceImage, boxes: FrameBoxes, silhouettes: list[Silhouette]
+) -> InstanceImage:
+    """The image in the order of channels that its boxes show, if it is not certain.
+
+    That is the order in which more of their pixels have a tag that they accept; ``rgb``
+    if it is the same number. Parameters as for `fill_instances`.
+    """
+    if image.is_certain:
+        return image
+    swapped = InstanceImage(
+        tags=(image.ids >> 8).astype(np.uint8),
+        ids=(image.ids & 0xFF) | (image.tags.astype(np.uint16) << 8),
+        order="bgr",
+    )
+    own = [
+        sum(
+            np.count_nonzero(
+                one.of(
+                    accepts(int(boxes.accept_mask[one.row]), _TAGS)[tags[one.region]]
+                )
+            )
+            for one in silhouettes
+        )
+        for tags in (image.tags, swapped.tags)
+    ]
+    return swapped if own[1] > own[0] else image
 
 
 def _fault(expected: str, found: str, code: str = "bad_instances") -> ImageError:

@@ -71,6 +71,19 @@ def _convert(rgb: NDArray[np.uint8], bgra: NDArray[np.uint8]) -> None:
             cv2.cvtColor(rgb[part], cv2.COLOR_RGB2BGRA, dst=bgra[part])
 
 
+def sampled(pixels: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Some 4096 pixels of an image, evenly spread, (h, w) or (h, w, 3).
+
+    Images of one size are sampled at the same places. Enough to recognise what an image
+    is, and much cheaper than looking at all of it.
+    """
+    step = max(1, int((pixels.shape[0] * pixels.shape[1] / _SAMPLED_PIXELS) ** 0.5))
+    return np.ascontiguousarray(pixels[step // 2 :: step, step // 2 :: step])
+
+
+_SAMPLED_PIXELS: Final = 4096
+
+
 def gather(
     pixels: NDArray[np.uint8], bounds: IntArray, keep: Mask | None = None
 ) -> tuple[PixelValues, IntArray]:

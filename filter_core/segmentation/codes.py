@@ -25,6 +25,7 @@ from filter_core.images.pixels import (
     Codes,
     PixelValues,
     codes_of,
+    sampled,
     values_of,
 )
 from filter_core.segmentation.palettes import FAMILIES, RGB, palette_of
@@ -251,4 +252,12 @@ class Segmentation:
         codes = self.codes.crop(0, 0, self.width, self.height)
         tags: TagImage = self.codes.tag_of_code[codes]
         tags.setflags(write=False)
+        return tags
+
+    @property
+    def sampled_tags(self) -> TagImage:
+        """(h, w) uint8: the tags of the pixels that `sampled` gives; 255 is Unknown."""
+        tags: TagImage = self.codes.tag_of_code[
+            self.codes.codes_of(values_of(sampled(self.pixels)))
+        ]
         return tags

@@ -40,11 +40,14 @@ from filter_core.segmentation.palettes import (
 from filter_core.segmentation.recognition import NamedReading, contradiction
 from filter_core.segmentation.tags import (
     looks_raw,
+    lost_tags,
     raw_segmentation,
     read_exact_colors,
     read_nearest_colors,
     read_raw_channel,
     read_raw_tags,
+    refuse_lost_tags,
+    refuse_unlike_palettes,
 )
 from filter_core.types import TagImage
 
@@ -244,11 +247,14 @@ def _read_channels(
     if options.encoding == "raw":
         return read_raw_channel(rgb, named)
     if header.media_type == "image/jpeg":
+        _refuse_jpeg(rgb, options)
         return read_nearest_colors(rgb, named)
     occurring = occurring_codes(rgb, exact_codes())
     no_family = NO_FAMILY in occurring
     if no_family and options.encoding == "auto" and looks_raw(rgb):
         return read_raw_channel(rgb, named)
+    if no_family:
+        refuse_lost_tags(rgb, is_jpeg=False)
     if no_family and options.lossy == "nearest":
         return read_nearest_colors(rgb, named)
     return read_exact_colors(rgb, occurring, named)
@@ -266,14 +272,15 @@ def _refuse_unusable(header: ImageHeader, options: SegmentationOptions) -> None:
             f"{_source(options, 'encoding')} says encoding palette, "
             "the image is grey, so it can only hold raw tags"
         )
-    if header.media_type != "image/jpeg":
-        return
-    if grey or options.encoding == "raw":
-        raise SegmentationError(
-            "raw tags in a JPEG are lost: one level off is another tag; expected a PNG",
-            code="lossy_segmentation",
-        )
+    if header.media_type == "image/jpeg" and (grey or options.encoding == "raw"):
+        raise lost_tags("a grey JPEG" if grey else "a JPEG that is to be read as raw")
+
+
+def _refuse_jpeg(rgb: NDArray[np.uint8], options: SegmentationOptions) -> None:
+    """Refuse lost tags; and any other JPEG, unless it is to be read all the same."""
+    refuse_lost_tags(rgb, is_jpeg=True)
     if options.lossy != "nearest":
+        refuse_unlike_palettes(rgb)
         raise SegmentationError(
             "the segmentation is a JPEG, whose colours are no longer those that CARLA "
             "wrote; expected a PNG. lossy_segmentation: nearest reads it by the "

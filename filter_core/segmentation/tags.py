@@ -25,10 +25,12 @@ from filter_core.images.pixels import (
     Codes,
     codes_of,
     count_codes,
+    sampled,
     values_of,
 )
 from filter_core.segmentation.codes import (
     COLOR_BITS,
+    KNOWN_COLORS,
     NO_FAMILY,
     PixelCodes,
     Segmentation,
@@ -137,9 +139,20 @@ def _refuse_no_family(
     raise SegmentationError(
         f"{share:.1f} % of the pixels have colours of no known family, most often "
         f"({red}, {green}, {blue}); at most {_MAX_SENSELESS_PERCENT:g} % may. "
-        "Raw tags need encoding: raw; a palette image that was a JPEG or was resized "
-        "needs lossy_segmentation: nearest",
+        f"{_remedy(pixels)}",
         code="foreign_colors",
+    )
+
+
+def _remedy(pixels: NDArray[np.uint8]) -> str:
+    """What to do about colours of no family, as far as it helps with this image."""
+    if all(_maximum(pixels, channel) <= LAST_TAG for channel in (_RED, _GREEN, _BLUE)):
+        return "Raw tags need encoding: raw"
+    if why := _unlike_palettes(pixels):
+        return f"It is no segmentation that was a JPEG or was resized, either: {why}"
+    return (
+        "A palette image that was a JPEG or was resized needs "
+        "lossy_segmentation: nearest"
     )
 
 
@@ -181,17 +194,13 @@ def read_nearest_colors(pixels: NDArray[np.uint8], named: NamedReading) -> Segme
     Raises
     ------
     SegmentationError
-        ``foreign_colors``: nothing resembles a palette; and what `recognise` raises.
+        ``foreign_colors``: the colours hardly resemble those of palettes; and what
+        `recognise` raises.
     """
+    refuse_unlike_palettes(pixels)
     near = count_codes(pixels, recognisable_codes())
     floor = _LOSSY_FLOOR_PERCENT / 100.0 * float(near.sum())
     occurring = set(np.flatnonzero(near >= floor).tolist()) - {NO_FAMILY}
-    if not occurring:
-        raise SegmentationError(
-            "no colour of the image is near one of a known family; "
-            "expected a segmentation",
-            code="foreign_colors",
-        )
     found = recognise(occurring, named)
     table = nearest_tags(found.family, found.order)
     tags = codes_of(values_of(pixels), table)
@@ -212,6 +221,132 @@ def read_nearest_colors(pixels: NDArray[np.uint8], named: NamedReading) -> Segme
         ),
         rivals=found.rivals,
     )
+
+
+_NEAR_LEVELS: Final = 8
+_FAR_LEVELS: Final = 32
+"""Beyond these, per channel, a colour is not near a palette's, and far from all."""
+
+_MOST_NOT_NEAR_PERCENT: Final = 40.0
+"""JPEGs of palette images have up to 30 %, photos and other sensors 53 % and more."""
+
+_MOST_FAR_PERCENT: Final = 20.0
+
+_GREY_LEVELS: Final = 6
+_MOST_GREY_PERCENT: Final = 95.0
+"""Few colours of palettes are grey, but all of a depth image made for people."""
+
+
+def refuse_unlike_palettes(pixels: NDArray[np.uint8]) -> None:
+    """Refuse an image whose colours are not those of a palette that a JPEG has changed.
+
+    Parameters
+    ----------
+    pixels : (H, W, 3) uint8: red, green, blue
+
+    Raises
+    ------
+    SegmentationError
+        ``foreign_colors``: it is a photo or another sensor's image, in which some
+        colours happen to be near a palette's.
+    """
+    if why := _unlike_palettes(pixels):
+        raise SegmentationError(
+            f"expected a segmentation with the colours of a palette, found {why}",
+            code="foreign_colors",
+        )
+
+
+def _unlike_palettes(pixels: NDArray[np.uint8]) -> str:
+    """Why a sample of colours is not that of a changed palette image; "" if it is."""
+    colors = sampled(pixels).reshape(-1, 3).astype(np.int16)
+    # Black is a tag of every family, and any image may have dark parts.
+    colors = colors[colors.max(axis=1) > _NEAR_LEVELS]
+    if not len(colors):
+        return ""
+    grey = 100.0 * float(np.mean(np.ptp(colors, axis=1) <= _GREY_LEVELS))
+    if grey > _MOST_GREY_PERCENT:
+        return (
+            f"an image in which {grey:.0f} % of the pixels that are not black are grey "
+            f"(at most {_MOST_GREY_PERCENT:g} % may)"
+        )
+    nearest = np.full(len(colors), 255, np.int16)
+    for color in KNOWN_COLORS:
+        levels = np.abs(colors - np.array(unpacked(color), np.int16)).max(axis=1)
+        np.minimum(nearest, levels, out=nearest)
+    not_near, far = (
+        100.0 * float(np.mean(nearest > levels))
+        for levels in (_NEAR_LEVELS, _FAR_LEVELS)
+    )
+    if not_near <= _MOST_NOT_NEAR_PERCENT and far <= _MOST_FAR_PERCENT:
+        return ""
+    return (
+        f"an image in which {not_near:.0f} % of the pixels are more than "
+        f"{_NEAR_LEVELS} levels from every colour of the palettes (at most "
+        f"{_MOST_NOT_NEAR_PERCENT:g} % may) and {far:.0f} % more than {_FAR_LEVELS} "
+        f"(at most {_MOST_FAR_PERCENT:g} % may)"
+    )
+
+
+_BRIGHTEST_LOST_TAG: Final = LAST_TAG + 16
+"""Rounding in a JPEG makes tags up to so much larger."""
+
+_FEWEST_STEPS: Final = 64
+_MOST_RIPPLES_PERCENT: Final = 15.0
+"""Segmentations have up to 2 %, those that were a JPEG from 25 % on."""
+
+_RIPPLE_PIXELS: Final = 1 << 16
+
+
+def refuse_lost_tags(rgb: NDArray[np.uint8], *, is_jpeg: bool) -> None:
+    """Refuse raw tags in a coloured JPEG, or in a PNG that was made of one.
+
+    Parameters
+    ----------
+    rgb : (H, W, 3) uint8
+        An image whose colours are not exactly those of a palette.
+    is_jpeg : bool
+        Then small numbers alone tell; in a PNG, they also have to be rippled.
+
+    Raises
+    ------
+    SegmentationError
+        ``lossy_segmentation``
+    """
+    highest = [_maximum(rgb, channel) for channel in (_RED, _GREEN, _BLUE)]
+    if not 0 < max(highest) <= _BRIGHTEST_LOST_TAG:
+        return
+    if is_jpeg:
+        raise lost_tags("a JPEG that holds no other numbers than small ones")
+    channel = cv2.extractChannel(rgb, int(np.argmax(highest)))
+    _refuse_rippled(channel.astype(np.uint8, copy=False))
+
+
+def lost_tags(found: str) -> SegmentationError:
+    """The error for raw tags that were changed by a JPEG."""
+    return SegmentationError(
+        "raw tags in a JPEG are lost: one level off is another tag; expected the PNG "
+        f"that CARLA wrote, found {found}",
+        code="lossy_segmentation",
+    )
+
+
+def _refuse_rippled(tags: TagImage) -> None:
+    """Refuse raw tags that were a JPEG: it leaves ripples of one level at edges."""
+    rows = tags[:: max(1, tags.size // _RIPPLE_PIXELS)].astype(np.int16)
+    steps = np.diff(rows, axis=1)
+    count = np.count_nonzero(steps)
+    if count < _FEWEST_STEPS:
+        return
+    before, after = steps[:, :-1], steps[:, 1:]
+    by_one = (np.abs(before) == 1) | (np.abs(after) == 1)
+    ripples = np.count_nonzero((before != 0) & (after != 0) & by_one)
+    share = 100.0 * ripples / count
+    if share > _MOST_RIPPLES_PERCENT:
+        raise lost_tags(
+            f"a PNG that was made of a JPEG: {share:.0f} % of the changes from pixel "
+            f"to pixel are its ripples (at most {_MOST_RIPPLES_PERCENT:g} % may be)"
+        )
 
 
 def looks_raw(rgb: NDArray[np.uint8]) -> bool:
@@ -260,11 +395,13 @@ def read_raw_tags(
     ------
     SegmentationError
         ``foreign_tags``: more than 1 % of the pixels have tags of no family;
+        ``lossy_segmentation``: they were a JPEG once;
         ``segmentation_contradiction``: tags occur that the named family does not have;
         ``family_not_named``: nothing names the family and nothing proves it.
     """
     counts = count_codes(tags, exact_codes())
     _refuse_senseless(counts)
+    _refuse_rippled(tags)
     family = named.family or _proved_family(counts)
     _refuse_contradiction(counts, family, named)
     return raw_segmentation(tags, counts, family, order)

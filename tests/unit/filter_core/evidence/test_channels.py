@@ -202,7 +202,7 @@ def test_boxes_can_be_measured_without_an_annotation():
         contents={"depth": depth_file(), "instances": instance_file()},
     )
 
-    evidence = measure_evidence(
+    evidence, _ = measure_evidence(
         boxes, sensors, MeasureConfig(channels=("ordered", "depth", "instance"))
     )
 
@@ -232,7 +232,7 @@ def test_boxes_without_corners_have_no_depth_or_lidar_numbers():
     )
     config = MeasureConfig(channels=("ordered", "depth", "depth_center", "lidar"))
 
-    found = measure_evidence(boxes, sensors, config).channels
+    found = measure_evidence(boxes, sensors, config)[0].channels
 
     assert found is not None
     assert found.explained_by.tolist() == [NOT_MEASURED, 0]
@@ -249,7 +249,7 @@ def test_channels_measure_the_rectangle_clipped_to_the_image():
     )
     sensors = Sensors(segmentation=segmentation_from_tags(tags, "carla-0.9.14"))
 
-    evidence = measure_evidence(boxes, sensors, MeasureConfig(channels=("ordered",)))
+    evidence, _ = measure_evidence(boxes, sensors, MeasureConfig(channels=("ordered",)))
 
     assert evidence.channels is not None
     assert evidence.channels.owned_pixels.tolist() == [20 * 10]
