@@ -165,19 +165,14 @@ def read_depth(
         pixels = (
             decode_image(content, header, cv2.IMREAD_UNCHANGED)
             if is_wide
-            else decode_color(content, header, "rgb" if encoding in _SWAPPED else "bgr")
+            else decode_color(content, header, "bgr")
         )
     if pixels is None:
         raise ImageError("the depth image cannot be decoded: it is damaged")
     if is_wide:
         wide = pixels.astype(np.uint16, copy=False)
         return DepthImage(wide, "millimetres16", encoding != "auto")
-    if encoding != "auto":
-        return DepthImage(pixels, encoding)
-    return _recognised(pixels)
-
-
-_SWAPPED: Final = ("carla-bgr",)
+    return _in_order(pixels, encoding)
 
 
 def _refuse_form(header: ImageHeader, encoding: DepthEncoding) -> None:
@@ -202,7 +197,7 @@ def _refuse_form(header: ImageHeader, encoding: DepthEncoding) -> None:
     is_wide = header.color_model == "grey" and header.bit_depth == 16
     if encoding == "auto" and (is_color or is_wide):
         return
-    if is_color and encoding in ("carla", *_SWAPPED):
+    if is_color and encoding in ("carla", "carla-bgr"):
         return
     if is_wide and encoding == "millimetres16":
         return
@@ -244,39 +239,61 @@ images, the highest byte's is above 0.25.
 """
 
 
-def _recognised(bgr: NDArray[np.uint8]) -> DepthImage:
-    """A coloured image in the order of channels that its content shows.
+def _refuse_grey(pixels: NDArray[np.int16]) -> None:
+    """Refuse a coloured image whose channels are all the same, by some of its pixels.
 
     Raises
     ------
     ImageError
-        ``depth_too_coarse``: it is grey; ``unknown_depth``: it is no raw depth.
+        ``depth_too_coarse``
     """
-    pixels, differences = _sampled_pairs(bgr)
     # Black and white are depths, too: 0 m and the sky's 1000 m.
-    grey = (pixels == pixels[:, :1]).all()
-    if grey and ((pixels > 0) & (pixels < 255)).any():
+    is_shade = (pixels == pixels[:, :1]).all(axis=1)
+    if is_shade.all() and ((pixels > 0) & (pixels < 255)).any():
         raise _too_coarse(
             "8 bits, three times the same: 256 steps, even or logarithmic,"
         )
+
+
+def _in_order(bgr: NDArray[np.uint8], named: DepthEncoding) -> DepthImage:
+    """A coloured image in the order of channels that is named, or that it shows itself.
+
+    Raises
+    ------
+    ImageError
+        ``depth_too_coarse``: it is grey; ``unknown_depth``: it is no raw depth, or not
+        in the order that is named.
+    """
+    pixels, differences = _sampled_pairs(bgr)
+    _refuse_grey(pixels)
+    depth = DepthImage(bgr)
     differing = differences[(differences != 0).any(axis=1)]
-    pairs = max(1, len(differences))
-    if len(differing) < _FEWEST_PAIRS or len(differing) < _FLAT_SHARE * pairs:
-        return DepthImage(bgr, is_certain=False)
+    fewest = max(_FEWEST_PAIRS, _FLAT_SHARE * len(differences))
+    if len(differing) < fewest:
+        if named == "auto":
+            return replace(depth, is_certain=False)
+        return depth if named == "carla" else _swapped(depth)
     levels = np.abs(differing)
     levels = np.minimum(levels, 256 - levels)  # a byte that overflows goes on at 0
     blue, _, red = (levels > _ROUGH_STEP).mean(axis=0).tolist()
+    shown: DepthEncoding = "auto"
     if red >= _LEAST_ROUGH and blue <= _MOST_ROUGH:
-        return DepthImage(bgr)
-    if blue >= _LEAST_ROUGH and red <= _MOST_ROUGH:
-        return _swapped(DepthImage(bgr))
-    raise _unknown(
-        "expected CARLA's raw depth, in which blue changes little from pixel to pixel "
-        f"and red much, found changes of more than {_ROUGH_STEP} levels at "
-        f"{100 * blue:.0f} % (blue) and {100 * red:.0f} % (red) of the pixels that "
-        "change; a photo, a colour map or another sensor's image has such. If it is "
-        "depth, name its depth_encoding"
+        shown = "carla"
+    elif blue >= _LEAST_ROUGH and red <= _MOST_ROUGH:
+        shown = "carla-bgr"
+    found = (
+        f"changes of more than {_ROUGH_STEP} levels at {100 * blue:.0f} % (blue) and "
+        f"{100 * red:.0f} % (red) of the pixels that change"
     )
+    if shown == named == "auto":
+        raise _unknown(
+            "expected CARLA's raw depth, in which blue changes little from pixel to "
+            f"pixel and red much, found {found}, as in a photo, a colour map or an "
+            "image of another sensor. If it is depth, name its depth_encoding"
+        )
+    if named != "auto" and shown not in ("auto", named):
+        raise _unknown(f"depth_encoding says {named}, {found} prove {shown}")
+    return _swapped(depth) if "carla-bgr" in (named, shown) else depth
 
 
 def _sampled_pairs(
@@ -302,6 +319,9 @@ def _swapped(depth: DepthImage) -> DepthImage:
     """The same file, read with red and blue exchanged."""
     pixels = cv2.cvtColor(depth.pixels, cv2.COLOR_BGR2RGB).astype(np.uint8, copy=False)
     return replace(depth, pixels=pixels, encoding="carla-bgr")
+
+
+_NO_STEPS: Final = np.empty(0, np.int32)
 
 
 def settled_depth(
@@ -333,7 +353,9 @@ def settled_depth(
     boxes = [
         pixels
         for pixels in accepted
-        if pixels.mask.any() and not np.isnan(interval[pixels.silhouette.row, 0])
+        if not np.isnan(interval[pixels.silhouette.row, 0])
+        and depth.can_tell(_NO_STEPS, high[pixels.silhouette.row])
+        and pixels.mask.any()
     ]
     is_color = not depth.is_wide
     if not boxes and (is_color or np.isnan(interval[:, 0]).all()):

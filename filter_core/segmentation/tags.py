@@ -292,8 +292,8 @@ _BRIGHTEST_LOST_TAG: Final = LAST_TAG + 16
 """Rounding in a JPEG makes tags up to so much larger."""
 
 _FEWEST_STEPS: Final = 64
-_MOST_RIPPLES_PERCENT: Final = 15.0
-"""Segmentations have up to 2 %, those that were a JPEG from 25 % on."""
+_MOST_RIPPLES_PERCENT: Final = 8.0
+"""Segmentations have up to 2 %, those that were a JPEG mostly 25 % and more."""
 
 _RIPPLE_PIXELS: Final = 1 << 16
 
@@ -306,12 +306,16 @@ def refuse_lost_tags(rgb: NDArray[np.uint8], *, is_jpeg: bool) -> None:
     rgb : (H, W, 3) uint8
         An image whose colours are not exactly those of a palette.
     is_jpeg : bool
-        Then small numbers alone tell; in a PNG, they also have to be rippled.
 
     Raises
     ------
     SegmentationError
         ``lossy_segmentation``
+
+    Notes
+    -----
+    All numbers in a JPEG of raw tags are small. Those in a PNG may be exact raw tags if
+    they are in one channel, or the same in all three, and have no ripples.
     """
     highest = [_maximum(rgb, channel) for channel in (_RED, _GREEN, _BLUE)]
     if not 0 < max(highest) <= _BRIGHTEST_LOST_TAG:
@@ -320,6 +324,13 @@ def refuse_lost_tags(rgb: NDArray[np.uint8], *, is_jpeg: bool) -> None:
         raise lost_tags("a JPEG that holds no other numbers than small ones")
     channel = cv2.extractChannel(rgb, int(np.argmax(highest)))
     _refuse_rippled(channel.astype(np.uint8, copy=False))
+    is_single = sum(high > 0 for high in highest) == 1
+    if not is_single and (rgb != channel[..., None]).any():
+        raise lost_tags(
+            "a PNG whose channels hold small numbers that differ, as if it was made of "
+            "a JPEG. An instance image, whose red channel has exact tags, is read with "
+            "encoding: raw"
+        )
 
 
 def lost_tags(found: str) -> SegmentationError:

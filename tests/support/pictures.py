@@ -50,6 +50,13 @@ def png(picture: np.ndarray, order: str = "rgb") -> bytes:
     return cv2.imencode(".png", picture)[1].tobytes()
 
 
+def pixels_of(content: bytes) -> np.ndarray:
+    """The pixels of a file: grey, BGR or BGRA."""
+    pixels = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
+    assert pixels is not None
+    return pixels
+
+
 @cache
 def plain_png(width: int, height: int, rgb: tuple[int, int, int] = (0, 0, 0)) -> bytes:
     """A PNG of one colour: a small file, but large when decoded."""

@@ -17,6 +17,16 @@ def depth_png(metres: np.ndarray) -> bytes:
     return png(np.stack(planes, axis=-1).astype(np.uint8), order="bgr")
 
 
+def street_metres(height: int = 120, width: int = 160) -> np.ndarray:
+    """Planar depth of a flat street and the walls beside it, under a sky."""
+    rows = np.arange(height)[:, None] - height / 2 + 0.5
+    columns = np.abs(np.arange(width)[None, :] - width / 2 + 0.5)
+    ground = 1.6 * width / 2 / np.maximum(rows, 0.01)
+    walls = 12.0 * width / 2 / np.maximum(columns, 0.01)
+    street = np.where(rows > 0, np.minimum(ground, walls), walls)
+    return np.where((rows < 0) & (walls > 60), 1000.0, np.minimum(street, 900.0))
+
+
 def instance_png(tags: np.ndarray, ids: np.ndarray, *, swapped: bool = False) -> bytes:
     """A PNG of instances as CARLA writes it: red: tag; green + 256 blue: id."""
     wide = np.asarray(ids, np.int64)

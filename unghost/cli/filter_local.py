@@ -48,6 +48,8 @@ FEWEST_FRAMES: Final = 1000
 """Frames from which on processes are used; fewer are decided before they start."""
 FEWEST_PROCESSES: Final = 3
 """Two threads wait for each other less than two processes cost."""
+_LISTED_NOTES: Final = 10
+"""Different notes on how images were read that are printed."""
 _PART: Final = 8
 """Frames that are sent to a process together."""
 _PARTS_AHEAD: Final = 4
@@ -145,6 +147,7 @@ class _Tally:
         self.failed = 0
         self.classes: Counter[str] = Counter()
         self.unmapped: Counter[str] = Counter()
+        self._notes: Counter[str] = Counter()
         self._boxes: Counter[str] = Counter()
 
     def watch(
@@ -165,10 +168,16 @@ class _Tally:
         self.decided += 1
         self.classes.update(line.classes)
         self.unmapped.update(line.unmapped)
+        self._notes.update(line.notes)
         self._boxes.update(line.verdicts)
 
     def print_summary(self, output: Path, unmatched: Sequence[Unmatched]) -> None:
-        """Print counts of frames and boxes; with `--json`, files that fit no frame."""
+        """Print notes, and counts of frames and boxes; with `--json`, unused files."""
+        for text, frames in self._notes.most_common(_LISTED_NOTES):
+            self.screen.note(f"{frames} {'frame' if frames == 1 else 'frames'}: {text}")
+        if len(self._notes) > _LISTED_NOTES:
+            more = len(self._notes) - _LISTED_NOTES
+            self.screen.note(f"and {more} more such notes, in the frames' lines")
         frames = {"decided": self.decided, "failed": self.failed}
         boxes = {name: self._boxes[name] for name in get_args(Verdict)}
         counts = {**frames, **boxes}
@@ -193,6 +202,7 @@ class FrameLine:
     verdicts: Counter[str] = field(default_factory=Counter)
     classes: Counter[str] = field(default_factory=Counter)
     unmapped: Counter[str] = field(default_factory=Counter)
+    notes: tuple[str, ...] = ()
     fault: str | None = None
 
 
@@ -330,7 +340,7 @@ def _line_of(config: FilterConfig, frame: FrameSource | FrameOutcome) -> FrameLi
     unmapped = Counter(
         str(each["class"]) for each in decisions if each["reason"] == "unmapped_class"
     )
-    return FrameLine(outcome.key, content, verdicts, classes, unmapped)
+    return FrameLine(outcome.key, content, verdicts, classes, unmapped, outcome.notes)
 
 
 @cache

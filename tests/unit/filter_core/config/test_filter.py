@@ -128,7 +128,7 @@ FIRST_KEYS = {
 }
 """The keys that every digest contains, even at their default. Never add one."""
 
-DEFAULTS_OF_NEW_KEYS: dict[str, object] = {}
+DEFAULTS_OF_NEW_KEYS: dict[str, object] = {"depth_encoding": "auto"}
 """The defaults of all later keys. Such a default must never change again."""
 
 
@@ -297,6 +297,7 @@ def test_filter_config_keys_keep_the_order_of_decide_config_keys():
         "encoding",
         "channel_order",
         "lossy_segmentation",
+        "depth_encoding",
     }
 
 

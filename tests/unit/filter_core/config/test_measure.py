@@ -32,6 +32,7 @@ def stored(config):
         {"threshold_small_box": 3},
         {"max_distance": 9, "min_visible_pixels": 7},
         {"depth_tolerance": 2},  # this configuration does not measure depth
+        {"depth_encoding": "carla-bgr"},
         {"classes": {"van": {"threshold_big_box": 5}}},
     ],
 )
@@ -80,6 +81,20 @@ def test_measurement_covers_fewer_channels_with_the_same_tolerance():
     assert measuring(evidence="ordered", depth_tolerance=1).is_covered_by(much)
     assert not measuring(evidence="depth_center").is_covered_by(much)
     assert not measuring(palette="carla-0.9.0").is_covered_by(much)
+
+
+def test_depth_encoding_counts_only_where_a_depth_image_is_read():
+    named = {"depth_encoding": "carla-bgr"}
+    plain, swapped = measuring(evidence="depth"), measuring(evidence="depth", **named)
+
+    assert "depth_encoding" not in json.dumps(plain.as_dict())
+    assert swapped.digest != plain.digest
+    assert not swapped.is_covered_by(stored(plain))
+    assert not plain.is_covered_by(stored(swapped))
+    assert measuring(evidence="ordered", **named).is_covered_by(
+        stored(plain.with_channels(["ordered"]))
+    )
+    assert FilterConfig().measuring().as_measured(stored(swapped)) == swapped
 
 
 @pytest.mark.parametrize("keys", [{}, ACCEPTING])

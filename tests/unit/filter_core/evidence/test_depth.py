@@ -12,12 +12,14 @@ from filter_core.evidence.depth import (
     depth_interval,
     fill_depth,
     read_depth,
+    settled_depth,
     tight_rectangle,
 )
 from filter_core.evidence.silhouettes import AcceptedPixels, Silhouette
 from filter_core.geometry.camera import Camera
 from filter_core.types import ChannelNumbers
-from tests.support.sensors import box_ahead, depth_png
+from tests.support.pictures import pixels_of, png, with_alpha
+from tests.support.sensors import box_ahead, depth_png, street_metres
 
 ALL_PIXELS = np.s_[:, :]
 
@@ -44,16 +46,149 @@ def test_alpha_channel_of_a_depth_image_is_ignored():
     ("extension", "pixels", "code", "words"),
     [
         (".png", np.zeros((4, 4), np.uint8), "depth_too_coarse", "3.9 m"),
-        (".png", np.zeros((4, 4), np.uint16), "depth_too_coarse", "16 bits"),
+        (".png", np.zeros((4, 4, 3), np.uint16), "unknown_depth", "16 bits"),
         (".jpg", np.zeros((8, 8, 3), np.uint8), "lossy_depth", "JPEG"),
     ],
-    ids=["converted for people", "sixteen bits", "jpeg"],
+    ids=["converted for people", "sixteen bits per channel", "jpeg"],
 )
 def test_too_coarse_or_lossy_depth_is_refused(extension, pixels, code, words):
     with pytest.raises(ImageError, match=words) as refused:
         read_depth(cv2.imencode(extension, pixels)[1].tobytes())
 
     assert refused.value.kind == code
+
+
+STREET = street_metres()
+RAW = pixels_of(depth_png(STREET))
+LINEAR = np.rint(STREET / 1000 * 255).astype(np.uint8)
+LOGARITHMIC = np.rint(255 * (1 + np.log(STREET / 1000) / 5.70378).clip(0, 1))
+NOISE = np.random.default_rng(1).integers(0, 256, (*STREET.shape, 3))
+BLURRED = cv2.GaussianBlur(NOISE.astype(np.uint8), (0, 0), 5)
+
+
+@pytest.mark.parametrize(
+    ("pixels", "encoding"),
+    [(RAW, "carla"), (RAW[..., ::-1], "carla-bgr"), (with_alpha(RAW), "carla")],
+    ids=["raw", "swapped", "alpha"],
+)
+@pytest.mark.parametrize("named", [False, True])
+def test_order_of_channels_is_recognised_by_content(pixels, encoding, named):
+    image = read_depth(png(pixels, "bgr"), encoding if named else "auto")
+
+    assert (image.encoding, image.is_certain) == (encoding, True)
+    assert len(image.notes) == (encoding == "carla-bgr")
+    np.testing.assert_allclose(image.metres(ALL_PIXELS), STREET, atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("pixels", "code"),
+    [
+        pytest.param(np.dstack([LINEAR] * 3), "depth_too_coarse", id="linear"),
+        pytest.param(
+            np.dstack([LOGARITHMIC.astype(np.uint8)] * 3),
+            "depth_too_coarse",
+            id="logarithmic",
+        ),
+        pytest.param(BLURRED, "unknown_depth", id="photo"),
+        pytest.param(NOISE.astype(np.uint8), "unknown_depth", id="noise"),
+        pytest.param(
+            cv2.applyColorMap(LOGARITHMIC.astype(np.uint8), cv2.COLORMAP_JET),
+            "unknown_depth",
+            id="colour map",
+        ),
+    ],
+)
+def test_coloured_image_that_is_no_raw_depth_is_refused(pixels, code):
+    with pytest.raises(ImageError) as refused:
+        read_depth(png(pixels, "bgr"))
+
+    assert refused.value.kind == code
+
+
+@pytest.mark.parametrize(
+    ("pixels", "encoding", "code"),
+    [
+        (RAW, "carla-bgr", "unknown_depth"),
+        (RAW[..., ::-1], "carla", "unknown_depth"),
+        (np.dstack([LINEAR] * 3), "carla", "depth_too_coarse"),
+        (RAW, "millimetres16", "unknown_depth"),
+        (STREET.astype(np.uint16), "carla", "unknown_depth"),
+        (STREET.astype(np.uint16), "metres16", "depth_too_coarse"),
+        (LINEAR, "linear8", "depth_too_coarse"),
+        (RAW, "log8", "depth_too_coarse"),
+    ],
+)
+def test_named_encoding_that_the_image_contradicts_is_refused(pixels, encoding, code):
+    with pytest.raises(ImageError) as refused:
+        read_depth(png(pixels, "bgr"), encoding)
+
+    assert refused.value.kind == code
+
+
+def test_named_encoding_is_used_where_the_content_shows_none():
+    flat = pixels_of(depth_png(np.full((48, 64), 5.0)))
+
+    image = read_depth(png(flat[..., ::-1], "bgr"), "carla-bgr")
+
+    np.testing.assert_allclose(image.metres(ALL_PIXELS), 5.0, atol=1e-4)
+
+
+def settled(content: bytes, low: float, high: float):
+    """The image as one box shows it, whose pixels are all accepted."""
+    depth = read_depth(content)
+    width, height = depth.wh
+    accepted = AcceptedPixels(
+        Silhouette(0, 0, 0, width, height), np.ones((height, width), bool)
+    )
+    return settled_depth(depth, [accepted], np.array([[low, high]]))
+
+
+@pytest.mark.parametrize("order", ["rgb", "bgr"])
+def test_box_shows_the_order_of_a_flat_image(order):
+    flat = pixels_of(depth_png(np.full((48, 64), 5.0)))
+
+    image = settled(png(flat[..., ::-1], order), 4.0, 6.0)
+
+    assert image.encoding == ("carla" if order == "rgb" else "carla-bgr")
+    np.testing.assert_allclose(image.metres(ALL_PIXELS), 5.0, atol=1e-4)
+
+
+def test_flat_image_that_fits_no_box_is_refused():
+    with pytest.raises(ImageError, match="none of the boxes") as refused:
+        settled(depth_png(np.full((48, 64), 5.0)), 20.0, 24.0)
+
+    assert refused.value.kind == "unknown_depth"
+
+
+def test_sixteen_bits_are_millimetres_where_boxes_show_it():
+    content = png(np.full((48, 64), 5_000, np.uint16))
+
+    image = settled(content, 4.0, 6.0)
+
+    assert image.encoding == "millimetres16"
+    np.testing.assert_allclose(image.metres(ALL_PIXELS), 5.0, atol=1e-3)
+    with pytest.raises(ImageError, match="0 of 1 boxes"):
+        settled(content, 9.0, 11.0)
+
+
+def test_sixteen_bits_tell_nothing_of_far_boxes_and_unknown_pixels():
+    near, far = box_ahead(20.0, half=2.0), box_ahead(90.0, half=2.0)
+    camera = Camera.from_fov(64, 48, 90.0, {"x": 0, "y": 0, "z": 0})
+    whole = AcceptedPixels(Silhouette(0, 0, 0, 64, 48), np.ones((48, 64), bool))
+    beyond = AcceptedPixels(Silhouette(1, 0, 0, 64, 48), np.ones((48, 64), bool))
+    both = np.stack([near, far])
+    numbers = {}
+    for name, value in (("known", 65_535), ("unknown", 0)):
+        depth = read_depth(png(np.full((48, 64), value, np.uint16)), "millimetres16")
+        numbers[name] = ChannelNumbers.absent(2)
+        interval = depth_interval(both, camera, 0.15)
+        fill_depth(numbers[name], [whole, beyond], depth, interval)
+        numbers[name].center_gap[:] = center_gaps(both, camera, depth)
+
+    assert numbers["known"].depth_pixels.tolist() == [0, -1]
+    assert np.isnan(numbers["known"].center_gap).tolist() == [False, True]
+    assert numbers["unknown"].depth_pixels.tolist() == [-1, -1]
+    assert np.isnan(numbers["unknown"].center_gap).all()
 
 
 def test_depth_image_of_wrong_size_is_refused():

@@ -12,13 +12,16 @@ from filter_core.errors import ImageError
 from filter_core.evidence.instances import (
     fill_instances,
     read_instances,
+    settled_instances,
 )
 from filter_core.evidence.silhouettes import frame_silhouettes
+from filter_core.segmentation.reading import segmentation_from_tags
 from filter_core.types import ChannelNumbers, FrameBoxes
-from tests.support.sensors import instance_png
+from tests.support.pictures import FAMILY, jpeg, painted, png, with_alpha
+from tests.support.sensors import depth_png, instance_png, street_metres
 from tests.support.shared_data import shared
 
-CAR, WALKER = 14, 12
+CAR, WALKER, ROAD = 14, 12, 1
 CARS = 1 << CAR
 
 
@@ -65,6 +68,87 @@ def test_recorded_image_with_swapped_channels_is_corrected():
     image = read_instances((path / "instance_segmentation.png").read_bytes())
 
     assert int(image.tags.max()) <= 29
+
+
+def street_of_cars() -> tuple[np.ndarray, np.ndarray]:
+    """Tags and ids of two cars on a road; all ids are small enough to pass for tags."""
+    tags, ids = np.full((60, 80), ROAD), np.full((60, 80), 3 * 256)
+    tags[20:40, 10:40], ids[20:40, 10:40] = CAR, 29 * 256 + 255
+    tags[25:35, 50:60], ids[25:35, 50:60] = CAR, 14 * 256 + 1
+    return tags, ids
+
+
+@pytest.mark.parametrize("swapped", [False, True])
+@pytest.mark.parametrize("high_byte", [None, ROAD, CAR])
+def test_segmentation_tells_the_order_of_channels(swapped, high_byte):
+    tags, ids = street_of_cars()
+    if high_byte is not None:
+        ids = (ids & 255) | high_byte << 8
+    segmentation = segmentation_from_tags(tags.astype(np.uint8), FAMILY)
+
+    image = read_instances(instance_png(tags, ids, swapped=swapped), segmentation)
+
+    assert image.order == ("bgr" if swapped else "rgb")
+    assert len(image.notes) == swapped
+    np.testing.assert_array_equal(image.tags, tags)
+    np.testing.assert_array_equal(image.ids, ids)
+
+
+def test_instances_of_some_objects_alone_agree_with_the_segmentation():
+    tags, ids = street_of_cars()
+    segmentation = segmentation_from_tags(tags.astype(np.uint8), FAMILY)
+    cars = np.where(tags == CAR, tags, 0)
+
+    image = read_instances(instance_png(cars, ids, swapped=True), segmentation)
+
+    assert image.order == "bgr"
+
+
+@pytest.mark.parametrize("swapped", [False, True])
+def test_boxes_tell_the_order_of_channels_without_a_segmentation(swapped):
+    tags, ids = street_of_cars()
+    image = read_instances(instance_png(tags, ids, swapped=swapped))
+    boxes = FrameBoxes.of([[10, 20, 40, 40]], ["car"], {"car": CARS}, (80, 60))
+    outlines = frame_silhouettes(boxes.xyxy, boxes.vertices, None, (80, 60))
+
+    settled = settled_instances(image, boxes, outlines)
+
+    assert settled.order == ("bgr" if swapped else "rgb")
+    np.testing.assert_array_equal(settled.tags, tags)
+    np.testing.assert_array_equal(settled.ids, ids)
+
+
+@pytest.mark.parametrize("swapped", [False, True])
+def test_channel_that_is_empty_holds_no_tags(swapped):
+    tags, ids = street_of_cars()
+
+    image = read_instances(instance_png(tags, ids & 255, swapped=swapped))
+
+    assert (image.order, image.is_certain) == ("bgr" if swapped else "rgb", True)
+
+
+NOISE = np.random.default_rng(1).integers(0, 256, (60, 80, 3)).astype(np.uint8)
+
+
+@pytest.mark.parametrize("has_segmentation", [False, True])
+@pytest.mark.parametrize(
+    "content",
+    [
+        pytest.param(png(painted(street_of_cars()[0])), id="segmentation"),
+        pytest.param(png(with_alpha(NOISE)), id="photo"),
+        pytest.param(jpeg(NOISE), id="jpeg"),
+        pytest.param(depth_png(street_metres(60, 80)), id="depth"),
+        pytest.param(png(np.zeros((60, 80, 3), np.uint8)), id="black"),
+    ],
+)
+def test_image_of_another_sensor_is_refused(content, has_segmentation):
+    tags = street_of_cars()[0].astype(np.uint8)
+    segmentation = segmentation_from_tags(tags, FAMILY) if has_segmentation else None
+
+    with pytest.raises(ImageError) as refused:
+        read_instances(content, segmentation)
+
+    assert refused.value.kind in ("bad_instances", "lossy_instances")
 
 
 @pytest.mark.parametrize(

@@ -21,10 +21,12 @@ from tests.support.pictures import (
     indexed_png,
     jpeg,
     painted,
+    pixels_of,
     png,
     tag_image,
     with_alpha,
 )
+from tests.support.sensors import depth_png, instance_png, street_metres
 
 STREET = tag_image(
     "sssvvvvs",
@@ -33,6 +35,8 @@ STREET = tag_image(
     "..ccctw.",
     "....tt..",
 )
+LARGE_STREET = np.kron(STREET, np.ones((16, 16), np.uint8))
+METRES = street_metres()
 TERRAIN_BEFORE_0_9_14 = (145, 170, 100)
 
 
@@ -202,18 +206,16 @@ class TestLossy:
 
     def test_jpeg_is_refused_by_default_with_a_hint(self):
         with pytest.raises(SegmentationError, match="lossy_segmentation: nearest") as e:
-            read_segmentation(jpeg(painted(STREET)))
+            read_segmentation(jpeg(painted(LARGE_STREET)))
 
         assert e.value.kind == "lossy_segmentation"
 
     def test_jpeg_is_read_by_the_nearest_colour_if_configured(self):
-        tags = np.kron(STREET, np.ones((16, 16), np.uint8))
-
-        segmentation = read_segmentation(jpeg(painted(tags)), self.NEAREST)
+        segmentation = read_segmentation(jpeg(painted(LARGE_STREET)), self.NEAREST)
 
         assert (segmentation.family, segmentation.lossy) == (FAMILY, True)
         # Chroma is stored at half the resolution, so edges are lost.
-        assert (segmentation.tags == tags)[4:-4].mean() > 0.85
+        assert (segmentation.tags == LARGE_STREET)[4:-4].mean() > 0.85
         assert "lossy: tags by the nearest colour" in segmentation.notes[-1]
 
     @pytest.mark.parametrize(
@@ -239,11 +241,72 @@ class TestLossy:
     def test_exact_png_is_not_lossy_even_with_option_nearest(self):
         assert not read_segmentation(png(painted(STREET)), self.NEAREST).lossy
 
-    def test_a_photograph_without_any_palette_colour_is_refused(self):
-        photograph = rows((200, 200, 100), (90, 200, 200), (20, 90, 150))
+    @pytest.mark.parametrize("lossy", ["refuse", "nearest"])
+    @pytest.mark.parametrize("write", [jpeg, png])
+    @pytest.mark.parametrize(
+        "picture",
+        [
+            pytest.param(
+                rows((200, 200, 100), (90, 200, 200), (20, 90, 150)), id="photo"
+            ),
+            pytest.param(pixels_of(depth_png(METRES))[..., ::-1], id="depth"),
+            pytest.param(
+                np.dstack([np.minimum(METRES, 255).astype(np.uint8)] * 3),
+                id="grey depth",
+            ),
+            pytest.param(
+                pixels_of(instance_png(LARGE_STREET, LARGE_STREET * 4001.0))[..., ::-1],
+                id="instances",
+            ),
+        ],
+    )
+    def test_image_of_another_sensor_is_refused_without_a_remedy(
+        self, picture, write, lossy
+    ):
+        with pytest.raises(SegmentationError, match=r"\(at most") as caught:
+            read_segmentation(write(picture), SegmentationOptions(lossy=lossy))
 
-        with pytest.raises(SegmentationError, match="no colour of the image is near"):
-            read_segmentation(jpeg(photograph), self.NEAREST)
+        assert caught.value.kind == "foreign_colors"
+        assert "nearest" not in str(caught.value)
+        assert "encoding: raw" not in str(caught.value)
+
+    @pytest.mark.parametrize("lossy", ["refuse", "nearest"])
+    @pytest.mark.parametrize("channels", [[0], [2], [0, 1, 2]])
+    @pytest.mark.parametrize("quality", [98, 75])
+    def test_raw_tags_that_were_a_jpeg_are_refused_by_that_name(
+        self, channels, quality, lossy
+    ):
+        # At edges between the blocks of a JPEG are no ripples.
+        tags = LARGE_STREET[3:, 5:]
+        picture = np.zeros((*tags.shape, 3), np.uint8)
+        picture[..., channels] = tags[..., None]
+        lost = jpeg(picture, quality)
+        rgb = pixels_of(lost)[..., ::-1]
+        grey = rgb[..., channels[0]]
+
+        for content, encoding in [
+            (lost, "auto"),
+            (png(rgb), "auto"),
+            (png(rgb), "raw"),
+            (png(rgb), "palette"),
+            (png(grey), "auto"),
+        ]:
+            options = SegmentationOptions(
+                "carla-0.9.14", encoding=encoding, lossy=lossy
+            )
+            with pytest.raises(SegmentationError, match="raw tags in a JPEG") as caught:
+                read_segmentation(content, options)
+
+            assert caught.value.kind == "lossy_segmentation"
+            assert "nearest" not in str(caught.value)
+
+    def test_raw_tags_of_neighbouring_numbers_are_no_ripples(self):
+        tags = np.kron(np.indices((20, 30)).sum(axis=0) % 2 + 1, np.ones((4, 4)))
+        options = SegmentationOptions("carla-0.9.14")
+
+        segmentation = read_segmentation(png(tags.astype(np.uint8)), options)
+
+        assert set(np.unique(segmentation.tags)) == {1, 2}
 
     @pytest.mark.parametrize(
         ("picture", "encoding"),
