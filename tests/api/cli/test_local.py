@@ -22,6 +22,7 @@ from tests.support.frames import (
     write_manifest,
 )
 from tests.support.pictures import painted, png
+from tests.support.sensors import ANNOTATION, files, scene
 from tests.support.servers import token_of
 from tests.support.waiting import until
 from unghost import Client
@@ -316,12 +317,42 @@ def test_option_that_reads_jpeg_segmentations_is_named(bare_unghost, tmp_path, c
 
 def test_option_that_reads_raw_tags_is_named(bare_unghost, tmp_path):
     folder = write_manifest(tmp_path / "frames", 1)
-    noise = np.random.default_rng(0).integers(0, 256, (HEIGHT, WIDTH, 3), np.uint8)
-    (folder / "seg/000000.png").write_bytes(png(noise))
+    tags = np.full((HEIGHT, WIDTH, 3), 1, np.uint8)
+    (folder / "seg/000000.png").write_bytes(png(tags))
 
     answer = bare_unghost("filter", folder, "-o", "out.jsonl")
 
-    assert "Raw tags need --encoding raw (encoding: raw); a palette" in answer.err
+    assert "Raw tags need --encoding raw (encoding: raw)" in answer.err
+
+
+def test_notes_on_depth_that_is_no_evidence_are_in_the_summary(bare_unghost, tmp_path):
+    folder = tmp_path / "frames"
+    steps = np.dstack([(scene()[1] / 1000 * 255).astype(np.uint8)] * 3)
+    frames = {
+        "depth/a.png": png(steps),
+        "depth/b.png": png(steps),
+        "seg.png": files()["segmentation"],
+    }
+    lines = [
+        {
+            **ANNOTATION,
+            "key": key,
+            "segmentation": "seg.png",
+            "depth": f"depth/{key}.png",
+        }
+        for key in "ab"
+    ]
+    frames["manifest.jsonl"] = "\n".join(map(json.dumps, lines)).encode()
+    write_files(folder, frames)
+    (tmp_path / "auto.yaml").write_text("evidence: auto")
+
+    answer = bare_unghost(
+        "filter", folder, "--config", tmp_path / "auto.yaml", "-o", "out.jsonl"
+    )
+
+    note = "depth is not used as evidence: the depth image: "
+    assert f"2 frames: {note}" in answer.err
+    assert answer.err.count(note) == 1
 
 
 def test_other_file_of_carlasimu_is_refused_as_configuration(bare_unghost, tmp_path):

@@ -7,7 +7,15 @@ import numpy as np
 import pytest
 
 from tests.support.lidar import npy
-from tests.support.sensors import ANNOTATION, files, scene, sensors
+from tests.support.pictures import pixels_of, png
+from tests.support.sensors import (
+    ANNOTATION,
+    depth_png,
+    files,
+    instance_png,
+    scene,
+    sensors,
+)
 
 
 @pytest.fixture
@@ -103,6 +111,37 @@ def test_too_coarse_depth_is_stored_but_refused_once_depth_is_used(api):
     answer = api.put(refused, "a", ANNOTATION, **files(depth=grey))
     assert (answer.status_code, answer.json()["code"]) == (422, "depth_too_coarse")
     assert answer.json()["errors"][0]["pointer"] == "/depth"
+
+
+def test_notes_on_depth_and_instances_are_in_the_report_of_an_upload(api):
+    name = api.dataset()
+    tags, metres, ids = scene()
+    api.post(f"/datasets/{name}/configs", {"evidence": "auto"})
+    api.run(name, {"evidence": "auto"})
+    sent = files(
+        depth=png(np.dstack([(metres / 1000 * 255).astype(np.uint8)] * 3)),
+        instances=instance_png(tags, ids, swapped=True),
+    )
+
+    response = api.upload_frame(name, "a", ANNOTATION, **sent)
+
+    swapped, unused = response["segmentation"]["notes"][-2:]
+    assert swapped == "red and blue are swapped in the instance image; read as bgr"
+    assert unused.startswith("depth is not used as evidence: ")
+    assert [box["verdict"] for box in response["decisions"]] == ["kept", "rejected"]
+
+
+def test_changed_depth_encoding_needs_the_pixels(api):
+    name = api.dataset()
+    swapped = png(pixels_of(depth_png(scene()[1])), "rgb")
+    api.upload_frame(name, "a", ANNOTATION, **files(depth=swapped))
+    api.run(name, {"evidence": "depth"})
+
+    again = api.run(name, {"evidence": "depth", "depth_encoding": "carla-bgr"})
+    wrong = api.run(name, {"evidence": "depth", "depth_encoding": "millimetres16"})
+
+    assert (again["kind"], again["state"]) == ("measure", "done")
+    assert "expected grey with 16 bits" in wrong["error"]["detail"]
 
 
 def cloud(count=3):

@@ -18,7 +18,7 @@ from filter_core.pipeline import FrameOptions, filter_frame, read_and_measure
 from filter_core.segmentation.reading import segmentation_from_tags
 from filter_core.types import NOT_MEASURED, FrameBoxes
 from tests.support.lidar import npy
-from tests.support.pictures import png
+from tests.support.pictures import jpeg, painted, pixels_of, png
 from tests.support.sensors import (
     ANNOTATION,
     CAR,
@@ -29,8 +29,11 @@ from tests.support.sensors import (
     WIDTH,
     cube,
     depth_file,
+    depth_png,
     instance_file,
+    instance_png,
     scene,
+    street_metres,
 )
 
 
@@ -132,6 +135,94 @@ def test_too_coarse_depth_refuses_the_frame_except_in_auto():
     with pytest.raises(ImageError, match=r"3\.9 m"):
         decided("depth", depth=grey)
     assert decided("auto", depth=grey)[1]["evidence"] == "ordered"
+
+
+def measured_notes(**contents: bytes) -> tuple[str, ...]:
+    result = filter_frame(
+        ANNOTATION,
+        scene()[0],
+        FilterConfig(evidence="auto"),
+        FrameOptions(sensors=contents),
+    )
+    return result.measured.notes
+
+
+STEPS = (street_metres(HEIGHT, WIDTH) / 1000 * 255).astype(np.uint8)
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        pytest.param(png(np.dstack([STEPS] * 3)), id="grey in three channels"),
+        pytest.param(png(STEPS), id="grey"),
+        pytest.param(jpeg(np.dstack([STEPS] * 3)), id="jpeg"),
+        pytest.param(png(STEPS.astype(np.uint16)), id="metres of 16 bits"),
+        pytest.param(instance_file(), id="instances"),
+        pytest.param(png(painted(scene()[0])), id="segmentation"),
+    ],
+)
+def test_depth_that_is_not_understood_decides_nothing_and_is_noted(content):
+    without = decided("auto")
+
+    assert decided("auto", depth=content) == without
+    (note,) = measured_notes(depth=content)
+    assert note.startswith("depth is not used as evidence: the depth image: ")
+    with pytest.raises(ImageError):
+        decided("depth", depth=content)
+
+
+def test_swapped_depth_and_instances_decide_as_others_and_are_noted():
+    tags, metres, ids = scene()
+    depth = png(pixels_of(depth_png(metres)), "rgb")
+    instances = instance_png(tags, ids, swapped=True)
+
+    assert decided("auto", depth=depth) == decided("auto", depth=depth_file())
+    assert decided("auto", instances=instances) == decided(
+        "auto", instances=instance_file()
+    )
+    assert measured_notes(depth=depth, instances=instances) == (
+        "red and blue are swapped in the instance image; read as bgr",
+        "red and blue are swapped in the depth image; read as carla-bgr",
+    )
+    assert measured_notes(depth=depth_file(), instances=instance_file()) == ()
+
+
+def test_millimetres_of_16_bits_decide_as_raw_depth_and_are_noted():
+    # What is farther wraps around, as in files that were written without a check.
+    wide = np.rint(np.where(scene()[1] < 60, scene()[1], 80) * 1000).astype(np.int64)
+    depth = png((wide & 0xFFFF).astype(np.uint16))
+    boxes = [cube("217", NEAR), cube("218", FAR), cube("219", 90)]
+    visible_only = {**ANNOTATION, "boxes": boxes[:1]}
+    options = FrameOptions(sensors={"depth": depth})
+
+    found = filter_frame(
+        visible_only, scene()[0], FilterConfig(evidence="auto"), options
+    )
+    named = filter_frame(
+        {**ANNOTATION, "boxes": boxes},
+        scene()[0],
+        FilterConfig(evidence="depth", depth_encoding="millimetres16"),
+        options,
+    )
+
+    assert "read as millimetres16" in found.measured.notes[0]
+    assert found.decisions[0]["evidence"] == "depth"
+    assert found.decisions[0]["verdict"] == "kept"
+    assert [(one["verdict"], one["evidence"]) for one in named.decisions] == [
+        ("kept", "depth"),
+        ("rejected", "depth"),
+        ("kept", "semantic"),
+    ]
+
+
+def test_notes_of_sensors_are_in_the_report_of_the_segmentation():
+    tags, _, ids = scene()
+    options = FrameOptions(sensors={"instances": instance_png(tags, ids, swapped=True)})
+
+    result = filter_frame(ANNOTATION, tags, FilterConfig(evidence="auto"), options)
+
+    assert result.measured.segmentation is not None
+    assert result.measured.segmentation["notes"][-1] == result.measured.notes[0]
 
 
 def test_file_that_no_channel_needs_is_not_read():

@@ -1,0 +1,120 @@
+"""Small recordings from public bug reports, whose images were taken for others.
+
+Each is a street with a visible object N in front of a hidden one, G, and a free one, F;
+in those of JPEGs, A and the bus are visible, and B is hidden.
+"""
+
+from __future__ import annotations
+
+import pytest
+
+from filter_core.config.filter import FilterConfig
+from filter_core.errors import ImageError, SegmentationError
+from filter_core.evidence.depth import read_depth
+from filter_core.formats.registry import read_source
+from filter_core.local import FrameOutcome, filter_source
+from filter_core.segmentation.reading import SegmentationOptions, read_segmentation
+from tests.support.pictures import pixels_of, png
+from tests.support.shared_data import shared
+
+DEPTH, INSTANCES = "cases/02-depth-encodings", "cases/03-instance-images"
+JPEGS = "cases/01-jpeg-raw-tags"
+
+
+def outcome_of(case: str, config: FilterConfig) -> FrameOutcome:
+    (outcome,) = filter_source(read_source(shared(case)), config, workers=1)
+    return outcome
+
+
+def verdicts_of(outcome: FrameOutcome) -> dict[str, tuple[str, str | None]]:
+    assert outcome.decisions is not None, outcome.error
+    return {one["id"]: (one["verdict"], one["evidence"]) for one in outcome.decisions}
+
+
+def truth(evidence: str) -> dict[str, tuple[str, str]]:
+    verdicts = {"N": "kept", "G": "rejected", "F": "kept"}
+    return {name: (verdict, evidence) for name, verdict in verdicts.items()}
+
+
+@pytest.mark.parametrize("evidence", ["auto", "depth"])
+@pytest.mark.parametrize(
+    ("folder", "notes"),
+    [
+        ("raw", ()),
+        ("bgr", ("red and blue are swapped in the depth image; read as carla-bgr",)),
+    ],
+)
+def test_raw_depth_is_read_in_either_order(folder, notes, evidence):
+    outcome = outcome_of(f"{DEPTH}/{folder}", FilterConfig(evidence=evidence))
+
+    assert verdicts_of(outcome) == truth("depth")
+    assert outcome.notes == notes
+
+
+@pytest.mark.parametrize("folder", ["log8", "linear8"])
+def test_depth_of_8_bits_is_no_evidence(folder):
+    outcome = outcome_of(f"{DEPTH}/{folder}", FilterConfig(evidence="auto"))
+    refused = outcome_of(f"{DEPTH}/{folder}", FilterConfig(evidence="depth"))
+
+    assert verdicts_of(outcome) == truth("ordered")
+    assert "256 steps" in outcome.notes[0]
+    assert refused.error is not None
+    assert refused.error["code"] == "depth_too_coarse"
+
+
+@pytest.mark.parametrize("evidence", ["auto", "instance"])
+@pytest.mark.parametrize("folder", ["bgr-7679", "bgr-7680"])
+def test_swapped_instances_are_read_whatever_their_ids(folder, evidence):
+    outcome = outcome_of(f"{INSTANCES}/{folder}", FilterConfig(evidence=evidence))
+
+    assert verdicts_of(outcome) == truth("instance")
+    assert outcome.notes == (
+        "red and blue are swapped in the instance image; read as bgr",
+    )
+
+
+@pytest.mark.parametrize("lossy", ["refuse", "nearest"])
+@pytest.mark.parametrize("folder", ["grey95", "rawred95", "rawred95-as-png"])
+def test_raw_tags_that_were_a_jpeg_are_refused(folder, lossy):
+    outcome = outcome_of(f"{JPEGS}/{folder}", FilterConfig(lossy_segmentation=lossy))
+
+    assert outcome.error is not None
+    assert "raw tags in a JPEG are lost" in outcome.error["detail"]
+    assert "nearest" not in outcome.error["detail"]
+
+
+def test_palette_image_that_was_a_jpeg_is_decided_on_request():
+    config = FilterConfig(lossy_segmentation="nearest")
+    outcome = outcome_of(f"{JPEGS}/palette95", config)
+
+    assert outcome.decisions is not None
+    assert {one["id"]: (one["verdict"], one["lossy"]) for one in outcome.decisions} == {
+        "A": ("kept", True),
+        "B": ("rejected", True),
+        "bus": ("kept", True),
+    }
+
+
+@pytest.mark.parametrize("part", ["055212", "055244", "055304"])
+def test_recorded_photo_and_depth_are_no_segmentation(part):
+    folder = shared("cases/recordings/carla_tutorial")
+    options = SegmentationOptions(lossy="nearest")
+
+    assert read_segmentation((folder / f"{part}_semseg.png").read_bytes(), options)
+    for name in (f"{part}.png", f"{part}_depth.png"):
+        with pytest.raises(SegmentationError):
+            read_segmentation((folder / name).read_bytes(), options)
+    with pytest.raises(ImageError, match="256 steps"):
+        read_depth((folder / f"{part}_depth.png").read_bytes())
+
+
+@pytest.mark.parametrize("camera", ["FRONT", "LEFT"])
+def test_recorded_depth_is_recognised_in_either_order(camera):
+    (path,) = shared("cases/recordings/selma").glob(f"*/DEPTHCAM_{camera}/*.png")
+    content = path.read_bytes()
+
+    right = read_depth(content)
+    swapped = read_depth(png(pixels_of(content), "rgb"))
+
+    assert (right.encoding, right.is_certain) == ("carla", True)
+    assert (swapped.encoding, swapped.is_certain) == ("carla-bgr", True)
