@@ -123,7 +123,10 @@ class MeasureConfig:
         if not self.channels:
             return plain
         tolerance = self.depth_tolerance if "depth" in self.channels else None
-        stored = {"names": list(self.channels), "depth_tolerance": tolerance}
+        stored: JsonObject = {
+            "names": list(self.channels),
+            "depth_tolerance": tolerance,
+        }
         if self.depth_encoding != "auto" and "depth" in self.files:
             stored["depth_encoding"] = self.depth_encoding
         return plain | {"channels": stored}

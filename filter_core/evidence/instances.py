@@ -158,7 +158,7 @@ def _orders_of_tags(
     }
     best: ChannelOrder = "bgr" if agreeing["bgr"] > agreeing["rgb"] else "rgb"
     # Some images have tags of a few objects only, and 0 elsewhere.
-    tagged = np.count_nonzero(values[..., channels[best]])
+    tagged = int(np.count_nonzero(values[..., channels[best]]))
     if agreeing[best] < _LEAST_AGREEMENT * max(tagged, 1):
         percent = 100.0 / max(1, int(np.count_nonzero(known)))
         raise _fault(
@@ -196,7 +196,9 @@ def settled_instances(
         return image
     swapped = InstanceImage(
         tags=(image.ids >> 8).astype(np.uint8),
-        ids=(image.ids & 0xFF) | (image.tags.astype(np.uint16) << 8),
+        ids=np.bitwise_or(
+            image.ids & 0xFF, image.tags.astype(np.uint16) << 8, dtype=np.uint16
+        ),
         order="bgr",
     )
     own = [

@@ -173,8 +173,8 @@ class _Tally:
 
     def print_summary(self, output: Path, unmatched: Sequence[Unmatched]) -> None:
         """Print notes, and counts of frames and boxes; with `--json`, unused files."""
-        for text, frames in self._notes.most_common(_LISTED_NOTES):
-            self.screen.note(f"{frames} {'frame' if frames == 1 else 'frames'}: {text}")
+        for note, count in self._notes.most_common(_LISTED_NOTES):
+            self.screen.note(f"{count} {'frame' if count == 1 else 'frames'}: {note}")
         if len(self._notes) > _LISTED_NOTES:
             more = len(self._notes) - _LISTED_NOTES
             self.screen.note(f"and {more} more such notes, in the frames' lines")

@@ -12,6 +12,7 @@ from filter_core.errors import (
 )
 from filter_core.segmentation.palettes import FAMILIES, UnknownPalette
 from filter_core.segmentation.reading import (
+    Encoding,
     SegmentationOptions,
     read_segmentation,
     segmentation_from_tags,
@@ -284,13 +285,14 @@ class TestLossy:
         rgb = pixels_of(lost)[..., ::-1]
         grey = rgb[..., channels[0]]
 
-        for content, encoding in [
+        files: list[tuple[bytes, Encoding]] = [
             (lost, "auto"),
             (png(rgb), "auto"),
             (png(rgb), "raw"),
             (png(rgb), "palette"),
             (png(grey), "auto"),
-        ]:
+        ]
+        for content, encoding in files:
             options = SegmentationOptions(
                 "carla-0.9.14", encoding=encoding, lossy=lossy
             )
