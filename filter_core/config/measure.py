@@ -123,7 +123,7 @@ class MeasureConfig:
         if not self.channels:
             return plain
         tolerance = self.depth_tolerance if "depth" in self.channels else None
-        stored: JsonObject = {
+        stored: dict[str, object] = {
             "names": list(self.channels),
             "depth_tolerance": tolerance,
         }

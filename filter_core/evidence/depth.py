@@ -89,7 +89,8 @@ class DepthImage:
         """(h, w) int32: depth in steps of 1000 m / (2^24 - 1)."""
         pixels = self.pixels[region]
         if self.is_wide:
-            return np.rint(pixels * _STEPS_PER_MM).astype(np.int32)
+            wide: NDArray[np.int32] = np.rint(pixels * _STEPS_PER_MM).astype(np.int32)
+            return wide
         packed = values_of(pixels.astype(np.uint8, copy=False))
         steps: NDArray[np.int32] = np.bitwise_and(packed, DEPTH_STEPS, dtype=np.int32)
         return steps
@@ -329,7 +330,8 @@ _WHITE: Final = 255
 
 def _planes(bgr: NDArray[np.uint8]) -> NDArray[np.int16]:
     """(3, P) int16: the channels of some pixels, one after the other."""
-    return bgr.reshape(-1, 3).T.astype(np.int16, order="C")
+    planes: NDArray[np.int16] = bgr.reshape(-1, 3).T.astype(np.int16, order="C")
+    return planes
 
 
 def _swapped(depth: DepthImage) -> DepthImage:

@@ -31,6 +31,7 @@ from filter_core.config.keys import ReadingKeys
 from filter_core.errors import ConfigError, LayoutError
 from filter_core.formats.reading import is_inside, read_label_bytes, real_paths
 from filter_core.segmentation.reading import Encoding, Lossy, OrderOfChannels
+from filter_core.types import DepthEncoding
 from filter_core.values import place_of, pointer_token, shown
 
 RECORDING_NAME: Final = "recording.yaml"
@@ -47,16 +48,6 @@ LAYOUTS: Final = (
     "pairs",
 )
 """The formats that a folder can be read in, and ``auto`` to recognise it."""
-
-DEPTH_ENCODINGS: Final = (
-    "auto",
-    "carla",
-    "carla-bgr",
-    "metres16",
-    "millimetres16",
-    "metres32",
-    "log8",
-)
 
 Origin: TypeAlias = Literal["auto", "0", "1"]
 
@@ -196,13 +187,8 @@ class RecordingDescription:
     lossy_segmentation: Lossy = placed(
         "segmentation.lossy", _OF_READING["lossy_segmentation"]
     )
-    depth_encoding: str = placed(
-        "depth.encoding",
-        Key(
-            AllowedWords(DEPTH_ENCODINGS),
-            "auto",
-            "How the depth images encode distances.",
-        ),
+    depth_encoding: DepthEncoding = placed(
+        "depth.encoding", _OF_READING["depth_encoding"]
     )
     labels: Path | None = placed(
         "boxes.labels",
@@ -284,7 +270,7 @@ class RecordingDescription:
         return {
             name: str(value)
             for name, value in self.changed.items()
-            if name in _OF_READING
+            if name in _OF_READING and place_in_file(name).startswith("segmentation.")
         }
 
 

@@ -350,9 +350,15 @@ def test_notes_on_depth_that_is_no_evidence_are_in_the_summary(bare_unghost, tmp
         "filter", folder, "--config", tmp_path / "auto.yaml", "-o", "out.jsonl"
     )
 
+    named = bare_unghost(
+        *("filter", folder, "--config", tmp_path / "auto.yaml", "-o", "named.jsonl"),
+        *("--depth-encoding", "millimetres16"),
+    )
+
     note = "depth is not used as evidence: the depth image: "
     assert f"2 frames: {note}" in answer.err
     assert answer.err.count(note) == 1
+    assert f"2 frames: {note}expected grey with 16 bits" in named.err
 
 
 def test_other_file_of_carlasimu_is_refused_as_configuration(bare_unghost, tmp_path):

@@ -52,6 +52,12 @@ def test_every_key_of_a_description_reaches_reader_or_configuration(tmp_path):
         "depth_encoding": "carla-bgr",
         "classes": {"sign": {"accept": ["TrafficSign"]}},
     }
+    assert description.segmentation_settings() == {
+        "palette": "carla-0.9.14",
+        "encoding": "raw",
+        "channel_order": "bgr",
+        "lossy_segmentation": "nearest",
+    }
 
 
 def test_description_lies_beside_the_file_too_or_anywhere_if_it_is_named(tmp_path):
