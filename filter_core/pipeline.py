@@ -20,6 +20,7 @@ from filter_core.annotation.frame import (
     frame_boxes_2d,
 )
 from filter_core.annotation.parsing import parse_annotation
+from filter_core.annotation.units import check_units
 from filter_core.class_names import class_of
 from filter_core.config.filter import FilterConfig
 from filter_core.config.measure import MeasureConfig
@@ -225,10 +226,15 @@ def read_and_measure(
     config: MeasureConfig,
     options: FrameOptions,
 ) -> MeasuredFrame:
-    """The evidence of one frame: read as by `filter_frame`, then `measure_frame`."""
+    """The evidence of one frame: read as by `filter_frame`, then `measure_frame`.
+
+    Rectangles whose numbers are in another unit are an error (`check_units`).
+    """
     if not isinstance(annotation, FrameAnnotation):
         annotation = parse_annotation(annotation, frame=options.key)
     tags = _as_segmentation(segmentation, annotation, config, options)
+    wh = _agreed_size(annotation, tags, options.image_wh)
+    check_units(annotation, wh, config.profile, options.key)
     return measure_frame(annotation, tags, config, options)
 
 

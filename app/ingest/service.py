@@ -46,6 +46,7 @@ from app.measuring.queries import (
 )
 from app.storage.base import BlobsUncertain
 from app.storage.room import require_room
+from filter_core.annotation.units import check_units
 from filter_core.errors import AnnotationError, FilterError, error_context
 from filter_core.formats.reading import MAX_KEY
 from filter_core.pipeline import MeasuredFrame
@@ -154,8 +155,12 @@ def _measure(
     checked: CheckedFrame,
     cancelled: threading.Event | None = None,
 ) -> MeasuredFrame:
-    """Measure a frame; refuses new classes if the dataset's classes are frozen."""
+    """Measure a frame that comes in.
+
+    Refuses rectangles in another unit, and new classes if the dataset's are frozen.
+    """
     plan = active.plan
+    check_units(checked.annotation, checked.image_wh, plan.profile, checked.key)
     files = checked.to_measure(plan.files)
     with error_context(checked.key, "/segmentation"):
         measured = measure_files(

@@ -260,7 +260,7 @@ def test_boxes_with_huge_coordinates_are_decided_without_error(api):
         {"id": "far", "class": "car", "xyxy": [8e8, 8e8, 9e8, 9e8]},
         {"id": "wide", "class": "car", "xywh": [-9e8, -9e8, 8e8, 8e8]},
         {"id": "all", "class": "car", "xyxy": [-9e8, -9e8, 9e8, 9e8]},
-        {"id": "inverted", "class": "car", "xyxy": [40, 40, 20, 24]},
+        {"id": "empty", "class": "car", "xyxy": [40, 24, 40, 40]},
     ]
 
     answer = api.put(api.dataset(), "a", scene.annotation_of(*far))
@@ -270,8 +270,45 @@ def test_boxes_with_huge_coordinates_are_decided_without_error(api):
         "far": "outside_image",
         "wide": "outside_image",
         "all": "large_below_threshold",
-        "inverted": "degenerate",
+        "empty": "degenerate",
     }
+
+
+@pytest.mark.parametrize(
+    ("form", "values", "code", "words"),
+    [
+        ("xyxy", [40, 40, 20, 24], "exchanged_corners", "found [40, 40, 20, 24]"),
+        ("xywh", [40, 40, -20, -16], "negative_size", "found [40, 40, -20, -16]"),
+        ("xyxyn", [20, 24, 40, 40], "wrong_unit", "looks like pixels"),
+    ],
+)
+def test_frame_with_numbers_in_another_unit_is_refused(api, form, values, code, words):
+    car = {"id": "A", "class": "car", form: values}
+    right = {"id": "B", "class": "car", "xyxy": scene.ON_THE_CAR}
+    dataset, published = api.dataset(), api.dataset_of_one_frame()
+    api.run(published, {"profile": "carlasimu"})
+
+    answer = api.put(dataset, "a", scene.annotation_of(right, car))
+    as_published = api.put(published, "b", scene.annotation_of(right, car))
+
+    assert (answer.status_code, as_published.status_code) == (422, 201)
+    (fault,) = answer.json()["errors"]
+    assert (fault["pointer"], fault["code"]) == (f"/boxes/1/{form}", code)
+    assert 'box 1 (id "A")' in fault["detail"] and words in fault["detail"]
+    assert api.json(f"/datasets/{dataset}")["counts"]["problems"] == 1
+
+
+def test_stored_frame_in_another_unit_is_measured_again_and_sent_again(api):
+    dataset = api.dataset_of_one_frame()
+    api.run(dataset, {"profile": "carlasimu"})
+    inverted = {"id": "A", "class": "car", "xyxy": [40, 40, 20, 24]}
+    frame = scene.annotation_of(inverted)
+    assert api.put(dataset, "b", frame).status_code == 201
+
+    api.run(dataset, {"profile": "paper"})
+
+    assert api.verdicts(dataset)["A"] == "rejected"
+    assert api.put(dataset, "b", frame).status_code == 200
 
 
 def test_frame_refused_repeatedly_is_one_problem(api):

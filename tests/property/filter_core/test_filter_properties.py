@@ -21,6 +21,20 @@ COORDINATE = st.one_of(
 )
 
 
+def _ordered(values):
+    """Corners in order: others are refused where their box would be in the image."""
+    (x_min, x_max), (y_min, y_max) = sorted(values[::2]), sorted(values[1::2])
+    return [x_min, y_min, x_max, y_max]
+
+
+def _is_no_share(xyxy):
+    """A rectangle inside the first pixel would be refused as one in shares."""
+    return not all(0 <= value <= 1 for value in xyxy)
+
+
+RECTANGLE = st.lists(COORDINATE, min_size=4, max_size=4).map(_ordered)
+
+
 @st.composite
 def tag_images(draw):
     seed = draw(st.integers(0, 2**32 - 1))
@@ -32,7 +46,7 @@ BOXES = st.lists(
     st.fixed_dictionaries(
         {
             "class": st.sampled_from(sorted(ACCEPTS)),
-            "xyxy": st.lists(COORDINATE, min_size=4, max_size=4),
+            "xyxy": RECTANGLE.filter(_is_no_share),
         },
         optional={"distance": st.floats(0, 300)},
     ),

@@ -1,0 +1,196 @@
+"""Rectangles in another unit than their key says are refused by what they look like."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from filter_core.config.filter import FilterConfig
+from filter_core.errors import AnnotationErrors
+from filter_core.formats.reading import ReadOptions
+from filter_core.formats.registry import read_source
+from filter_core.local import filter_source
+from filter_core.pipeline import filter_frame
+from tests.support.folders import write_files
+from tests.support.pictures import png
+from tests.support.shared_data import shared
+
+WIDTH, HEIGHT = 640, 360
+TAGS = np.zeros((HEIGHT, WIDTH), np.uint8)
+TAGS[180:223, 186:260] = 14
+CORNERS = [186, 180, 260, 223]
+SHARES = [186 / WIDTH, 180 / HEIGHT, 260 / WIDTH, 223 / HEIGHT]
+PERCENT = [100 * share for share in SHARES]
+
+
+def decide(*boxes, profile="paper"):
+    """Decisions of boxes given as (form, values), in an image of one car."""
+    config = FilterConfig(profile=profile)
+    annotation = {
+        "carla_version": "0.9.15",
+        "boxes": [{"class": "car", form: values} for form, values in boxes],
+    }
+    return filter_frame(annotation, TAGS, config).decisions
+
+
+def faults(*boxes):
+    """(code, pointer) of each fault, and the text of all."""
+    with pytest.raises(AnnotationErrors) as caught:
+        decide(*boxes)
+    errors = caught.value.errors
+    return [(one.kind, one.pointer) for one in errors], str(errors[0])
+
+
+@pytest.mark.parametrize(
+    ("form", "values", "code", "words"),
+    [
+        ("xyxy", SHARES, "wrong_unit", "shares of the image's width and height"),
+        ("xywh", [0.29, 0.5, 0.116, 0.12], "wrong_unit", "under xyxyn or cxcywhn"),
+        ("cxcywh", [0.35, 0.56, 0.116, 0.12], "wrong_unit", "looks like shares"),
+        ("xyxy", [0, 0.5, 0.4, 1], "wrong_unit", "looks like shares"),
+        ("xyxy", [0, 0, 0.4, 0.5], "wrong_unit", "looks like shares"),
+        ("xyxyn", CORNERS, "wrong_unit", "looks like pixels"),
+        ("xyxyn", PERCENT, "wrong_unit", "looks like percent"),
+        ("xyxyn", [20, 30, 40, 50], "wrong_unit", "looks like pixels or percent"),
+        ("xyxyn", [0, 0, 300, 200], "wrong_unit", "looks like pixels"),
+        ("cxcywhn", [223, 201.5, 74, 43], "wrong_unit", "looks like pixels"),
+        ("xyxy", [260, 223, 186, 180], "exchanged_corners", "[260, 223, 186, 180]"),
+        ("xyxy", [260, 180, 186, 223], "exchanged_corners", "x_min <= x_max"),
+        ("xyxy", [186, 223, 260, 180], "exchanged_corners", "y_min <= y_max"),
+        ("xyxyn", [0.4, 0.6, 0.3, 0.5], "exchanged_corners", "[0.4, 0.6, 0.3, 0.5]"),
+        ("xywh", [260, 223, -74, -43], "negative_size", "at least 0"),
+        ("xywh", [0, 223, -74, 43], "negative_size", "at least 0"),
+        ("cxcywh", [223, 201, -74, 43], "negative_size", "[223, 201, -74, 43]"),
+        ("cxcywhn", [0.3, 0.5, 0.1, -0.1], "negative_size", "at least 0"),
+    ],
+)
+def test_wrong_unit_is_named_with_the_box_and_its_numbers(form, values, code, words):
+    kinds, text = faults((form, values))
+
+    assert kinds == [(code, f"/boxes/0/{form}")]
+    assert words in text and text.startswith(f'box 0 (id "0"), {form}: expected ')
+
+
+def test_wrong_boxes_among_right_ones_are_named():
+    kinds, _ = faults(
+        ("xyxy", CORNERS), ("xyxy", SHARES), ("xyxyn", SHARES), ("xyxyn", CORNERS)
+    )
+
+    assert kinds == [("wrong_unit", "/boxes/3/xyxyn"), ("wrong_unit", "/boxes/1/xyxy")]
+
+
+@pytest.mark.parametrize(
+    ("box", "reason"),
+    [
+        (("xyxy", [186, 180, 186, 223]), "degenerate"),
+        (("xywh", [186, 180, 0, 43]), "degenerate"),
+        (("xyxy", [186, 180, 185, 179]), "degenerate"),  # inclusive and empty
+        (("xyxy", [650, 180, 640, 223]), "outside_image"),  # clamped on one side only
+        (("xywh", [-1, -1, -1, -1]), "outside_image"),
+        (("xyxy", [0, 0, 1, 1]), "no_visible_pixels"),
+        (("xyxyn", [-1.5, 0.2, 9.5, 0.8]), "visible"),  # reaches out of the image
+        (("xyxyn", [1.2, 0.2, 2, 0.8]), "outside_image"),
+        (("cxcywhn", [0.5, 0.5, 0, 0]), "degenerate"),
+    ],
+)
+def test_rectangles_that_may_be_meant_are_decided(box, reason):
+    config = FilterConfig(threshold_small_box=1, threshold_big_box=1)
+    annotation = {
+        "carla_version": "0.9.15",
+        "boxes": [{"class": "car", box[0]: box[1]}],
+    }
+
+    (decision,) = filter_frame(annotation, TAGS, config).decisions
+
+    assert decision["reason"] == reason
+
+
+def test_rest_of_a_box_in_the_first_pixel_is_in_pixels_beside_others():
+    first, _ = decide(("xyxy", [0, 0, 0.6, 0.4]), ("xyxy", CORNERS))
+
+    assert first["reason"] == "no_visible_pixels"
+
+
+def test_profile_of_the_published_code_takes_numbers_as_they_are():
+    (decision,) = decide(("xyxy", [260, 223, 186, 180]), profile="carlasimu")
+
+    assert decision["reason"] == "degenerate"
+
+
+CLASSES = {"classes.txt": b"car\n"}
+VOC = (
+    "<annotation><size><width>640</width><height>360</height></size><object>"
+    "<name>car</name><bndbox><xmin>{}</xmin><ymin>{}</ymin><xmax>{}</xmax>"
+    "<ymax>{}</ymax></bndbox></object></annotation>"
+)
+
+
+def coco(bbox):
+    """A file with one annotation."""
+    image = {"id": 1, "file_name": "1.png", "width": WIDTH, "height": HEIGHT}
+    box = {"id": 1, "image_id": 1, "category_id": 1, "bbox": bbox}
+    names = [{"id": 1, "name": "car"}]
+    document = {"images": [image], "annotations": [box], "categories": names}
+    return json.dumps(document).encode()
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "code"),
+    [
+        ("labels/1.txt", b"0 223 201.5 74 43\n", "wrong_unit"),
+        ("labels/1.txt", b"0 34.8 56.0 11.6 11.9\n", "wrong_unit"),
+        ("labels/1.txt", b"0 0.348 0.56 -0.116 0.119\n", "negative_size"),
+        ("annotations.json", coco([0.29, 0.5, 0.116, 0.119]), "wrong_unit"),
+        ("annotations.json", coco([260, 223, -74, -43]), "negative_size"),
+        ("Annotations/1.xml", VOC.format(*SHARES).encode(), "wrong_unit"),
+        (
+            "Annotations/1.xml",
+            VOC.format(260, 223, 186, 180).encode(),
+            "exchanged_corners",
+        ),
+        (
+            "label_2/1.txt",
+            b"Car 0 0 0 260 223 186 180 -1 -1 -1 -1000 -1000 -1000 0\n",
+            "exchanged_corners",
+        ),
+        (
+            "label_2/1.txt",
+            b"Car 0 0 0 0.29 0.5 0.41 0.62 -1 -1 -1 -1000 -1000 -1000 0\n",
+            "wrong_unit",
+        ),
+    ],
+)
+def test_wrong_unit_is_refused_in_every_format(tmp_path, name, content, code):
+    images = {
+        "labels": "images",
+        "annotations.json": "images",
+        "Annotations": "JPEGImages",
+        "label_2": "image_2",
+    }[name.split("/")[0]]
+    image = png(np.zeros((HEIGHT, WIDTH, 3), np.uint8))
+    files = {name: content, f"{images}/1.png": image, **CLASSES}
+    source = read_source(write_files(tmp_path, files), options=ReadOptions())
+
+    (outcome,) = filter_source(source.frames(), FilterConfig())
+
+    assert outcome.error is not None
+    assert [one["code"] for one in outcome.error["errors"]] == [code]
+
+
+@pytest.mark.parametrize(
+    ("case", "kinds"),
+    [
+        ("14-units/xyxy-shares", {"wrong_unit"}),
+        ("14-units/xyxyn-pixels", {"wrong_unit"}),
+        ("14-units/xyxy-exchanged", {"exchanged_corners"}),
+        ("13-voc-coco-oddities/coco-norm", {"wrong_unit"}),
+    ],
+)
+def test_cases_of_other_programs_are_refused(case, kinds):
+    source = read_source(shared(f"cases/{case}"))
+
+    (outcome,) = filter_source(source.frames(), FilterConfig())
+
+    assert {one["code"] for one in outcome.error["errors"]} == kinds
