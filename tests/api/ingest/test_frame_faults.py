@@ -294,7 +294,8 @@ def test_frame_with_numbers_in_another_unit_is_refused(api, form, values, code, 
     assert (answer.status_code, as_published.status_code) == (422, 201)
     (fault,) = answer.json()["errors"]
     assert (fault["pointer"], fault["code"]) == (f"/boxes/1/{form}", code)
-    assert 'box 1 (id "A")' in fault["detail"] and words in fault["detail"]
+    assert 'box 1 (id "A")' in fault["detail"]
+    assert words in fault["detail"]
     assert api.json(f"/datasets/{dataset}")["counts"]["problems"] == 1
 
 

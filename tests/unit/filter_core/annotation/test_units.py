@@ -70,7 +70,8 @@ def test_wrong_unit_is_named_with_the_box_and_its_numbers(form, values, code, wo
     kinds, text = faults((form, values))
 
     assert kinds == [(code, f"/boxes/0/{form}")]
-    assert words in text and text.startswith(f'box 0 (id "0"), {form}: expected ')
+    assert words in text
+    assert text.startswith(f'box 0 (id "0"), {form}: expected ')
 
 
 def test_wrong_boxes_among_right_ones_are_named():
