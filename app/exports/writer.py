@@ -36,7 +36,7 @@ from filter_core.formats.export import (
     GivenAnnotation,
 )
 from filter_core.formats.format import Need
-from filter_core.formats.registry import format_of, write_export
+from filter_core.formats.registry import FORMATS, format_of, write_export
 from filter_core.formats.tally import Counts
 from filter_core.types import DecidedBoxes, DecisionColumns
 
@@ -116,7 +116,7 @@ def _clear(context: ServiceContext, export_id: int) -> None:
 
 def _stream(task: Task[Export], session: Session, export: Export, file: Path) -> Counts:
     dataset = DatasetRepository(session).with_id(export.dataset_id)
-    options = ExportOptions.from_mapping(export.options)
+    options = _options(export)
     needs = format_of(export.format, options).needs
     read = partial(_read, task)
     frames = ExportFrames(read, session, dataset, needs)
@@ -124,6 +124,17 @@ def _stream(task: Task[Export], session: Session, export: Export, file: Path) ->
     with closing(ReproducibleZip(file)) as archive:
         coming = _reporting(task, export.total, frames)
         return write_export(export.format, coming, archive.add, head, options)
+
+
+def _options(export: Export) -> ExportOptions:
+    """The options of a stored request, which an earlier version may have checked.
+
+    It holds a value for every option, also for those that its format does not have and
+    whose default has changed since.
+    """
+    known = FORMATS[export.format].options
+    stored = {name: v for name, v in export.options.items() if name in known}
+    return ExportOptions.from_mapping(stored)
 
 
 def _read(task: Task[Export], digest: str) -> bytes:

@@ -138,7 +138,10 @@ class ExportOptions:
     include : ``effective`` (boxes whose effective verdict is kept), ``kept`` (boxes
         that the filter keeps, regardless of people's answers) or ``all``
     include_unmeasured : bool
-        Also boxes that could not be measured and that nobody has answered.
+        Also boxes that could not be measured and that nobody has answered, as they
+        came. False: every frame with such a box is left out as a whole, since an image
+        without some of its labels would teach a model that nothing is there. No effect
+        with `include` ``all``.
     rejected : ``drop``, or ``dontcare``: as regions that training and scoring ignore,
         where the format has such a thing
     boxes : ``visible``, ``amodal`` or ``tight`` rectangles, where a box has several
@@ -149,7 +152,7 @@ class ExportOptions:
     """
 
     include: Include = "effective"
-    include_unmeasured: bool = False
+    include_unmeasured: bool = True
     rejected: Rejected = "drop"
     boxes: Boxes = "visible"
     images: Images = "copy"

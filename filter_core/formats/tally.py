@@ -56,6 +56,7 @@ class ExportTally:
         self._frames: Counter[str] = Counter()
         self._rectangles: Counter[str] = Counter()
         self._bands: Counter[str] = Counter()
+        self._unmeasured: Counter[str] = Counter()
         self._changed = Spool(head.temporary, head.buffer_bytes)
         self._renamed = Spool(head.temporary, head.buffer_bytes)
 
@@ -73,6 +74,17 @@ class ExportTally:
             self._frames[part] += 1
         if not len(frame.boxes):
             self._frames["without_boxes"] += 1
+
+    def left_out(self, frame: ExportFrame, unmeasured: int) -> None:
+        """Note a frame that is left out because of so many unmeasured boxes."""
+        self.frame(frame)
+        self._unmeasured["frames_left_out"] += 1
+        self._unmeasured["left_out"] += unmeasured
+
+    def unmeasured_written(self, boxes: int) -> None:
+        """Count boxes that were written although they could not be measured."""
+        if boxes:
+            self._unmeasured["written"] += boxes
 
     def image_missing(self) -> None:
         """Count a frame whose image is missing although images are copied."""
@@ -164,7 +176,11 @@ class ExportTally:
             "classes": per_class,
             "not_kept_by_reason": dict(sorted(self._reasons.items())),
         }
-        more = {"rectangles": self._rectangles, "bands": self._bands}
+        more = {
+            "rectangles": self._rectangles,
+            "bands": self._bands,
+            "unmeasured": self._unmeasured,
+        }
         used = {name: dict(count) for name, count in more.items() if count.total()}
         return {**counts, **used}
 

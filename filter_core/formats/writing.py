@@ -47,6 +47,9 @@ _LEAST_SIDE: Final = 0.01
 _LEAST_CUT: Final = 1e-9
 """The least share cut off a box that the border cuts; rounding could make it 0."""
 
+_FRAME_LEFT_OUT: Final = "frame_left_out"
+"""Why a box is dropped that would be written if its frame were."""
+
 
 class LabelBox(NamedTuple):
     """One box of `LabelBoxes`, with the same attributes."""
@@ -290,6 +293,8 @@ class _LabelExport:
         self.count = 0
 
     def write(self, frame: ExportFrame) -> None:
+        if self.chooser.leaves_out(frame):
+            return
         part = split_of(frame.key, frame.map, self.context.options.split)
         self.tally.frame(frame, part)
         stem, suffix = self.names.stem(frame.key), IMAGE_SUFFIX[frame.media_type]
@@ -363,6 +368,28 @@ class _BoxChooser:
         self._tally = tally
         self._traits = traits
 
+    def leaves_out(self, frame: ExportFrame) -> bool:
+        """Whether a frame is left out; its boxes are then counted as dropped."""
+        boxes, options = frame.boxes, self._options
+        if options.include_unmeasured or options.include == "all":
+            return False
+        unmeasured = int((self._verdict(boxes) == UNMEASURED).sum())
+        if not unmeasured:
+            return False
+        self._tally.left_out(frame, unmeasured)
+        class_number = self._tally.count_boxes(frame)
+        crowd = self._crowd(frame)
+        wanted, _ = self._wanted(boxes, crowd)
+        reasons = [
+            _FRAME_LEFT_OUT
+            if wanted[row]
+            else self._reason(boxes, row, wanted=False, crowd=crowd[row])
+            for row in range(len(boxes))
+        ]
+        changes = [Change(row, "dropped", reason) for row, reason in enumerate(reasons)]
+        self._tally.changed(frame, class_number.tolist(), changes)
+        return True
+
     def choose(self, frame: ExportFrame) -> LabelBoxes:
         """The boxes of one frame that are written, in the order of the frame."""
         boxes, options = frame.boxes, self._options
@@ -384,6 +411,9 @@ class _BoxChooser:
             ignored=ignored[row],
         )
         self._tally.written(class_number[written], used[written].tolist())
+        if options.include != "all":
+            unmeasured = self._verdict(boxes)[written] == UNMEASURED
+            self._tally.unmeasured_written(int(unmeasured.sum()))
         is_cut = np.zeros(len(boxes), np.bool_)
         is_cut[row] = chosen.cut > 0
         # Boxes that are cut, written as regions to ignore, or dropped.

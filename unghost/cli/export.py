@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
@@ -174,7 +174,20 @@ def _boxes_written(done: Export) -> str:
     text = ", ".join([f"{boxes['out']} of {boxes['in']} boxes written", *others])
     reasons = counts.get("not_kept_by_reason", {})
     why = ", ".join(f"{reason} {count}" for reason, count in reasons.items())
-    return f"{text}; reasons: {why}" if why else text
+    unmeasured = unmeasured_text(counts)
+    parts = (text, unmeasured, f"reasons: {why}" if why else "")
+    return "; ".join(part for part in parts if part)
+
+
+def unmeasured_text(counts: Mapping[str, Any]) -> str:
+    """What became of the unmeasured boxes of an export; empty if there were none."""
+    unmeasured = counts.get("unmeasured", {})
+    if frames := unmeasured.get("frames_left_out"):
+        boxes = unmeasured["left_out"]
+        return f"{frames} frames left out with their {boxes} unmeasured boxes"
+    if written := unmeasured.get("written"):
+        return f"{written} unmeasured boxes written as they came"
+    return ""
 
 
 def _download(client: Client, done: Export, options: ExportOptions) -> None:
@@ -222,7 +235,8 @@ class ConvertOptions(OutputOptions, SourceOptions, FormatOptions):
         typer.Option(
             "--filter",
             help="Decide every box by the segmentations and leave out those that are "
-            "rejected. Without it, every box is written.",
+            "rejected; those that could not be measured are written. Without it, every "
+            "box is written.",
         ),
     ] = False
     config: Annotated[
@@ -239,8 +253,10 @@ class ConvertOptions(OutputOptions, SourceOptions, FormatOptions):
 def convert(options: ConvertOptions) -> None:
     """Write the labels of a folder in another format, without a server.
 
-    With --filter, only the boxes that the filter keeps. The new folder appears when
-    it is complete; its manifest.json names every box that was left out or cut.
+    With --filter, the boxes that the filter keeps, and those that could not be measured
+    as they came (-O include_unmeasured=false leaves out their frames). The new folder
+    appears when it is complete; its manifest.json names every box that was left out or
+    cut.
     Exit code 3 if some frames could not be read or matched; they are listed.
     """
     if not options.filter:
@@ -258,11 +274,19 @@ def convert(options: ConvertOptions) -> None:
     for file in found.unmatched:
         options.screen.note(unmatched_line(file))
     boxes = {name: counts["boxes"][name] for name in ("in", "out", "dropped")}
-    frames = {"frames": progress.written, "failed": progress.failed}
+    unmeasured = counts.get("unmeasured", {})
+    if said := unmeasured_text(counts):
+        options.screen.note(said)
+    written = progress.written - unmeasured.get("frames_left_out", 0)
+    frames = {"frames": written, "failed": progress.failed}
     options.screen.record(
-        {"output": str(options.output), **frames, "boxes": boxes},
-        f"{options.output}\t{progress.written} frames\t"
-        f"{boxes['out']} of {boxes['in']} boxes",
+        {
+            "output": str(options.output),
+            **frames,
+            "boxes": boxes,
+            **({"unmeasured": unmeasured} if unmeasured else {}),
+        },
+        f"{options.output}\t{written} frames\t{boxes['out']} of {boxes['in']} boxes",
     )
     if progress.failed or found.unmatched:
         raise partly_done(progress.written)

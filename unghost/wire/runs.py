@@ -252,8 +252,13 @@ class ExportOptions(RequestModel):
         ),
     ] = "effective"
     include_unmeasured: Annotated[
-        bool, Field(description="Also boxes without a verdict (unmeasured).")
-    ] = False
+        bool,
+        Field(
+            description="Also boxes without a verdict (unmeasured), as they came. "
+            "false: every frame with such a box is left out as a whole; no effect if "
+            "include is all."
+        ),
+    ] = True
     rejected: Annotated[
         RejectedBoxes,
         Field(

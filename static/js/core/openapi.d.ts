@@ -1955,7 +1955,7 @@ export interface components {
             /**
              * @default {
              *       "include": "effective",
-             *       "include_unmeasured": false,
+             *       "include_unmeasured": true,
              *       "rejected": "drop",
              *       "boxes": "visible",
              *       "images": "copy",
@@ -1979,8 +1979,8 @@ export interface components {
             include?: "effective" | "kept" | "all";
             /**
              * Include Unmeasured
-             * @description Also boxes without a verdict (unmeasured).
-             * @default false
+             * @description Also boxes without a verdict (unmeasured), as they came. false: every frame with such a box is left out as a whole; no effect if include is all.
+             * @default true
              */
             include_unmeasured?: boolean;
             /**

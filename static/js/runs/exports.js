@@ -105,7 +105,7 @@ function Sum({ sum }) {
 const OPTION_WORDS = {
   fields: {
     include: "Boxes that go in",
-    include_unmeasured: "Unmeasured boxes, too",
+    include_unmeasured: "Unmeasured boxes, with their frames",
     rejected: "Rejected boxes",
     boxes: "Rectangle",
     split: "Share for training",
@@ -166,6 +166,9 @@ const COUNT_LINES = [
   ["boxes", "dontcare", "to be ignored"],
   ["boxes", "dropped", "dropped"],
   ["boxes", "clipped", "clipped"],
+  ["unmeasured", "written", "unmeasured, written as they came"],
+  ["unmeasured", "frames_left_out", "frames left out"],
+  ["unmeasured", "left_out", "unmeasured, left out with them"],
 ];
 
 /** The counts of an archive's manifest, with texts. @param {Schema} counts */

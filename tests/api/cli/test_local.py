@@ -615,6 +615,34 @@ def test_convert_with_filter_drops_rejected_boxes(bare_unghost, tmp_path):
         assert [row["reason"] for row in manifest["boxes"]] == ["no_visible_pixels"] * 2
 
 
+@pytest.mark.parametrize("keeps", [True, False])
+def test_convert_with_filter_says_what_becomes_of_unmeasured_boxes(
+    bare_unghost, tmp_path, keeps
+):
+    lines = write_manifest(tmp_path / "frames", 3) / "manifest.jsonl"
+    first, *others = map(json.loads, lines.read_text("utf-8").splitlines())
+    del first["segmentation"]
+    lines.write_text("\n".join(map(json.dumps, (first, *others))), "utf-8")
+    option = () if keeps else ("-O", "include_unmeasured=false")
+
+    answer = bare_unghost(
+        *("convert", tmp_path / "frames", "--to", "yolo", "-o", "made"),
+        *("--filter", "--json", *option),
+    )
+
+    (record,) = answer.records
+    images = list((tmp_path / "made/images").rglob("*.png"))
+    labels = [one.read_text() for one in (tmp_path / "made/labels").rglob("*.txt")]
+    written = sum(len(one.splitlines()) for one in labels)
+    if keeps:
+        assert "2 unmeasured boxes written as they came" in answer.err
+        assert (record["frames"], len(images), written) == (3, 3, 4)
+    else:
+        assert "1 frames left out with their 2 unmeasured boxes" in answer.err
+        assert (record["frames"], len(images), written) == (2, 2, 2)
+    assert all(labels)
+
+
 def test_convert_refuses_the_current_folder_as_output(bare_unghost, tmp_path):
     folder = write_manifest(tmp_path / "frames", 1)
     (tmp_path / "empty").mkdir()

@@ -73,9 +73,7 @@ def test_export_pushed_again_gives_the_same_labels(
     again = client.create_dataset(f"again-{form}", classes=CLASSES).name
 
     push = CommandLine(tmp_path, settings)("push", first, "--dataset", again)
-    second = export_and_unpack(
-        client, again, form, tmp_path / "second", include_unmeasured=True
-    )
+    second = export_and_unpack(client, again, form, tmp_path / "second")
 
     assert push.code == 0, push.err
     assert [one.key for one in client.frames(again)] == sorted(KEYS)

@@ -11,7 +11,7 @@ const API = {
       ExportOptions: {
         properties: {
           include: { type: "string", enum: ["effective", "all"], default: "effective", description: "Which boxes." },
-          include_unmeasured: { type: "boolean", default: false },
+          include_unmeasured: { type: "boolean", default: true },
           split: { type: "number", minimum: 0, maximum: 1, default: 0.8 },
           bands: { type: "array", items: { type: "integer" }, default: [] },
           brand_new: { type: "string", enum: ["a", "b"], default: "a" },
@@ -54,7 +54,7 @@ test("a format has the fields of its own options only", () => {
 
 test("an option that was not changed is sent with the API's default", () => {
   const { fields } = exportForm(API);
-  assert.deepEqual(optionsOf(fields, { split: 1 }), { include: "effective", include_unmeasured: false, split: 1, bands: [], brand_new: "a" });
+  assert.deepEqual(optionsOf(fields, { split: 1 }), { include: "effective", include_unmeasured: true, split: 1, bands: [], brand_new: "a" });
 });
 
 test("an export names its options that differ from the defaults", () => {
@@ -65,7 +65,7 @@ test("an export names its options that differ from the defaults", () => {
   assert.equal(text({}), "split 80/20");
   assert.equal(text({ include: "all", bands: [50, 100] }), "split 80/20 · boxes that go in: all, rejected ones too · labels per distance, metres: 50, 100");
   assert.equal(optionsText(optionsOf(fields, {}), fields.filter(({ key }) => key !== "split")), "");
-  assert.equal(text({ split: 1, include_unmeasured: true }), "unmeasured boxes, too · no split");
+  assert.equal(text({ split: 1, include_unmeasured: false }), "not: unmeasured boxes, with their frames · no split");
 });
 
 test("an export shows the counts of its manifest that are not zero", () => {
@@ -73,5 +73,7 @@ test("an export shows the counts of its manifest that are not zero", () => {
 
   assert.deepEqual(counts.lines.map(({ text, count }) => `${count} ${text}`), ["48 frames", "35 to train", "13 to validate", "7 boxes written", "2 dropped"]);
   assert.deepEqual(counts.classes, [{ name: "car", counts: [9, 7, 2, 0] }]);
+  const left = countLinesOf({ frames: { in: 3 }, unmeasured: { frames_left_out: 1, left_out: 4 } });
+  assert.deepEqual(left.lines.map(({ text, count }) => `${count} ${text}`), ["3 frames", "1 frames left out", "4 unmeasured, left out with them"]);
   assert.deepEqual(countLinesOf({}), { lines: [], classes: [] });
 });

@@ -13,7 +13,7 @@ from filter_core.formats.export import (
     ExportOptions,
 )
 from filter_core.formats.files import file_stem
-from filter_core.formats.registry import write_export
+from filter_core.formats.registry import EXPORT_FORMATS, FORMATS, write_export
 from filter_core.formats.writing import split_of
 from tests.support import exporting
 
@@ -117,10 +117,10 @@ KEPT_BY_PERSON = {"review": {"verdict": "keep"}, "effective_verdict": "kept"}
 @pytest.mark.parametrize(
     ("options", "out"),
     [
-        ({}, ["0", "3"]),
-        ({"include": "kept"}, ["0", "2"]),
-        ({"include": "all"}, ["0", "1", "2", "3", "4"]),
-        ({"include_unmeasured": True}, ["0", "3", "4"]),
+        ({}, ["0", "3", "4"]),
+        ({"include": "kept"}, ["0", "2", "4", "5"]),
+        ({"include": "all"}, ["0", "1", "2", "3", "4", "5"]),
+        ({"include": "all", "include_unmeasured": False}, list("012345")),
     ],
 )
 def test_include_options_select_the_exported_boxes(options, out):
@@ -130,13 +130,71 @@ def test_include_options_select_the_exported_boxes(options, out):
         box(2, **REJECTED_BY_PERSON),
         box(3, "rejected", **KEPT_BY_PERSON),
         box(4, "unmeasured"),
+        box(5, "unmeasured", **REJECTED_BY_PERSON),
     ]
 
     files = export([frame("7", *boxes)], split=1.0, images="none", **options)
 
     dropped = [row["box"] for row in manifest_of(files)["boxes"]]
-    assert sorted(dropped + out) == ["0", "1", "2", "3", "4"]
+    assert sorted(dropped + out) == ["0", "1", "2", "3", "4", "5"]
     assert files["labels/train/7.txt"].count(b"\n") == len(out)
+
+
+SELECTING = [n for n in EXPORT_FORMATS if "include" in FORMATS[n].options]
+
+
+def images_of(files):
+    return [name for name in files if name.endswith(".png")]
+
+
+@pytest.mark.parametrize("form", SELECTING)
+def test_frame_with_an_unmeasured_box_is_written_or_left_out_as_a_whole(form):
+    frames = [
+        exporting.frame("whole", box(0)),
+        exporting.frame("part", box(1), box(2, "unmeasured"), box(3, "rejected")),
+        exporting.frame("answered", box(4, "unmeasured", **KEPT_BY_PERSON)),
+        exporting.frame("gone", box(5, "unmeasured", **REJECTED_BY_PERSON)),
+    ]
+
+    usual = exporting.export(form, frames)
+    without = exporting.export(form, frames, include_unmeasured=False)
+
+    assert [len(images_of(files)) for files in (usual, without)] == [4, 3]
+    assert not any("part" in name for name in without)
+    counts, fewer = manifest_of(usual)["counts"], manifest_of(without)["counts"]
+    assert (counts["boxes"]["out"], counts["unmeasured"]) == (4, {"written": 1})
+    assert (fewer["frames"]["in"], fewer["boxes"]["out"]) == (4, 2)
+    assert fewer["unmeasured"] == {"frames_left_out": 1, "left_out": 1}
+    assert fewer["not_kept_by_reason"] == {
+        "below_threshold": 1,
+        "frame_left_out": 1,
+        "no_segmentation": 1,
+        "rejected_by_person": 1,
+    }
+    part = {
+        row["box"]: row["reason"]
+        for row in manifest_of(without)["boxes"]
+        if row["frame"] == "part"
+    }
+    assert part == {
+        "1": "frame_left_out",
+        "2": "no_segmentation",
+        "3": "below_threshold",
+    }
+
+
+def test_unmeasured_box_is_written_as_it_came_and_cut_to_the_image():
+    boxes = [
+        box(0, "unmeasured"),
+        box(1, "unmeasured", (90, 20, 100, 60), given={"xyxy": [90, 20, 130, 60]}),
+    ]
+
+    files = export([frame("7", *boxes)], split=1.0, images="none")
+
+    assert files["labels/train/7.txt"] == (
+        b"0 0.200000000 0.500000000 0.200000000 0.500000000\n"
+        b"0 0.950000000 0.500000000 0.100000000 0.500000000\n"
+    )
 
 
 def test_dropped_boxes_are_counted_by_reason():
