@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from app.engine.children import PixelPool
 from filter_core.errors import FilterError, ImageError
-from filter_core.images.decoding import decode_image
+from filter_core.images.decoding import decode_as_seen
 from filter_core.images.header import read_image_header
 from filter_core.pipeline import SegmentationReport
 from filter_core.segmentation.palettes import FAMILIES
@@ -284,14 +284,14 @@ def _pixel(point: NDArray[np.float64]) -> tuple[int, int]:
 
 
 def _decoded(image: bytes, flags: int = cv2.IMREAD_COLOR) -> Picture:
-    """An image file as it is stored: a rotation in EXIF is not applied.
+    """An image file in the frame of reference of its boxes, and opaque.
 
     Raises
     ------
     ImageError
         It cannot be decoded, or the decoded picture does not match its header.
     """
-    picture = decode_image(image, read_image_header(image), flags)
+    picture = decode_as_seen(image, read_image_header(image), flags)
     if picture is None:
         raise ImageError("the image cannot be decoded: it is damaged")
     return picture

@@ -116,6 +116,24 @@ def decode_image(
     return _by_opencv(np.frombuffer(content, np.uint8), header, upright)
 
 
+def decode_as_seen(
+    content: bytes, header: ImageHeader, flags: int
+) -> NDArray[np.uint8] | None:
+    """The picture in the frame of reference of its boxes; for drawing, not measuring.
+
+    Boxes and segmentations of a JPEG with an orientation in EXIF are made on the
+    picture as every program shows it, so it is turned or mirrored, if that keeps its
+    size. A quarter turn would exchange its sides: boxes and segmentation of such a
+    frame, which has the size of the stored pixels, refer to those. Parameters, result
+    and errors are those of `decode_image`.
+    """
+    if header.media_type == "image/jpeg":
+        seen = _by_opencv(np.frombuffer(content, np.uint8), header, flags)
+        if seen is not None:
+            return seen
+    return decode_image(content, header, flags)
+
+
 _AT_ONCE: Final = 1 << 20
 """Bytes that are inflated in one step; they are only counted."""
 

@@ -5,7 +5,8 @@
 import { blob, get, url } from "../core/api.js";
 import { useLayoutEffect, useMemo } from "../core/html.js";
 import { createLazy } from "../core/observable.js";
-import { canvasOf, isPaintedAlready } from "./pixels.js";
+import { canvasOf, isPaintedAlready, PAINTED } from "./pixels.js";
+import { isOpaque, storedImage } from "./stored.js";
 
 /** @typedef {import("../boxes/store.js").Boxes} Boxes */
 /** @typedef {Omit<import("../core/openapi.js").Frame, "boxes"> & {boxIds: readonly number[]}} Frame */
@@ -15,10 +16,12 @@ import { canvasOf, isPaintedAlready } from "./pixels.js";
  * @typedef {object} Media  what there is to draw of one frame
  * @property {Lazy<Frame>} frame
  * @property {Lazy<HTMLImageElement | null>} picture  null: the frame has none
- * @property {Lazy<HTMLCanvasElement | null>} segmentation  its stored pixels; null: the frame has none
+ * @property {Lazy<Pixels | null>} segmentation  its pixels, and what they mean; null: the frame has none
  * @property {Lazy<CanvasImageSource | null>} mask  the segmentation in the colours of its palette
  * @property {() => void} release  its boxes need not stay in the store
  */
+
+/** @typedef {{canvas: HTMLCanvasElement, form: Frame["segmentation"]}} Pixels */
 
 /** How many frames are kept: those used last. */
 const KEPT = 8;
@@ -92,21 +95,44 @@ export function useMedia(boxes) {
 const fileUrl = ({ id, files }, kind) =>
   files[kind]?.url ?? url("/api/v1/frames/{frame_id}/{kind}", { path: { frame_id: id, kind } });
 
-/** The segmentation painted in its palette, whatever its file's encoding. @param {number} frameId */
-const paintedUrl = (frameId) =>
-  url("/api/v1/frames/{frame_id}/overlay", { path: { frame_id: frameId }, query: { layer: "segmentation", boxes: "" } });
+/**
+ * The image without its alpha channel, or the segmentation painted in its palette, whatever its file's encoding.
+ * @param {number} frameId @param {"image" | "segmentation"} layer
+ */
+const drawnUrl = (frameId, layer) =>
+  // `url` leaves out what is empty, and then all boxes would be drawn.
+  `${url("/api/v1/frames/{frame_id}/overlay", { path: { frame_id: frameId }, query: { layer } })}&boxes=`;
 
-/** A picture, decoded. @param {string} address @param {AbortSignal} [signal] */
-async function imageAt(address, signal) {
+/** A picture, decoded. @param {Blob} file */
+async function decoded(file) {
   const image = new Image();
-  // By fetch, because an <img> sends no session. A decoded image no longer needs its address.
-  image.src = URL.createObjectURL(await blob(address, signal));
+  // Fetched before, because an <img> sends no session. A decoded image no longer needs its address.
+  image.src = URL.createObjectURL(file);
   try {
     await image.decode();
   } finally {
     URL.revokeObjectURL(image.src);
   }
   return image;
+}
+
+/** A frame's image as crops and thumbnails show it. @param {Frame} frame @param {AbortSignal} [signal] */
+async function pictureOf(frame, signal) {
+  const { file, seen, mayHaveAlpha } = await storedImage(await blob(fileUrl(frame, "image"), signal));
+  let image = await decoded(seen);
+  // A quarter turn: boxes refer to the stored pixels, by which the frame has its size.
+  if (seen !== file && image.naturalWidth !== frame.width) image = await decoded(file);
+  if (!mayHaveAlpha || isOpaque(image)) return image;
+  return decoded(await blob(drawnUrl(frame.id, "image"), signal));
+}
+
+/** @param {Frame} frame @param {AbortSignal} [signal] @returns {Promise<Pixels>} */
+async function pixelsOf(frame, signal) {
+  const { file, mayHaveAlpha } = await storedImage(await blob(fileUrl(frame, "segmentation"), signal));
+  const canvas = await canvasOf(file);
+  if (!frame.segmentation || !mayHaveAlpha || isOpaque(canvas)) return { canvas, form: frame.segmentation };
+  // What is transparent has lost its values in the canvas.
+  return { canvas: await canvasOf(await blob(drawnUrl(frame.id, "segmentation"), signal)), form: PAINTED };
 }
 
 /** @param {number} frameId @param {Boxes} boxes @returns {Media} */
@@ -123,16 +149,17 @@ function mediaOf(frameId, boxes) {
   });
   const picture = createLazy(async (signal) => {
     const found = await frame.get(signal);
-    return found.has_image ? imageAt(fileUrl(found, "image"), signal) : null;
+    return found.has_image ? pictureOf(found, signal) : null;
   });
   const segmentation = createLazy(async (signal) => {
     const found = await frame.get(signal);
-    return found.has_segmentation ? canvasOf(await blob(fileUrl(found, "segmentation"), signal)) : null;
+    return found.has_segmentation ? pixelsOf(found, signal) : null;
   });
   const mask = createLazy(async (signal) => {
     const { has_segmentation, segmentation: form } = await frame.get(signal);
     if (!has_segmentation) return null;
-    return form && isPaintedAlready(form) ? segmentation.get(signal) : imageAt(paintedUrl(frameId), signal);
+    if (form && isPaintedAlready(form)) return (await segmentation.get(signal))?.canvas ?? null;
+    return decoded(await blob(drawnUrl(frameId, "segmentation"), signal));
   });
   function release() {
     isReleased = true;

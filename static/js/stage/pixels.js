@@ -51,6 +51,9 @@ export function highlightOf(segmentation, form, box) {
   return { canvas, bounds, count };
 }
 
+/** How the server paints a segmentation. @type {SegmentationReport} */
+export const PAINTED = { palette: "", encoding: "palette", channel_order: "rgb", lossy: false, unknown_percent: 0, notes: [] };
+
 /** Whether the file itself can be shown as the mask; raw tags and swapped colours must be painted by the server. @param {SegmentationReport} form */
 export const isPaintedAlready = (form) => form.encoding === "palette" && form.channel_order === "rgb";
 

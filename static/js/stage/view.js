@@ -31,7 +31,7 @@ export function StageView({ app, frame, media, boxes, selected, isCrop, isDim = 
   const isHighlighted = prefs.lit && selected !== null && !isWithheld(selected);
   const { value: pixels, error: noPixels, retry: retryPixels } = useLazy(frame && isHighlighted ? media.segmentation : null);
   const highlight = useMemo(
-    () => (isHighlighted && pixels && frame?.segmentation ? highlightOf(pixels, frame.segmentation, selected) : null),
+    () => (isHighlighted && pixels?.form ? highlightOf(pixels.canvas, pixels.form, selected) : null),
     [isHighlighted, selected?.box_id, selected?.accepted_tags, pixels],
   );
   const hasNoPicture = frame !== null && !frame.has_image;

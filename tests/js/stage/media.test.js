@@ -122,5 +122,5 @@ test("the mask is loaded when it is wanted, and not before", async () => {
 
   await mask.get();
 
-  assert.match(asked[2] ?? "", /^7\/overlay\?layer=segmentation/);
+  assert.match(asked[2] ?? "", /^7\/overlay\?layer=segmentation&boxes=$/);
 });
