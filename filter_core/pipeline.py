@@ -30,7 +30,7 @@ from filter_core.decisions.rules import decide
 from filter_core.errors import ImageSizeMismatch, SegmentationError
 from filter_core.evidence.channels import Sensors, measure_evidence
 from filter_core.geometry.projection import BoxGeometry
-from filter_core.images.header import MAX_SIDE
+from filter_core.images.header import MAX_SIDE, exchanged_sides
 from filter_core.images.pixels import ChannelOrder
 from filter_core.segmentation.codes import Segmentation
 from filter_core.segmentation.palettes import family_of_version
@@ -321,7 +321,7 @@ def _agreed_size(
         if wh != size:
             raise ImageSizeMismatch(
                 f"{name}: expected {size[0]} x {size[1]} px, as {first}, "
-                f"found {wh[0]} x {wh[1]} px",
+                f"found {wh[0]} x {wh[1]} px{exchanged_sides(wh, size)}",
                 pointer=name.replace("the ", "/"),
             )
     return size

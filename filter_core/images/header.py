@@ -145,8 +145,18 @@ def require_size(
         width, height = expected_wh
         raise ImageSizeMismatch(
             f"{what} is {header.width} x {header.height} pixels, "
-            f"{than} is {width} x {height}"
+            f"{than} is {width} x {height}{exchanged_sides(header.wh, expected_wh)}"
         )
+
+
+def exchanged_sides(wh: tuple[int, int], other_wh: tuple[int, int]) -> str:
+    """What an error about two sizes adds if one is the other, turned by a quarter."""
+    width, height = wh
+    if width == height or (height, width) != tuple(other_wh):
+        return ""
+    return (
+        "; a quarter turn that EXIF names is not applied: save the image as it is seen"
+    )
 
 
 def _png_header(content: bytes | mmap, *, whole: bool) -> ImageHeader:

@@ -130,6 +130,13 @@ def test_jpeg_padding_before_a_marker_is_skipped():
     assert read_image_header(padded) == read_image_header(content)
 
 
+def test_exchanged_sides_are_said_to_be_a_turn_that_is_not_applied():
+    upright = read_image_header(png(np.zeros((64, 48, 3), np.uint8)))
+
+    with pytest.raises(ImageSizeMismatch, match="EXIF names is not applied"):
+        require_size(upright, (64, 48), what="the segmentation", than="the image")
+
+
 def test_exif_orientation_does_not_swap_the_size():
     # A TIFF header with one entry: orientation, a number, one of them, 6 (90 degrees).
     tiff = b"MM\x00*" + struct.pack(">IHHHIHHI", 8, 1, 0x0112, 3, 1, 6, 0, 0)
