@@ -277,7 +277,9 @@ def convert(options: ConvertOptions) -> None:
     unmeasured = counts.get("unmeasured", {})
     if said := unmeasured_text(counts):
         options.screen.note(said)
-    written = progress.written - unmeasured.get("frames_left_out", 0)
+    frames_out = unmeasured.get("frames_left_out", 0)
+    assert isinstance(frames_out, int)
+    written = progress.written - frames_out
     frames = {"frames": written, "failed": progress.failed}
     options.screen.record(
         {

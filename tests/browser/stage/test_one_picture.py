@@ -38,8 +38,12 @@ READ = """async (image) => {
   canvas.height = image.naturalHeight;
   const ctx = canvas.getContext("2d");
   ctx.drawImage(image, 0, 0);
-  const at = (x, y) => [...ctx.getImageData(x * canvas.width, y * canvas.height, 1, 1).data];
-  return { centre: at(0.5, 0.5), quarters: [[at(0.25, 0.25), at(0.75, 0.25)], [at(0.25, 0.75), at(0.75, 0.75)]] };
+  const at = (x, y) => {
+    const pixel = ctx.getImageData(x * canvas.width, y * canvas.height, 1, 1);
+    return [...pixel.data];
+  };
+  const row = (y) => [at(0.25, y), at(0.75, y)];
+  return { centre: at(0.5, 0.5), quarters: [row(0.25), row(0.75)] };
 }"""
 _numbers = count(1)
 
@@ -84,12 +88,10 @@ def pushed(http: httpx.Client, image: bytes, segmentation: bytes) -> scenes.Scen
     made = http.post("/datasets", json={"name": dataset, "palette": scenes.FAMILY})
     assert made.status_code == 201, made.text
     boxes = [
-        {"id": f"{x}", "class": "car", "xyxy": [x - 10, y - 10, x + 10, y + 10]}
+        {"class": "car", "xyxy": [x - 10, y - 10, x + 10, y + 10]}
         for row in CENTRES
         for x, y in row
     ]
-    for index, box in enumerate(boxes):
-        box["id"] = f"{index}"
     files: dict[str, tuple[str, bytes | str, str]] = {
         "image": ("image", image, "application/octet-stream"),
         "segmentation": ("tags.png", segmentation, "image/png"),

@@ -9,7 +9,6 @@ import pytest
 
 from filter_core.config.filter import FilterConfig
 from filter_core.errors import AnnotationErrors
-from filter_core.formats.reading import ReadOptions
 from filter_core.formats.registry import read_source
 from filter_core.local import filter_source
 from filter_core.pipeline import filter_frame
@@ -172,7 +171,7 @@ def test_wrong_unit_is_refused_in_every_format(tmp_path, name, content, code):
     }[name.split("/")[0]]
     image = png(np.zeros((HEIGHT, WIDTH, 3), np.uint8))
     files = {name: content, f"{images}/1.png": image, **CLASSES}
-    source = read_source(write_files(tmp_path, files), options=ReadOptions())
+    source = read_source(write_files(tmp_path, files))
 
     (outcome,) = filter_source(source.frames(), FilterConfig())
 
@@ -194,4 +193,5 @@ def test_cases_of_other_programs_are_refused(case, kinds):
 
     (outcome,) = filter_source(source.frames(), FilterConfig())
 
+    assert outcome.error is not None
     assert {one["code"] for one in outcome.error["errors"]} == kinds
