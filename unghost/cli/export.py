@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Final
+from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
@@ -174,14 +174,13 @@ def _boxes_written(done: Export) -> str:
     text = ", ".join([f"{boxes['out']} of {boxes['in']} boxes written", *others])
     reasons = counts.get("not_kept_by_reason", {})
     why = ", ".join(f"{reason} {count}" for reason, count in reasons.items())
-    unmeasured = unmeasured_text(counts)
+    unmeasured = unmeasured_text(counts.get("unmeasured", {}))
     parts = (text, unmeasured, f"reasons: {why}" if why else "")
     return "; ".join(part for part in parts if part)
 
 
-def unmeasured_text(counts: Mapping[str, Any]) -> str:
-    """What became of the unmeasured boxes of an export; empty if there were none."""
-    unmeasured = counts.get("unmeasured", {})
+def unmeasured_text(unmeasured: Mapping[str, object]) -> str:
+    """What became of the unmeasured boxes, by their counts; empty without any."""
     if frames := unmeasured.get("frames_left_out"):
         boxes = unmeasured["left_out"]
         return f"{frames} frames left out with their {boxes} unmeasured boxes"
@@ -275,7 +274,7 @@ def convert(options: ConvertOptions) -> None:
         options.screen.note(unmatched_line(file))
     boxes = {name: counts["boxes"][name] for name in ("in", "out", "dropped")}
     unmeasured = counts.get("unmeasured", {})
-    if said := unmeasured_text(counts):
+    if said := unmeasured_text(unmeasured):
         options.screen.note(said)
     frames_out = unmeasured.get("frames_left_out", 0)
     assert isinstance(frames_out, int)

@@ -293,6 +293,7 @@ def test_picture_is_drawn_as_seen_unless_its_sides_would_be_exchanged(
 
     found = decode_as_seen(content, read_image_header(content), flags)
 
+    assert found is not None
     step = 32 // len(found)
     expected = picture[turned][::step, ::step]
     np.testing.assert_allclose(found.astype(int), expected, atol=12)
