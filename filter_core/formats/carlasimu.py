@@ -35,14 +35,15 @@ CARLASIMU: Final = Format(
         "labels in YOLO's form, or centres in raw pixels, in a folder for each "
         "distance band"
     ),
-    recognised_by="carlasimu's labels/labelNN/ or label/",
+    recognised_by="carlasimu's labels/labelNN/ (label/ with img/ or Readme.txt)",
     read_options=FOLDER_OPTIONS | {"classes", "default_class"},
 )
 
 
 @CARLASIMU.recogniser
 def _recognise(source: Source) -> Recognition:
-    return "none" if _camera_folder(source.path) is None else "certain"
+    camera = _camera_folder(source.path)
+    return "certain" if camera and _is_carlasimus(camera) else "none"
 
 
 def _camera_folder(root: Path) -> Path | None:
@@ -71,7 +72,18 @@ def _bands(folder: Path) -> list[Path]:
     return [single] if single.is_dir() else []
 
 
+def _is_carlasimus(folder: Path) -> bool:
+    """Whether carlasimu wrote a folder: a ``label/`` alone may be anybody's."""
+    has_bands = any(_BAND.fullmatch(path.name) for path in _bands(folder))
+    has_list = (folder / _README).is_file()
+    return has_bands or (
+        bool(_bands(folder)) and ((folder / "img").is_dir() or has_list)
+    )
+
+
 _IMAGES: Final = ("images", "img")
+
+_README: Final = "Readme.txt"
 
 
 @CARLASIMU.reader
@@ -112,12 +124,11 @@ _CARLASIMU_CLASSES: Final = ("car", "bus", "truck", "van", "walker", "street_lig
 
 def _carlasimu_classes(root: Path) -> tuple[str, ...]:
     """Class names from carlasimu's ``Readme.txt``, else in the order of its code."""
-    name = "Readme.txt"
-    path = root / name
+    path = root / _README
     if not path.is_file():
         return _CARLASIMU_CLASSES
     try:
-        document = read_json(read_label_text(path, name))
+        document = read_json(read_label_text(path, _README))
     except JsonError:
         # People put other readmes into folders; only carlasimu's own is JSON.
         return _CARLASIMU_CLASSES
@@ -127,9 +138,9 @@ def _carlasimu_classes(root: Path) -> tuple[str, ...]:
     for number in numbers.values():
         if not isinstance(number, int):
             raise LayoutError(
-                f"{name}: expected a number for each class, found {shown(number)}"
+                f"{_README}: expected a number for each class, found {shown(number)}"
             )
-    return ordered_names({number: word for word, number in numbers.items()}, name)
+    return ordered_names({number: word for word, number in numbers.items()}, _README)
 
 
 def _only_narrower(bands: list[Path]) -> Iterator[Unmatched]:

@@ -457,7 +457,9 @@ def test_raw_cxcywh_boxes_have_class_unknown_or_the_default_class(tmp_path):
     [
         ({"manifest.jsonl": "", "labels/1.txt": ""}, "manifest"),
         ({"labels/label50/1.txt": ""}, "carlasimu"),
-        ({"out/label/1.txt": ""}, "carlasimu"),
+        ({"out/label/1.txt": "", "out/img/1.png": None}, "carlasimu"),
+        ({"label/1.txt": "", "Readme.txt": "{}"}, "carlasimu"),
+        ({"label/1.txt": "", "images/1.png": None, "data.yaml": NAMES}, "yolo"),
         ({"labels/1.txt": "", "data.yaml": NAMES}, "yolo"),
         ({"Annotations/1.xml": ""}, "voc"),
         ({"Annotations/1.xml": "", "ImageSets/Main/train.txt": "1\n"}, "voc"),
@@ -483,7 +485,7 @@ def test_layout_detection_has_a_fixed_precedence(tmp_path):
     with pytest.raises(LayoutError, match="could be voc or yolo or coco;"):
         detect_layout(tmp_path)
     for file, layout in (
-        ("label/a.txt", "carlasimu"),
+        ("labels/label50/a.txt", "carlasimu"),
         ("label_2/a.txt", "kitti"),
         ("manifest.jsonl", "manifest"),
     ):

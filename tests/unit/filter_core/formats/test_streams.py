@@ -1,0 +1,259 @@
+"""Which images of a folder are frames, and which belong to one."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from filter_core.config.filter import FilterConfig
+from filter_core.formats.looks import look_of
+from filter_core.formats.recording import RecordingDescription
+from filter_core.formats.registry import read_source
+from filter_core.local import filter_source
+from tests.support.folders import BOX, YOLO_LINE, street_tags, write_files
+from tests.support.pictures import jpeg, painted, png
+from tests.support.shared_data import shared
+
+WIDTH, HEIGHT = 80, 60
+_NUMBERS = np.random.default_rng(7)
+
+
+def photo(*, grey=False):
+    """A smooth picture with some noise."""
+    y, x = np.mgrid[:HEIGHT, :WIDTH]
+    smooth = np.dstack([x + y, 2 * x + 30, 200 - y])
+    noisy = smooth + _NUMBERS.integers(0, 9, (HEIGHT, WIDTH, 3))
+    pixels = np.clip(noisy, 0, 255).astype(np.uint8)
+    return np.repeat(pixels[:, :, :1], 3, axis=2) if grey else pixels
+
+
+def raw_tags(*, factor=1):
+    red = np.zeros((HEIGHT, WIDTH, 3), np.uint8)
+    red[:, :, 0] = street_tags() * factor
+    return red
+
+
+def grey_tags(factor):
+    return np.repeat(raw_tags(factor=factor)[:, :, :1], 3, axis=2)
+
+
+def depth(*, swapped=False):
+    """A wall seen from the side, as CARLA's 24 bits, below a sky without end."""
+    metres = np.linspace(4, 60, WIDTH)[None, :] + np.zeros((HEIGHT, 1))
+    metres[: HEIGHT // 3] = 1000
+    code = (metres / 1000 * (2**24 - 1)).astype(np.uint32)
+    pixels = np.dstack([code & 255, code >> 8 & 255, code >> 16]).astype(np.uint8)
+    return pixels[:, :, ::-1].copy() if swapped else pixels
+
+
+def instances(*, swapped=False):
+    pixels = np.dstack([street_tags(), street_tags() // 14 * 30, street_tags() * 9])
+    pixels = pixels.astype(np.uint8)
+    return pixels[:, :, ::-1].copy() if swapped else pixels
+
+
+LOOKS = [
+    (photo(), "photo"),
+    (photo(grey=True), "grey"),
+    (painted(street_tags()), "segmentation"),
+    (painted(street_tags())[:, :, ::-1].copy(), "segmentation"),
+    (raw_tags(), "segmentation"),
+    (grey_tags(1), "segmentation"),
+    (grey_tags(9), "segmentation"),
+    (depth(), "depth"),
+    (depth(swapped=True), "depth"),
+    (instances(), "instances"),
+    (instances(swapped=True), "instances"),
+    (np.full((HEIGHT, WIDTH, 3), 128, np.uint8), None),
+]
+
+
+def test_pixels_tell_what_carla_and_its_users_write(tmp_path):
+    looks = []
+    for pixels, _look in LOOKS:
+        write_files(tmp_path, {"1.png": png(pixels)})
+        looks.append(look_of(tmp_path / "1.png"))
+    write_files(tmp_path, {"2.jpg": jpeg(photo()), "3.png": b"", "4.png": b"\x89PNG"})
+
+    assert looks == [look for _, look in LOOKS]
+    assert [look_of(tmp_path / name) for name in ("2.jpg", "3.png", "4.png")] == [
+        None, None, None
+    ]  # fmt: skip
+
+
+def frames_of(found):
+    """Each frame's key, and its auxiliary images relative to the folder."""
+    frames = {}
+    for frame in found:
+        files = {"segmentation": frame.segmentation, **frame.others}
+        root = frame.image.parents[len(frame.key.split("/")) - 1]
+        frames[frame.key] = {
+            role: path.relative_to(root).as_posix()
+            for role, path in files.items()
+            if path is not None
+        }
+    return frames
+
+
+@pytest.mark.parametrize(
+    ("key", "segmentation"),
+    [
+        ("rgb/1", "seg/1.png"),
+        ("rgb/1", "seg/rgb/1.png"),
+        ("rgb/1", "Semantic_Segmentation/1.png"),
+        ("front/rgb/1", "front/seg/1.png"),
+        ("rgb/front/1", "SEM/front/1.png"),
+        ("CAM_FRONT/1", "SEGCAM_FRONT/1.png"),
+        ("RgbCamera/1", "SemanticCamera/1.png"),
+        ("1", "images_segmentation/1.png"),
+        ("TRAINING/rgb_2/1", "training/../TRAINING/semseg_2/1.png"),
+        ("out/1", r"out\seg/1.png"),
+        ("1", "1_semseg.png"),
+        ("cam/1", "cam/1-SEG.png"),
+        ("rgb20191104-142916", "sem20191104-142916.png"),
+        ("rgb_000001", "seg_000001.png"),
+        ("front_rgb_1", "front_seg_1.png"),
+        ("000001/rgb", "000001/semantic.png"),
+        ("a/b/1", "seg/1.png"),
+    ],
+)
+def test_segmentation_is_told_by_words_of_its_path(tmp_path, key, segmentation):
+    write_files(tmp_path, {f"{key}.png": png(photo()), "TRAINING/x.md": ""})
+    (tmp_path / "training").mkdir(exist_ok=True)
+    write_files(tmp_path, {segmentation: png(painted(street_tags()))})
+
+    found = read_source(tmp_path)
+    (frame,) = found
+
+    assert frame.key == key
+    assert frame.segmentation.samefile(tmp_path / segmentation)
+    assert found.unmatched == ()
+
+
+def test_each_camera_keeps_its_own_images_of_every_kind(tmp_path):
+    """24 of 36 images are no pictures; left has no depth, and gets none of front."""
+    names = [f"{n:06d}" for n in range(6)]
+    files = {}
+    for camera in ("front", "left"):
+        for name in names:
+            files[f"{camera}/rgb/{name}.png"] = png(photo())
+            files[f"{camera}/seg/{name}.png"] = png(painted(street_tags()))
+            files[f"{camera}/instances/{name}.png"] = png(instances())
+    write_files(tmp_path, {**files, "front/depth/000000.png": png(depth())})
+
+    found = read_source(tmp_path)
+    frames = frames_of(found)
+
+    assert len(frames) == 12
+    assert found.unmatched == ()
+    assert frames["front/rgb/000000"]["depth"] == "front/depth/000000.png"
+    assert frames["left/rgb/000000"] == {
+        "segmentation": "left/seg/000000.png",
+        "instances": "left/instances/000000.png",
+    }
+
+
+@pytest.mark.parametrize(
+    ("files", "expected"),
+    [
+        # Names of folders that nobody could know.
+        (
+            {"x/1.png": photo(), "y/1.png": painted(street_tags())},
+            {"x/1": {"segmentation": "y/1.png"}},
+        ),
+        # One folder with names that differ in the kind by a word that nobody knows.
+        (
+            {"1.png": photo(), "2.png": painted(street_tags()), "3.png": photo()},
+            {"1": {}, "3": {}},
+        ),
+        ({"masks/1.png": raw_tags(), "1.png": photo()},
+         {"1": {"segmentation": "masks/1.png"}}),
+        ({"masks/1.png": photo(grey=True), "1.png": photo()}, {"1": {}}),
+        ({"1.png": photo(), "zz/1.png": depth()}, {"1": {"depth": "zz/1.png"}}),
+        # The name says a picture, the pixels do not: a question, not a guess.
+        ({"rgb/1.png": photo(), "rgb2/1.png": painted(street_tags())}, {"rgb/1": {}}),
+        # Grey beside colour: depth that was saved for people, or a picture?
+        ({"rgb/1.png": photo(), "k/1.png": photo(grey=True)}, {"rgb/1": {}}),
+        # A camera without colours.
+        ({"k/1.png": photo(grey=True)}, {"k/1": {}}),
+        # Words of roles that mean something else.
+        ({"seg_1.png": photo(), "seg_2.png": photo()}, {"seg_1": {}, "seg_2": {}}),
+        ({"depth_test/images/1.png": photo()}, {"depth_test/1": {}}),
+        ({"rgb/1.png": photo(), "normals/1.png": photo()}, {"rgb/1": {}}),
+    ],
+)  # fmt: skip
+def test_pixels_decide_where_names_say_nothing(tmp_path, files, expected):
+    write_files(tmp_path, {name: png(pixels) for name, pixels in files.items()})
+
+    found = read_source(tmp_path)
+    frames = frames_of(found)
+
+    assert frames == expected
+    used = {f"{key}.png" for key in frames}
+    used |= {path for one in frames.values() for path in one.values()}
+    unused = {name.replace("images/", "") for name in files} - used
+    assert {one.path for one in found.unmatched} == unused
+    assert all(one.why for one in found.unmatched)
+
+
+def test_auxiliary_images_are_no_images_of_labels(tmp_path):
+    """An image `seg/1.png` is not that of the label `labels/1.txt`."""
+    files = {"labels/1.txt": YOLO_LINE, "classes.txt": "car"}
+    images = {"pictures/1.jpg": jpeg(photo()), "depth/1.png": png(depth())}
+    write_files(tmp_path, {**files, **images, "seg/1.png": png(raw_tags())})
+
+    (frame,) = read_source(tmp_path)
+
+    assert frame.image == tmp_path / "pictures/1.jpg"
+    assert frame.segmentation == tmp_path / "seg/1.png"
+    assert frame.others == {"depth": tmp_path / "depth/1.png"}
+    assert frame.annotation == {"boxes": [BOX]}
+
+
+def test_segmentations_of_a_folder_that_was_named_win(tmp_path):
+    files = dict.fromkeys(("rgb/1.png", "seg/1.png", "better/1.png"))
+    write_files(tmp_path, files)
+    options = RecordingDescription(segmentation=tmp_path / "better")
+
+    (frame,) = read_source(tmp_path, options=options)
+
+    assert frame.segmentation == tmp_path / "better/1.png"
+
+
+def test_carlasimu_finds_its_folder_with_a_backslash_from_both_folders(tmp_path):
+    names = (r"out\seg/1.png", "out/images/1.png", r"other\seg/1.png")
+    write_files(tmp_path, dict.fromkeys(names))
+    write_files(tmp_path, {"out/labels/label50/1.txt": YOLO_LINE})
+
+    for folder in (tmp_path, tmp_path / "out"):
+        (frame,) = read_source(folder)
+        assert frame.segmentation == tmp_path / r"out\seg/1.png"
+
+
+@pytest.mark.parametrize(
+    ("case", "frames"), [("a-cam-kind", 2), ("b-kind-cam", 2), ("c-yolo-cam", 2),
+                         ("i-rgb-semantic", 1)],
+)  # fmt: skip
+def test_cameras_of_a_case_are_told_apart(case, frames):
+    found = read_source(shared(f"cases/18-cameras/{case}"))
+
+    outcomes = list(filter_source(found, FilterConfig()))
+    verdicts = {
+        one.key: {each["id"]: each["verdict"] for each in one.decisions}
+        for one in outcomes
+    }
+
+    assert found.unmatched == ()
+    assert len(verdicts) == frames
+    for key, boxes in verdicts.items():
+        first = next(iter(boxes.values()))
+        assert first == ("rejected" if "left" in key else "kept"), key
+
+
+@pytest.mark.parametrize(("case", "frames"), [("carla_tutorial", 3), ("selma", 2)])
+def test_recordings_give_no_depth_or_segmentation_as_frames(case, frames):
+    found = list(read_source(shared(f"cases/recordings/{case}")))
+
+    assert len(found) == frames
+    assert all(frame.segmentation and "depth" in frame.others for frame in found)
+    assert not [one for one in found if "depth" in one.image.as_posix().lower()]
