@@ -35,6 +35,11 @@ _KNOWN_SHARE: Final = 0.99
 _EQUAL_SHARE: Final = 0.9
 """Share of pixels that equal the next in a row, at least, where objects are flat."""
 
+_LOSSY_STEP: Final = 3
+
+_LOSSY_SHARE: Final = 0.8
+"""Share of such small steps between neighbours, at least, in a JPEG of flat colours."""
+
 _FEWEST_COLORS: Final = 256
 """Of a photo, in the rows that are looked at."""
 
@@ -66,13 +71,23 @@ def look_of(path: Path) -> Look | None:
                 return None
             content = file.read()
         header = read_image_header(content, whole=False)
-        # The colours of a JPEG are not exact, so that only a photo could be told.
-        if header.media_type != "image/png":
-            return None
         pixels = decode_image(content, header, cv2.IMREAD_UNCHANGED)
     except (OSError, FilterError):
         return None
-    return None if pixels is None else _look(pixels)
+    if pixels is None:
+        return None
+    look = _look(pixels)
+    if header.media_type == "image/png":
+        return look
+    # The colours of a JPEG are not exact, so that only a photo can be told.
+    return "photo" if look == "photo" and not _is_almost_flat(pixels) else None
+
+
+def _is_almost_flat(pixels: NDArray[np.uint8]) -> bool:
+    """Whether it may be flat colours, which a lossy format changed."""
+    rows = pixels[:: max(1, len(pixels) // _ROWS)].astype(np.int16)
+    steps = np.abs(rows[:, 1:] - rows[:, :-1]).max(axis=2)
+    return bool((steps <= _LOSSY_STEP).mean() >= _LOSSY_SHARE)
 
 
 def _look(pixels: NDArray[np.uint8]) -> Look | None:

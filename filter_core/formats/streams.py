@@ -42,7 +42,8 @@ _WORDS: Final[Mapping[Role, str]] = {
     "ignore_mask": "ignore|ignored",
     "instances": "instances|instance|inst",
     "depth": "depths|depth",
-    "segmentation": "segmentations|segmentation|segs|segm|seg|semantics|semantic|sem",
+    "segmentation": "segmentations|segmentation|segments|segment|segs|segm|seg|"
+    "semantics|semantic|sem",
     "mask": "masks|mask|segmentationclass|segmentationobject",
     "image": "images|image|imgs|img|rgba|rgb|cameras|camera|cam|jpegimages|photos|"
     "photo|colour|color",
@@ -121,8 +122,9 @@ class _Image(NamedTuple):
         Relative to the folder in which it was found.
     folder : Path
     role : Role or None
-    in_folder : bool
-        Whether a folder of its own says the role, and not an ending of the name.
+    in_folder, in_pictures : bool
+        Whether a folder of its own says the role, and not an ending of the name;
+        whether it is in a folder of pictures.
     picture, frame : str
         The key of the picture that it is, or that it belongs to; the same without the
         words of all roles.
@@ -134,6 +136,7 @@ class _Image(NamedTuple):
     folder: Path
     role: Role | None
     in_folder: bool
+    in_pictures: bool
     picture: str
     frame: str
     stream: tuple[str, str, str]
@@ -170,6 +173,8 @@ def _image(name: str, folder: Path) -> _Image:
     folders, _, last = name.rpartition("/")
     stem, suffix = split_name(unicodedata.normalize("NFC", last))
     above, own = _above(folders), _part_of(stem)
+    if own.is_pure and above.role == "image":  # a picture may be called anything
+        own = _Part(None, False, stem, stem)
     role, words = above.role, ""
     if own.role is not None:
         role = _role((*above.parts, own))
@@ -179,6 +184,7 @@ def _image(name: str, folder: Path) -> _Image:
         folder,
         role,
         any(part.is_pure and part.role == role for part in above.parts),
+        above.role == "image",
         f"{above.picture}{own.picture}".rstrip("/"),
         f"{above.frame}{own.frame}".rstrip("/"),
         (above.stream, words, suffix.lower()),
@@ -360,18 +366,17 @@ def _with_roles(images: Sequence[_Image]) -> Iterator[tuple[_Image, str]]:
         has_partner = stream.images[0].frame in pictures
         has_color = any(stream.is_beside(other) for other in streams)
         for image, looks in stream.each():
-            yield image, _decided(image.role, looks, has_partner, has_color)
+            yield image, _decided(image, looks, has_partner, has_color)
 
 
 def _decided(
-    said: Role | None, looks: Collection[Look], has_partner: bool, has_color: bool
+    image: _Image, looks: Collection[Look], has_partner: bool, has_color: bool
 ) -> str:
     """The role of an image, or why it has none.
 
     Parameters
     ----------
-    said : Role or None
-        What its path says.
+    image : _Image
     looks : collection of Look
         Of its stream, or its own: one at most.
     has_partner : bool
@@ -379,11 +384,12 @@ def _decided(
     has_color : bool
         Whether there is a picture of the same name that is not grey.
     """
-    look = next(iter(looks), None)
+    look, said = next(iter(looks), None), image.role
     if said == "mask":
         return "segmentation" if look == "segmentation" else said
     if said not in (None, "image"):
-        return "image" if look == "photo" and not has_partner else str(said)
+        is_picture = look == "photo" or (look is None and image.in_pictures)
+        return "image" if is_picture and not has_partner else str(said)
     if look == "grey":
         return _UNCLEAR if has_color and said is None else "image"
     if look in (None, "photo"):

@@ -66,7 +66,9 @@ def test_boxes_of_frames_without_a_segmentation_are_unmeasured():
     assert [one.error for one in outcomes] == [None] * 13
     boxes = [box for one in outcomes for box in one.decisions or ()]
     assert Counter(box["verdict"] for box in boxes) == {"unmeasured": 117}
-    assert [one.why for one in frames.unmatched] == ["no label file for this image"]
+    assert [one.why for one in frames.unmatched] == [
+        "no label file for this instance image"
+    ]
 
 
 def annotation_by_key(frames):

@@ -279,18 +279,46 @@ def test_options_for_labels_without_a_list_of_classes_are_named(bare_unghost, tm
     assert "not matched: labels/1.txt: labels of another layout" in images.err
 
 
-def test_folder_that_is_refused_for_a_link_gets_no_hint_about_classes(
+@pytest.mark.parametrize("command", ["filter", "convert"])
+def test_commands_that_upload_nothing_read_files_outside_the_folder(
+    bare_unghost, tmp_path, command
+):
+    folder = write_manifest(tmp_path / "frames", 2)
+    elsewhere = (folder / "seg/000000.png").rename(tmp_path / "seg.png")
+    linked = folder / "seg/000001.png"
+    linked.symlink_to(linked.rename(tmp_path / "1.png"))
+    manifest = folder / "manifest.jsonl"
+    text = manifest.read_text().replace("seg/000000.png", str(elsewhere))
+    manifest.write_text(text)
+    more = {"filter": (), "convert": ("--to", "coco", "--filter")}[command]
+
+    done = bare_unghost(command, folder, *more, "-o", "out")
+
+    assert done.code == DONE
+
+
+def test_description_of_a_recording_is_carried_out_and_options_win(
     bare_unghost, tmp_path
 ):
-    label = "Car 0 0 0 10 10 20 20 1 1 1 0 1 9 0"
-    write_files(tmp_path / "kitti", {"label_2/1.txt": label})
-    (tmp_path / "kitti" / "image_2").symlink_to(tmp_path)
+    folder = write_manifest(tmp_path / "frames", 1)
+    text = "segmentation: {palette: carla-0.9.0}\nclasses: {Auto: car, Kasten: pass}"
+    (folder / "recording.yaml").write_text(text)
+    manifest = folder / "manifest.jsonl"
+    manifest.write_text(manifest.read_text().replace('"car"', '"Auto"'))
+    (tmp_path / "other.yaml").write_text("boxes: {origin: 1}")
 
-    refused = bare_unghost("filter", "kitti")
+    described = bare_unghost("filter", folder, "-o", "1.jsonl")
+    named = bare_unghost("filter", folder, "--palette", "carla-0.9.14", "-o", "2.jsonl")
+    unused = bare_unghost("filter", folder, "--recording", "other.yaml")
+    wrong = bare_unghost("filter", folder, "--class-map", "Auto")
 
-    assert refused.code == REFUSED
-    assert "no link out of the folder" in refused.err
-    assert "--classes" not in refused.err
+    assert "carla-0.9.0" in described.err  # which its colours contradict
+    assert named.code == DONE
+    (line,) = (tmp_path / "2.jsonl").read_text().splitlines()
+    assert '"class":"Auto"' in line
+    assert "unmapped_class" not in line
+    assert "layout 'manifest' has no option 'origin' (boxes.origin" in unused.err
+    assert "--class-map: expected NAME=CLASS, such as Car=car" in wrong.err
 
 
 @pytest.mark.parametrize("command", ["filter", "convert", "evaluate"])

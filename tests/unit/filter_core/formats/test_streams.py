@@ -77,7 +77,7 @@ def test_pixels_tell_what_carla_and_its_users_write(tmp_path):
 
     assert looks == [look for _, look in LOOKS]
     assert [look_of(tmp_path / name) for name in ("2.jpg", "3.png", "4.png")] == [
-        None, None, None
+        "photo", None, None
     ]  # fmt: skip
 
 
