@@ -197,6 +197,7 @@ def write_response(task: FolderTask) -> int:
         layout = layouts[0]
     found = read_source(source, layout, description)
     layouts = layouts or (found.layout,)
+    settings = description.segmentation_settings()
     with _Response(task, source) as response:
         response.write(
             FolderHead.model_validate(
@@ -207,6 +208,12 @@ def write_response(task: FolderTask) -> int:
                         name: FORMATS[name].title for name in (*layouts, found.layout)
                     },
                     "classes": found.classes,
+                    "settings": settings,
+                    "config": {
+                        name: value
+                        for name, value in description.config_keys().items()
+                        if name not in settings
+                    },
                     "count": found.count,
                 }
             )

@@ -415,15 +415,3 @@ def _section(
         refuse_unknown_keys([word], valid, at=at)
         if value is not None:
             yield f"{prefix}{word}", value
-
-
-def described_keys() -> dict[str, tuple[str, str, str]]:
-    """For the documentation: allowed values, default and meaning of each key."""
-    return {
-        one.place or name: (
-            str(one.allowed),
-            "" if one.default in (None, {}) else str(one.default),
-            one.sentence,
-        )
-        for name, one in declared_keys(RecordingDescription).items()
-    }

@@ -25,6 +25,14 @@ class FolderHead(ResponseModel):
         description="Names of the classes in the order of their numbers; null if the "
         "folder has no list of them."
     )
+    settings: Mapping[Message, Message] = Field(
+        description="What recording.yaml in the folder says about segmentations, as "
+        "settings of a dataset."
+    )
+    config: Json = Field(
+        description="Other keys of a configuration that recording.yaml gives, such as "
+        "classes."
+    )
     count: int | None = Field(
         description="How many frames follow; null if that is known only at the end."
     )

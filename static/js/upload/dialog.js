@@ -128,7 +128,7 @@ function Review({ app, found, plan, typed, setTyped, close }) {
 
   const { run: start, isBusy, error } = useTask(async () => {
     /** @type {import("./uploader.js").Order["reading"]} */
-    const reading = lossy ? { lossy_segmentation: "nearest" } : {};
+    const reading = { .../** @type {import("./uploader.js").Order["reading"]} */ (plan.settings), ...(lossy && { lossy_segmentation: "nearest" }) };
     await app.uploads.start({ dataset: name, isNew: !there, classes: plan.classes, reading, frames: plan.frames, replace });
     close();
   });
@@ -170,10 +170,12 @@ function Review({ app, found, plan, typed, setTyped, close }) {
 /** @param {{plan: Plan, name: string, top: string}} props */
 function Hints({ plan, name, top }) {
   const bare = plan.frames.filter(({ files }) => !files.segmentation).length;
+  const keys = Object.keys(plan.config).join(" and ");
   const empty = plan.frames.filter(({ annotation }) => !(/** @type {unknown[]} */ (annotation.boxes)?.length)).length;
   return html`
     ${bare > 0 && html`<p class="upload__hint"><${Icon} name="warn" />${countOf(bare, "frame")} without a segmentation: their boxes cannot be measured and will be "unmeasured".</p>`}
     ${empty > 0 && html`<p class="upload__hint"><${Icon} name="warn" />${countOf(empty, "frame")} without boxes.</p>`}
+    ${keys && html`<p class="upload__hint"><${Icon} name="warn" />recording.yaml also gives ${keys}, which the page does not apply; the command line does:</p><${Command} text=${commandOf(top, name)} />`}
     ${plan.frames.length > MANY_FRAMES && html`<p class="upload__hint"><${Icon} name="warn" />For this many frames the command line is faster, and resumes where it stopped:</p><${Command} text=${commandOf(top, name)} />`}`;
 }
 

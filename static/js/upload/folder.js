@@ -29,6 +29,8 @@ import { contentOf } from "./uploader.js";
  * @property {{key: string, why: string}[]} problems  frames that cannot be read
  * @property {UnmatchedFile[]} unmatched  files that belong to no frame
  * @property {string[] | null} classes  the layout's own list
+ * @property {FolderHead["settings"]} settings  of a new dataset, as recording.yaml says
+ * @property {FolderHead["config"]} config  keys of a configuration that recording.yaml gives
  */
 
 /** @typedef {{step: "labels" | "waiting" | "frames", done: number, of: number | null}} Reading  labels read here, then frames read by the server */
@@ -92,8 +94,8 @@ export async function planOf(lines, entries, tell) {
     } else head = line;
   }
   if (!head || !isWhole) throw new Error("The server's response was cut off. Try again.");
-  const { layout, layouts, titles, classes } = head;
-  return { layout, layouts, titles, classes, ...found };
+  const { layout, layouts, titles, classes, settings, config } = head;
+  return { layout, layouts, titles, classes, settings, config, ...found };
 }
 
 /** @param {Pick<Plan, "frames" | "problems">} plan @param {FolderFrame} line @param {ReadonlyMap<string, Entry>} byPath */

@@ -62,6 +62,8 @@ def test_every_layout_is_read_as_the_library_reads_it(admin, tmp_path, layout):
         "layouts": [layout],
         "titles": {layout: FORMATS[layout].title},
         "classes": None if here.classes is None else list(here.classes),
+        "settings": {},
+        "config": {},
         "count": here.count,
     }
     assert unmatched == {one.path: one.why for one in here.unmatched}
@@ -79,6 +81,28 @@ def test_every_layout_is_read_as_the_library_reads_it(admin, tmp_path, layout):
     }
     assert frame["annotation"] is not None
     assert frame["files"]
+
+
+def test_description_of_a_recording_is_carried_out_and_told(admin):
+    text = b"""
+segmentation: {folder: tags, palette: carla-0.9.14}
+boxes: {classes: [Auto]}
+classes: {Auto: car}
+"""
+    files = {"a/1.png": b"", "a/1.txt": b"0 .5 .5 .5 .5", "tags/1.png": b""}
+    wrong = {"1.png": b"", "recording.yaml": b"segmentation: {folder: ..}"}
+
+    head, frames, unmatched, _ = parse_response(
+        post_folder(admin, {**files, "recording.yaml": text}, layout="yolo")
+    )
+    refused = post_folder(admin, wrong)
+
+    assert (head["classes"], unmatched) == (["Auto"], {})
+    assert head["settings"] == {"palette": "carla-0.9.14"}
+    assert head["config"] == {"classes": {"Auto": "car"}}
+    (frame,) = frames.values()
+    assert frame["files"] == {"image": "a/1.png", "segmentation": "tags/1.png"}
+    assert "segmentation.folder: expected a folder in that of" in refused.text
 
 
 def test_image_size_is_read_from_its_first_bytes(admin):
