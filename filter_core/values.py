@@ -251,7 +251,10 @@ def _is_storable(text: str) -> bool:
 
 
 _MAX_INTEGER: Final = 2**63 - 1
-"""Ids beyond it fit no database column."""
+"""Numbers of instances beyond it fit no database column."""
+
+_MAX_ID: Final = 2**64 - 1
+"""CARLA's environment objects have ids of 64 bits without a sign."""
 
 
 def read_id(value: object, index: int, at: Place, faults: Faults, limit: int) -> str:
@@ -259,7 +262,7 @@ def read_id(value: object, index: int, at: Place, faults: Faults, limit: int) ->
     if value is None:
         return str(index)
     if isinstance(value, int) and not isinstance(value, bool):
-        if abs(value) <= _MAX_INTEGER:
+        if -_MAX_INTEGER <= value <= _MAX_ID:
             return str(value)
         faults.add(at, "number_too_large", "an id of at most 64 bits", shown(value))
     elif isinstance(value, str):

@@ -16,7 +16,7 @@ import os
 import re
 import shutil
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
@@ -226,6 +226,7 @@ def write_response(task: FolderTask) -> int:
                 frames=response.frames,
                 faulty=response.faulty,
                 unmatched=response.unmatched,
+                notes=list(found.notes()),
             )
         )
         return response.size
@@ -299,6 +300,7 @@ class _Response:
             FolderFrame(
                 key=source.key,
                 annotation=source.annotation,
+                annotation_text=_text_of(source.annotation),
                 files=files,
                 fault=None,
             )
@@ -348,7 +350,20 @@ def _as_layout_error(problem: FilterError) -> LayoutError:
 
 def _faulty(key: str, fault: LayoutError) -> bytes:
     told = Fault(pointer=fault.pointer, code=fault.kind, detail=fault.detail)
-    return _line(FolderFrame(key=key, annotation=None, files={}, fault=told))
+    frame = FolderFrame(
+        key=key, annotation=None, annotation_text=None, files={}, fault=told
+    )
+    return _line(frame)
+
+
+_LONG_INTEGER: Final = re.compile(r"(?<![\d.])\d{16,}(?![\d.eE])")
+"""A whole number in JSON that may be beyond 2^53; also in a text."""
+
+
+def _text_of(annotation: Mapping[str, object] | None) -> str | None:
+    """The annotation as JSON, if the page could not give it back with all digits."""
+    text = json.dumps(annotation)
+    return text if _LONG_INTEGER.search(text) else None
 
 
 def _line(line: ResponseModel) -> bytes:
@@ -356,5 +371,8 @@ def _line(line: ResponseModel) -> bytes:
         # ASCII: a key can have lone surrogates, which UTF-8 cannot encode.
         return json.dumps(line.model_dump(), allow_nan=False).encode()
     except ValueError as exc:
-        # JSON has no infinity, but 1e999 is read as one.
-        raise LayoutError("a number in the annotation is too large") from exc
+        # JSON has neither NaN nor infinity, but 1e999 is read as one.
+        raise LayoutError(
+            "expected finite numbers in the annotation, found one that is NaN or too "
+            "large"
+        ) from exc

@@ -11,12 +11,14 @@ References
 from __future__ import annotations
 
 import math
+import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import ClassVar, Final
+from urllib.parse import unquote
 
 from filter_core.annotation.boxes import KNOWN_BOX_KEYS
 from filter_core.annotation.frame import FORMS_3D
@@ -54,6 +56,7 @@ from filter_core.formats.writing import (
     Traits,
     band_name,
 )
+from filter_core.values import shown
 
 COCO: Final = Format(
     name="coco",
@@ -87,12 +90,31 @@ def _coco_files(root: Path) -> list[Path]:
     return [path for path in sorted(found) if looks_like_coco(path)]
 
 
+_INSTANCES: Final = "instances"
+
+_OTHER_TASKS: Final = ("person_keypoints", "stuff", "panoptic", "captions")
+"""How COCO's own files begin that list the images of ``instances_...`` once more."""
+
+
+def _repeating(paths: Sequence[Path]) -> dict[Path, Path]:
+    """Files for other tasks, each with the file that has the boxes of its images."""
+    there = set(paths)
+    tasks = ((path, task) for path in paths for task in _OTHER_TASKS)
+    found = (
+        (path, path.with_name(path.name.replace(task, _INSTANCES, 1)))
+        for path, task in tasks
+        if path.name.startswith(task)
+    )
+    return {path: boxes for path, boxes in found if boxes in there}
+
+
 @COCO.reader
 def read_coco(root: Path, options: RecordingDescription) -> FrameSet:
     """The frames of one or several COCO files.
 
     If several images share an id, it is unknown to which of them a box belongs: they
-    become one frame with an error, and all other frames are read.
+    become one frame with an error, and all other frames are read. So does a frame with
+    an annotation that cannot be read. Annotations of no image are listed as unmatched.
 
     Raises
     ------
@@ -106,14 +128,20 @@ def read_coco(root: Path, options: RecordingDescription) -> FrameSet:
             "annotations/, found none"
         )
     folder = root.parent if root.is_file() else root
-    indices = [index_coco(path, path.name) for path in paths]
+    repeating = _repeating(paths)
+    indices = [index_coco(path, path.name) for path in paths if path not in repeating]
     rows, unmatched = _match(folder, indices, options)
+    notes = tuple(
+        f"{path.name} was not read: {boxes.name} has the boxes of its images"
+        for path, boxes in repeating.items()
+    )
     return FrameSet(
         layout="coco",
         frames=lambda: (_read(frame, image) for frame, image in rows),
         classes=tuple(options.classes or _classes(indices)),
         count=len(rows),
-        unmatched=(*unmatched, *_orphans(indices)),
+        unmatched=(*unmatched, *_unused(indices)),
+        notes=lambda: notes,
     )
 
 
@@ -127,58 +155,187 @@ def _match(
     """Every image as a frame with its files, by their keys; what is left over."""
     streams = Streams(folder, options.segmentation)
     images = FileIndex(streams.images)
-    named = [one for index in indices for one in _named(index)]
-    bases = Counter(last_name(one.file) for one in named)
+    listed: list[_Name] = []
+    nameless: list[Unmatched] = []
+    for index in indices:
+        for row in _rows(index):
+            try:
+                listed.append(_name(index, row))
+            except LayoutError as exc:
+                nameless.append(Unmatched(index.name, exc.detail))
+    named = _with_images(listed, images)
     seen = Counter(one.key for one in named)
     files = []
     for one in named:
-        alone = bases[last_name(one.file)] == 1
-        image = images.take(f"{one.part}/{one.file}") if one.part else None
-        image = image or images.take(one.file, by_base=alone)
-        files.append(FrameFileNames(one.key, f"{one.file}.", image))
+        files.append(FrameFileNames(one.key, f"{frame_key(one.path)}.", one.image))
     files, left_over = streams.complete(files, "image of a COCO file")
+    files, shared = _of_one_frame_each(files, folder)
     rows = [
         (replace(frame_of(file, folder), label=None, problem=problem), one)
         for file, one in zip(files, named, strict=True)
         for problem in [_problem(one, seen[one.key])]
     ]
-    unmatched = (*images.left_over("no COCO file lists this image"), *left_over)
+    unmatched = (
+        *images.left_over("no COCO file lists this image"),
+        *left_over,
+        *shared,
+        *_first(nameless),
+    )
     return sorted(rows, key=lambda row: row[0].key), unmatched
 
 
 @dataclass(frozen=True)
 class _Name:
-    """An image of a COCO file: the keys of its frame and its file, and its split."""
+    """An image of a COCO file.
+
+    Attributes
+    ----------
+    index, row : CocoIndex, int
+        The file, and the place of the image in it.
+    key : str
+        Of its frame.
+    path : str
+        As the file gives it, but relative; see `_relative`.
+    part : str
+        The part of a split that the name of the COCO file ends in, or "".
+    is_ours : bool
+        The key is that of an export.
+    is_elsewhere : bool
+        The path was not relative: it is that of another machine, or an address.
+    image : str or None
+        The image, relative to the folder.
+    """
 
     index: CocoIndex
     row: int
     key: str
-    file: str
+    path: str
     part: str
+    is_ours: bool
+    is_elsewhere: bool
+    image: str | None = None
 
 
-def _named(index: CocoIndex) -> Iterator[_Name]:
-    """The names of all images; of images with one id only the first."""
+def _rows(index: CocoIndex) -> Iterator[int]:
+    """All images; of images with one id only the first."""
     later = {row for rows in index.repeated.values() for row in rows[1:]}
+    return (row for row in range(len(index.places)) if row not in later)
+
+
+def _name(index: CocoIndex, row: int) -> _Name:
+    """The name of an image; raises `LayoutError` if it has none."""
+    image = index.image(row)
+    key, name = image.get("key"), image.get("file_name")
+    is_ours = isinstance(key, str) and key != ""
+    path, is_elsewhere = _relative(name) if isinstance(name, str) else ("", False)
+    if not path:
+        raise LayoutError(f"images[{row}]: expected a file_name, found {shown(name)}")
+    own = frame_key(path)
     stem = Path(index.name).stem.lower()
     part = next((one for one in _SPLITS if stem.endswith(one)), "")
-    for row in range(len(index.places)):
-        if row in later:
+    return _Name(
+        index, row, str(key) if is_ours else own, path, part, is_ours, is_elsewhere
+    )
+
+
+_LOCAL_FILES: Final = "/data/local-files/?d="
+"""How Label Studio begins the address of a file of its machine."""
+
+_ADDRESS: Final = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*:/*|/+")
+"""The beginning of an address, of a path on a drive, or of an absolute path."""
+
+
+def _relative(name: str) -> tuple[str, bool]:
+    """A path without root, drive, address and ``..``; whether it had any of these."""
+    path = name
+    if _LOCAL_FILES in path:
+        path = unquote(path.partition(_LOCAL_FILES)[2])
+    path = path.replace("\\", "/")
+    begins = _ADDRESS.match(path)
+    parts = path[begins.end() if begins else 0 :].split("/")
+    kept = [part for part in parts if part not in ("", ".", "..")]
+    is_elsewhere = path != name.replace("\\", "/") or bool(begins) or ".." in parts
+    return "/".join(kept), is_elsewhere
+
+
+def _of_one_frame_each(
+    frames: Sequence[FrameFileNames], folder: Path
+) -> tuple[list[FrameFileNames], list[Unmatched]]:
+    """Frames without the files that belong to another frame; files that may be of any.
+
+    The segmentation of ``a.png`` and ``a.jpg`` is that of the picture with its suffix.
+    """
+    users: dict[Path, list[FrameFileNames]] = {}
+    for frame in frames:
+        for path in frame.files.values():
+            users.setdefault(path, []).append(frame)
+    lost: dict[str, set[Path]] = {}
+    unclear = []
+    for path, sharing in users.items():
+        if len({one.image for one in sharing}) == 1:
             continue
-        image = index.image(row)
-        key, name = image.get("key"), image.get("file_name")
-        if not isinstance(name, str) or not name:
-            raise LayoutError(
-                f"{index.name}, images[{row}]: expected a file_name, found "
-                f"{str(name)[:40]!r}"
-            )
-        try:
-            file = frame_key(name.replace("\\", "/"))
-        except LayoutError as exc:
-            raise LayoutError(f"{index.name}, images[{row}]: {exc}") from exc
-        yield _Name(
-            index, row, key if isinstance(key, str) and key else file, file, part
+        alike = [
+            one
+            for one in sharing
+            if PurePosixPath(one.image or "").suffix.lower() == path.suffix.lower()
+        ]
+        for one in sharing:
+            if len(alike) != 1 or one is not alike[0]:
+                lost.setdefault(one.key, set()).add(path)
+        if len(alike) != 1:
+            names = " or ".join(one.key for one in sharing[:_MOST_NAMED])
+            why = f"may belong to {names}, so it is not used"
+            inside = path.is_relative_to(folder)
+            name = path.relative_to(folder).as_posix() if inside else path.name
+            unclear.append(Unmatched(name, why))
+    own = [
+        replace(
+            one,
+            files={
+                role: path
+                for role, path in one.files.items()
+                if path not in lost[one.key]
+            },
         )
+        if one.key in lost
+        else one
+        for one in frames
+    ]
+    return own, unclear
+
+
+def _with_images(listed: Sequence[_Name], images: FileIndex) -> list[_Name]:
+    """The names with their images: each the file whose path ends most alike.
+
+    Of a path from elsewhere only its end says anything, so the frame is called by the
+    file in the folder; and pictures that differ in their suffix only by that, too.
+    """
+    bases = Counter(last_name(one.path) for one in listed)
+    taken: list[str | None] = []
+    for one in listed:
+        depth = one.path.count("/") + 1
+        least = 1 if bases[last_name(one.path)] == 1 else 2
+        image = None
+        if one.part:
+            image = images.take_named(f"{one.part}/{one.path}", least=depth + 1)
+        taken.append(image or images.take_named(one.path, least=least))
+    uses = Counter(taken)
+    named = []
+    for one, image in zip(listed, taken, strict=True):
+        exact = image is not None and frame_key(image) == frame_key(one.path)
+        # A file that only resembles several names is not known to be any of them.
+        sure = image if exact or uses[image] == 1 else None
+        own = frame_key(sure) if one.is_elsewhere and sure else one.key
+        named.append(replace(one, image=sure, key=one.key if one.is_ours else own))
+    suffixes: dict[str, set[str]] = {}
+    for one in named:
+        suffixes.setdefault(one.key, set()).add(PurePosixPath(one.path).suffix)
+    return [
+        replace(one, key=f"{one.key}{PurePosixPath(one.path).suffix}")
+        if not one.is_ours and len(suffixes[one.key]) > 1
+        else one
+        for one in named
+    ]
 
 
 _MOST_NAMED: Final = 3
@@ -215,11 +372,29 @@ def _classes(indices: Sequence[CocoIndex]) -> list[str]:
     return list(names)
 
 
-def _orphans(indices: Sequence[CocoIndex]) -> Iterator[Unmatched]:
+def _unused(indices: Sequence[CocoIndex]) -> Iterator[Unmatched]:
+    """Images, annotations and categories that cannot be used."""
     for index in indices:
-        if index.orphans:
-            why = f"{index.orphans} annotations of images that it does not list"
-            yield Unmatched(index.name, why)
+        yield from (Unmatched(index.name, why) for why in index.faulty)
+        if orphans := sorted(index.orphans):
+            first = ", ".join(f"annotations[{n}]" for n in orphans[:_MOST_NAMED])
+            more = len(orphans) - _MOST_NAMED
+            yield Unmatched(
+                index.name,
+                f"{len(orphans)} annotations of images that it does not list: {first}"
+                + (f" and {more:,} more" if more > 0 else ""),
+            )
+
+
+_MOST_NAMELESS: Final = 10
+
+
+def _first(nameless: Sequence[Unmatched]) -> Iterator[Unmatched]:
+    """The first images without a name; the others are counted."""
+    yield from nameless[:_MOST_NAMELESS]
+    if len(nameless) > _MOST_NAMELESS:
+        more = len(nameless) - _MOST_NAMELESS
+        yield Unmatched(nameless[0].path, f"{more:,} more images without a file_name")
 
 
 def _read(frame: FrameSource, image: _Name) -> FrameSource:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 from array import array
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,6 +26,7 @@ from filter_core.json_text import (
     read_json,
 )
 from filter_core.types import IntArray
+from filter_core.values import shown
 
 
 def index_coco(path: Path, name: str) -> CocoIndex:
@@ -62,11 +64,16 @@ class CocoIndex:
     places : (N, 2) int64
         First and last byte of each image.
     owners : (M,) int64
-        The image of each annotation, -1 for none; ascending.
+        The image of each annotation, -1 for one that the file does not have, -2 if the
+        annotation names none; ascending.
     spans : (M, 2) int64
         First and last byte of each annotation, in the order of `owners`.
+    positions : (M,) int64
+        The place of each annotation in the file, in the order of `owners`.
     repeated : dict
         Rows of images that share an id, by the first of them.
+    faulty : tuple of str
+        What is wrong with each image, annotation and category that is not used.
     """
 
     name: str
@@ -75,7 +82,9 @@ class CocoIndex:
     places: IntArray
     owners: IntArray
     spans: IntArray
+    positions: IntArray
     repeated: dict[int, list[int]]
+    faulty: tuple[str, ...] = ()
 
     def image(self, row: int) -> dict[str, object]:
         """The JSON object of one image."""
@@ -87,15 +96,14 @@ class CocoIndex:
         first, last = np.searchsorted(self.owners, [row, row + 1])
         with open_regular(self.path) as file:
             for number in range(int(first), int(last)):
-                start = int(self.spans[number, 0])
-                yield self._load(
-                    file, self.spans[number], f"the annotation at byte {start}"
-                )
+                at = f"annotations[{self.positions[number]}]"
+                yield self._load(file, self.spans[number], at)
 
     @property
-    def orphans(self) -> int:
-        """Annotations of images that the file does not have."""
-        return int((self.owners == -1).sum())
+    def orphans(self) -> list[int]:
+        """Places of the annotations of images that the file does not have."""
+        orphans: list[int] = self.positions[self.owners == _NO_IMAGE].tolist()
+        return orphans
 
     def _load(self, file: BinaryIO, span: IntArray, at: str) -> dict[str, object]:
         start, end = map(int, span)
@@ -104,6 +112,20 @@ class CocoIndex:
         if not isinstance(value, dict):
             raise LayoutError(f"{self.name}, {at}: expected an object")
         return value
+
+
+_NO_IMAGE: Final = -1
+"""The owner of annotations of images that the file does not have."""
+
+_FAULTY: Final = -2
+"""The owner of annotations that name no image."""
+
+_MOST_FAULTS: Final = 10
+"""Faulty elements of a list that are described; further ones are counted."""
+
+
+class _NoIdError(LayoutError):
+    """An element without an id that can be used."""
 
 
 class _Builder:
@@ -117,20 +139,36 @@ class _Builder:
         self._pending: dict[CocoId, int] = {}
         self._categories: list[JsonItem] = []
         self._seen: set[str] = set()
+        self._counts: Counter[str] = Counter()
+        self._faults: dict[str, list[str]] = {}
 
     def add(self, item: JsonItem) -> None:
         self._seen.add(item.key)
         if item.is_empty:
             return
-        if item.key == "images":
-            self._add_image(item)
-        elif item.key == "annotations":
-            self._add_annotation(item)
-        elif item.key == "categories":
-            self._categories.append(item)
+        place = self._counts[item.key]
+        self._counts[item.key] += 1
+        try:
+            if item.key == "images":
+                self._add_image(item)
+            elif item.key == "annotations":
+                self._add_annotation(item)
+            elif item.key == "categories":
+                _id(item, "id")
+                self._categories.append(item)
+        except _NoIdError as exc:
+            self._note_fault(item, place, exc.detail)
+
+    def _note_fault(self, item: JsonItem, place: int, why: str) -> None:
+        faults = self._faults.setdefault(item.key, [])
+        number = item.value.get("id") if isinstance(item.value, dict) else None
+        name = "" if number is None else f" (id {shown(number)})"
+        faults.append(
+            f"{item.key}[{place}]{name}: {why}" if len(faults) < _MOST_FAULTS else ""
+        )
 
     def _add_image(self, item: JsonItem) -> None:
-        number = self._id(item, "id")
+        number = _id(item, "id")
         row = len(self._places) // 2
         self._places.extend((item.start, item.end))
         first = self._rows.setdefault(number, row)
@@ -138,19 +176,11 @@ class _Builder:
             self._repeated.setdefault(first, [first]).append(row)
 
     def _add_annotation(self, item: JsonItem) -> None:
-        # Ids become small numbers: annotations may come before the images.
-        owner = self._id(item, "image_id")
-        self._owners.append(self._pending.setdefault(owner, len(self._pending)))
         self._spans.extend((item.start, item.end))
-
-    def _id(self, item: JsonItem, key: str) -> CocoId:
-        value = item.value.get(key) if isinstance(item.value, dict) else None
-        if isinstance(value, bool) or not isinstance(value, (int, str)):
-            raise LayoutError(
-                f"{self._name}, byte {item.start}: expected an object with {key!r}, a "
-                f"number or text, found {str(value)[:40]!r}"
-            )
-        return value
+        self._owners.append(_FAULTY)
+        # Ids become small numbers: annotations may come before the images.
+        owner = _id(item, "image_id")
+        self._owners[-1] = self._pending.setdefault(owner, len(self._pending))
 
     def index(self, path: Path) -> CocoIndex:
         if not {"images", "categories"} <= self._seen:
@@ -158,40 +188,70 @@ class _Builder:
                 f"{self._name}: expected images, annotations and categories, found "
                 f"{', '.join(sorted(self._seen))[:100] or 'nothing'}"
             )
-        row_of = np.array([self._rows.get(i, -1) for i in self._pending], np.int64)
-        owners = row_of[np.array(self._owners, np.int64)] if len(row_of) else row_of
+        rows = [self._rows.get(number, _NO_IMAGE) for number in self._pending]
+        # The owner of faulty ones is a place from the end, where the same number is.
+        row_of = np.array([*rows, _FAULTY, _FAULTY], np.int64)
+        owners = row_of[np.array(self._owners, np.int64)]
         order = np.argsort(owners, kind="stable")
         spans = np.array(self._spans, np.int64).reshape(-1, 2)
+        names = self._class_names(path)
         return CocoIndex(
             name=self._name,
             path=path,
-            names=self._class_names(path),
+            names=names,
             places=np.array(self._places, np.int64).reshape(-1, 2),
             owners=owners[order],
             spans=spans[order],
+            positions=order,
             repeated=self._repeated,
+            faulty=tuple(self._all_faults()),
         )
+
+    def _all_faults(self) -> Iterator[str]:
+        for key, faults in self._faults.items():
+            yield from faults[:_MOST_FAULTS]
+            if len(faults) > _MOST_FAULTS:
+                yield f"{key}: {len(faults) - _MOST_FAULTS:,} more like this"
 
     def _class_names(self, path: Path) -> dict[CocoId, str]:
         names: dict[CocoId, str] = {}
+        ambiguous: set[CocoId] = set()
         with open_regular(path) as file:
-            for item in self._categories:
-                number = self._id(item, "id")
+            for place, item in enumerate(self._categories):
+                number = _id(item, "id")
                 file.seek(item.start)
-                category = decode_value(file.read(item.end - item.start), self._name)
-                word = category.get("name") if isinstance(category, dict) else None
+                # Nothing but the name is used, so nothing else can be wrong.
+                category = json.loads(file.read(item.end - item.start))
+                word = category.get("name")
                 if not isinstance(word, str) or not word:
-                    raise LayoutError(
-                        f"{self._name}: category {number!r}: expected a name, found "
-                        f"{str(word)[:40]!r}"
+                    why = f"expected a name, found {shown(word)}"
+                    self._note_fault(item, place, why)
+                elif names.setdefault(number, word) != word:
+                    ambiguous.add(number)
+                    first = names[number]
+                    why = (
+                        f"this id is that of {shown(first)}, too, and of {shown(word)}"
                     )
-                if number in names:
-                    raise LayoutError(
-                        f"{self._name}: expected each category id once, found "
-                        f"{number!r} for {names[number]!r} and {word[:40]!r}"
-                    )
-                names[number] = word
-        return names
+                    self._note_fault(item, place, why)
+        return {key: word for key, word in names.items() if key not in ambiguous}
+
+
+def _id(item: JsonItem, key: str) -> CocoId:
+    """The id under this key; a whole number may be written as 1.0.
+
+    Raises
+    ------
+    _NoIdError
+        There is none.
+    """
+    value = item.value.get(key) if isinstance(item.value, dict) else None
+    if isinstance(value, float) and value.is_integer():
+        return int(value)
+    if isinstance(value, bool) or not isinstance(value, (int, str)):
+        raise _NoIdError(
+            f"expected an object with {key!r}, a number or text, found {shown(value)}"
+        )
+    return value
 
 
 _LISTS: Final = ("images", "annotations", "categories")
@@ -274,7 +334,8 @@ class _Reader:
         self._file, self._name, self._piece_bytes = file, name, piece_bytes
         self._text, self._at = "", 0
         self._before = 0
-        self._decoder = json.JSONDecoder(parse_constant=_no_constant)
+        # NaN is no JSON, but spoils only the value that it is in: `decode_value`.
+        self._decoder = json.JSONDecoder()
         self._ended = False
 
     def items(self) -> Iterator[JsonItem]:
@@ -392,10 +453,6 @@ class _Reader:
             f"{self._name}, byte {self._before + self._at}: expected {expected}, found "
             f"{found}{why}"
         )
-
-
-def _no_constant(word: str) -> None:
-    raise ValueError(f"{word} is not a JSON number")
 
 
 def decode_value(content: bytes, name: str) -> object:

@@ -146,6 +146,9 @@ class ExportOptions:
         where the format has such a thing
     boxes : ``visible``, ``amodal`` or ``tight`` rectangles, where a box has several
     images : ``copy`` or ``none``
+    allow_missing_images : bool
+        Also frames without an image. They are left out otherwise, if images are copied,
+        since programs refuse labels whose image is missing, and all others with them.
     split : share of the frames that are for training, 0..1
     bands : tuple of int, metres
         Labels once more for each, with the boxes up to that distance.
@@ -156,6 +159,7 @@ class ExportOptions:
     rejected: Rejected = "drop"
     boxes: Boxes = "visible"
     images: Images = "copy"
+    allow_missing_images: bool = False
     split: float = 0.8
     bands: tuple[int, ...] = ()
 
@@ -174,9 +178,10 @@ class ExportOptions:
                 raise _bad("bands", f"whole metres from 1 to {MAX_BAND}", f"{band}")
 
     def _check_types(self) -> None:
-        if not isinstance(self.include_unmeasured, bool):
-            found = repr(self.include_unmeasured)[:40]
-            raise _bad("include_unmeasured", "true or false", found)
+        for name in ("include_unmeasured", "allow_missing_images"):
+            if not isinstance(getattr(self, name), bool):
+                found = repr(getattr(self, name))[:40]
+                raise _bad(name, "true or false", found)
         numbers = {"split": (self.split,), "bands": self.bands}
         for name, values in numbers.items():
             for value in values:

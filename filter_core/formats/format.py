@@ -42,7 +42,7 @@ FOLDER_OPTIONS: Final = frozenset({"segmentation", "labels"})
 SELECTION_OPTIONS: Final = frozenset({"include", "include_unmeasured", "images"})
 """The `ExportOptions` that select what is written: which boxes, and images or none."""
 
-LABEL_OPTIONS: Final = SELECTION_OPTIONS | {"boxes", "split"}
+LABEL_OPTIONS: Final = SELECTION_OPTIONS | {"boxes", "split", "allow_missing_images"}
 """The `ExportOptions` of a format of labels; some have more, or not all of these."""
 
 Need: TypeAlias = Literal["annotation", "image", "decisions", "decision_columns"]

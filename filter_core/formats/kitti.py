@@ -188,7 +188,7 @@ def _line(columns: Sequence[str], at: str) -> _KittiLine:
         raise LayoutError(
             f"{at}: expected 15 columns (16 with a score), found {len(columns)}"
         )
-    return _KittiLine(columns[0], tuple(read_columns(columns[1:], at)))
+    return _KittiLine(columns[0], tuple(read_columns(columns[1:], at)), at)
 
 
 _DONT_CARE: Final = "DontCare"
@@ -198,12 +198,17 @@ _UNKNOWN: Final = -999.0
 """Metres; KITTI gives -1000 for the location of a 3D box that is not known."""
 
 
+_NO_RECTANGLE: Final = ([-1.0] * 4, [0.0] * 4)
+"""Written in place of a rectangle that is not known: by KITTI, and by other tools."""
+
+
 @dataclass(frozen=True)
 class _KittiLine:
-    """One object: its type and its 14 numbers, or 15 with a score."""
+    """One object: its type, its 14 numbers, or 15 with a score, and its place."""
 
     type: str
     numbers: tuple[float, ...]
+    at: str
 
     @property
     def xyxy(self) -> list[float]:
@@ -217,9 +222,8 @@ class _KittiLine:
 
     @property
     def has_rectangle(self) -> bool:
-        """Whether its rectangle has an extent."""
-        x_min, y_min, x_max, y_max = self.xyxy
-        return x_max > x_min and y_max > y_min
+        """Whether its rectangle is none of those that stand for "not known"."""
+        return self.xyxy not in _NO_RECTANGLE
 
     @property
     def vertices(self) -> FloatArray | None:
@@ -259,13 +263,23 @@ def kitti_vertices(
 def _box_of(line: _KittiLine, camera: Camera | None) -> dict[str, object]:
     """A line as a box of an annotation; the other columns are kept under ``kitti``.
 
-    The rectangle counts where there is one. A line that has only a 3D box, as some
-    tools write, needs the camera.
+    The rectangle counts where there is one, and is never replaced by another. A line
+    that has only a 3D box, as some tools write, needs the camera.
+
+    Raises
+    ------
+    LayoutError
+        There is no rectangle, and none can be computed.
     """
     truncated, occluded, alpha = line.numbers[:3]
     box: dict[str, object] = {"class": line.type}
     vertices = line.vertices
-    if not line.has_rectangle and vertices is not None and camera is not None:
+    if not line.has_rectangle:
+        if vertices is None or camera is None:
+            raise LayoutError(
+                f"{line.at}: expected a rectangle, or a 3D box with the frame's image "
+                f"and calibration, found the corners {line.numbers[3:7]}"
+            )
         return {**box, "vertices": vertices.tolist()}
     box["xyxy"] = line.xyxy
     kept: dict[str, object] = {

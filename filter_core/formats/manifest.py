@@ -245,7 +245,10 @@ class ManifestWriter:
     """
 
     traits: ClassVar[Traits] = Traits(
-        image="images/{stem}{suffix}", can_hold_crowds=True, can_hold_unplaced=True
+        image="images/{stem}{suffix}",
+        can_hold_crowds=True,
+        can_hold_unplaced=True,
+        names_images=False,
     )
 
     def __init__(self, context: ExportContext) -> None:

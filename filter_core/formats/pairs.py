@@ -24,7 +24,7 @@ from filter_core.formats.reading import (
     Unmatched,
     annotated,
     frame_of,
-    holds_boxes,
+    is_label,
     manifests_below,
     read_label_bytes,
     walk,
@@ -50,7 +50,7 @@ PAIRS: Final = Format(
 def _recognise(source: Source) -> Recognition:
     root = source.path
     # Labels of an unknown layout must not be ignored silently, nor must manifests.
-    if root.is_file() or any(map(holds_boxes, source.label_files)):
+    if root.is_file() or any(is_label(root, name) for name in source.label_files):
         return "none"
     if manifests_below(root):
         return "none"
@@ -94,7 +94,7 @@ def read_pairs(root: Path, options: RecordingDescription) -> FrameSet:
 
 def _foreign_labels(root: Path) -> Iterator[Unmatched]:
     for name in walk(root, (".txt", ".xml")):
-        if holds_boxes(name):
+        if is_label(root, name):
             yield Unmatched(name, "labels of another layout are not read with images")
 
 

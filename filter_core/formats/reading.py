@@ -13,7 +13,6 @@ import os
 import re
 import stat
 import unicodedata
-from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
@@ -124,6 +123,9 @@ class FrameSet:
     count : int or None
         Number of frames, None where only reading tells.
     unmatched : tuple of Unmatched
+    notes : callable
+        Gives sentences for people: what was recognised, and what was read as something
+        else. Complete when all frames have been read.
     """
 
     layout: str
@@ -131,6 +133,7 @@ class FrameSet:
     classes: tuple[str, ...] | None = None
     count: int | None = None
     unmatched: tuple[Unmatched, ...] = ()
+    notes: Callable[[], tuple[str, ...]] = tuple
 
     def __iter__(self) -> Iterator[FrameSource]:
         return self.frames()
@@ -208,9 +211,15 @@ def is_inside(path: Path, folders: Iterable[Path]) -> bool:
 
 
 def match(
-    labels: Iterable[str], images: Iterable[str]
+    labels: Iterable[str],
+    images: Iterable[str],
+    image_named: Callable[[str], str | None] | None = None,
 ) -> tuple[list[FrameFileNames], tuple[Unmatched, ...]]:
-    """One entry per label file, in the order of the keys, and all that is left over."""
+    """One entry per label file, in the order of the keys, and all that is left over.
+
+    `image_named` gives the path of the image that a label file itself names, or None;
+    it is asked about labels that no image is called like.
+    """
     label_index = FileIndex(labels)
     image_index = FileIndex(images)
     frames = []
@@ -219,6 +228,8 @@ def match(
         # name that occurs once on both sides identifies a frame.
         alone = label_index.is_only_base(key)
         image = image_index.take(key, by_base=alone)
+        if image is None and image_named and (name := image_named(label)):
+            image = image_index.take_named(name)
         frames.append(FrameFileNames(key, label, image))
     unmatched = (
         *label_index.unmatched,
@@ -228,7 +239,7 @@ def match(
 
 
 class FileIndex:
-    """Files by frame key; a second file of the same key is listed, not used.
+    """Files by frame key; a second file of the same key is used only if it is named.
 
     `key_of` returns the key of a file; by default `frame_key`.
     """
@@ -238,20 +249,19 @@ class FileIndex:
     ) -> None:
         key_of = key_of or frame_key
         self._by_key: dict[str, str] = {}
-        self._unused: dict[str, str] = {}
-        self.unmatched: list[Unmatched] = []
+        self._alike: dict[str, list[str]] = {}
         for file in files:
             key = key_of(file)
             first = self._by_key.setdefault(key, file)
             if first != file:
-                self.unmatched.append(
-                    Unmatched(file, f"same frame as {first}, which is used")
-                )
-        self._unused.update(self._by_key)
-        bases = Counter(map(last_name, self._by_key))
-        self._by_base = {
-            last_name(key): key for key in self._by_key if bases[last_name(key)] == 1
+                self._alike.setdefault(key, [first]).append(file)
+        self._unused = dict.fromkeys(self._by_key.values())
+        self._later = {
+            file: first for first, *later in self._alike.values() for file in later
         }
+        self._by_base: dict[str, list[str]] = {}
+        for key in self._by_key:
+            self._by_base.setdefault(last_name(key), []).append(key)
 
     def __iter__(self) -> Iterator[tuple[str, str]]:
         return iter(sorted(self._by_key.items()))
@@ -259,21 +269,71 @@ class FileIndex:
     def __len__(self) -> int:
         return len(self._by_key)
 
+    @property
+    def unmatched(self) -> list[Unmatched]:
+        """Files that share the key of another, which is used."""
+        return [
+            Unmatched(file, f"same frame as {first}, which is used")
+            for file, first in self._later.items()
+        ]
+
     def is_only_base(self, key: str) -> bool:
         """Whether no other key ends in the same name."""
-        return last_name(key) in self._by_base
+        return len(self._by_base.get(last_name(key), ())) == 1
 
     def take(self, key: str, *, by_base: bool = False) -> str | None:
         """The file of a frame; `by_base`: else the only one with its last name."""
-        if key not in self._by_key and by_base:
-            key = self._by_base.get(last_name(key), key)
-        self._unused.pop(key, None)
-        return self._by_key.get(key)
+        if key not in self._by_key and by_base and self.is_only_base(key):
+            (key,) = self._by_base[last_name(key)]
+        return self._use(self._by_key.get(key))
+
+    def take_named(
+        self, name: str, *, least: int = 1, same_suffix: bool = False
+    ) -> str | None:
+        """The file whose path has the longest end in common with `name`.
+
+        None if several have, or none has at least its `least` last parts. Of files that
+        differ in nothing but the suffix it is the one with that of `name`, or the first
+        if none has it; with `same_suffix` only the former.
+        """
+        key = frame_key(name)
+        keys = self._by_base.get(last_name(key), [])
+        if key not in self._by_key and keys:
+            parts = key.split("/")
+            common = [_common_end(one.split("/"), parts) for one in keys]
+            longest = max(common)
+            keys = [one for one, n in zip(keys, common, strict=True) if n == longest]
+            if len(keys) > 1 or longest < least:
+                return None
+            (key,) = keys
+        if key not in self._by_key:
+            return None
+        files = self._alike.get(key, [self._by_key[key]])
+        suffix = PurePosixPath(name).suffix.lower()
+        alike = [file for file in files if file.lower().endswith(suffix)]
+        if not alike:
+            return None if same_suffix else self._use(files[0])
+        return self._use(alike[0])
+
+    def _use(self, file: str | None) -> str | None:
+        if file is not None:
+            self._unused.pop(file, None)
+            self._later.pop(file, None)
+        return file
 
     def left_over(self, why: str) -> list[Unmatched]:
         """Files that belong to no frame, and those that share a key."""
-        unused = [Unmatched(file, why) for file in self._unused.values()]
+        unused = [Unmatched(file, why) for file in self._unused]
         return [*self.unmatched, *unused]
+
+
+def _common_end(some: Sequence[str], others: Sequence[str]) -> int:
+    """How many names at the end of two paths are the same."""
+    pairs = zip(reversed(some), reversed(others), strict=False)
+    return next(
+        (place for place, (one, other) in enumerate(pairs) if one != other),
+        min(len(some), len(others)),
+    )
 
 
 def name_of(source: Path) -> str:
@@ -344,6 +404,48 @@ def holds_boxes(name: str) -> bool:
     if folder.split("/")[0] == "imagesets":
         return False
     return base not in _CLASS_LISTS and (folder or base) not in _TEXTS_AT_THE_TOP
+
+
+_LOOKED_AT: Final = 4096
+"""Bytes of a text that tell what it is."""
+
+_FEWEST_COLUMNS: Final = 4
+
+
+def is_label(root: Path, name: str) -> bool:
+    """Whether a ``.txt`` or ``.xml`` file of a folder may hold boxes.
+
+    By its name (`holds_boxes`), and a text by its content (`has_rows`), too.
+    """
+    is_text = name.lower().endswith(".txt")
+    return holds_boxes(name) and (not is_text or has_rows(root / name))
+
+
+def has_rows(path: Path) -> bool:
+    """Whether a text file may hold boxes, by its content: it is empty, or its first row
+    has four columns or more, most of which are numbers.
+
+    Notes and lists of names do not. A file that cannot be read may: its frame is to
+    have the error. So may rows with a mistake in them.
+    """
+    try:
+        with open_regular(path) as file:
+            text = file.read(_LOOKED_AT).decode("utf-8-sig")
+    except (OSError, UnicodeDecodeError):
+        return True
+    first = next(filter(None, map(str.split, text.splitlines())), None)
+    if first is None:
+        return True
+    numbers = sum(map(_is_number, first))
+    return len(first) >= _FEWEST_COLUMNS and 2 * numbers > len(first)
+
+
+def _is_number(word: str) -> bool:
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True
 
 
 def last_name(key: str) -> str:

@@ -86,9 +86,11 @@ class ExportTally:
         if boxes:
             self._unmeasured["written"] += boxes
 
-    def image_missing(self) -> None:
+    def image_missing(self, *, left_out: bool = False) -> None:
         """Count a frame whose image is missing although images are copied."""
         self._frames["without_image"] += 1
+        if left_out:
+            self._frames["left_out"] += 1
 
     def renamed(self, key: str, file: str) -> None:
         """List a frame whose files have another name than its key."""

@@ -11,6 +11,7 @@ References
 
 from __future__ import annotations
 
+import html
 import math
 import re
 from collections.abc import Iterator, Sequence
@@ -77,35 +78,129 @@ def _recognise(source: Source) -> Recognition:
 
 @VOC.reader
 def read_voc_folder(root: Path, options: RecordingDescription) -> FrameSet:
-    """The frames of a VOC folder; a file that is not VOC is that frame's problem."""
+    """The frames of a VOC folder; a file that is not VOC is that frame's problem.
+
+    Whether the first pixel is 0 or 1 is decided once, from all files (`_Counting`), if
+    it is not said. An image that is not called like its label is the one that
+    ``<folder>`` and ``<filename>`` of the label name.
+    """
     labels = options.labels or root
     skip = band_folders(root)
+    names = list(walk(labels, (".xml",), skip))
     streams = Streams(root, options.segmentation, skip)
-    frames, unmatched = match(walk(labels, (".xml",), skip), streams.images)
+    frames, unmatched = match(
+        names,
+        streams.images,
+        image_named=lambda label: _named_image(_content(labels, label)),
+    )
     frames, left_over = streams.complete(frames, "label file")
     named = with_keys(root, frames)
+    counting = _Counting()
+    if options.origin == "auto":
+        for name in names:
+            counting.add(_content(labels, name))
+    origin = counting.origin if options.origin == "auto" else int(options.origin)
+    read = partial(_annotation, labels, origin)
     return FrameSet(
         layout="voc",
         frames=lambda: (
-            annotated(frame_of(one, root), partial(_annotation, labels, one))
-            for one in named
+            annotated(frame_of(one, root), partial(read, one)) for one in named
         ),
         count=len(frames),
         unmatched=(*unmatched, *left_over),
+        notes=lambda: (counting.note,) if counting.boxes else (),
     )
 
 
-def _annotation(labels: Path, files: FrameFileNames) -> dict[str, object]:
-    return read_voc(read_label_bytes(labels / files.label, files.label), files.label)
+def _content(labels: Path, name: str) -> bytes:
+    """A label file's text with one byte for each letter; empty if it cannot be read."""
+    try:
+        # UTF-16 has a NUL beside each letter of ASCII.
+        return read_label_bytes(labels / name, name).replace(b"\0", b"")
+    except LayoutError:
+        return b""  # its frame will have this problem
 
 
-def read_voc(content: bytes, name: str) -> dict[str, object]:
+_CORNER: Final = re.compile(rb"<[xy](?:min|max)>\s{0,20}([-+.\deE]{1,40})")
+
+
+@dataclass
+class _Counting:
+    """How the files of one recording count pixels, as far as their rectangles show.
+
+    Attributes
+    ----------
+    boxes, fractional : int
+        All boxes; and those of which a corner is no whole number.
+    zeros : int
+        Corners that are 0, which do not exist where the first pixel is 1.
+    """
+
+    boxes: int = 0
+    fractional: int = 0
+    zeros: int = 0
+
+    def add(self, content: bytes) -> None:
+        """Count the boxes of one more file."""
+        for part in content.split(b"<bndbox>")[1:]:
+            try:
+                numbers = [float(n) for n in _CORNER.findall(part.split(b"<name>")[0])]
+            except ValueError:
+                continue  # its frame will have this problem
+            self.boxes += 1
+            self.zeros += numbers.count(0.0)
+            self.fractional += not all(number.is_integer() for number in numbers)
+
+    @property
+    def origin(self) -> int:
+        """The number of the first pixel.
+
+        Pascal VOC's own files count whole pixels from 1. Scripts that write pixel
+        coordinates as they have them give themselves away by a 0, or by fractions in
+        most boxes; a fraction in a few says nothing about the others.
+        """
+        return 0 if self.zeros or 2 * self.fractional > self.boxes else 1
+
+    @property
+    def note(self) -> str:
+        """What was decided and why."""
+        if self.origin == 1:
+            why, other = "from 1, both ends included: no corner is 0", 0
+        elif self.zeros:
+            why, other = f"from 0: {self.zeros} corners are 0", 1
+        else:
+            why, other = (
+                f"from 0: {self.fractional} of {self.boxes} boxes have fractions",
+                1,
+            )
+        return f"pixels are counted {why}; if that is wrong: boxes.origin {other}"
+
+
+def _named_image(content: bytes) -> str | None:
+    """The path of the image that a label file names, if it is read as any text."""
+    names = [
+        re.search(rb"<%s>([^<]{1,500})</" % key, content)
+        for key in (b"folder", b"filename")
+    ]
+    folder, name = (
+        html.unescape(m[1].decode("utf-8", "replace")) if m else "" for m in names
+    )
+    if not name.strip():
+        return None
+    return f"{folder.strip()}/{name.strip()}".replace("\\", "/").lstrip("/")
+
+
+def _annotation(labels: Path, origin: int, files: FrameFileNames) -> dict[str, object]:
+    content = read_label_bytes(labels / files.label, files.label)
+    return read_voc(content, files.label, origin)
+
+
+def read_voc(content: bytes, name: str, origin: int = 1) -> dict[str, object]:
     """The annotation in one VOC file; `name` is the name of the file in errors.
 
-    Corners that are whole numbers throughout the file are Pascal VOC's own, counted
-    from 1 and inclusive, and become half-open; a fraction anywhere means that a script
-    wrote pixel coordinates as it had them, and they are taken as they are. VOC's
-    pose, truncation, difficulty and occlusion are kept with the box.
+    If the first pixel is number 1 (`origin`), as in Pascal VOC's own files, corners are
+    inclusive, and become half-open; if it is 0, they are taken as they are. VOC's pose,
+    truncation, difficulty and occlusion are kept with the box.
 
     Raises
     ------
@@ -118,11 +213,10 @@ def read_voc(content: bytes, name: str) -> dict[str, object]:
         raise tree.error(tree.root, "<annotation>", f"<{tree.root.tag[:40]}>")
     objects = list(tree.root.iter("object"))
     corners = [_corners(tree, one) for one in objects]
-    shift = 1.0 if all(map(_is_whole, corners)) else 0.0
     boxes = [
         {
             "class": _text(tree, one, "name"),
-            "xyxy": [x_min - shift, y_min - shift, x_max, y_max],
+            "xyxy": [x_min - origin, y_min - origin, x_max, y_max],
             **dict(_kept(one)),
         }
         for one, (x_min, y_min, x_max, y_max) in zip(objects, corners, strict=True)
@@ -263,10 +357,6 @@ def _text(tree: _Tree, parent: _Element, key: str) -> str:
     if not text:
         raise tree.error(parent, f"<{key}> in <{parent.tag}>", "nothing")
     return text
-
-
-def _is_whole(corners: list[float]) -> bool:
-    return all(number.is_integer() for number in corners)
 
 
 _KEPT: Final = ("pose", "truncated", "difficult", "occluded")

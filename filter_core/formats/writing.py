@@ -122,6 +122,8 @@ class Traits:
     needs_flat_names : bool
         Its readers do not look into sub-folders, so the sub-folders in a frame's key
         become part of the file's name.
+    names_images : bool
+        Its labels name the image of each frame, so they are of no use without it.
     """
 
     image: str
@@ -129,6 +131,7 @@ class Traits:
     can_hold_unplaced: bool = False
     needs_key_list: bool = False
     needs_flat_names: bool = False
+    names_images: bool = True
 
 
 @dataclass(frozen=True, eq=False)
@@ -293,6 +296,9 @@ class _LabelExport:
         self.count = 0
 
     def write(self, frame: ExportFrame) -> None:
+        if self._lacks_image(frame):
+            self._leave_out(frame)
+            return
         if self.chooser.leaves_out(frame):
             return
         part = split_of(frame.key, frame.map, self.context.options.split)
@@ -309,6 +315,19 @@ class _LabelExport:
         for band in self.context.options.bands:
             self._write_band(band, out)
         self._copy_image(out)
+
+    def _lacks_image(self, frame: ExportFrame) -> bool:
+        """Whether the frame's labels would name an image that is not there."""
+        options, traits = self.context.options, self.writer.traits
+        is_missing = frame.read_image is None and options.images == "copy"
+        return is_missing and traits.names_images and not options.allow_missing_images
+
+    def _leave_out(self, frame: ExportFrame) -> None:
+        self.tally.frame(frame)
+        self.tally.image_missing(left_out=True)
+        number = self.tally.count_boxes(frame).tolist()
+        changes = [Change(row, "dropped", "no_image") for row in range(len(number))]
+        self.tally.changed(frame, number, changes)
 
     def finish(self) -> Counts:
         if self.writer.traits.needs_key_list:

@@ -1,16 +1,18 @@
 """YOLO as Ultralytics has it: images, a text file of boxes for each, a class list.
 
 Images and labels may lie in parallel folders, in any nesting, or in one folder. Lines
-with four columns, raw centres in pixels as in carlasimu's sample, are read as well.
+with four columns, raw centres in pixels as in carlasimu's sample, are read as well, and
+so are polygons and rotated boxes, as the rectangles around them.
 
 References
 ----------
 .. [1] Ultralytics, "Object detection datasets overview",
-   https://docs.ultralytics.com/datasets/detect/
+   https://docs.ultralytics.com/datasets/detect/, also .../segment/, .../obb/, .../pose/
 """
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -33,10 +35,13 @@ from filter_core.formats.format import (
 from filter_core.formats.reading import (
     FrameFileNames,
     FrameSet,
+    FrameSource,
     annotated,
     band_folders,
     frame_of,
+    has_rows,
     holds_boxes,
+    is_label,
     match,
     read_columns,
     read_label_text,
@@ -85,8 +90,8 @@ class NoClassList(LayoutError):
 
 
 def _first_label(source: Source) -> str | None:
-    labels = (name for name in source.label_files if name.lower().endswith(".txt"))
-    return next(filter(holds_boxes, labels), None)
+    texts = (name for name in source.label_files if name.lower().endswith(".txt"))
+    return next((name for name in texts if is_label(source.path, name)), None)
 
 
 def lacking_class_list(source: Source) -> str:
@@ -120,7 +125,13 @@ def read_yolo(root: Path, options: RecordingDescription) -> FrameSet:
     LayoutError
         There is no list of classes, or it cannot be read.
     """
-    classes = tuple(options.classes or _yolo_classes(root))
+    described = _described(root)
+    classes = tuple(options.classes or described.classes)
+    if not classes:
+        raise NoClassList(
+            f"expected the class names in one of {', '.join(_YAML_LISTS)} or "
+            f"{', '.join(_TEXT_LISTS)}, found none of them"
+        )
     skip = band_folders(root)
     folders = LabelFolders(
         images=root,
@@ -128,6 +139,7 @@ def read_yolo(root: Path, options: RecordingDescription) -> FrameSet:
         streams=Streams(root, options.segmentation, skip),
         classes=classes,
         default_class=options.default_class,
+        keypoint_columns=described.keypoint_columns,
     )
     labels = (
         name for name in walk(folders.labels, (".txt",), skip) if holds_boxes(name)
@@ -135,29 +147,47 @@ def read_yolo(root: Path, options: RecordingDescription) -> FrameSet:
     return frame_set("yolo", folders, labels)
 
 
-def _yolo_classes(root: Path) -> tuple[str, ...]:
-    """Class names from ``data.yaml`` or from a text file with one name per line.
+@dataclass(frozen=True)
+class _Described:
+    """What a folder's list of classes says.
+
+    Attributes
+    ----------
+    classes : tuple of str
+        Empty if there is no list.
+    keypoint_columns : int
+        How many columns follow each rectangle, for the points of a pose.
+    """
+
+    classes: tuple[str, ...] = ()
+    keypoint_columns: int = 0
+
+
+def _described(root: Path) -> _Described:
+    """The content of ``data.yaml``, or of a text file with one name per line.
 
     Raises
     ------
     LayoutError
-        There is no such file, or it holds something else.
+        It holds something else.
     """
     name = _class_list(root)
     if name is None:
-        raise NoClassList(
-            f"expected the class names in one of {', '.join(_YAML_LISTS)} or "
-            f"{', '.join(_TEXT_LISTS)}, found none of them"
-        )
+        return _Described()
     text = read_label_text(root / name, name)
     if name.endswith(_TEXT_LISTS):
-        return tuple(line.strip() for line in text.splitlines() if line.strip())
+        lines = map(str.strip, text.splitlines())
+        return _Described(tuple(filter(None, lines)))
     try:
         document = parse_yaml(text)
     except ConfigError as exc:
         raise LayoutError(f"{name}: {exc.detail}") from exc
-    names = document.get("names") if isinstance(document, Mapping) else None
-    return ordered_names(names, f"{name}, names")
+    known = document if isinstance(document, Mapping) else {}
+    shape = known.get("kpt_shape")
+    columns = 0
+    if isinstance(shape, list) and [type(number) for number in shape] == [int, int]:
+        columns = max(shape[0] * shape[1], 0)
+    return _Described(ordered_names(known.get("names"), f"{name}, names"), columns)
 
 
 def ordered_names(names: object, at: str) -> tuple[str, ...]:
@@ -200,6 +230,8 @@ class LabelFolders:
         Class names by their numbers.
     default_class : str
         The class of labels that carry none.
+    keypoint_columns : int
+        How many columns follow each rectangle, for the points of a pose.
     """
 
     images: Path
@@ -207,89 +239,128 @@ class LabelFolders:
     streams: Streams
     classes: tuple[str, ...]
     default_class: str = "unknown"
+    keypoint_columns: int = 0
 
 
 def frame_set(layout: str, folders: LabelFolders, labels: Iterator[str]) -> FrameSet:
     """Frames of label files in YOLO's or carlasimu's form.
 
-    `labels` are the files, relative to the folder of the labels.
+    `labels` are text files, relative to the folder of the labels. One that no image is
+    called like is a label only if it looks like one (`has_rows`).
     """
     frames, unmatched = match(labels, folders.streams.images)
+    frames = [
+        one for one in frames if one.image or has_rows(folders.labels / one.label)
+    ]
     frames, left_over = folders.streams.complete(frames, "label file")
     named = with_keys(folders.images, frames)
+    outlines: Counter[str] = Counter()
+
+    def read() -> Iterator[FrameSource]:
+        outlines.clear()
+        for one in named:
+            annotation = partial(_annotation, folders, one, outlines)
+            yield annotated(frame_of(one, folders.images), annotation)
+
     return FrameSet(
         layout=layout,
-        frames=lambda: (
-            annotated(frame_of(one, folders.images), partial(_annotation, folders, one))
-            for one in named
-        ),
+        frames=read,
         classes=folders.classes,
         count=len(frames),
         unmatched=(*unmatched, *left_over),
+        notes=lambda: tuple(_outline_notes(outlines)),
     )
 
 
-def _annotation(folders: LabelFolders, files: FrameFileNames) -> dict[str, object]:
-    text = read_label_text(folders.labels / files.label, files.label)
-    boxes = _read_label_lines(text, files.label, folders.classes, folders.default_class)
-    return {"boxes": boxes}
+def _outline_notes(outlines: Counter[str]) -> Iterator[str]:
+    if outlines:
+        yield (
+            f"{outlines.total()} outlines (polygons or rotated boxes) in "
+            f"{len(outlines)} label files were read as the rectangles around them"
+        )
 
 
-def _read_label_lines(
-    text: str, name: str, classes: Sequence[str], default_class: str
-) -> list[dict[str, object]]:
-    """The boxes of one label file, as annotations.
+def _annotation(
+    folders: LabelFolders, files: FrameFileNames, outlines: Counter[str]
+) -> dict[str, object]:
+    """The boxes of one label file; `outlines` counts those that are no rectangles.
 
-    Parameters
-    ----------
-    text : str
-        Per line ``class cx cy w h`` (shares of the image; a sixth column is kept as
-        ``confidence``), or ``cx cy w h`` in pixels without a class.
-    name : str
-        The file, as errors name it.
-    classes : sequence of str
-        Names by index.
-    default_class : str
-        The class of lines that carry none.
+    A line is ``class cx cy w h`` (shares of the image; a sixth column is kept as
+    ``confidence``, and the points of a pose are passed over), a class and the corners
+    of an outline (shares, ``x y`` for each, also with a confidence), or ``cx cy w h``
+    in pixels without a class.
 
     Raises
     ------
     LayoutError
         Names file, line, what was expected and what was found.
     """
+    text = read_label_text(folders.labels / files.label, files.label)
     boxes = []
     for number, line in enumerate(text.splitlines(), start=1):
         columns = line.split()
         if columns:
-            at = f"{name}, line {number}"
-            boxes.append(_read_line(columns, at, classes, default_class))
-    return boxes
+            at = f"{files.label}, line {number}"
+            boxes.append(_read_line(columns, at, folders))
+            if _is_outline(len(columns), folders):
+                outlines[files.label] += 1
+    return {"boxes": boxes}
 
 
 _WITH_CONFIDENCE: Final = 6
 
-_YOLO_COLUMNS: Final = (5, _WITH_CONFIDENCE)
-
 _RAW_COLUMNS: Final = 4
 
+_LEAST_OUTLINE: Final = 7
+"""A class and three corners."""
 
-def _read_line(
-    columns: list[str], at: str, classes: Sequence[str], default_class: str
-) -> dict[str, object]:
-    if len(columns) == _RAW_COLUMNS:
-        return {"class": default_class, "cxcywh": read_columns(columns, at)}
-    if len(columns) not in _YOLO_COLUMNS:
+_SHARES: Final = (-0.5, 1.5)
+"""Corners of outlines may lie beyond the image, but not far: a number behind a
+rectangle, such as a track's, is no corner."""
+
+
+def _is_outline(columns: int, folders: LabelFolders) -> bool:
+    pose = 5 + folders.keypoint_columns
+    return columns >= _LEAST_OUTLINE and columns not in (pose, pose + 1)
+
+
+def _read_line(columns: list[str], at: str, folders: LabelFolders) -> dict[str, object]:
+    count, points = len(columns), folders.keypoint_columns
+    if count == _RAW_COLUMNS:
+        return {"class": folders.default_class, "cxcywh": read_columns(columns, at)}
+    if count < _RAW_COLUMNS:
         raise LayoutError(
             f"{at}: expected 'class cx cy w h' (5 columns) or 'cx cy w h' in pixels "
-            f"(4 columns), found {len(columns)} columns"
+            f"(4 columns), found {count} columns"
         )
-    box: dict[str, object] = {
-        "class": _class_name(columns[0], at, classes),
-        "cxcywhn": read_columns(columns[1:5], at),
-    }
-    if len(columns) == _WITH_CONFIDENCE:
-        box["confidence"] = read_columns(columns[5:], at)[0]
+    box: dict[str, object] = {"class": _class_name(columns[0], at, folders.classes)}
+    numbers = read_columns(columns[1:], at)
+    if _is_outline(count, folders):
+        corners = len(numbers) // 2 * 2
+        box["cxcywhn"] = _around(numbers[:corners], at)
+        behind = numbers[corners:]
+    else:
+        box["cxcywhn"] = numbers[:4]
+        behind = numbers[4:] if count == _WITH_CONFIDENCE else numbers[4 + points :]
+    if behind:
+        box["confidence"] = behind[0]
     return box
+
+
+def _around(corners: Sequence[float], at: str) -> list[float]:
+    """Centre and extent of the rectangle around corners, all as shares."""
+    low, high = _SHARES
+    for share in corners:
+        if not low <= share <= high:
+            raise LayoutError(
+                f"{at}: expected shares of the image's size in these "
+                f"{len(corners) + 1} columns, as a polygon has, found {share:g}"
+            )
+    axes = [(min(each), max(each)) for each in (corners[::2], corners[1::2])]
+    return [
+        *((first + last) / 2 for first, last in axes),
+        *(last - first for first, last in axes),
+    ]
 
 
 def _class_name(word: str, at: str, classes: Sequence[str]) -> str:

@@ -1,7 +1,7 @@
 """The chunks of a PNG, walked from its signature to its end; nothing is decoded.
 
 A file is refused if two programs could find different images in it, or if it costs more
-to read than its pixels do.
+to read than its pixels do. What follows its end is no part of it: no decoder reads it.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ _PART_BYTES: Final = 1024
 """Pixels come in parts of 8 KiB or more; many parts that are smaller are refused."""
 
 _TAIL: Final = 4096
-"""How much may follow the end: some cameras and editors append notes of their own."""
+"""Where the end usually is, counted from the end of the file."""
 
 AROUND_BODY: Final = 12
 """A chunk's length, kind and checksum, four bytes each."""
@@ -113,7 +113,8 @@ def read_png(content: bytes | mmap, *, whole: bool) -> PngHeader:
     ----------
     content : bytes, or a mapped file
     whole : bool
-        False: what comes behind the first pixels is not looked at, but for the end.
+        False: what comes behind the first pixels is not looked at, if the end is near
+        that of the file.
 
     Raises
     ------
@@ -123,14 +124,13 @@ def read_png(content: bytes | mmap, *, whole: bool) -> PngHeader:
         writes.
     """
     walk = _Walk(content)
+    # If much follows the end, or there is none, only the chunks tell which.
+    whole = whole or _END_MARK not in content[-_TAIL:]
     for chunk in walk.chunks(parts_as_one=whole):
         walk.check(chunk)
         if chunk.kind == b"IEND" or (chunk.kind == b"IDAT" and not whole):
             break
-    header = walk.finished()
-    if not whole and _END_MARK not in content[-_TAIL:]:
-        raise _ends_too_early(content)
-    return header
+    return walk.finished()
 
 
 def pixel_parts(content: bytes) -> Iterator[memoryview]:
@@ -140,6 +140,8 @@ def pixel_parts(content: bytes) -> Iterator[memoryview]:
         length, kind = _HEAD.unpack_from(content, position)
         if kind == b"IDAT":
             yield view[position + 8 : position + 8 + length]
+        if kind == b"IEND":
+            return  # chunks that follow the end are not of this image
         position += AROUND_BODY + length
 
 
@@ -255,23 +257,16 @@ class _Walk:
             raise ImageError(f"PNG: expected one {_named(chunk.kind)}, found another")
         self._require_checksum(chunk)
         if chunk.kind == b"IEND":
-            self._take_end(chunk)
+            if chunk.length:
+                raise ImageError(
+                    f"PNG: the end has {chunk.length} bytes, expected none"
+                )
         elif b"IDAT" in self.kinds:
             raise ImageError("PNG: expected the palette before the pixels")
         elif chunk.length % 3 or not 0 < chunk.length <= 768:
             raise ImageError(
                 f"PNG: expected a palette of 1 to 256 colours, found {chunk.length} "
                 "bytes"
-            )
-
-    def _take_end(self, chunk: _Chunk) -> None:
-        if chunk.length:
-            raise ImageError(f"PNG: the end has {chunk.length} bytes, expected none")
-        tail = len(self.content) - chunk.start - AROUND_BODY
-        if tail > _TAIL - len(_END_MARK):
-            raise ImageError(
-                f"PNG: {tail} bytes follow its end, expected at most "
-                f"{_TAIL - len(_END_MARK)}"
             )
 
     def _take_ancillary(self, chunk: _Chunk) -> None:

@@ -15,13 +15,15 @@ from xml.sax.saxutils import escape
 import typer
 
 from unghost.cli.options import OutputOptions
-from unghost.cli.screen import Refused, Screen, partly_done, refusal
+from unghost.cli.screen import Kinds, Refused, Screen, partly_done, refusal
 from unghost.cli.sources import (
     LocalFilterOptions,
+    kind_of,
     naming_reading,
+    note_reading,
     open_source,
     read_config,
-    unmatched_line,
+    unmatched_lines,
 )
 from unghost.wire.words import EvidenceName
 
@@ -151,11 +153,18 @@ def evaluate(options: EvaluateOptions) -> None:
             also=collect,
             workers=options.workers,
         )
+    refusals = Kinds()
     left_out = [
-        *(refusal(one.key, naming_reading(one.problem.detail)) for one in unusable),
-        *map(unmatched_line, found.unmatched),
+        *(
+            refusal(one.key, naming_reading(one.problem.detail))
+            for one in unusable
+            if refusals.is_listed(kind_of(one.problem))
+        ),
+        *refusals.more(),
+        *unmatched_lines(found.unmatched),
         *use.unused_lines(),
     ]
+    note_reading(screen, found)
     for line in (*left_out, *use.frames_without(done - len(unusable))):
         screen.note(line)
     if not evaluation.boxes:

@@ -5,19 +5,21 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
 from unghost.cli.options import DatasetOptions, OutputOptions, listed
 from unghost.cli.runs import cancel_interrupted
-from unghost.cli.screen import Screen, naming_options, partly_done, refusal
+from unghost.cli.screen import Kinds, Screen, naming_options, partly_done, refusal
 from unghost.cli.sources import (
     SourceOptions,
+    kind_of,
     naming_reading,
+    note_reading,
     open_source,
     read_config,
-    unmatched_line,
+    unmatched_lines,
 )
 from unghost.wire.words import ExportFormat
 
@@ -54,6 +56,14 @@ class FormatOptions:
             "does not change when others are added.",
         ),
     ] = None
+    allow_missing_images: Annotated[
+        bool,
+        typer.Option(
+            "--allow-missing-images",
+            help="Also write frames without an image. Otherwise formats of labels "
+            "leave them out, because many programs cannot read such labels.",
+        ),
+    ] = False
 
     @property
     def given(self) -> dict[str, object]:
@@ -76,6 +86,8 @@ class FormatOptions:
             if key in found:
                 raise typer.BadParameter(f"--option {key} is given twice")
             found[key] = value
+        if self.allow_missing_images:
+            found["allow_missing_images"] = True
         return found
 
 
@@ -136,6 +148,7 @@ def export(options: ExportOptions) -> None:
         _download(client, done, options)
     if counted := _boxes_written(done):
         screen.note(counted)
+    _left_out(done.counts or {}, screen)
     screen.record({**done.raw, "path": str(options.output)}, str(options.output))
 
 
@@ -161,6 +174,17 @@ def wait_for_export(client: Client, export: Export, screen: Screen) -> Export:
         raise KeyboardInterrupt(
             f"interrupted; {outcome}; the same command creates another"
         ) from None
+
+
+def _left_out(counts: Mapping[str, Any], screen: Screen) -> int:
+    """How many frames were left out because they have no image; noted if any."""
+    count: int = counts.get("frames", {}).get("left_out", 0)
+    if count:
+        screen.note(
+            f"left out: {count:,} frames without an image; --allow-missing-images "
+            "writes them, too"
+        )
+    return count
 
 
 def _boxes_written(done: Export) -> str:
@@ -270,15 +294,16 @@ def convert(options: ConvertOptions) -> None:
     progress = _Progress(options.screen)
     config = read_config(options.config, options, description, options.screen)
     counts = _write_labels(options, labels, found, config, progress)
-    for file in found.unmatched:
-        options.screen.note(unmatched_line(file))
+    note_reading(options.screen, found)
+    for line in (*progress.refusals.more(), *unmatched_lines(found.unmatched)):
+        options.screen.note(line)
     boxes = {name: counts["boxes"][name] for name in ("in", "out", "dropped")}
     unmeasured = counts.get("unmeasured", {})
     if said := unmeasured_text(unmeasured):
         options.screen.note(said)
     frames_out = unmeasured.get("frames_left_out", 0)
     assert isinstance(frames_out, int)
-    written = progress.written - frames_out
+    written = progress.written - frames_out - _left_out(counts, options.screen)
     frames = {"frames": written, "failed": progress.failed}
     options.screen.record(
         {
@@ -356,6 +381,7 @@ class _Progress:
         self.screen = screen
         self.written = 0
         self.failed = 0
+        self.refusals = Kinds()
 
     def watch(
         self, frames: Iterable[ExportFrame | LeftOut], total: int | None
@@ -370,6 +396,7 @@ class _Progress:
                     yield frame
                 else:
                     self.failed += 1
-                    why = naming_reading(frame.problem.detail)
-                    self.screen.note(refusal(frame.key, why))
+                    if self.refusals.is_listed(kind_of(frame.problem)):
+                        why = naming_reading(frame.problem.detail)
+                        self.screen.note(refusal(frame.key, why))
                 advance(self.written + self.failed, total)

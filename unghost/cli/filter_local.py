@@ -18,7 +18,14 @@ from typing import TYPE_CHECKING, Annotated, Final, NamedTuple, TypeAlias, get_a
 import typer
 
 from unghost.cli.options import OutputOptions, note_unknown_classes
-from unghost.cli.screen import Refused, Screen, partly_done, printable, refusal
+from unghost.cli.screen import (
+    Kinds,
+    Refused,
+    Screen,
+    partly_done,
+    printable,
+    refusal,
+)
 from unghost.cli.sources import (
     FrameCheck,
     LocalFilterOptions,
@@ -27,7 +34,7 @@ from unghost.cli.sources import (
     note_unmapped_classes,
     open_source,
     read_config,
-    unmatched_line,
+    unmatched_lines,
 )
 from unghost.wire.words import Verdict
 
@@ -91,8 +98,8 @@ def filter_local(options: FilterOptions) -> None:
         decided = decided_lines(found, config, options.workers)
         for line in tally.watch(decided, found.count):
             write(line.content)
-    for file in found.unmatched:
-        tally.screen.note(unmatched_line(file))
+    for problem in (*tally.refusals.more(), *unmatched_lines(found.unmatched)):
+        options.screen.note(problem)
     check.note(options.screen, found)
     note_unknown_classes(options.screen, config.as_dict(), tally.classes)
     note_unmapped_classes(
@@ -148,6 +155,7 @@ class _Tally:
         self.classes: Counter[str] = Counter()
         self.unmapped: Counter[str] = Counter()
         self._notes: Counter[str] = Counter()
+        self.refusals = Kinds()
         self._boxes: Counter[str] = Counter()
 
     def watch(
@@ -163,7 +171,8 @@ class _Tally:
     def _add(self, line: FrameLine) -> None:
         if line.fault is not None:
             self.failed += 1
-            self.screen.note(refusal(line.key, naming_reading(line.fault)))
+            if self.refusals.is_listed(f"refused ({line.code})"):
+                self.screen.note(refusal(line.key, naming_reading(line.fault)))
             return
         self.decided += 1
         self.classes.update(line.classes)
@@ -204,6 +213,7 @@ class FrameLine:
     unmapped: Counter[str] = field(default_factory=Counter)
     notes: tuple[str, ...] = ()
     fault: str | None = None
+    code: str = ""
 
 
 def decided_lines(
@@ -333,7 +343,9 @@ def _line_of(config: FilterConfig, frame: FrameSource | FrameOutcome) -> FrameLi
         outcome = filter_one(outcome, config)
     content = _encoder()(outcome.as_dict()) + b"\n"
     if outcome.error is not None:
-        return FrameLine(outcome.key, content, fault=outcome.error["detail"])
+        code = outcome.error["errors"][0]["code"]
+        fault = outcome.error["detail"]
+        return FrameLine(outcome.key, content, fault=fault, code=code)
     decisions = outcome.decisions or ()
     verdicts = Counter(str(each["verdict"]) for each in decisions)
     classes = Counter(str(each["class"]) for each in decisions)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from itertools import islice
@@ -14,6 +14,8 @@ import typer
 
 from unghost.cli.options import ServerOptions
 from unghost.cli.screen import (
+    MOST_OF_A_KIND,
+    Kinds,
     Refused,
     Screen,
     naming_options,
@@ -26,11 +28,12 @@ from unghost.cli.sources import (
     SourceFolder,
     SourceOptions,
     default_class_of,
+    kind_of,
     naming_reading,
     note_unmapped_classes,
     open_source,
     outgoing,
-    unmatched_line,
+    unmatched_lines,
 )
 from unghost.wire.frames import MOST_BOXES_SET_ASIDE
 from unghost.wire.words import UploadWord, Verdict
@@ -44,8 +47,6 @@ if TYPE_CHECKING:
 
 _LOOKED_AT: Final = 500
 """Boxes without tags whose classes are named."""
-_LISTED: Final = 20
-"""Problems that are listed one by one, of each kind."""
 _OPTION_OF_FIELD: Final = {"/name": "--dataset", "/classes": "classes (--classes)"}
 
 
@@ -241,6 +242,7 @@ class PushReport:
         self._verdicts: Counter[str] = Counter()
         self._outcomes: Counter[str] = Counter()
         self._problems: list[str] = []
+        self._kinds = Kinds()
         self._changed = 0
         self._set_aside: list[str] = []
         self._with_set_aside = self._answers_set_aside = 0
@@ -277,7 +279,7 @@ class PushReport:
             self._note_set_aside(outcome)
         elif isinstance(outcome, NotSent):
             self._changed += isinstance(outcome.error, Conflict)
-            if len(self._problems) < _LISTED:
+            if self._kinds.is_listed(_kind(outcome.error)):
                 self._problems.append(_line(outcome))
         self._screen.record(_record(outcome))
 
@@ -286,12 +288,13 @@ class PushReport:
             return
         self._answers_set_aside += outcome.answers_set_aside
         self._with_set_aside += 1
-        if len(self._set_aside) < _LISTED:
+        if len(self._set_aside) < MOST_OF_A_KIND:
             self._set_aside.append(_set_aside_line(outcome))
 
     def print_problems(self) -> None:
         """The frames that were refused, one by one."""
-        self._print_some(self._problems, self.refused)
+        for line in (*self._problems, *self._kinds.more()):
+            self._screen.note(line)
         if self._changed:
             # The server's message names a parameter of the API, not the option.
             have = (
@@ -304,8 +307,13 @@ class PushReport:
     def print_summary(self, unmatched: Sequence[Unmatched], dataset: str) -> None:
         """Print the summary, and the problems one by one."""
         self.print_problems()
-        self._print_some(self._set_aside, self._with_set_aside)
-        self._print_some(map(unmatched_line, unmatched), len(unmatched))
+        for line in self._set_aside:
+            self._screen.note(line)
+        if self._with_set_aside > len(self._set_aside):
+            more = self._with_set_aside - len(self._set_aside)
+            self._screen.note(f"and {more:,} more like this (--json has all)")
+        for line in unmatched_lines(unmatched):
+            self._screen.note(line)
         self._screen.record(
             {
                 "dataset": dataset,
@@ -327,12 +335,6 @@ class PushReport:
         frames = {word: self._outcomes[word] for word in get_args(UploadWord)}
         boxes = {verdict: self._verdicts[verdict] for verdict in get_args(Verdict)}
         return frames | boxes
-
-    def _print_some(self, lines: Iterable[str], count: int) -> None:
-        for _, line in zip(range(_LISTED), lines, strict=False):
-            self._screen.note(line)
-        if count > _LISTED:
-            self._screen.note(f"... and {count - _LISTED} more (--json has all)")
 
 
 def _record(outcome: Outcome) -> dict[str, object]:
@@ -382,6 +384,18 @@ def _line(outcome: NotSent) -> str:
     faults = error.errors if len(error.errors) > 1 else ()
     more = [f"and {error.more_errors} more"] if error.more_errors else []
     return "\n    ".join([line, *(one_line(str(fault)) for fault in faults), *more])
+
+
+def _kind(error: Exception) -> str:
+    """Which errors are alike when they are listed."""
+    from filter_core.errors import FilterError
+    from unghost.client.errors import ApiError
+
+    if isinstance(error, FilterError):
+        return kind_of(error)
+    if isinstance(error, ApiError):
+        return f"refused ({error.errors[0].code if error.errors else error.code})"
+    return f"refused ({type(error).__name__})"
 
 
 def _detail(error: Exception) -> str:

@@ -10,6 +10,7 @@ import json
 import re
 import sys
 import time
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Final, Protocol, TypeAlias, TypeVar
@@ -221,6 +222,27 @@ def refusal(key: str, reason: str) -> str:
     if rest[:1] in (":", ","):
         reason = rest.lstrip(":, ")
     return one_line(f"refused: {key}: {reason}")
+
+
+MOST_OF_A_KIND: Final = 10
+
+
+class Kinds:
+    """Which of many lines are printed: the first ten of each kind; then a number."""
+
+    def __init__(self) -> None:
+        self._counts: Counter[str] = Counter()
+
+    def is_listed(self, kind: str) -> bool:
+        """Count one more line of this kind; whether it is among those to be printed."""
+        self._counts[kind] += 1
+        return self._counts[kind] <= MOST_OF_A_KIND
+
+    def more(self) -> Iterator[str]:
+        """A line for each kind of which some were not printed."""
+        for kind, count in self._counts.items():
+            if count > MOST_OF_A_KIND:
+                yield one_line(f"and {count - MOST_OF_A_KIND:,} more like this: {kind}")
 
 
 def printable(text: str) -> str:

@@ -11,11 +11,12 @@ from typing import TYPE_CHECKING, Annotated, Final, TypeAlias
 import typer
 
 from unghost.cli.options import error_context, listed
-from unghost.cli.screen import Refused, Screen, one_line
+from unghost.cli.screen import Kinds, Refused, Screen, one_line
 from unghost.wire.words import ChannelOrder, Encoding, Layout, LossyPolicy, Palette
 
 if TYPE_CHECKING:
     from filter_core.config.filter import FilterConfig
+    from filter_core.errors import FilterError
     from filter_core.formats.reading import FrameSet, FrameSource, Unmatched
     from filter_core.formats.recording import RecordingDescription
     from unghost.client.outgoing import NotSent, OutgoingFrame
@@ -28,6 +29,9 @@ _MOST_KEYS: Final = 1000
 
 _LISTED_CLASSES: Final = 20
 """Classes without tags that are named."""
+
+_NAME: Final = re.compile(r"\S*[/.\[\d]\S*")
+"""Words of a reason that may differ in other reasons of its kind."""
 
 _READING_SETTING: Final = re.compile(r"\b(lossy_segmentation|encoding): (nearest|raw)")
 """Settings that errors recommend (see `SourceOptions`)."""
@@ -375,7 +379,8 @@ class FrameCheck:
         return replace(found, frames=watched)
 
     def note(self, screen: Screen, found: FrameSet) -> None:
-        """Note what was seen: keys that were probably misspelt, and no box at all."""
+        """Note what was seen: how the folder was read, misspelt keys, no box at all."""
+        note_reading(screen, found)
         self._note_keys(screen)
         self._note_no_box(screen, found)
 
@@ -414,6 +419,12 @@ class FrameCheck:
             f"no frame has a box ({self._frames} read, layout {found.layout}, {why}); "
             f"{', '.join(hints)}"
         )
+
+
+def note_reading(screen: Screen, found: FrameSet) -> None:
+    """Note how the files were read, when all have been: what was recognised."""
+    for sentence in found.notes():
+        screen.note(one_line(f"{found.layout}: {sentence}"))
 
 
 def note_unmapped_classes(
@@ -491,6 +502,17 @@ def naming_reading(detail: str, *, of_dataset: bool = False) -> str:
     return _READING_SETTING.sub(named, detail)
 
 
-def unmatched_line(file: Unmatched) -> str:
-    """The line for a file that belongs to no frame."""
-    return one_line(f"not matched: {file.path}: {file.why}")
+def kind_of(problem: FilterError) -> str:
+    """Which problems are alike when they are listed: by the code of the first fault."""
+    from filter_core.errors import problem_of
+
+    return f"refused ({problem_of(problem)['errors'][0]['code']})"
+
+
+def unmatched_lines(files: Iterable[Unmatched]) -> Iterator[str]:
+    """Lines for files that belong to no frame; of each kind the first ten."""
+    kinds = Kinds()
+    for file in files:
+        if kinds.is_listed(f"not matched: {_NAME.sub('...', file.why)}"):
+            yield one_line(f"not matched: {file.path}: {file.why}")
+    yield from kinds.more()

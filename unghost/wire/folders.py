@@ -43,6 +43,10 @@ class FolderFrame(ResponseModel):
 
     key: Message
     annotation: Json | None
+    annotation_text: str | None = Field(
+        description="The annotation as JSON, if it has whole numbers beyond 2^53, of "
+        "which JavaScript would lose digits; null for any other."
+    )
     files: Mapping[FileKind, Message] = Field(
         description="Name of each file of the frame, as it was sent, by its kind."
     )
@@ -63,3 +67,7 @@ class FolderEnd(ResponseModel):
     frames: int
     faulty: int = Field(description="How many of the frames cannot be read.")
     unmatched: int
+    notes: list[Message] = Field(
+        description="Sentences about how the files were read, such as what was "
+        "recognised, or read as something else."
+    )

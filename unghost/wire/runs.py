@@ -273,6 +273,13 @@ class ExportOptions(RequestModel):
     images: Annotated[
         Images, Field(description="Whether to include the images (copy) or not (none).")
     ] = "copy"
+    allow_missing_images: Annotated[
+        bool,
+        Field(
+            description="If images are included, also write frames without an image, "
+            "which many programs cannot read. They are left out otherwise."
+        ),
+    ] = False
     split: Annotated[
         float,
         Field(

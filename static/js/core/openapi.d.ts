@@ -3562,6 +3562,11 @@ export interface components {
             faulty: number;
             /** Unmatched */
             unmatched: number;
+            /**
+             * Notes
+             * @description Sentences about how the files were read, such as what was recognised, or read as something else.
+             */
+            notes: string[];
         };
         /**
          * FolderFrame
@@ -3574,6 +3579,11 @@ export interface components {
             annotation: {
                 [key: string]: unknown;
             } | null;
+            /**
+             * Annotation Text
+             * @description The annotation as JSON, if it has whole numbers beyond 2^53, of which JavaScript would lose digits; null for any other.
+             */
+            annotation_text: string | null;
             /**
              * Files
              * @description Name of each file of the frame, as it was sent, by its kind.

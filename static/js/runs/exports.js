@@ -106,6 +106,7 @@ const OPTION_WORDS = {
   fields: {
     include: "Boxes that go in",
     include_unmeasured: "Unmeasured boxes, with their frames",
+    allow_missing_images: "Frames without an image, too",
     rejected: "Rejected boxes",
     boxes: "Rectangle",
     split: "Share for training",

@@ -173,6 +173,7 @@ function Hints({ plan, name, top }) {
   const keys = Object.keys(plan.config).join(" and ");
   const empty = plan.frames.filter(({ annotation }) => !(/** @type {unknown[]} */ (annotation.boxes)?.length)).length;
   return html`
+    ${plan.notes.map((note) => html`<p class="upload__hint" key=${note}><${Icon} name="warn" />${note}</p>`)}
     ${bare > 0 && html`<p class="upload__hint"><${Icon} name="warn" />${countOf(bare, "frame")} without a segmentation: their boxes cannot be measured and will be "unmeasured".</p>`}
     ${empty > 0 && html`<p class="upload__hint"><${Icon} name="warn" />${countOf(empty, "frame")} without boxes.</p>`}
     ${keys && html`<p class="upload__hint"><${Icon} name="warn" />recording.yaml also gives ${keys}, which the page does not apply; the command line does:</p><${Command} text=${commandOf(top, name)} />`}

@@ -18,7 +18,13 @@ import { contentOf } from "./uploader.js";
  * @property {Blob} blob
  */
 
-/** @typedef {{key: string, annotation: Record<string, unknown>, files: Record<string, Entry>}} ReadFrame */
+/**
+ * @typedef {object} ReadFrame  a frame to be sent
+ * @property {string} key
+ * @property {Record<string, unknown>} annotation
+ * @property {string | null} text  the annotation as JSON, where JavaScript would lose digits of its numbers
+ * @property {Record<string, Entry>} files
+ */
 
 /**
  * @typedef {object} Plan
@@ -31,6 +37,7 @@ import { contentOf } from "./uploader.js";
  * @property {string[] | null} classes  the layout's own list
  * @property {FolderHead["settings"]} settings  of a new dataset, as recording.yaml says
  * @property {FolderHead["config"]} config  keys of a configuration that recording.yaml gives
+ * @property {readonly string[]} notes  how the files were read
  */
 
 /** @typedef {{step: "labels" | "waiting" | "frames", done: number, of: number | null}} Reading  labels read here, then frames read by the server */
@@ -83,9 +90,14 @@ export async function planOf(lines, entries, tell) {
   /** @type {Pick<Plan, "frames" | "problems" | "unmatched">} */
   const found = { frames: [], problems: [], unmatched: [] };
   let head = /** @type {FolderHead | null} */ (null);
+  /** @type {readonly string[]} */
+  let notes = [];
   let isWhole = false;
   for await (const line of lines) {
-    if ("end" in line) isWhole = true;
+    if ("end" in line) {
+      isWhole = true;
+      notes = line.notes;
+    }
     else if ("why" in line) found.unmatched.push(line);
     else if ("key" in line) {
       addFrame(found, line, byPath);
@@ -95,16 +107,19 @@ export async function planOf(lines, entries, tell) {
   }
   if (!head || !isWhole) throw new Error("The server's response was cut off. Try again.");
   const { layout, layouts, titles, classes, settings, config } = head;
-  return { layout, layouts, titles, classes, settings, config, ...found };
+  return { layout, layouts, titles, classes, settings, config, notes, ...found };
 }
 
 /** @param {Pick<Plan, "frames" | "problems">} plan @param {FolderFrame} line @param {ReadonlyMap<string, Entry>} byPath */
-function addFrame(plan, { key, annotation, files, fault }, byPath) {
+function addFrame(plan, { key, annotation, annotation_text: text, files, fault }, byPath) {
   const found = Object.entries(files).map(([kind, name]) => ({ kind, name, entry: byPath.get(name) }));
   const missing = found.find(({ entry }) => !entry);
   const why = fault?.detail ?? (missing ? `${missing.name} is not among these files` : "");
   if (why || !annotation) plan.problems.push({ key, why });
-  else plan.frames.push({ key, annotation, files: Object.fromEntries(found.flatMap(({ kind, entry }) => (entry ? [[kind, entry]] : []))) });
+  else {
+    const there = found.flatMap(({ kind, entry }) => (entry ? [[kind, entry]] : []));
+    plan.frames.push({ key, annotation, text, files: Object.fromEntries(there) });
+  }
 }
 
 /** The lines of a response, each as soon as it has come. @param {Response} response @returns {AsyncGenerator<FolderLine>} */

@@ -156,9 +156,11 @@ export async function contentOf({ blob, path }) {
 }
 
 /** @param {ReadFrame} frame */
-async function formOf({ annotation, files }) {
+async function formOf({ annotation, text, files }) {
   const form = new FormData();
-  form.append("annotation", new Blob([JSON.stringify(annotation)], { type: "application/json" }), "annotation.json");
+  // The text has every digit of ids that are no numbers of JavaScript.
+  const json = text ?? JSON.stringify(annotation);
+  form.append("annotation", new Blob([json], { type: "application/json" }), "annotation.json");
   for (const kind of FILE_KINDS) {
     const entry = files[kind];
     if (entry) form.append(kind, new Blob([await contentOf(entry)]), kind);

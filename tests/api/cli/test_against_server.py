@@ -17,6 +17,7 @@ from tests.support.frames import write_jpeg_segmentation, write_manifest
 from tests.support.pictures import jpeg, painted
 from tests.support.ports import reserved_port
 from tests.support.servers import RunningServer
+from tests.support.shared_data import shared
 from unghost import Client
 from unghost.cli.program import app
 
@@ -85,6 +86,28 @@ def test_push_with_an_invalid_frame_exits_with_3_and_lists_it(unghost, name, tmp
     assert 'refused: run/000002: box 0 (id "x"), xyxy[2]: expected' in answer.err
     assert answer.err.count('"wide"') == 1
     assert "Traceback" not in answer.err
+
+
+def test_push_prints_ten_refusals_of_a_kind_and_then_a_number(unghost, name, tmp_path):
+    folder = frames_in(tmp_path, 13, bad=frozenset(range(12)))
+
+    answer = unghost("push", folder, "--dataset", name)
+
+    assert answer.err.count("refused: run/") == 10
+    assert "and 2 more like this: refused (not_a_number)" in answer.err
+
+
+@pytest.mark.parametrize(
+    ("case", "stored", "kept"), [("f3-absolute-names", 1, 1), ("a-stem-coco", 2, 1)]
+)
+def test_push_of_foreign_file_names(unghost, name, case, stored, kept):
+    folder = shared(f"cases/08-file-names/{case}")
+
+    answer = unghost("push", folder, "--dataset", name)
+
+    assert answer.code == DONE
+    assert f"{stored} stored" in answer.out
+    assert f"{kept} kept" in answer.out
 
 
 def test_push_of_only_invalid_frames_exits_with_1(unghost, name, tmp_path):

@@ -116,6 +116,40 @@ def test_filter_with_an_invalid_frame_exits_with_3(bare_unghost, tmp_path):
     assert lines[1]["error"]["errors"][0]["pointer"].startswith("/boxes/0")
 
 
+@pytest.mark.parametrize(
+    "command", [("filter",), ("convert", "--to", "yolo", "--filter")]
+)
+def test_ten_refusals_of_a_kind_are_printed_and_then_a_number(
+    bare_unghost, tmp_path, command
+):
+    folder = write_manifest(tmp_path / "frames", 16, bad=frozenset(range(15)))
+    with (folder / "manifest.jsonl").open("a") as manifest:
+        manifest.write("no JSON\n")
+
+    answer = bare_unghost(*command, folder, "-o", tmp_path / "out")
+
+    assert answer.code == PARTLY
+    assert answer.err.count("refused: run/") == 10
+    assert answer.err.count("refused: manifest.jsonl, line 17") == 1
+    assert "and 5 more like this: refused (not_a_number)" in answer.err
+
+
+def test_ten_files_of_a_kind_that_belong_to_no_frame_are_printed(
+    bare_unghost, tmp_path
+):
+    strays = {f"images/{number}.jpg": b"" for number in range(1244)}
+    label = {"labels/a.txt": b"", "images/a.png": None, "seg/b.png": b""}
+    write_files(tmp_path, strays | label | {"classes.txt": b"car"})
+
+    answer = bare_unghost("convert", tmp_path, "--to", "manifest", "-o", "out")
+
+    assert answer.err.count("not matched: images/") == 10
+    assert "and 1,234 more like this: not matched: no label file for this image\n" in (
+        answer.err
+    )
+    assert "not matched: b.png" in answer.err
+
+
 @pytest.mark.parametrize("named", ["", "manifest.jsonl"])
 def test_filter_does_not_overwrite_its_source(bare_unghost, tmp_path, named):
     folder = write_manifest(tmp_path / "frames", 2)
@@ -139,7 +173,7 @@ def test_filter_without_output_file_prints_decisions(bare_unghost, tmp_path):
 def test_control_characters_of_file_names_are_escaped(bare_unghost, tmp_path):
     folder = tmp_path / "frames"
     hostile = "labels/a\x1b]0;OWNED\x07\n.txt"
-    write_files(folder, {hostile: b"x y z", "classes.txt": b"car"})
+    write_files(folder, {hostile: b"x 1 2 3", "classes.txt": b"car"})
 
     answer = bare_unghost("convert", folder, "--to", "coco", "-o", "out")
 

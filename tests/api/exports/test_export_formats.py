@@ -64,6 +64,25 @@ def labels(folder: Path) -> dict[str, bytes]:
     }
 
 
+def test_ids_of_64_bits_come_back_with_all_digits(client, tmp_path):
+    name, ids = "long-ids", [2**64 - 1, 2**64 - 2, 2**53 + 1]
+    boxes = [{"id": n, "class": "car", "xyxy": scene.ON_THE_CAR} for n in ids]
+    client.create_dataset(name)
+    client.put_frame(
+        name,
+        "a",
+        scene.annotation() | {"boxes": boxes},
+        image=scene.image(),
+        segmentation=scene.segmentation(),
+    )
+
+    assert {one.id for one in client.boxes(name)} == set(map(str, ids))
+    for form in ("manifest", "decisions-jsonl", "decisions-csv", "coco"):
+        folder = export_and_unpack(client, name, form, tmp_path / form)
+        content = b"".join(labels(folder).values())
+        assert all(str(number).encode() in content for number in ids), form
+
+
 @pytest.mark.parametrize("form", READ_AND_WRITTEN)
 def test_export_pushed_again_gives_the_same_labels(
     server, client, filled_dataset, tmp_path, form

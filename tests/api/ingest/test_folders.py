@@ -74,6 +74,7 @@ def test_every_layout_is_read_as_the_library_reads_it(admin, tmp_path, layout):
     assert frame == {
         "key": expected.key,
         "annotation": expected.annotation,
+        "annotation_text": None,
         "files": {
             kind: path.relative_to(tmp_path).as_posix() for kind, path in files.items()
         },
@@ -105,6 +106,27 @@ classes: {Auto: car}
     assert "segmentation.folder: expected a folder in that of" in refused.text
 
 
+def test_digits_that_javascript_would_lose_come_as_text_too(admin):
+    boxes = [{"id": 2**64 - 1, "class": "car", "xyxy": [1, 2, 3.5, 4]}]
+    lines = [{"key": "a", "boxes": boxes}, {"key": "b", "boxes": [BOX], "at": 1.5}]
+    content = "\n".join(map(json.dumps, lines)).encode()
+
+    _, frames, _, _ = parse_response(post_folder(admin, {"manifest.jsonl": content}))
+
+    assert json.loads(frames["a"]["annotation_text"]) == {"boxes": boxes}
+    assert frames["b"]["annotation_text"] is None
+
+
+def test_last_line_says_how_the_files_were_read(admin):
+    outline = b"0 .1 .1 .5 .1 .5 .5"
+    files = {"classes.txt": b"car", "labels/1.txt": outline, "images/1.png": b""}
+
+    *_, end = parse_response(post_folder(admin, files))
+
+    (note,) = end["notes"]
+    assert note.startswith("1 outlines")
+
+
 def test_image_size_is_read_from_its_first_bytes(admin):
     _, frames, _, _ = parse_response(post_folder(admin, LAYOUT_FILES["kitti"]))
 
@@ -132,6 +154,7 @@ def test_faulty_and_unmatched_files_are_listed_beside_valid_frames(admin):
     assert frames["2"] == {
         "key": "2",
         "annotation": None,
+        "annotation_text": None,
         "files": {},
         "fault": {
             "pointer": "",
@@ -143,7 +166,7 @@ def test_faulty_and_unmatched_files_are_listed_beside_valid_frames(admin):
         "images/stray.png": "no label file for this image",
         "README.md": "neither an image nor a label",
     }
-    assert end == {"end": True, "frames": 2, "faulty": 1, "unmatched": 2}
+    assert end == {"end": True, "frames": 2, "faulty": 1, "unmatched": 2, "notes": []}
 
 
 def test_file_named_by_a_manifest_but_missing_is_a_fault(admin):
@@ -165,7 +188,8 @@ def test_file_named_by_a_manifest_but_missing_is_a_fault(admin):
         "b": "image: rgb/b.png is not among these files",
         "out": "segmentation: ../../a.png is not among these files",
         "absolute": "image: /etc/passwd is not among these files",
-        "inf": "a number in the annotation is too large",
+        "inf": "expected finite numbers in the annotation, found one that is NaN or "
+        "too large",
     }
     assert unmatched == {"rgb/z.png": "no line of the manifest names it"}
 

@@ -51,14 +51,14 @@ test("an error names a label file that can no longer be read", async () => {
 });
 
 const HEAD = { layout: "voc", layouts: ["voc", "yolo"], titles: { voc: "Pascal VOC", yolo: "YOLO" }, classes: null, count: 2 };
-const END = { end: true, frames: 2, faulty: 1, unmatched: 1 };
+const END = { end: true, frames: 2, faulty: 1, unmatched: 1, notes: [] };
 
 /** @param {unknown[]} lines */
 const answering = (lines) => linesOf(new Response(lines.map((line) => `${JSON.stringify(line)}\n`).join("")));
 
 test("the server's lines become frames with their files, problems, and files that belong to no frame", async () => {
   const entries = entriesOf({ "t/ä.png": "", "t/ä.xml": "", "t/b.md": "" });
-  const frame = { key: "ä", annotation: { boxes: [] }, files: { image: "t/ä.png" }, fault: null };
+  const frame = { key: "ä", annotation: { boxes: [] }, annotation_text: "{}", files: { image: "t/ä.png" }, fault: null };
   const faulty = { key: "b", annotation: null, files: {}, fault: { pointer: "", code: "bad_layout", detail: "b.xml, line 1: not XML" } };
   const lost = { ...frame, key: "c", files: { image: "t/c.png" } };
   const stray = { path: "b.md", why: "neither an image nor a label" };
@@ -66,7 +66,7 @@ test("the server's lines become frames with their files, problems, and files tha
   const plan = await planOf(answering([HEAD, frame, faulty, lost, stray, END]), entries, silent);
 
   assert.deepEqual([plan.layout, plan.layouts, plan.titles], ["voc", ["voc", "yolo"], HEAD.titles]);
-  assert.deepEqual(plan.frames, [{ key: "ä", annotation: { boxes: [] }, files: { image: entries[0] } }]);
+  assert.deepEqual(plan.frames, [{ key: "ä", annotation: { boxes: [] }, text: "{}", files: { image: entries[0] } }]);
   assert.deepEqual(plan.problems, [{ key: "b", why: "b.xml, line 1: not XML" }, { key: "c", why: "t/c.png is not among these files" }]);
   assert.deepEqual(plan.unmatched, [stray]);
 });

@@ -235,10 +235,10 @@ def test_box_without_class_and_type_id_is_a_fault():
             "expected a text or an integer, found a list of 0",
         ),
         (
-            2**63,
-            "9223372036854775808",
+            2**64,
+            "18446744073709551616",
             "number_too_large",
-            "expected an id of at most 64 bits, found 9223372036854775808",
+            "expected an id of at most 64 bits, found 18446744073709551616",
         ),
     ],
 )

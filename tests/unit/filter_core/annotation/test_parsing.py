@@ -87,6 +87,8 @@ def test_bytes_text_and_mapping_are_parsed_equally():
         (217, "217"),
         (-1, "-1"),
         (2**63 - 1, str(2**63 - 1)),
+        (2**64 - 1, str(2**64 - 1)),
+        (-(2**63) + 1, str(-(2**63) + 1)),
         (None, "0"),
     ],
 )

@@ -8,7 +8,7 @@ import tracemalloc
 import pytest
 
 from filter_core.annotation.parsing import parse_annotation
-from filter_core.errors import LayoutError
+from filter_core.errors import AnnotationErrors, LayoutError
 from filter_core.formats import coco_index
 from filter_core.formats.export import GivenAnnotation
 from filter_core.formats.registry import read_source
@@ -116,8 +116,203 @@ def test_unmatched_images_and_annotations_are_listed(tmp_path):
 
     assert [(one.path, one.why) for one in frames.unmatched] == [
         ("images/other.png", "no COCO file lists this image"),
-        ("a.json", "2 annotations of images that it does not list"),
+        (
+            "a.json",
+            "2 annotations of images that it does not list: annotations[0], "
+            "annotations[1]",
+        ),
     ]
+
+
+NAN = float("nan")
+
+
+@pytest.mark.parametrize(
+    ("bad", "words"),
+    [
+        (
+            annotation(6, None),
+            "annotations[1] (id 6): expected an object with 'image_id'",
+        ),
+        (annotation(6, NAN), "image_id', a number or text, found NaN"),
+        ({"id": 6, "bbox": []}, "(id 6): expected"),
+        ({}, "annotations[1]: expected"),
+        (None, "annotations[1]: expected"),
+        (annotation(6, 9), "1 annotations of images that it does not list"),
+    ],
+)
+def test_annotation_of_no_image_is_reported_and_the_rest_is_read(tmp_path, bad, words):
+    rows = [annotation(5, 1), bad, annotation(7, 2.0)]
+    content = coco([image(1, "a.png"), image(2, "b.png")], rows)
+    folder = write_files(tmp_path, {"a.json": content})
+
+    frames = read_source(folder)
+
+    assert [
+        [box["id"] for box in annotation_of(frame)["boxes"]] for frame in frames
+    ] == [["5"], ["7"]]
+    (reported,) = frames.unmatched
+    assert reported.path == "a.json"
+    assert words in reported.why
+
+
+@pytest.mark.parametrize(
+    ("wrong", "words"),
+    [
+        ({"area": NAN}, 'box 0 (id "6"), area'),
+        ({"bbox": [1, 2, NAN, 4]}, 'box 0 (id "6"), xywh[2]'),
+        ({"bbox": None}, 'box 0 (id "6"), xywh'),
+        ({"bbox": []}, 'box 0 (id "6"), xywh'),
+        ({"category_id": None}, "annotation '6': expected the id of a category"),
+    ],
+)
+def test_annotation_that_cannot_be_read_spoils_its_own_frame(tmp_path, wrong, words):
+    rows = [annotation(5, 1), annotation(6, 2, **wrong)]
+    content = coco([image(1, "a.png"), image(2, "b.png")], rows)
+    folder = write_files(tmp_path, {"a.json": content})
+
+    good, bad = read_source(folder)
+
+    assert [box["id"] for box in annotation_of(good)["boxes"]] == ["5"]
+    problem = bad.problem
+    if problem is None:
+        with pytest.raises(AnnotationErrors) as caught:
+            parse_annotation(annotation_of(bad))
+        problem = caught.value
+    assert words in str(problem)
+
+
+@pytest.mark.parametrize(
+    ("images", "categories", "words"),
+    [
+        ([image(None, "a.png")], [], "images[1]: expected an object with 'id'"),
+        ([image(3, None)], [], "images[1]: expected a file_name, found null"),
+        ([image(3, "/..")], [], 'images[1]: expected a file_name, found "/.."'),
+        ([True], [], "images[1]: expected an object with 'id'"),
+        ([], [{"id": 3}], "categories[2] (id 3): expected a name, found null"),
+        ([], [{"name": "van"}], "categories[2]: expected an object with 'id'"),
+        ([], [{"id": 7, "name": "van"}], 'that of "walker", too, and of "van"'),
+    ],
+)
+def test_faulty_image_or_category_is_reported(tmp_path, images, categories, words):
+    document = coco([image("z", "z.png"), *images], [annotation(1, "z")])
+    content = json.dumps(
+        {**json.loads(document), "categories": CATEGORIES + categories}
+    )
+    folder = write_files(tmp_path, {"a.json": content})
+
+    frames = read_source(folder)
+    (frame,) = frames
+
+    assert [box["class"] for box in annotation_of(frame)["boxes"]] == ["car"]
+    assert [words in one.why for one in frames.unmatched] == [True]
+
+
+def test_ten_faulty_annotations_are_named_and_the_others_counted(tmp_path):
+    rows = [annotation(number, None) for number in range(1244)]
+    folder = write_files(tmp_path, {"a.json": coco([image(1, "a.png")], rows)})
+
+    *named, last = [one.why for one in read_source(folder).unmatched]
+
+    assert len(named) == 10
+    assert last == "annotations: 1,234 more like this"
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "/home/me/out/images/front/1.png",
+        "C:\\data\\front\\1.png",
+        "../../front/1.png",
+        "/data/local-files/?d=out%2Ffront/1.png",
+        "https://host.example/x/front/1.png",
+        "s3://bucket/front/1.png",
+    ],
+)
+def test_path_from_elsewhere_is_the_file_whose_path_ends_most_alike(tmp_path, name):
+    there = {
+        f"{kind}/{camera}/1.png": None
+        for kind in ("images", "seg")
+        for camera in ("front", "left")
+    }
+    content = coco([image(1, name)], [annotation(1, 1)])
+    folder = write_files(tmp_path, {"a.json": content, **there})
+
+    (frame,) = read_source(folder)
+
+    assert frame.key == "front/1"
+    assert frame.image == folder / "images/front/1.png"
+    assert frame.segmentation == folder / "seg/front/1.png"
+
+
+def test_paths_from_elsewhere_that_could_be_one_file_get_none(tmp_path):
+    names = ["/a/front/1.png", "/b/front/1.png", "/b/left/2.png"]
+    images = [image(number, name) for number, name in enumerate(names)]
+    folder = write_files(
+        tmp_path, {"a.json": coco(images, []), "front/1.png": None, "x/2.png": None}
+    )
+
+    assert {one.key: one.image for one in read_source(folder)} == {
+        "a/front/1": None,
+        "b/front/1": None,
+        "x/2": folder / "x/2.png",
+    }
+
+
+@pytest.mark.parametrize("folder", ["", "/home/me/x/"])
+def test_images_that_differ_in_their_suffix_are_two_frames(tmp_path, folder):
+    images = [image(1, f"{folder}a.png"), image(2, f"{folder}a.jpg")]
+    rows = [annotation(1, 1), annotation(2, 2, category_id=7)]
+    files = {"images/a.png": None, "images/a.jpg": None}
+    tags = {"seg/a.png": None}
+    source = write_files(tmp_path, {"a.json": coco(images, rows), **files, **tags})
+
+    frames = read_source(source)
+    jpeg, lossless = frames
+
+    assert frames.unmatched == ()
+    assert (jpeg.key, lossless.key) == ("a.jpg", "a.png")
+    assert [one.image for one in frames] == [
+        source / "images/a.jpg",
+        source / "images/a.png",
+    ]
+    assert [one.segmentation for one in frames] == [None, source / "seg/a.png"]
+    assert [annotation_of(one)["boxes"][0]["class"] for one in frames] == [
+        "walker",
+        "car",
+    ]
+
+
+def test_segmentation_of_one_image_is_not_taken_for_another():
+    frames = read_source(shared("cases/08-file-names/a-stem-coco"))
+
+    assert {one.key: one.segmentation and one.segmentation.name for one in frames} == {
+        "a.jpg": None,
+        "a.png": "a.png",
+    }
+
+
+def test_keypoints_beside_instances_are_not_read_twice(tmp_path):
+    content = coco([image(1, "a.png")], [annotation(1, 1, keypoints=[1, 2, 2])])
+    both = write_files(
+        tmp_path / "both",
+        {
+            "annotations/instances_val2017.json": content,
+            "annotations/person_keypoints_val2017.json": content,
+        },
+    )
+    alone = write_files(
+        tmp_path / "alone", {"annotations/person_keypoints_val2017.json": content}
+    )
+
+    frames = read_source(both)
+    (frame,) = frames
+    (other,) = read_source(alone)
+
+    assert (frame.problem, other.problem, frames.unmatched) == (None, None, ())
+    assert len(annotation_of(other)["boxes"]) == 1
+    (note,) = frames.notes()
+    assert "person_keypoints_val2017.json was not read" in note
 
 
 @pytest.mark.parametrize(
@@ -125,19 +320,10 @@ def test_unmatched_images_and_annotations_are_listed(tmp_path):
     [
         ('{"images": [', "byte 12: expected"),
         ('{"images": [{"id": 1}, ]', "byte 23: expected a JSON value"),
-        ('{"images": [NaN]}', "NaN is not a JSON number"),
-        ('{"images": [{"name": 1}]}', "expected an object with 'id'"),
-        ('{"images": [true]}', "expected an object with 'id'"),
-        ('{"images": {}}', "expected an object with 'id'"),
+        ('{"images": {}}', "expected images, annotations and categories, found images"),
         ("[]", "byte 0: expected '{'"),
         ("", "expected more, found the end"),
         ("{}", "expected images, annotations and categories, found nothing"),
-        ('{"images": [], "categories": [{"id": 1}]}', "category 1: expected a name"),
-        (
-            '{"images": [], "categories": [{"id": 1, "name": "a"}, '
-            '{"id": 1, "name": "b"}]}',
-            "each category id once, found 1 for 'a' and 'b'",
-        ),
         ('{"images": [], "categories": [], "x": ' + "[" * 200_000, "expected a JSON"),
         (
             '{"x": ' + "1" * 101,

@@ -77,8 +77,9 @@ def test_kitti_label_file_round_trips(tmp_path):
     assert lines[0] == PEDESTRIAN
 
 
-def test_a_line_with_only_a_3d_box_is_projected(tmp_path):
-    bare = PEDESTRIAN.replace("712.40 143.00 810.73 307.92", "0 0 0 0")
+@pytest.mark.parametrize("absent", ["0 0 0 0", "-1 -1 -1 -1", "-1.00 -1 -1.0 -1"])
+def test_a_line_with_only_a_3d_box_is_projected(tmp_path, absent):
+    bare = PEDESTRIAN.replace("712.40 143.00 810.73 307.92", absent)
     (one,) = read_source(folder(tmp_path, bare))
 
     parsed = parse_annotation(annotation_of(one))
@@ -87,6 +88,29 @@ def test_a_line_with_only_a_3d_box_is_projected(tmp_path):
     assert parsed.boxes[0].form == "vertices"
     # KITTI's authors drew the rectangle around this pedestrian by hand.
     np.testing.assert_allclose(made.xyxy[0], [712, 143, 811, 308], atol=10)
+
+
+@pytest.mark.parametrize(
+    "corners",
+    ["810.73 143 712.4 307.92", "712.4 307.92 810.73 143", "5 5 5 5", "810.73 9 3 2"],
+)
+def test_a_rectangle_without_extent_is_not_replaced_by_the_3d_box(tmp_path, corners):
+    line = PEDESTRIAN.replace("712.40 143.00 810.73 307.92", corners)
+    (one,) = read_source(folder(tmp_path, line))
+
+    (box_read,) = annotation_of(one)["boxes"]
+
+    assert box_read["xyxy"] == [float(word) for word in corners.split()]
+    assert "vertices" not in box_read
+
+
+def test_a_line_without_rectangle_is_an_error_where_it_cannot_be_computed(tmp_path):
+    bare = PEDESTRIAN.replace("712.40 143.00 810.73 307.92", "-1 -1 -1 -1")
+    source = folder(tmp_path, f"{PEDESTRIAN}\n{bare}")
+    (source / "training/calib/000000.txt").unlink()
+    (one,) = read_source(source)
+
+    assert "000000.txt, line 2: expected a rectangle" in str(one.problem)
 
 
 @pytest.mark.parametrize("yaw", [0.0, 30.0, 90.0, 179.0, -120.0])

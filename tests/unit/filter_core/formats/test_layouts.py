@@ -19,7 +19,8 @@ from filter_core.formats.reading import (
 )
 from filter_core.formats.recording import RecordingDescription
 from filter_core.formats.registry import detect_layout, possible_layouts, read_source
-from tests.support.folders import write_files
+from tests.support.folders import annotation_of, write_files
+from tests.support.shared_data import shared
 
 YOLO_LINE = "0 0.5 0.5 0.1 0.2\n"
 EMPTY_COCO = '{"images": [], "annotations": [], "categories": []}'
@@ -146,7 +147,8 @@ def test_segmentations_in_a_flat_folder_are_matched_by_name(tmp_path):
         ("0 0.5 x 0.1 0.2", "line 2: expected a finite number, found 'x'"),
         ("0 0.5 nan 0.1 0.2", "found 'nan'"),
         ("0 0.5", "line 2: expected 'class cx cy w h' (5 columns)"),
-        ("0 0 0 1 0 1 1 0 1", "found 9 columns"),
+        ("0 0 0 1 0 1 x 0 1", "found 'x'"),
+        ("0 0.5 0.5 0.1 0.2 0.9 217", "as a polygon has, found 217"),
     ],
 )
 def test_invalid_yolo_line_is_reported_and_other_frames_are_read(tmp_path, line, words):
@@ -181,6 +183,101 @@ def test_list_and_readme_files_are_not_read_as_labels(tmp_path):
 
     assert (frames.layout, keys(frames)) == ("yolo", ["train"])
     assert frames.classes == ("car",)
+
+
+def test_texts_that_are_no_labels_are_no_frames(tmp_path):
+    write_files(
+        tmp_path,
+        {
+            "data.yaml": NAMES,
+            "README.roboflow.txt": "\ncarla - v1 2023-11-01 4:20pm\n====\n",
+            "README.dataset.txt": "https://a.example\nlicence: CC BY 4.0\n",
+            "lists/train.txt": "./images/1.jpg\n./images/2.jpg\n",
+            "lists/car_train.txt": "000001 -1\n000002 1\n",
+            "lists/names.txt": "car\nbus\n",
+            "train/images/1.png": None,
+            "train/labels/1.txt": YOLO_LINE,
+            "train/images/2.png": None,
+            "train/labels/2.txt": "no numbers at all, but an image of this name",
+            "train/images/3.png": None,
+            "train/labels/3.txt": "",
+        },
+    )
+
+    frames = read_source(tmp_path)
+    problems = {one.key: one.problem for one in frames}
+
+    assert (frames.layout, frames.unmatched) == ("yolo", ())
+    assert list(problems) == ["train/1", "train/2", "train/3"]
+    assert "2.txt, line 1" in str(problems.pop("train/2"))
+    assert set(problems.values()) == {None}
+
+
+def test_notes_beside_images_do_not_hide_the_images(tmp_path):
+    write_files(tmp_path, {"a.png": None, "README.roboflow.txt": "carla - v1\n"})
+
+    frames = read_source(tmp_path)
+
+    assert (frames.layout, keys(frames), frames.unmatched) == ("pairs", ["a"], ())
+
+
+def test_outlines_are_read_as_rectangles_and_counted(tmp_path):
+    triangle = "1 .1 .2 .5 .4 .3 .8"
+    rotated = "0 .5 .1 .9 .5 .5 .9 .1 .5"
+    write_files(
+        tmp_path,
+        {
+            "labels/1.txt": f"{YOLO_LINE}{triangle}\n{triangle} .7\n",
+            "labels/2.txt": rotated,
+            "data.yaml": NAMES,
+        },
+    )
+
+    frames = read_source(tmp_path)
+    for _ in range(2):  # the count is that of one reading
+        first, second = frames
+        (note,) = frames.notes()
+        assert "3 outlines (polygons or rotated boxes) in 2 label files" in note
+
+    assert annotation_of(first)["boxes"][0] == BOX
+    shape = pytest.approx([0.3, 0.5, 0.4, 0.6])
+    plain, sure = annotation_of(first)["boxes"][1:]
+    assert plain == {"class": "van", "cxcywhn": shape}
+    assert sure == {"class": "van", "cxcywhn": shape, "confidence": 0.7}
+    (turned,) = annotation_of(second)["boxes"]
+    assert turned["cxcywhn"] == pytest.approx([0.5, 0.5, 0.8, 0.8])
+
+
+@pytest.mark.parametrize(
+    ("behind", "more"),
+    [("", {}), (".1 .2 2 .3 .4 2", {}), (".1 .2 2 .3 .4 2 .9", {"confidence": 0.9})],
+)
+def test_points_of_a_pose_are_no_outline(tmp_path, behind, more):
+    names = f"{NAMES}\nkpt_shape: [2, 3]\n"
+    write_files(
+        tmp_path,
+        {"labels/1.txt": f"{YOLO_LINE.strip()} {behind}", "data.yaml": names},
+    )
+
+    frames = read_source(tmp_path)
+    (frame,) = frames
+
+    assert (frame.annotation, frames.notes()) == ({"boxes": [{**BOX, **more}]}, ())
+
+
+@pytest.mark.parametrize(
+    ("name", "frames", "notes"),
+    [("linkou_roboflow", 9, 0), ("yolo_polygons", 1, 1)],
+)
+def test_recorded_yolo_folders_are_read_whole(name, frames, notes):
+    found = read_source(shared(f"cases/recordings/{name}"))
+
+    read = list(found)
+
+    assert (found.layout, len(read), found.unmatched) == ("yolo", frames, ())
+    assert [one.problem for one in read] == [None] * frames
+    assert all(one.image for one in read)
+    assert len(found.notes()) == notes
 
 
 def test_sixth_column_is_confidence_and_any_line_ending_is_accepted(
@@ -646,22 +743,9 @@ def test_label_that_is_an_endless_device_is_refused_without_reading_it(tmp_path)
     assert "not a regular file" in str(frame.problem)
 
 
-NO_NAME = (
-    '{"images": [{"id": 1, "file_name": "%s"}], "annotations": [], "categories": []}'
-)
-
-
 @pytest.mark.parametrize(
     ("files", "words"),
     [
-        (
-            {"a.json": NO_NAME % "/"},
-            "a.json, images[0]: expected the name of a file, found '/'",
-        ),
-        (
-            {"a.json": NO_NAME % "."},
-            "a.json, images[0]: expected the name of a file, found '.'",
-        ),
         (
             {"label_2/1.txt": "", "frames.jsonl": '{"file": "", "key": "b"}'},
             "expected the name of a file, found ''",

@@ -5,9 +5,11 @@ from __future__ import annotations
 import pytest
 
 from filter_core.errors import LayoutError
+from filter_core.formats.recording import RecordingDescription
 from filter_core.formats.registry import read_source
 from filter_core.formats.voc import read_voc
-from tests.support.folders import write_files
+from tests.support.folders import annotation_of, write_files
+from tests.support.shared_data import shared
 
 
 def voc(corners=(1, 2, 30, 40), extra="", size="<width>80</width><height>60</height>"):
@@ -30,11 +32,101 @@ def test_integer_voc_coordinates_are_one_based_and_inclusive():
     }
 
 
-def test_fractional_voc_coordinates_are_not_changed():
-    annotation = read_voc(voc((1, 2.5, 30, 40)), "a.xml")
+def read_all(folder, options=None):
+    """The rectangles of each frame of a folder, and the notes about it."""
+    frames = read_source(folder, options=options)
+    rectangles = {
+        one.key: [box["xyxy"] for box in annotation_of(one)["boxes"]] for one in frames
+    }
+    return rectangles, frames.notes()
 
-    expected = [{"class": "traffic light", "xyxy": [1, 2.5, 30, 40]}]
-    assert annotation["boxes"] == expected
+
+def objects(*corners):
+    """A file with several boxes."""
+    parts = [voc(each).split(b"<object>")[1].split(b"</object>")[0] for each in corners]
+    return (
+        voc().split(b"<object>")[0]
+        + b"".join(b"<object>" + part + b"</object>" for part in parts)
+        + b"</annotation>"
+    )
+
+
+@pytest.mark.parametrize(
+    ("files", "origin", "why"),
+    [
+        ({"a": [(1, 2, 30, 40)]}, 1, "from 1, both ends included: no corner is 0"),
+        ({"a": [(1, 2, 3, 4), (9.5, 1, 20, 20)]}, 1, "no corner is 0"),
+        ({"a": [(1, 2, 3, 4)], "b": [(0, 2, 3, 4)]}, 0, "from 0: 1 corners are 0"),
+        ({"a": [(1, 2.5, 30, 40)]}, 0, "from 0: 1 of 1 boxes have fractions"),
+        (
+            {"a": [(1, 2, 3, 4)], "b": [(1.5, 2, 3, 4)], "c": [(1, 2, 3.1, 4)]},
+            0,
+            "2 of 3 boxes",
+        ),
+    ],
+)
+def test_first_pixel_is_decided_once_for_all_files(tmp_path, files, origin, why):
+    for name, corners in files.items():
+        write_files(tmp_path, {f"Annotations/{name}.xml": objects(*corners)})
+    expected = {
+        name: [[x - origin, y - origin, *ends] for x, y, *ends in corners]
+        for name, corners in files.items()
+    }
+
+    assert read_all(tmp_path)[0] == expected
+    (note,) = read_all(tmp_path)[1]
+    assert why in note
+    other = 1 - origin
+    assert f"boxes.origin {other}" in note
+    changed, notes = read_all(tmp_path, RecordingDescription(origin=str(other)))
+    assert changed != expected
+    assert notes == ()
+
+
+def test_utf_16_shows_the_first_pixel_too(tmp_path):
+    text = objects((0, 2, 3, 4)).decode()
+    content = f'<?xml version="1.0" encoding="utf-16"?>{text}'.encode("utf-16")
+    write_files(tmp_path, {"a.xml": content, "b.xml": voc((5, 6, 7, 8))})
+
+    assert read_all(tmp_path)[0] == {"a": [[0, 2, 3, 4]], "b": [[5, 6, 7, 8]]}
+
+
+def test_a_fraction_moves_no_other_box():
+    """The car is at the same place in both files of the case."""
+    whole, _ = read_all(shared("cases/13-voc-coco-oddities/voc-int"))
+    mixed, _ = read_all(shared("cases/13-voc-coco-oddities/voc-mixed"))
+
+    assert whole["1"][0] == mixed["1"][0] == [186, 180, 260, 223]
+
+
+def test_images_of_one_name_in_two_folders_are_two_frames(tmp_path):
+    def named(folder):
+        names = f"<folder>{folder}</folder><filename>1.png</filename><size>".encode()
+        return voc().replace(b"<size>", names)
+
+    write_files(
+        tmp_path,
+        {
+            "JPEGImages/front/1.png": None,
+            "JPEGImages/left/1.png": None,
+            "seg/front/1.png": None,
+            "seg/left/1.png": None,
+            "Annotations/front_1.xml": named("front"),
+            "Annotations/x/left_1.xml": named("C:\\data\\left"),
+        },
+    )
+
+    found = read_source(tmp_path)
+
+    assert found.unmatched == ()
+    assert {one.key: one.image for one in found} == {
+        "front_1": tmp_path / "JPEGImages/front/1.png",
+        "x/left_1": tmp_path / "JPEGImages/left/1.png",
+    }
+    assert {one.segmentation for one in found} == {
+        tmp_path / "seg/front/1.png",
+        tmp_path / "seg/left/1.png",
+    }
 
 
 def test_xml_text_is_unescaped_and_comments_are_ignored():

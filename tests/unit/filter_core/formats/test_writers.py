@@ -238,10 +238,37 @@ def test_class_missing_in_the_class_list_fails_the_export():
         export([frame("7", box(0))], ExportHead(("van",)))
 
 
-def test_missing_image_is_counted():
-    counts = manifest_of(export([frame("7", box(0))]))["counts"]
+LABELS = [
+    name for name, one in FORMATS.items() if "allow_missing_images" in one.options
+]
 
-    assert counts["frames"]["without_image"] == 1
+
+@pytest.mark.parametrize("form", LABELS)
+def test_frame_without_image_is_left_out_of_labels_unless_it_is_asked_for(form):
+    frames = [
+        frame("7", box(0), read_image=lambda: b"PNG"),
+        frame("8", box(0), box(1, verdict="rejected"), read_image=None),
+    ]
+
+    usual = exporting.export(form, frames)
+    every = exporting.export(form, frames, allow_missing_images=True)
+    alone = exporting.export(form, frames, images="none")
+
+    assert manifest_of(usual)["counts"]["frames"]["left_out"] == 1
+    assert manifest_of(usual)["counts"]["not_kept_by_reason"] == {"no_image": 2}
+    assert [one["box"] for one in manifest_of(usual)["boxes"]] == ["0", "1"]
+    for files in (every, alone):
+        assert "left_out" not in manifest_of(files)["counts"]["frames"]
+        assert manifest_of(files)["counts"]["boxes"]["out"] == 2
+    assert manifest_of(every)["counts"]["frames"]["without_image"] == 1
+
+
+def test_manifest_names_no_image_that_is_missing():
+    files = exporting.export("manifest", [frame("8", box(0), read_image=None)])
+
+    assert b'"image"' not in files["manifest.jsonl"]
+    assert manifest_of(files)["counts"]["frames"]["without_image"] == 1
+    assert "left_out" not in manifest_of(files)["counts"]["frames"]
 
 
 @pytest.mark.parametrize("split", [-0.1, 1.1])

@@ -83,6 +83,15 @@ FILES = {
     "indexed": png(PIXELS[..., 0], INDEXED, chunk(b"PLTE", bytes(range(256)) * 3)),
     "grey": png(PIXELS[..., 0], GREY),
     "followed by notes": png(PIXELS[..., :3], RGB) + b"notes of an editor",
+    "followed by much": png(PIXELS[..., :3], RGB) + bytes(50_000),
+    "followed by another picture": png(PIXELS[..., :3], RGB)
+    + png(PIXELS[::-1, ..., :3], RGB),
+    "by opencv, followed by another": cv2.imencode(".png", PIXELS[..., :3])[1].tobytes()
+    + cv2.imencode(".png", PIXELS[::-1, ..., :3])[1].tobytes(),
+    "followed by an animation's chunks": png(PIXELS[..., :3], RGB)
+    + chunk(b"acTL", bytes(8))
+    + chunk(b"IDAT", b"no pixels")
+    + chunk(b"IEND", b""),
     "jpeg": cv2.imencode(".jpg", PIXELS[..., :3])[1].tobytes(),
     "by opencv": cv2.imencode(".png", np.sort(PIXELS, 1)[..., :3])[1].tobytes(),
     "by opencv with alpha": cv2.imencode(".png", PIXELS)[1].tobytes(),

@@ -393,9 +393,17 @@ def test_metadata_beside_the_pixels_is_accepted():
         HEADER, profile, *notes, VALID_PIXELS, VALID_PIXELS, *notes[:2]
     )
 
-    assert read_image_header(content + bytes(4088)).wh == (5, 3)
-    with pytest.raises(ImageError, match="4089 bytes follow its end"):
-        read_image_header(content + bytes(4089))
+    assert read_image_header(content).wh == (5, 3)
+
+
+@pytest.mark.parametrize("whole", [True, False])
+@pytest.mark.parametrize("tail", [bytes(4088), bytes(100_000), chunk(b"IDAT") * 1000])
+def test_bytes_after_the_end_of_a_png_are_ignored(tail, whole):
+    content = png_of_chunks(HEADER, VALID_PIXELS)
+
+    assert read_image_header(content + tail, whole=whole).wh == (5, 3)
+    with pytest.raises(ImageError):  # zeros without an end before them
+        read_image_header(content[:-12] + bytes(5000), whole=whole)
 
 
 def test_partial_check_accepts_faults_in_the_middle_of_a_file():
