@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Final
+from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
@@ -176,9 +176,10 @@ def wait_for_export(client: Client, export: Export, screen: Screen) -> Export:
         ) from None
 
 
-def _left_out(counts: Mapping[str, Any], screen: Screen) -> int:
+def _left_out(counts: Mapping[str, object], screen: Screen) -> int:
     """How many frames were left out because they have no image; noted if any."""
-    count: int = counts.get("frames", {}).get("left_out", 0)
+    frames = counts.get("frames")
+    count = int(frames.get("left_out", 0)) if isinstance(frames, Mapping) else 0
     if count:
         screen.note(
             f"left out: {count:,} frames without an image; --allow-missing-images "

@@ -134,6 +134,25 @@ def test_ten_refusals_of_a_kind_are_printed_and_then_a_number(
     assert "and 5 more like this: refused (not_a_number)" in answer.err
 
 
+def test_convert_leaves_out_frames_without_an_image_and_says_so(bare_unghost, tmp_path):
+    folder = write_manifest(tmp_path / "frames", 2)
+    line = {"key": "bare", "camera": {"width": 64, "height": 48}, "boxes": []}
+    with (folder / "manifest.jsonl").open("a") as manifest:
+        manifest.write(json.dumps(line) + "\n")
+
+    usual = bare_unghost("convert", folder, "--to", "yolo", "-o", "usual")
+    every = bare_unghost(
+        *("convert", folder, "--to", "yolo", "-o", "every", "--allow-missing-images")
+    )
+
+    assert (usual.code, every.code) == (DONE, DONE)
+    assert usual.out.startswith("usual\t2 frames")
+    assert "left out: 1 frames without an image; --allow-missing-images" in usual.err
+    assert every.out.startswith("every\t3 frames")
+    assert not list(tmp_path.glob("usual/labels/*/bare.txt"))
+    assert len(list(tmp_path.glob("every/labels/*/bare.txt"))) == 1
+
+
 def test_ten_files_of_a_kind_that_belong_to_no_frame_are_printed(
     bare_unghost, tmp_path
 ):
@@ -147,7 +166,7 @@ def test_ten_files_of_a_kind_that_belong_to_no_frame_are_printed(
     assert "and 1,234 more like this: not matched: no label file for this image\n" in (
         answer.err
     )
-    assert "not matched: b.png" in answer.err
+    assert "not matched: seg/b.png" in answer.err
 
 
 @pytest.mark.parametrize("named", ["", "manifest.jsonl"])

@@ -221,7 +221,7 @@ def test_ten_faulty_annotations_are_named_and_the_others_counted(tmp_path):
 @pytest.mark.parametrize(
     "name",
     [
-        "/home/me/out/images/front/1.png",
+        "/disk/me/out/images/front/1.png",
         "C:\\data\\front\\1.png",
         "../../front/1.png",
         "/data/local-files/?d=out%2Ffront/1.png",
@@ -259,7 +259,7 @@ def test_paths_from_elsewhere_that_could_be_one_file_get_none(tmp_path):
     }
 
 
-@pytest.mark.parametrize("folder", ["", "/home/me/x/"])
+@pytest.mark.parametrize("folder", ["", "/disk/me/x/"])
 def test_images_that_differ_in_their_suffix_are_two_frames(tmp_path, folder):
     images = [image(1, f"{folder}a.png"), image(2, f"{folder}a.jpg")]
     rows = [annotation(1, 1), annotation(2, 2, category_id=7)]

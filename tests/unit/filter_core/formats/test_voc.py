@@ -78,7 +78,9 @@ def test_first_pixel_is_decided_once_for_all_files(tmp_path, files, origin, why)
     assert why in note
     other = 1 - origin
     assert f"boxes.origin {other}" in note
-    changed, notes = read_all(tmp_path, RecordingDescription(origin=str(other)))
+    changed, notes = read_all(
+        tmp_path, RecordingDescription(origin="1" if origin == 0 else "0")
+    )
     assert changed != expected
     assert notes == ()
 
