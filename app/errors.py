@@ -110,6 +110,14 @@ class NotFound(AppError):
         super().__init__(f"there is no {kind} {key!r}")
 
 
+class NoSuchClass(NotFound):
+    """The dataset has no class of this name; `meant` is the nearest of its names."""
+
+    def __init__(self, dataset: str, name: str, meant: str | None) -> None:
+        hint = f"; did you mean {meant!r}?" if meant else ""
+        AppError.__init__(self, f"dataset {dataset!r} has no class {name!r}{hint}")
+
+
 class NoSuchFile(NotFound):
     """The frame was stored without this file."""
 

@@ -347,6 +347,8 @@ def _frame_boxes(
 ) -> FrameBoxes:
     """The boxes of an annotation as arrays; `family` says which tags there are."""
     classes = [box_class(box) for box in boxes]
+    if config.renamed:
+        classes = [config.renamed.get(name, name) for name in classes]
     names = tuple(dict.fromkeys(classes))
     index = {name: number for number, name in enumerate(names)}
     class_index = np.array([index[name] for name in classes], dtype=np.int32)

@@ -5,7 +5,8 @@ reason, toss-up flag and answer, so both tables have to change together:
 
 - `copy_answers` and `copy_batch` (answers of people), `add` (new boxes) and `retire`
   (the boxes of a former frame) change both.
-- `decided_again` (a run) changes decisions; its caller then calls `replace_tallies`.
+- `decided_again` and `classified_again` (a run) change decisions; their caller then
+  calls `replace_tallies`.
 - `measured_again` (a run) changes only columns of decisions that tallies do not count.
 
 Only `app.maintenance.removals` writes these tables as well: it deletes the rows of
@@ -223,6 +224,16 @@ def measured_again(
         {"box_id": box_ids.tolist(), **numbers_of_lists(evidence)},
         written,
     )
+
+
+def classified_again(session: Session, box_ids: IntArray, class_ids: IntArray) -> None:
+    """Give boxes other classes, since theirs were renamed.
+
+    The caller has to replace the tallies of the dataset too (`replace_tallies`).
+    """
+    boxes, classes = box_ids.tolist(), class_ids.tolist()
+    update_rows(session, Decision, {"box_id": boxes, "class_id": classes})
+    FrameRepository(session).classify_boxes(boxes, classes)
 
 
 def numbers_of_lists(evidence: Evidence) -> dict[str, list[float | None]]:

@@ -33,6 +33,7 @@ from app.db.bulk import (
     insert_rows,
     run,
     run_each,
+    update_rows,
 )
 from app.db.pages import id_of_cursor, name_of_cursor
 from app.db.tables import Blob, Box, Decision, Frame, FrameFile, IdBlock, Review
@@ -339,6 +340,10 @@ class FrameRepository:
     def add_boxes(self, columns: Mapping[str, Sequence[object]]) -> None:
         """Insert boxes; `app.boxes.current.add` inserts their decisions."""
         insert_columns(self._session, Box, columns)
+
+    def classify_boxes(self, box_ids: list[int], class_ids: list[int]) -> None:
+        """Set the classes of boxes; see `app.boxes.current.classified_again`."""
+        update_rows(self._session, Box, {"id": box_ids, "class_id": class_ids})
 
     def supersede(self, frame: Frame) -> None:
         """Mark a frame as no longer the newest revision under its key."""

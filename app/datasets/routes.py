@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from base64 import b64decode
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
-from fastapi import Query, Request, Response
+from fastapi import Depends, Path, Query, Request, Response
 from fastapi.exceptions import RequestValidationError
 
 from app.access.audit import AuditAction
 from app.access.gate import Audited
 from app.datasets import service as datasets
+from app.datasets.classes import ClassChange, merge_class, remove_class, rename_class
 from app.db.pages import name_of_cursor, newest
 from app.db.tables import Problem
 from app.http.deps import (
@@ -35,6 +36,23 @@ from unghost.wire.model import Page
 from unghost.wire.runs import Run
 
 router = ApiRouter(prefix="/api/v1", tag="datasets")
+
+
+class AddressedClass(NamedTuple):
+    """The names of a dataset and of a class of it, in a path."""
+
+    dataset: str
+    name: str
+
+
+async def addressed_class(
+    dataset: DatasetName, name: Annotated[str, Path(max_length=200)]
+) -> AddressedClass:
+    """The class in the path."""
+    return AddressedClass(dataset, name)
+
+
+ClassOfDataset = Annotated[AddressedClass, Depends(addressed_class)]
 
 Confirmation = Annotated[
     str | None, Query(description="The dataset's name again, as a confirmation.")
@@ -116,6 +134,48 @@ def change_dataset(
     if run is None:
         return datasets.describe_dataset(session, found)
     return accepted(described_run(services, session, run))
+
+
+@router.patch(
+    "/datasets/{dataset}/classes/{name:any}", status_code=202, response_model=Run
+)
+def change_class(
+    former: ClassOfDataset,
+    body: wire.ClassPatch,
+    session: WriteSession,
+    services: AppServices,
+    audit: Audited,
+) -> Response:
+    """Rename a class, or merge it into another, through a run that measures again."""
+    found = DatasetRepository(session).named(former.dataset)
+    change = ClassChange(former.name, body.name or str(body.merge_into))
+    rename = merge_class if body.name is None else rename_class
+    run = rename(services, session, found, change, audit.name)
+    audit.note(
+        AuditAction.DATASET_CHANGED,
+        former.dataset,
+        changed=["classes"],
+        **body.model_dump(exclude_unset=True),
+        former=former.name,
+        run=run.id,
+    )
+    return accepted(described_run(services, session, run))
+
+
+@router.delete("/datasets/{dataset}/classes/{name:any}", status_code=204)
+def delete_class(
+    former: ClassOfDataset, session: WriteSession, audit: Audited
+) -> Response:
+    """Remove a class without boxes; 409 with their number if it has any."""
+    found = DatasetRepository(session).named(former.dataset)
+    remove_class(session, found, former.name)
+    audit.note(
+        AuditAction.DATASET_CHANGED,
+        former.dataset,
+        changed=["classes"],
+        removed=former.name,
+    )
+    return Response(status_code=204)
 
 
 @router.delete("/datasets/{dataset}", status_code=204, dependencies=[ADMIN])

@@ -162,8 +162,9 @@ def describe_dataset(session: Session, dataset: Dataset) -> wire.Dataset:
     return wire.Dataset(
         name=dataset.name,
         description=dataset.description,
-        classes=tuple(DatasetRepository(session).classes(dataset.id)),
+        classes=tuple(DatasetRepository(session).listed_classes(dataset.id)),
         classes_frozen=dataset.classes_frozen_at is not None,
+        renamed_classes=dataset.renamed_classes,
         palette=dataset.palette,
         encoding=dataset.encoding,
         channel_order=dataset.channel_order,

@@ -6,17 +6,18 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
+from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from app.boxes.queries import FrameRepository
 from app.context import ServiceContext
 from app.db import tables
-from app.db.tables import Chunk, Dataset
+from app.db.tables import Chunk, Dataset, Measurement, Run
 from app.errors import Conflict
 from app.exports.writer import write_archive
 from app.jobs.chunks import ChunkRepository, PlannedChunk
 from app.jobs.kind import Task
-from app.jobs.queries import job_of
+from app.jobs.queries import OPEN, job_of
 from app.jobs.service import queue_job
 from app.measuring.queries import DatasetRepository
 from app.storage.base import StoredBlob
@@ -42,11 +43,24 @@ def request_export(
 ) -> tables.Export:
     """Queue an export; it starts when the transaction is committed.
 
-    From now on the dataset's classes keep their order: labels refer to it.
+    If the format's labels name classes by their numbers, the dataset's classes keep
+    their names and their order from now on.
+
+    Raises
+    ------
+    Conflict
+        ``classes_change``: an open run renames classes, whose numbers it changes.
     """
-    format_of(wanted.format, ExportOptions.from_mapping(wanted.options))
+    fmt = format_of(wanted.format, ExportOptions.from_mapping(wanted.options))
     require_room(context.settings, context.storage)
-    DatasetRepository(session).freeze_classes(dataset.id)
+    if fmt.numbers_classes:
+        if _is_being_renamed(session, dataset):
+            raise Conflict(
+                f"a run is renaming classes of dataset {dataset.name!r}, whose numbers "
+                f"labels in the format {fmt.name!r} refer to; export when it has ended",
+                code="classes_change",
+            )
+        DatasetRepository(session).freeze_classes(dataset.id)
     export = tables.Export(
         dataset_id=dataset.id,
         format=wanted.format,
@@ -58,6 +72,20 @@ def request_export(
     )
     queue_job(context, session, export)
     return export
+
+
+def _is_being_renamed(session: Session, dataset: Dataset) -> bool:
+    rows = (
+        select(Measurement)
+        .join(Run, Run.measurement_id == Measurement.id)
+        .where(
+            Run.dataset_id == dataset.id, Run.state.in_(OPEN), Run.activate.is_(True)
+        )
+    )
+    return any(
+        coming.options["dataset"].get("renamed_classes", {}) != dataset.renamed_classes
+        for coming in session.scalars(rows)
+    )
 
 
 def finished_file(context: ServiceContext, export: tables.Export) -> StoredBlob:

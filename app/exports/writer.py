@@ -29,6 +29,7 @@ from app.jobs.kind import Task
 from app.measuring.active import active_version
 from app.measuring.queries import DatasetRepository, EvidenceRow
 from app.storage.base import BlobsUncertain
+from filter_core.classes import class_of
 from filter_core.formats.export import (
     ExportFrame,
     ExportHead,
@@ -39,6 +40,7 @@ from filter_core.formats.format import Need
 from filter_core.formats.registry import FORMATS, format_of, write_export
 from filter_core.formats.tally import Counts
 from filter_core.types import DecidedBoxes, DecisionColumns
+from filter_core.values import JsonObject
 
 _FRAMES_AT_A_TIME: Final = 200
 """Frames whose rows are read together."""
@@ -144,7 +146,7 @@ def _read(task: Task[Export], digest: str) -> bytes:
 def _head(session: Session, dataset: Dataset) -> ExportHead:
     tallies = TallyRepository(session).of_dataset(dataset.id)
     return ExportHead(
-        classes=tuple(DatasetRepository(session).classes(dataset.id)),
+        classes=tuple(DatasetRepository(session).listed_classes(dataset.id)),
         facts={
             "dataset": dataset.name,
             "run": dataset.active_run_id,
@@ -222,7 +224,11 @@ class ExportFrames:
             key=frame.key,
             wh=wh,
             boxes=content.labels[rows],
-            given=GivenAnnotation(partial(json.loads, text), wh, crowds=_CROWD in text),
+            given=GivenAnnotation(
+                partial(_annotation, text, self._dataset.renamed_classes),
+                wh,
+                crowds=_CROWD in text,
+            ),
             map=frame.map,
             media_type=image.media_type if image else "image/png",
             read_image=partial(self._read, image.sha256) if image else None,
@@ -230,6 +236,18 @@ class ExportFrames:
             decisions=content.decisions[rows],
             columns=None if columns is None else columns[rows],
         )
+
+
+def _annotation(text: str, renamed: Mapping[str, str]) -> JsonObject:
+    """An annotation as it was sent, but with the present names of classes."""
+    annotation: JsonObject = json.loads(text)
+    if renamed:
+        for box in annotation.get("boxes", ()):
+            blueprint = class_of(box.get("type_id"), box.get("base_type"))
+            sent = box.get("class") or blueprint or box.get("type_id")
+            if sent in renamed:
+                box["class"] = renamed[sent]
+    return annotation
 
 
 @dataclass

@@ -177,7 +177,7 @@ def _class_ids(
     """Ids of the dataset's classes; those that only these frames have are added."""
     names = {name for frame in frames for name in frame.measured.evidence.class_names}
     datasets = DatasetRepository(session)
-    known = datasets.classes(active.row.dataset_id)
+    known = datasets.listed_classes(active.row.dataset_id)
     if known.keys() >= names:
         return known
     dataset = datasets.named(active.name)

@@ -182,7 +182,7 @@ def _check_classes(
     It is checked before the transaction, so that it can be stored as a problem.
     """
     with context.database.read() as session:
-        known = DatasetRepository(session).classes(active.row.dataset_id)
+        known = DatasetRepository(session).listed_classes(active.row.dataset_id)
     names = measured.evidence.class_names
     for box, index in zip(
         checked.annotation.boxes, measured.evidence.class_index.tolist(), strict=True

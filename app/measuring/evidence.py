@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
@@ -318,12 +318,14 @@ def _given(rectangle: tuple[float, ...]) -> tuple[float, ...] | None:
 def recount(
     row: EvidenceRow, classes: Mapping[str, int], config: MeasureConfig
 ) -> Evidence:
-    """A frame's evidence with the accept sets of another configuration."""
+    """A frame's evidence with the accept sets and class names of another one's."""
     evidence = to_evidence(
         unpack_numbers([row.numbers], [row.box_count]),
         classes,
         unpack_tag_counts(row.tag_counts, row.box_count),
     )
+    names = tuple(config.renamed.get(name, name) for name in classes)
+    evidence = replace(evidence, class_names=names)
     return with_accept_sets(evidence, config, row.palette)
 
 
@@ -337,7 +339,9 @@ def recounted_row(
     return {
         "frame_id": row.frame_id,
         "measurement_id": measurement_id,
-        "numbers": pack_numbers(evidence, list(classes.values())),
+        "numbers": pack_numbers(
+            evidence, [classes[name] for name in evidence.class_names]
+        ),
         "tag_counts": row.tag_counts,
         "geometry": row.geometry,
         "channels": row.channels,

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, fields, replace
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, fields, replace
 
 from sqlalchemy.orm import Session
 
@@ -23,7 +24,10 @@ from filter_core.values import JsonObject
 
 @dataclass(frozen=True)
 class DatasetReading:
-    """A dataset's settings for reading its segmentations."""
+    """A dataset's settings for reading its frames.
+
+    `renamed_classes` has the present name of a class by a name that boxes come with.
+    """
 
     name: str
     palette: str = "auto"
@@ -31,6 +35,7 @@ class DatasetReading:
     channel_order: OrderOfChannels = "auto"
     lossy_segmentation: Lossy = "refuse"
     ignore_mask: JsonObject | None = None
+    renamed_classes: Mapping[str, str] = field(default_factory=dict)
 
     @classmethod
     def of(cls, dataset: Dataset) -> DatasetReading:
@@ -38,9 +43,15 @@ class DatasetReading:
         return cls(**{spec.name: getattr(dataset, spec.name) for spec in fields(cls)})
 
     def as_columns(self) -> dict[str, object]:
-        """The settings without the name, as columns of the dataset's row."""
+        """The settings without the name, as columns of the dataset's row.
+
+        `renamed_classes` only if there are any: measurements that were stored before
+        any class could be renamed have the same columns.
+        """
         columns = asdict(self)
         del columns["name"]
+        if not self.renamed_classes:
+            del columns["renamed_classes"]
         return columns
 
 
@@ -49,6 +60,7 @@ def plan_for(dataset: DatasetReading, config: FilterConfig) -> MeasureConfig:
     return config.measuring(
         SegmentationOptions.named_by(dataset),
         dataset_name=f"dataset {dataset.name!r}",
+        renamed=dataset.renamed_classes,
         ignored=dataset.ignore_mask,
     )
 

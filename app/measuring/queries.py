@@ -89,7 +89,7 @@ class ActiveRow(NamedTuple):
 _WIDTH: Final = len(ActiveRow._fields)
 
 _CLASSES: Final = (
-    select(DatasetClass.name, DatasetClass.id)
+    select(DatasetClass.name, DatasetClass.id, DatasetClass.listed)
     .where(DatasetClass.dataset_id == bindparam("dataset"))
     .order_by(DatasetClass.position)
 )
@@ -157,9 +157,17 @@ class DatasetRepository:
         return dataset
 
     def classes(self, dataset_id: int) -> dict[str, int]:
-        """Class names in their frozen order, with their ids."""
+        """The names of all its classes in their order, with their ids.
+
+        Also those that are not listed any more, which earlier measurements have.
+        """
         rows = run(self._session, _CLASSES, dataset=dataset_id)
         return {row.name: row.id for row in rows}
+
+    def listed_classes(self, dataset_id: int) -> dict[str, int]:
+        """The names of the classes that it has now, with their ids, as exports do."""
+        rows = run(self._session, _CLASSES, dataset=dataset_id)
+        return {row.name: row.id for row in rows if row.listed}
 
     def class_ids(self, dataset: Dataset, names: Sequence[str]) -> dict[str, int]:
         """Ids of the dataset's classes, to which unknown ones of `names` are appended.
@@ -171,7 +179,7 @@ class DatasetRepository:
         AnnotationError
             ``too_many_classes``: there would be more than `MAX_CLASSES`.
         """
-        known = self.classes(dataset.id)
+        known = self.listed_classes(dataset.id)
         missing = [name for name in dict.fromkeys(names) if name not in known]
         if not missing:
             return known
@@ -189,8 +197,58 @@ class DatasetRepository:
                 pointer="/boxes",
                 code="too_many_classes",
             )
-        self._append_classes(dataset.id, missing, start=len(known))
-        return self.classes(dataset.id)
+        before = self.classes(dataset.id)
+        self._list_classes(
+            [before[name] for name in missing if name in before], listed=True
+        )
+        self._append_classes(
+            dataset.id,
+            [name for name in missing if name not in before],
+            start=len(before),
+        )
+        return self.listed_classes(dataset.id)
+
+    def add_unlisted_class(self, dataset_id: int, name: str) -> None:
+        """Prepare a class that `rename_classes` lists later; nothing if it exists."""
+        before = self.classes(dataset_id)
+        if name not in before:
+            self._append_classes(dataset_id, [name], start=len(before), listed=False)
+
+    def rename_classes(self, dataset_id: int, renamed: Mapping[str, str]) -> None:
+        """List the classes to which others were renamed, in place of those.
+
+        A class that was not listed before takes the position of the one that it
+        replaces.
+        """
+        rows = {
+            row.name: row
+            for row in self._session.scalars(
+                select(DatasetClass).where(DatasetClass.dataset_id == dataset_id)
+            )
+        }
+        for former, name in renamed.items():
+            old, new = rows.get(former), rows[name]
+            if old is not None and old.listed and not new.listed:
+                places = old.position, new.position
+                # No two classes may have one position, not even for a moment.
+                for row, position in ((old, -1), (new, places[0]), (old, places[1])):
+                    row.position = position
+                    self._session.flush()
+            new.listed = True
+            if old is not None:
+                old.listed = False
+        self._session.flush()
+
+    def remove_class(self, class_id: int) -> None:
+        """Do not list a class any more; its number is that of no other one."""
+        self._list_classes([class_id], listed=False)
+
+    def _list_classes(self, class_ids: Sequence[int], *, listed: bool) -> None:
+        self._session.execute(
+            update(DatasetClass)
+            .where(DatasetClass.id.in_(class_ids))
+            .values(listed=listed)
+        )
 
     def change(self, dataset: Dataset, values: Mapping[str, object]) -> None:
         """Set columns."""
@@ -226,10 +284,17 @@ class DatasetRepository:
         )
 
     def _append_classes(
-        self, dataset_id: int, names: Sequence[str], *, start: int
+        self,
+        dataset_id: int,
+        names: Sequence[str],
+        *,
+        start: int,
+        listed: bool = True,
     ) -> None:
         self._session.add_all(
-            DatasetClass(dataset_id=dataset_id, position=position, name=name)
+            DatasetClass(
+                dataset_id=dataset_id, position=position, name=name, listed=listed
+            )
             for position, name in enumerate(names, start)
         )
         self._session.flush()

@@ -20,6 +20,7 @@ from sqlalchemy.orm import Session
 from app.boxes.current import (
     DecisionRepository,
     TallyKey,
+    classified_again,
     decided_again,
     measured_again,
     replace_tallies,
@@ -163,6 +164,9 @@ class Activation:
         if numbers.are_measured_anew:
             evidence = numbers.after.evidence
             measured_again(self._session, ids, evidence, self._progress)
+            moved = numbers.before.class_ids != numbers.after.class_ids
+            of_classes = numbers.after.class_ids[moved]
+            classified_again(self._session, ids[moved], of_classes)
 
     def _tally(self, numbers: DatasetColumns, decisions: Decisions) -> None:
         """Count all boxes, which is cheaper and safer than counting changes."""
@@ -220,7 +224,13 @@ def _activate(session: Session, dataset: Dataset, run: Run) -> None:
     )
     datasets = DatasetRepository(session)
     datasets.activate(dataset, run)
-    datasets.change(dataset, measurement.options["dataset"])
+    reading, before = measurement.options["dataset"], dataset.renamed_classes
+    renamed = reading.get("renamed_classes", {})
+    datasets.change(dataset, reading)
+    datasets.rename_classes(
+        dataset.id,
+        {name: now for name, now in renamed.items() if before.get(name) != now},
+    )
 
 
 def _differs(before: Decisions, after: Decisions) -> BoolArray:

@@ -273,6 +273,7 @@ class FilterConfig(ReadingKeys, DecideConfig):
         dataset: SegmentationOptions | None = None,
         *,
         dataset_name: str = "the dataset",
+        renamed: Mapping[str, str] | None = None,
         ignored: JsonObject | None = None,
     ) -> MeasureConfig:
         """The settings on which measured numbers depend, completed by the dataset's.
@@ -283,6 +284,8 @@ class FilterConfig(ReadingKeys, DecideConfig):
             The dataset's options for segmentations. Default: it has none.
         dataset_name : str
             The name of the dataset in errors.
+        renamed : Mapping of str to str, optional
+            The dataset's renamed classes, see `MeasureConfig`.
         ignored : JsonObject, optional
             The dataset's ignored pixels, which never count.
 
@@ -311,6 +314,7 @@ class FilterConfig(ReadingKeys, DecideConfig):
                 for name, one in self.classes.items()
                 if one.measures_as is not INHERIT
             },
+            renamed=renamed or {},
             ignored=ignored,
             channels=tuple(name for name in CHANNELS if name in self.channels),
             depth_tolerance=float(self.depth_tolerance),

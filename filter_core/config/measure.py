@@ -51,6 +51,9 @@ class MeasureConfig:
     class_map : Mapping
         The class as which a name is measured, or `PASS`; other names mean what the
         vocabulary says.
+    renamed : Mapping of str to str
+        The dataset's renamed classes: what a class is called now, by the name that
+        boxes come with. A name that is missing is unchanged.
     ignored : JsonObject or None
         The dataset's ignored pixels, which never count.
     channels : tuple of ChannelName
@@ -70,6 +73,7 @@ class MeasureConfig:
     reading: SegmentationOptions = field(default_factory=SegmentationOptions)
     accept: Mapping[str, tuple[str | int, ...]] = field(default_factory=dict)
     class_map: Mapping[str, str] = field(default_factory=dict)
+    renamed: Mapping[str, str] = field(default_factory=dict)
     ignored: JsonObject | None = None
     channels: tuple[ChannelName, ...] = ()
     depth_tolerance: float = 0.15
@@ -83,7 +87,8 @@ class MeasureConfig:
 
     @property
     def pixel_digest(self) -> str:
-        """A digest that accept sets do not change, where they need no pixels.
+        """A digest that accept sets and renamed classes do not change, if they need no
+        pixels.
 
         Numbers for other accept sets follow from the stored histograms of tags, so
         that configurations with equal pixel digests need no images read again. With
@@ -95,14 +100,15 @@ class MeasureConfig:
         if self.channels:
             return _digest(plain)
         if self.profile == "paper":
-            plain.pop("class_map", None)
+            for name in ("class_map", "renamed"):
+                plain.pop(name, None)
         return _digest(plain | {"accept": None})
 
     def as_dict(self) -> dict[str, object]:
         """The stored form, ready for JSON.
 
-        ``channels`` and ``class_map`` only where there are any, ``version`` only where
-        it makes a difference and is not the first.
+        ``channels``, ``class_map`` and ``renamed`` only where there are any,
+        ``version`` only where it makes a difference and is not the first.
         """
         own = [getattr(self.own_reading, name) for name in _READING]
         by_name: list[object] = [self.profile, *own, self.projection]
@@ -120,6 +126,8 @@ class MeasureConfig:
             plain["class_map"] = dict(self.class_map)
         if self.profile == "paper" and self.version > 1:
             plain["version"] = self.version
+        if self.renamed:
+            plain["renamed"] = dict(self.renamed)
         if not self.channels:
             return plain
         tolerance = self.depth_tolerance if "depth" in self.channels else None
@@ -141,7 +149,7 @@ class MeasureConfig:
     def as_measured(self, stored: JsonObject) -> MeasureConfig:
         """The same, as a stored measurement was made.
 
-        That is, with its reading, ignored pixels, channels and version.
+        That is, with its reading, renamed classes, ignored pixels, channels and version.
 
         Parameters
         ----------
@@ -153,6 +161,7 @@ class MeasureConfig:
         return replace(
             self,
             reading=SegmentationOptions(**stored["reading"], sources=stored["sources"]),
+            renamed=stored.get("renamed", {}),
             ignored=stored["ignored"],
             channels=channels,
             depth_tolerance=self.depth_tolerance if tolerance is None else tolerance,
@@ -170,7 +179,7 @@ class MeasureConfig:
         """
         channels, tolerance, encoding = _channels_of(stored)
         plain = self.as_dict()
-        compared = {*plain, "class_map", "version"} - {"channels"}
+        compared = {*plain, "class_map", "renamed", "version"} - {"channels"}
         return (
             set(self.channels) <= set(channels)
             and ("depth" not in self.channels or self.depth_tolerance == tolerance)

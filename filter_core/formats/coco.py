@@ -71,6 +71,7 @@ COCO: Final = Format(
     recognised_by="a COCO .json file",
     read_options=FOLDER_OPTIONS | {"classes"},
     needs=LABEL_NEEDS,
+    numbers_classes=True,
     options=LABEL_OPTIONS | {"bands", "rejected"},
 )
 

@@ -138,6 +138,9 @@ class Format:
         default.
     needs : frozenset of `Need`
         The data of a frame that `write` needs besides the columns of its boxes.
+    numbers_classes : bool
+        Whether its labels name classes by their numbers, so that a list of classes must
+        not change once labels are written.
     recognise : callable or None
         Returns whether a source is in this format, without reading its labels.
     read : callable or None
@@ -155,6 +158,7 @@ class Format:
     read_options: frozenset[str] = FOLDER_OPTIONS
     options: frozenset[str] = frozenset()
     needs: frozenset[Need] = frozenset()
+    numbers_classes: bool = False
     recognise: Callable[[Source], Recognition] | None = field(default=None, init=False)
     read: Callable[[Path, RecordingDescription], FrameSet] | None = field(
         default=None, init=False

@@ -70,6 +70,7 @@ YOLO: Final = Format(
     recognised_by="YOLO's labels with data.yaml or classes.txt",
     read_options=FOLDER_OPTIONS | {"classes", "default_class"},
     needs=LABEL_NEEDS,
+    numbers_classes=True,
     options=LABEL_OPTIONS | {"bands"},
 )
 

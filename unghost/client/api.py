@@ -53,6 +53,11 @@ def frame_path(dataset: str, key: str) -> str:
     return dataset_path(dataset, "frames", quote(key, safe="/"))
 
 
+def class_path(dataset: str, name: str) -> str:
+    """The path of a class of a dataset."""
+    return dataset_path(dataset, "classes", quote(name, safe=""))
+
+
 def run_path(run: wire.Run | int) -> str:
     """The path of a run, by itself or by its id."""
     return f"{API}/runs/{id_of(run)}"
@@ -103,6 +108,24 @@ class Api:
         """
         path = dataset_path(name)
         return Call("PATCH", path, _changed_dataset, json=options, repeatable=False)
+
+    @endpoint
+    def rename_class(self, dataset: str, name: str, new: str) -> Call[wire.Run]:
+        """Rename a class; the run that is returned makes the change when it is done."""
+        return _changed_class(dataset, name, {"name": new})
+
+    @endpoint
+    def merge_class(self, dataset: str, name: str, into: str) -> Call[wire.Run]:
+        """Move a class's boxes to another class, by the run that is returned.
+
+        Frames that are sent later with the former name get the other class, too.
+        """
+        return _changed_class(dataset, name, {"merge_into": into})
+
+    @endpoint
+    def remove_class(self, dataset: str, name: str) -> Call[None]:
+        """Remove a class that has no boxes; `Conflict` if it has any."""
+        return Call("DELETE", class_path(dataset, name), nothing)
 
     @endpoint
     def delete_dataset(self, name: str) -> Call[None]:
@@ -577,6 +600,11 @@ def _changed_dataset(response: httpx.Response) -> wire.Dataset | wire.Run:
     if response.status_code == httpx.codes.ACCEPTED:
         return result(wire.Run)(response)
     return result(wire.Dataset)(response)
+
+
+def _changed_class(dataset: str, name: str, change: Json) -> Call[wire.Run]:
+    path = class_path(dataset, name)
+    return Call("PATCH", path, result(wire.Run), json=change, repeatable=False)
 
 
 def frame_stored(

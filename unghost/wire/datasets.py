@@ -119,6 +119,25 @@ class DatasetPatch(RequestModel):
         return value
 
 
+class ClassPatch(RequestModel):
+    """What becomes of a class of a dataset: a new name, or part of another class."""
+
+    model_config = ConfigDict(json_schema_extra=_values_are_needed)
+
+    name: ClassName | None = Field(
+        default=None, description="Its new name, which no class of the dataset has."
+    )
+    merge_into: ClassName | None = Field(
+        default=None, description="The class of the dataset that gets its boxes."
+    )
+
+    @model_validator(mode="after")
+    def _check_name_or_merge(self) -> ClassPatch:
+        if (self.name is None) == (self.merge_into is None):
+            raise ValueError("expected either name or merge_into")
+        return self
+
+
 class _OfFrames(ResponseModel):
     frames: int
 
@@ -166,6 +185,9 @@ class Dataset(ResponseModel):
     description: Annotated[str, IfAbsent("")]
     classes: tuple[str, ...]
     classes_frozen: Annotated[bool, IfAbsent(False)]
+    renamed_classes: Annotated[Mapping[str, str], IfAbsent({})] = Field(
+        description="What a class is called now, by the name that boxes come with."
+    )
     palette: Palette
     encoding: Encoding
     channel_order: ChannelOrder

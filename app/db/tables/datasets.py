@@ -32,6 +32,8 @@ class Dataset(Base):
     active_config_id: Mapped[int | None] = mapped_column(Key)
     active_run_id: Mapped[int | None] = mapped_column(Key)
     active_measurement_id: Mapped[int | None] = mapped_column(Key)
+    renamed_classes: Mapped[dict[str, str]] = mapped_column(JsonText, default=dict)
+    """What a class is called now, by the name that boxes come with."""
     classes_frozen_at: Mapped[datetime | None] = mapped_column(UtcDateTime)
     removed_at: Mapped[datetime | None] = mapped_column(UtcDateTime)
     """When it was deleted: it is hidden, and its rows are deleted in small steps."""
@@ -40,7 +42,12 @@ class Dataset(Base):
 
 
 class DatasetClass(Base):
-    """A class of a dataset; `position` is its index in every export."""
+    """A class of a dataset; `position` gives the order of the classes in exports.
+
+    A class that was merged into another one, renamed or removed is not `listed` any
+    more. Its row stays, because earlier revisions of frames and earlier measurements
+    refer to it. Nor is a class yet that a run is going to create by renaming another.
+    """
 
     __tablename__ = "dataset_classes"
     __table_args__ = (
@@ -55,6 +62,7 @@ class DatasetClass(Base):
     )
     position: Mapped[int]
     name: Mapped[str] = mapped_column(String(200))
+    listed: Mapped[bool] = mapped_column(default=True)
 
 
 class ConfigVersion(Base):

@@ -1,0 +1,161 @@
+"""Renames, merges and removes classes of a dataset.
+
+A class is renamed or merged by a run, which measures its boxes as those of the other
+class, and makes the change when it is done. The dataset remembers the former name:
+boxes that come with it later get the present one, and annotations stay as they came in.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+from sqlalchemy.orm import Session
+
+from app.boxes.current import TallyRepository
+from app.context import ServiceContext
+from app.db.tables import Dataset, Run
+from app.errors import Conflict, NoSuchClass
+from app.measuring.queries import DatasetRepository
+from app.runs.service import RunRequest, coming_settings, request_run
+from filter_core.values import similar
+
+
+class ClassChange(NamedTuple):
+    """A class's name, and the name of the class that its boxes get."""
+
+    former: str
+    name: str
+
+
+def rename_class(
+    context: ServiceContext,
+    session: Session,
+    dataset: Dataset,
+    change: ClassChange,
+    author: str,
+) -> Run:
+    """Request the run that gives a class a new name.
+
+    Raises
+    ------
+    NoSuchClass
+        There is no such class.
+    Conflict
+        ``class_exists``: there is a class of the new name, or boxes that came with that
+        name are in another class; ``classes_frozen``; ``classes_change``: an open run
+        renames classes.
+    """
+    former, name = change
+    listed = _changeable(session, dataset, former)
+    if name in listed:
+        raise Conflict(
+            f"dataset {dataset.name!r} has a class {name!r} already; merge {former!r} "
+            f"into it to make them one",
+            code="class_exists",
+        )
+    reading, _ = coming_settings(session, dataset)
+    owner = reading.renamed_classes.get(name, former)
+    if owner != former:
+        raise Conflict(
+            f"boxes that come in as {name!r} are in class {owner!r}, which was called "
+            f"so before; expected another name for {former!r}",
+            code="class_exists",
+        )
+    DatasetRepository(session).add_unlisted_class(dataset.id, name)
+    return _request(context, session, dataset, change, author)
+
+
+def merge_class(
+    context: ServiceContext,
+    session: Session,
+    dataset: Dataset,
+    change: ClassChange,
+    author: str,
+) -> Run:
+    """Request the run that moves the boxes of a class to another one.
+
+    Raises
+    ------
+    NoSuchClass
+        There is no such class.
+    Conflict
+        ``same_class``: both are one class; ``classes_frozen``; ``classes_change``.
+    """
+    former, into = change
+    listed = _changeable(session, dataset, former)
+    _require_class(dataset, into, listed)
+    if former == into:
+        raise Conflict(
+            f"class {former!r} cannot be merged into itself", code="same_class"
+        )
+    return _request(context, session, dataset, change, author)
+
+
+def remove_class(session: Session, dataset: Dataset, name: str) -> None:
+    """Remove a class without boxes, at once.
+
+    Raises
+    ------
+    NoSuchClass
+        There is no such class.
+    Conflict
+        ``class_in_use``: it has boxes; ``classes_frozen``; ``classes_change``.
+    """
+    class_id = _changeable(session, dataset, name)[name]
+    tallies = TallyRepository(session).of_dataset(dataset.id)
+    boxes = sum(count for key, count in tallies.items() if key.class_id == class_id)
+    if boxes:
+        raise Conflict(
+            f"class {name!r} of dataset {dataset.name!r} has {boxes} "
+            f"{'box' if boxes == 1 else 'boxes'}; merge it into another class, or "
+            "delete or replace their frames first",
+            code="class_in_use",
+        )
+    DatasetRepository(session).remove_class(class_id)
+
+
+def _changeable(session: Session, dataset: Dataset, name: str) -> dict[str, int]:
+    """The dataset's classes with their ids, if class `name` may be changed."""
+    listed = DatasetRepository(session).listed_classes(dataset.id)
+    _require_class(dataset, name, listed)
+    if dataset.classes_frozen_at is not None:
+        raise Conflict(
+            f"the classes of dataset {dataset.name!r} are frozen, since exported "
+            f"labels refer to their numbers; a configuration with `classes: {{{name}: "
+            "NAME}` measures its boxes as another class, and a new dataset can have "
+            "other classes",
+            code="classes_frozen",
+        )
+    if coming_settings(session, dataset)[0].renamed_classes != dataset.renamed_classes:
+        raise Conflict(
+            f"a run is renaming classes of dataset {dataset.name!r}; change others when "
+            "it has ended",
+            code="classes_change",
+        )
+    return listed
+
+
+def _require_class(dataset: Dataset, name: str, listed: dict[str, int]) -> None:
+    if name not in listed:
+        raise NoSuchClass(dataset.name, name, similar(name, listed))
+
+
+def _request(
+    context: ServiceContext,
+    session: Session,
+    dataset: Dataset,
+    change: ClassChange,
+    author: str,
+) -> Run:
+    former, name = change
+    reading, config = coming_settings(session, dataset)
+    renamed = {
+        sent: name if now == former else now
+        for sent, now in reading.renamed_classes.items()
+    }
+    renamed = {sent: now for sent, now in renamed.items() if sent != name}
+    coming = replace(reading, renamed_classes={**renamed, former: name})
+    return request_run(
+        context, session, dataset, RunRequest(config, author, True, coming)
+    )

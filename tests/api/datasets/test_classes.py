@@ -1,0 +1,219 @@
+"""Classes of a dataset: renamed, merged into others, removed."""
+
+from __future__ import annotations
+
+import io
+import json
+import zipfile
+
+import pytest
+
+from tests.support import frames as scene
+from tests.support.api import BASE, Api
+from tests.support.live import hold_frames
+
+TAGS_ALONE = {"evidence": "semantic"}
+"""With it, a renamed class is counted from stored tags; else images are read again."""
+
+
+def boxes_named(*classes):
+    """A frame with a box on its car for each class, and one in its sky."""
+    boxes = [
+        {"id": f"{name} {place}", "class": name, "xyxy": xyxy}
+        for name in classes
+        for place, xyxy in (("car", scene.ON_THE_CAR), ("sky", scene.IN_THE_SKY))
+    ]
+    return scene.annotation_of(*boxes)
+
+
+def change(api, dataset, former, **body):
+    return api.http.patch(f"{BASE}/datasets/{dataset}/classes/{former}", json=body)
+
+
+def changed(api, dataset, former, **body):
+    """Change a class, and wait for the run, which must succeed."""
+    run = api.wait_for_job(change(api, dataset, former, **body))
+    assert run["state"] == "done", run
+    return run
+
+
+def exported(api, dataset, form):
+    """The files of an export by name."""
+    done = api.wait_for_job(api.post(f"/datasets/{dataset}/exports", {"format": form}))
+    assert done["state"] == "done", done
+    content = api.http.get(done["download"]).content
+    with zipfile.ZipFile(io.BytesIO(content)) as archive:
+        return {
+            name: archive.read(name).decode("latin-1") for name in archive.namelist()
+        }
+
+
+def named(api, dataset):
+    """The class, verdict and answer of each box by its id."""
+    return {
+        box["id"]: (box["class"], box["verdict"], (box["review"] or {}).get("verdict"))
+        for box in api.boxes(dataset)
+    }
+
+
+@pytest.mark.parametrize("config", [TAGS_ALONE, {"evidence": "auto"}])
+def test_renamed_class_is_measured_as_its_new_name(api, config):
+    name = api.dataset(classes=["Caar", "bus"])
+    api.run(name, config)
+    stored = api.upload_frame(name, "a", boxes_named("Caar"))
+    before = named(api, name)
+    api.review(stored["decisions"][1]["box_id"], "keep")
+
+    changed(api, name, "Caar", name="car")
+    api.upload_frame(name, "b", boxes_named("Caar"))
+    dataset = api.json(f"/datasets/{name}")
+
+    assert {verdict for _, verdict, _ in before.values()} & {"kept"} == set()
+    assert dataset["classes"] == ["car", "bus"]
+    assert dataset["renamed_classes"] == {"Caar": "car"}
+    first, second = (api.json(f"/datasets/{name}/frames/{key}") for key in "ab")
+    for frame in (first, second):
+        assert [box["class"] for box in frame["boxes"]] == ["car", "car"]
+        assert [box["verdict"] for box in frame["boxes"]] == ["kept", "rejected"]
+    assert first["boxes"][1]["review"]["verdict"] == "keep"
+    by_class = api.json(f"/datasets/{name}/stats")["by_class"]
+    assert by_class == {"car": {"kept": 2, "rejected": 2, "unmeasured": 0}}
+    assert (
+        api.json("/boxes", dataset=name, **{"class": "car"}, count="true")["total"] == 4
+    )
+    assert api.boxes(name, **{"class": "Caar"}) == []
+
+
+def test_merged_class_stays_merged_and_is_exported_by_its_new_name(api):
+    name = api.dataset(classes=["car"])
+    api.upload_frame(name, "a", boxes_named("car", "Caar"))
+
+    run = changed(api, name, "Caar", merge_into="car")
+    api.upload_frame(name, "b", boxes_named("Caar"))
+    files = exported(api, name, "manifest")
+    lines = [json.loads(line) for line in files["manifest.jsonl"].splitlines()]
+    diff = api.json(f"/runs/{run['id']}/diff")
+
+    assert api.json(f"/datasets/{name}")["classes"] == ["car"]
+    assert {box["class"] for line in lines for box in line["boxes"]} == {"car"}
+    assert "Caar" not in files["manifest.json"].replace('"Caar ', "")
+    assert diff["by_class"] == {"car": diff["total"]}
+
+
+def test_class_gets_its_former_name_back(api):
+    name = api.dataset(classes=["bus", "car"])
+    api.upload_frame(name, "a", boxes_named("car"))
+
+    changed(api, name, "car", name="auto")
+    assert api.json(f"/datasets/{name}")["classes"] == ["bus", "auto"]
+    assert {verdict for _, verdict, _ in named(api, name).values()} & {"kept"} == set()
+    changed(api, name, "auto", name="car")
+
+    dataset = api.json(f"/datasets/{name}")
+    assert dataset["classes"] == ["bus", "car"]
+    assert dataset["renamed_classes"] == {"auto": "car"}
+    assert named(api, name) == {
+        "car car": ("car", "kept", None),
+        "car sky": ("car", "rejected", None),
+    }
+
+
+def test_class_without_boxes_is_removed(api):
+    name = api.dataset(classes=["car", "bus", "van"])
+    api.upload_frame(name, "a", boxes_named("van"))
+    path = f"/datasets/{name}/classes"
+
+    used = api.delete(f"{path}/van")
+    removed = api.delete(f"{path}/bus")
+    again = api.delete(f"{path}/bus")
+
+    assert (used.status_code, used.json()["code"]) == (409, "class_in_use")
+    assert "has 2 boxes; merge it" in used.json()["detail"]
+    assert (removed.status_code, again.status_code) == (204, 404)
+    assert api.json(f"/datasets/{name}")["classes"] == ["car", "van"]
+    api.upload_frame(name, "b", boxes_named("bus"))
+    assert api.json(f"/datasets/{name}")["classes"] == ["car", "bus", "van"]
+
+
+@pytest.mark.parametrize(
+    ("form", "is_frozen"),
+    [("yolo", True), ("coco", True), ("kitti", False), ("decisions-csv", False)],
+)
+def test_only_a_format_with_class_numbers_freezes_the_classes(api, form, is_frozen):
+    name = api.dataset(classes=["car", "bus"])
+    api.upload_frame(name, "a")
+
+    exported(api, name, form)
+    removed = api.delete(f"/datasets/{name}/classes/bus")
+    answer = change(api, name, "car", name="auto")
+
+    assert api.json(f"/datasets/{name}")["classes_frozen"] is is_frozen
+    if is_frozen:
+        assert (answer.status_code, answer.json()["code"]) == (409, "classes_frozen")
+        assert "configuration with `classes: {car: NAME}`" in answer.json()["detail"]
+        assert removed.json()["code"] == "classes_frozen"
+    else:
+        assert (answer.status_code, removed.status_code) == (202, 204)
+
+
+@pytest.mark.parametrize(
+    ("former", "body", "status", "code"),
+    [
+        ("car", {"name": "bus"}, 409, "class_exists"),
+        ("car", {"merge_into": "car"}, 409, "same_class"),
+        ("car", {"merge_into": "bsu"}, 404, "not_found"),
+        ("cra", {"name": "auto"}, 404, "not_found"),
+        ("car", {"name": "auto", "merge_into": "bus"}, 422, "invalid_request"),
+        ("car", {}, 422, "invalid_request"),
+    ],
+)
+def test_change_that_cannot_be_made_is_refused(api, former, body, status, code):
+    name = api.dataset(classes=["car", "bus"])
+
+    answer = change(api, name, former, **body)
+
+    assert (answer.status_code, answer.json()["code"]) == (status, code)
+    if status == 404:
+        meant = "car" if former == "cra" else "bus"
+        assert f"did you mean '{meant}'?" in answer.json()["detail"]
+
+
+def test_changes_of_classes_are_in_the_audit_log(api):
+    name = api.dataset(classes=["Caar", "bus"])
+
+    run = changed(api, name, "Caar", name="car")
+    api.delete(f"/datasets/{name}/classes/bus")
+    entries = api.json("/audit", limit=2)["items"]
+
+    assert [entry["details"] for entry in entries] == [
+        {"changed": ["classes"], "removed": "bus"},
+        {"changed": ["classes"], "name": "car", "former": "Caar", "run": run["id"]},
+    ]
+
+
+def test_while_a_run_renames_nothing_may_depend_on_numbers(serve):
+    """Frames that arrive meanwhile are renamed, too; a cancelled run renames nothing."""
+    with serve(workers=1).admin() as http, hold_frames() as permits:
+        api = Api(http)
+        name = api.dataset(classes=["Caar", "bus"])
+        api.upload_frame(name, "a", boxes_named("Caar"))
+        before = api.json(f"/datasets/{name}"), api.boxes(name)
+
+        cancelled = change(api, name, "Caar", name="car")
+        export = api.post(f"/datasets/{name}/exports", {"format": "yolo"})
+        second = change(api, name, "bus", name="coach")
+        api.post(f"/runs/{cancelled.json()['id']}/cancel")
+        permits.release()
+        assert api.wait_for_job(cancelled)["state"] == "cancelled"
+        assert (api.json(f"/datasets/{name}"), api.boxes(name)) == before
+
+        run = change(api, name, "Caar", name="car")
+        api.upload_frame(name, "b", boxes_named("Caar"))
+        permits.release(9)
+        assert api.wait_for_job(run)["state"] == "done"
+
+        refused = [(one.status_code, one.json()["code"]) for one in (export, second)]
+        assert refused == [(409, "classes_change")] * 2
+        assert {box["class"] for box in api.boxes(name)} == {"car"}
+        assert api.json(f"/datasets/{name}")["classes"] == ["car", "bus"]
+        assert api.json(f"/datasets/{name}")["classes_frozen"] is False
