@@ -68,7 +68,7 @@ def create_export(
     services: AppServices,
     audit: Audited,
 ) -> Response:
-    """Start an export of the dataset's labels, which fixes the order of its classes."""
+    """Start an export of labels; one with class numbers fixes the order of classes."""
     found = DatasetRepository(session).named(dataset)
     wanted = ExportRequest(body.format, body.options.model_dump(), audit.name)
     export = request_export(services, session, found, wanted)

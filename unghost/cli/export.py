@@ -127,8 +127,9 @@ def export(options: ExportOptions) -> None:
     """Have the server write the labels of a dataset, and download them.
 
     An interrupted download continues where it stopped: equal labels give equal files.
-    The first export freezes the dataset's classes for good, also if there is no frame:
-    later frames with other classes are refused.
+    The first export in a format with class numbers (YOLO, COCO) freezes the dataset's
+    classes for good, also if there is no frame: later frames with other classes are
+    refused, and no class can be renamed.
     """
     screen = options.screen
     with options.connect() as client:
@@ -139,7 +140,7 @@ def export(options: ExportOptions) -> None:
                 options.dataset, options.format, **options.given
             )
         screen.note(f"export {started.id} of {options.dataset} ({options.format})")
-        if not before.classes_frozen:
+        if client.dataset(options.dataset).classes_frozen > before.classes_frozen:
             screen.note(
                 f"the classes of {options.dataset} are frozen from now on: frames with "
                 "other classes are refused"

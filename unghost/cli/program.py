@@ -63,6 +63,12 @@ CONFIG_COMMANDS: Final = {
     "set": "runs:set_config",
     "diff": "runs:diff_config",
 }
+CLASSES_COMMANDS: Final = {
+    "show": "classes:show_classes",
+    "rename": "classes:rename_class",
+    "merge": "classes:merge_class",
+    "remove": "classes:remove_class",
+}
 TOKEN_COMMANDS: Final = {
     "create": "access:create_token",
     "list": "access:list_tokens",
@@ -163,7 +169,7 @@ def _lazily(functions: Mapping[str, str]) -> list[LazyCommand]:
 
 
 class Program(LazyGroup):
-    """All commands, and two groups of commands."""
+    """All commands, and three groups of commands."""
 
     def __init__(self, **given: Any) -> None:  # noqa: ANN401  # what typer passes on
         super().__init__(**given)
@@ -174,6 +180,13 @@ class Program(LazyGroup):
             no_args_is_help=True,
             rich_markup_mode=None,
         )
+        classes = LazyGroup(
+            name="classes",
+            help="Show, rename, merge or remove the classes of a dataset.",
+            commands=_lazily(CLASSES_COMMANDS),
+            no_args_is_help=True,
+            rich_markup_mode=None,
+        )
         token = LazyGroup(
             name="token",
             help="Create, list and revoke people's tokens; needs an admin's token.",
@@ -181,7 +194,7 @@ class Program(LazyGroup):
             no_args_is_help=True,
             rich_markup_mode=None,
         )
-        for command in (*_lazily(COMMANDS), config, token):
+        for command in (*_lazily(COMMANDS), config, classes, token):
             self.add_command(command)
 
     def invoke(self, ctx: Context) -> object:

@@ -212,7 +212,7 @@ function ExportAsk({ dataset, form, onMade, onClose }) {
       ${fields.map((field) => html`<${AskField} key=${field.key} field=${field} value=${field.key in chosen ? chosen[field.key] : field.initial} onChange=${(/** @type {unknown} */ value) => setChosen({ ...chosen, [field.key]: value })} />`)}
     </div>`}
     ${error && html`<${FailureLine} error=${error} />`}
-    <p class="ask__foot"><span class="faint">The first export fixes the order of the classes.</span>
+    <p class="ask__foot"><span class="faint">The first export as YOLO or COCO fixes the order of the classes.</span>
       <button type="button" class="button" onClick=${onClose}>Cancel</button>
       <button class="button button--primary" disabled=${isBusy || !format}>Make export</button></p>
   </form>`;

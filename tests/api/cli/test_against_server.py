@@ -406,14 +406,16 @@ def test_first_export_says_that_it_freezes_the_classes_even_of_an_empty_dataset(
 ):
     with Client(server.url, server.token) as client:
         client.create_dataset(name, classes=["car"])
-        command = ("export", name, "--format", "yolo", "-o", tmp_path / "out.zip")
+        command = ("export", name, "-o", tmp_path / "out.zip", "--format")
 
-        first, second = unghost(*command), unghost(*command)
+        of_names = unghost(*command, "kitti")
+        first, second = unghost(*command, "yolo"), unghost(*command, "yolo")
 
         assert client.dataset(name).classes_frozen
     said = f"the classes of {name} are frozen from now on"
-    assert (said in first.err, said in second.err) == (True, False)
-    assert "freezes the dataset's classes" in unghost("export", "--help").out
+    has_said = [said in answer.err for answer in (of_names, first, second)]
+    assert has_said == [False, True, False]
+    assert "freezes" in unghost("export", "--help").out
 
 
 def test_labels_are_exported_to_a_file(unghost, unchanged_dataset, tmp_path):
@@ -472,3 +474,29 @@ def test_refused_classes_of_a_folder_are_no_wrong_usage(unghost, name, tmp_path)
 
     assert answer.code == REFUSED
     assert "classes" in answer.err
+
+
+def test_classes_are_shown_merged_renamed_and_removed(unghost, name, tmp_path):
+    """A misspelt class becomes the right one, also for frames that are pushed later."""
+    source = frames_in(tmp_path, 2)
+    text = (source / "manifest.jsonl").read_text()
+    (source / "manifest.jsonl").write_text(text.replace('"car"', '"Caar"', 1))
+    assert unghost("push", source, "--dataset", name).code in (DONE, PARTLY)
+
+    merged = unghost("classes", "merge", name, "Caar", "car")
+    renamed = unghost(
+        "classes", "rename", name, "van", "minivan", "--no-wait", "--json"
+    )
+    assert unghost("wait", renamed.records[0]["id"]).code == DONE
+    removed = unghost("classes", "remove", name, "bus")
+    used = unghost("classes", "remove", name, "car")
+    shown = {
+        one["class"]: one for one in unghost("classes", "show", name, "--json").records
+    }
+
+    assert (merged.code, merged.out.split("\t")[1]) == (DONE, "done")
+    assert (removed.code, removed.out) == (DONE, "bus\tremoved\n")
+    assert (used.code, "has 4 boxes; merge it" in used.err) == (REFUSED, True)
+    assert list(shown)[:4] == ["car", "truck", "minivan", "motorcycle"]
+    assert (shown["car"]["boxes"], shown["car"]["former_names"]) == (4, ["Caar"])
+    assert "Caar" in unghost("classes", "show", name).out

@@ -192,7 +192,7 @@ def test_changes_of_classes_are_in_the_audit_log(api):
 
 
 def test_while_a_run_renames_nothing_may_depend_on_numbers(serve):
-    """Frames that arrive meanwhile are renamed, too; a cancelled run renames nothing."""
+    """Frames that arrive meanwhile are renamed, too; cancelled, it changes nothing."""
     with serve(workers=1).admin() as http, hold_frames() as permits:
         api = Api(http)
         name = api.dataset(classes=["Caar", "bus"])
