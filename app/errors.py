@@ -8,6 +8,7 @@ AppError                     the base of all of them
 |-- Unauthorised             no credentials, or none that are valid
 |-- Forbidden                valid credentials without the right to do this
 |-- NotFound                 no such thing
+|   |-- NoSuchClass          the dataset exists, but has no class of this name
 |   `-- NoSuchFile           the frame exists, but was stored without this file
 |-- Conflict                 in conflict with the current state or stored content
 |   |-- FrameConflict        another frame is stored under this key

@@ -29,6 +29,8 @@ import re
 from functools import lru_cache
 from typing import Final
 
+from filter_core.values import similar
+
 _ALIASES: Final = {"street_light": "traffic_light"}
 """Other names under which a class is known."""
 
@@ -230,3 +232,44 @@ def _meaning_of(words: list[str]) -> str | None:
         if named and all(word in states or word.isdigit() for word in words[2:]):
             return class_name
     return None
+
+
+_MISSPELT: Final = 0.84
+"""Likeness of a name to one of the vocabulary; words that differ are less alike."""
+
+_SHORT: Final = 5
+"""In words of so few letters, another letter makes another word, such as bush, cart."""
+
+_FEWEST: Final = 4
+"""Letters of a word that lacks one."""
+
+_MOST_LETTERS: Final = 2
+"""Difference in length: a ``traffic_light_pole`` is no traffic light."""
+
+_REPEATED: Final = re.compile(r"(.)\1+")
+
+
+def misspelt_class(name: str) -> str | None:
+    """The class that a name means which the vocabulary does not have; None if unclear.
+
+    Only names that differ by a typing error: a ``traffic_cone`` is no traffic light.
+    """
+    plain = "".join(word.casefold() for word in _WORD.findall(name))
+    once = _REPEATED.sub(r"\1", plain)
+    for known, meaning in _MEANING.items():
+        if _REPEATED.sub(r"\1", known) == once:
+            return meaning
+        lacks_one = len(plain) + 1 == len(known) and len(plain) >= _FEWEST
+        if lacks_one and plain in (
+            known[:at] + known[at + 1 :] for at in range(len(known))
+        ):
+            return meaning
+    if len(plain) <= _SHORT:
+        return None
+    candidates = [
+        known
+        for known in _MEANING
+        if len(known) > _SHORT and abs(len(known) - len(plain)) <= _MOST_LETTERS
+    ]
+    close = similar(plain, candidates, likeness=_MISSPELT)
+    return _MEANING[close] if close else None

@@ -11,7 +11,7 @@ the reason, and the other frames are processed.
 from __future__ import annotations
 
 import os
-from collections import deque
+from collections import Counter, deque
 from collections.abc import (
     Callable,
     Collection,
@@ -26,7 +26,7 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from mmap import ACCESS_READ, mmap
 from pathlib import Path
-from typing import Final, TypeVar
+from typing import Final, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -61,17 +61,80 @@ from filter_core.pipeline import (
     box_class,
     read_and_measure,
 )
-from filter_core.types import BoolArray, Decisions, Evidence, IntArray, Reason
+from filter_core.types import (
+    REJECTED,
+    VERDICT_OF_REASON,
+    BoolArray,
+    Decisions,
+    Evidence,
+    IntArray,
+    Reason,
+)
 
 _Given = TypeVar("_Given")
 
 _Made = TypeVar("_Made")
+
+_UNMAPPED: Final = (int(Reason.UNMAPPED_CLASS), int(Reason.DROPPED_CLASS))
+
+_IS_REJECTED: Final = (VERDICT_OF_REASON == REJECTED).tolist()
+"""By the number of a `Reason`."""
 
 _AHEAD: Final = 4
 """Frames per worker that are in progress or wait for an earlier frame."""
 
 _MAX_LINE: Final = 1 << 20
 """Characters of a ground truth file that are read at a time, in lines of any length."""
+
+
+class ClassCount(NamedTuple):
+    """The boxes of one class.
+
+    Attributes
+    ----------
+    boxes, rejected : int
+    unmapped : int
+        Boxes of which nothing is known, because no class is known that the name means.
+    pixels, unknown_pixels : int
+        Of all boxes that a segmentation was measured for; those whose tag or colour is
+        unknown.
+    """
+
+    boxes: int = 0
+    rejected: int = 0
+    unmapped: int = 0
+    pixels: int = 0
+    unknown_pixels: int = 0
+
+    def plus(self, other: ClassCount) -> ClassCount:
+        """The sums of both."""
+        return ClassCount(*map(sum, zip(self, other, strict=True)))
+
+
+def count_by_class(evidence: Evidence, verdicts: Decisions) -> dict[str, ClassCount]:
+    """The boxes of a frame, counted by class."""
+    rows = [[0] * len(ClassCount._fields) for _ in evidence.class_names]
+    # A loop: for the few boxes of a frame, it is faster than arrays.
+    for index, reason, is_measured, pixels, unknown in zip(
+        evidence.class_index.tolist(),
+        verdicts.reason.tolist(),
+        evidence.measured.tolist(),
+        evidence.box_pixels.tolist(),
+        evidence.unknown_pixels.tolist(),
+        strict=True,
+    ):
+        row = rows[index]
+        row[0] += 1
+        row[1] += _IS_REJECTED[reason]
+        row[2] += reason in _UNMAPPED
+        if is_measured:
+            row[3] += pixels
+            row[4] += unknown
+    return {
+        name: ClassCount(*row)
+        for name, row in zip(evidence.class_names, rows, strict=True)
+        if row[0]
+    }
 
 
 @dataclass(frozen=True)
@@ -89,6 +152,8 @@ class FrameOutcome:
         Why the frame cannot be used.
     notes : tuple of str
         What a person should know about how its depth and instance image were read.
+    classes : mapping of str to ClassCount
+        Its boxes by class.
     """
 
     key: str
@@ -96,6 +161,7 @@ class FrameOutcome:
     decisions: list[Decision] | None = None
     error: ProblemObject | None = None
     notes: tuple[str, ...] = ()
+    classes: Mapping[str, ClassCount] = field(default_factory=dict)
 
     def as_dict(self) -> dict[str, object]:
         """The line of this frame in a decisions file."""
@@ -147,7 +213,13 @@ def filter_one(source: FrameSource, config: FilterConfig) -> FrameOutcome:
         decisions = FrameResult(measured, verdicts, config).decisions
     except FilterError as error:
         return FrameOutcome(source.key, error=problem_of(error))
-    return FrameOutcome(source.key, measured.palette, decisions, notes=measured.notes)
+    return FrameOutcome(
+        source.key,
+        measured.palette,
+        decisions,
+        notes=measured.notes,
+        classes=count_by_class(measured.evidence, verdicts),
+    )
 
 
 Truth = Mapping[str, Mapping[str, bool]]
@@ -313,7 +385,7 @@ def export_sources(
     *,
     measure: bool = False,
     needs: Collection[Need] = (),
-    workers: int | None = None,
+    also: Callable[[Mapping[str, ClassCount]], None] = lambda _: None,
 ) -> Generator[ExportFrame | LeftOut, None, None]:
     """Frames of a folder, prepared for the writers of formats.
 
@@ -328,7 +400,8 @@ def export_sources(
     needs : collection of `Need`
         Of the format: decisions, and columns of them, are only made where it needs
         them.
-    workers : int, optional
+    also : callable
+        Called with the boxes of each frame, counted by class, in the frames' order.
 
     Yields
     ------
@@ -336,13 +409,25 @@ def export_sources(
         In the order of the frames; one that cannot be read does not stop the others.
     """
 
-    def export(source: FrameSource) -> ExportFrame | LeftOut:
+    def export(source: FrameSource) -> _Exported | LeftOut:
         try:
             return _export_frame(source, config, measure=measure, needs=needs)
         except FilterError as problem:
             return LeftOut(source.key, problem)
 
-    return in_order(export, frames, workers)
+    for exported in in_order(export, frames):
+        if isinstance(exported, LeftOut):
+            yield exported
+        else:
+            also(exported.classes)
+            yield exported.frame
+
+
+class _Exported(NamedTuple):
+    """A frame for the writers, and its boxes by class."""
+
+    frame: ExportFrame
+    classes: Mapping[str, ClassCount]
 
 
 def _export_frame(
@@ -351,7 +436,7 @@ def _export_frame(
     *,
     measure: bool,
     needs: Collection[Need],
-) -> ExportFrame:
+) -> _Exported:
     # Neither masks nor depth nor LiDAR are needed, so they are not read.
     read = source if measure else replace(source, segmentation=None, others={})
     measured = measure_source(read, config, config.channels)
@@ -381,14 +466,13 @@ def _export_frame(
         facts = measured.facts(config)
         columns = decision_columns(facts, measured.evidence, verdicts)
         frame = replace(frame, columns=columns)
-    if source.image is None:
-        return frame
-    content = _read(source.image, "image")
-    with file_context("image"):
-        media_type = read_image_header(content).media_type
-    return replace(
-        frame, read_image=partial(_read, source.image, "image"), media_type=media_type
-    )
+    if source.image is not None:
+        content = _read(source.image, "image")
+        with file_context("image"):
+            media_type = read_image_header(content).media_type
+        read_image = partial(_read, source.image, "image")
+        frame = replace(frame, read_image=read_image, media_type=media_type)
+    return _Exported(frame, count_by_class(measured.evidence, verdicts))
 
 
 def _without_verdicts(evidence: Evidence, verdicts: Decisions) -> Decisions:
@@ -406,16 +490,28 @@ def class_order(frames: Iterable[FrameSource]) -> tuple[str, ...]:
     The filter's own classes come first, in their order, then all others by name. The
     order of the frames and the frequency of a class do not matter.
     """
-    found: set[str] = set()
+    return in_class_order(boxes_by_class(frames))
+
+
+def in_class_order(names: Collection[str]) -> tuple[str, ...]:
+    """Names of classes in the order of `class_order`, each once."""
+    known = [name for name in CLASSES if name in names]
+    return (*known, *sorted(set(names).difference(known)))
+
+
+def boxes_by_class(frames: Iterable[FrameSource]) -> Counter[str]:
+    """How many boxes of each class labels have; no picture is read.
+
+    Frames whose labels cannot be read are left out: who uses the frames reports them.
+    """
+    found: Counter[str] = Counter()
     for frame in frames:
         try:
             annotation = parse_annotation(frame.annotation or {}, frame=frame.key)
         except FilterError:
-            # The export reports the error; here only the frame's classes are missing.
             continue
         found.update(map(box_class, annotation.boxes))
-    known = [name for name in CLASSES if name in found]
-    return (*known, *sorted(found - set(known)))
+    return found
 
 
 def measure_source(

@@ -129,8 +129,8 @@ def _changeable(session: Session, dataset: Dataset, name: str) -> dict[str, int]
         )
     if coming_settings(session, dataset)[0].renamed_classes != dataset.renamed_classes:
         raise Conflict(
-            f"a run is renaming classes of dataset {dataset.name!r}; change others when "
-            "it has ended",
+            f"a run is renaming classes of dataset {dataset.name!r}; change others "
+            "when it has ended",
             code="classes_change",
         )
     return listed

@@ -30,6 +30,7 @@ from app.measuring.plan import DatasetReading
 from app.measuring.queries import DatasetRepository
 from app.runs.flips import current_histogram
 from app.runs.service import described_run
+from filter_core.config.filter import FilterConfig
 from filter_core.images.header import read_image_header
 from unghost.wire import datasets as wire
 from unghost.wire.model import Page
@@ -79,7 +80,7 @@ def create_dataset(
     services: AppServices,
     audit: Audited,
 ) -> wire.Dataset:
-    """Create a dataset; its first configuration is the service's default."""
+    """Create a dataset, by default with the service's configuration."""
     require_room_to_write(services, session)
     reading = DatasetReading(
         name=body.name,
@@ -90,6 +91,8 @@ def create_dataset(
         ignore_mask=_stored(body.ignore_mask),
     )
     first = services.one(DefaultConfig).config
+    if body.config is not None:
+        first = FilterConfig.from_mapping(body.config.root)
     wanted = datasets.NewDataset(
         reading, body.description, body.classes, first, audit.name
     )

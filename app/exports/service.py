@@ -6,18 +6,18 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from app.boxes.queries import FrameRepository
 from app.context import ServiceContext
 from app.db import tables
-from app.db.tables import Chunk, Dataset, Measurement, Run
+from app.db.tables import Chunk, Dataset
 from app.errors import Conflict
+from app.exports.queries import is_being_renamed
 from app.exports.writer import write_archive
 from app.jobs.chunks import ChunkRepository, PlannedChunk
 from app.jobs.kind import Task
-from app.jobs.queries import OPEN, job_of
+from app.jobs.queries import job_of
 from app.jobs.service import queue_job
 from app.measuring.queries import DatasetRepository
 from app.storage.base import StoredBlob
@@ -54,7 +54,7 @@ def request_export(
     fmt = format_of(wanted.format, ExportOptions.from_mapping(wanted.options))
     require_room(context.settings, context.storage)
     if fmt.numbers_classes:
-        if _is_being_renamed(session, dataset):
+        if is_being_renamed(session, dataset):
             raise Conflict(
                 f"a run is renaming classes of dataset {dataset.name!r}, whose numbers "
                 f"labels in the format {fmt.name!r} refer to; export when it has ended",
@@ -72,20 +72,6 @@ def request_export(
     )
     queue_job(context, session, export)
     return export
-
-
-def _is_being_renamed(session: Session, dataset: Dataset) -> bool:
-    rows = (
-        select(Measurement)
-        .join(Run, Run.measurement_id == Measurement.id)
-        .where(
-            Run.dataset_id == dataset.id, Run.state.in_(OPEN), Run.activate.is_(True)
-        )
-    )
-    return any(
-        coming.options["dataset"].get("renamed_classes", {}) != dataset.renamed_classes
-        for coming in session.scalars(rows)
-    )
 
 
 def finished_file(context: ServiceContext, export: tables.Export) -> StoredBlob:

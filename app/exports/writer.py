@@ -29,7 +29,7 @@ from app.jobs.kind import Task
 from app.measuring.active import active_version
 from app.measuring.queries import DatasetRepository, EvidenceRow
 from app.storage.base import BlobsUncertain
-from filter_core.classes import class_of
+from filter_core.class_names import class_of
 from filter_core.formats.export import (
     ExportFrame,
     ExportHead,

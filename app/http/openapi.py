@@ -14,10 +14,11 @@ from pydantic.json_schema import models_json_schema
 from app.http.problems import PROBLEM_TYPE
 from filter_core.config.filter import FilterConfig, schema_of
 from filter_core.formats.registry import EXPORT_FORMATS, FORMATS
+from unghost.wire.datasets import FilterConfigIn
 from unghost.wire.folders import FolderEnd, FolderFrame, FolderHead, UnmatchedFile
 from unghost.wire.frames import BatchEnd, BatchLine
 from unghost.wire.model import Problem
-from unghost.wire.runs import ConfigVersion, ExportIn, FilterConfigIn
+from unghost.wire.runs import ConfigVersion, ExportIn
 
 _Object: TypeAlias = dict[str, Any]
 """An object of the document: FastAPI has no types for them."""

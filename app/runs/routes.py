@@ -47,12 +47,12 @@ from app.runs.service import (
 )
 from filter_core.config.file import CARLASIMU_ROOT, LoadedConfig, load_config
 from filter_core.config.filter import FilterConfig
+from unghost.wire.datasets import FilterConfigIn
 from unghost.wire.model import Page
 from unghost.wire.runs import (
     ActivateIn,
     ConfigVersion,
     Diff,
-    FilterConfigIn,
     Preview,
     PreviewIn,
     Run,

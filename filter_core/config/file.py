@@ -106,10 +106,11 @@ def load_config(
         return _from_carlasimu(raw, below)
     if not isinstance(raw, Mapping):
         return LoadedConfig(FilterConfig.from_mapping(raw))
-    return LoadedConfig(FilterConfig.from_mapping(_above(below, raw)))
+    return LoadedConfig(FilterConfig.from_mapping(merged_keys(below, raw)))
 
 
-def _above(below: Mapping[str, object], given: Mapping[str, object]) -> JsonObject:
+def merged_keys(below: Mapping[str, object], given: Mapping[str, object]) -> JsonObject:
+    """The keys of two configurations; those `given` win, class by class."""
     classes, given_classes = below.get("classes"), given.get("classes") or {}
     if not isinstance(classes, Mapping) or not isinstance(given_classes, Mapping):
         return {**below, **given}

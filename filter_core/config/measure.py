@@ -149,7 +149,7 @@ class MeasureConfig:
     def as_measured(self, stored: JsonObject) -> MeasureConfig:
         """The same, as a stored measurement was made.
 
-        That is, with its reading, renamed classes, ignored pixels, channels and version.
+        That is, with its reading, renamed classes, ignored pixels, channels, version.
 
         Parameters
         ----------

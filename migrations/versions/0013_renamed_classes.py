@@ -13,13 +13,15 @@ branch_labels = None
 depends_on = None
 
 
-RENAMED = sa.Column("renamed_classes", sa.Text(), nullable=False, server_default="{}")
-LISTED = sa.Column("listed", sa.Boolean(), nullable=False, server_default=sa.true())
-
-
 def upgrade() -> None:
-    op.add_column("datasets", RENAMED)
-    op.add_column("dataset_classes", LISTED)
+    op.add_column(
+        "datasets",
+        sa.Column("renamed_classes", sa.Text(), nullable=False, server_default="{}"),
+    )
+    op.add_column(
+        "dataset_classes",
+        sa.Column("listed", sa.Boolean(), nullable=False, server_default=sa.true()),
+    )
 
 
 def downgrade() -> None:

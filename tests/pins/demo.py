@@ -43,9 +43,8 @@ def found() -> dict[str, dict[str, Any]]:
 
 def _exported(name: str, street: FrameSet) -> dict[str, bytes]:
     """The files of an export with the filter's default configuration."""
-    frames = export_sources(
-        street, FilterConfig(), measure=True, needs=FORMATS[name].needs, workers=1
-    )
+    needs = FORMATS[name].needs
+    frames = export_sources(street, FilterConfig(), measure=True, needs=needs)
     decided = [one for one in frames if isinstance(one, ExportFrame)]
     files: dict[str, bytes] = {}
     write_export(

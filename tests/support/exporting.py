@@ -179,7 +179,7 @@ def convert(name, folder, layout="auto", **options):
     """Convert a folder of labels into files of a format, with every box included."""
     found = read_source(folder, layout)
     needs = FORMATS[name].needs
-    made = list(export_sources(found, FilterConfig(), needs=needs, workers=1))
+    made = list(export_sources(found, FilterConfig(), needs=needs))
     problems = [one for one in made if isinstance(one, LeftOut)]
     assert not problems, problems[0].problem
     head = ExportHead(found.classes or class_order(found))

@@ -43,6 +43,7 @@ _READING = {
 }
 _WRITING = {
     *(("POST", f"{V1}/datasets"), ("PATCH", DATASET)),
+    *((method, f"{DATASET}/classes/{{name:any}}") for method in ("PATCH", "DELETE")),
     *(("PUT", f"{DATASET}/frames/{{key:any}}"), ("POST", f"{DATASET}/batches")),
     *(("DELETE", f"{DATASET}/frames/{{key:any}}"), ("POST", f"{DATASET}/queue")),
     *(("POST", f"{DATASET}/configs"), ("PUT", f"{DATASET}/config")),
@@ -112,6 +113,7 @@ def values_of_paths(number: int) -> dict[str, object]:
         "dataset": "street",
         "key": "a",
         "key:any": "a/b",
+        "name:any": "car",
         "name": "a",
         "name:path": "js/main.js",
     }

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from unghost.cli.options import ServerOptions
-from unghost.cli.push import PushOptions, PushReport, ensure_dataset, send
+from unghost.cli.push import PushOptions, PushReport, send
 from unghost.cli.screen import partly_done
+from unghost.cli.target import NewDataset, ensure_dataset
 
 if TYPE_CHECKING:
     from unghost.capture.recording import Recorded
@@ -171,7 +172,7 @@ def _require_dataset(folder: Path, dataset: str, options: CaptureOptions) -> Non
     """Check the dataset now, so that a wrong token is not found after hours."""
     pushing = _pushing(folder, dataset, options)
     with pushing.connect() as client:
-        ensure_dataset(client, dataset, pushing.reading, (), options.screen)
+        ensure_dataset(client, dataset, NewDataset(pushing.reading), options.screen)
 
 
 def _push(folder: Path, dataset: str, options: CaptureOptions) -> None:

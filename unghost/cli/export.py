@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,15 +12,30 @@ import typer
 
 from unghost.cli.options import DatasetOptions, OutputOptions, listed
 from unghost.cli.runs import cancel_interrupted
-from unghost.cli.screen import Kinds, Screen, naming_options, partly_done, refusal
+from unghost.cli.screen import (
+    PARTLY,
+    Kinds,
+    Screen,
+    naming_options,
+    partly_done,
+    refusal,
+)
 from unghost.cli.sources import (
     SourceOptions,
+    default_class_of,
     kind_of,
     naming_reading,
     note_reading,
     open_source,
     read_config,
     unmatched_lines,
+)
+from unghost.cli.summary import (
+    Advice,
+    BoxSummary,
+    UnmappedOptions,
+    summary_of,
+    unmapped_names,
 )
 from unghost.wire.words import ExportFormat
 
@@ -130,6 +146,7 @@ def export(options: ExportOptions) -> None:
     The first export in a format with class numbers (YOLO, COCO) freezes the dataset's
     classes for good, also if there is no frame: later frames with other classes are
     refused, and no class can be renamed.
+    Exit code 3 if a class is unknown, or all boxes of a class are rejected.
     """
     screen = options.screen
     with options.connect() as client:
@@ -147,10 +164,14 @@ def export(options: ExportOptions) -> None:
             )
         done = wait_for_export(client, started, screen)
         _download(client, done, options)
+        summary = summary_of(client, options.dataset)
     if counted := _boxes_written(done):
         screen.note(counted)
     _left_out(done.counts or {}, screen)
+    is_doubtful = summary.note(screen)
     screen.record({**done.raw, "path": str(options.output)}, str(options.output))
+    if is_doubtful:
+        raise typer.Exit(PARTLY)
 
 
 def wait_for_export(client: Client, export: Export, screen: Screen) -> Export:
@@ -235,7 +256,7 @@ def _kb(size_bytes: int) -> int:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ConvertOptions(OutputOptions, SourceOptions, FormatOptions):
+class ConvertOptions(OutputOptions, SourceOptions, FormatOptions, UnmappedOptions):
     """Options of `unghost convert`."""
 
     source: Annotated[
@@ -282,7 +303,9 @@ def convert(options: ConvertOptions) -> None:
     as they came (-O include_unmeasured=false leaves out their frames). The new folder
     appears when it is complete; its manifest.json names every box that was left out or
     cut.
-    Exit code 3 if some frames could not be read or matched; they are listed.
+    Exit code 3 if some frames could not be read or matched; they are listed. With
+    --filter, also if a class or pixels in boxes are unknown, or all boxes of a class
+    are rejected.
     """
     if not options.filter:
         given = ["config"] if options.config is not None else []
@@ -293,9 +316,11 @@ def convert(options: ConvertOptions) -> None:
     labels = _label_options(options)
     description = options.describe(options.source)
     found = open_source(options.source, options.layout, description)
-    progress = _Progress(options.screen)
+    default_class = default_class_of(found, description)
+    progress = _Progress(options.screen, BoxSummary(Advice(default_class)))
     config = read_config(options.config, options, description, options.screen)
     counts = _write_labels(options, labels, found, config, progress)
+    is_doubtful = options.filter and progress.summary.note(options.screen)
     note_reading(options.screen, found)
     for line in (*progress.refusals.more(), *unmatched_lines(found.unmatched)):
         options.screen.note(line)
@@ -316,7 +341,7 @@ def convert(options: ConvertOptions) -> None:
         },
         f"{options.output}\t{written} frames\t{boxes['out']} of {boxes['in']} boxes",
     )
-    if progress.failed or found.unmatched:
+    if progress.failed or found.unmatched or is_doubtful:
         raise partly_done(progress.written)
 
 
@@ -358,14 +383,26 @@ def _write_labels(
     from filter_core.formats.files import folder_sink
     from filter_core.formats.reading import name_of
     from filter_core.formats.registry import format_of, write_export
-    from filter_core.local import class_order, export_sources
+    from filter_core.local import boxes_by_class, export_sources, in_class_order
 
-    classes = found.classes or class_order(found)
+    boxes: Counter[str] = Counter()
+    may_be_unmapped = options.filter and unmapped_names(found.classes or (), config)
+    if not found.classes or may_be_unmapped:
+        boxes = boxes_by_class(found)
+    classes = found.classes or in_class_order(boxes)
+    if options.filter:
+        options.require_known(boxes, config, progress.summary.advice)
     options.screen.note(f"classes in this order: {', '.join(classes)}")
     decided = {"config": config.digest} if options.filter else {}
     facts = {"source": name_of(options.source), "layout": found.layout, **decided}
     needs = format_of(options.to, labels).needs
-    frames = export_sources(found, config, measure=options.filter, needs=needs)
+    frames = export_sources(
+        found,
+        config,
+        measure=options.filter,
+        needs=needs,
+        also=progress.summary.add,
+    )
     with folder_sink(options.output) as sink:
         return write_export(
             options.to,
@@ -379,8 +416,9 @@ def _write_labels(
 class _Progress:
     """Passes on the frames that can be written, counts them, and lists the others."""
 
-    def __init__(self, screen: Screen) -> None:
+    def __init__(self, screen: Screen, summary: BoxSummary) -> None:
         self.screen = screen
+        self.summary = summary
         self.written = 0
         self.failed = 0
         self.refusals = Kinds()

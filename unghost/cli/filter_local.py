@@ -7,7 +7,14 @@ import signal
 import sys
 import threading
 from collections import Counter, deque
-from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from collections.abc import (
+    Callable,
+    Generator,
+    Iterable,
+    Iterator,
+    Mapping,
+    Sequence,
+)
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cache, partial
@@ -31,11 +38,11 @@ from unghost.cli.sources import (
     LocalFilterOptions,
     default_class_of,
     naming_reading,
-    note_unmapped_classes,
     open_source,
     read_config,
     unmatched_lines,
 )
+from unghost.cli.summary import LOOKED_AT, Advice, BoxSummary, UnmappedOptions
 from unghost.wire.words import Verdict
 
 if TYPE_CHECKING:
@@ -43,7 +50,7 @@ if TYPE_CHECKING:
 
     from filter_core.config.filter import FilterConfig
     from filter_core.formats.reading import FrameSet, FrameSource, Unmatched
-    from filter_core.local import FrameOutcome
+    from filter_core.local import ClassCount, FrameOutcome
 
 
 Write: TypeAlias = Callable[[bytes], object]
@@ -64,7 +71,7 @@ _PARTS_AHEAD: Final = 4
 
 
 @dataclass(frozen=True, kw_only=True)
-class FilterOptions(OutputOptions, LocalFilterOptions):
+class FilterOptions(OutputOptions, LocalFilterOptions, UnmappedOptions):
     """Options of `unghost filter`."""
 
     output: Annotated[
@@ -83,17 +90,21 @@ def filter_local(options: FilterOptions) -> None:
     """Decide every box of a folder on this machine, without a server.
 
     Writes one line per frame, in the order of the frames. Exit code 3 if some frames
-    could not be decided or matched; they are listed, and their lines say why.
+    could not be decided or matched; they are listed, and their lines say why. Also if
+    a class or pixels in boxes are unknown, or all boxes of a class are rejected.
     """
-    from filter_core.formats.reading import name_of
+    from filter_core.local import boxes_by_class
 
     _spare_source(options)
     description = options.describe(options.source)
     config = read_config(options.config, options, description, options.screen)
     check = FrameCheck()
     frames = open_source(options.source, options.layout, description)
+    summary = BoxSummary(Advice(default_class_of(frames, description)))
+    boxes = boxes_by_class(islice(frames, LOOKED_AT))
+    options.require_known(boxes, config, summary.advice)
     found = check.watch(frames)
-    tally = _Tally(options.screen)
+    tally = _Tally(options.screen, summary)
     with _output(options.output) as write:
         decided = decided_lines(found, config, options.workers)
         for line in tally.watch(decided, found.count):
@@ -101,16 +112,10 @@ def filter_local(options: FilterOptions) -> None:
     for problem in (*tally.refusals.more(), *unmatched_lines(found.unmatched)):
         options.screen.note(problem)
     check.note(options.screen, found)
-    note_unknown_classes(options.screen, config.as_dict(), tally.classes)
-    note_unmapped_classes(
-        options.screen,
-        name_of(options.source),
-        tally.unmapped.total(),
-        tally.unmapped,
-        default_class_of(found, description),
-    )
+    note_unknown_classes(options.screen, config.as_dict(), summary.boxes)
+    is_doubtful = summary.note(options.screen)
     tally.print_summary(options.output, found.unmatched)
-    if tally.failed or found.unmatched:
+    if tally.failed or found.unmatched or is_doubtful:
         raise partly_done(tally.decided)
 
 
@@ -148,12 +153,11 @@ def _write_to_terminal(lines: bytes) -> None:
 class _Tally:
     """Counts what came out, and says so."""
 
-    def __init__(self, screen: Screen) -> None:
+    def __init__(self, screen: Screen, summary: BoxSummary) -> None:
         self.screen = screen
         self.decided = 0
         self.failed = 0
-        self.classes: Counter[str] = Counter()
-        self.unmapped: Counter[str] = Counter()
+        self._summary = summary
         self._notes: Counter[str] = Counter()
         self.refusals = Kinds()
         self._boxes: Counter[str] = Counter()
@@ -175,8 +179,7 @@ class _Tally:
                 self.screen.note(refusal(line.key, naming_reading(line.fault)))
             return
         self.decided += 1
-        self.classes.update(line.classes)
-        self.unmapped.update(line.unmapped)
+        self._summary.add(line.classes)
         self._notes.update(line.notes)
         self._boxes.update(line.verdicts)
 
@@ -201,16 +204,12 @@ class _Tally:
 
 @dataclass(frozen=True)
 class FrameLine:
-    """A frame's line, its boxes counted by verdict and by class, or what is wrong.
-
-    `unmapped` counts only the boxes without a tag that is accepted for their class.
-    """
+    """A frame's line, its boxes counted by verdict and by class, or what is wrong."""
 
     key: str
     content: bytes
     verdicts: Counter[str] = field(default_factory=Counter)
-    classes: Counter[str] = field(default_factory=Counter)
-    unmapped: Counter[str] = field(default_factory=Counter)
+    classes: Mapping[str, ClassCount] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     fault: str | None = None
     code: str = ""
@@ -348,11 +347,7 @@ def _line_of(config: FilterConfig, frame: FrameSource | FrameOutcome) -> FrameLi
         return FrameLine(outcome.key, content, fault=fault, code=code)
     decisions = outcome.decisions or ()
     verdicts = Counter(str(each["verdict"]) for each in decisions)
-    classes = Counter(str(each["class"]) for each in decisions)
-    unmapped = Counter(
-        str(each["class"]) for each in decisions if each["reason"] == "unmapped_class"
-    )
-    return FrameLine(outcome.key, content, verdicts, classes, unmapped, outcome.notes)
+    return FrameLine(outcome.key, content, verdicts, outcome.classes, outcome.notes)
 
 
 @cache

@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final, get_args
+from typing import TYPE_CHECKING, Annotated, get_args
 
 import typer
 
-from unghost.cli.options import ServerOptions
+from unghost.cli.options import ServerOptions, note_unknown_classes
 from unghost.cli.screen import (
     MOST_OF_A_KIND,
     Kinds,
-    Refused,
     Screen,
-    naming_options,
     one_line,
     partly_done,
     refusal,
@@ -30,11 +28,12 @@ from unghost.cli.sources import (
     default_class_of,
     kind_of,
     naming_reading,
-    note_unmapped_classes,
     open_source,
     outgoing,
     unmatched_lines,
 )
+from unghost.cli.summary import LOOKED_AT, Advice, UnmappedOptions, summary_of
+from unghost.cli.target import GivenConfig, NewDataset, coming_config, ensure_dataset
 from unghost.wire.frames import MOST_BOXES_SET_ASIDE
 from unghost.wire.words import UploadWord, Verdict
 
@@ -42,16 +41,10 @@ if TYPE_CHECKING:
     from filter_core.formats.reading import FrameSet, Unmatched
     from unghost.client.client import Client
     from unghost.client.outgoing import AlreadyThere, NotSent, Outcome, Sent
-    from unghost.wire.datasets import Dataset
-
-
-_LOOKED_AT: Final = 500
-"""Boxes without tags whose classes are named."""
-_OPTION_OF_FIELD: Final = {"/name": "--dataset", "/classes": "classes (--classes)"}
 
 
 @dataclass(frozen=True, kw_only=True)
-class PushOptions(ServerOptions, SourceOptions):
+class PushOptions(ServerOptions, SourceOptions, UnmappedOptions):
     """Options of `unghost push`."""
 
     source: SourceFolder
@@ -84,6 +77,16 @@ class PushOptions(ServerOptions, SourceOptions):
             "wherever it lies; only for folders whose origin you trust.",
         ),
     ] = False
+    config: Annotated[
+        Path | None,
+        typer.Option(
+            help="A filter configuration (YAML) for a dataset without frames; default: "
+            "that of the server. `unghost config set` changes that of a dataset with "
+            "frames.",
+            exists=True,
+            dir_okay=False,
+        ),
+    ] = None
     replace: Annotated[
         bool,
         typer.Option(
@@ -104,91 +107,43 @@ def push(options: PushOptions) -> None:
 
     Can be interrupted and repeated: frames that the server has are not sent again.
     Exit code 3 if some frames were refused or could not be matched; they are listed.
+    Also if the dataset has boxes of unknown classes, or a class whose boxes are all
+    rejected.
     """
+    from filter_core.local import boxes_by_class
+
     report = PushReport(options.screen)
     check = FrameCheck()
     description = options.describe(options.source)
+    # How segmentations are read are settings of a dataset, not of its configuration.
+    settings = description.segmentation_settings()
+    described = {
+        name: value
+        for name, value in description.config_keys().items()
+        if name not in settings
+    }
+    config = GivenConfig.of(options.config, described)
+    if config.unused_keys:
+        options.screen.note(f"keys that are not used: {', '.join(config.unused_keys)}")
     frames = open_source(options.source, options.layout, description)
     found = check.watch(frames)
+    new = NewDataset({**settings, **options.reading}, found.classes or (), config)
+    default_class = default_class_of(found, description)
     with options.connect() as client:
-        classes = found.classes or ()
-        reading = {**description.segmentation_settings(), **options.reading}
-        ensure_dataset(client, options.dataset, reading, classes, options.screen)
+        coming, renamed = coming_config(client, options.dataset, config)
+        boxes: Counter[str] = Counter()
+        for name, count in boxes_by_class(islice(frames, LOOKED_AT)).items():
+            boxes[renamed.get(name, name)] += count
+        options.require_known(boxes, coming, Advice(default_class))
+        ensure_dataset(client, options.dataset, new, options.screen)
         send(client, options, found, report)
-        if report.stored:
-            _note_unmapped(client, options, default_class_of(found, description))
+        summary = summary_of(client, options.dataset, default_class)
+    note_unknown_classes(options.screen, config.whole or config.keys, summary.boxes)
+    is_doubtful = report.succeeded > 0 and summary.note(options.screen)
     check.note(options.screen, found)
     report.print_summary(found.unmatched, options.dataset)
-    if report.refused or found.unmatched:
+    if report.refused or found.unmatched or is_doubtful:
         raise partly_done(report.succeeded)
-
-
-def ensure_dataset(
-    client: Client,
-    name: str,
-    options: Mapping[str, str],
-    classes: Sequence[str],
-    screen: Screen,
-) -> Dataset:
-    """The dataset, created if it does not exist; one without frames gets the options.
-
-    Raises
-    ------
-    Refused
-        It has other options than those given, and has frames or cannot get them; or it
-        cannot have this name or these classes.
-    """
-    from unghost.client.errors import Conflict, NotFound
-
-    try:
-        dataset = client.dataset(name)
-    except NotFound:
-        try:
-            with naming_options(_OPTION_OF_FIELD, {"--dataset": name}):
-                return client.create_dataset(
-                    name, classes=list(classes) or None, **options
-                )
-        except Conflict:  # another push made it just now
-            dataset = client.dataset(name)
-    others = {
-        option: value
-        for option, value in options.items()
-        if getattr(dataset, option) != value
-    }
-    if others and dataset.counts.frames == 0:
-        dataset = _changed(client, dataset, others, screen)
-    for option, value in others.items():
-        there = getattr(dataset, option)
-        if there != value:
-            raise Refused(
-                f"dataset {name!r} has {option} {there!r}, not {value!r}; change it in "
-                "the dataset's settings, which measures every frame again"
-            )
-    return dataset
-
-
-def _changed(
-    client: Client, dataset: Dataset, options: Mapping[str, str], screen: Screen
-) -> Dataset:
-    """The dataset as it is after a change of options and the run that this needs."""
-    from unghost.client.errors import Conflict, RunFailed
-    from unghost.wire.runs import Run
-
-    try:
-        changed = client.change_dataset(dataset.name, **options)
-        if isinstance(changed, Run):
-            client.wait(changed)
-    except (Conflict, RunFailed) as error:
-        raise Refused(
-            f"{', '.join(options)} of dataset {dataset.name!r} cannot be changed: "
-            f"{error}"
-        ) from error
-    for option, value in options.items():
-        screen.note(
-            f"{option} of {dataset.name}, which had no frames: "
-            f"{getattr(dataset, option)!r} -> {value!r}"
-        )
-    return client.dataset(dataset.name)
 
 
 def send(
@@ -213,22 +168,6 @@ def send(
             raise KeyboardInterrupt(
                 f"interrupted after {report.seen} frames; the same command continues"
             ) from None
-
-
-def _note_unmapped(
-    client: Client, options: PushOptions, default_class: str | None
-) -> None:
-    count = client.stats(options.dataset).by_reason.get("unmapped_class", 0)
-    if not count:
-        return
-    boxes = client.boxes(options.dataset, reason="unmapped_class")
-    note_unmapped_classes(
-        options.screen,
-        options.dataset,
-        count,
-        {str(box.class_name) for box in islice(boxes, _LOOKED_AT)},
-        default_class,
-    )
 
 
 class PushReport:

@@ -31,8 +31,8 @@ EXIT_CODES: Final = {
     REFUSED: "refused, because of the input, the server or the current state; the "
     "message says why",
     USAGE: "the command line itself was wrong",
-    PARTLY: "partly done: the frames that failed are listed; `doctor`: something "
-    "should be done",
+    PARTLY: "partly done: the frames that failed are listed, or classes, pixels or "
+    "boxes that were probably not understood; `doctor`: something should be done",
     UNAVAILABLE: "the server did not answer, or was busy for too long",
     INTERRUPTED: "interrupted",
 }

@@ -18,9 +18,10 @@ import typer
 
 from unghost.cli.access import remove_login_pages, show_login_page
 from unghost.cli.options import DataFolder, OutputOptions, settings_of
-from unghost.cli.push import PushReport, ensure_dataset
+from unghost.cli.push import PushReport
 from unghost.cli.screen import PARTLY, Screen, most_first, refused_on
 from unghost.cli.sources import SourceOptions, open_source, outgoing
+from unghost.cli.target import NewDataset, ensure_dataset
 
 if TYPE_CHECKING:
     from app import serve as startup
@@ -233,7 +234,8 @@ class _Filling:
         report = PushReport(Screen())
         described = SourceOptions().describe(self._street)
         found = open_source(self._street, "manifest", described)
-        ensure_dataset(client, _DEMO_DATASET, {}, found.classes or (), self._screen)
+        new = NewDataset(classes=found.classes or ())
+        ensure_dataset(client, _DEMO_DATASET, new, self._screen)
         with self._screen.progress("filter the street", "frames") as advance:
             for outcome in client.push(_DEMO_DATASET, outgoing(found)):
                 report.add(outcome)

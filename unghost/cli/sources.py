@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final, TypeAlias
@@ -26,9 +26,6 @@ _MISSPELT: Final = 0.85
 
 _MOST_KEYS: Final = 1000
 """Different keys that are looked at; others are not looked for any more."""
-
-_LISTED_CLASSES: Final = 20
-"""Classes without tags that are named."""
 
 _NAME: Final = re.compile(r"\S*[/.\[\d]\S*")
 """Words of a reason that may differ in other reasons of its kind."""
@@ -425,59 +422,6 @@ def note_reading(screen: Screen, found: FrameSet) -> None:
     """Note how the files were read, when all have been: what was recognised."""
     for sentence in found.notes():
         screen.note(one_line(f"{found.layout}: {sentence}"))
-
-
-def note_unmapped_classes(
-    screen: Screen,
-    source: str,
-    count: int,
-    classes: Collection[str],
-    default_class: str | None,
-) -> None:
-    """Note classes without tags: all their boxes are rejected, mostly by mistake.
-
-    Parameters
-    ----------
-    screen : Screen
-    source : str
-        Of what the boxes are, such as the name of a folder or a dataset.
-    count : int
-        Boxes that were rejected for their class; nothing is noted if it is 0.
-    classes : collection of str
-        The classes of these boxes; the first of them by name are listed.
-    default_class : str or None
-        The class of labels that carry none, if there may be such labels.
-    """
-    if not count:
-        return
-    names = [
-        _unmapped(name, is_default=name == default_class)
-        for name in sorted(classes)[:_LISTED_CLASSES]
-    ]
-    if len(classes) > _LISTED_CLASSES:
-        names.append(f"and {len(classes) - _LISTED_CLASSES} more")
-    screen.note(
-        one_line(
-            f"rejected: {count} boxes of {source}, since no tag is accepted for their "
-            f"class: {', '.join(names)}"
-        )
-    )
-
-
-def _unmapped(name: str, *, is_default: bool) -> str:
-    """A class without tags, and what was probably meant or forgotten."""
-    from filter_core.class_names import canonical_class
-    from filter_core.classes import CLASSES
-    from filter_core.values import similar
-
-    if is_default:
-        return f"{name} (labels without a class; --default-class names theirs)"
-    # A class of the filter itself is spelt right, but older tables have no tag of it;
-    # a name with a dot is a blueprint, which is similar to no class.
-    if canonical_class(name) in CLASSES or "." in name:
-        return name
-    meant = similar(name, CLASSES)
-    return f"{name} (did you mean {meant!r}?)" if meant else name
 
 
 def default_class_of(found: FrameSet, description: RecordingDescription) -> str | None:

@@ -91,7 +91,7 @@ class Api:
     @endpoint
     def create_dataset(self, /, name: str, **options: object) -> Call[wire.Dataset]:
         """Make a dataset; `options` are classes, palette, encoding, channel_order,
-        lossy_segmentation, ignore_mask and description.
+        lossy_segmentation, ignore_mask, description and config (a mapping of keys).
         """
         given = {key: value for key, value in options.items() if value is not None}
         body = {"name": name, **given}

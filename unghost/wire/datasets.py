@@ -9,6 +9,7 @@ from pydantic import (
     AwareDatetime,
     ConfigDict,
     Field,
+    RootModel,
     ValidationInfo,
     field_validator,
     model_validator,
@@ -64,6 +65,10 @@ class IgnoreMask(RequestModel):
         return self
 
 
+class FilterConfigIn(RootModel[dict[str, object]]):
+    """A filter configuration: keys of docs/configuration.md with their values."""
+
+
 class DatasetIn(RequestModel):
     """A new dataset."""
 
@@ -85,6 +90,10 @@ class DatasetIn(RequestModel):
     channel_order: ChannelOrder = "auto"
     lossy_segmentation: LossyPolicy = "refuse"
     ignore_mask: IgnoreMask | None = None
+    config: FilterConfigIn | None = Field(
+        default=None,
+        description="Its first configuration; default: that of the service.",
+    )
 
 
 _CLEARED_BY_NULL: Final = "ignore_mask"

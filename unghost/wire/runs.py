@@ -8,14 +8,13 @@ from typing import Annotated, Final, Literal
 from pydantic import (
     AwareDatetime,
     Field,
-    RootModel,
     ValidationError,
     ValidatorFunctionWrapHandler,
     WrapValidator,
 )
 
 from unghost.wire.boxes import XYXY
-from unghost.wire.datasets import Histogram, VerdictCounts
+from unghost.wire.datasets import FilterConfigIn, Histogram, VerdictCounts
 from unghost.wire.model import (
     IfAbsent,
     Json,
@@ -43,10 +42,6 @@ MAX_BAND: Final = 100_000
 """Metres."""
 
 Digest = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
-
-
-class FilterConfigIn(RootModel[dict[str, object]]):
-    """A filter configuration: keys of docs/configuration.md with their values."""
 
 
 class ConfigVersion(ResponseModel):

@@ -52,7 +52,13 @@ def path_values(service):
                 "/api/v1/datasets/hers/exports", json={"format": "yolo"}
             ).json()["id"],
         }
-    names = {"dataset": "hers", "key:any": "a", "kind": "image", "name:path": "x"}
+    names = {
+        "dataset": "hers",
+        "key:any": "a",
+        "name:any": "car",
+        "kind": "image",
+        "name:path": "x",
+    }
     ids = dict.fromkeys(("token_id", "batch_id", "revision"), 1)
     return {**names, **ids, **answers}
 

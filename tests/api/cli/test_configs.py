@@ -70,3 +70,80 @@ def commands_with_config(dataset, file):
     yield "config", "set", dataset, file
     yield "config", "diff", dataset, "--config", file
     yield "run", dataset, "--config", file
+
+
+def pushed(unghost, dataset, file):
+    source = file.parent / "frames"
+    if not source.exists():
+        write_manifest(source, 1)
+    return unghost("push", source, "--dataset", dataset, "--config", file)
+
+
+def versions(api, dataset):
+    """The versions of a dataset's configuration, newest first; its active one."""
+    items = api.json(f"/datasets/{dataset}/configs")["items"]
+    return items, api.json(f"/datasets/{dataset}/config")
+
+
+def test_push_creates_a_dataset_with_a_configuration(unghost, api, tmp_path):
+    file = tmp_path / "filter.yaml"
+    file.write_text("threshold_small_box: 25\nclasses: {bus: {size_big_box: 90}}\n")
+
+    first = pushed(unghost, "push-config-new", file)
+    again = pushed(unghost, "push-config-new", file)
+
+    stored, active = versions(api, "push-config-new")
+    assert (first.code, again.code) == (0, 0), first.err
+    assert len(stored) == 1
+    assert active["config"]["threshold_small_box"] == 25
+    assert active["config"]["classes"] == {"bus": {"size_big_box": 90}}
+
+
+def test_push_gives_its_configuration_to_a_dataset_without_frames(
+    unghost, api, tmp_path
+):
+    dataset, file = api.dataset(), tmp_path / "boundingBox.yaml"
+    file.write_text("sitting: {threshold_small_box: 25, cam_rgb: {3D: true}}")
+
+    answer = pushed(unghost, dataset, file)
+
+    _, active = versions(api, dataset)
+    assert answer.code == 0, answer.err
+    assert f"configuration of {dataset}, which had no frames: " in answer.err
+    assert "keys that are not used: sitting.cam_rgb.3D" in answer.err
+    assert active["config"]["profile"] == "carlasimu"
+    assert active["config"]["threshold_small_box"] == 25
+
+
+def test_push_does_not_change_the_configuration_of_a_dataset_with_frames(
+    unghost, api, tmp_path
+):
+    """The refusal names what differs, and commands that apply the file or try it."""
+    dataset, file = api.dataset_of_one_frame(), tmp_path / "filter.yaml"
+    file.write_text("threshold_small_box: 25")
+    before = versions(api, dataset)
+
+    answer = pushed(unghost, dataset, file)
+
+    assert answer.code == EXIT_REFUSED
+    assert answer.err == (
+        f"unghost: dataset '{dataset}' has frames, and another configuration than "
+        f"{file} (threshold_small_box: 10 -> 25); `unghost config set {dataset} "
+        f"{file}` applies the file to every frame, and `unghost config diff "
+        f"{dataset} --config {file}` counts which verdicts that changes\n"
+    )
+    assert versions(api, dataset) == before
+    assert api.json(f"/datasets/{dataset}")["counts"]["frames"] == 1
+    assert unghost("config", "set", dataset, file).code == 0
+    assert pushed(unghost, dataset, file).code == 0
+
+
+def test_push_checks_the_configuration_before_anything_is_sent(unghost, api, tmp_path):
+    file = tmp_path / "filter.yaml"
+    file.write_text("treshold_small_box: 5\n")
+
+    answer = pushed(unghost, "push-config-wrong", file)
+
+    assert answer.code == EXIT_REFUSED
+    assert f"{file}: unknown key 'treshold_small_box'" in answer.err
+    assert api.get("/datasets/push-config-wrong").status_code == 404

@@ -215,21 +215,30 @@ def test_filter_uses_the_configuration(bare_unghost, tmp_path):
 @pytest.mark.parametrize(
     ("name", "said"),
     [
-        ("caar", "caar (did you mean 'car'?)"),
-        ("unicorn", "unicorn"),
-        ("vehicle.unknown.car", "vehicle.unknown.car"),
+        ("caar", "caar (4; --class-map caar=car)"),
+        ("unicorn", "unicorn (4)"),
+        ("vehicle.unknown.car", "vehicle.unknown.car (4)"),
     ],
 )
-def test_filter_warns_about_a_class_without_tags(bare_unghost, tmp_path, name, said):
+def test_filter_does_not_decide_boxes_of_a_class_it_does_not_know(
+    bare_unghost, tmp_path, name, said
+):
     manifest = write_manifest(tmp_path / "frames", 2) / "manifest.jsonl"
     manifest.write_text(manifest.read_text().replace('"car"', f'"{name}"'))
+    command = ("filter", manifest, "-o", "out.jsonl")
 
-    answer = bare_unghost("filter", manifest, "-o", "out.jsonl")
+    stopped = bare_unghost(*command)
+    is_written = (tmp_path / "out.jsonl").exists()
+    answer = bare_unghost(*command, "--allow-unmapped")
 
-    assert answer.code == DONE
+    assert (stopped.code, is_written) == (REFUSED, False)
+    assert f"nothing was written: {said}; --class-map NAME=CLASS" in stopped.err
+    assert answer.code == PARTLY
+    assert "0 rejected\t4 unmeasured" in answer.out
     assert (
-        "rejected: 4 boxes of manifest.jsonl, since no tag is accepted for their "
-        f"class: {said}\n"
+        "4 boxes are not measured, since the filter does not know their class, and "
+        f"written as they came: {said}; --class-map NAME=CLASS says as what a class is "
+        "measured, and NAME=pass that it need not be\n"
     ) in answer.err
 
 
@@ -239,7 +248,7 @@ def test_filter_does_not_warn_about_classes_with_tags(bare_unghost, tmp_path):
     answer = bare_unghost("filter", folder, "-o", "out.jsonl")
 
     assert answer.code == DONE
-    assert "no tag is accepted" not in answer.err
+    assert "class" not in answer.err
 
 
 def test_class_that_only_this_profile_lacks_is_not_called_misspelt(
@@ -249,9 +258,15 @@ def test_class_that_only_this_profile_lacks_is_not_called_misspelt(
     manifest.write_text(manifest.read_text().replace('"car"', '"vehicle"'))
     (tmp_path / "filter.yaml").write_text("profile: carlasimu")
 
-    answer = bare_unghost("filter", manifest, "--config", "filter.yaml", "-o", "o")
+    command = ("filter", manifest, "--config", "filter.yaml", "-o", "o")
+    stopped = bare_unghost(*command)
+    answer = bare_unghost(*command, "--allow-unmapped")
 
-    assert answer.err.endswith("accepted for their class: vehicle\n")
+    assert "2 of 2 boxes have a class that profile carlasimu has no" in stopped.err
+    assert answer.code == PARTLY
+    assert "since profile carlasimu drops classes without a colour: vehicle (2); " in (
+        answer.err
+    )
 
 
 def test_filter_names_the_option_for_labels_without_a_class(bare_unghost, tmp_path):
@@ -261,10 +276,9 @@ def test_filter_names_the_option_for_labels_without_a_class(bare_unghost, tmp_pa
 
     answer = bare_unghost("filter", folder, "--segmentation", tags, "-o", "out.jsonl")
 
-    assert answer.code == DONE
+    assert answer.code == REFUSED
     assert (
-        "rejected: 1 boxes of yolo, since no tag is accepted for their class: unknown "
-        "(labels without a class; --default-class names theirs)\n"
+        "unknown (1; labels without a class; --default-class names theirs)"
     ) in answer.err
 
 
@@ -744,3 +758,29 @@ def test_convert_refuses_an_output_folder_that_is_not_empty(bare_unghost, tmp_pa
     assert answer.code == REFUSED
     assert "expected a new or an empty folder" in answer.err
     assert (folder / "manifest.jsonl").is_file()
+
+
+def test_convert_stops_before_it_writes_and_counts_what_the_list_has_too_many_of(
+    bare_unghost, tmp_path
+):
+    """YOLO lists classes that no box has: the boxes decide, not the list."""
+    folder = tmp_path / "yolo"
+    files = {"a.png": None, "classes.txt": "car\ndragon\nelf", "a.txt": LABELS}
+    write_files(folder, files)
+    tags = segmentation_folder(tmp_path / "tags")
+    convert = ("convert", folder, "--segmentation", tags, "--filter", "--to", "kitti")
+
+    answer = bare_unghost(*convert, "-o", "one")
+    write_files(folder, {"a.txt": LABELS.replace("0 ", "2 ", 1)})
+    stopped = bare_unghost(*convert, "-o", "two")
+    unfiltered = bare_unghost(*convert[:4], *convert[5:], "-o", "three")
+
+    assert answer.code == PARTLY
+    assert "1 box is not measured" in answer.err
+    assert "dragon (1); --class-map" in answer.err
+    assert (stopped.code, (tmp_path / "two").exists()) == (REFUSED, False)
+    assert "2 of 3 boxes have a class that the filter does not know" in stopped.err
+    assert unfiltered.code == DONE, unfiltered.err
+
+
+LABELS = "0 .5 .5 .2 .2\n0 .1 .1 .1 .1\n1 .5 .5 .2 .2\n"

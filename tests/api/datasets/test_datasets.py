@@ -31,6 +31,7 @@ def test_new_dataset_is_returned_with_every_field(api):
             "traffic_light",
         ],
         "classes_frozen": False,
+        "renamed_classes": {},
         "palette": "auto",
         "encoding": "auto",
         "channel_order": "auto",

@@ -34,6 +34,15 @@ TOWN = {
     "counts": dict.fromkeys(wire.DatasetCounts.model_fields, 0),
 }
 """A dataset, as the server describes it."""
+VERSION = {
+    "digest": "0" * 64,
+    "config": {},
+    "unused_keys": [],
+    "created_by": "ada",
+    "created_at": "2026-01-01T00:00:00Z",
+    "active": True,
+}
+"""A version of a configuration, as the server describes it."""
 PROBLEM = {
     "code": "bad_annotation",
     "detail": "two faults",
@@ -140,7 +149,8 @@ def test_settings_of_an_empty_dataset_that_cannot_be_changed_are_named(
     scripted, tmp_path
 ):
     write_manifest(tmp_path / "frames", 1)
-    scripted.answer(json_reply(TOWN), problem(409, "run_open"))
+    replies = [json_reply(VERSION), *[json_reply(TOWN)] * 2, problem(409, "run_open")]
+    scripted.answer(*replies)
 
     answer = CliRunner().invoke(
         app,

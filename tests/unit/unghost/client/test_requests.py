@@ -64,6 +64,18 @@ CALLS: Mapping[str, tuple[str, Callable[[Any], Any]]] = {
         "PATCH /datasets/{dataset}",
         lambda c: c.change_dataset("town", description="a street"),
     ),
+    "rename_class": (
+        "PATCH /datasets/{dataset}/classes/{name}",
+        lambda c: c.rename_class("town", "Caar", "car"),
+    ),
+    "merge_class": (
+        "PATCH /datasets/{dataset}/classes/{name}",
+        lambda c: c.merge_class("town", "Caar", "car"),
+    ),
+    "remove_class": (
+        "DELETE /datasets/{dataset}/classes/{name}",
+        lambda c: c.remove_class("town", "Caar"),
+    ),
     "delete_dataset": ("DELETE /datasets/{dataset}", lambda c: c.delete_dataset("a")),
     "stats": ("GET /datasets/{dataset}/stats", lambda c: c.stats("town")),
     "histogram": (

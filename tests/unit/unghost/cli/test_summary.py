@@ -1,0 +1,144 @@
+"""The summary of boxes: what is noted, and what makes the exit code 3."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from filter_core.class_names import misspelt_class
+from filter_core.config.filter import FilterConfig
+from filter_core.local import ClassCount
+from unghost.cli.screen import Refused, Screen
+from unghost.cli.summary import (
+    Advice,
+    BoxSummary,
+    DatasetAdvice,
+    UnmappedOptions,
+    unmapped_names,
+)
+
+
+def noted(capsys, classes, advice=None):
+    """Whether the summary asks for exit code 3, and its lines."""
+    summary = BoxSummary(advice or Advice())
+    summary.add(classes)
+    return summary.note(Screen()), capsys.readouterr().err.splitlines()
+
+
+@pytest.mark.parametrize(
+    ("classes", "is_serious", "said"),
+    [
+        ({"car": ClassCount(50, 49)}, False, None),
+        ({"car": ClassCount(50), "bus": ClassCount(19, 19)}, False, "of: bus (19)"),
+        (
+            {"car": ClassCount(50), "bus": ClassCount(20, 20)},
+            True,
+            "of: bus (20); look",
+        ),
+        ({"bus": ClassCount(19, 19)}, False, "every box is rejected (19); look"),
+        (
+            {"van": ClassCount(10, 10), "bus": ClassCount(10, 10)},
+            True,
+            "rejected (20);",
+        ),
+        ({"car": ClassCount(9, 0, 0, 1000, 10)}, False, None),
+        ({"car": ClassCount(9, 0, 0, 1000, 11)}, True, "inside boxes of: car (1.1 %)"),
+        ({"Misc": ClassCount(1, 0, 1), "car": ClassCount(9)}, True, "1 box is not"),
+        ({"Misc": ClassCount(9), "car": ClassCount(9)}, False, None),
+    ],
+)
+def test_summary_notes_what_was_probably_not_understood(
+    capsys, classes, is_serious, said
+):
+    serious, lines = noted(capsys, classes)
+
+    assert serious is is_serious
+    assert (said is None) == (lines == [])
+    assert said is None or said in lines[0]
+
+
+def test_counts_of_frames_add_up(capsys):
+    summary = BoxSummary()
+    for _ in range(20):
+        summary.add({"car": ClassCount(1, 1, 0, 100, 2), "bus": ClassCount(1)})
+
+    assert summary.boxes == {"car": 20, "bus": 20}
+    assert summary.note(Screen())
+    said = capsys.readouterr().err
+    assert "car (20)" in said
+    assert "car (2.0 %)" in said
+
+
+def test_names_of_one_class_are_noted_and_a_dataset_can_join_them(capsys):
+    classes = {
+        name: ClassCount(2)
+        for name in ("Car", "car", "street_light", "traffic_light", "bus", "Misc")
+    }
+
+    serious, lines = noted(capsys, classes)
+    _, of_dataset = noted(capsys, classes, DatasetAdvice(dataset="town"))
+    _, frozen = noted(capsys, classes, DatasetAdvice(dataset="town", are_frozen=True))
+
+    assert not serious
+    assert lines == frozen
+    assert lines == [
+        "Car (2), car (2) are names of one class (car): they are measured alike and "
+        "stay 2 classes",
+        "street_light (2), traffic_light (2) are names of one class (traffic_light): "
+        "they are measured alike and stay 2 classes",
+    ]
+    assert (
+        of_dataset[0] == f"{lines[0]}; `unghost classes merge town Car car` joins them"
+    )
+
+
+def test_remedy_for_a_misspelt_class_of_a_dataset(capsys):
+    classes = {"Caar": ClassCount(1, 0, 1), "buss": ClassCount(1, 0, 1)}
+    town = DatasetAdvice(dataset="town", classes=("Caar", "car", "buss"))
+
+    _, (said,) = noted(capsys, classes, town)
+    _, (frozen,) = noted(capsys, classes, replace(town, are_frozen=True))
+
+    assert "Caar (1; `unghost classes merge town Caar car`)" in said
+    assert "buss (1; `unghost classes rename town buss bus`)" in said
+    assert "Caar (1; did you mean 'car'?)" in frozen
+    assert "`unghost config set town FILE`" in frozen
+
+
+@pytest.mark.parametrize(
+    ("name", "meant"),
+    [
+        *(("Caar", "car"), ("truk", "truck"), ("Pedestrain", "walker")),
+        *(("trafic_light", "traffic_light"), ("traffic_ligth", "traffic_light")),
+        *(("traffic_cone", None), ("traffic_light_pole", None), ("cart", None)),
+        *(("bush", None), ("tricycle", None), ("trailer", None), ("Misc", None)),
+    ],
+)
+def test_right_class_is_offered_for_a_misspelt_name_and_a_wrong_one_is_not(name, meant):
+    assert misspelt_class(name) == meant
+
+
+def test_class_map_decides_which_names_are_unknown():
+    config = FilterConfig.from_mapping(
+        {"classes": {"Misc": "pass", "Sign": {"accept": ["TrafficSign"]}, "Box": "car"}}
+    )
+
+    found = unmapped_names(["Misc", "Sign", "Box", "Pedestrian", "dragon"], config)
+
+    assert found == ["dragon"]
+
+
+@pytest.mark.parametrize(("dragons", "stops"), [(5, False), (6, True)])
+def test_command_stops_if_more_than_half_of_the_boxes_are_unknown(dragons, stops):
+    boxes = {"car": 5, "dragon": dragons}
+
+    UnmappedOptions(allow_unmapped=True).require_known(boxes, FilterConfig(), Advice())
+    UnmappedOptions().require_known({}, FilterConfig(), Advice())
+    if stops:
+        with pytest.raises(
+            Refused, match=r"6 of 11 boxes .* dragon \(6\); --class-map"
+        ):
+            UnmappedOptions().require_known(boxes, FilterConfig(), Advice())
+    else:
+        UnmappedOptions().require_known(boxes, FilterConfig(), Advice())

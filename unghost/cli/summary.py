@@ -1,0 +1,336 @@
+"""What the boxes of a recording or a dataset say about its labels, after a command.
+
+Unknown classes and pixels, and classes of which every box is rejected, are mostly no
+ghosts but labels or images that were not understood. The commands name them, with what
+can be done, and end with exit code 3.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Annotated, Final
+
+import typer
+
+from unghost.cli.screen import Refused, Screen, one_line
+
+if TYPE_CHECKING:
+    from filter_core.config.filter import FilterConfig
+    from filter_core.local import ClassCount
+    from unghost.client.client import Client
+
+_ENOUGH_BOXES: Final = 20
+"""From so many boxes on, it is no chance if all of them are rejected."""
+_MOST_UNKNOWN_PERCENT: Final = 1.0
+"""Of the pixels in the boxes of a class."""
+_LISTED: Final = 20
+"""Classes that are named."""
+LOOKED_AT: Final = 200
+"""Frames whose labels are looked at before a command sends or decides anything."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class UnmappedOptions:
+    """Whether to go on if most boxes have an unknown class."""
+
+    allow_unmapped: Annotated[
+        bool,
+        typer.Option(
+            "--allow-unmapped",
+            help="Go on although more than half of the boxes have a class that the "
+            "filter does not know.",
+        ),
+    ] = False
+
+    def require_known(
+        self,
+        boxes: Mapping[str, int],
+        config: FilterConfig,
+        advice: Advice,
+    ) -> None:
+        """Stop if most boxes cannot be measured, before anything is written.
+
+        Parameters
+        ----------
+        boxes : mapping of str to int
+            The number of boxes of each class.
+        config : FilterConfig
+        advice : Advice
+
+        Raises
+        ------
+        Refused
+            More than half of the boxes have an unknown class.
+        """
+        unmapped = {name: boxes[name] for name in unmapped_names(boxes, config)}
+        count, total = sum(unmapped.values()), sum(boxes.values())
+        if self.allow_unmapped or 2 * count <= total:
+            return
+        unknown, fate = "the filter does not know", "leaves these boxes unmeasured"
+        if config.profile == "carlasimu":
+            unknown, fate = "profile carlasimu has no colour for", "rejects these boxes"
+        raise Refused(
+            one_line(
+                f"{count} of {total} boxes have a class that {unknown}, and nothing "
+                f"was written: {_named(unmapped, advice)}; {advice.general}; "
+                f"--allow-unmapped goes on, and {fate}"
+            )
+        )
+
+
+def unmapped_names(names: Iterable[str], config: FilterConfig) -> list[str]:
+    """The classes for which no tag is accepted, and which the class map does not pass.
+
+    Each class is looked up in the newest family of tags that has it.
+    """
+    from filter_core.classes import PASS
+
+    plan = config.measuring()
+    wanted = [name for name in names if plan.measured_class(name) != PASS]
+    masks = plan.accept_masks(wanted, None).tolist()
+    return [name for name, mask in zip(wanted, masks, strict=True) if not mask]
+
+
+@dataclass(frozen=True)
+class Advice:
+    """What can be done about classes, where boxes have been read from labels.
+
+    Attributes
+    ----------
+    default_class : str or None
+        The class of labels that carry none, if there may be such labels.
+    written : str
+        What happens to boxes that are not measured.
+    """
+
+    default_class: str | None = None
+    written: str = "written as they came"
+
+    @property
+    def general(self) -> str:
+        """What helps for every class."""
+        return (
+            "--class-map NAME=CLASS says as what a class is measured, and NAME=pass "
+            "that it need not be"
+        )
+
+    def for_class(self, name: str, meant: str | None) -> str:
+        """What helps for this class, whose name perhaps means `meant`; may be empty."""
+        if name == self.default_class:
+            return "labels without a class; --default-class names theirs"
+        return f"--class-map {name}={meant}" if meant else ""
+
+    def for_names(self, names: list[str]) -> str:
+        """What makes one class of several that are measured alike; empty if nothing."""
+        del names
+        return ""
+
+
+@dataclass(frozen=True)
+class DatasetAdvice(Advice):
+    """What can be done about classes of a dataset.
+
+    Attributes
+    ----------
+    dataset : str
+    classes : tuple of str
+        Those of the dataset.
+    are_frozen : bool
+        Whether they can be renamed no more.
+    """
+
+    written: str = "exported as they came"
+    dataset: str = ""
+    classes: tuple[str, ...] = ()
+    are_frozen: bool = False
+
+    @property
+    def general(self) -> str:
+        """What helps for every class."""
+        return (
+            "`classes: {NAME: CLASS}` in its configuration (`unghost config set "
+            f"{self.dataset} FILE`) says as what a class is measured, and "
+            "{NAME: pass} that it need not be"
+        )
+
+    def for_class(self, name: str, meant: str | None) -> str:
+        """What helps for this class, whose name perhaps means `meant`; may be empty."""
+        if name == self.default_class:
+            return super().for_class(name, meant)
+        if not meant or self.are_frozen:
+            return f"did you mean {meant!r}?" if meant else ""
+        change = "merge" if meant in self.classes else "rename"
+        return f"`unghost classes {change} {self.dataset} {name} {meant}`"
+
+    def for_names(self, names: list[str]) -> str:
+        """What makes one class of several that are measured alike; empty if nothing."""
+        if self.are_frozen:
+            return ""
+        first, second = names[:2]
+        return f"; `unghost classes merge {self.dataset} {first} {second}` joins them"
+
+
+@dataclass
+class BoxSummary:
+    """Counts boxes by class, and says at the end what should be looked at.
+
+    `unknown_percent` is the share of unknown pixels by class, where it is not counted.
+    """
+
+    advice: Advice = field(default_factory=Advice)
+    unknown_percent: Mapping[str, float] = field(default_factory=dict)
+    _classes: dict[str, ClassCount] = field(default_factory=dict)
+
+    def add(self, classes: Mapping[str, ClassCount]) -> None:
+        """Count boxes, such as those of a frame."""
+        for name, count in classes.items():
+            known = self._classes.get(name)
+            self._classes[name] = count if known is None else known.plus(count)
+
+    @property
+    def boxes(self) -> dict[str, int]:
+        """How many boxes each class has."""
+        return {name: count.boxes for name, count in self._classes.items()}
+
+    def note(self, screen: Screen) -> bool:
+        """Note what should be looked at; returns whether the exit code is to say so."""
+        parts = (self._unmapped(), self._rejected(), self._unknown_pixels())
+        notes = [note for part in parts for note in part]
+        for text, _ in (*notes, *self._names_of_one_class()):
+            screen.note(one_line(text))
+        return any(is_serious for _, is_serious in notes)
+
+    def _count(self, of: Callable[[ClassCount], int]) -> dict[str, int]:
+        """The classes for which a count is not 0, by name."""
+        counts = {name: of(self._classes[name]) for name in sorted(self._classes)}
+        return {name: count for name, count in counts.items() if count}
+
+    def _unmapped(self) -> list[tuple[str, bool]]:
+        unmapped = self._count(lambda count: count.unmapped)
+        if not unmapped:
+            return []
+        of_unmapped = [self._classes[name] for name in unmapped]
+        is_dropped = all(count.rejected == count.boxes for count in of_unmapped)
+        what = (
+            "rejected, since profile carlasimu drops classes without a colour"
+            if is_dropped
+            else "not measured, since the filter does not know their class, and "
+            f"{self.advice.written}"
+        )
+        count = sum(unmapped.values())
+        boxes = "1 box is" if count == 1 else f"{count} boxes are"
+        named = _named(unmapped, self.advice)
+        return [(f"{boxes} {what}: {named}; {self.advice.general}", True)]
+
+    def _rejected(self) -> list[tuple[str, bool]]:
+        known = {
+            name: count.boxes
+            for name, count in sorted(self._classes.items())
+            if count.rejected == count.boxes and not count.unmapped
+        }
+        total = sum(count.boxes for count in self._classes.values())
+        rejected = sum(count.rejected for count in self._classes.values())
+        if total and rejected == total:
+            text = f"every box is rejected ({total})"
+            return [(f"{text}; {_LOOK}", total >= _ENOUGH_BOXES)]
+        if not known:
+            return []
+        is_serious = max(known.values()) >= _ENOUGH_BOXES
+        hint = f"; {_LOOK}" if is_serious else ""
+        named = _listed(f"{name} ({count})" for name, count in known.items())
+        return [(f"every box is rejected of: {named}{hint}", is_serious)]
+
+    def _unknown_pixels(self) -> list[tuple[str, bool]]:
+        counted = {
+            name: 100 * count.unknown_pixels / count.pixels
+            for name, count in self._classes.items()
+            if count.pixels
+        }
+        shares = {**counted, **self.unknown_percent}
+        many = {
+            name: share
+            for name, share in sorted(shares.items())
+            if share > _MOST_UNKNOWN_PERCENT
+        }
+        if not many:
+            return []
+        named = _listed(f"{name} ({share:.1f} %)" for name, share in many.items())
+        return [
+            (
+                "tags or colours of the segmentation that are unknown inside boxes of: "
+                f"{named}; --palette names the table of another CARLA version",
+                True,
+            )
+        ]
+
+    def _names_of_one_class(self) -> list[tuple[str, bool]]:
+        from filter_core.class_names import class_meant_by
+
+        names: dict[str, list[str]] = defaultdict(list)
+        for name in sorted(self._classes):
+            if meaning := class_meant_by(name):
+                names[meaning].append(name)
+        return [
+            (
+                f"{_listed(f'{name} ({self.boxes[name]})' for name in alike)} are "
+                f"names of one class ({meaning}): they are measured alike and stay "
+                f"{len(alike)} classes{self.advice.for_names(alike)}",
+                False,
+            )
+            for meaning, alike in names.items()
+            if len(alike) > 1
+        ]
+
+
+_LOOK: Final = (
+    "look at some of them: labels in other units or of other images, or a wrong "
+    "--palette reject every box"
+)
+
+
+def _named(boxes: Mapping[str, int], advice: Advice) -> str:
+    """Unmapped classes with their numbers of boxes, and what helps for each."""
+    from filter_core.class_names import class_meant_by, misspelt_class
+
+    named = []
+    for name, count in boxes.items():
+        meant = None if class_meant_by(name) else misspelt_class(name)
+        hint = advice.for_class(name, meant)
+        named.append(f"{name} ({count}; {hint})" if hint else f"{name} ({count})")
+    return _listed(named)
+
+
+def _listed(parts: Iterable[str]) -> str:
+    listed = list(parts)
+    more = len(listed) - _LISTED
+    return ", ".join(listed[:_LISTED] + ([f"and {more} more"] if more > 0 else []))
+
+
+def summary_of(
+    client: Client, dataset: str, default_class: str | None = None
+) -> BoxSummary:
+    """The boxes of a dataset, by the server's counts."""
+    from filter_core.local import ClassCount
+
+    described, stats = client.dataset(dataset), client.stats(dataset)
+    advice = DatasetAdvice(
+        default_class=default_class,
+        dataset=dataset,
+        classes=described.classes,
+        are_frozen=described.classes_frozen,
+    )
+    unknown = client.histogram(dataset).unknown_percent if stats.boxes else {}
+    summary = BoxSummary(advice, unknown)
+    left = stats.by_reason.get("unmapped_class", 0)
+    for name, counts in stats.by_class.items():
+        unmapped = 0
+        if left and not counts.kept:
+            unmapped = client.count_boxes(
+                dataset, class_name=name, reason="unmapped_class"
+            )
+            left -= unmapped
+        boxes = counts.kept + counts.rejected + counts.unmeasured
+        summary.add({name: ClassCount(boxes, counts.rejected, unmapped)})
+    return summary

@@ -1,0 +1,224 @@
+"""The dataset that a command sends frames to: created, or checked and completed."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from unghost.cli.options import error_context
+from unghost.cli.screen import Refused, Screen, naming_options, one_line
+
+if TYPE_CHECKING:
+    from filter_core.config.filter import ConfigChange, FilterConfig
+    from unghost.client.client import Client
+    from unghost.wire.datasets import Dataset
+
+_LISTED_KEYS: Final = 5
+"""Keys in which a configuration differs that are listed."""
+_OPTION_OF_FIELD: Final = {"/name": "--dataset", "/classes": "classes (--classes)"}
+
+
+@dataclass(frozen=True)
+class GivenConfig:
+    """A configuration that a command was given for a dataset.
+
+    Attributes
+    ----------
+    file : Path or None
+        The file that it is from, checked.
+    keys : mapping
+        Keys of the recording's description, under `classes` those of classes. Those of
+        the file have priority.
+    whole : mapping or None
+        All keys of the file and the others; None without a file.
+    unused_keys : tuple of str
+        The keys of the file that are not used.
+    """
+
+    file: Path | None = None
+    keys: Mapping[str, object] = field(default_factory=dict)
+    whole: Mapping[str, object] | None = None
+    unused_keys: tuple[str, ...] = ()
+
+    @classmethod
+    def of(cls, file: Path | None, keys: Mapping[str, object]) -> GivenConfig:
+        """The configuration of a file, if there is one, and of other keys.
+
+        Raises
+        ------
+        Refused
+            The file, or the description, has a key or a value that is wrong.
+        """
+        from filter_core.config.file import load_config
+
+        with error_context(file):
+            content = b"" if file is None else file.read_bytes()
+            loaded = load_config(content, below=keys)
+        whole = None if file is None else loaded.config.as_dict()
+        return cls(file, keys, whole, loaded.unused_keys)
+
+    def over(self, active: Mapping[str, object]) -> dict[str, object]:
+        """All keys of a dataset whose active configuration has these."""
+        from filter_core.config.file import merged_keys
+
+        return merged_keys(active, self.keys) if self.whole is None else {**self.whole}
+
+    def refusal(self, dataset: str, changes: Sequence[ConfigChange]) -> str:
+        """Why it cannot be that of a dataset with frames, and what can be done."""
+        keys = [
+            f"{one.key}: {_as_json(one.before)} -> {_as_json(one.after)}"
+            for one in changes
+        ]
+        listed = ", ".join(keys[:_LISTED_KEYS])
+        more = len(keys) - _LISTED_KEYS
+        differs = f"{listed} and {more} more" if more > 0 else listed
+        if self.file is None:
+            return (
+                f"dataset {dataset!r} has frames, and its configuration differs from "
+                f"the description of the recording ({differs}); put these keys into a "
+                f"file with what `unghost config show {dataset}` prints, and apply it "
+                f"to every frame with `unghost config set {dataset} FILE`"
+            )
+        return (
+            f"dataset {dataset!r} has frames, and another configuration than "
+            f"{self.file} ({differs}); `unghost config set {dataset} {self.file}` "
+            "applies the file to every frame, and `unghost config diff "
+            f"{dataset} --config {self.file}` counts which verdicts that changes"
+        )
+
+
+def _as_json(value: object) -> str:
+    return json.dumps(value, ensure_ascii=False)
+
+
+@dataclass(frozen=True)
+class NewDataset:
+    """What a dataset gets that does not exist, or has no frames.
+
+    Attributes
+    ----------
+    options : mapping of str to str
+        How its segmentations are read.
+    classes : sequence of str
+        Its classes, if it does not exist; none: those of CARLA.
+    config : GivenConfig
+    """
+
+    options: Mapping[str, str] = field(default_factory=dict)
+    classes: Sequence[str] = ()
+    config: GivenConfig = field(default_factory=GivenConfig)
+
+
+def ensure_dataset(
+    client: Client, name: str, new: NewDataset, screen: Screen
+) -> Dataset:
+    """The dataset, created if it does not exist.
+
+    One without frames gets the options and the configuration.
+
+    Raises
+    ------
+    Refused
+        It has other options or another configuration, and has frames or cannot get
+        them; or it cannot have this name or these classes.
+    """
+    from unghost.client.errors import Conflict, NotFound
+
+    options = new.options
+
+    try:
+        dataset = client.dataset(name)
+    except NotFound:
+        try:
+            with naming_options(_OPTION_OF_FIELD, {"--dataset": name}):
+                dataset = client.create_dataset(
+                    name,
+                    classes=list(new.classes) or None,
+                    config=new.config.whole,
+                    **options,
+                )
+        except Conflict:  # another push made it just now
+            dataset = client.dataset(name)
+    others = {
+        option: value
+        for option, value in options.items()
+        if getattr(dataset, option) != value
+    }
+    if others and dataset.counts.frames == 0:
+        dataset = _changed(client, dataset, others, screen)
+    for option, value in others.items():
+        there = getattr(dataset, option)
+        if there != value:
+            raise Refused(
+                f"dataset {name!r} has {option} {there!r}, not {value!r}; change it in "
+                "the dataset's settings, which measures every frame again"
+            )
+    _ensure_config(client, dataset, new.config, screen)
+    return dataset
+
+
+def coming_config(
+    client: Client, dataset: str, given: GivenConfig
+) -> tuple[FilterConfig, Mapping[str, str]]:
+    """The configuration that a dataset will have if it can get the given one.
+
+    And its renamed classes, see `wire.Dataset`.
+    """
+    from filter_core.config.filter import FilterConfig
+    from unghost.client.errors import NotFound
+
+    try:
+        active = client.active_config(dataset).config
+        renamed = client.dataset(dataset).renamed_classes
+    except NotFound:
+        active, renamed = FilterConfig().as_dict(), {}
+    return FilterConfig.from_mapping(given.over(active)), renamed
+
+
+def _ensure_config(
+    client: Client, dataset: Dataset, given: GivenConfig, screen: Screen
+) -> None:
+    """Give a dataset without frames the configuration, unless it has it."""
+    from filter_core.config.filter import FilterConfig, diff_configs
+
+    if given.whole is None and not given.keys:
+        return
+    active = client.active_config(dataset.name).config
+    config = FilterConfig.from_mapping(given.over(active))
+    changes = diff_configs(FilterConfig.from_mapping(active), config)
+    if not changes:
+        return
+    if dataset.counts.frames:
+        raise Refused(one_line(given.refusal(dataset.name, changes)))
+    version = client.add_config(dataset.name, config.as_dict())
+    client.wait(client.set_config(dataset.name, version.digest))
+    screen.note(
+        f"configuration of {dataset.name}, which had no frames: {version.digest[:12]}"
+    )
+
+
+def _changed(
+    client: Client, dataset: Dataset, options: Mapping[str, str], screen: Screen
+) -> Dataset:
+    """The dataset as it is after a change of options and the run that this needs."""
+    from unghost.client.errors import Conflict, RunFailed
+    from unghost.wire.runs import Run
+
+    try:
+        changed = client.change_dataset(dataset.name, **options)
+        if isinstance(changed, Run):
+            client.wait(changed)
+    except (Conflict, RunFailed) as error:
+        raise Refused(
+            f"{', '.join(options)} of dataset {dataset.name!r} cannot be changed: "
+            f"{error}"
+        ) from error
+    for option, value in options.items():
+        screen.note(
+            f"{option} of {dataset.name}, which had no frames: "
+            f"{getattr(dataset, option)!r} -> {value!r}"
+        )
+    return client.dataset(dataset.name)
