@@ -147,3 +147,32 @@ def test_push_checks_the_configuration_before_anything_is_sent(unghost, api, tmp
     assert answer.code == EXIT_REFUSED
     assert f"{file}: unknown key 'treshold_small_box'" in answer.err
     assert api.get("/datasets/push-config-wrong").status_code == 404
+
+
+def test_push_puts_a_class_map_into_the_configuration_of_a_new_dataset(
+    unghost, api, tmp_path
+):
+    """The file's own classes have priority; a repeated push finds nothing to change."""
+    manifest = write_manifest(tmp_path / "frames", 1) / "manifest.jsonl"
+    manifest.write_text(manifest.read_text().replace('"car"', '"Caar"', 1))
+    file = tmp_path / "filter.yaml"
+    file.write_text("classes: {Caar: truck}")
+    plain = ("push", manifest, "--class-map", "Caar=car,Misc=pass", "--dataset")
+
+    first = unghost(*plain, "push-class-map")
+    again = unghost(*plain, "push-class-map")
+    both = unghost(*plain, "push-class-map-file", "--config", file)
+    refused = unghost(*plain, api.dataset_of_one_frame())
+
+    assert (first.code, again.code, both.code) == (0, 0, 0), first.err + both.err
+    _, active = versions(api, "push-class-map")
+    assert {
+        name: one["measures_as"] for name, one in active["config"]["classes"].items()
+    } == {
+        "Caar": "car",
+        "Misc": "pass",
+    }
+    _, active = versions(api, "push-class-map-file")
+    assert active["config"]["classes"]["Caar"]["measures_as"] == "truck"
+    assert refused.code == EXIT_REFUSED
+    assert "differs from the description of the recording (classes." in refused.err
