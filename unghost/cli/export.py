@@ -317,7 +317,9 @@ def convert(options: ConvertOptions) -> None:
     description = options.describe(options.source)
     found = open_source(options.source, options.layout, description)
     default_class = default_class_of(found, description)
-    progress = _Progress(options.screen, BoxSummary(Advice(default_class)))
+    progress = _Progress(
+        options.screen, BoxSummary(Advice(default_class, " and written as they came"))
+    )
     config = read_config(options.config, options, description, options.screen)
     counts = _write_labels(options, labels, found, config, progress)
     is_doubtful = options.filter and progress.summary.note(options.screen)

@@ -102,11 +102,11 @@ class Advice:
     default_class : str or None
         The class of labels that carry none, if there may be such labels.
     written : str
-        What happens to boxes that are not measured.
+        What happens to boxes that are unmeasured, as an addition to this word.
     """
 
     default_class: str | None = None
-    written: str = "written as they came"
+    written: str = ""
 
     @property
     def general(self) -> str:
@@ -141,7 +141,7 @@ class DatasetAdvice(Advice):
         Whether they can be renamed no more.
     """
 
-    written: str = "exported as they came"
+    written: str = " and exported as they came"
     dataset: str = ""
     classes: tuple[str, ...] = ()
     are_frozen: bool = False
@@ -213,12 +213,10 @@ class BoxSummary:
             return []
         of_unmapped = [self._classes[name] for name in unmapped]
         is_dropped = all(count.rejected == count.boxes for count in of_unmapped)
-        what = (
-            "rejected, since profile carlasimu drops classes without a colour"
-            if is_dropped
-            else "not measured, since the filter does not know their class, and "
-            f"{self.advice.written}"
-        )
+        why = "since the filter does not know their class"
+        what = f"unmeasured{self.advice.written}, {why}"
+        if is_dropped:
+            what = "rejected, since profile carlasimu drops classes without a colour"
         count = sum(unmapped.values())
         boxes = "1 box is" if count == 1 else f"{count} boxes are"
         named = _named(unmapped, self.advice)

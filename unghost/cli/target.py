@@ -64,7 +64,7 @@ class GivenConfig:
         """All keys of a dataset whose active configuration has these."""
         from filter_core.config.file import merged_keys
 
-        return merged_keys(active, self.keys) if self.whole is None else {**self.whole}
+        return dict(self.whole or merged_keys(active, self.keys))
 
     def refusal(self, dataset: str, changes: Sequence[ConfigChange]) -> str:
         """Why it cannot be that of a dataset with frames, and what can be done."""

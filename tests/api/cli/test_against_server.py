@@ -182,8 +182,8 @@ def test_push_and_export_name_a_class_that_is_not_known(
     assert (stopped.code, stored.code) == (REFUSED, REFUSED)
     assert "nothing was written" in stopped.err
     expected = (
-        "4 boxes are not measured, since the filter does not know their class, and "
-        f"exported as they came: {said.format(name=name)}; `classes: {{NAME: CLASS}}`"
+        "4 boxes are unmeasured and exported as they came, since the filter does not "
+        f"know their class: {said.format(name=name)}; `classes: {{NAME: CLASS}}`"
     )
     for answer in answers:
         assert (answer.code, expected in answer.err) == (PARTLY, True), answer.err

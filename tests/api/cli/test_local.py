@@ -236,8 +236,8 @@ def test_filter_does_not_decide_boxes_of_a_class_it_does_not_know(
     assert answer.code == PARTLY
     assert "0 rejected\t4 unmeasured" in answer.out
     assert (
-        "4 boxes are not measured, since the filter does not know their class, and "
-        f"written as they came: {said}; --class-map NAME=CLASS says as what a class is "
+        "4 boxes are unmeasured, since the filter does not know their class: "
+        f"{said}; --class-map NAME=CLASS says as what a class is "
         "measured, and NAME=pass that it need not be\n"
     ) in answer.err
 
@@ -776,7 +776,7 @@ def test_convert_stops_before_it_writes_and_counts_what_the_list_has_too_many_of
     unfiltered = bare_unghost(*convert[:4], *convert[5:], "-o", "three")
 
     assert answer.code == PARTLY
-    assert "1 box is not measured" in answer.err
+    assert "1 box is unmeasured and written as they came" in answer.err
     assert "dragon (1); --class-map" in answer.err
     assert (stopped.code, (tmp_path / "two").exists()) == (REFUSED, False)
     assert "2 of 3 boxes have a class that the filter does not know" in stopped.err

@@ -44,7 +44,7 @@ def noted(capsys, classes, advice=None):
         ),
         ({"car": ClassCount(9, 0, 0, 1000, 10)}, False, None),
         ({"car": ClassCount(9, 0, 0, 1000, 11)}, True, "inside boxes of: car (1.1 %)"),
-        ({"Misc": ClassCount(1, 0, 1), "car": ClassCount(9)}, True, "1 box is not"),
+        ({"Misc": ClassCount(1, 0, 1), "car": ClassCount(9)}, True, "1 box is unm"),
         ({"Misc": ClassCount(9), "car": ClassCount(9)}, False, None),
     ],
 )
