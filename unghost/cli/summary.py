@@ -169,7 +169,7 @@ class DatasetAdvice(Advice):
         if self.are_frozen:
             return ""
         first, second = names[:2]
-        return f"; `unghost classes merge {self.dataset} {first} {second}` joins them"
+        return f"; `unghost classes merge {self.dataset} {first} {second}` joins two"
 
 
 @dataclass
@@ -213,11 +213,12 @@ class BoxSummary:
             return []
         of_unmapped = [self._classes[name] for name in unmapped]
         is_dropped = all(count.rejected == count.boxes for count in of_unmapped)
-        why = "since the filter does not know their class"
+        count = sum(unmapped.values())
+        whose = "its" if count == 1 else "their"
+        why = f"since the filter does not know {whose} class"
         what = f"unmeasured{self.advice.written}, {why}"
         if is_dropped:
             what = "rejected, since profile carlasimu drops classes without a colour"
-        count = sum(unmapped.values())
         boxes = "1 box is" if count == 1 else f"{count} boxes are"
         named = _named(unmapped, self.advice)
         return [(f"{boxes} {what}: {named}; {self.advice.general}", True)]
@@ -270,15 +271,20 @@ class BoxSummary:
         for name in sorted(self._classes):
             if meaning := class_meant_by(name):
                 names[meaning].append(name)
+        alike = {name: same for name, same in names.items() if len(same) > 1}
+        if not alike:
+            return []
+        groups = [
+            f"{_listed(f'{name} ({self.boxes[name]})' for name in same)} ({meaning}"
+            f"{self.advice.for_names(same)})"
+            for meaning, same in alike.items()
+        ]
         return [
             (
-                f"{_listed(f'{name} ({self.boxes[name]})' for name in alike)} are "
-                f"names of one class ({meaning}): they are measured alike and stay "
-                f"{len(alike)} classes{self.advice.for_names(alike)}",
+                "names of one class, which are measured alike and kept apart: "
+                f"{'; '.join(groups)}",
                 False,
             )
-            for meaning, alike in names.items()
-            if len(alike) > 1
         ]
 
 
