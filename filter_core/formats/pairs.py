@@ -75,8 +75,9 @@ def read_pairs(root: Path, options: RecordingDescription) -> FrameSet:
     for one in files:
         alone = images.is_only_base(one.key)
         annotation = annotations.take(one.key, by_base=alone)
-        given = {"boxes": []} if annotation is None else None
-        frame = replace(frame_of(one, root), label=None, annotation=given)
+        frame = replace(frame_of(one, root), label=None)
+        if annotation is None:
+            frame = replace(frame, annotation={"boxes": []})
         frames.append((frame, annotation))
     unmatched = (
         *images.unmatched,

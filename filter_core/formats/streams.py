@@ -234,15 +234,17 @@ class Streams:
         images = [_image(name, folder) for name in _names(folder, skipped)]
         self._refused: list[Unmatched] = []
         self._by_role: dict[Role, list[_Image]] = {role: [] for role in _WORDS}
-        roles = {image.name: role for image, role in _with_roles(images)}
+        roles = dict(_with_roles(images))
         for image in images:
-            role = roles[image.name]
-            if role in _WORDS:
+            role, why = roles[image.name]
+            if role is not None:
                 self._by_role[role].append(image)
             else:
-                self._refused.append(Unmatched(image.name, role))
+                self._refused.append(Unmatched(image.name, why))
         self.images = [image.name for image in self._by_role["image"]]
-        elsewhere = {**beside, **({"segmentation": named} if named else {})}
+        elsewhere = dict(beside)
+        if named is not None:
+            elsewhere["segmentation"] = named
         for role, place in elsewhere.items():
             names = walk(place, IMAGE_SUFFIXES)
             self._by_role[role] = [_image(name, place) for name in names]
@@ -358,21 +360,23 @@ def _looked_at(images: Sequence[_Image]) -> list[_Stream]:
     return streams
 
 
-def _with_roles(images: Sequence[_Image]) -> Iterator[tuple[_Image, str]]:
-    """Each image with its role, or with the reason why it has none."""
+def _with_roles(
+    images: Sequence[_Image],
+) -> Iterator[tuple[str, tuple[Role | None, str]]]:
+    """The name of each image with its role, or with the reason why it has none."""
     streams = _looked_at(images)
     pictures = {one.frame for one in images if one.role in (None, "image")}
     for stream in streams:
         has_partner = stream.images[0].frame in pictures
         has_color = any(stream.is_beside(other) for other in streams)
         for image, looks in stream.each():
-            yield image, _decided(image, looks, has_partner, has_color)
+            yield image.name, _decided(image, looks, has_partner, has_color)
 
 
 def _decided(
     image: _Image, looks: Collection[Look], has_partner: bool, has_color: bool
-) -> str:
-    """The role of an image, or why it has none.
+) -> tuple[Role | None, str]:
+    """The role of an image, or None and the reason why it has none.
 
     Parameters
     ----------
@@ -386,23 +390,30 @@ def _decided(
     """
     look, said = next(iter(looks), None), image.role
     if said == "mask":
-        return "segmentation" if look == "segmentation" else said
-    if said not in (None, "image"):
+        return ("segmentation" if look == "segmentation" else "mask"), ""
+    if said is not None and said != "image":
         is_picture = look == "photo" or (look is None and image.in_pictures)
-        return "image" if is_picture and not has_partner else str(said)
-    if look == "grey":
-        return _UNCLEAR if has_color and said is None else "image"
-    if look in (None, "photo"):
-        return "image"
+        return ("image" if is_picture and not has_partner else said), ""
+    if look == "grey" and has_color and said is None:
+        return None, _UNCLEAR
+    shown_role = None if look is None else _ROLE_OF.get(look)
+    if shown_role is None:
+        return "image", ""
     if said is None:
-        return str(look)
-    return (
-        f"its name says that it is a picture, its pixels look like {_SHOWN[look]}: it "
-        "is not used; a manifest can say what it is"
+        return shown_role, ""
+    return None, (
+        f"its name says that it is a picture, its pixels look like "
+        f"{_SHOWN[shown_role]}: it is not used; a manifest can say what it is"
     )
 
 
-_SHOWN: Final = {
+_ROLE_OF: Final[Mapping[Look, Role]] = {
+    "segmentation": "segmentation",
+    "instances": "instances",
+    "depth": "depth",
+}
+
+_SHOWN: Final[Mapping[Role, str]] = {
     "segmentation": "a segmentation",
     "instances": "an instance image",
     "depth": "depth",

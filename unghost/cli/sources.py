@@ -136,7 +136,11 @@ class SourceOptions:
     outside_files: Annotated[
         bool,
         # Hidden: of the commands that upload nothing, older scripts may still use it.
-        typer.Option("--outside-files", hidden=True),
+        typer.Option(
+            "--outside-files",
+            hidden=True,
+            help="Has no effect: this command reads files outside the folder anyway.",
+        ),
     ] = False
     recording: Annotated[
         Path | None,

@@ -127,8 +127,9 @@ function Review({ app, found, plan, typed, setTyped, close }) {
   const count = plan.frames.length;
 
   const { run: start, isBusy, error } = useTask(async () => {
+    const described = /** @type {import("./uploader.js").Order["reading"]} */ (plan.settings);
     /** @type {import("./uploader.js").Order["reading"]} */
-    const reading = { .../** @type {import("./uploader.js").Order["reading"]} */ (plan.settings), ...(lossy && { lossy_segmentation: "nearest" }) };
+    const reading = lossy ? { ...described, lossy_segmentation: "nearest" } : described;
     await app.uploads.start({ dataset: name, isNew: !there, classes: plan.classes, reading, frames: plan.frames, replace });
     close();
   });
