@@ -142,14 +142,17 @@ class _Counting:
 
     def add(self, content: bytes) -> None:
         """Count the boxes of one more file."""
-        for part in content.split(b"<bndbox>")[1:]:
-            try:
-                numbers = [float(n) for n in _CORNER.findall(part.split(b"<name>")[0])]
-            except ValueError:
-                continue  # its frame will have this problem
-            self.boxes += 1
-            self.zeros += numbers.count(0.0)
-            self.fractional += not all(number.is_integer() for number in numbers)
+        words = _CORNER.findall(content)
+        try:
+            numbers = list(map(float, words))
+        except ValueError:
+            return  # its frame will have this problem
+        self.zeros += numbers.count(0.0)
+        self.boxes += len(numbers) // len(_CORNERS)
+        if b"." in b"".join(words):
+            places = range(0, len(numbers), len(_CORNERS))
+            boxes = (numbers[place : place + len(_CORNERS)] for place in places)
+            self.fractional += sum(not all(map(float.is_integer, one)) for one in boxes)
 
     @property
     def origin(self) -> int:
