@@ -7,7 +7,8 @@ from typing import get_args
 
 import pytest
 
-from filter_core.formats.registry import EXPORT_FORMATS, FORMATS, LAYOUTS
+from filter_core.formats.recording import LAYOUTS
+from filter_core.formats.registry import EXPORT_FORMATS, FORMATS
 from tests.support.documents import read
 from tools.reference import part_pattern
 from unghost.wire.runs import ExportIn, ExportOptions

@@ -10,7 +10,8 @@ import threading
 
 import pytest
 
-from filter_core.formats.registry import FORMATS, LAYOUTS, read_source
+from filter_core.formats.recording import LAYOUTS
+from filter_core.formats.registry import FORMATS, read_source
 from tests.support.api import BASE
 from tests.support.archives import END, header_of, lines_of
 from tests.support.folders import BOX, LAYOUT_FILES, VOC_FILE, YOLO_LINE

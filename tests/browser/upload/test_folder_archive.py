@@ -9,7 +9,8 @@ import tarfile
 import pytest
 
 from filter_core.formats.reading import TEXT_SUFFIXES
-from filter_core.formats.registry import LAYOUTS, read_source
+from filter_core.formats.recording import LAYOUTS
+from filter_core.formats.registry import read_source
 from tests.support.folders import LAYOUT_FILES, street_tags, write_files
 from tests.support.page.windows import Visitor
 from tests.support.pictures import png

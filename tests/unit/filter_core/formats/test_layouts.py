@@ -346,7 +346,7 @@ def test_yolo_without_class_names_is_refused_unless_they_are_given(tmp_path):
 
     with pytest.raises(LayoutError, match=r"data\.yaml"):
         read_source(tmp_path, "yolo")
-    named = read_source(tmp_path, "yolo", RecordingDescription(classes=["car"]))
+    named = read_source(tmp_path, "yolo", RecordingDescription(classes=("car",)))
     assert [frame.annotation for frame in named] == [{"boxes": [BOX]}]
 
 
@@ -355,7 +355,7 @@ def test_yolo_without_class_names_is_refused_unless_they_are_given(tmp_path):
     [
         (
             "pairs",
-            RecordingDescription(classes=["car"]),
+            RecordingDescription(classes=("car",)),
             "layout 'pairs' has no option 'classes' (boxes.classes of a description); "
             "it has labels, segmentation",
         ),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from filter_core.annotation.parsing import parse_annotation
 from filter_core.config.declaration import declared_keys
 from filter_core.config.file import load_config
 from filter_core.errors import ConfigError, LayoutError
@@ -43,7 +44,8 @@ def test_every_key_of_a_description_reaches_reader_or_configuration(tmp_path):
 
     assert {*description.changed, "origin"} == {*declared_keys(RecordingDescription)}
     assert frame.segmentation == tmp_path / "tags/1.png"
-    assert [box["class"] for box in frame.annotation["boxes"]] == ["car"]
+    annotation = parse_annotation(frame.annotation or {})
+    assert [box.class_name for box in annotation.boxes] == ["car"]
     assert description.config_keys() == {
         "palette": "carla-0.9.14",
         "encoding": "raw",
@@ -80,9 +82,8 @@ def test_option_wins_over_the_file_and_a_configuration_over_both(tmp_path):
     assert description.palette == "carla-0.9.14"
     assert description.class_map == {"person": "walker", "A": "bus"}
     # A mapping of one class wins under any of its names, and as a whole.
-    assert load_config(config, below=below).config.as_dict()["classes"]["A"] == {
-        "accept": ["Car"]
-    }
+    own = load_config(config, below=below).config.classes["A"]
+    assert own.as_dict() == {"accept": ["Car"]}
     assert load_config("palette: paper-table1", below=below).config.palette == (
         "paper-table1"
     )
@@ -128,12 +129,13 @@ def test_folders_elsewhere_need_a_description_that_was_named(tmp_path):
 
     named = describe(tmp_path / "town", file)
 
+    assert named.segmentation is not None
     assert named.segmentation.samefile(tmp_path / "tags")
 
 
 def test_wrong_option_names_itself():
     with pytest.raises(ConfigError, match="origin: expected"):
-        RecordingDescription(origin="2")
+        RecordingDescription(origin="2")  # type: ignore[arg-type]  # the fault that is tested
 
 
 def test_key_that_a_layout_does_not_use_is_refused_with_its_place(tmp_path):

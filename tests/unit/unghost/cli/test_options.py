@@ -14,7 +14,8 @@ from filter_core.config.declaration import AllowedWords
 from filter_core.config.filter import FilterConfig
 from filter_core.config.keys import keys_of
 from filter_core.evaluation.comparison import COMPARED
-from filter_core.formats.registry import EXPORT_FORMATS, LAYOUTS
+from filter_core.formats.recording import LAYOUTS
+from filter_core.formats.registry import EXPORT_FORMATS
 from tests.support.imports import LARGE_MODULES
 from unghost.cli.program import app
 from unghost.cli.sources import SourceOptions

@@ -15,7 +15,8 @@ from filter_core.decisions.record import OcclusionLevel
 from filter_core.evaluation import comparison, thresholds
 from filter_core.evidence_kinds import EvidenceName
 from filter_core.formats import export, manifest
-from filter_core.formats.registry import EXPORT_FORMATS, LAYOUTS
+from filter_core.formats.recording import LAYOUTS
+from filter_core.formats.registry import EXPORT_FORMATS
 from filter_core.segmentation import reading
 from filter_core.types import Answer, ReasonLabel, Verdict
 from unghost.wire import runs, words
