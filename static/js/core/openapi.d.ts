@@ -229,7 +229,7 @@ export interface paths {
         put?: never;
         /**
          * Create Dataset
-         * @description Create a dataset; its first configuration is the service's default.
+         * @description Create a dataset, by default with the service's configuration.
          */
         post: operations["create_dataset_api_v1_datasets_post"];
         delete?: never;
@@ -264,6 +264,30 @@ export interface paths {
          * @description Change a dataset; a change in how segmentations are read starts a run (202).
          */
         patch: operations["change_dataset_api_v1_datasets__dataset__patch"];
+        trace?: never;
+    };
+    "/api/v1/datasets/{dataset}/classes/{name}": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        post?: never;
+        /**
+         * Delete Class
+         * @description Remove a class without boxes; 409 with their number if it has any.
+         */
+        delete: operations["delete_class_api_v1_datasets__dataset__classes__name__delete"];
+        options?: never;
+        head?: never;
+        /**
+         * Change Class
+         * @description Rename a class, or merge it into another, through a run that measures again.
+         */
+        patch: operations["change_class_api_v1_datasets__dataset__classes__name__patch"];
         trace?: never;
     };
     "/api/v1/datasets/{dataset}/stats": {
@@ -365,7 +389,7 @@ export interface paths {
         put?: never;
         /**
          * Create Export
-         * @description Start an export of the dataset's labels, which fixes the order of its classes.
+         * @description Start an export of labels; one with class numbers fixes the order of classes.
          */
         post: operations["create_export_api_v1_datasets__dataset__exports_post"];
         delete?: never;
@@ -1262,7 +1286,7 @@ export interface components {
              * Reason
              * @enum {string}
              */
-            reason: "outside_image" | "covers_image" | "degenerate" | "out_of_range" | "unmapped_class" | "no_segmentation" | "no_visible_pixels" | "large_below_threshold" | "below_threshold" | "explained_by_nearer" | "hidden_by_depth" | "hidden_by_instance" | "too_few_lidar_points" | "visible";
+            reason: "outside_image" | "covers_image" | "degenerate" | "out_of_range" | "unmapped_class" | "no_segmentation" | "no_visible_pixels" | "large_below_threshold" | "below_threshold" | "explained_by_nearer" | "hidden_by_depth" | "hidden_by_instance" | "too_few_lidar_points" | "visible" | "passed" | "unknown_pixels";
             /** Explanation */
             explanation: string;
             /** Evidence */
@@ -1281,6 +1305,8 @@ export interface components {
             matched_pixels: number | null;
             /** Box Pixels */
             box_pixels: number | null;
+            /** Unknown Pixels */
+            unknown_pixels: number | null;
             /** Area Percent */
             area_percent: number | null;
             /** Crowding */
@@ -1504,6 +1530,22 @@ export interface components {
             expires_at: string;
         };
         /**
+         * ClassPatch
+         * @description What becomes of a class of a dataset: a new name, or part of another class.
+         */
+        ClassPatch: {
+            /**
+             * Name
+             * @description Its new name, which no class of the dataset has.
+             */
+            name?: string;
+            /**
+             * Merge Into
+             * @description The class of the dataset that gets its boxes.
+             */
+            merge_into?: string;
+        };
+        /**
          * ConfigVersion
          * @description One immutable version of a dataset's filter configuration, with its digest.
          */
@@ -1555,6 +1597,13 @@ export interface components {
             classes: string[];
             /** Classes Frozen */
             classes_frozen: boolean;
+            /**
+             * Renamed Classes
+             * @description What a class is called now, by the name that boxes come with.
+             */
+            renamed_classes: {
+                [key: string]: string;
+            };
             /**
              * Palette
              * @enum {string}
@@ -1660,6 +1709,8 @@ export interface components {
              */
             lossy_segmentation?: "refuse" | "nearest";
             ignore_mask?: components["schemas"]["IgnoreMask"] | null;
+            /** @description Its first configuration; default: that of the service. */
+            config?: components["schemas"]["FilterConfigIn"] | null;
         };
         /**
          * DatasetPatch
@@ -1724,7 +1775,7 @@ export interface components {
              * Reason
              * @enum {string}
              */
-            reason: "outside_image" | "covers_image" | "degenerate" | "out_of_range" | "unmapped_class" | "no_segmentation" | "no_visible_pixels" | "large_below_threshold" | "below_threshold" | "explained_by_nearer" | "hidden_by_depth" | "hidden_by_instance" | "too_few_lidar_points" | "visible";
+            reason: "outside_image" | "covers_image" | "degenerate" | "out_of_range" | "unmapped_class" | "no_segmentation" | "no_visible_pixels" | "large_below_threshold" | "below_threshold" | "explained_by_nearer" | "hidden_by_depth" | "hidden_by_instance" | "too_few_lidar_points" | "visible" | "passed" | "unknown_pixels";
             /** Explanation */
             explanation: string;
             /** Evidence */
@@ -1743,6 +1794,8 @@ export interface components {
             matched_pixels: number | null;
             /** Box Pixels */
             box_pixels: number | null;
+            /** Unknown Pixels */
+            unknown_pixels: number | null;
             /** Area Percent */
             area_percent: number | null;
             /** Crowding */
@@ -1855,6 +1908,13 @@ export interface components {
             sides_by_class: {
                 [key: string]: components["schemas"]["FlipCounts"];
             };
+            /**
+             * By Cause
+             * @description Of how many of these boxes the cause is known, by the cause; see the causes of items.
+             */
+            by_cause: {
+                [key: string]: number;
+            };
             /** Items */
             items: components["schemas"]["Flip"][];
             /** Next Cursor */
@@ -1959,6 +2019,7 @@ export interface components {
              *       "rejected": "drop",
              *       "boxes": "visible",
              *       "images": "copy",
+             *       "allow_missing_images": false,
              *       "split": 0.8,
              *       "bands": []
              *     }
@@ -2004,6 +2065,12 @@ export interface components {
              * @enum {string}
              */
             images?: "copy" | "none";
+            /**
+             * Allow Missing Images
+             * @description If images are included, also write frames without an image, which many programs cannot read. They are left out otherwise.
+             * @default false
+             */
+            allow_missing_images?: boolean;
             /**
              * Split
              * @description About this share of the frames is for training, 0 to 1. A hash of its key and map decides the part of a frame, so that it keeps its part when others are added.
@@ -2135,11 +2202,17 @@ export interface components {
              */
             lossy_segmentation?: "refuse" | "nearest";
             /**
+             * @description How depth images hold metres. Those of 8 bits, and those in whole metres, are too coarse to be evidence.
+             * @default auto
+             * @enum {string}
+             */
+            depth_encoding?: "auto" | "carla" | "carla-bgr" | "millimetres16" | "metres16" | "log8" | "linear8";
+            /**
              * @description What single classes do differently, by their names.
              * @default {}
              */
             classes?: {
-                [key: string]: {
+                [key: string]: string | {
                     /** @description Share of a box's pixels that must carry a tag of its class. */
                     threshold_small_box?: number;
                     /** @description A box is large if it covers more than this share of the image; in profile carlasimu, this share or more. */
@@ -2152,6 +2225,8 @@ export interface components {
                     min_distance?: number | null;
                     /** @description Farthest distance at which boxes are kept; null: no limit. */
                     max_distance?: number | null;
+                    /** @description The class as which boxes of this name are measured; pass: they are not measured, and written as they came. */
+                    measures_as?: string;
                     /** @description Tags whose pixels count for the class, by name or number. */
                     accept?: (string | number)[];
                 };
@@ -2182,6 +2257,11 @@ export interface components {
             match_percent: number | null;
             before: components["schemas"]["FlipSide"];
             after: components["schemas"]["FlipSide"];
+            /**
+             * Cause
+             * @description What changed the verdict besides the configuration: class_known: the name of its class is understood now; edge_rounded: an edge that was rounded is a whole number again. null: nothing else is known to have.
+             */
+            cause: ("class_known" | "edge_rounded") | null;
         };
         /**
          * FlipCounts
@@ -2209,7 +2289,7 @@ export interface components {
              * Reason
              * @enum {string}
              */
-            reason: "outside_image" | "covers_image" | "degenerate" | "out_of_range" | "unmapped_class" | "no_segmentation" | "no_visible_pixels" | "large_below_threshold" | "below_threshold" | "explained_by_nearer" | "hidden_by_depth" | "hidden_by_instance" | "too_few_lidar_points" | "visible";
+            reason: "outside_image" | "covers_image" | "degenerate" | "out_of_range" | "unmapped_class" | "no_segmentation" | "no_visible_pixels" | "large_below_threshold" | "below_threshold" | "explained_by_nearer" | "hidden_by_depth" | "hidden_by_instance" | "too_few_lidar_points" | "visible" | "passed" | "unknown_pixels";
             /** Match Percent */
             match_percent: number | null;
             /** Threshold */
@@ -2446,7 +2526,9 @@ export interface components {
          * @description Boxes per bin of match_percent, for each class that occurs.
          *
          *     `edges` has one number more than each class has counts. `thresholds` are those of
-         *     the active configuration, in percent.
+         *     the active configuration, in percent. `unknown_percent` is the share of the pixels
+         *     in the boxes of a class whose tag or colour is not known, for classes with such
+         *     pixels.
          */
         Histogram: {
             /** Edges */
@@ -2457,6 +2539,10 @@ export interface components {
             };
             /** Thresholds */
             thresholds: {
+                [key: string]: number;
+            };
+            /** Unknown Percent */
+            unknown_percent: {
                 [key: string]: number;
             };
         };
@@ -2502,7 +2588,7 @@ export interface components {
              */
             verdict: ("kept" | "rejected" | "unmeasured") | ("keep" | "reject" | "unsure" | "clear") | null;
             /** Reason */
-            reason?: ("outside_image" | "covers_image" | "degenerate" | "out_of_range" | "unmapped_class" | "no_segmentation" | "no_visible_pixels" | "large_below_threshold" | "below_threshold" | "explained_by_nearer" | "hidden_by_depth" | "hidden_by_instance" | "too_few_lidar_points" | "visible") | null;
+            reason?: ("outside_image" | "covers_image" | "degenerate" | "out_of_range" | "unmapped_class" | "no_segmentation" | "no_visible_pixels" | "large_below_threshold" | "below_threshold" | "explained_by_nearer" | "hidden_by_depth" | "hidden_by_instance" | "too_few_lidar_points" | "visible" | "passed" | "unknown_pixels") | null;
             /** Match Percent */
             match_percent?: number | null;
             /** Threshold */
@@ -2895,7 +2981,7 @@ export interface components {
              * Reason
              * @enum {string}
              */
-            reason: "outside_image" | "covers_image" | "degenerate" | "out_of_range" | "unmapped_class" | "no_segmentation" | "no_visible_pixels" | "large_below_threshold" | "below_threshold" | "explained_by_nearer" | "hidden_by_depth" | "hidden_by_instance" | "too_few_lidar_points" | "visible";
+            reason: "outside_image" | "covers_image" | "degenerate" | "out_of_range" | "unmapped_class" | "no_segmentation" | "no_visible_pixels" | "large_below_threshold" | "below_threshold" | "explained_by_nearer" | "hidden_by_depth" | "hidden_by_instance" | "too_few_lidar_points" | "visible" | "passed" | "unknown_pixels";
             /** Explanation */
             explanation: string;
             /** Evidence */
@@ -2914,6 +3000,8 @@ export interface components {
             matched_pixels: number | null;
             /** Box Pixels */
             box_pixels: number | null;
+            /** Unknown Pixels */
+            unknown_pixels: number | null;
             /** Area Percent */
             area_percent: number | null;
             /** Crowding */
@@ -3207,6 +3295,12 @@ export interface components {
              * @default false
              */
             activate?: boolean;
+            /**
+             * Measure Again
+             * @description Read all images, also if numbers that an earlier version of Unghost has measured would do.
+             * @default false
+             */
+            measure_again?: boolean;
         };
         /**
          * Score
@@ -3622,6 +3716,20 @@ export interface components {
              */
             classes: string[] | null;
             /**
+             * Settings
+             * @description What recording.yaml in the folder says about segmentations, as settings of a dataset.
+             */
+            settings: {
+                [key: string]: string;
+            };
+            /**
+             * Config
+             * @description Other keys of a configuration that recording.yaml gives, such as classes.
+             */
+            config: {
+                [key: string]: unknown;
+            };
+            /**
              * Count
              * @description How many frames follow; null if that is known only at the end.
              */
@@ -3844,6 +3952,7 @@ export type BoxSelection = components['schemas']['BoxSelection'];
 export type BulkIn = components['schemas']['BulkIn'];
 export type ChannelScore = components['schemas']['ChannelScore'];
 export type Claim = components['schemas']['Claim'];
+export type ClassPatch = components['schemas']['ClassPatch'];
 export type ConfigVersion = components['schemas']['ConfigVersion'];
 export type Confusion = components['schemas']['Confusion'];
 export type Dataset = components['schemas']['Dataset'];
@@ -4621,6 +4730,84 @@ export interface operations {
                 };
             };
             /** @description A run measures all frames again. */
+            202: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Run"];
+                };
+            };
+            400: components["responses"]["Problem400"];
+            401: components["responses"]["Problem401"];
+            403: components["responses"]["Problem403"];
+            404: components["responses"]["Problem404"];
+            408: components["responses"]["Problem408"];
+            409: components["responses"]["Problem409"];
+            412: components["responses"]["Problem412"];
+            413: components["responses"]["Problem413"];
+            415: components["responses"]["Problem415"];
+            421: components["responses"]["Problem421"];
+            422: components["responses"]["Problem422"];
+            429: components["responses"]["Problem429"];
+            431: components["responses"]["Problem431"];
+            500: components["responses"]["Problem500"];
+            503: components["responses"]["Problem503"];
+        };
+    };
+    delete_class_api_v1_datasets__dataset__classes__name__delete: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                dataset: string;
+                name: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            204: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content?: never;
+            };
+            400: components["responses"]["Problem400"];
+            401: components["responses"]["Problem401"];
+            403: components["responses"]["Problem403"];
+            404: components["responses"]["Problem404"];
+            408: components["responses"]["Problem408"];
+            409: components["responses"]["Problem409"];
+            412: components["responses"]["Problem412"];
+            413: components["responses"]["Problem413"];
+            415: components["responses"]["Problem415"];
+            421: components["responses"]["Problem421"];
+            422: components["responses"]["Problem422"];
+            429: components["responses"]["Problem429"];
+            431: components["responses"]["Problem431"];
+            500: components["responses"]["Problem500"];
+            503: components["responses"]["Problem503"];
+        };
+    };
+    change_class_api_v1_datasets__dataset__classes__name__patch: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                dataset: string;
+                name: string;
+            };
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "application/json": components["schemas"]["ClassPatch"];
+            };
+        };
+        responses: {
+            /** @description Successful Response */
             202: {
                 headers: {
                     [name: string]: unknown;

@@ -25,7 +25,10 @@ export const classPath = (name, key = THRESHOLD) => `classes.${canonical(name)}.
 const globalsOf = ({ classes: _, ...values }) => values;
 
 /** The values of single classes that differ, by the names of the classes. @param {ConfigBody} config @returns {Readonly<Record<string, Values>>} */
-const overridesOf = ({ classes }) => classes ?? {};
+const overridesOf = ({ classes }) =>
+  Object.fromEntries(
+    Object.entries(classes ?? {}).map(([name, own]) => [name, typeof own === "string" ? { measures_as: own } : own]),
+  );
 
 /** Class names may have dots, keys have none. @param {string} path @returns {{name: string | null, key: string}} */
 function parsePath(path) {
