@@ -1,8 +1,8 @@
 """The list of all formats, and the functions that read and write any of them.
 
 A new format is a module that declares its `Format`, a line of `FORMATS` here, and its
-name in `unghost/wire/words.py`; "Add a format" in ARCHITECTURE.md has the tests and
-documents, too. The service, the command line and the page take everything else from
+name in `unghost/wire/words.py` (that of a layout also in `LAYOUTS` of `recording.py`);
+"Add a format" in ARCHITECTURE.md has the tests and documents, too. The service, the command line and the page take everything else from
 its `Format`.
 
 A *layout* is the format in which a folder is read: the name of a format that can be

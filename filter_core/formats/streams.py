@@ -353,7 +353,7 @@ def _looked_at(images: Sequence[_Image]) -> list[_Stream]:
         by_stream.setdefault(image.stream, []).append(image)
     streams, left = [], _MOST_LOOKED_AT
     for stream in sorted(by_stream.values(), key=len, reverse=True):
-        places = sorted({0, len(stream) // 2, len(stream) - 1})[:left]
+        places = sorted({0, len(stream) // 2})[:left]
         left -= len(places)
         looks = (look_of(stream[place].path) for place in places)
         streams.append(_Stream(stream, frozenset(look for look in looks if look)))

@@ -469,7 +469,7 @@ def test_other_file_of_carlasimu_is_refused_as_configuration(bare_unghost, tmp_p
 def test_filter_says_that_no_frame_of_a_folder_of_images_has_a_box(
     bare_unghost, tmp_path
 ):
-    write_files(tmp_path / "runs", {"Camera/1.png": None, "Segment/1.png": None})
+    write_files(tmp_path / "runs", {"Left/1.png": None, "Right/1.png": None})
 
     answer = bare_unghost("filter", "runs", "-o", "out.jsonl")
 
