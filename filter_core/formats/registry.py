@@ -2,8 +2,8 @@
 
 A new format is a module that declares its `Format`, a line of `FORMATS` here, and its
 name in `unghost/wire/words.py` (that of a layout also in `LAYOUTS` of `recording.py`);
-"Add a format" in ARCHITECTURE.md has the tests and documents, too. The service, the command line and the page take everything else from
-its `Format`.
+"Add a format" in ARCHITECTURE.md has the tests and documents, too. The service, the
+command line and the page take everything else from its `Format`.
 
 A *layout* is the format in which a folder is read: the name of a format that can be
 read, or ``auto`` to recognise it from the folder's files.
