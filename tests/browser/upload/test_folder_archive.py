@@ -6,6 +6,7 @@ import base64
 import io
 import tarfile
 
+import numpy as np
 import pytest
 
 from filter_core.formats.reading import TEXT_SUFFIXES
@@ -54,9 +55,12 @@ def what_is_read(folder, layout):
 def test_archive_has_the_content_that_the_reader_of_each_layout_needs(
     tmp_path, user, layout
 ):
-    picture = png(street_tags())
+    noise = np.random.default_rng(1).integers(0, 256, (48, 64, 3), np.uint8)
+    photo, segmentation = png(noise), png(street_tags())
     files = {
-        name: picture if name.endswith((".png", ".jpg")) else content
+        name: (segmentation if "seg" in name else photo)
+        if name.endswith((".png", ".jpg"))
+        else content
         for name, content in LAYOUT_FILES[layout].items()
     }
     whole = write_files(tmp_path / "whole", files)

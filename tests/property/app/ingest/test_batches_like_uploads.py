@@ -25,11 +25,15 @@ DIFFERING_KEYS = {
     *("previous_id", "next_id"),
 }
 
+spans = st.tuples(st.integers(-10, 70), st.integers(-10, 70)).map(sorted)
+rectangles = st.tuples(spans, spans).map(
+    lambda sides: [sides[0][0], sides[1][0], sides[0][1], sides[1][1]]
+)
 boxes = st.lists(
     st.fixed_dictionaries(
         {
             "class": st.sampled_from(["car", "walker", "vase"]),
-            "xyxy": st.lists(st.integers(-10, 70), min_size=4, max_size=4),
+            "xyxy": rectangles,
         },
         optional={"distance": st.sampled_from([5.0, 80.0, "far"])},
     ),
