@@ -26,10 +26,9 @@ References
 from __future__ import annotations
 
 import re
+from difflib import SequenceMatcher
 from functools import lru_cache
 from typing import Final
-
-from filter_core.values import similar
 
 _ALIASES: Final = {"street_light": "traffic_light"}
 """Other names under which a class is known."""
@@ -219,7 +218,8 @@ def class_meant_by(name: str) -> str | None:
     words = [word.casefold() for word in _WORD.findall(_CAMEL.sub(" ", name))]
     meaning = _meaning_of(words)
     if meaning is None and words[:1] == ["vehicle"]:
-        meaning = _meaning_of(words[1:])  # a blueprint, such as vehicle.bmw.isetta
+        blueprint = _meaning_of(words[1:])  # such as vehicle.bmw.isetta
+        return blueprint if blueprint in _VEHICLES else None
     return meaning
 
 
@@ -234,17 +234,17 @@ def _meaning_of(words: list[str]) -> str | None:
     return None
 
 
-_MISSPELT: Final = 0.84
-"""Likeness of a name to one of the vocabulary; words that differ are less alike."""
+_MOST_EDITS: Final = 2
+"""Letters of a long word that a typing error changes."""
+
+_LONG: Final = 8
+"""Letters of a long word; in a shorter one, only one letter may be wrong."""
 
 _SHORT: Final = 5
 """In words of so few letters, another letter makes another word, such as bush, cart."""
 
 _FEWEST: Final = 4
 """Letters of a word that lacks one."""
-
-_MOST_LETTERS: Final = 2
-"""Difference in length: a ``traffic_light_pole`` is no traffic light."""
 
 _REPEATED: Final = re.compile(r"(.)\1+")
 
@@ -266,10 +266,21 @@ def misspelt_class(name: str) -> str | None:
             return meaning
     if len(plain) <= _SHORT:
         return None
-    candidates = [
-        known
+    allowed = _MOST_EDITS if len(plain) >= _LONG else 1
+    edits = {
+        known: _edits(plain, known)
         for known in _MEANING
-        if len(known) > _SHORT and abs(len(known) - len(plain)) <= _MOST_LETTERS
-    ]
-    close = similar(plain, candidates, likeness=_MISSPELT)
-    return _MEANING[close] if close else None
+        if len(known) > _SHORT and abs(len(known) - len(plain)) <= allowed
+    }
+    close = min(edits, key=edits.__getitem__, default=None)
+    return _MEANING[close] if close is not None and edits[close] <= allowed else None
+
+
+def _edits(word: str, known: str) -> int:
+    """How many letters have to be changed, added or removed to make one the other."""
+    steps = SequenceMatcher(None, word, known, autojunk=False).get_opcodes()
+    return sum(
+        max(end - start, known_end - known_start)
+        for kind, start, end, known_start, known_end in steps
+        if kind != "equal"
+    )

@@ -84,11 +84,14 @@ def match_counts(evidence: Evidence, bins: int) -> IntArray:
 
 
 def unknown_pixels(evidence: Evidence) -> FloatArray:
-    """(2, classes): pixels of unknown tag or colour in boxes, and all their pixels."""
+    """(2, classes): pixels of unknown tag or colour, and all, in measured boxes."""
     return np.array(
         [
             np.bincount(evidence.class_index, pixels, len(evidence.class_names))
-            for pixels in (evidence.unknown_pixels, evidence.box_pixels)
+            for pixels in (
+                evidence.unknown_pixels,
+                np.where(evidence.measured, evidence.box_pixels, 0),
+            )
         ]
     )
 

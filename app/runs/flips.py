@@ -265,12 +265,14 @@ def _causes(
     None where nothing else is known to have.
     """
     then, now = before.rows_of(places), after.rows_of(places)
+    if before.version >= after.version:
+        return [None] * len(places)
     is_known = (before.evidence.accept_mask[then] == 0) & (
         after.evidence.accept_mask[now] != 0
     )
     is_rounded: BoolArray = np.zeros(len(places), np.bool_)
     edges, new_edges = before.evidence.xyxy, after.evidence.xyxy
-    if before.version < after.version and edges is not None and new_edges is not None:
+    if edges is not None and new_edges is not None:
         former, new = edges[then], new_edges[now]
         same = (former == new) | (np.isnan(former) & np.isnan(new))
         is_rounded = np.logical_not(same.all(axis=1))

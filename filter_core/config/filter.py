@@ -231,13 +231,14 @@ class DecideConfig(DecidingKeys, ClassLimits):
         """The overrides that apply to a class; all `INHERIT` if there are none.
 
         They are those of its own name, completed by those of the class as which it is
-        measured if the configuration says so; else those of the class that the name
-        means.
+        measured: the one that the configuration says, or else that the name means.
         """
-        own = self.classes.get(canonical_class(name))
-        if own is None:
-            return self.classes.get(measured_class(name), _NO_OVERRIDES)
-        other = self.classes.get(str(own.measures_as), _NO_OVERRIDES)
+        own = self.classes.get(canonical_class(name), _NO_OVERRIDES)
+        is_mapped = own.measures_as is not INHERIT
+        target = str(own.measures_as) if is_mapped else measured_class(name)
+        other = self.classes.get(target, _NO_OVERRIDES)
+        if other is _NO_OVERRIDES or other is own:
+            return own
         return ClassConfig(
             **{
                 key: getattr(other if getattr(own, key) is INHERIT else own, key)

@@ -27,8 +27,9 @@ NEWEST_VERSION: Final = 2
 """How frames are measured now, in profile ``paper``:
 
 1. Edges are taken as given, and only the filter's own names of classes have tags.
-2. An edge that was rounded becomes a whole number again (`correct_xyxy`), and names of
-   classes mean what the vocabulary says (`class_meant_by`).
+2. An edge that was rounded becomes a whole number again (`correct_xyxy`), names of
+   classes mean what the vocabulary says (`class_meant_by`), and pixels of unknown tags
+   are counted (`Evidence.unknown_pixels`).
 """
 
 _READING: Final = ("palette", "encoding", "channel_order", "lossy")
@@ -200,11 +201,6 @@ class MeasureConfig:
         judged by those instead. It follows from `channels`, which the digest covers.
         """
         return self.files == ("depth",) and "ordered" not in self.channels
-
-    @property
-    def undoes_rounding(self) -> bool:
-        """Whether edges that were rounded become whole numbers again."""
-        return self.profile == "paper" and self.version > 1
 
     def measured_class(self, name: str) -> str:
         """The class as which boxes of this name are measured, or `PASS`."""

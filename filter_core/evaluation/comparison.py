@@ -26,6 +26,8 @@ from filter_core.evaluation.scores import (
 from filter_core.evidence_kinds import CHANNELS, SEMANTIC, EvidenceName
 from filter_core.types import (
     NOT_MEASURED,
+    UNMEASURED,
+    VERDICT_OF_REASON,
     BoolArray,
     Evidence,
     IntArray,
@@ -115,7 +117,7 @@ class Evaluation:
         bands = band_index(evidence.distance)
         for channel, config in self.configs.items():
             reason = decide(evidence, config).reason
-            judged = reason != Reason.NO_SEGMENTATION
+            judged = VERDICT_OF_REASON[reason] != UNMEASURED
             kept = reason == Reason.VISIBLE
             outcomes = _Outcomes(kept[judged], visible[judged])
             score = self.scores[channel]

@@ -20,6 +20,8 @@ from filter_core.config.filter import FilterConfig
 from filter_core.decisions.rules import decide
 from filter_core.evaluation.scores import Confusion
 from filter_core.types import (
+    UNMEASURED,
+    VERDICT_OF_REASON,
     BoolArray,
     Evidence,
     FloatArray,
@@ -312,7 +314,7 @@ class Judged:
     def of(cls, evidence: Evidence, config: FilterConfig, visible: BoolArray) -> Judged:
         """Decide N boxes, of truth `visible` (N,); unmeasured ones are left out."""
         decisions = decide(evidence, config)
-        known = decisions.reason != Reason.NO_SEGMENTATION
+        known = VERDICT_OF_REASON[decisions.reason] != UNMEASURED
         return cls(
             evidence.class_index.astype(np.int64),
             evidence.distance,

@@ -108,7 +108,7 @@ def measure_evidence(
         depth is to be measured (`MeasureConfig.depth_required`); else depth stays
         unmeasured, and a note says why.
     """
-    options = MeasureOptions(config.profile, rounded_edges=config.undoes_rounding)
+    options = MeasureOptions(config.profile, config.version)
     evidence = measure(sensors.segmentation, boxes, options, ignore=sensors.ignore)
     channels = sensors.measurable_channels(config)
     if not channels:
@@ -118,7 +118,7 @@ def measure_evidence(
         boxes.xyxy,
         boxes.image_wh,
         options.profile,
-        rounded_edges=options.rounded_edges,
+        rounded_edges=options.version > 1,
     )
     corrected = replace(boxes, xyxy=xyxy)
     numbers, notes = _measure_channels(corrected, sensors, config, channels)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from filter_core.classes import accept_mask_of, accepts
-from filter_core.config.measure import MeasureConfig
+from filter_core.config.measure import NEWEST_VERSION, MeasureConfig
 from filter_core.errors import FilterError, ImageSizeMismatch, SegmentationError
 from filter_core.evidence.counting import (
     Regions,
@@ -48,12 +48,13 @@ class MeasureOptions:
     Attributes
     ----------
     profile : ``paper`` or ``carlasimu``
-    rounded_edges : bool
-        Whether the rounding of edges is undone; see `correct_xyxy`.
+    version : int
+        Of `MeasureConfig`. In the first version edges stay as given, and unknown pixels
+        are not counted by themselves.
     """
 
     profile: Profile = "paper"
-    rounded_edges: bool = True
+    version: int = NEWEST_VERSION
 
 
 _DEFAULTS: Final = MeasureOptions()
@@ -109,7 +110,7 @@ def measure(
     _require_sizes(segmentation, boxes, ignore)
     wh = boxes.image_wh
     corrected, state = correct_xyxy(
-        boxes.xyxy, wh, options.profile, rounded_edges=options.rounded_edges
+        boxes.xyxy, wh, options.profile, rounded_edges=options.version > 1
     )
     live = state == BoxState.MEASURABLE
     areas = _areas(corrected)
@@ -137,14 +138,16 @@ def measure(
         area_percent=(areas / float(wh[0] * wh[1])) * 100,
         crowding=crowding_percent(corrected, np.where(live, boxes.accept_mask, 0)),
         distance=boxes.distance,
-        unknown_pixels=_unknown_pixels(counts.tag_counts, len(boxes)),
+        unknown_pixels=_unknown_pixels(counts.tag_counts, len(boxes), options),
         xyxy=corrected,
         tag_counts=counts.tag_counts,
     )
 
 
-def _unknown_pixels(tag_counts: NDArray[np.int32] | None, count: int) -> IntArray:
-    if tag_counts is None:
+def _unknown_pixels(
+    tag_counts: NDArray[np.int32] | None, count: int, options: MeasureOptions
+) -> IntArray:
+    if tag_counts is None or options.version == 1:
         return np.zeros(count, np.int64)
     return tag_counts[:, UNKNOWN_COLUMN].astype(np.int64)
 

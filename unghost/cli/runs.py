@@ -78,8 +78,8 @@ class RunOptions(DatasetOptions):
         bool,
         typer.Option(
             "--measure-again",
-            help="Read all images again, also if numbers that an earlier version of "
-            "Unghost has measured would do.",
+            help="Read the images again if an earlier version of Unghost has measured "
+            "the numbers, also where those would do.",
         ),
     ] = False
     cancel_on_interrupt: CancelOnInterrupt = False

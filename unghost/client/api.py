@@ -423,8 +423,8 @@ class Api:
     ) -> Call[wire.Run]:
         """Apply a config (a mapping, or the digest of a stored one).
 
-        `measure_again`: read all images, also if stored numbers of an earlier version
-        of Unghost would do.
+        `measure_again`: read the images again if an earlier version of Unghost has
+        measured the numbers, also where those would do.
         """
         path = dataset_path(dataset, "runs")
         body: dict[str, object] = {"config": config, "activate": activate}

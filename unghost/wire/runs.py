@@ -162,8 +162,8 @@ class RunIn(RequestModel):
     measure_again: Annotated[
         bool,
         Field(
-            description="Read all images, also if numbers that an earlier version of "
-            "Unghost has measured would do."
+            description="Read the images again if an earlier version of Unghost has "
+            "measured the numbers, also where those would do."
         ),
     ] = False
 

@@ -121,7 +121,7 @@ function ClassCounts({ tuning, name }) {
   </dl>`;
 }
 
-/** The verdict of the reasons that do not reject a box. @type {Record<string, string>} */
+/** The verdict of the reasons that do not reject a box; profile carlasimu rejects unmapped classes. @type {Record<string, string>} */
 const METERS = {
   visible: "kept",
   no_segmentation: "unmeasured",
@@ -136,6 +136,9 @@ export function Reasons({ tuning, selected }) {
   const of = (preview) => (selected ? preview?.reasons_by_class?.[selected] : preview?.by_reason) ?? {};
   const before = of(tuning.baseline);
   const after = of(tuning.preview);
+  const isPublished = tuning.tried.profile === "carlasimu";
+  /** @param {string} reason */
+  const meterOf = (reason) => (isPublished && reason === "unmapped_class" ? "rejected" : (METERS[reason] ?? "rejected"));
   const most = Math.max(1, ...Object.values(after), ...Object.values(before));
   const reasons = Object.keys({ ...before, ...after }).sort((a, b) => (before[b] ?? 0) - (before[a] ?? 0));
   return html`<section class="panelbox" aria-labelledby="reasons-title">
@@ -149,7 +152,7 @@ export function Reasons({ tuning, selected }) {
             <td class="is-num num">${countText(before[reason] ?? 0)}</td>
             <td class="is-num num">${countText(after[reason] ?? 0)}</td>
             <td class="is-num"><${Delta} count=${after[reason] ?? 0} before=${before[reason] ?? 0} /></td>
-            <td class="table__bar" aria-hidden="true"><span class="meter meter--${METERS[reason] ?? "rejected"}"><i style=${{ width: `${(100 * (after[reason] ?? 0)) / most}%` }}></i></span></td>
+            <td class="table__bar" aria-hidden="true"><span class="meter meter--${meterOf(reason)}"><i style=${{ width: `${(100 * (after[reason] ?? 0)) / most}%` }}></i></span></td>
           </tr>`,
         )}
       </tbody>

@@ -6,7 +6,7 @@ import json
 
 import pytest
 
-from filter_core.class_names import class_meant_by
+from filter_core.class_names import class_meant_by, misspelt_class
 from filter_core.classes import CLASSES, MEASURED_CLASSES, accept_mask_of
 from filter_core.config.filter import FilterConfig
 from filter_core.formats.registry import read_source
@@ -38,6 +38,7 @@ MEANINGS = {
 UNKNOWN = (
     *("Misc", "DontCare", "caar", "", "0", "unknown", "bus_stop", "car_wheel", "NONE"),
     *("vehicle", "static.prop.trafficcone01", "traffic", "traffic_cone", "light", "ü"),
+    *("vehicle.static", "vehicle.dynamic", "vehicle.wall"),
 )
 
 
@@ -48,6 +49,27 @@ UNKNOWN = (
 def test_common_names_mean_a_class(name, meaning):
     assert class_meant_by(name) == meaning
     assert class_meant_by(f" {name} ".replace("_", " ")) == meaning or "." in name
+
+
+@pytest.mark.parametrize(
+    ("name", "meaning"),
+    [
+        ("caar", "car"),
+        ("buss", "bus"),
+        ("pedestrain", "walker"),
+        ("trafic_light", "traffic_light"),
+        ("motorcyle", "motorcycle"),
+        ("traffic_sign_back", None),
+        ("traffic_cone", None),
+        ("vehicle.trailer", None),
+        ("vehicle.construction", None),
+        ("bush", None),
+        ("cat", None),
+    ],
+)
+def test_only_a_typing_error_makes_another_name_the_nearest(name, meaning):
+    assert class_meant_by(name) is None
+    assert misspelt_class(name) == meaning
 
 
 @pytest.mark.parametrize("name", [name for name in UNKNOWN if name != "vehicle"])
@@ -138,3 +160,5 @@ def test_thresholds_of_a_class_hold_for_all_its_names():
         assert decided(name, config) == (name, "rejected", "no_visible_pixels")
     lower = {**high, "Car": {"min_visible_pixels": 8}}
     assert decided("Car", lower) == ("Car", "kept", "visible")
+    completed = {**high, "Car": {"min_distance": 1}}
+    assert decided("Car", completed)[1:] == ("rejected", "no_visible_pixels")

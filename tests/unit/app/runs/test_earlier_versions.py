@@ -77,6 +77,19 @@ def test_numbers_of_version_1_stay_until_a_run_measures_again(services):
     assert diff(services.context, after, measured.id).by_cause == {}
 
 
+def test_class_map_of_a_configuration_is_no_other_cause(services):
+    street = services.dataset()
+    frame = {"boxes": [{"id": "a", "class": "caar", "xyxy": scene.ON_THE_CAR}]}
+    street.put("a", frame, image=scene.image(), segmentation=scene.segmentation())
+    before = street.run({})
+
+    after = street.run({"classes": {"caar": "car"}})
+
+    changes = diff(services.context, after, before.id)
+    assert (changes.total, changes.by_cause) == (1, {})
+    assert [flip.cause for flip in changes.items] == [None]
+
+
 def test_run_that_needs_pixels_measures_in_the_newest_version(services):
     street = services.dataset()
     measured_by_version_1(street)

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from app.context import ServiceContext
 from app.runs.flips import current_histogram
 from filter_core.config.filter import FilterConfig
-from filter_core.pipeline import filter_frame
+from filter_core.decisions.rules import decide
+from filter_core.pipeline import FrameOptions, filter_frame, read_and_measure
 from filter_core.types import Reason
 from tests.support import frames as scene
 from tests.support.pictures import png
@@ -80,6 +83,7 @@ def test_profile_carlasimu_stays_as_published():
 def test_service_stores_unknown_pixels_and_says_their_share_by_class(services):
     street = services.dataset()
     street.put("a", FRAME, segmentation=png(tags()))
+    street.put("b", FRAME, image=scene.image())  # its pixels are not known at all
 
     reasons = [reason for _, reason in sorted(street.reasons().items())]
     assert reasons[0] == Reason.UNKNOWN_PIXELS
@@ -90,3 +94,13 @@ def test_service_stores_unknown_pixels_and_says_their_share_by_class(services):
     pixels = ((x1 - x0) * (y1 - y0)).sum()
     assert shares.unknown_percent == {"car": pytest.approx(100 * 40 / pixels)}
     assert np.sum(shares.classes["car"]) == len(BOXES)
+
+
+def test_numbers_of_the_first_version_have_no_unknown_pixels():
+    config = replace(FilterConfig().measuring(), version=1)
+
+    measured = read_and_measure(FRAME, png(tags()), config, FrameOptions())
+
+    reasons = decide(measured.evidence, FilterConfig()).reason
+    assert not measured.evidence.unknown_pixels.any()
+    assert reasons[0] == Reason.NO_VISIBLE_PIXELS

@@ -63,6 +63,17 @@ def test_scores_are_grouped_by_class_and_distance():
     assert [one["band"] for one in semantic["by_distance"]] == ["0-50"]
 
 
+def test_unmeasured_box_of_an_unknown_class_is_not_counted():
+    evaluation = Evaluation(FilterConfig(), ("semantic",))
+    boxes = [{**box, "class": "alien"} for box in ANNOTATION["boxes"]]
+    tags, _, _ = scene()
+    annotation = {**ANNOTATION, "boxes": boxes}
+
+    evaluation.add(filter_frame(annotation, tags).measured.evidence, TRUTH)
+
+    assert evaluation.scores["semantic"].judged == 0
+
+
 def test_box_that_no_channel_measured_is_not_counted():
     evaluation = Evaluation(FilterConfig(), ("semantic",))
     options = FrameOptions(image_wh=(160, 120))
