@@ -279,7 +279,7 @@ def evaluate_source(
     frames: Iterable[FrameSource],
     task: EvaluationTask,
     *,
-    progress: Callable[[], None] = lambda: None,
+    progress: Callable[[tuple[str, ...]], None] = lambda _: None,
     also: Callable[[KnownBoxes], None] = lambda _: None,
     workers: int | None = None,
 ) -> tuple[Evaluation, list[LeftOut]]:
@@ -290,7 +290,7 @@ def evaluate_source(
     frames : iterable of FrameSource
     task : EvaluationTask
     progress : callable
-        Called after each frame.
+        Called after each frame, with its `MeasuredFrame.notes`.
     also : callable
         Called with the boxes of known truth of each frame, in the frames' order.
     workers : int, optional
@@ -321,7 +321,7 @@ def evaluate_source(
             if len(boxes.ids):
                 evaluation.add(boxes.evidence, boxes.visible, name_of=boxes.name_of)
                 also(boxes)
-        progress()
+        progress(() if isinstance(frame, LeftOut) else frame.notes)
     return evaluation, left_out
 
 
@@ -385,7 +385,9 @@ def export_sources(
     *,
     measure: bool = False,
     needs: Collection[Need] = (),
-    also: Callable[[Mapping[str, ClassCount]], None] = lambda _: None,
+    also: Callable[[Mapping[str, ClassCount], tuple[str, ...]], None] = (
+        lambda _classes, _notes: None
+    ),
 ) -> Generator[ExportFrame | LeftOut, None, None]:
     """Frames of a folder, prepared for the writers of formats.
 
@@ -401,7 +403,8 @@ def export_sources(
         Of the format: decisions, and columns of them, are only made where it needs
         them.
     also : callable
-        Called with the boxes of each frame, counted by class, in the frames' order.
+        Called with the boxes of each frame, counted by class, and its
+        `MeasuredFrame.notes`, in the frames' order.
 
     Yields
     ------
@@ -419,15 +422,16 @@ def export_sources(
         if isinstance(exported, LeftOut):
             yield exported
         else:
-            also(exported.classes)
+            also(exported.classes, exported.notes)
             yield exported.frame
 
 
 class _Exported(NamedTuple):
-    """A frame for the writers, and its boxes by class."""
+    """A frame for the writers, its boxes by class, and its notes."""
 
     frame: ExportFrame
     classes: Mapping[str, ClassCount]
+    notes: tuple[str, ...]
 
 
 def _export_frame(
@@ -472,7 +476,8 @@ def _export_frame(
             media_type = read_image_header(content).media_type
         read_image = partial(_read, source.image, "image")
         frame = replace(frame, read_image=read_image, media_type=media_type)
-    return _Exported(frame, count_by_class(measured.evidence, verdicts))
+    classes = count_by_class(measured.evidence, verdicts)
+    return _Exported(frame, classes, measured.notes)
 
 
 def _without_verdicts(evidence: Evidence, verdicts: Decisions) -> Decisions:

@@ -133,6 +133,7 @@ def describe_stored(session: Session, frame_id: int) -> dict[str, object]:
         "decisions": decisions,
         "answers_set_aside": 0,
         "boxes_set_aside": (),
+        "notes": (),
     }
 
 

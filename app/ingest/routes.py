@@ -198,6 +198,7 @@ class BatchResponse(Response):
         else:
             is_new = isinstance(frame, NewFrame)
             status, kind = (201, "stored") if is_new else (200, "same")
+            notes = frame.ready.measured.notes if isinstance(frame, NewFrame) else ()
             line = BatchLine(
                 key=frame.key,
                 status=status,
@@ -205,6 +206,7 @@ class BatchResponse(Response):
                 decisions=frame.verdicts,
                 answers_set_aside=frame.set_aside.answers,
                 boxes_set_aside=frame.set_aside.boxes,
+                **({"notes": notes} if notes else {}),
             )
         self._request.app.state.metrics.observe_frame(status)
         told[kind] += 1

@@ -95,6 +95,7 @@ class NewFrame(StoredFrame):
             "decisions": _decisions(self),
             "answers_set_aside": self.set_aside.answers,
             "boxes_set_aside": self.set_aside.boxes,
+            "notes": self.ready.measured.notes,
         }
 
 

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import json
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from filter_core.geometry.box3d import CORNER_SIGNS
+from tests.support.folders import write_files
 from tests.support.pictures import painted, png
 
 
@@ -95,3 +98,24 @@ def files(**others: bytes) -> dict[str, bytes]:
 def sensors() -> dict[str, bytes]:
     tags, metres, ids = scene()
     return files(depth=depth_png(metres), instances=instance_png(tags, ids))
+
+
+def coarse_depth_file() -> bytes:
+    """A PNG of depth in 256 steps, which is no evidence."""
+    return png(np.dstack([(scene()[1] / 1000 * 255).astype(np.uint8)] * 3))
+
+
+def write_coarse_depth(folder: Path) -> tuple[Path, Path]:
+    """A folder of two frames with coarse depth, and a configuration that uses it."""
+    contents = {"seg.png": files()["segmentation"]}
+    lines = []
+    for key in "ab":
+        depth = f"depth/{key}.png"
+        contents[depth] = coarse_depth_file()
+        line = {**ANNOTATION, "key": key, "segmentation": "seg.png", "depth": depth}
+        lines.append(json.dumps(line))
+    contents["manifest.jsonl"] = "\n".join(lines).encode()
+    write_files(folder / "frames", contents)
+    config = folder / "auto.yaml"
+    config.write_text("evidence: auto")
+    return folder / "frames", config

@@ -15,7 +15,14 @@ from xml.sax.saxutils import escape
 import typer
 
 from unghost.cli.options import OutputOptions
-from unghost.cli.screen import Kinds, Refused, Screen, partly_done, refusal
+from unghost.cli.screen import (
+    ImageNotes,
+    Kinds,
+    Refused,
+    Screen,
+    partly_done,
+    refusal,
+)
 from unghost.cli.sources import (
     LocalFilterOptions,
     kind_of,
@@ -131,7 +138,7 @@ def evaluate(options: EvaluateOptions) -> None:
     found = open_source(options.source, options.layout, description)
     screen, task = options.screen, _task(options, description)
     thresholds = _Thresholds.asked_for(options, task.config)
-    use = _TruthUse(task.truth)
+    use, notes = _TruthUse(task.truth), ImageNotes()
 
     def collect(boxes: KnownBoxes) -> None:
         use.add(boxes)
@@ -141,9 +148,10 @@ def evaluate(options: EvaluateOptions) -> None:
     done = 0
     with screen.progress("evaluate", "frames") as advance:
 
-        def step() -> None:
+        def step(notes_of_frame: tuple[str, ...]) -> None:
             nonlocal done
             done += 1
+            notes.add(notes_of_frame)
             advance(done, found.count)
 
         evaluation, unusable = evaluate_source(
@@ -164,6 +172,7 @@ def evaluate(options: EvaluateOptions) -> None:
         *unmatched_lines(found.unmatched),
         *use.unused_lines(),
     ]
+    notes.print(screen)
     note_reading(screen, found)
     for line in (*left_out, *use.frames_without(done - len(unusable))):
         screen.note(line)

@@ -14,6 +14,7 @@ from unghost.cli.options import DatasetOptions, OutputOptions, listed
 from unghost.cli.runs import cancel_interrupted
 from unghost.cli.screen import (
     PARTLY,
+    ImageNotes,
     Kinds,
     Screen,
     naming_options,
@@ -45,7 +46,7 @@ if TYPE_CHECKING:
     from filter_core.formats.export import ExportOptions as LabelOptions
     from filter_core.formats.reading import FrameSet
     from filter_core.formats.tally import Counts
-    from filter_core.local import LeftOut
+    from filter_core.local import ClassCount, LeftOut
     from unghost.client.client import Client
     from unghost.wire import Export
 
@@ -322,6 +323,7 @@ def convert(options: ConvertOptions) -> None:
     )
     config = read_config(options.config, options, description, options.screen)
     counts = _write_labels(options, labels, found, config, progress)
+    progress.notes.print(options.screen)
     is_doubtful = options.filter and progress.summary.note(options.screen)
     note_reading(options.screen, found)
     for line in (*progress.refusals.more(), *unmatched_lines(found.unmatched)):
@@ -403,7 +405,7 @@ def _write_labels(
         config,
         measure=options.filter,
         needs=needs,
-        also=progress.summary.add,
+        also=progress.add,
     )
     with folder_sink(options.output) as sink:
         return write_export(
@@ -421,9 +423,15 @@ class _Progress:
     def __init__(self, screen: Screen, summary: BoxSummary) -> None:
         self.screen = screen
         self.summary = summary
+        self.notes = ImageNotes()
         self.written = 0
         self.failed = 0
         self.refusals = Kinds()
+
+    def add(self, classes: Mapping[str, ClassCount], notes: Iterable[str]) -> None:
+        """The boxes of one frame by class, and how its images were read."""
+        self.summary.add(classes)
+        self.notes.add(notes)
 
     def watch(
         self, frames: Iterable[ExportFrame | LeftOut], total: int | None

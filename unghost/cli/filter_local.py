@@ -26,6 +26,7 @@ import typer
 
 from unghost.cli.options import OutputOptions, note_unknown_classes
 from unghost.cli.screen import (
+    ImageNotes,
     Kinds,
     Refused,
     Screen,
@@ -62,8 +63,6 @@ FEWEST_FRAMES: Final = 1000
 """Frames from which on processes are used; fewer are decided before they start."""
 FEWEST_PROCESSES: Final = 3
 """Two threads wait for each other less than two processes cost."""
-_LISTED_NOTES: Final = 10
-"""Different notes on how images were read that are printed."""
 _PART: Final = 8
 """Frames that are sent to a process together."""
 _PARTS_AHEAD: Final = 4
@@ -158,7 +157,7 @@ class _Tally:
         self.decided = 0
         self.failed = 0
         self._summary = summary
-        self._notes: Counter[str] = Counter()
+        self._notes = ImageNotes()
         self.refusals = Kinds()
         self._boxes: Counter[str] = Counter()
 
@@ -180,16 +179,12 @@ class _Tally:
             return
         self.decided += 1
         self._summary.add(line.classes)
-        self._notes.update(line.notes)
+        self._notes.add(line.notes)
         self._boxes.update(line.verdicts)
 
     def print_summary(self, output: Path, unmatched: Sequence[Unmatched]) -> None:
         """Print notes, and counts of frames and boxes; with `--json`, unused files."""
-        for note, count in self._notes.most_common(_LISTED_NOTES):
-            self.screen.note(f"{count} {'frame' if count == 1 else 'frames'}: {note}")
-        if len(self._notes) > _LISTED_NOTES:
-            more = len(self._notes) - _LISTED_NOTES
-            self.screen.note(f"and {more} more such notes, in the frames' lines")
+        self._notes.print(self.screen, ", in the frames' lines")
         frames = {"decided": self.decided, "failed": self.failed}
         boxes = {name: self._boxes[name] for name in get_args(Verdict)}
         counts = {**frames, **boxes}

@@ -15,6 +15,7 @@ import typer
 from unghost.cli.options import ServerOptions, note_unknown_classes
 from unghost.cli.screen import (
     MOST_OF_A_KIND,
+    ImageNotes,
     Kinds,
     Screen,
     one_line,
@@ -183,6 +184,7 @@ class PushReport:
         self._problems: list[str] = []
         self._kinds = Kinds()
         self._changed = 0
+        self._notes = ImageNotes()
         self._set_aside: list[str] = []
         self._with_set_aside = self._answers_set_aside = 0
 
@@ -215,6 +217,7 @@ class PushReport:
         if isinstance(outcome, Sent):
             for verdict in get_args(Verdict):
                 self._verdicts[verdict] += getattr(outcome.counts, verdict)
+            self._notes.add(outcome.notes)
             self._note_set_aside(outcome)
         elif isinstance(outcome, NotSent):
             self._changed += isinstance(outcome.error, Conflict)
@@ -246,6 +249,7 @@ class PushReport:
     def print_summary(self, unmatched: Sequence[Unmatched], dataset: str) -> None:
         """Print the summary, and the problems one by one."""
         self.print_problems()
+        self._notes.print(self._screen, " (--json has all)")
         for line in self._set_aside:
             self._screen.note(line)
         if self._with_set_aside > len(self._set_aside):
@@ -282,7 +286,8 @@ def _record(outcome: Outcome) -> dict[str, object]:
 
     record: dict[str, object] = {"key": outcome.key, "outcome": outcome.word}
     if not isinstance(outcome, NotSent):
-        return {**record, "frame_id": outcome.frame_id, **_set_aside(outcome)}
+        more = {**_set_aside(outcome), **_notes(outcome)}
+        return {**record, "frame_id": outcome.frame_id, **more}
     error = outcome.error
     if isinstance(error, ApiError):
         return {**record, "error": error.problem}
@@ -299,6 +304,15 @@ def _set_aside(outcome: Sent | AlreadyThere) -> dict[str, object]:
         "answers_set_aside": outcome.answers_set_aside,
         "boxes_set_aside": list(outcome.boxes_set_aside),
     }
+
+
+def _notes(outcome: Sent | AlreadyThere) -> dict[str, object]:
+    """What a record says about how images were read; empty if nothing."""
+    from unghost.client.outgoing import Sent
+
+    if not isinstance(outcome, Sent) or not outcome.notes:
+        return {}
+    return {"notes": list(outcome.notes)}
 
 
 def _set_aside_line(outcome: Sent) -> str:

@@ -245,6 +245,26 @@ class Kinds:
                 yield one_line(f"and {count - MOST_OF_A_KIND:,} more like this: {kind}")
 
 
+class ImageNotes:
+    """How the depth and instance images of frames were read: notes and their frames."""
+
+    def __init__(self) -> None:
+        self._counts: Counter[str] = Counter()
+
+    def add(self, notes: Iterable[str]) -> None:
+        """The notes of one frame."""
+        self._counts.update(notes)
+
+    def print(self, screen: Screen, all_notes: str = "") -> None:
+        """Print the ten commonest, then a number; `all_notes` says where all are."""
+        for note, count in self._counts.most_common(MOST_OF_A_KIND):
+            frames = "1 frame" if count == 1 else f"{count:,} frames"
+            screen.note(one_line(f"{frames}: {note}"))
+        if len(self._counts) > MOST_OF_A_KIND:
+            more = len(self._counts) - MOST_OF_A_KIND
+            screen.note(f"and {more:,} more such notes{all_notes}")
+
+
 def printable(text: str) -> str:
     """The text with control characters escaped, except line breaks and tabs.
 

@@ -180,6 +180,7 @@ def _outcome(key: str, result: Json) -> Outcome:
         line.decisions,
         line.answers_set_aside,
         line.boxes_set_aside,
+        line.notes,
     )
 
 

@@ -148,7 +148,8 @@ class Sent:
     """A frame that was sent and stored; `counts` are the verdicts of its boxes.
 
     `answers_set_aside` counts people's answers on the frame that it replaced which were
-    not carried over, and `boxes_set_aside` are ids of the first of their boxes.
+    not carried over, and `boxes_set_aside` are ids of the first of their boxes. `notes`
+    say how its depth and instance image were read.
     """
 
     key: str
@@ -157,6 +158,7 @@ class Sent:
     counts: VerdictCounts
     answers_set_aside: int = 0
     boxes_set_aside: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
 
     @property
     def word(self) -> UploadWord:

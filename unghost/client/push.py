@@ -223,6 +223,7 @@ class _Senders:
             stored.frame.counts,
             stored.answers_set_aside,
             stored.boxes_set_aside,
+            stored.notes,
         )
 
     def _sender(self) -> BatchSender:

@@ -106,6 +106,11 @@ _BOXES_SET_ASIDE: Final = (
     f"at most {MOST_BOXES_SET_ASIDE}."
 )
 
+_IMAGE_NOTES: Final = (
+    "What a person should know about how the depth and instance image were read, such "
+    "as that one is not used as evidence. Empty if the frame was stored already."
+)
+
 
 class StoredFrame(ResponseModel):
     """A stored frame, with what was recognised and the decisions on its boxes."""
@@ -119,6 +124,7 @@ class StoredFrame(ResponseModel):
     boxes_set_aside: Annotated[tuple[str, ...], IfAbsent(())] = Field(
         description=_BOXES_SET_ASIDE
     )
+    notes: Annotated[tuple[str, ...], IfAbsent(())] = Field(description=_IMAGE_NOTES)
     _created: bool = PrivateAttr(default=True)
 
     @property
@@ -172,6 +178,9 @@ class BatchLine(SparseModel):
     )
     boxes_set_aside: Annotated[tuple[str, ...], IfAbsent(())] = Field(
         description=_BOXES_SET_ASIDE
+    )
+    notes: tuple[str, ...] = Field(
+        default=(), description=f"{_IMAGE_NOTES} Absent if there are none."
     )
     problem: Problem | None = Field(default=None, json_schema_extra=never_null)
 

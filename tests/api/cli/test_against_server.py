@@ -16,6 +16,7 @@ from tests.support.folders import write_files
 from tests.support.frames import write_jpeg_segmentation, write_manifest
 from tests.support.pictures import jpeg, painted
 from tests.support.ports import reserved_port
+from tests.support.sensors import write_coarse_depth
 from tests.support.servers import RunningServer
 from tests.support.shared_data import shared
 from unghost import Client
@@ -272,6 +273,20 @@ def test_push_says_which_answers_replacing_a_frame_has_set_aside(
     ) in replaced.err
     assert replaced.out.endswith("\t1 answers_set_aside\n")
     assert "set aside" not in repeated.err + repeated.out
+
+
+def test_push_says_how_images_were_read(unghost, name, tmp_path):
+    folder, config = write_coarse_depth(tmp_path)
+
+    text = unghost("push", folder, "--dataset", name, "--config", config)
+    records = unghost(
+        "push", folder, "--dataset", f"{name}-json", "--config", config, "--json"
+    ).records
+
+    note = "depth is not used as evidence: the depth image: "
+    assert f"2 frames: {note}" in text.err
+    assert text.err.count(note) == 1
+    assert [record["notes"][0].startswith(note) for record in records[:2]] == [True] * 2
 
 
 def test_push_refuses_a_palette_other_than_that_of_the_dataset(

@@ -22,7 +22,7 @@ from tests.support.frames import (
     write_manifest,
 )
 from tests.support.pictures import painted, png
-from tests.support.sensors import ANNOTATION, files, scene
+from tests.support.sensors import write_coarse_depth
 from tests.support.servers import token_of
 from tests.support.waiting import until
 from unghost import Client
@@ -421,38 +421,24 @@ def test_option_that_reads_raw_tags_is_named(bare_unghost, tmp_path):
 
 
 def test_notes_on_depth_that_is_no_evidence_are_in_the_summary(bare_unghost, tmp_path):
-    folder = tmp_path / "frames"
-    steps = np.dstack([(scene()[1] / 1000 * 255).astype(np.uint8)] * 3)
-    frames = {
-        "depth/a.png": png(steps),
-        "depth/b.png": png(steps),
-        "seg.png": files()["segmentation"],
-    }
-    lines = [
-        {
-            **ANNOTATION,
-            "key": key,
-            "segmentation": "seg.png",
-            "depth": f"depth/{key}.png",
-        }
-        for key in "ab"
+    folder, config = write_coarse_depth(tmp_path)
+    (tmp_path / "truth.jsonl").write_text('{"key": "a", "id": "217", "visible": true}')
+    measured = (folder, "--config", config)
+
+    answers = [
+        bare_unghost("filter", *measured, "-o", "out.jsonl"),
+        bare_unghost("convert", *measured, "--filter", "--to", "coco", "-o", "coco"),
+        bare_unghost("evaluate", *measured, "--truth", tmp_path / "truth.jsonl"),
     ]
-    frames["manifest.jsonl"] = "\n".join(map(json.dumps, lines)).encode()
-    write_files(folder, frames)
-    (tmp_path / "auto.yaml").write_text("evidence: auto")
-
-    answer = bare_unghost(
-        "filter", folder, "--config", tmp_path / "auto.yaml", "-o", "out.jsonl"
-    )
-
     named = bare_unghost(
-        *("filter", folder, "--config", tmp_path / "auto.yaml", "-o", "named.jsonl"),
+        *("filter", *measured, "-o", "named.jsonl"),
         *("--depth-encoding", "millimetres16"),
     )
 
     note = "depth is not used as evidence: the depth image: "
-    assert f"2 frames: {note}" in answer.err
-    assert answer.err.count(note) == 1
+    for answer in answers:
+        assert f"2 frames: {note}" in answer.err
+        assert answer.err.count(note) == 1
     assert f"2 frames: {note}expected grey with 16 bits" in named.err
 
 

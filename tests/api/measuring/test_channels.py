@@ -10,6 +10,7 @@ from tests.support.lidar import npy
 from tests.support.pictures import pixels_of, png
 from tests.support.sensors import (
     ANNOTATION,
+    coarse_depth_file,
     depth_png,
     files,
     instance_png,
@@ -115,11 +116,11 @@ def test_too_coarse_depth_is_stored_but_refused_once_depth_is_used(api):
 
 def test_notes_on_depth_and_instances_are_in_the_report_of_an_upload(api):
     name = api.dataset()
-    tags, metres, ids = scene()
+    tags, _, ids = scene()
     api.post(f"/datasets/{name}/configs", {"evidence": "auto"})
     api.run(name, {"evidence": "auto"})
     sent = files(
-        depth=png(np.dstack([(metres / 1000 * 255).astype(np.uint8)] * 3)),
+        depth=coarse_depth_file(),
         instances=instance_png(tags, ids, swapped=True),
     )
 
@@ -129,6 +130,21 @@ def test_notes_on_depth_and_instances_are_in_the_report_of_an_upload(api):
     assert swapped == "red and blue are swapped in the instance image; read as bgr"
     assert unused.startswith("depth is not used as evidence: ")
     assert [box["verdict"] for box in response["decisions"]] == ["kept", "rejected"]
+    assert response["notes"] == response["segmentation"]["notes"][-2:]
+    repeated = api.upload_frame(name, "a", ANNOTATION, **sent)
+    assert repeated["notes"] == []
+
+
+def test_notes_on_a_frame_without_segmentation_are_in_the_response(api):
+    name = api.dataset()
+    api.post(f"/datasets/{name}/configs", {"evidence": "auto"})
+    api.run(name, {"evidence": "auto"})
+
+    response = api.upload_frame(name, "a", ANNOTATION, depth=coarse_depth_file())
+
+    assert response["segmentation"] is None
+    (note,) = response["notes"]
+    assert note.startswith("depth is not used as evidence: ")
 
 
 def test_changed_depth_encoding_needs_the_pixels(api):

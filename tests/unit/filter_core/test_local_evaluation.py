@@ -39,12 +39,10 @@ def test_the_truth_comes_from_instances_or_from_a_file(source, truth):
     seen = []
     task = EvaluationTask(FilterConfig(), truth, ("semantic", "depth"))
 
-    evaluation, left_out = evaluate_source(
-        [source] * 3, task, progress=lambda: seen.append(1)
-    )
+    evaluation, left_out = evaluate_source([source] * 3, task, progress=seen.append)
 
     assert count_kept_ghosts(evaluation) == {"semantic": 3, "depth": 0}
-    assert (left_out, len(seen)) == ([], 3)
+    assert (left_out, seen) == ([], [()] * 3)
 
 
 def test_boxes_without_truth_are_not_evaluated(source):
