@@ -36,7 +36,7 @@ def count_kept_ghosts(evaluation):
 
 @pytest.mark.parametrize("truth", [None, {"a": {"217": True, "218": False}}])
 def test_the_truth_comes_from_instances_or_from_a_file(source, truth):
-    seen = []
+    seen: list[tuple[str, ...]] = []
     task = EvaluationTask(FilterConfig(), truth, ("semantic", "depth"))
 
     evaluation, left_out = evaluate_source([source] * 3, task, progress=seen.append)
