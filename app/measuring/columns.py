@@ -2,7 +2,7 @@
 
 A million boxes are decided in milliseconds once their numbers are in memory. They are
 loaded on first use, cached while they fit, and reloaded when frames are added or
-removed.
+removed, or classes added or renamed.
 """
 
 from __future__ import annotations
@@ -160,6 +160,11 @@ class DatasetColumns:
     def __len__(self) -> int:
         return len(self.box_ids)
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        """All classes of the dataset in their order, which a rename changes."""
+        return self.evidence.class_names
+
     def decided(self, config: FilterConfig) -> Decisions:
         """Decisions by a configuration; those of the last one are cached."""
         held = self._known.decided
@@ -208,9 +213,10 @@ class ColumnCache:
         """The numbers in this session's snapshot."""
         key = (dataset_id, measurement_id)
         state = frames_state(session, dataset_id)
+        names = tuple(DatasetRepository(session).classes(dataset_id))
         with self._lock:
             held = self._held.get(key)
-            if held is not None and held.state == state:
+            if held is not None and (held.state, held.names) == (state, names):
                 self._held.move_to_end(key)
                 return held
         loaded = load_columns(session, dataset_id, measurement_id, state)

@@ -218,7 +218,7 @@ class DatasetRepository:
         """List the classes to which others were renamed, in place of those.
 
         A class that was not listed before takes the position of the one that it
-        replaces.
+        replaces. `renamed` may have names that were given up earlier as well.
         """
         rows = {
             row.name: row
@@ -228,15 +228,17 @@ class DatasetRepository:
         }
         for former, name in renamed.items():
             old, new = rows.get(former), rows[name]
-            if old is not None and old.listed and not new.listed:
+            if old is None or not old.listed:
+                continue
+            if not new.listed:
                 places = old.position, new.position
                 # No two classes may have one position, not even for a moment.
                 for row, position in ((old, -1), (new, places[0]), (old, places[1])):
                     row.position = position
                     self._session.flush()
-            new.listed = True
-            if old is not None:
-                old.listed = False
+            old.listed, new.listed = False, True
+        for name in renamed.values():
+            rows[name].listed = True
         self._session.flush()
 
     def remove_class(self, class_id: int) -> None:
