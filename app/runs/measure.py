@@ -43,9 +43,12 @@ from filter_core.errors import FilterError, error_context
 
 _DAMAGED: Final = (
     *("bad_image", "image_size_mismatch", "image_too_large"),
+    *("foreign_colors", "lossy_segmentation"),
+    *("lossy_depth", "depth_too_coarse", "unknown_depth"),
     *("bad_instances", "lossy_instances", "bad_lidar"),
 )
-"""Errors of a file itself, independent of the configuration."""
+"""Errors of a file itself, which an earlier version has stored all the same, or which
+was stored before anything needed it. They do not end a run."""
 COMMIT_EVERY_S: Final = 0.25
 """Interval of commits, and so of progress.
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 import hashlib
 import shutil
 
+import cv2
+import numpy as np
 import pytest
 from sqlalchemy import select
 
@@ -15,6 +17,7 @@ from app.jobs.service import cancel, start
 from app.runs.service import RUNS, described_run
 from filter_core.types import Reason
 from tests.support import frames as scene
+from tests.support.pictures import jpeg, png
 from tests.support.services import FLIPS, run_job, running_services
 from tests.support.statements import interrupted_at
 from tests.support.waiting import until
@@ -262,39 +265,88 @@ def test_progress_is_visible_while_the_last_transaction_is_open(services):
     assert services.context.engine.reported(run_job(run_id)) == 0
 
 
-@pytest.mark.parametrize("kind", ["segmentation", "ignore_mask"])
-def test_invalid_stored_image_leaves_its_frame_unmeasured(services, kind):
+def photo():
+    """Smooth and noisy, as no sensor of CARLA but the camera writes."""
+    noise = np.random.default_rng(0)
+    coarse = noise.integers(0, 256, (6, 8, 3), dtype=np.uint8)
+    wide = cv2.resize(
+        coarse, (scene.WIDTH, scene.HEIGHT), interpolation=cv2.INTER_CUBIC
+    )
+    fine = noise.integers(-4, 5, wide.shape)
+    return np.clip(wide.astype(int) + fine, 0, 255).astype(np.uint8)
+
+
+def rippled_tags():
+    """Raw tags that were a JPEG once: next to each edge is one of another level."""
+    tags = scene.tags()
+    tags[:, ::4] += 1
+    return tags
+
+
+DEPTH = {"evidence": "depth_center"}
+
+
+@pytest.mark.parametrize(
+    ("kind", "content", "config", "code"),
+    [
+        ("segmentation", b"\x89PNG once", {"profile": "carlasimu"}, "bad_image"),
+        ("ignore_mask", b"\x89PNG once", {"profile": "carlasimu"}, "bad_image"),
+        ("segmentation", png(photo()), {"profile": "carlasimu"}, "foreign_colors"),
+        (
+            "segmentation",
+            png(rippled_tags()),
+            {"profile": "carlasimu"},
+            "lossy_segmentation",
+        ),
+        (
+            "segmentation",
+            jpeg(np.dstack([scene.tags()] * 3)),
+            {"profile": "carlasimu"},
+            "lossy_segmentation",
+        ),
+        ("depth", png(photo()), DEPTH, "unknown_depth"),
+        ("depth", png(scene.tags()), DEPTH, "depth_too_coarse"),
+        ("depth", jpeg(photo()), DEPTH, "lossy_depth"),
+        ("instances", png(photo()), {"evidence": "instance"}, "bad_instances"),
+    ],
+)
+def test_invalid_stored_image_is_not_used_and_is_a_problem(
+    services, kind, content, config, code
+):
     """Earlier versions checked images less before they stored them."""
     street = services.dataset()
-    mask = {"ignore_mask": scene.segmentation()} if kind == "ignore_mask" else {}
     put(street, "good")
-    files = {"image": scene.image(), "segmentation": scene.segmentation(), **mask}
+    files = {"image": scene.image(), "segmentation": scene.segmentation()}
+    files.setdefault(kind, scene.segmentation())
     street.put("bad", scene.annotation(), **files)
-    content = b"\x89PNG once, " + kind.encode()
     digest = hashlib.sha256(content).hexdigest()
     services.context.storage.put({digest: content})
     with services.context.database.write() as session:
-        session.add(
+        session.merge(
             Blob(sha256=digest, size_bytes=len(content), media_type="image/png")
         )
         session.flush()
         rows = (
             select(FrameFile)
             .join(Frame)
-            .where(Frame.key == "bad", FrameFile.kind == kind)
+            .where(
+                Frame.dataset_id == street.id,
+                Frame.key == "bad",
+                FrameFile.kind == kind,
+            )
         )
         for row in session.scalars(rows):
             row.sha256 = digest
 
-    run = street.run({"profile": "carlasimu"})
+    run = street.run(config)
 
-    assert run.state == "done"
-    assert sorted(street.reasons().values()) == sorted(
-        [KEPT, UNSEEN, *[UNMEASURED] * 2]
-    )
+    assert run.state == "done", run.error
+    is_measured = kind not in ("segmentation", "ignore_mask")
+    bad = [KEPT, UNSEEN] if is_measured else [UNMEASURED] * 2
+    assert list(street.reasons().values()) == [KEPT, UNSEEN, *bad]
     with services.context.database.read() as session:
         (problem,) = session.scalars(
             select(Problem).where(Problem.dataset_id == street.id)
         )
-    assert (problem.key, problem.error["code"]) == ("bad", "bad_image")
+    assert (problem.key, problem.error["code"]) == ("bad", code)
     assert problem.error["errors"][0]["pointer"] == f"/{kind}"
