@@ -95,6 +95,7 @@ class Counts:
     )
     by_reason: dict[str, int] = field(default_factory=dict)
     by_class: dict[int, dict[str, int]] = field(default_factory=dict)
+    reasons_by_class: dict[int, dict[str, int]] = field(default_factory=dict)
     reviewed: int = 0
     unsure: int = 0
     to_review: int = 0
@@ -122,6 +123,8 @@ def _add(counts: Counts, key: TallyKey, boxes: int) -> None:
         key.class_id, {verdict.value: 0 for verdict in Verdict}
     )
     of_class[verdict] += boxes
+    reasons = counts.reasons_by_class.setdefault(key.class_id, {})
+    reasons[reason.label] = reasons.get(reason.label, 0) + boxes
     if key.review in REVIEW_STATES["decided"].answers:
         counts.reviewed += boxes
         counts.conflicts += boxes if in_conflict(key.reason, key.review) else 0

@@ -202,6 +202,9 @@ def statistics(session: Session, dataset: Dataset) -> wire.Stats:
         effective=counts.effective,
         by_reason=counts.by_reason,
         by_class={names[key]: of for key, of in counts.by_class.items()},
+        reasons_by_class={
+            names[key]: of for key, of in counts.reasons_by_class.items()
+        },
         config=active.digest,
         run=dataset.active_run_id,
     )

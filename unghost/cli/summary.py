@@ -327,14 +327,9 @@ def summary_of(
     )
     unknown = client.histogram(dataset).unknown_percent if stats.boxes else {}
     summary = BoxSummary(advice, unknown)
-    left = stats.by_reason.get("unmapped_class", 0)
     for name, counts in stats.by_class.items():
-        unmapped = 0
-        if left and not counts.kept:
-            unmapped = client.count_boxes(
-                dataset, class_name=name, reason="unmapped_class"
-            )
-            left -= unmapped
         boxes = counts.kept + counts.rejected + counts.unmeasured
+        reasons = stats.reasons_by_class.get(name, {})
+        unmapped = reasons.get("unmapped_class", 0)
         summary.add({name: ClassCount(boxes, counts.rejected, unmapped)})
     return summary

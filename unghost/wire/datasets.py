@@ -243,6 +243,7 @@ class Stats(FrameCounts, _OfFrames):
     effective: VerdictCounts
     by_reason: Mapping[Reason, int]
     by_class: Mapping[str, VerdictCounts]
+    reasons_by_class: Annotated[Mapping[str, Mapping[Reason, int]], IfAbsent({})]
     config: str
     run: int
 

@@ -7,14 +7,16 @@ import signal
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from filter_core.segmentation.palettes import FAMILIES
 from tests.support import frames
 from tests.support.command_line import CommandLine
 from tests.support.folders import write_files
 from tests.support.frames import write_jpeg_segmentation, write_manifest
-from tests.support.pictures import jpeg, painted
+from tests.support.pictures import jpeg, painted, png
 from tests.support.ports import reserved_port
 from tests.support.sensors import write_coarse_depth
 from tests.support.servers import RunningServer
@@ -191,6 +193,34 @@ def test_push_and_export_name_a_class_that_is_not_known(
     if class_name == "caar":
         assert unghost("classes", "merge", name, "caar", "car").code == DONE
         assert unghost(*push).code == DONE
+
+
+def test_export_names_boxes_of_a_class_that_only_one_of_two_versions_knows(
+    unghost, server, name, tmp_path
+):
+    boxes = [{"class": "train", "xyxy": frames.ON_THE_CAR}]
+    with Client(server.url, server.token) as client:
+        client.create_dataset(name)
+        for version, family in (("0.9.15", "carla-0.9.14"), ("0.9.12", "carla-0.9.10")):
+            palette = FAMILIES[family]
+            tags = np.full((frames.HEIGHT, frames.WIDTH), palette.tag_of("Sky"))
+            tags[20:] = palette.tag_of("Train" if version == "0.9.15" else "Vehicle")
+            client.put_frame(
+                name,
+                version,
+                {**frames.annotation_of(*boxes), "carla_version": version},
+                image=frames.image(),
+                segmentation=png(painted(tags.astype(np.uint8), family)),
+            )
+        counts = client.stats(name)
+
+    answer = unghost("export", name, "--format", "kitti", "-o", tmp_path / "e")
+
+    assert counts.by_class["train"].kept == 1
+    assert counts.reasons_by_class == {"train": {"unmapped_class": 1, "visible": 1}}
+    assert answer.code == PARTLY
+    assert "1 box is unmeasured" in answer.err
+    assert "since the filter does not know its class: train (1)" in answer.err
 
 
 def test_push_says_that_no_frame_has_a_box_also_when_repeated(unghost, name, tmp_path):

@@ -64,6 +64,10 @@ def test_tallies_are_summed_by_verdict_reason_class_and_conflict():
         1: {"kept": 13, "rejected": 2, "unmeasured": 0},
         2: {"kept": 0, "rejected": 1, "unmeasured": 4},
     }
+    assert counts.reasons_by_class == {
+        1: {"visible": 13, "no_visible_pixels": 2},
+        2: {"no_visible_pixels": 1, "no_segmentation": 4},
+    }
 
 
 def test_tallies_of_counts_equal_boxes():
