@@ -370,13 +370,21 @@ def _frame_boxes(
 
 
 def box_class(box: BoxAnnotation) -> str:
+    """The class of a box, as `named_class` gives it."""
+    return named_class(box.class_name, box.type_id, box.base_type)
+
+
+def named_class(
+    class_name: str | None, type_id: str | None, base_type: str | None
+) -> str:
     """The class of a box: as given, else its blueprint's, else the blueprint itself.
 
-    An unknown blueprint is kept as the name of an unmapped class.
+    An unknown blueprint is kept as the name of an unmapped class. The parameters are
+    those of `BoxAnnotation`.
     """
-    if box.class_name is not None:
-        return box.class_name
-    return class_of(box.type_id, box.base_type) or box.type_id or ""
+    if class_name is not None:
+        return class_name
+    return class_of(type_id, base_type) or type_id or ""
 
 
 def _as_segmentation(

@@ -17,7 +17,12 @@ from app.context import ServiceContext
 from app.db.tables import Dataset, Run
 from app.errors import Conflict, NoSuchClass
 from app.measuring.queries import DatasetRepository
-from app.runs.service import RunRequest, coming_settings, request_run
+from app.runs.service import (
+    RunRequest,
+    coming_settings,
+    is_renaming_classes,
+    request_run,
+)
 from filter_core.values import similar
 
 
@@ -127,7 +132,7 @@ def _changeable(session: Session, dataset: Dataset, name: str) -> dict[str, int]
             "other classes",
             code="classes_frozen",
         )
-    if coming_settings(session, dataset)[0].renamed_classes != dataset.renamed_classes:
+    if is_renaming_classes(session, dataset):
         raise Conflict(
             f"a run is renaming classes of dataset {dataset.name!r}; change others "
             "when it has ended",

@@ -11,15 +11,15 @@ from sqlalchemy.orm import Session
 from app.boxes.queries import FrameRepository
 from app.context import ServiceContext
 from app.db import tables
-from app.db.base import filled
-from app.db.tables import Chunk, Dataset, Run
+from app.db.tables import Chunk, Dataset
 from app.errors import Conflict
 from app.exports.writer import write_archive
 from app.jobs.chunks import ChunkRepository, PlannedChunk
 from app.jobs.kind import Task
-from app.jobs.queries import job_of, job_with_id, open_jobs
+from app.jobs.queries import job_of
 from app.jobs.service import queue_job
-from app.measuring.queries import DatasetRepository, EvidenceRepository
+from app.measuring.queries import DatasetRepository
+from app.runs.service import is_renaming_classes
 from app.storage.base import StoredBlob
 from app.storage.room import require_room
 from filter_core.formats.export import ExportOptions
@@ -54,7 +54,7 @@ def request_export(
     fmt = format_of(wanted.format, ExportOptions.from_mapping(wanted.options))
     require_room(context.settings, context.storage)
     if fmt.numbers_classes:
-        if _is_being_renamed(session, dataset):
+        if is_renaming_classes(session, dataset):
             raise Conflict(
                 f"a run is renaming classes of dataset {dataset.name!r}, whose numbers "
                 f"labels in the format {fmt.name!r} refer to; export when it has ended",
@@ -72,22 +72,6 @@ def request_export(
     )
     queue_job(context, session, export)
     return export
-
-
-def _is_being_renamed(session: Session, dataset: Dataset) -> bool:
-    """Whether an open run will rename classes."""
-    runs = [
-        job_with_id(session, Run, job.id) for job in open_jobs(session, Run, dataset.id)
-    ]
-    coming = [
-        EvidenceRepository(session).measurement_with_id(filled(run.measurement_id))
-        for run in runs
-        if run.activate
-    ]
-    return any(
-        one.options["dataset"].get("renamed_classes", {}) != dataset.renamed_classes
-        for one in coming
-    )
 
 
 def finished_file(context: ServiceContext, export: tables.Export) -> StoredBlob:

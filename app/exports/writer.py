@@ -29,7 +29,6 @@ from app.jobs.kind import Task
 from app.measuring.active import active_version
 from app.measuring.queries import DatasetRepository, EvidenceRow
 from app.storage.base import BlobsUncertain
-from filter_core.class_names import class_of
 from filter_core.formats.export import (
     ExportFrame,
     ExportHead,
@@ -39,6 +38,7 @@ from filter_core.formats.export import (
 from filter_core.formats.format import Need
 from filter_core.formats.registry import FORMATS, format_of, write_export
 from filter_core.formats.tally import Counts
+from filter_core.pipeline import named_class
 from filter_core.types import DecidedBoxes, DecisionColumns
 from filter_core.values import JsonObject
 
@@ -243,8 +243,7 @@ def _annotation(text: str, renamed: Mapping[str, str]) -> JsonObject:
     annotation: JsonObject = json.loads(text)
     if renamed:
         for box in annotation.get("boxes", ()):
-            blueprint = class_of(box.get("type_id"), box.get("base_type"))
-            sent = box.get("class") or blueprint or box.get("type_id")
+            sent = named_class(*map(box.get, ("class", "type_id", "base_type")))
             if sent in renamed:
                 box["class"] = renamed[sent]
     return annotation

@@ -110,6 +110,15 @@ def coming_settings(
     return replace(reading, **measurement.options["dataset"]), config
 
 
+def is_renaming_classes(session: Session, dataset: Dataset) -> bool:
+    """Whether an open run will rename classes.
+
+    A run that is requested after it keeps its names, so the last one tells.
+    """
+    coming, _ = coming_settings(session, dataset)
+    return coming.renamed_classes != dataset.renamed_classes
+
+
 def _coming_measurement(session: Session, dataset: Dataset) -> Measurement:
     """The measurement that is active when all open runs are done."""
     run = RunRepository(session).last_to_activate(dataset.id)
