@@ -131,11 +131,13 @@ def read_coco(root: Path, options: RecordingDescription) -> FrameSet:
     folder = root.parent if root.is_file() else root
     repeating = _repeating(paths)
     indices = [index_coco(path, path.name) for path in paths if path not in repeating]
-    rows, unmatched = _match(folder, indices, options)
-    notes = tuple(
+    streams = Streams(folder, options.segmentation)
+    rows, unmatched = _match(folder, indices, streams)
+    repeated = (
         f"{path.name} was not read: {boxes.name} has the boxes of its images"
         for path, boxes in repeating.items()
     )
+    notes = (*streams.notes, *repeated)
     return FrameSet(
         layout="coco",
         frames=lambda: (_read(frame, image) for frame, image in rows),
@@ -151,10 +153,9 @@ _SPLITS: Final = ("train", "val", "test")
 
 
 def _match(
-    folder: Path, indices: Sequence[CocoIndex], options: RecordingDescription
+    folder: Path, indices: Sequence[CocoIndex], streams: Streams
 ) -> tuple[list[tuple[FrameSource, _Name]], tuple[Unmatched, ...]]:
     """Every image as a frame with its files, by their keys; what is left over."""
-    streams = Streams(folder, options.segmentation)
     images = FileIndex(streams.images)
     listed: list[_Name] = []
     nameless: list[Unmatched] = []

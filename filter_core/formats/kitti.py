@@ -128,6 +128,7 @@ def read_kitti(root: Path, options: RecordingDescription) -> FrameSet:
         frames=lambda: _read_frames(folders, named, taken),
         count=len(frames),
         unmatched=(*unmatched, *left_over, *left),
+        notes=lambda: streams.notes,
     )
 
 

@@ -90,6 +90,7 @@ def read_pairs(root: Path, options: RecordingDescription) -> FrameSet:
         frames=lambda: _read_frames(labels, frames),
         count=len(frames),
         unmatched=unmatched,
+        notes=lambda: streams.notes,
     )
 
 

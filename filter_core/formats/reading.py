@@ -41,9 +41,9 @@ IMAGE_SUFFIXES: Final = (".png", ".jpg", ".jpeg")
 TEXT_SUFFIXES: Final = (".txt", ".xml", ".json", ".jsonl", ".yaml", ".yml", ".names")
 """Text files that some reader opens. The page has these, too (`TEXT` in folder.js)."""
 
-FOLDER_WORDS: Final = frozenset(
-    {"images", "image", "img", "jpegimages", "labels", "label", "annotations"}
-)
+IMAGE_FOLDER_WORDS: Final = ("images", "image", "img", "jpegimages")
+
+FOLDER_WORDS: Final = frozenset({*IMAGE_FOLDER_WORDS, "labels", "label", "annotations"})
 """Names of folders that describe the kind of files, and are not part of a key."""
 
 _BAND: Final = re.compile(r"label\d+", re.IGNORECASE)

@@ -21,6 +21,7 @@ from typing import Final, Literal, NamedTuple, TypeAlias
 
 from filter_core.formats.looks import Look, look_of
 from filter_core.formats.reading import (
+    IMAGE_FOLDER_WORDS,
     IMAGE_SUFFIXES,
     FrameFileNames,
     Unmatched,
@@ -45,7 +46,7 @@ _WORDS: Final[Mapping[Role, str]] = {
     "segmentation": "segmentations|segmentation|segments|segment|segs|segm|seg|"
     "semantics|semantic|sem",
     "mask": "masks|mask|segmentationclass|segmentationobject",
-    "image": "images|image|imgs|img|rgba|rgb|cameras|camera|cam|jpegimages|photos|"
+    "image": f"{'|'.join(IMAGE_FOLDER_WORDS)}|imgs|rgba|rgb|cameras|camera|cam|photos|"
     "photo|colour|color",
 }
 """Words in names, the deciding ones first: an instance segmentation has instances."""
@@ -86,10 +87,10 @@ def _part_of(name: str) -> _Part:
     roles: set[Role] = set()
     picture, frame = [], []
     for token in _TOKEN.findall(name):
-        said = _roles_of(token.lower())
-        roles |= said
-        picture.append("" if said - {"image"} else token)
-        frame.append("" if said else token)
+        token_roles = _roles_of(token.lower())
+        roles |= token_roles
+        picture.append("" if token_roles - {"image"} else token)
+        frame.append("" if token_roles else token)
     role = next((one for one in _WORDS if one in roles), None)
     if role is None:
         return _Part(None, False, name, name)
@@ -197,9 +198,9 @@ def _role(parts: Sequence[_Part]) -> Role | None:
     A folder of auxiliary images (``seg/``) says it for all below it (``seg/rgb/``);
     otherwise the last name that says one (``depth_test/images/``).
     """
-    said = [part for part in parts if part.role]
-    auxiliary = [part for part in said if part.is_pure and part.role != "image"]
-    return next((part.role for part in reversed(auxiliary or said)), None)
+    with_role = [part for part in parts if part.role]
+    auxiliary = [part for part in with_role if part.is_pure and part.role != "image"]
+    return next((part.role for part in reversed(auxiliary or with_role)), None)
 
 
 class Streams:
@@ -221,6 +222,8 @@ class Streams:
     ----------
     images : list of str
         The camera's pictures, relative to the folder.
+    notes : tuple of str
+        Sentences about images that were not looked at.
     """
 
     def __init__(
@@ -234,9 +237,11 @@ class Streams:
         images = [_image(name, folder) for name in _names(folder, skipped)]
         self._refused: list[Unmatched] = []
         self._by_role: dict[Role, list[_Image]] = {role: [] for role in _WORDS}
-        roles = dict(_with_roles(images))
-        for image in images:
-            role, why = roles[image.name]
+        roles = _Roles(images)
+        self.notes = tuple(roles.notes)
+        self._pictures = {image.name: image for image in roles.images}
+        for image in roles.images:
+            role, why = roles.of[image.name]
             if role is not None:
                 self._by_role[role].append(image)
             else:
@@ -256,9 +261,10 @@ class Streams:
 
         `without` is what an image that is left over lacks, such as ``label file``.
         """
-        given = list(frames)
-        keys = [_image(one.image or one.label, Path()) for one in given]
-        files: list[dict[str, Path]] = [{} for _ in given]
+        incomplete = list(frames)
+        names = (one.image or one.label for one in incomplete)
+        keys = [self._pictures.get(name) or _image(name, Path()) for name in names]
+        files: list[dict[str, Path]] = [{} for _ in incomplete]
         left_over = list(self._refused)
         for role in (role for role in _USED if self._by_role[role]):
             index = _Index(self._by_role[role], keys)
@@ -268,7 +274,7 @@ class Streams:
             left_over += index.left_over(f"no {without} for this {_NOUNS[role]}")
         for role, why in _UNUSED.items():
             left_over += (Unmatched(one.name, why) for one in self._by_role[role])
-        pairs = zip(given, files, strict=True)
+        pairs = zip(incomplete, files, strict=True)
         completed = [replace(one, files=own) if own else one for one, own in pairs]
         return completed, tuple(left_over)
 
@@ -316,6 +322,105 @@ def auxiliary_folders(*places: Path, of: str = "") -> dict[Role, Path]:
     return folders
 
 
+_ENDS: Final = re.compile(r"[ _.-]+")
+_LETTERS_BEFORE: Final = re.compile(r"([A-Za-z]+)(\d.*)", re.DOTALL)
+_LETTERS_BEHIND: Final = re.compile(r"(.*\d)([A-Za-z]+)", re.DOTALL)
+_MOST_PARTS: Final = 8
+
+
+def _splits(stem: str) -> Iterator[tuple[str, str]]:
+    """What a name may consist of: the frame's part, and a beginning or an ending.
+
+    ``7_gt`` is ``7`` and ``gt``; ``gt_front_7`` also ``front_7`` and ``gt``.
+    """
+    parts = [part for part in _ENDS.split(stem) if part]
+    words = [not part.isdigit() for part in parts]
+    count = len(parts) if 1 < len(parts) <= _MOST_PARTS else 0
+    for end in range(1, count):
+        if all(words[:end]):
+            yield "_".join(parts[end:]), f"{'_'.join(parts[:end])}_"
+        if all(words[end:]):
+            yield "_".join(parts[:end]), f"_{'_'.join(parts[end:])}"
+        if end > 1 and words[end - 1]:
+            rest = [*parts[: end - 1], *parts[end:]]
+            yield "_".join(rest), f"_{parts[end - 1]}_"
+    if match := _LETTERS_BEFORE.fullmatch(stem):
+        yield match[2], f"{match[1]}_"
+    if match := _LETTERS_BEHIND.fullmatch(stem):
+        yield match[1], f"_{match[2]}"
+
+
+def _stems(images: Iterable[_Image]) -> dict[str, list[tuple[str, _Image]]]:
+    """The names of images that may be pictures, without suffixes, by their folders."""
+    stems: dict[str, list[tuple[str, _Image]]] = {}
+    for image in images:
+        if image.role in (None, "image"):
+            folder, _, last = image.name.rpartition("/")
+            stem = split_name(unicodedata.normalize("NFC", last))[0]
+            stems.setdefault(folder, []).append((stem, image))
+    return stems
+
+
+class _Endings:
+    """The constant beginnings and endings by which names in one folder differ.
+
+    They are told by frames that have two of them, or one and none: ``7.png`` and
+    ``7_gt.png``. Only images whose names say no auxiliary role are asked about.
+    """
+
+    def __init__(self, images: Iterable[_Image]) -> None:
+        self._by_rest: dict[tuple[str, str], dict[str, list[_Image]]] = {}
+        splits: dict[str, list[tuple[tuple[str, str], str]]] = {}
+        for folder, stems in _stems(images).items():
+            if len({_DIGITS.sub("#", stem) for stem, _ in stems}) == 1:
+                continue  # nothing but numbers differs
+            for stem, image in stems:
+                whole = "_".join(filter(None, _ENDS.split(stem)))
+                self._add((folder, whole), "", image)
+                own = splits[image.name] = []
+                for rest, ending in dict.fromkeys(_splits(stem)):
+                    own.append(((folder, rest), ending))
+                    self._add((folder, rest), ending, image)
+        frames = Counter(
+            (rest[0], ending)
+            for rest, endings in self._by_rest.items()
+            if len(endings) > 1
+            for ending in endings
+        )
+        self._own = {
+            name: self._regular(own, frames) for name, own in splits.items() if own
+        }
+
+    def _add(self, rest: tuple[str, str], ending: str, image: _Image) -> None:
+        self._by_rest.setdefault(rest, {}).setdefault(ending, []).append(image)
+
+    def _regular(
+        self,
+        splits: Sequence[tuple[tuple[str, str], str]],
+        frames: Mapping[tuple[str, str], int],
+    ) -> list[tuple[tuple[str, str], str]]:
+        """The splits by which many frames differ; names of frames are in few."""
+        partners = [one for one in splits if len(self._by_rest[one[0]]) > 1]
+        counts = [frames[rest[0], ending] for rest, ending in partners]
+        most = max(counts, default=0)
+        return [
+            split
+            for split, count in zip(partners, counts, strict=True)
+            if 2 * count >= most and (count > 1 or "" in self._by_rest[split[0]])
+        ]
+
+    def of(self, image: _Image) -> str:
+        """The beginnings and endings of an image that are its stream's."""
+        return " ".join(ending for _, ending in self._own.get(image.name, ()))
+
+    def partners(self, image: _Image) -> Iterator[tuple[str, list[_Image]]]:
+        """The frame's part of the name, and the images that differ in the ending."""
+        for rest, ending in self._own.get(image.name, ()):
+            for other, images in self._by_rest[rest].items():
+                if other != ending:
+                    yield rest[1], images
+
+
 @dataclass(frozen=True)
 class _Stream:
     """Images of one stream, and the looks of some of them."""
@@ -323,83 +428,196 @@ class _Stream:
     images: Sequence[_Image]
     looks: frozenset[Look]
 
-    def is_beside(self, other: _Stream) -> bool:
-        """Whether the other has pictures of the same names that are not grey."""
-        names = {last_name(one.frame) for one in other.images}
-        return (
-            other.images[0].role in (None, "image")
-            and other.looks <= {"photo"}
-            and last_name(self.images[0].frame) in names
-        )
-
-    def each(self) -> Iterator[tuple[_Image, frozenset[Look]]]:
-        """The images with the looks of the stream; if they differ, with their own."""
-        for image in self.images:
-            if len(self.looks) < 2:
-                yield image, self.looks
-            else:
-                look = look_of(image.path)
-                yield image, frozenset({look} if look else ())
+    @property
+    def has_colors(self) -> bool:
+        """Whether these are pictures, as far as is known, that are not grey."""
+        return self.images[0].role in (None, "image") and self.looks <= {"photo"}
 
 
 _MOST_LOOKED_AT: Final = 48
 """Images of a folder that are looked at, unless those of a stream differ."""
 
+_MOST_OF_SCENES: Final = 8
+"""Images that are looked at in streams that share their looks."""
 
-def _looked_at(images: Sequence[_Image]) -> list[_Stream]:
-    """The streams of a folder, the largest first."""
-    by_stream: dict[tuple[str, str, str], list[_Image]] = {}
-    for image in images:
-        by_stream.setdefault(image.stream, []).append(image)
-    streams, left = [], _MOST_LOOKED_AT
-    for stream in sorted(by_stream.values(), key=len, reverse=True):
-        places = sorted({0, len(stream) // 2})[:left]
-        left -= len(places)
-        looks = (look_of(stream[place].path) for place in places)
-        streams.append(_Stream(stream, frozenset(look for look in looks if look)))
-    return streams
+_MOST_ONE_BY_ONE: Final = 256
+"""Images of a folder that are looked at because those of their stream differ."""
+
+_Key: TypeAlias = tuple[str, ...]
 
 
-def _with_roles(
-    images: Sequence[_Image],
-) -> Iterator[tuple[str, tuple[Role | None, str]]]:
-    """The name of each image with its role, or with the reason why it has none."""
-    streams = _looked_at(images)
-    pictures = {one.frame for one in images if one.role in (None, "image")}
-    for stream in streams:
-        has_partner = stream.images[0].frame in pictures
-        has_color = any(stream.is_beside(other) for other in streams)
-        for image, looks in stream.each():
-            yield image.name, _decided(image, looks, has_partner, has_color)
+def _kinds(streams: Iterable[_Key]) -> dict[_Key, _Key]:
+    """Streams by those with which they share their looks, if there are many.
+
+    Folders on the level that has the most different names are scenes, such as the
+    first of ``town/pic/`` and ``village/gt/``: the images below are taken to look
+    alike if their other folders and the beginnings and endings of their names are the
+    same.
+    """
+    kinds = {stream: (*stream[0].split("/"), *stream[1:]) for stream in streams}
+    while 2 * len(set(kinds.values())) > _MOST_LOOKED_AT:
+        names: dict[tuple[int, int], set[str]] = {}
+        for kind in kinds.values():
+            for level, name in enumerate(kind[:-3]):
+                names.setdefault((len(kind), level), set()).add(name)
+        depth, level = max(names, key=lambda each: len(names[each]))
+        if len(names[depth, level]) < 2:
+            break
+        for stream, kind in kinds.items():
+            if len(kind) == depth:
+                kinds[stream] = (*kind[:level], "*", *kind[level + 1 :])
+    return kinds
+
+
+class _Roles:
+    """What each image of a folder is.
+
+    Attributes
+    ----------
+    of : dict of str to (Role or None, str)
+        By the name of an image: its role, or the reason why it has none.
+    images : list of _Image
+        In their order; the keys of those that differ from a picture by a constant
+        ending are without it.
+    notes : list of str
+    """
+
+    def __init__(self, images: Sequence[_Image]) -> None:
+        self.of: dict[str, tuple[Role | None, str]] = {}
+        self.notes: list[str] = []
+        self._endings = _Endings(images)
+        self._left = _MOST_ONE_BY_ONE
+        streams = self._streams(images)
+        pictures = {one.frame for one in images if one.role in (None, "image")}
+        by_base: dict[str, list[_Stream]] = {}
+        for stream in streams:
+            if stream.has_colors:
+                for base in {last_name(one.frame) for one in stream.images}:
+                    by_base.setdefault(base, []).append(stream)
+        for stream in streams:
+            first = stream.images[0]
+            beside = by_base.get(last_name(first.frame), ())
+            has_color = any(other is not stream for other in beside)
+            self._decide(stream, first.frame in pictures, has_color)
+        self.images = [self._without_ending(image) for image in images]
+
+    def _streams(self, images: Iterable[_Image]) -> list[_Stream]:
+        """The streams of a folder, the largest first."""
+        by_stream: dict[_Key, list[_Image]] = {}
+        for image in images:
+            stream = (*image.stream, self._endings.of(image))
+            by_stream.setdefault(stream, []).append(image)
+        kinds = _kinds(by_stream)
+        by_kind: dict[_Key, list[_Key]] = {}
+        ordered = sorted(by_stream, key=lambda key: len(by_stream[key]), reverse=True)
+        for key in ordered:
+            by_kind.setdefault(kinds[key], []).append(key)
+        looks: dict[_Key, frozenset[Look]] = {}
+        left, share = _MOST_LOOKED_AT, max(2, _MOST_LOOKED_AT // max(1, len(by_kind)))
+        taken, named = [], []
+        for kind, keys in by_kind.items():
+            members = [by_stream[key] for key in keys]
+            samples = _samples(members, min(left, share, _MOST_OF_SCENES))
+            left -= len(samples)
+            seen = (look_of(image.path) for image in samples)
+            looks[kind] = frozenset(look for look in seen if look)
+            sampled = {image.name for image in samples}
+            rest = [one for one in members if not sampled & {each.name for each in one}]
+            (taken if samples else named).extend(rest)
+        if taken:
+            self.notes.append(
+                f"{_sum(taken)} were not looked at: they were taken to be what those "
+                "in similar folders are, which were looked at"
+            )
+        if named:
+            self.notes.append(
+                f"{_sum(named)} were not looked at: their names alone told what they "
+                "are; a manifest can say it"
+            )
+        return [_Stream(by_stream[key], looks[kinds[key]]) for key in ordered]
+
+    def _decide(self, stream: _Stream, has_partner: bool, has_color: bool) -> None:
+        """The roles of a stream's images; if its looks disagree, by looking at each."""
+        first = stream.images[0]
+        outcomes = {
+            _decided(first, look, has_partner, has_color)
+            for look in stream.looks or (None,)
+        }
+        skipped = []
+        for image in stream.images:
+            outcome = next(iter(outcomes))
+            if len(outcomes) > 1:
+                look = look_of(image.path) if self._left > 0 else None
+                if self._left <= 0:
+                    skipped.append(image)
+                self._left -= 1
+                outcome = _decided(image, look, has_partner, has_color)
+            self.of[image.name] = outcome
+        if skipped:
+            self.notes.append(
+                f"{_sum([skipped])} were not looked at, although others beside them "
+                "look different: their names alone told what they are; a manifest can "
+                "say it"
+            )
+
+    def _without_ending(self, image: _Image) -> _Image:
+        """The image with the key of the picture from which an ending tells it apart."""
+        role, _ = self.of[image.name]
+        if image.role is not None or role not in (*_USED, "image"):
+            return image
+        for rest, partners in self._endings.partners(image):
+            roles = {self.of[partner.name][0] for partner in partners}
+            prefix = image.frame[: len(image.frame) - len(last_name(image.frame))]
+            if role == "image" and not roles.isdisjoint(_USED):
+                return image._replace(frame=f"{prefix}{rest}")
+            if role != "image" and "image" in roles:
+                key = f"{prefix}{rest}"
+                return image._replace(picture=key, frame=key)
+        return image
+
+
+def _samples(streams: Sequence[Sequence[_Image]], most: int) -> list[_Image]:
+    """The images of streams that are looked at: two, or one of each of some streams."""
+    if len(streams) == 1:
+        (stream,) = streams
+        return [stream[place] for place in sorted({0, len(stream) // 2})[:most]]
+    count = min(most, len(streams))
+    chosen = (streams[place * len(streams) // count] for place in range(count))
+    return [stream[len(stream) // 2] for stream in chosen]
+
+
+def _sum(streams: Sequence[Sequence[_Image]]) -> str:
+    """How many images there are, and one of them."""
+    return f"{sum(map(len, streams))} images, such as {streams[0][0].name},"
 
 
 def _decided(
-    image: _Image, looks: Collection[Look], has_partner: bool, has_color: bool
+    image: _Image, look: Look | None, has_partner: bool, has_color: bool
 ) -> tuple[Role | None, str]:
     """The role of an image, or None and the reason why it has none.
 
     Parameters
     ----------
     image : _Image
-    looks : collection of Look
-        Of its stream, or its own: one at most.
+    look : Look or None
+        Of its stream, or its own.
     has_partner : bool
         Whether there is a picture that it could belong to, if it is none itself.
     has_color : bool
         Whether there is a picture of the same name that is not grey.
     """
-    look, said = next(iter(looks), None), image.role
-    if said == "mask":
+    named = image.role
+    if named == "mask":
         return ("segmentation" if look == "segmentation" else "mask"), ""
-    if said is not None and said != "image":
+    if named is not None and named != "image":
         is_picture = look == "photo" or (look is None and image.in_pictures)
-        return ("image" if is_picture and not has_partner else said), ""
-    if look == "grey" and has_color and said is None:
+        return ("image" if is_picture and not has_partner else named), ""
+    if look == "grey" and has_color and named is None:
         return None, _UNCLEAR
     shown_role = None if look is None else _ROLE_OF.get(look)
     if shown_role is None:
         return "image", ""
-    if said is None:
+    if named is None:
         return shown_role, ""
     return None, (
         f"its name says that it is a picture, its pixels look like "

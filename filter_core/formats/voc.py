@@ -108,7 +108,7 @@ def read_voc_folder(root: Path, options: RecordingDescription) -> FrameSet:
         ),
         count=len(frames),
         unmatched=(*unmatched, *left_over),
-        notes=lambda: (counting.note,) if counting.boxes else (),
+        notes=lambda: (*streams.notes, *counting.notes(options.origin)),
     )
 
 

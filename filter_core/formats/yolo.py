@@ -269,7 +269,7 @@ def frame_set(layout: str, folders: LabelFolders, labels: Iterator[str]) -> Fram
         classes=folders.classes,
         count=len(frames),
         unmatched=(*unmatched, *left_over),
-        notes=lambda: tuple(_outline_notes(outlines)),
+        notes=lambda: (*folders.streams.notes, *_outline_notes(outlines)),
     )
 
 

@@ -258,3 +258,89 @@ def test_recordings_give_no_depth_or_segmentation_as_frames(case, frames):
     assert len(found) == frames
     assert all(frame.segmentation and "depth" in frame.others for frame in found)
     assert not [one for one in found if "depth" in str(one.image).lower()]
+
+
+NAMES = ("0000", "0001", "0002")
+
+
+@pytest.mark.parametrize(
+    ("picture", "segmentation"),
+    [
+        ("{}", "{}_gt"),
+        ("{}", "gt_{}"),
+        ("{}", "{}gt"),
+        ("{}", "{}_gtFine_labelIds"),
+        ("town_{}_leftImg8bit", "town_{}_gtFine_labelIds"),
+        ("{}-pic", "{}-gt"),
+        ("pic_front_{}", "gt_front_{}"),
+        ("front_pic_{}", "front_gt_{}"),
+        ("dog{}x", "dog{}x_gt"),
+    ],
+)
+@pytest.mark.parametrize("suffix", ["png", "jpg"])
+def test_names_that_differ_by_an_ending_are_two_streams(
+    tmp_path, picture, segmentation, suffix
+):
+    encode = png if suffix == "png" else jpeg
+    for name in NAMES:
+        files = {f"{picture.format(name)}.{suffix}": encode(photo())}
+        write_files(
+            tmp_path, {**files, f"{segmentation.format(name)}.png": png(raw_tags())}
+        )
+
+    found = read_source(tmp_path)
+
+    assert frames_of(found) == {
+        picture.format(name): {"segmentation": f"{segmentation.format(name)}.png"}
+        for name in NAMES
+    }
+    assert found.unmatched == ()
+
+
+def test_pictures_that_differ_by_an_ending_are_all_frames(tmp_path):
+    names = [f"{name}{camera}" for name in NAMES for camera in ("_left", "_right", "")]
+    write_files(tmp_path, {f"{name}.png": png(photo()) for name in names})
+
+    assert sorted(frames_of(read_source(tmp_path))) == sorted(names)
+
+
+@pytest.mark.parametrize(("kinds_first"), [True, False])
+def test_folders_of_many_scenes_share_their_looks(tmp_path, kinds_first):
+    scenes = [f"{a}{b}" for a in "bcdfgh" for b in "klmnp"]
+    for scene in scenes:
+        for kind, pixels in (("pic", photo()), ("gt", raw_tags())):
+            folder = f"{kind}/{scene}" if kinds_first else f"{scene}/{kind}"
+            write_files(tmp_path, {f"{folder}/{n}.png": png(pixels) for n in (1, 2)})
+
+    found = read_source(tmp_path)
+    keys = [frame.key for frame in found]
+
+    assert len(keys) == 2 * len(scenes)
+    assert all("pic" in key.split("/") for key in keys)
+    assert "were not looked at" in " ".join(found.notes())
+
+
+def test_a_folder_whose_images_all_have_other_looks_is_not_read_whole(tmp_path):
+    """Beyond a number, names decide, and that is said."""
+    picture, tags = png(photo()[:8]), png(raw_tags())
+    names = [f"{n:04}" for n in range(400)]
+    files = {name: picture for name in names} | {names[0]: tags}
+    write_files(tmp_path, {f"{name}.png": files[name] for name in names})
+
+    found = read_source(tmp_path)
+
+    assert len(list(found)) == 399
+    (note,) = found.notes()
+    assert note.startswith("144 images, such as ")
+    assert "their names alone" in note
+
+
+def test_a_grey_picture_among_pictures_costs_no_look_at_each(tmp_path):
+    """Whether it is grey does not matter: all are pictures, and all are frames."""
+    files = {f"images/{n:04}.png": png(photo()[:8]) for n in range(300)}
+    write_files(tmp_path, {**files, "images/0150.png": png(photo(grey=True))})
+
+    found = read_source(tmp_path)
+
+    assert len(list(found)) == 300
+    assert found.notes() == ()
