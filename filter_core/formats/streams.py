@@ -658,6 +658,12 @@ class _Index:
         self._by_base = _grouped((last_name(one.frame), one) for one in ordered)
         self._frames = Counter(one.frame for one in frames)
         self._bases = Counter(last_name(one.frame) for one in frames)
+        shown = [one for one in images if one.role is None]
+        self._by_place = _grouped(
+            (place, one) for one in shown for place in _places(one)
+        )
+        near = frames if shown else ()
+        self._places = Counter(place for one in near for place in _places(one))
 
     def take(self, frame: _Image) -> _Image | None:
         """The image that belongs to a frame."""
@@ -665,7 +671,7 @@ class _Index:
         if not images and self._frames[frame.frame] == 1:
             images = self._by_frame.get(frame.frame, [])
         if not images:
-            images = self._of_this_base(frame)
+            images = self._of_this_base(frame) or self._in_folder_beside(frame)
         if not images:
             return None
         first, *others = images
@@ -691,10 +697,33 @@ class _Index:
         fits = ends[0].endswith(ends[1]) or ends[1].endswith(ends[0])
         return images if fits or images[0].role is None else []
 
+    def _in_folder_beside(self, frame: _Image) -> list[_Image]:
+        """One recognised by its pixels, if one folder's name is all that differs.
+
+        ``town/gt/7.png`` belongs to ``town/pic/7.png`` unless another picture or
+        another such image is as near.
+        """
+        if not self._by_place:
+            return []
+        near = [
+            image
+            for place in _places(frame)
+            if self._places[place] == 1
+            for image in self._by_place.get(place, ())
+        ]
+        return near if len(near) == 1 else []
+
     def left_over(self, why: str) -> list[Unmatched]:
         """Images that belong to no frame, and those of a frame that has another."""
         unused = [Unmatched(one.name, why) for one in self._unused.values()]
         return [*self._same.values(), *unused]
+
+
+def _places(image: _Image) -> Iterator[str]:
+    """The path of an image without one of the names of its folders each."""
+    *folders, base = image.frame.split("/")
+    for level in range(len(folders)):
+        yield "/".join((*folders[:level], "*", *folders[level + 1 :], base))
 
 
 def _grouped(images: Iterable[tuple[str, _Image]]) -> dict[str, list[_Image]]:

@@ -313,18 +313,30 @@ def test_folders_of_many_scenes_share_their_looks(tmp_path, kinds_first):
             write_files(tmp_path, {f"{folder}/{n}.png": png(pixels) for n in (1, 2)})
 
     found = read_source(tmp_path)
-    keys = [frame.key for frame in found]
+    frames = frames_of(found)
 
-    assert len(keys) == 2 * len(scenes)
-    assert all("pic" in key.split("/") for key in keys)
+    assert len(frames) == 2 * len(scenes)
+    for key, files in frames.items():
+        assert files == {"segmentation": f"{key.replace('pic', 'gt')}.png"}
+    assert found.unmatched == ()
     assert "were not looked at" in " ".join(found.notes())
+
+
+def test_a_segmentation_that_could_be_of_two_pictures_is_of_none(tmp_path):
+    files = {f"{camera}/1.png": png(photo()) for camera in ("front", "left")}
+    write_files(tmp_path, {**files, "gt/1.png": png(raw_tags())})
+
+    found = read_source(tmp_path)
+
+    assert frames_of(found) == {"front/1": {}, "left/1": {}}
+    assert [one.path for one in found.unmatched] == ["gt/1.png"]
 
 
 def test_a_folder_whose_images_all_have_other_looks_is_not_read_whole(tmp_path):
     """Beyond a number, names decide, and that is said."""
     picture, tags = png(photo()[:8]), png(raw_tags())
     names = [f"{n:04}" for n in range(400)]
-    files = {name: picture for name in names} | {names[0]: tags}
+    files = dict.fromkeys(names, picture) | {names[0]: tags}
     write_files(tmp_path, {f"{name}.png": files[name] for name in names})
 
     found = read_source(tmp_path)
