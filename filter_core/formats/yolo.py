@@ -15,7 +15,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 from typing import ClassVar, Final
 
@@ -156,12 +156,13 @@ class _Described:
     ----------
     classes : tuple of str
         Empty if there is no list.
-    keypoint_columns : int
-        How many columns follow each rectangle, for the points of a pose.
+    keypoint_columns : int or None
+        How many columns follow each rectangle, for the points of a pose; None if
+        nothing says it.
     """
 
     classes: tuple[str, ...] = ()
-    keypoint_columns: int = 0
+    keypoint_columns: int | None = None
 
 
 def _described(root: Path) -> _Described:
@@ -185,7 +186,7 @@ def _described(root: Path) -> _Described:
         raise LayoutError(f"{name}: {exc.detail}") from exc
     known = document if isinstance(document, Mapping) else {}
     shape = known.get("kpt_shape")
-    columns = 0
+    columns = None
     if isinstance(shape, list) and [type(number) for number in shape] == [int, int]:
         columns = max(shape[0] * shape[1], 0)
     return _Described(ordered_names(known.get("names"), f"{name}, names"), columns)
@@ -231,8 +232,9 @@ class LabelFolders:
         Class names by their numbers.
     default_class : str
         The class of labels that carry none.
-    keypoint_columns : int
-        How many columns follow each rectangle, for the points of a pose.
+    keypoint_columns : int or None
+        How many columns follow each rectangle, for the points of a pose; None if
+        nothing says it.
     """
 
     images: Path
@@ -240,7 +242,7 @@ class LabelFolders:
     streams: Streams
     classes: tuple[str, ...]
     default_class: str = "unknown"
-    keypoint_columns: int = 0
+    keypoint_columns: int | None = None
 
 
 def frame_set(layout: str, folders: LabelFolders, labels: Iterator[str]) -> FrameSet:
@@ -255,10 +257,10 @@ def frame_set(layout: str, folders: LabelFolders, labels: Iterator[str]) -> Fram
     ]
     frames, left_over = folders.streams.complete(frames, "label file")
     named = with_keys(folders.images, frames)
-    outlines: Counter[str] = Counter()
+    outlines = _Outlines(folders, [one.label for one in named])
 
     def read() -> Iterator[FrameSource]:
-        outlines.clear()
+        outlines.counts.clear()
         for one in named:
             annotation = partial(_annotation, folders, one, outlines)
             yield annotated(frame_of(one, folders.images), annotation)
@@ -269,20 +271,76 @@ def frame_set(layout: str, folders: LabelFolders, labels: Iterator[str]) -> Fram
         classes=folders.classes,
         count=len(frames),
         unmatched=(*unmatched, *left_over),
-        notes=lambda: (*folders.streams.notes, *_outline_notes(outlines)),
+        notes=lambda: (*folders.streams.notes, *outlines.notes()),
     )
 
 
-def _outline_notes(outlines: Counter[str]) -> Iterator[str]:
-    if outlines:
-        yield (
-            f"{outlines.total()} outlines (polygons or rotated boxes) in "
-            f"{len(outlines)} label files were read as the rectangles around them"
-        )
+class _Outlines:
+    """The lines of a recording that may be outlines: polygons or rotated boxes.
+
+    Attributes
+    ----------
+    counts : Counter of str
+        How many were read, by label file.
+    """
+
+    def __init__(self, folders: LabelFolders, labels: Sequence[str]) -> None:
+        self.counts: Counter[str] = Counter()
+        self._folders = folders
+        self._labels = labels
+
+    @cached_property
+    def are_certain(self) -> bool:
+        """Whether longer lines are outlines, not rectangles with something behind.
+
+        Those of a pose or a tracker all have as many columns, and begin with a
+        rectangle in the image; outlines differ in the number of their corners, or
+        their first numbers are no such rectangle. The files are read up to the first
+        line that shows it.
+        """
+        if self._folders.keypoint_columns is not None:
+            return True
+        seen: set[int] = set()
+        for label in self._labels:
+            try:
+                text = read_label_text(self._folders.labels / label, label)
+                for columns in map(str.split, text.splitlines()):
+                    if _is_outline(len(columns), self._folders):
+                        seen.add(len(columns))
+                        numbers = read_columns(columns[1:], label)
+                        if len(seen) > 1 or not _may_be_rectangle(numbers):
+                            return True
+            except LayoutError:
+                continue  # its frame will have this problem
+        return False
+
+    def notes(self) -> Iterator[str]:
+        """How many outlines were read."""
+        if self.counts:
+            yield (
+                f"{self.counts.total()} outlines (polygons or rotated boxes) in "
+                f"{len(self.counts)} label files were read as the rectangles around "
+                "them"
+            )
+
+
+def _may_be_rectangle(numbers: Sequence[float]) -> bool:
+    """Whether the columns behind a class may begin with a rectangle in the image.
+
+    They do if some are no corners.
+    """
+    low, high = _SHARES
+    if not all(low <= share <= high for share in numbers[: len(numbers) // 2 * 2]):
+        return True
+    centre, extent = numbers[:2], numbers[2:4]
+    return all(
+        side > 0 and middle - side / 2 >= -_BEYOND and middle + side / 2 <= 1 + _BEYOND
+        for middle, side in zip(centre, extent, strict=True)
+    )
 
 
 def _annotation(
-    folders: LabelFolders, files: FrameFileNames, outlines: Counter[str]
+    folders: LabelFolders, files: FrameFileNames, outlines: _Outlines
 ) -> dict[str, object]:
     """The boxes of one label file; `outlines` counts those that are no rectangles.
 
@@ -304,7 +362,9 @@ def _annotation(
             at = f"{files.label}, line {number}"
             boxes.append(_read_line(columns, at, folders))
             if _is_outline(len(columns), folders):
-                outlines[files.label] += 1
+                if not outlines.are_certain:
+                    raise LayoutError(_unclear(columns, at))
+                outlines.counts[files.label] += 1
     return {"boxes": boxes}
 
 
@@ -315,18 +375,36 @@ _RAW_COLUMNS: Final = 4
 _LEAST_OUTLINE: Final = 7
 """A class and three corners."""
 
+_BEYOND: Final = 0.01
+"""How far a rectangle may lie beyond the image, as a share of it, by rounding."""
+
 _SHARES: Final = (-0.5, 1.5)
 """Corners of outlines may lie beyond the image, but not far: a number behind a
 rectangle, such as a track's, is no corner."""
 
 
+def _unclear(columns: Sequence[str], at: str) -> str:
+    return (
+        f"{at}: expected 'class cx cy w h' (5 columns), found {len(columns)} columns, "
+        "which may be a rectangle with the points of a pose or other numbers behind "
+        "it, or an outline: all such lines of the recording are as long. "
+        f"{_REMEDY}"
+    )
+
+
+_REMEDY: Final = (
+    "Say in data.yaml how many points follow, and of how many numbers, as kpt_shape: "
+    "[17, 3]; kpt_shape: [0, 2] says that the lines are outlines"
+)
+
+
 def _is_outline(columns: int, folders: LabelFolders) -> bool:
-    pose = 5 + folders.keypoint_columns
+    pose = 5 + (folders.keypoint_columns or 0)
     return columns >= _LEAST_OUTLINE and columns not in (pose, pose + 1)
 
 
 def _read_line(columns: list[str], at: str, folders: LabelFolders) -> dict[str, object]:
-    count, points = len(columns), folders.keypoint_columns
+    count, points = len(columns), folders.keypoint_columns or 0
     if count == _RAW_COLUMNS:
         return {"class": folders.default_class, "cxcywh": read_columns(columns, at)}
     if count < _RAW_COLUMNS:
@@ -355,7 +433,8 @@ def _around(corners: Sequence[float], at: str) -> list[float]:
         if not low <= share <= high:
             raise LayoutError(
                 f"{at}: expected shares of the image's size in these "
-                f"{len(corners) + 1} columns, as a polygon has, found {share:g}"
+                f"{len(corners) + 1} columns, as a polygon has, found {share:g}. "
+                f"{_REMEDY}"
             )
     axes = [(min(each), max(each)) for each in (corners[::2], corners[1::2])]
     return [

@@ -265,6 +265,65 @@ def test_points_of_a_pose_are_no_outline(tmp_path, behind, more):
     assert (frame.annotation, frames.notes()) == ({"boxes": [{**BOX, **more}]}, ())
 
 
+LONG_LINES = [
+    ".9 1",  # the confidence and the number of a track
+    ".45 .45 .55 .45",
+    ".45 .45 1 .55 .45 1",
+    ".45 .45 2 .55 .45 1",
+    ".45 .45 1 .55 .45 1 .9",
+]
+
+
+@pytest.mark.parametrize("behind", LONG_LINES)
+def test_a_rectangle_with_numbers_behind_it_is_never_replaced(tmp_path, behind):
+    lines = [f"0 .5 .5 .2 .2 {behind}", f"0 .1 .9 .05 .1 {behind}"]
+    files = {f"labels/{n}.txt": line for n, line in enumerate(lines)}
+    write_files(tmp_path, {**files, "data.yaml": NAMES})
+
+    for frame in read_source(tmp_path):
+        assert frame.problem is not None
+        assert "kpt_shape" in frame.problem.detail
+    points = len(behind.split())
+    write_files(tmp_path, {"data.yaml": f"{NAMES}\nkpt_shape: [1, {points}]\n"})
+    boxes = [annotation_of(frame)["boxes"][0] for frame in read_source(tmp_path)]
+    assert [box["cxcywhn"] for box in boxes] == [
+        [0.5, 0.5, 0.2, 0.2],
+        [0.1, 0.9, 0.05, 0.1],
+    ]
+
+
+@pytest.mark.parametrize(
+    "lines",
+    [
+        # As a rectangle one of them would lie beyond the image.
+        ["0 .5 .5 .6 .5 .6 .6", "0 .8 .8 .9 .8 .9 .9"],
+        ["0 .5 .5 .6 .5 .6 .6 .5 .6", "0 .8 .8 .9 .8 .9 .9 .8 .9"],
+        # Polygons have different numbers of corners.
+        ["0 .5 .5 .6 .5 .6 .6", "0 .5 .5 .6 .5 .6 .6 .5 .6"],
+    ],
+)
+def test_outlines_are_told_from_rectangles_by_all_lines(tmp_path, lines):
+    files = {f"labels/{n}.txt": line for n, line in enumerate(lines)}
+    write_files(tmp_path, {**files, "data.yaml": NAMES})
+
+    found = read_source(tmp_path)
+    boxes = [annotation_of(frame)["boxes"][0]["cxcywhn"] for frame in found]
+
+    assert boxes[0] == pytest.approx([0.55, 0.55, 0.1, 0.1])
+    assert "2 outlines" in found.notes()[0]
+
+
+def test_data_yaml_can_say_that_lines_are_outlines(tmp_path):
+    names = f"{NAMES}\nkpt_shape: [0, 2]\n"
+    line = "0 .5 .5 .6 .5 .6 .6"
+    write_files(tmp_path, {"labels/1.txt": line, "data.yaml": names})
+
+    (frame,) = read_source(tmp_path)
+
+    box = annotation_of(frame)["boxes"][0]["cxcywhn"]
+    assert box == pytest.approx([0.55, 0.55, 0.1, 0.1])
+
+
 @pytest.mark.parametrize(
     ("name", "frames", "notes"),
     [("linkou_roboflow", 9, 0), ("yolo_polygons", 1, 1)],
