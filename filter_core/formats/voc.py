@@ -98,7 +98,7 @@ def read_voc_folder(root: Path, options: RecordingDescription) -> FrameSet:
     counting = _Counting()
     if options.origin == "auto":
         for name in names:
-            counting.add(_content(labels, name))
+            counting.add(_content(labels, name), name)
     origin = counting.origin if options.origin == "auto" else int(options.origin)
     read = partial(_annotation, labels, origin)
     return FrameSet(
@@ -108,7 +108,7 @@ def read_voc_folder(root: Path, options: RecordingDescription) -> FrameSet:
         ),
         count=len(frames),
         unmatched=(*unmatched, *left_over),
-        notes=lambda: (*streams.notes, *counting.notes(options.origin)),
+        notes=lambda: (*streams.notes, *counting.notes()),
     )
 
 
@@ -124,6 +124,10 @@ def _content(labels: Path, name: str) -> bytes:
 _CORNER: Final = re.compile(rb"<[xy](?:min|max)>\s{0,20}([-+.\deE]{1,40})")
 
 
+_STRAY_ZEROS: Final = 1 / 20
+"""Share of boxes with a corner at 0, at most, that may be mistakes."""
+
+
 @dataclass
 class _Counting:
     """How the files of one recording count pixels, as far as their rectangles show.
@@ -133,25 +137,30 @@ class _Counting:
     boxes, fractional : int
         All boxes; and those of which a corner is no whole number.
     zeros : int
-        Corners that are 0, which do not exist where the first pixel is 1.
+        Boxes of which a corner is 0, which does not exist where the first pixel is 1.
+    first_zero : str
+        The first file that has one.
     """
 
     boxes: int = 0
     fractional: int = 0
     zeros: int = 0
+    first_zero: str = ""
 
-    def add(self, content: bytes) -> None:
+    def add(self, content: bytes, name: str) -> None:
         """Count the boxes of one more file."""
         words = _CORNER.findall(content)
         try:
             numbers = list(map(float, words))
         except ValueError:
             return  # its frame will have this problem
-        self.zeros += numbers.count(0.0)
         self.boxes += len(numbers) // len(_CORNERS)
+        places = range(0, len(numbers), len(_CORNERS))
+        boxes = [numbers[place : place + len(_CORNERS)] for place in places]
+        if 0.0 in numbers:
+            self.zeros += sum(0.0 in box for box in boxes)
+            self.first_zero = self.first_zero or name
         if b"." in b"".join(words):
-            places = range(0, len(numbers), len(_CORNERS))
-            boxes = (numbers[place : place + len(_CORNERS)] for place in places)
             self.fractional += sum(not all(map(float.is_integer, one)) for one in boxes)
 
     @property
@@ -159,24 +168,32 @@ class _Counting:
         """The number of the first pixel.
 
         Pascal VOC's own files count whole pixels from 1. Scripts that write pixel
-        coordinates as they have them give themselves away by a 0, or by fractions in
-        most boxes; a fraction in a few says nothing about the others.
+        coordinates as they have them give themselves away by a 0 in more than one box
+        of twenty, or by fractions in most; a few say nothing about the others.
         """
-        return 0 if self.zeros or 2 * self.fractional > self.boxes else 1
+        return 0 if self._has_zeros or 2 * self.fractional > self.boxes else 1
 
     @property
-    def note(self) -> str:
-        """What was decided and why."""
-        if self.origin == 1:
-            why, other = "from 1, both ends included: no corner is 0", 0
+    def _has_zeros(self) -> bool:
+        return self.zeros > _STRAY_ZEROS * self.boxes
+
+    def notes(self) -> Iterator[str]:
+        """What was decided and why, if there was anything to decide."""
+        if not self.boxes:
+            return
+        other = 1 - self.origin
+        if self._has_zeros:
+            why = f"from 0: {self.zeros} of {self.boxes} boxes have a corner at 0"
+        elif self.origin == 0:
+            why = f"from 0: {self.fractional} of {self.boxes} boxes have fractions"
         elif self.zeros:
-            why, other = f"from 0: {self.zeros} corners are 0", 1
-        else:
-            why, other = (
-                f"from 0: {self.fractional} of {self.boxes} boxes have fractions",
-                1,
+            why = (
+                f"from 1, both ends included: only {self.zeros} of {self.boxes} boxes "
+                f"have a corner at 0, the first in {self.first_zero}"
             )
-        return f"pixels are counted {why}; if that is wrong: boxes.origin {other}"
+        else:
+            why = "from 1, both ends included: no corner is 0"
+        yield f"pixels are counted {why}; if that is wrong: boxes.origin {other}"
 
 
 def _named_image(content: bytes) -> str | None:

@@ -56,7 +56,21 @@ def objects(*corners):
     [
         ({"a": [(1, 2, 30, 40)]}, 1, "from 1, both ends included: no corner is 0"),
         ({"a": [(1, 2, 3, 4), (9.5, 1, 20, 20)]}, 1, "no corner is 0"),
-        ({"a": [(1, 2, 3, 4)], "b": [(0, 2, 3, 4)]}, 0, "from 0: 1 corners are 0"),
+        (
+            {"a": [(1, 2, 3, 4)], "b": [(0, 2, 3, 4)]},
+            0,
+            "from 0: 1 of 2 boxes have a corner at 0",
+        ),
+        (
+            {"a": [(5, 6, 7, 8)] * 50, "b": [(0, 2, 3, 4)]},
+            1,
+            "only 1 of 51 boxes have a corner at 0, the first in Annotations/b.xml",
+        ),
+        (
+            {"a": [(5, 6, 7, 8)] * 50, "b": [(0, 2, 3, 4)] * 3},
+            0,
+            "from 0: 3 of 53 boxes have a corner at 0",
+        ),
         ({"a": [(1, 2.5, 30, 40)]}, 0, "from 0: 1 of 1 boxes have fractions"),
         (
             {"a": [(1, 2, 3, 4)], "b": [(1.5, 2, 3, 4)], "c": [(1, 2, 3.1, 4)]},
