@@ -24,7 +24,12 @@ from filter_core.annotation.boxes import KNOWN_BOX_KEYS
 from filter_core.annotation.frame import FORMS_3D
 from filter_core.annotation.parsing import KNOWN_FRAME_KEYS
 from filter_core.errors import FilterError, LayoutError
-from filter_core.formats.coco_index import CocoIndex, index_coco, looks_like_coco
+from filter_core.formats.coco_index import (
+    CocoIndex,
+    coco_id,
+    index_coco,
+    looks_like_coco,
+)
 from filter_core.formats.export import ExportFrame
 from filter_core.formats.files import Spool, json_bytes
 from filter_core.formats.format import (
@@ -431,21 +436,21 @@ _OURS: Final = frozenset({"id", "image_id", "category_id", "bbox", "attributes"}
 
 def _boxes(one: _Name, *, ours: bool) -> Iterator[dict[str, object]]:
     boxes = list(one.index.boxes(one.row))
-    ids = [str(box["id"]) for box in boxes if "id" in box]
+    ids = [_own_id(box) for box in boxes if "id" in box]
     # If an id occurs twice, the boxes are identified by their positions instead.
     use_ids = len(set(ids)) == len(boxes)
     for number, given in enumerate(boxes):
         at = f"{one.index.name}, annotation {str(given.get('id', number))[:40]!r}"
-        category = given.get("category_id")
-        names = one.index.names
-        name = names.get(category) if isinstance(category, (int, str)) else None
+        category = coco_id(given.get("category_id"))
+        name = None if category is None else one.index.names.get(category)
         if name is None:
             raise LayoutError(
-                f"{at}: expected the id of a category, found {str(category)[:40]!r}"
+                f"{at}: expected the id of a category, found "
+                f"{str(given.get('category_id'))[:40]!r}"
             )
         kept = {key: value for key, value in given.items() if key not in _OURS}
         box = {
-            **({"id": str(given["id"])} if use_ids else {}),
+            **({"id": _own_id(given)} if use_ids else {}),
             "class": name,
             "xywh": given.get("bbox"),
             **_beside(kept, KNOWN_BOX_KEYS),
@@ -456,6 +461,11 @@ def _boxes(one: _Name, *, ours: bool) -> Iterator[dict[str, object]]:
         elif attributes is not None:
             box["attributes"] = attributes
         yield box
+
+
+def _own_id(box: Mapping[str, object]) -> str:
+    number = coco_id(box["id"])
+    return str(box["id"] if number is None else number)
 
 
 _OUR_ATTRIBUTES: Final = ("id", "type_id", "base_type", "instance_id", "distance")

@@ -237,7 +237,7 @@ class _Builder:
 
 
 def _id(item: JsonItem, key: str) -> CocoId:
-    """The id under this key; a whole number may be written as 1.0.
+    """The id under this key.
 
     Raises
     ------
@@ -245,12 +245,20 @@ def _id(item: JsonItem, key: str) -> CocoId:
         There is none.
     """
     value = item.value.get(key) if isinstance(item.value, dict) else None
-    if isinstance(value, float) and value.is_integer():
-        return int(value)
-    if isinstance(value, bool) or not isinstance(value, (int, str)):
+    number = coco_id(value)
+    if number is None:
         raise _NoIdError(
             f"expected an object with {key!r}, a number or text, found {shown(value)}"
         )
+    return number
+
+
+def coco_id(value: object) -> CocoId | None:
+    """An id of a COCO file, or None if it is none; 1.0 is the same as 1."""
+    if isinstance(value, float) and value.is_integer():
+        return int(value)
+    if isinstance(value, bool) or not isinstance(value, (int, str)):
+        return None
     return value
 
 

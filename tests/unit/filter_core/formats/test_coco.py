@@ -156,6 +156,20 @@ def test_annotation_of_no_image_is_reported_and_the_rest_is_read(tmp_path, bad, 
     assert words in reported.why
 
 
+@pytest.mark.parametrize("number", [int, float])
+@pytest.mark.parametrize("other", [int, float])
+def test_a_whole_number_is_the_same_id_with_a_point(tmp_path, number, other):
+    box = annotation(number(5), number(1), category_id=number(1))
+    categories = [{"id": other(1), "name": "car"}]
+    content = coco([image(other(1), "a.png")], [box], categories=categories)
+    folder = write_files(tmp_path, {"a.json": content})
+
+    (frame,) = read_source(folder)
+
+    (read,) = annotation_of(frame)["boxes"]
+    assert (read["id"], read["class"]) == ("5", "car")
+
+
 @pytest.mark.parametrize(
     ("wrong", "words"),
     [
@@ -164,6 +178,8 @@ def test_annotation_of_no_image_is_reported_and_the_rest_is_read(tmp_path, bad, 
         ({"bbox": None}, 'box 0 (id "6"), xywh'),
         ({"bbox": []}, 'box 0 (id "6"), xywh'),
         ({"category_id": None}, "annotation '6': expected the id of a category"),
+        ({"category_id": True}, "annotation '6': expected the id of a category"),
+        ({"category_id": 1.5}, "expected the id of a category, found '1.5'"),
     ],
 )
 def test_annotation_that_cannot_be_read_spoils_its_own_frame(tmp_path, wrong, words):
