@@ -436,11 +436,12 @@ def has_rows(path: Path) -> bool:
     first = next(filter(None, map(str.split, text.splitlines())), None)
     if first is None:
         return True
-    numbers = sum(map(_is_number, first))
+    numbers = sum(map(is_number, first))
     return len(first) >= _FEWEST_COLUMNS and 2 * numbers > len(first)
 
 
-def _is_number(word: str) -> bool:
+def is_number(word: str) -> bool:
+    """Whether a word of a text is a number."""
     try:
         float(word)
     except ValueError:

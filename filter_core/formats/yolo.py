@@ -33,15 +33,18 @@ from filter_core.formats.format import (
     Source,
 )
 from filter_core.formats.reading import (
+    IMAGE_SUFFIXES,
     FrameFileNames,
     FrameSet,
     FrameSource,
+    Unmatched,
     annotated,
     band_folders,
     frame_of,
     has_rows,
     holds_boxes,
     is_label,
+    is_number,
     match,
     read_columns,
     read_label_text,
@@ -249,12 +252,16 @@ def frame_set(layout: str, folders: LabelFolders, labels: Iterator[str]) -> Fram
     """Frames of label files in YOLO's or carlasimu's form.
 
     `labels` are text files, relative to the folder of the labels. One that no image is
-    called like is a label only if it looks like one (`has_rows`).
+    called like is a label only if it looks like one (`has_rows`); among labels it is
+    listed unless it is a note or a list (`_may_be_damaged`).
     """
-    frames, unmatched = match(labels, folders.streams.images)
-    frames = [
-        one for one in frames if one.image or has_rows(folders.labels / one.label)
-    ]
+    matched, unmatched = match(labels, folders.streams.images)
+    frames, no_labels = [], []
+    for one in matched:
+        if one.image or has_rows(folders.labels / one.label):
+            frames.append(one)
+        elif _may_be_damaged(one.label, folders):
+            no_labels.append(Unmatched(one.label, _NO_LABEL))
     frames, left_over = folders.streams.complete(frames, "label file")
     named = with_keys(folders.images, frames)
     outlines = _Outlines(folders, [one.label for one in named])
@@ -270,8 +277,42 @@ def frame_set(layout: str, folders: LabelFolders, labels: Iterator[str]) -> Fram
         frames=read,
         classes=folders.classes,
         count=len(frames),
-        unmatched=(*unmatched, *left_over),
+        unmatched=(*unmatched, *no_labels, *left_over),
         notes=lambda: (*folders.streams.notes, *outlines.notes()),
+    )
+
+
+_NO_LABEL: Final = (
+    "it has no image, and its first line is no label: expected 'class cx cy w h', "
+    "separated by spaces"
+)
+
+_NOTES: Final = ("readme", "license", "licence", "notes", "changelog", "citation")
+
+_LABEL_FOLDERS: Final = frozenset({"labels", "label"})
+
+_MOST_SHOWN: Final = 4096
+"""Characters of a text by which a list of names is told."""
+
+
+def _may_be_damaged(label: str, folders: LabelFolders) -> bool:
+    """Whether a text without an image that does not look like a label may be one.
+
+    It is among the labels, its name is not that of notes, and it is no list: of names
+    or paths, one a line, without a separate number and without separators.
+    """
+    *above, last = label.lower().split("/")
+    is_among_labels = folders.labels != folders.images or _LABEL_FOLDERS & {*above}
+    if not is_among_labels or last.startswith(_NOTES):
+        return False
+    try:
+        text = read_label_text(folders.labels / label, label)[:_MOST_SHOWN]
+    except LayoutError:
+        return True
+    return any(
+        set(",;|\t") & {*line} or any(map(is_number, line.split()))
+        for line in text.splitlines()
+        if not line.lower().endswith(IMAGE_SUFFIXES)
     )
 
 

@@ -213,6 +213,33 @@ def test_texts_that_are_no_labels_are_no_frames(tmp_path):
     assert set(problems.values()) == {None}
 
 
+@pytest.mark.parametrize("named", [False, True])
+def test_texts_among_labels_that_cannot_be_read_are_listed(tmp_path, named):
+    damaged = {
+        "b": "0,.5,.5,.2,.2\n",
+        "c": "car;bus\n",
+        "d": "0 .5 .5\n",
+        "e": "car .5 .5 of .2 what\n",
+    }
+    others = {
+        "README": "0, 1, 2\n",
+        "LICENSE": "CC BY 4.0\n",
+        "names": "car\nstreet light\n",
+        "paths": "/data/a b 1.png\n/data/2.png\n",
+    }
+    files = {f"labels/{name}.txt": text for name, text in (damaged | others).items()}
+    write_files(tmp_path, {**files, "data.yaml": NAMES, "labels/a.txt": YOLO_LINE})
+    labels = tmp_path / "labels" if named else None
+
+    found = read_source(tmp_path, options=RecordingDescription(labels=labels))
+
+    assert keys(found) == ["a"]
+    prefix = "" if named else "labels/"
+    listed = {one.path: one.why for one in found.unmatched}
+    assert list(listed) == [f"{prefix}{name}.txt" for name in damaged]
+    assert all("'class cx cy w h'" in why for why in listed.values())
+
+
 def test_notes_beside_images_do_not_hide_the_images(tmp_path):
     write_files(tmp_path, {"a.png": None, "README.roboflow.txt": "carla - v1\n"})
 
