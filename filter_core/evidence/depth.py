@@ -358,16 +358,16 @@ def settled_depth(
     ------
     ImageError
         ``unknown_depth``: no box, or of 16 bits not every second one, has its pixels at
-        its own depth.
+        its own depth; or the pixels of all of several boxes are behind them.
 
     Notes
     -----
     A box fits if half of its accepted pixels or more are at its depth. A hidden one
     does not, so that a single box speaks for one of two orders of channels; but numbers
-    of 16 bits may be of any unit, and have to fit most boxes.
+    of 16 bits may be of any unit, and have to fit most boxes. What hides a box is in
+    front of it, so that an image with the pixels of every box behind it has another
+    unit than CARLA's.
     """
-    if depth.is_certain:
-        return depth
     low, high = step_interval(interval)
     boxes = [
         pixels
@@ -376,6 +376,13 @@ def settled_depth(
         and depth.can_tell(_NO_STEPS, high[pixels.silhouette.row])
         and pixels.mask.any()
     ]
+    if depth.is_certain:
+        if len(boxes) > 1 and all(_is_behind(depth, one, high) for one in boxes):
+            raise _unknown(
+                f"its pixels are behind each of the {len(boxes)} boxes that they "
+                "belong to: its numbers are not CARLA's, or the boxes of another frame"
+            )
+        return depth
     is_color = not depth.is_wide
     if not boxes and (is_color or np.isnan(interval[:, 0]).all()):
         return depth
@@ -395,6 +402,12 @@ def settled_depth(
         "boxes that pixels belong to; expected most of them. If it is in millimetres, "
         "name depth_encoding millimetres16"
     )
+
+
+def _is_behind(depth: DepthImage, pixels: AcceptedPixels, high: IntArray) -> bool:
+    """Whether all accepted pixels of a box are farther away than the box."""
+    steps = depth.steps(pixels.silhouette.region)[pixels.mask]
+    return bool((steps > high[pixels.silhouette.row]).all())
 
 
 def _boxes_that_fit(

@@ -6,6 +6,9 @@ in those of JPEGs, A and the bus are visible, and B is hidden.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import numpy as np
 import pytest
 
 from filter_core.config.filter import FilterConfig
@@ -119,3 +122,18 @@ def test_recorded_depth_is_recognised_in_either_order(camera):
 
     assert (right.encoding, right.is_certain) == ("carla", True)
     assert (swapped.encoding, swapped.is_certain) == ("carla-bgr", True)
+
+
+def test_depth_in_another_unit_is_no_evidence(tmp_path):
+    """All pixels are ten times as far away as CARLA would have stored them."""
+    (source,) = read_source(shared(f"{DEPTH}/raw"))
+    steps = read_depth(source.others["depth"].read_bytes()).steps(np.s_[:, :])
+    steps = np.minimum(steps.astype(np.int64) * 10, (1 << 24) - 1)
+    colors = np.dstack([steps & 255, steps >> 8 & 255, steps >> 16]).astype(np.uint8)
+    (tmp_path / "depth.png").write_bytes(png(colors))
+    scaled = replace(source, others={"depth": tmp_path / "depth.png"})
+
+    (outcome,) = filter_source([scaled], FilterConfig(evidence="auto"), workers=1)
+
+    assert verdicts_of(outcome) == truth("ordered")
+    assert "behind each of the" in outcome.notes[0]
