@@ -235,7 +235,7 @@ def _meaning_of(words: list[str]) -> str | None:
 
 
 _MOST_EDITS: Final = 2
-"""Letters of a long word that a typing error changes."""
+"""Letters of a long word that a typing error changes; never the first one."""
 
 _LONG: Final = 8
 """Letters of a long word; in a shorter one, only one letter may be wrong."""
@@ -270,7 +270,9 @@ def misspelt_class(name: str) -> str | None:
     edits = {
         known: _edits(plain, known)
         for known in _MEANING
-        if len(known) > _SHORT and abs(len(known) - len(plain)) <= allowed
+        if len(known) > _SHORT
+        and known[0] == plain[0]
+        and abs(len(known) - len(plain)) <= allowed
     }
     close = min(edits, key=edits.__getitem__, default=None)
     return _MEANING[close] if close is not None and edits[close] <= allowed else None

@@ -102,6 +102,16 @@ _OTHER_TASKS: Final = ("person_keypoints", "stuff", "panoptic", "captions")
 """How COCO's own files begin that list the images of ``instances_...`` once more."""
 
 
+def _without_picture(rows: Sequence[tuple[FrameSource, _Name]]) -> Iterator[str]:
+    """Says how many of the images that COCO files list are not there."""
+    missing = [name for frame, name in rows if frame.image is None]
+    if missing:
+        yield (
+            f"{len(missing)} of {len(rows)} images that are listed were not found, the "
+            f"first is {shown(missing[0].path)}"
+        )
+
+
 def _repeating(paths: Sequence[Path]) -> dict[Path, Path]:
     """Files for other tasks, each with the file that has the boxes of its images."""
     there = set(paths)
@@ -142,7 +152,7 @@ def read_coco(root: Path, options: RecordingDescription) -> FrameSet:
         f"{path.name} was not read: {boxes.name} has the boxes of its images"
         for path, boxes in repeating.items()
     )
-    notes = (*streams.notes, *repeated)
+    notes = (*streams.notes, *repeated, *_without_picture(rows))
     return FrameSet(
         layout="coco",
         frames=lambda: (_read(frame, image) for frame, image in rows),

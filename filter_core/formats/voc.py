@@ -193,7 +193,10 @@ class _Counting:
             )
         else:
             why = "from 1, both ends included: no corner is 0"
-        yield f"pixels are counted {why}; if that is wrong: boxes.origin {other}"
+        yield (
+            f"pixels are counted {why}; if that is wrong, --origin {other} or "
+            f"`boxes: {{origin: {other}}}` in recording.yaml says so"
+        )
 
 
 def _named_image(content: bytes) -> str | None:

@@ -7,6 +7,7 @@ can be done, and end with exit code 3.
 
 from __future__ import annotations
 
+import shlex
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
@@ -122,6 +123,12 @@ class Advice:
             return "labels without a class; --default-class names theirs"
         return f"--class-map {name}={meant}" if meant else ""
 
+    def for_known(self, names: list[str]) -> str:
+        """Why classes have no tags although their names are understood."""
+        if not names:
+            return ""
+        return f"; the tags of this version of CARLA have none for {_listed(names)}"
+
     def for_names(self, names: list[str]) -> str:
         """What makes one class of several that are measured alike; empty if nothing."""
         del names
@@ -162,14 +169,25 @@ class DatasetAdvice(Advice):
         if not meant or self.are_frozen:
             return f"did you mean {meant!r}?" if meant else ""
         change = "merge" if meant in self.classes else "rename"
-        return f"`unghost classes {change} {self.dataset} {name} {meant}`"
+        words = map(shlex.quote, (self.dataset, name, meant))
+        return f"`unghost classes {change} {' '.join(words)}`"
+
+    def for_known(self, names: list[str]) -> str:
+        """Why classes have no tags although their names are understood."""
+        if not names:
+            return ""
+        return (
+            f"; {_listed(names)} may be understood when they are measured again ("
+            f"`unghost run {self.dataset} --config FILE --measure-again --activate`), "
+            "unless the version of CARLA has no tag for them"
+        )
 
     def for_names(self, names: list[str]) -> str:
         """What makes one class of several that are measured alike; empty if nothing."""
         if self.are_frozen:
             return ""
-        first, second = names[:2]
-        return f"; `unghost classes merge {self.dataset} {first} {second}` joins two"
+        words = " ".join(map(shlex.quote, (self.dataset, *names[:2])))
+        return f"; `unghost classes merge {words}` joins two"
 
 
 @dataclass
@@ -208,6 +226,8 @@ class BoxSummary:
         return {name: count for name, count in counts.items() if count}
 
     def _unmapped(self) -> list[tuple[str, bool]]:
+        from filter_core.class_names import class_meant_by
+
         unmapped = self._count(lambda count: count.unmapped)
         if not unmapped:
             return []
@@ -219,9 +239,14 @@ class BoxSummary:
         what = f"unmeasured{self.advice.written}, {why}"
         if is_dropped:
             what = "rejected, since profile carlasimu drops classes without a colour"
-        boxes = "1 box is" if count == 1 else f"{count} boxes are"
+        boxes = f"{count} boxes are"
+        if count == 1:
+            boxes, what = "1 box is", what.replace("they came", "it came")
         named = _named(unmapped, self.advice)
-        return [(f"{boxes} {what}: {named}; {self.advice.general}", True)]
+        meant = self.advice.for_known(
+            [name for name in unmapped if class_meant_by(name)]
+        )
+        return [(f"{boxes} {what}: {named}; {self.advice.general}{meant}", True)]
 
     def _rejected(self) -> list[tuple[str, bool]]:
         known = {

@@ -762,7 +762,7 @@ def test_convert_stops_before_it_writes_and_counts_what_the_list_has_too_many_of
     unfiltered = bare_unghost(*convert[:4], *convert[5:], "-o", "three")
 
     assert answer.code == PARTLY
-    assert "1 box is unmeasured and written as they came" in answer.err
+    assert "1 box is unmeasured and written as it came" in answer.err
     assert "dragon (1); --class-map" in answer.err
     assert (stopped.code, (tmp_path / "two").exists()) == (REFUSED, False)
     assert "2 of 3 boxes have a class that the filter does not know" in stopped.err

@@ -327,8 +327,9 @@ def test_keypoints_beside_instances_are_not_read_twice(tmp_path):
 
     assert (frame.problem, other.problem, frames.unmatched) == (None, None, ())
     assert len(annotation_of(other)["boxes"]) == 1
-    (note,) = frames.notes()
+    note, missing = frames.notes()
     assert "person_keypoints_val2017.json was not read" in note
+    assert "images that are listed were not found" in missing
 
 
 @pytest.mark.parametrize(
