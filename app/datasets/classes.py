@@ -49,7 +49,8 @@ def rename_class(
     Conflict
         ``class_exists``: there is a class of the new name, or boxes that came with that
         name are in another class; ``classes_frozen``; ``classes_change``: an open run
-        renames classes.
+        renames classes; ``too_many_classes``: the new name would be one more than a
+        dataset may have.
     """
     former, name = change
     listed = _changeable(session, dataset, former)
@@ -67,7 +68,7 @@ def rename_class(
             f"so before; expected another name for {former!r}",
             code="class_exists",
         )
-    DatasetRepository(session).add_unlisted_class(dataset.id, name)
+    DatasetRepository(session).add_unlisted_class(dataset, name)
     return _request(context, session, dataset, change, author)
 
 

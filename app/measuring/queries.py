@@ -189,30 +189,44 @@ class DatasetRepository:
                 f"expected one of {', '.join(known)}, found {missing[0]!r}",
                 code="unknown_class",
             )
-        count = len(known) + len(missing)
-        if count > MAX_CLASSES:
+        before = self.classes(dataset.id)
+        new = [name for name in missing if name not in before]
+        if new and len(before) + len(new) > MAX_CLASSES:
             raise AnnotationError(
-                f"expected at most {MAX_CLASSES} classes in dataset {dataset.name!r}, "
-                f"found {count} with those of this frame, such as {missing[0]!r}",
+                f"{_too_many(dataset, len(before) + len(new))} those of this frame, "
+                f"such as {new[0]!r}{_unlisted(len(before) - len(known))}",
                 pointer="/boxes",
                 code="too_many_classes",
             )
-        before = self.classes(dataset.id)
         self._list_classes(
             [before[name] for name in missing if name in before], listed=True
         )
-        self._append_classes(
-            dataset.id,
-            [name for name in missing if name not in before],
-            start=len(before),
-        )
+        self._append_classes(dataset.id, new, start=len(before))
         return self.listed_classes(dataset.id)
 
-    def add_unlisted_class(self, dataset_id: int, name: str) -> None:
-        """Prepare a class that `rename_classes` lists later; nothing if it exists."""
-        before = self.classes(dataset_id)
-        if name not in before:
-            self._append_classes(dataset_id, [name], start=len(before), listed=False)
+    def add_unlisted_class(self, dataset: Dataset, name: str) -> None:
+        """Prepare a class that `rename_classes` lists later; nothing if it exists.
+
+        If the run that renames does not succeed, it stays for the next one: numbers
+        that were measured meanwhile refer to it.
+
+        Raises
+        ------
+        Conflict
+            ``too_many_classes``: there would be more than `MAX_CLASSES`.
+        """
+        before = self.classes(dataset.id)
+        if name in before:
+            return
+        count = len(before) + 1
+        if count > MAX_CLASSES:
+            unlisted = len(before) - len(self.listed_classes(dataset.id))
+            raise Conflict(
+                f"{_too_many(dataset, count)} {name!r}{_unlisted(unlisted)}; merge "
+                "into a class that there is, or make a new dataset",
+                code="too_many_classes",
+            )
+        self._append_classes(dataset.id, [name], start=len(before), listed=False)
 
     def rename_classes(self, dataset_id: int, renamed: Mapping[str, str]) -> None:
         """List the classes to which others were renamed, in place of those.
@@ -300,6 +314,20 @@ class DatasetRepository:
             for position, name in enumerate(names, start)
         )
         self._session.flush()
+
+
+def _too_many(dataset: Dataset, count: int) -> str:
+    return (
+        f"expected at most {MAX_CLASSES} classes in dataset {dataset.name!r}, "
+        f"found {count} with"
+    )
+
+
+def _unlisted(count: int) -> str:
+    """How many classes are not listed, which stored numbers may refer to."""
+    if not count:
+        return ""
+    return f" ({count} of them {'was' if count == 1 else 'were'} renamed or removed)"
 
 
 class ConfigRepository:

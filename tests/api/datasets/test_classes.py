@@ -11,6 +11,7 @@ import pytest
 from tests.support import frames as scene
 from tests.support.api import BASE, Api
 from tests.support.live import hold_frames
+from unghost.wire.datasets import MAX_CLASSES
 
 TAGS_ALONE = {"evidence": "semantic"}
 """With it, a renamed class is counted from stored tags; else images are read again."""
@@ -206,6 +207,27 @@ def test_change_that_cannot_be_made_is_refused(api, former, body, status, code):
     if status == 404:
         meant = "car" if former == "cra" else "bus"
         assert f"did you mean '{meant}'?" in answer.json()["detail"]
+
+
+def test_classes_that_were_renamed_or_removed_count_as_well(api):
+    name = api.dataset(classes=[f"class {number}" for number in range(MAX_CLASSES - 1)])
+    changed(api, name, "class 7", name="car")
+    api.delete(f"/datasets/{name}/classes/class 8")
+
+    renamed = change(api, name, "class 9", name="bus")
+    frame = api.put(name, "a", boxes_named("griffin"))
+    reused = api.put(name, "b", boxes_named("class 8"))
+    changed(api, name, "class 9", merge_into="car")
+    changed(api, name, "car", name="class 7")
+
+    classes = f"expected at most {MAX_CLASSES} classes in dataset {name!r}, found "
+    for response, status in ((renamed, 409), (frame, 422)):
+        found = response.json()
+        assert (response.status_code, found["code"]) == (status, "too_many_classes")
+        assert classes + f"{MAX_CLASSES + 1} with" in found["detail"]
+        assert "2 of them were renamed or removed" in found["detail"]
+    assert reused.status_code == 201
+    assert api.json(f"/datasets/{name}")["classes"][7:9] == ["class 7", "class 8"]
 
 
 def test_changes_of_classes_are_in_the_audit_log(api):
