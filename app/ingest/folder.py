@@ -35,6 +35,7 @@ from filter_core.formats.reading import (
 )
 from filter_core.formats.recording import RECORDING_NAME, describe
 from filter_core.formats.registry import FORMATS, possible_layouts, read_source
+from filter_core.formats.streams import names_that_tell_nothing
 from unghost.wire.folders import (
     FolderEnd,
     FolderFrame,
@@ -226,7 +227,7 @@ def write_response(task: FolderTask) -> int:
                 frames=response.frames,
                 faulty=response.faulty,
                 unmatched=response.unmatched,
-                notes=list(found.notes()),
+                notes=[*found.notes(), *response.notes(found.layout)],
             )
         )
         return response.size
@@ -250,6 +251,7 @@ class _Response:
     unmatched: int = 0
     size: int = 0
     used: set[str] = field(default_factory=set)
+    images: set[str] = field(default_factory=set)
 
     def __enter__(self) -> _Response:
         self._file = self.task.response.open("wb")
@@ -296,6 +298,8 @@ class _Response:
             if path is not None
         }
         self.used.update(files.values())
+        if source.image is not None:
+            self.images.add(_relative(source.image, self.source))
         return _line(
             FolderFrame(
                 key=source.key,
@@ -314,6 +318,16 @@ class _Response:
         inside = path.is_relative_to(self.source)
         shown = path.relative_to(self.source) if inside else path
         raise LayoutError(f"{kind}: {shown} is not among these files")
+
+    def notes(self, layout: str) -> Iterator[str]:
+        """What reading with pixels, which were not sent, could find out."""
+        silent = names_that_tell_nothing(sorted(self.images))
+        if silent and layout != MANIFEST.name:
+            yield (
+                "only the names of files told pictures from segmentations, and some "
+                f"say neither, such as {silent[0]}; the command line looks at the "
+                "pixels, too"
+            )
 
     def write_unmatched(self, found: FrameSet) -> None:
         listed = [(one.path, one.why) for one in found.unmatched]

@@ -354,16 +354,14 @@ def _values(path: Path, folder: Path, *, is_named: bool) -> dict[str, object]:
     return values
 
 
-def _folder(folder: Path, given: object, place: str, *, is_named: bool) -> Path:
-    there = folder / str(given)
+def _folder(folder: Path, path: object, place: str, *, is_named: bool) -> Path:
+    there = folder / str(path)
     if not there.exists():
-        raise LayoutError(
-            f"{place}: expected a folder, found none named {shown(given)}"
-        )
+        raise LayoutError(f"{place}: expected a folder, found none named {shown(path)}")
     if not is_named and not is_inside(there, real_paths(folder)):
         raise LayoutError(
             f"{place}: expected a folder in that of the recording, found "
-            f"{shown(given)}; --recording FILE names a description that you trust"
+            f"{shown(path)}; --recording FILE names a description that you trust"
         )
     return there
 

@@ -192,6 +192,18 @@ def _image(name: str, folder: Path) -> _Image:
     )
 
 
+def names_that_tell_nothing(names: Iterable[str]) -> list[str]:
+    """Images whose paths do not say what they are, beside images of other streams.
+
+    Only their pixels can tell whether they are pictures.
+    """
+    images = [_image(name, Path()) for name in names]
+    silent = [image.name for image in images if image.role is None]
+    endings = _Endings(images)
+    has_others = len({(*image.stream, endings.of(image)) for image in images}) > 1
+    return silent if has_others else []
+
+
 def _role(parts: Sequence[_Part]) -> Role | None:
     """The role that a path says.
 
@@ -606,18 +618,18 @@ def _decided(
     has_color : bool
         Whether there is a picture of the same name that is not grey.
     """
-    named = image.role
-    if named == "mask":
+    role = image.role
+    if role == "mask":
         return ("segmentation" if look == "segmentation" else "mask"), ""
-    if named is not None and named != "image":
+    if role is not None and role != "image":
         is_picture = look == "photo" or (look is None and image.in_pictures)
-        return ("image" if is_picture and not has_partner else named), ""
-    if look == "grey" and has_color and named is None:
+        return ("image" if is_picture and not has_partner else role), ""
+    if look == "grey" and has_color and role is None:
         return None, _UNCLEAR
     shown_role = None if look is None else _ROLE_OF.get(look)
     if shown_role is None:
         return "image", ""
-    if named is None:
+    if role is None:
         return shown_role, ""
     return None, (
         f"its name says that it is a picture, its pixels look like "
@@ -658,11 +670,11 @@ class _Index:
         self._by_base = _grouped((last_name(one.frame), one) for one in ordered)
         self._frames = Counter(one.frame for one in frames)
         self._bases = Counter(last_name(one.frame) for one in frames)
-        shown = [one for one in images if one.role is None]
+        nameless = [one for one in images if one.role is None]
         self._by_place = _grouped(
-            (place, one) for one in shown for place in _places(one)
+            (place, one) for one in nameless for place in _places(one)
         )
-        near = frames if shown else ()
+        near = frames if nameless else ()
         self._places = Counter(place for one in near for place in _places(one))
 
     def take(self, frame: _Image) -> _Image | None:

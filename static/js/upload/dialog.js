@@ -130,7 +130,8 @@ function Review({ app, found, plan, typed, setTyped, close }) {
     const described = /** @type {import("./uploader.js").Order["reading"]} */ (plan.settings);
     /** @type {import("./uploader.js").Order["reading"]} */
     const reading = lossy ? { ...described, lossy_segmentation: "nearest" } : described;
-    await app.uploads.start({ dataset: name, isNew: !there, classes: plan.classes, reading, frames: plan.frames, replace });
+    const { classes, config, frames } = plan;
+    await app.uploads.start({ dataset: name, isNew: !there, classes, reading, config, frames, replace });
     close();
   });
   /** @param {SubmitEvent} event */
@@ -157,7 +158,7 @@ function Review({ app, found, plan, typed, setTyped, close }) {
     ${there
       ? html`<label class="switch"><input type="checkbox" checked=${replace} onChange=${() => setReplace(!replace)} /><span>Replace frames whose content has changed; answers on boxes that changed are set aside</span></label>`
       : html`<label class="switch"><input type="checkbox" checked=${lossy} onChange=${() => setLossy(!lossy)} /><span>Accept JPEG segmentations; match each pixel to the nearest colour</span></label>`}
-    <${Hints} plan=${plan} name=${name} top=${found.top} />
+    <${Hints} plan=${plan} name=${name} top=${found.top} isThere=${Boolean(there)} />
     <${FileList} title="Cannot be read" items=${plan.problems.map(({ key, why }) => ({ name: key, why: withoutName(why, key) }))} isOpen=${true} />
     <${FileList} title="Did not match" items=${plan.unmatched.map(({ path, why }) => ({ name: path, why }))} isOpen=${plan.frames.length === 0} />
     ${error && html`<${FailureLine} error=${error} />`}
@@ -168,8 +169,8 @@ function Review({ app, found, plan, typed, setTyped, close }) {
   </form>`;
 }
 
-/** @param {{plan: Plan, name: string, top: string}} props */
-function Hints({ plan, name, top }) {
+/** @param {{plan: Plan, name: string, top: string, isThere: boolean}} props */
+function Hints({ plan, name, top, isThere }) {
   const bare = plan.frames.filter(({ files }) => !files.segmentation).length;
   const keys = Object.keys(plan.config).join(" and ");
   const empty = plan.frames.filter(({ annotation }) => !(/** @type {unknown[]} */ (annotation.boxes)?.length)).length;
@@ -177,7 +178,10 @@ function Hints({ plan, name, top }) {
     ${plan.notes.map((note) => html`<p class="upload__hint" key=${note}><${Icon} name="warn" />${note}</p>`)}
     ${bare > 0 && html`<p class="upload__hint"><${Icon} name="warn" />${countOf(bare, "frame")} without a segmentation: their boxes cannot be measured and will be "unmeasured".</p>`}
     ${empty > 0 && html`<p class="upload__hint"><${Icon} name="warn" />${countOf(empty, "frame")} without boxes.</p>`}
-    ${keys && html`<p class="upload__hint"><${Icon} name="warn" />recording.yaml also gives ${keys}, which the page does not apply; the command line does:</p><${Command} text=${commandOf(top, name)} />`}
+    ${keys && isThere && html`<p class="upload__hint">
+      <${Icon} name="warn" />recording.yaml also gives ${keys}: the page gives them to new datasets only; this one
+      keeps its configuration.
+    </p>`}
     ${plan.frames.length > MANY_FRAMES && html`<p class="upload__hint"><${Icon} name="warn" />For this many frames the command line is faster, and resumes where it stopped:</p><${Command} text=${commandOf(top, name)} />`}`;
 }
 

@@ -187,7 +187,17 @@ export const uploadCalls = {
 
 /** @typedef {typeof uploadCalls} UploadCalls */
 /** @typedef {{dataset: string, uploader: Uploader}} Job */
-/** @typedef {{dataset: string, isNew: boolean, classes: string[] | null, reading: Partial<import("../core/openapi.js").DatasetIn>, frames: readonly ReadFrame[], replace: boolean}} Order */
+/** @typedef {import("../core/openapi.js").DatasetIn} DatasetIn */
+/**
+ * @typedef {object} Order
+ * @property {string} dataset
+ * @property {boolean} isNew
+ * @property {string[] | null} classes
+ * @property {Partial<DatasetIn>} reading  settings of a new dataset
+ * @property {NonNullable<DatasetIn["config"]>} config  keys of a new dataset's first configuration
+ * @property {readonly ReadFrame[]} frames
+ * @property {boolean} replace
+ */
 
 /**
  * @param {UploadCalls} calls
@@ -227,9 +237,10 @@ export function createUploads(calls, isSignedIn) {
     discard,
 
     /** Make the dataset if it is new, then begin; rejects when that is refused. @param {Order} order */
-    async start({ dataset, isNew, classes, reading, frames, replace }) {
+    async start({ dataset, isNew, classes, reading, config, frames, replace }) {
       const entries = dropped.get();
-      if (isNew) await calls.createDataset({ name: dataset, ...(classes && { classes }), ...reading });
+      const first = Object.keys(config).length > 0 && { config };
+      if (isNew) await calls.createDataset({ name: dataset, ...(classes && { classes }), ...reading, ...first });
       const uploader = createUploader(frames, (frame, signal) => calls.putFrame(dataset, frame, replace, signal));
       uploader.state.observe(({ phase }) => {
         if (isOver(phase)) ended.set(ended.get() + 1);

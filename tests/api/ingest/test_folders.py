@@ -128,6 +128,26 @@ def test_last_line_says_how_the_files_were_read(admin):
     assert note.startswith("1 outlines")
 
 
+@pytest.mark.parametrize(
+    ("names", "has_note"),
+    [
+        (("front/1.png", "gt/1.png"), True),
+        (("1.png", "1_gt.png"), True),
+        (("rgb/1.png", "gt/1.png"), True),
+        (("1.png", "2.png"), False),
+        (("rgb/1.png", "seg/1.png"), False),
+    ],
+)
+def test_last_line_says_where_names_alone_told_pictures(admin, names, has_note):
+    response = post_folder(admin, dict.fromkeys(names, b""))
+
+    *_, end = parse_response(response)
+
+    assert [("told pictures from segmentations" in note) for note in end["notes"]] == (
+        [True] if has_note else []
+    )
+
+
 def test_image_size_is_read_from_its_first_bytes(admin):
     _, frames, _, _ = parse_response(post_folder(admin, LAYOUT_FILES["kitti"]))
 

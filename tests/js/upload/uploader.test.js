@@ -171,11 +171,26 @@ test("files that are dropped while a new dataset is being made stay, also when i
   const uploads = createUploads(/** @type {any} */ (calls), createValue(true));
   const [first, second] = [Promise.resolve([]), Promise.resolve([])];
   uploads.take(first);
-  const started = uploads.start({ dataset: "town", isNew: true, classes: null, reading: {}, frames: [], replace: false });
+  const started = uploads.start({ dataset: "town", isNew: true, classes: null, reading: {}, config: {}, frames: [], replace: false });
 
   uploads.take(second);
   made.forEach((resolve) => resolve());
   await started;
 
   assert.equal(uploads.dropped.get(), second);
+});
+
+test("a new dataset gets the configuration of the recording, and one that exists does not", async () => {
+  /** @type {object[]} */
+  const made = [];
+  const calls = { createDataset: async (/** @type {object} */ dataset) => made.push(dataset) };
+  const uploads = createUploads(/** @type {any} */ (calls), createValue(true));
+  const config = { classes: { Auto: "car" }, depth_encoding: "carla-bgr" };
+  const order = { dataset: "town", classes: null, reading: {}, frames: [], replace: false };
+
+  await uploads.start({ ...order, isNew: true, config });
+  await uploads.start({ ...order, isNew: true, config: {} });
+  await uploads.start({ ...order, isNew: false, config });
+
+  assert.deepEqual(made, [{ name: "town", config }, { name: "town" }]);
 });
