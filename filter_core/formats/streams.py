@@ -526,7 +526,8 @@ class _Roles:
             by_kind.setdefault(kinds[key], []).append(key)
         looks: dict[_Key, frozenset[Look]] = {}
         left, share = _MOST_LOOKED_AT, max(2, _MOST_LOOKED_AT // max(1, len(by_kind)))
-        taken, named = [], []
+        taken: list[Sequence[_Image]] = []
+        named: list[Sequence[_Image]] = []
         for kind, keys in by_kind.items():
             members = [by_stream[key] for key in keys]
             samples = _samples(members, min(left, share, _MOST_OF_SCENES))
