@@ -119,18 +119,18 @@ async function decoded(file) {
 /** A frame's image as crops and thumbnails show it. @param {Frame} frame @param {AbortSignal} [signal] */
 async function pictureOf(frame, signal) {
   const { file, seen, mayHaveAlpha } = await storedImage(await blob(fileUrl(frame, "image"), signal));
-  let image = await decoded(seen);
+  const [shown, opaque] = await Promise.all([decoded(seen), !mayHaveAlpha || isOpaque(file)]);
+  if (!opaque) return decoded(await blob(drawnUrl(frame.id, "image"), signal));
   // A quarter turn: boxes refer to the stored pixels, by which the frame has its size.
-  if (seen !== file && image.naturalWidth !== frame.width) image = await decoded(file);
-  if (!mayHaveAlpha || isOpaque(image)) return image;
-  return decoded(await blob(drawnUrl(frame.id, "image"), signal));
+  return seen !== file && shown.naturalWidth !== frame.width ? decoded(file) : shown;
 }
 
 /** @param {Frame} frame @param {AbortSignal} [signal] @returns {Promise<Pixels>} */
 async function pixelsOf(frame, signal) {
   const { file, mayHaveAlpha } = await storedImage(await blob(fileUrl(frame, "segmentation"), signal));
-  const canvas = await canvasOf(file);
-  if (!frame.segmentation || !mayHaveAlpha || isOpaque(canvas)) return { canvas, form: frame.segmentation };
+  const mayHide = frame.segmentation && mayHaveAlpha;
+  const [canvas, opaque] = await Promise.all([canvasOf(file), !mayHide || isOpaque(file)]);
+  if (opaque) return { canvas, form: frame.segmentation };
   // What is transparent has lost its values in the canvas.
   return { canvas: await canvasOf(await blob(drawnUrl(frame.id, "segmentation"), signal)), form: PAINTED };
 }
