@@ -3297,7 +3297,7 @@ export interface components {
             activate?: boolean;
             /**
              * Measure Again
-             * @description Read all images, also if numbers that an earlier version of Unghost has measured would do.
+             * @description Read the images again if an earlier version of Unghost has measured the numbers, also where those would do.
              * @default false
              */
             measure_again?: boolean;
@@ -3395,6 +3395,12 @@ export interface components {
             by_class: {
                 [key: string]: components["schemas"]["VerdictCounts"];
             };
+            /** Reasons By Class */
+            reasons_by_class: {
+                [key: string]: {
+                    [key: string]: number;
+                };
+            };
             /** Config */
             config: string;
             /** Run */
@@ -3433,6 +3439,11 @@ export interface components {
              * @description The ids that these boxes had in their frame, in order; at most 10.
              */
             boxes_set_aside: string[];
+            /**
+             * Notes
+             * @description What a person should know about how the depth and instance image were read, such as that one is not used as evidence. Empty if the frame was stored already.
+             */
+            notes: string[];
         };
         /**
          * Suggestion
@@ -3635,6 +3646,11 @@ export interface components {
              * @description The ids that these boxes had in their frame, in order; at most 10.
              */
             boxes_set_aside: string[];
+            /**
+             * Notes
+             * @description What a person should know about how the depth and instance image were read, such as that one is not used as evidence. Empty if the frame was stored already. Absent if there are none.
+             */
+            notes?: string[];
             problem?: components["schemas"]["Problem"];
         };
         /**
