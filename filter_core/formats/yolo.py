@@ -316,6 +316,13 @@ def _may_be_damaged(label: str, folders: LabelFolders) -> bool:
     )
 
 
+_MOST_LINES: Final = 512
+"""Longer lines that are looked at to tell whether they are outlines."""
+
+_FEW_CORNERS: Final = 0.1
+"""Share of rectangles, at most, that lie partly beyond the image in poses."""
+
+
 class _Outlines:
     """The lines of a recording that may be outlines: polygons or rotated boxes.
 
@@ -336,12 +343,12 @@ class _Outlines:
 
         Those of a pose or a tracker all have as many columns, and begin with a
         rectangle in the image; outlines differ in the number of their corners, or
-        their first numbers are no such rectangle. The files are read up to the first
-        line that shows it.
+        the first numbers of many are no such rectangle. A few hundred lines show it.
         """
         if self._folders.keypoint_columns is not None:
             return True
         seen: set[int] = set()
+        lines = corners = 0
         for label in self._labels:
             try:
                 text = read_label_text(self._folders.labels / label, label)
@@ -349,11 +356,15 @@ class _Outlines:
                     if _is_outline(len(columns), self._folders):
                         seen.add(len(columns))
                         numbers = read_columns(columns[1:], label)
-                        if len(seen) > 1 or not _may_be_rectangle(numbers):
+                        if len(seen) > 1:
                             return True
+                        lines += 1
+                        corners += not _may_be_rectangle(numbers)
             except LayoutError:
                 continue  # its frame will have this problem
-        return False
+            if lines >= _MOST_LINES:
+                break
+        return corners > _FEW_CORNERS * lines
 
     def notes(self) -> Iterator[str]:
         """How many outlines were read."""

@@ -102,6 +102,9 @@ classes: {Auto: car}
     assert (head["classes"], unmatched) == (["Auto"], {})
     assert head["settings"] == {"palette": "carla-0.9.14"}
     assert head["config"] == {"classes": {"Auto": "car"}}
+    # As the page does.
+    dataset = {"name": "described", "config": head["config"]}
+    assert admin.post(f"{BASE}/datasets", json=dataset).status_code == 201
     (frame,) = frames.values()
     assert frame["files"] == {"image": "a/1.png", "segmentation": "tags/1.png"}
     assert "segmentation.folder: expected a folder in that of" in refused.text
