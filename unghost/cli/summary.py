@@ -284,7 +284,9 @@ class BoxSummary:
         return [
             (
                 "tags or colours of the segmentation that are unknown inside boxes of: "
-                f"{named}; --palette names the table of another CARLA version",
+                f"{named}; boxes that these pixels could keep are unmeasured; if "
+                "another version of CARLA made the images, their palette or "
+                "carla_version is wrong",
                 True,
             )
         ]
@@ -315,7 +317,7 @@ class BoxSummary:
 
 _LOOK: Final = (
     "look at some of them: labels in other units or of other images, or a wrong "
-    "--palette reject every box"
+    "palette reject every box"
 )
 
 
