@@ -44,7 +44,7 @@ from filter_core.errors import FilterError, error_context
 _DAMAGED: Final = (
     *("bad_image", "image_size_mismatch", "image_too_large"),
     *("foreign_colors", "lossy_segmentation"),
-    *("lossy_depth", "depth_too_coarse", "unknown_depth"),
+    *("lossy_depth", "unknown_depth"),
     *("bad_instances", "lossy_instances", "bad_lidar"),
 )
 """Errors of a file itself, which an earlier version has stored all the same, or which

@@ -157,7 +157,11 @@ def test_changed_depth_encoding_needs_the_pixels(api):
     wrong = api.run(name, {"evidence": "depth", "depth_encoding": "millimetres16"})
 
     assert (again["kind"], again["state"]) == ("measure", "done")
-    assert "expected grey with 16 bits" in wrong["error"]["detail"]
+    # The image is not used, and the frame is named.
+    assert (wrong["kind"], wrong["state"]) == ("measure", "done")
+    (problem,) = api.json(f"/datasets/{name}/problems")["items"]
+    assert problem["key"] == "a"
+    assert "expected grey with 16 bits" in str(problem)
 
 
 def cloud(count=3):

@@ -256,6 +256,7 @@ def test_stats_and_histogram_are_those_of_the_boxes(api, dataset):
         "effective": {"kept": 1, "rejected": 1, "unmeasured": 0},
         "by_reason": {"visible": 1, "no_visible_pixels": 1},
         "by_class": {"car": {"kept": 1, "rejected": 1, "unmeasured": 0}},
+        "reasons_by_class": {"car": {"visible": 1, "no_visible_pixels": 1}},
         "config": described["config"],
         "run": described["active_run"],
     }

@@ -305,7 +305,6 @@ DEPTH = {"evidence": "depth_center"}
             "lossy_segmentation",
         ),
         ("depth", png(photo()), DEPTH, "unknown_depth"),
-        ("depth", png(scene.tags()), DEPTH, "depth_too_coarse"),
         ("depth", jpeg(photo()), DEPTH, "lossy_depth"),
         ("instances", png(photo()), {"evidence": "instance"}, "bad_instances"),
     ],
