@@ -13,6 +13,7 @@ import pytest
 
 from filter_core import formats
 from filter_core.errors import NotAvailable
+from filter_core.formats.decisions import COLUMNS
 from filter_core.formats.export import ExportError, ExportOptions
 from filter_core.formats.files import FileNames, file_stem, folder_sink
 from filter_core.formats.format import Format
@@ -98,8 +99,11 @@ def memory_growth_per_frame(tmp_path_factory):
 
 @pytest.mark.parametrize("name", EXPORT_FORMATS)
 def test_memory_does_not_grow_with_the_dataset(name, memory_growth_per_frame):
-    """Of a frame only a trace of its name stays in memory, nothing of its boxes."""
-    assert memory_growth_per_frame[name] < 300
+    """Of a frame only a trace of its name stays in memory, nothing of its boxes.
+
+    For Parquet that is some ten bytes of each column's metadata.
+    """
+    assert memory_growth_per_frame[name] < 12 * len(COLUMNS)
 
 
 @pytest.mark.parametrize(
