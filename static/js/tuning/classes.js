@@ -53,7 +53,8 @@ export function AllClasses({ app, tuning, scale, selected }) {
 const histogramsOf = ({ preview, baseline }) => (preview?.histograms ?? baseline?.histograms)?.classes ?? {};
 
 /** The share of a class's pixels that have no known tag, in percent. @param {Tuning} tuning @param {string} name */
-const unknownOf = ({ preview, baseline }, name) => (preview?.histograms ?? baseline?.histograms)?.unknown_percent?.[name] ?? 0;
+const unknownOf = ({ preview, baseline }, name) =>
+  (preview?.histograms ?? baseline?.histograms)?.unknown_percent?.[name] ?? 0;
 
 /** @param {number} following @param {readonly string[]} own */
 function followText(following, own) {
@@ -90,6 +91,7 @@ function ClassCard({ app, tuning, name, counts, scale, isSelected }) {
   const { tried, active, edits, change, look } = tuning;
   const path = classPath(name);
   const threshold = thresholdOf(tried, name);
+  const unknown = unknownOf(tuning, name);
   /** @param {number | null} value */
   const set = (value) => value !== null && change({ [path]: value });
   const follow = () => change({ [path]: undefined });
@@ -104,7 +106,7 @@ function ClassCard({ app, tuning, name, counts, scale, isSelected }) {
     </header>
     <${Histogram} app=${app} name=${name} size="small" counts=${counts} threshold=${threshold} active=${thresholdOf(active.config, name)} isLog=${scale !== "linear"} onChange=${set} />
     <${ClassCounts} tuning=${tuning} name=${name} />
-    ${unknownOf(tuning, name) > 0 && html`<p class="faint">${percentText(unknownOf(tuning, name))} of its pixels have no known tag</p>`}
+    ${unknown > 0 && html`<p class="faint">${percentText(unknown)} of its pixels have no known tag</p>`}
   </section>`;
 }
 
@@ -121,7 +123,10 @@ function ClassCounts({ tuning, name }) {
   </dl>`;
 }
 
-/** The verdict of the reasons that do not reject a box; profile carlasimu rejects unmapped classes. @type {Record<string, string>} */
+/**
+ * The verdict of the reasons that do not reject a box; profile carlasimu rejects unmapped classes.
+ * @type {Record<string, string>}
+ */
 const METERS = {
   visible: "kept",
   no_segmentation: "unmeasured",
@@ -138,7 +143,8 @@ export function Reasons({ tuning, selected }) {
   const after = of(tuning.preview);
   const isPublished = tuning.tried.profile === "carlasimu";
   /** @param {string} reason */
-  const meterOf = (reason) => (isPublished && reason === "unmapped_class" ? "rejected" : (METERS[reason] ?? "rejected"));
+  const meterOf = (reason) =>
+    isPublished && reason === "unmapped_class" ? "rejected" : (METERS[reason] ?? "rejected");
   const most = Math.max(1, ...Object.values(after), ...Object.values(before));
   const reasons = Object.keys({ ...before, ...after }).sort((a, b) => (before[b] ?? 0) - (before[a] ?? 0));
   return html`<section class="panelbox" aria-labelledby="reasons-title">
