@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from filter_core.annotation.boxes import box_place
 from filter_core.annotation.frame import BoxAnnotation, FrameAnnotation
@@ -23,10 +24,10 @@ _SHARES: Final = ("xyxyn", "cxcywhn")
 
 _CORNERS: Final = ("xyxy", "xyxyn")
 
-_MAX_SHARE: Final = 10.0
+MAX_SHARE: Final = 10.0
 """No share is larger. A box that reaches out of the image may exceed 1."""
 
-_PERCENT: Final = 100.0
+PERCENT: Final = 100.0
 
 _EMPTY: Final = 1.0
 """Pixels; a side that is inverted by no more is one without extent.
@@ -79,7 +80,8 @@ def _check_order(
                     _place(box),
                     "exchanged_corners",
                     "x_min <= x_max and y_min <= y_max",
-                    f"{_numbers(box)}; exchange the corners",
+                    f"{_numbers(box)}; exchange the corners, or say `boxes: {{corners: "
+                    "xywh}` in a folder's recording.yaml if these are width and height",
                 )
         elif (c < 0 or d < 0) and _would_be_seen(box, wh):
             expected = "a width and a height of at least 0"
@@ -100,23 +102,25 @@ def _would_be_seen(box: BoxAnnotation, wh: tuple[int, int]) -> bool:
 
 
 def _check_shares(boxes: Sequence[BoxAnnotation], faults: Faults) -> None:
-    wrong = [box for box in boxes if max(map(abs, box.values)) > _MAX_SHARE]
+    wrong = [box for box in boxes if max(map(abs, box.values)) > MAX_SHARE]
     if not wrong:
         return
-    numbers = [number for box in boxes for number in box.values]
-    if max(map(abs, numbers)) > _PERCENT:
-        unit = "pixels"
-    elif all(map(float.is_integer, numbers)):
-        unit = "pixels or percent"
-    else:
-        unit = "percent"
+    unit = unit_of_shares([box.values for box in boxes])
     for box in wrong:
         faults.add(
             _place(box),
             "wrong_unit",
             "shares of the image's width and height, 0 to 1",
-            f"{_numbers(box)}, which looks like {unit}",
+            f"{_numbers(box)}, which looks like {unit}; {_of_folder(unit)}",
         )
+
+
+def unit_of_shares(values: ArrayLike) -> str:
+    """The unit that numbers look like where shares are expected, some of them large."""
+    numbers = np.abs(np.asarray(values, np.float64))
+    if numbers.max() > PERCENT:
+        return "pixels"
+    return "pixels or percent" if (numbers == np.rint(numbers)).all() else "percent"
 
 
 def _check_pixels(boxes: Sequence[BoxAnnotation], faults: Faults) -> None:
@@ -132,8 +136,14 @@ def _check_pixels(boxes: Sequence[BoxAnnotation], faults: Faults) -> None:
             "wrong_unit",
             "pixels",
             f"{_numbers(box)}, which looks like shares of the image's width and "
-            "height; those belong under xyxyn or cxcywhn",
+            f"height; those belong under xyxyn or cxcywhn; {_of_folder('shares')}",
         )
+
+
+def _of_folder(units: str) -> str:
+    """What helps where a format fixes the key of its rectangles."""
+    keys = (f"`boxes: {{unit: {unit}}}`" for unit in units.split(" or "))
+    return f"in recording.yaml of a folder, {' or '.join(keys)} says so"
 
 
 def _looks_like_shares(box: BoxAnnotation) -> bool:

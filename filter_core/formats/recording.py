@@ -51,6 +51,10 @@ LAYOUTS: Final = (
 
 Origin: TypeAlias = Literal["auto", "0", "1"]
 
+Unit: TypeAlias = Literal["auto", "pixels", "shares", "percent"]
+
+Corners: TypeAlias = Literal["auto", "xyxy", "xywh", "cxcywh"]
+
 _MAX_NAMES: Final = 100_000
 
 _MAX_NAME: Final = 1000
@@ -108,6 +112,21 @@ class ClassNames:
         return {"type": "array", "items": {"type": "string"}, "minItems": 1}
 
 
+NAME: Final = "name"
+"""The option of a class that is joined to another one, whose name it is."""
+
+
+def measured_classes(class_map: Mapping[str, object]) -> dict[str, object]:
+    """A class map as ``classes`` of a configuration, which knows no `NAME`."""
+    measured = {
+        name: {key: value for key, value in options.items() if key != NAME}
+        if isinstance(options, Mapping)
+        else options
+        for name, options in class_map.items()
+    }
+    return {name: options for name, options in measured.items() if options != {}}
+
+
 class ClassMap:
     """What classes measure as: the ``classes`` of a configuration."""
 
@@ -121,7 +140,14 @@ class ClassMap:
                 f"{place_of(at)}{name}: expected {self}, found {shown(value)}",
                 pointer=f"{at}/{name}",
             )
-        DecideConfig(classes=value)
+        name_of_class = AllowedName("a class name")
+        for given, options in value.items():
+            if isinstance(options, Mapping) and NAME in options:
+                place = f"{at}/{name}/{pointer_token(given)}"
+                name_of_class.checked(NAME, options[NAME], place)
+        # Its form is checked here, whatever was given.
+        make: Callable[..., DecideConfig] = DecideConfig
+        make(classes=measured_classes(value))
         return dict(value)
 
     def schema(self) -> dict[str, object]:
@@ -223,6 +249,24 @@ class RecordingDescription:
             "Whether rectangles in whole pixels are counted from 0 or from 1.",
         ),
     )
+    unit: Unit = placed(
+        "boxes.unit",
+        Key(
+            AllowedWords(get_args(Unit)),
+            "auto",
+            "The unit of rectangles, if it is not the format's own; shares and percent "
+            "are those of the image's width and height.",
+        ),
+    )
+    corners: Corners = placed(
+        "boxes.corners",
+        Key(
+            AllowedWords(get_args(Corners)),
+            "auto",
+            "What the four numbers of a rectangle are, if not what the format says: "
+            "two corners, a corner and the size, or the centre and the size.",
+        ),
+    )
     class_map: Mapping[str, object] = placed(
         "classes",
         Key(
@@ -230,7 +274,7 @@ class RecordingDescription:
             MappingProxyType({}),
             "What the filter measures a class as: the name of another class, `pass` "
             "for boxes that are passed on unmeasured, or options as in `classes` of a "
-            "configuration.",
+            "configuration; `name` among them joins it to a class of that name.",
         ),
     )
     outside_files: bool = False
@@ -263,7 +307,17 @@ class RecordingDescription:
         """
         named = {**self.segmentation_settings(), "depth_encoding": self.depth_encoding}
         keys = {name: value for name, value in named.items() if name in self.changed}
-        return {**keys, **({"classes": self.class_map} if self.class_map else {})}
+        classes = measured_classes(self.class_map)
+        return {**keys, **({"classes": classes} if classes else {})}
+
+    @property
+    def class_names(self) -> dict[str, str]:
+        """The names of classes that are joined to others, each with the other's."""
+        return {
+            name: str(options[NAME])
+            for name, options in self.class_map.items()
+            if isinstance(options, Mapping) and NAME in options
+        }
 
     def segmentation_settings(self) -> dict[str, str]:
         """What it says about segmentations, as settings of a dataset."""
@@ -293,8 +347,6 @@ _NOT_YET: Final = frozenset(
         "map",
         "segmentation.scale",
         "segmentation.tags",
-        "boxes.unit",
-        "boxes.corners",
         "boxes.fields",
     }
 )

@@ -37,6 +37,7 @@ from filter_core.formats.export import (
 from filter_core.formats.format import Format, Source
 from filter_core.formats.kitti import KITTI
 from filter_core.formats.label_studio import LABEL_STUDIO
+from filter_core.formats.labels import described_labels
 from filter_core.formats.manifest import MANIFEST
 from filter_core.formats.outside import check_links, files_inside
 from filter_core.formats.pairs import PAIRS
@@ -113,7 +114,8 @@ def read_source(
     LayoutError
         Nothing there, no layout or several recognised, an option that the layout does
         not have, no list of classes, files outside the folder that the options do
-        not allow, or a fault in ``recording.yaml``.
+        not allow, boxes in another unit or notation than the layout's
+        (`described_labels`), or a fault in ``recording.yaml``.
     """
     if not source.exists():
         raise LayoutError(
@@ -135,12 +137,13 @@ def read_source(
             f"has {allowed}",
             code=UNUSED_OPTION,
         )
-    if found is MANIFEST:  # which checks each file that it names
-        return found.read(source, options)
-    if source.is_file():
-        return files_inside(found.read(source, options), source, options)
-    check_links(source, options)
-    return found.read(source, options)
+    if source.is_dir() and found is not MANIFEST:  # which checks each file it names
+        check_links(source, options)
+    frames = found.read(source, options)
+    if source.is_file() and found is not MANIFEST:
+        frames = files_inside(frames, source, options)
+    # CarlaSimu's own labels are taken as its published code takes them.
+    return described_labels(frames, options, recognise=found is not CARLASIMU)
 
 
 def detect_layout(source: Path) -> str:

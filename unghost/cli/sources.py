@@ -125,6 +125,22 @@ class SourceOptions:
             "default: as the files show.",
         ),
     ] = None
+    unit: Annotated[
+        str | None,
+        typer.Option(
+            metavar="UNIT",
+            help="The unit of rectangles, if it is not the format's own: pixels, "
+            "shares or percent.",
+        ),
+    ] = None
+    corners: Annotated[
+        str | None,
+        typer.Option(
+            metavar="FORM",
+            help="What the four numbers of a rectangle are, if not what the format "
+            "says: xyxy, xywh or cxcywh.",
+        ),
+    ] = None
     class_map: Annotated[
         list[str] | None,
         typer.Option(
@@ -193,7 +209,8 @@ class SourceOptions:
 
 
 _DESCRIBING: Final = (
-    *("segmentation", "labels", "default_class", "depth_encoding", "origin"),
+    *("segmentation", "labels", "default_class", "depth_encoding"),
+    *("origin", "unit", "corners"),
 )
 """Options that are keys of a description as they are."""
 

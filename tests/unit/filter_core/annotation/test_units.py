@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from filter_core.config.filter import FilterConfig
-from filter_core.errors import AnnotationErrors
+from filter_core.errors import AnnotationErrors, LayoutError
 from filter_core.formats.registry import read_source
 from filter_core.local import filter_source
 from filter_core.pipeline import filter_frame
@@ -182,16 +182,22 @@ def test_wrong_unit_is_refused_in_every_format(tmp_path, name, content, code):
 @pytest.mark.parametrize(
     ("case", "kinds"),
     [
-        ("14-units/xyxy-shares", {"wrong_unit"}),
-        ("14-units/xyxyn-pixels", {"wrong_unit"}),
         ("14-units/xyxy-exchanged", {"exchanged_corners"}),
         ("13-voc-coco-oddities/coco-norm", {"wrong_unit"}),
     ],
 )
-def test_cases_of_other_programs_are_refused(case, kinds):
+def test_frames_of_other_programs_are_refused(case, kinds):
     source = read_source(shared(f"cases/{case}"))
 
     (outcome,) = filter_source(source.frames(), FilterConfig())
 
     assert outcome.error is not None
     assert {one["code"] for one in outcome.error["errors"]} == kinds
+
+
+@pytest.mark.parametrize("case", ["14-units/xyxy-shares", "14-units/xyxyn-pixels"])
+def test_recordings_of_other_programs_are_refused(case):
+    with pytest.raises(LayoutError) as caught:
+        read_source(shared(f"cases/{case}"))
+
+    assert caught.value.kind == "wrong_unit"

@@ -30,13 +30,15 @@ boxes:
   labels: boxes
   classes: [van, car]
   default_class: van
+  unit: percent
+  corners: xyxy
 classes:
   sign: {accept: [TrafficSign]}
 """
 
 
 def test_every_key_of_a_description_reaches_reader_or_configuration(tmp_path):
-    files = {"rgb/1.png": None, "tags/1.png": None, "boxes/1.txt": "1 .5 .5 .5 .5"}
+    files = {"rgb/1.png": None, "tags/1.png": None, "boxes/1.txt": "1 20 30 40 50"}
     write_files(tmp_path, {**files, RECORDING_NAME: WHOLE})
 
     description = describe(tmp_path)
@@ -45,7 +47,9 @@ def test_every_key_of_a_description_reaches_reader_or_configuration(tmp_path):
     assert {*description.changed, "origin"} == {*declared_keys(RecordingDescription)}
     assert frame.segmentation == tmp_path / "tags/1.png"
     annotation = parse_annotation(frame.annotation or {})
-    assert [box.class_name for box in annotation.boxes] == ["car"]
+    (box,) = annotation.boxes
+    assert (box.class_name, box.form) == ("car", "xyxyn")
+    assert box.values == pytest.approx([0.2, 0.3, 0.4, 0.5])
     assert description.config_keys() == {
         "palette": "carla-0.9.14",
         "encoding": "raw",
@@ -105,7 +109,9 @@ def test_option_wins_over_the_file_and_a_configuration_over_both(tmp_path):
         ("boxes: [car]", "boxes: expected a mapping of keys, found a list of 1"),
         ("classes: {car: {acept: [Car]}}", "classes.car: unknown key 'acept'"),
         ("files: {image: x}", "recording.yaml: files is not supported yet"),
-        ("boxes: {unit: shares}", "recording.yaml: boxes.unit is not supported yet"),
+        ("boxes: {fields: {}}", "recording.yaml: boxes.fields is not supported yet"),
+        ("boxes: {unit: share}", "boxes: unit: expected one of auto, pixels, shares, percent"),
+        ("classes: {a: {name: 3}}", "name: expected a class name, found 3"),
         ("outside_files: true", "unknown key 'outside_files'"),
         ("segmentation: {folder: nowhere}", "segmentation.folder: expected a folder"),
         ("segmentation: {folder: ..}", "found \"..\"; --recording FILE names"),

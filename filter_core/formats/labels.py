@@ -1,0 +1,254 @@
+"""The boxes of a recording in the unit, notation and names that its description says.
+
+A format fixes how a rectangle is written, and people write others into it: percent into
+COCO's ``bbox``, corners into YOLO's columns. Each of these would be the rectangle of
+other pixels, and mostly of none of the object's. One frame seldom shows it; many do.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from functools import cached_property
+from itertools import islice
+from typing import Final
+
+import numpy as np
+
+from filter_core.annotation.parsing import parse_annotation
+from filter_core.annotation.units import MAX_SHARE, PERCENT, unit_of_shares
+from filter_core.errors import FilterError, LayoutError
+from filter_core.formats.reading import FrameSet, FrameSource, open_regular
+from filter_core.formats.recording import RecordingDescription
+from filter_core.geometry.boxes import FORMS, to_xyxy
+from filter_core.images.header import read_image_header
+from filter_core.types import FloatArray
+
+_SAMPLE: Final = 200
+"""Frames whose labels are looked at, the first of a recording."""
+
+_FEWEST: Final = 3
+"""Different rectangles that can show a unit or a notation together."""
+
+_FEWEST_WHOLE: Final = 20
+"""Boxes that can show percent if all are whole numbers, or no size of images is known.
+
+So many do not lie in the first hundred rows and columns by chance.
+"""
+
+_LEAST_SIDE: Final = 300
+"""px; in smaller images, boxes in pixels are often within the first hundred."""
+
+_OUTSIDE: Final = 1 / 3
+"""Share of boxes that reach out of the image in the wrong notation, at least."""
+
+_HEADER_BYTES: Final = 1 << 16
+
+_SCALE: Final = {"pixels": 1.0, "shares": 1.0, "percent": 1 / PERCENT}
+
+
+def described_labels(
+    frames: FrameSet, description: RecordingDescription, *, recognise: bool
+) -> FrameSet:
+    """The frames with their boxes as the description says.
+
+    Parameters
+    ----------
+    frames : FrameSet
+    description : RecordingDescription
+        Where it does not say the unit or the corners, they are those of the format.
+    recognise : bool
+        Whether the first frames are looked at for another unit or notation.
+
+    Raises
+    ------
+    LayoutError
+        ``wrong_unit``, ``wrong_corners``: the boxes together look like those of another
+        unit or notation than the format's, and the description does not say it.
+    """
+    if recognise and "auto" in (description.unit, description.corners):
+        _refuse_others(frames, description)
+    names = description.class_names
+    if not names and description.unit == description.corners == "auto":
+        return frames
+
+    def described() -> Iterator[FrameSource]:
+        for frame in frames.frames():
+            if frame.annotation is None:
+                yield frame
+            else:
+                annotation = _described(frame.annotation, description)
+                yield replace(frame, annotation=annotation)
+
+    classes = frames.classes
+    if classes is not None:
+        classes = tuple(dict.fromkeys(names.get(name, name) for name in classes))
+    return replace(frames, frames=described, classes=classes)
+
+
+def _described(
+    annotation: Mapping[str, object], description: RecordingDescription
+) -> dict[str, object]:
+    boxes = annotation.get("boxes")
+    if not isinstance(boxes, list | tuple):
+        return dict(annotation)
+    names = description.class_names
+    described: list[object] = []
+    for box in boxes:
+        if not isinstance(box, Mapping):
+            described.append(box)
+            continue
+        items = (_rectangle(key, value, description) for key, value in box.items())
+        own = dict(items)
+        name = own.get("class")
+        if isinstance(name, str):
+            own["class"] = names.get(name, name)
+        described.append(own)
+    return {**annotation, "boxes": described}
+
+
+def _rectangle(
+    form: str, values: object, description: RecordingDescription
+) -> tuple[str, object]:
+    """The key and the numbers of a rectangle; other keys of a box as they are."""
+    if form not in FORMS:
+        return form, values
+    try:
+        numbers = [float(number) for number in values]  # type: ignore[attr-defined]
+    except (TypeError, ValueError):
+        return form, values
+    unit = "shares" if form.endswith("n") else "pixels"
+    unit = unit if description.unit == "auto" else description.unit
+    corners = form.removesuffix("n")
+    corners = corners if description.corners == "auto" else description.corners
+    scaled = [number * _SCALE[unit] for number in numbers]
+    if unit == "pixels":
+        return corners, scaled
+    if corners == "xywh" and len(scaled) == 4:
+        corners, scaled = "xyxy", to_xyxy("xywh", [scaled], (1, 1))[0].tolist()
+    return f"{corners}n", scaled
+
+
+def _refuse_others(frames: FrameSet, description: RecordingDescription) -> None:
+    for form, rows in _sampled(frames).items():
+        values = np.array([row for row, _ in rows], np.float64)
+        if len(np.unique(values, axis=0)) < _FEWEST:
+            continue
+        sizes = _Sizes([frame for _, frame in rows])
+        others = {
+            "unit": _other_unit(form, values, sizes),
+            "corners": _other_corners(form, values, sizes),
+        }
+        for key, word in others.items():
+            if word is not None and getattr(description, key) == "auto":
+                raise _error(frames, form, values, key, word)
+
+
+def _sampled(
+    frames: FrameSet,
+) -> Mapping[str, list[tuple[tuple[float, ...], FrameSource]]]:
+    """The numbers of rectangles by their form, each with its frame."""
+    by_form: dict[str, list[tuple[tuple[float, ...], FrameSource]]] = defaultdict(list)
+    for frame in islice(frames.frames(), _SAMPLE):
+        try:
+            boxes = parse_annotation(frame.annotation or {}, frame=frame.key).boxes
+        except FilterError:
+            continue  # reported when the frame is used
+        for box in boxes:
+            if box.form in FORMS:
+                by_form[box.form].append((box.values, frame))
+    return by_form
+
+
+class _Sizes:
+    """The sizes of the images of boxes, which are read if they are needed."""
+
+    def __init__(self, frames: list[FrameSource]) -> None:
+        self._frames = frames
+
+    @cached_property
+    def wh(self) -> FloatArray:
+        """(N, 2) px: width and height of the image of each box; NaN: unknown."""
+        by_key = {frame.key: frame for frame in self._frames}
+        known = {key: _size(frame) for key, frame in by_key.items()}
+        return np.array([known[frame.key] for frame in self._frames], np.float64)
+
+
+def _size(frame: FrameSource) -> tuple[float, float]:
+    camera = (frame.annotation or {}).get("camera")
+    for path in filter(None, (frame.image, frame.segmentation)):
+        try:
+            with open_regular(path) as file:
+                return read_image_header(file.read(_HEADER_BYTES), whole=False).wh
+        except (OSError, FilterError):
+            continue
+    if isinstance(camera, Mapping):
+        width, height = camera.get("width"), camera.get("height")
+        if isinstance(width, int) and isinstance(height, int):
+            return width, height
+    return np.nan, np.nan
+
+
+def _other_unit(form: str, values: FloatArray, sizes: _Sizes) -> str | None:
+    """The unit that the numbers of all boxes of a form have, if not the form's own."""
+    if form.endswith("n"):
+        is_large = (np.abs(values) > MAX_SHARE).any(axis=1)
+        return unit_of_shares(values) if 2 * is_large.sum() > len(values) else None
+    if values.min() < 0 or values.max() > PERCENT:
+        return None
+    is_whole = bool((values == np.rint(values)).all())
+    if values.max() <= 1:
+        return None if is_whole else "shares"
+    are_many = len(values) >= _FEWEST_WHOLE
+    if is_whole and not are_many:
+        return None
+    least = sizes.wh.min()
+    return "percent" if least >= _LEAST_SIDE or (np.isnan(least) and are_many) else None
+
+
+def _other_corners(form: str, values: FloatArray, sizes: _Sizes) -> str | None:
+    """The notation that the numbers of all boxes of a form have, if not the form's."""
+    first, last = values[:, :2], values[:, 2:]
+    if form.startswith("xyxy"):
+        is_inverted = (last < first).any(axis=1)
+        # If all are inverted, corners may be exchanged, and each frame is refused.
+        is_size = len(values) < 2 * is_inverted.sum() < 2 * len(values)
+        return "xywh" if is_size else None
+    if (last < first).any():
+        return None
+    wh = np.ones((1, 2)) if form.endswith("n") else sizes.wh
+    margin = wh / 100
+    xyxy = to_xyxy(form.removesuffix("n"), values, (1, 1))
+    reaches_out = (xyxy[:, :2] < -margin) | (xyxy[:, 2:] > wh + margin)
+    fits = ((first >= -margin) & (last <= wh + margin)).all()
+    return "xyxy" if fits and reaches_out.any(axis=1).mean() >= _OUTSIDE else None
+
+
+def _error(
+    frames: FrameSet, form: str, values: FloatArray, key: str, word: str
+) -> LayoutError:
+    """The error about boxes that look like those of another unit or notation."""
+    example = ", ".join(f"{number:.6g}" for number in values[len(values) // 2])
+    words = word.split(" or ")
+    own = {"unit": "shares" if form.endswith("n") else "pixels"}
+    own["corners"] = form.removesuffix("n")
+    remedies = [f"`boxes: {{{key}: {each}}}`" for each in dict.fromkeys(words)]
+    return LayoutError(
+        f"the boxes look like {_MEANINGS[word]}, and layout {frames.layout} expects "
+        f"{_MEANINGS[own[key]]}: {len(values)} boxes were looked at together, such as "
+        f"[{example}]; say which it is in recording.yaml: {' or '.join(remedies)} or "
+        f"`boxes: {{{key}: {own[key]}}}` (--{key})",
+        code=f"wrong_{key}",
+    )
+
+
+_MEANINGS: Final = {
+    "pixels": "pixels",
+    "shares": "shares of the image's width and height",
+    "percent": "percent of the image's width and height",
+    "pixels or percent": "pixels or percent of the image's width and height",
+    "xyxy": "the first and the last corner (xyxy)",
+    "xywh": "the first corner, width and height (xywh)",
+    "cxcywh": "the centre, width and height (cxcywh)",
+}

@@ -1,0 +1,211 @@
+"""A recording in another unit or notation is refused as a whole, until that is said."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from filter_core.annotation.parsing import parse_annotation
+from filter_core.config.file import load_config
+from filter_core.errors import LayoutError
+from filter_core.formats.recording import RECORDING_NAME, describe
+from filter_core.formats.registry import read_source
+from filter_core.geometry.boxes import to_xyxy
+from tests.support.folders import write_files
+from tests.support.pictures import png
+
+WIDTH, HEIGHT = 640, 360
+BOXES = [
+    [186.5, 180.0, 260.0, 223.0],
+    [12.0, 31.25, 50.0, 66.0],
+    [400.0, 210.0, 637.0, 301.0],
+]
+FRAMES = 2
+
+
+def shares(box):
+    return [number / side for number, side in zip(box, (WIDTH, HEIGHT) * 2)]  # noqa: B905
+
+
+def percent(box):
+    return [100 * share for share in shares(box)]
+
+
+def sized(box):
+    return [box[0], box[1], box[2] - box[0], box[3] - box[1]]
+
+
+def centred(box):
+    x, y, width, height = sized(box)
+    return [x + width / 2, y + height / 2, width, height]
+
+
+def yolo(boxes):
+    lines = [f"0 {' '.join(map(str, box))}\n" for box in boxes]
+    return {f"labels/{n}.txt": "".join(lines) for n in range(FRAMES)} | {
+        "classes.txt": "car\n"
+    }
+
+
+def coco(boxes):
+    images = [
+        {"id": n, "file_name": f"{n}.png", "width": WIDTH, "height": HEIGHT}
+        for n in range(FRAMES)
+    ]
+    annotations = [
+        {"id": n * 100 + i, "image_id": n, "category_id": 1, "bbox": box}
+        for n in range(FRAMES)
+        for i, box in enumerate(boxes)
+    ]
+    names = [{"id": 1, "name": "car"}]
+    document = {"images": images, "annotations": annotations, "categories": names}
+    return {"annotations.json": json.dumps(document)}
+
+
+def voc(boxes):
+    names = ("xmin", "ymin", "xmax", "ymax")
+    objects = [
+        "<object><name>car</name><bndbox>"
+        + "".join(f"<{key}>{value}</{key}>" for key, value in zip(names, box))  # noqa: B905
+        + "</bndbox></object>"
+        for box in boxes
+    ]
+    text = f"<annotation>{''.join(objects)}</annotation>"
+    return {f"Annotations/{n}.xml": text for n in range(FRAMES)}
+
+
+def kitti(boxes):
+    rest = "-1 -1 -1 -1000 -1000 -1000 0"
+    lines = [f"Car 0 0 0 {' '.join(map(str, box))} {rest}\n" for box in boxes]
+    return {f"label_2/{n}.txt": "".join(lines) for n in range(FRAMES)}
+
+
+def manifest(form):
+    def lines(boxes):
+        rows = [{"class": "car", form: box} for box in boxes]
+        frames = [
+            {"key": f"{n}", "image": f"images/{n}.png", "boxes": rows}
+            for n in range(FRAMES)
+        ]
+        return {"manifest.jsonl": "\n".join(map(json.dumps, frames))}
+
+    return lines
+
+
+IMAGE_FOLDERS = {voc: "JPEGImages", kitti: "image_2"}
+
+
+def recording(folder, write, boxes, description=""):
+    """A recording whose frames all have the same boxes, and perhaps a description."""
+    images = IMAGE_FOLDERS.get(write, "images")
+    picture = png(np.zeros((HEIGHT, WIDTH, 3), np.uint8))
+    files = {f"{images}/{n}.png": picture for n in range(FRAMES)}
+    if description:
+        files[RECORDING_NAME] = description
+    return write_files(folder, files | write(boxes))
+
+
+def boxes_of(source):
+    """The boxes of each frame."""
+    return [parse_annotation(frame.annotation or {}).boxes for frame in source]
+
+
+def rectangles(source):
+    """The rectangles of all frames in pixels."""
+    return [
+        [to_xyxy(box.form, [box.values], (WIDTH, HEIGHT))[0] for box in boxes]
+        for boxes in boxes_of(source)
+    ]
+
+
+@pytest.mark.parametrize(
+    ("write", "convert", "key", "word"),
+    [
+        (yolo, lambda box: percent(centred(box)), "unit", "percent"),
+        (yolo, centred, "unit", "pixels"),
+        (yolo, shares, "corners", "xyxy"),
+        (coco, lambda box: percent(sized(box)), "unit", "percent"),
+        (coco, lambda box: shares(sized(box)), "unit", "shares"),
+        (coco, list, "corners", "xyxy"),
+        (voc, percent, "unit", "percent"),
+        (voc, shares, "unit", "shares"),
+        (voc, sized, "corners", "xywh"),
+        (kitti, percent, "unit", "percent"),
+        (kitti, shares, "unit", "shares"),
+        (kitti, sized, "corners", "xywh"),
+        (manifest("xyxy"), percent, "unit", "percent"),
+        (manifest("xyxyn"), list, "unit", "pixels"),
+        (manifest("xyxy"), sized, "corners", "xywh"),
+        (manifest("cxcywh"), list, "corners", "xyxy"),
+    ],
+)
+def test_recording_in_another_unit_or_notation_is_read_as_its_description_says(
+    tmp_path, write, convert, key, word
+):
+    boxes = [convert(box) for box in BOXES]
+    description = f"boxes: {{{key}: {word}}}"
+
+    with pytest.raises(LayoutError) as caught:
+        read_source(recording(tmp_path, write, boxes))
+    described = recording(tmp_path, write, boxes, description)
+
+    assert caught.value.kind == f"wrong_{key}"
+    assert f"`{description}`" in caught.value.detail
+    for found in rectangles(read_source(described)):
+        np.testing.assert_allclose(found, BOXES, atol=1e-9)
+
+
+def test_share_that_is_the_corner_and_the_size_is_read(tmp_path):
+    boxes = [shares(sized(box)) for box in BOXES]
+    source = recording(tmp_path, yolo, boxes, "boxes: {corners: xywh}")
+
+    for found in rectangles(read_source(source)):
+        np.testing.assert_allclose(found, BOXES, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("write", "boxes"),
+    [
+        (manifest("xyxy"), [[3.5, 4, 40, 50], [60, 12.5, 99, 31]]),  # too few
+        (manifest("xyxy"), [[n, n, 90, 99] for n in range(1, 7)]),  # whole numbers
+        (manifest("xyxy"), [[3.5, 4, 40, 50], [60, 2.5, 99, 31], [1, 1, 101, 9]]),
+        (manifest("xyxy"), [[640, 180, 630, 223], [0, 0, 9, 9], [1, 1, 9, 9]]),
+        (manifest("xyxyn"), [[0.1, 0.1, 0.5, 0.5], [-8, 0, 9, 1], [0, 0, 12, 1]]),
+        (coco, [[0, 0, 640, 360], [10, 20, 600, 330], [5, 5, 630, 350]]),  # close-ups
+        (coco, [[-90, -70, 320, 260], [-5, 0, 500, 200], [0, 0, 9, 90]]),
+        (yolo, [[0.5, 0.5, 0.99, 0.98], [0.3, 0.4, 0.6, 0.7], [0.2, 0.2, 0.4, 0.4]]),
+    ],
+)
+def test_boxes_that_may_be_meant_are_not_refused(tmp_path, write, boxes):
+    source = read_source(recording(tmp_path, write, boxes))
+
+    assert [len(each) for each in boxes_of(source)] == [len(boxes)] * FRAMES
+
+
+def test_percent_in_small_images_is_not_told(tmp_path):
+    picture = png(np.zeros((100, 100, 3), np.uint8))
+    pictures = {f"images/{n}.png": picture for n in range(FRAMES)}
+    boxes = [[3.5, 4, 40, 50], [60, 12.5, 99, 31], [1, 1, 9, 9.5]]
+    folder = write_files(tmp_path, pictures | manifest("xyxy")(boxes))
+
+    assert len(list(read_source(folder))) == FRAMES
+
+
+def test_class_of_another_name_is_joined_to_it(tmp_path):
+    classes = {"classes.txt": "street_light\ncar\ntraffic_light\n"}
+    lines = {"labels/0.txt": "0 .5 .5 .1 .1\n2 .3 .3 .1 .1\n1 .2 .2 .1 .1\n"}
+    text = (
+        "classes: {street_light: {name: traffic_light}, car: {min_visible_pixels: 3}}"
+    )
+    folder = write_files(tmp_path, {**classes, **lines, RECORDING_NAME: text})
+
+    source = read_source(folder)
+    (boxes,) = boxes_of(source)
+
+    names = [box.class_name for box in boxes]
+    assert names == ["traffic_light", "traffic_light", "car"]
+    assert source.classes == ("traffic_light", "car")
+    loaded = load_config(b"", below=describe(folder).config_keys())
+    assert set(loaded.config.classes) == {"car"}
