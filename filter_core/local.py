@@ -47,6 +47,7 @@ from filter_core.evaluation.comparison import (
     Evaluation,
     truth_from_instances,
 )
+from filter_core.evidence.depth import read_depth
 from filter_core.evidence_kinds import EvidenceName, files_for
 from filter_core.formats.export import ExportFrame, GivenAnnotation
 from filter_core.formats.format import Need
@@ -517,6 +518,48 @@ def boxes_by_class(frames: Iterable[FrameSource]) -> Counter[str]:
             continue
         found.update(map(box_class, annotation.boxes))
     return found
+
+
+_DEPTH_IMAGES: Final = 8
+"""Depth images of a recording that are looked at."""
+
+
+def with_depth_encoding(
+    config: FilterConfig, frames: Iterable[FrameSource], channels: Collection[str]
+) -> FilterConfig:
+    """The configuration with the encoding that depth images of a recording show.
+
+    Parameters
+    ----------
+    config : FilterConfig
+        Returned as it is if it names an encoding.
+    frames : iterable of FrameSource
+        Some of the recording. A few of their images are read.
+    channels : collection of EvidenceName
+        What is measured; returns `config` as it is if none of them uses depth.
+
+    Notes
+    -----
+    A recording has one encoding, and not every image shows it: a wall that fills one is
+    too flat. Where images show different ones, each frame is left to itself.
+    """
+    if config.depth_encoding != "auto" or "depth" not in files_for(channels):
+        return config
+    paths = [frame.others["depth"] for frame in frames if "depth" in frame.others]
+    step = max(1, len(paths) // _DEPTH_IMAGES)
+    shown: set[str] = set()
+    for path in paths[::step][:_DEPTH_IMAGES]:
+        try:
+            depth = read_depth(_read(path, "depth"))
+        except FilterError:
+            continue  # said when the frame is used
+        if depth.is_certain:
+            shown.add(depth.encoding)
+    if len(shown) != 1:
+        return config
+    return FilterConfig.from_mapping(
+        {**config.as_dict(), "depth_encoding": shown.pop()}
+    )
 
 
 def measure_source(

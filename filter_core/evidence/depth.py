@@ -239,6 +239,12 @@ _LEAST_ROUGH: Final = 0.2
 Of raw depth: mostly above 0.8, in drawn scenes from 0.5. Of photos: below 0.1.
 """
 
+_ROUGHER: Final = 0.2
+"""By so much more of the pairs the lowest byte is rough than the middle one, at least.
+
+Only on steep surfaces, where both are noise, is the difference less.
+"""
+
 _MOST_OF_IT: Final = 1 / 3
 """The same share of the highest byte may be so much of it; it is hardly above 0.02.
 
@@ -280,19 +286,7 @@ def _in_order(bgr: NDArray[np.uint8], named: DepthEncoding) -> DepthImage:
         if named == "auto":
             return replace(depth, is_certain=False)
         return depth if named == "carla" else _swapped(depth)
-    levels = np.abs(differing)
-    levels = np.minimum(levels, 256 - levels)  # a byte that overflows goes on at 0
-    blue, _, red = (levels > _ROUGH_STEP).mean(axis=1).tolist()
-    shown: DepthEncoding = "auto"
-    if max(red, blue) >= _LEAST_ROUGH:
-        if blue <= _MOST_OF_IT * red:
-            shown = "carla"
-        elif red <= _MOST_OF_IT * blue:
-            shown = "carla-bgr"
-    found = (
-        f"changes of more than {_ROUGH_STEP} levels at {100 * blue:.0f} % (blue) and "
-        f"{100 * red:.0f} % (red) of the pixels that change"
-    )
+    shown, found = _shown_order(differing)
     if shown == named == "auto":
         raise _unknown(
             "expected CARLA's raw depth, in which blue changes little from pixel to "
@@ -302,6 +296,35 @@ def _in_order(bgr: NDArray[np.uint8], named: DepthEncoding) -> DepthImage:
     if named != "auto" and shown not in ("auto", named):
         raise _unknown(f"depth_encoding says {named}, {found} prove {shown}")
     return _swapped(depth) if "carla-bgr" in (named, shown) else depth
+
+
+def _shown_order(differences: NDArray[np.int16]) -> tuple[DepthEncoding, str]:
+    """The order of channels that (3, P) differences of pixels show, and why.
+
+    Raises
+    ------
+    ImageError
+        ``unknown_depth``: green is the lowest byte.
+    """
+    levels = np.abs(differences)
+    levels = np.minimum(levels, 256 - levels)  # a byte that overflows goes on at 0
+    blue, green, red = (levels > _ROUGH_STEP).mean(axis=1).tolist()
+    changes = f"changes of more than {_ROUGH_STEP} levels at"
+    if green > max(red, blue) + _ROUGHER:
+        raise _unknown(
+            "expected CARLA's raw depth, in which red changes most (or blue, if they "
+            f"are swapped), found {changes} {100 * green:.0f} % (green), "
+            f"{100 * red:.0f} % (red) and {100 * blue:.0f} % (blue) of the pixels that "
+            "change; its channels are exchanged in a way that is not known"
+        )
+    shown: DepthEncoding = "auto"
+    if max(red, blue) >= _LEAST_ROUGH:
+        if blue <= _MOST_OF_IT * red:
+            shown = "carla"
+        elif red <= _MOST_OF_IT * blue:
+            shown = "carla-bgr"
+    shares = f"{100 * blue:.0f} % (blue) and {100 * red:.0f} % (red)"
+    return shown, f"{changes} {shares} of the pixels that change"
 
 
 def _sampled_pairs(
@@ -358,7 +381,8 @@ def settled_depth(
     ------
     ImageError
         ``unknown_depth``: no box, or of 16 bits not every second one, has its pixels at
-        its own depth; or the pixels of all of several boxes are behind them.
+        its own depth; or the pixels of all of several boxes are behind them; or they
+        are at their depth in millimetres.
 
     Notes
     -----
@@ -382,6 +406,14 @@ def settled_depth(
                 f"its pixels are behind each of the {len(boxes)} boxes that they "
                 "belong to: its numbers are not CARLA's, or the boxes of another frame"
             )
+        if boxes and not any(_boxes_that_fit(depth, [one], low, high) for one in boxes):
+            of_millimetres = (low / _STEPS_PER_MM, high / _STEPS_PER_MM)
+            if 2 * _boxes_that_fit(depth, boxes, *of_millimetres) >= len(boxes):
+                raise _unknown(
+                    "its pixels are at the depth of their boxes if its 24 bits are "
+                    "millimetres; expected steps of 1000 m / (2^24 - 1), as CARLA "
+                    "writes them, or 16 bits for millimetres"
+                )
         return depth
     is_color = not depth.is_wide
     if not boxes and (is_color or np.isnan(interval[:, 0]).all()):
@@ -413,8 +445,8 @@ def _is_behind(depth: DepthImage, pixels: AcceptedPixels, high: IntArray) -> boo
 def _boxes_that_fit(
     depth: DepthImage,
     boxes: Sequence[AcceptedPixels],
-    low: IntArray,
-    high: IntArray,
+    low: IntArray | FloatArray,
+    high: IntArray | FloatArray,
 ) -> int:
     """How many boxes have half of their accepted pixels or more at their own depth."""
     fitting = 0

@@ -6,8 +6,9 @@ It prints tables, draws a chart, and suggests thresholds for each class.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final
 from xml.sax.saxutils import escape
@@ -32,6 +33,7 @@ from unghost.cli.sources import (
     read_config,
     unmatched_lines,
 )
+from unghost.cli.summary import LOOKED_AT
 from unghost.wire.words import EvidenceName
 
 if TYPE_CHECKING:
@@ -132,11 +134,14 @@ def evaluate(options: EvaluateOptions) -> None:
     if some frames could not be read, or some files or lines of the ground truth could
     not be matched.
     """
-    from filter_core.local import evaluate_source
+    from filter_core.local import evaluate_source, with_depth_encoding
 
     description = options.describe(options.source)
     found = open_source(options.source, options.layout, description)
     screen, task = options.screen, _task(options, description)
+    first = islice(found, LOOKED_AT)
+    config = with_depth_encoding(task.config, first, task.channels)
+    task = replace(task, config=config)
     thresholds = _Thresholds.asked_for(options, task.config)
     use, notes = _TruthUse(task.truth), ImageNotes()
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final
 
@@ -32,6 +33,7 @@ from unghost.cli.sources import (
     unmatched_lines,
 )
 from unghost.cli.summary import (
+    LOOKED_AT,
     Advice,
     BoxSummary,
     UnmappedOptions,
@@ -387,7 +389,12 @@ def _write_labels(
     from filter_core.formats.files import folder_sink
     from filter_core.formats.reading import name_of
     from filter_core.formats.registry import format_of, write_export
-    from filter_core.local import boxes_by_class, export_sources, in_class_order
+    from filter_core.local import (
+        boxes_by_class,
+        export_sources,
+        in_class_order,
+        with_depth_encoding,
+    )
 
     boxes: Counter[str] = Counter()
     may_be_unmapped = options.filter and unmapped_names(found.classes or (), config)
@@ -396,6 +403,8 @@ def _write_labels(
     classes = found.classes or in_class_order(boxes)
     if options.filter:
         options.require_known(boxes, config, progress.summary.advice)
+        first = islice(found, LOOKED_AT)
+        config = with_depth_encoding(config, first, config.channels)
     options.screen.note(f"classes in this order: {', '.join(classes)}")
     decided = {"config": config.digest} if options.filter else {}
     facts = {"source": name_of(options.source), "layout": found.layout, **decided}

@@ -92,7 +92,7 @@ def filter_local(options: FilterOptions) -> None:
     could not be decided or matched; they are listed, and their lines say why. Also if
     a class or pixels in boxes are unknown, or all boxes of a class are rejected.
     """
-    from filter_core.local import boxes_by_class
+    from filter_core.local import boxes_by_class, with_depth_encoding
 
     _spare_source(options)
     description = options.describe(options.source)
@@ -102,6 +102,8 @@ def filter_local(options: FilterOptions) -> None:
     summary = BoxSummary(Advice(default_class_of(frames, description)))
     boxes = boxes_by_class(islice(frames, LOOKED_AT))
     options.require_known(boxes, config, summary.advice)
+    first = islice(frames, LOOKED_AT)
+    config = with_depth_encoding(config, first, config.channels)
     found = check.watch(frames)
     tally = _Tally(options.screen, summary)
     with _output(options.output) as write:

@@ -5,17 +5,29 @@ from __future__ import annotations
 import json
 import os
 
+import numpy as np
 import pytest
 
 from filter_core.config.filter import FilterConfig
 from filter_core.formats.export import ExportFrame
 from filter_core.formats.reading import FrameSource
 from filter_core.formats.registry import FORMATS, read_source
-from filter_core.local import export_sources, filter_one, filter_source
+from filter_core.local import (
+    export_sources,
+    filter_one,
+    filter_source,
+    with_depth_encoding,
+)
 from filter_core.types import NOT_MEASURED
 from tests.support.folders import street_tags, write_files
-from tests.support.pictures import painted, png
-from tests.support.sensors import ANNOTATION, depth_png, instance_png, scene
+from tests.support.pictures import painted, pixels_of, png
+from tests.support.sensors import (
+    ANNOTATION,
+    depth_png,
+    instance_png,
+    scene,
+    street_metres,
+)
 
 
 @pytest.fixture
@@ -165,6 +177,31 @@ def test_a_channel_reads_the_files_that_it_needs(tmp_path):
     assert outcome("depth")["decisions"][1]["reason"] == "hidden_by_depth"
     assert outcome("auto")["decisions"][1]["reason"] == "hidden_by_instance"
     assert "PLY or NPY" in outcome("lidar")["error"]["detail"]
+
+
+def test_depth_images_of_a_recording_have_one_encoding(tmp_path):
+    street, wall = street_metres(), np.full((48, 64), 5.0)
+    swapped = {"a.png": street, "b.png": wall, "c.png": street}
+    for name, metres in swapped.items():
+        content = png(pixels_of(depth_png(metres))[..., ::-1], "bgr")
+        (tmp_path / name).write_bytes(content)
+    (tmp_path / "raw.png").write_bytes(depth_png(street))
+    (tmp_path / "text.png").write_bytes(b"no image")
+
+    def shown(*names, channels=("depth",), config=None):
+        config = config or FilterConfig(evidence="depth")
+        frames = [
+            FrameSource(name, {}, others={"depth": tmp_path / name}) for name in names
+        ]
+        return with_depth_encoding(config, frames, channels).depth_encoding
+
+    assert shown(*swapped, "text.png") == "carla-bgr"
+    assert shown("raw.png", "b.png") == "carla"
+    assert shown("a.png", "raw.png") == "auto"
+    assert shown("b.png") == "auto"
+    assert shown("a.png", channels=("instance",)) == "auto"
+    named = FilterConfig(evidence="depth", depth_encoding="carla")
+    assert shown("a.png", config=named) == "carla"
 
 
 def test_explanation_without_segmentation_starts_with_unmeasured():

@@ -160,6 +160,30 @@ def test_flat_image_that_fits_no_box_is_refused():
     assert refused.value.kind == "unknown_depth"
 
 
+@pytest.mark.parametrize("channels", [[0, 2, 1], [1, 2, 0]])
+def test_channels_of_which_green_is_the_lowest_byte_are_refused(channels):
+    with pytest.raises(ImageError, match=r"\(green\)") as refused:
+        read_depth(png(RAW[..., channels], "bgr"))
+
+    assert refused.value.kind == "unknown_depth"
+
+
+@pytest.mark.parametrize(("metres", "is_refused"), [(5.0, True), (9.0, False)])
+def test_millimetres_of_24_bits_are_told_by_the_boxes(metres, is_refused):
+    rows = np.linspace(metres - 0.9, metres + 0.9, 48 * 64).reshape(48, 64)
+    noise = np.random.default_rng(1).integers(0, 300, (48, 64))
+    steps = (1000 * rows).astype(np.int64) + noise
+    rgb = np.stack([steps >> shift & 255 for shift in (0, 8, 16)], axis=-1)
+    content = png(rgb.astype(np.uint8))
+
+    if not is_refused:
+        assert settled(content, 4.0, 6.0).encoding == "carla"
+        return
+    with pytest.raises(ImageError, match="24 bits are millimetres") as refused:
+        settled(content, 4.0, 6.0)
+    assert refused.value.kind == "unknown_depth"
+
+
 def test_sixteen_bits_are_millimetres_where_boxes_show_it():
     content = png(np.full((48, 64), 5_000, np.uint16))
 

@@ -110,7 +110,7 @@ def test_option_wins_over_the_file_and_a_configuration_over_both(tmp_path):
         ("classes: {car: {acept: [Car]}}", "classes.car: unknown key 'acept'"),
         ("files: {image: x}", "recording.yaml: files is not supported yet"),
         ("boxes: {fields: {}}", "recording.yaml: boxes.fields is not supported yet"),
-        ("boxes: {unit: share}", "boxes: unit: expected one of auto, pixels, shares, percent"),
+        ("boxes: {unit: share}", "boxes: unit: expected one of auto, pixels"),
         ("classes: {a: {name: 3}}", "name: expected a class name, found 3"),
         ("outside_files: true", "unknown key 'outside_files'"),
         ("segmentation: {folder: nowhere}", "segmentation.folder: expected a folder"),
