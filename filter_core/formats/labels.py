@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import replace
 from functools import cached_property
 from itertools import islice
@@ -150,14 +151,13 @@ def _sampled(
 ) -> Mapping[str, list[tuple[tuple[float, ...], FrameSource]]]:
     """The numbers of rectangles by their form, each with its frame."""
     by_form: dict[str, list[tuple[tuple[float, ...], FrameSource]]] = defaultdict(list)
-    for frame in islice(frames.frames(), _SAMPLE):
-        try:
-            boxes = parse_annotation(frame.annotation or {}, frame=frame.key).boxes
-        except FilterError:
-            continue  # reported when the frame is used
-        for box in boxes:
-            if box.form in FORMS:
-                by_form[box.form].append((box.values, frame))
+    with suppress(OSError):  # reported when the frames are used, as all faults are
+        for frame in islice(frames.frames(), _SAMPLE):
+            with suppress(FilterError):
+                given = frame.annotation or {}
+                for box in parse_annotation(given, frame=frame.key).boxes:
+                    if box.form in FORMS:
+                        by_form[box.form].append((box.values, frame))
     return by_form
 
 
