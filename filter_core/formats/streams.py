@@ -304,6 +304,11 @@ _UNUSED: Final[Mapping[Role, str]] = {
     "other": "an image of another sensor is no frame",
 }
 
+_SILENT: Final = (
+    "neither its name nor its pixels tell what it is, beside an image that is named as "
+    "a picture; a manifest can"
+)
+
 _UNCLEAR: Final = (
     "a grey image beside one in colour: depth or a picture? Neither its name nor its "
     "pixels tell; a manifest can"
@@ -508,9 +513,17 @@ class _Roles:
                     by_base.setdefault(base, []).append(stream)
         for stream in streams:
             first = stream.images[0]
-            beside = by_base.get(last_name(first.frame), ())
-            has_color = any(other is not stream for other in beside)
-            self._decide(stream, first.frame in pictures, has_color)
+            others = [
+                other
+                for other in by_base.get(last_name(first.frame), ())
+                if other is not stream
+            ]
+            beside = _Beside(
+                first.frame in pictures,
+                bool(others),
+                any(other.images[0].role == "image" for other in others),
+            )
+            self._decide(stream, beside)
         self.images = [self._without_ending(image) for image in images]
 
     def _streams(self, images: Iterable[_Image]) -> list[_Stream]:
@@ -549,13 +562,10 @@ class _Roles:
             )
         return [_Stream(by_stream[key], looks[kinds[key]]) for key in ordered]
 
-    def _decide(self, stream: _Stream, has_partner: bool, has_color: bool) -> None:
+    def _decide(self, stream: _Stream, beside: _Beside) -> None:
         """The roles of a stream's images; if its looks disagree, by looking at each."""
         first = stream.images[0]
-        outcomes = {
-            _decided(first, look, has_partner, has_color)
-            for look in stream.looks or (None,)
-        }
+        outcomes = {_decided(first, look, beside) for look in stream.looks or (None,)}
         skipped = []
         for image in stream.images:
             outcome = next(iter(outcomes))
@@ -564,7 +574,7 @@ class _Roles:
                 if self._left <= 0:
                     skipped.append(image)
                 self._left -= 1
-                outcome = _decided(image, look, has_partner, has_color)
+                outcome = _decided(image, look, beside)
             self.of[image.name] = outcome
         if skipped:
             self.notes.append(
@@ -604,29 +614,43 @@ def _sum(streams: Sequence[Sequence[_Image]]) -> str:
     return f"{sum(map(len, streams))} images, such as {streams[0][0].name},"
 
 
+class _Beside(NamedTuple):
+    """What is beside an image.
+
+    Attributes
+    ----------
+    partner : bool
+        A picture that it could belong to, if it is none itself.
+    in_color : bool
+        A picture of the same name that is not grey.
+    named : bool
+        A picture of the same name whose path says that it is one.
+    """
+
+    partner: bool
+    in_color: bool
+    named: bool
+
+
 def _decided(
-    image: _Image, look: Look | None, has_partner: bool, has_color: bool
+    image: _Image, look: Look | None, beside: _Beside
 ) -> tuple[Role | None, str]:
     """The role of an image, or None and the reason why it has none.
 
-    Parameters
-    ----------
-    image : _Image
-    look : Look or None
-        Of its stream, or its own.
-    has_partner : bool
-        Whether there is a picture that it could belong to, if it is none itself.
-    has_color : bool
-        Whether there is a picture of the same name that is not grey.
+    `look` is that of its stream, or its own.
     """
     role = image.role
     if role == "mask":
         return ("segmentation" if look == "segmentation" else "mask"), ""
     if role is not None and role != "image":
         is_picture = look == "photo" or (look is None and image.in_pictures)
-        return ("image" if is_picture and not has_partner else role), ""
-    if look == "grey" and has_color and role is None:
+        return ("image" if is_picture and not beside.partner else role), ""
+    if role is None and look == "grey" and beside.in_color:
         return None, _UNCLEAR
+    # The losses of a JPEG hide what it is, but few keep anything but pictures in one.
+    is_exact = image.name.lower().endswith(".png") and image.path.stat().st_size
+    if role is None and look is None and beside.named and is_exact:
+        return None, _SILENT
     shown_role = None if look is None else _ROLE_OF.get(look)
     if shown_role is None:
         return "image", ""

@@ -33,6 +33,12 @@ def raw_tags(*, factor=1):
     return red
 
 
+def drawn():
+    """A few flat surfaces in colours that mean nothing."""
+    colors = np.random.default_rng(2).integers(50, 250, (7, 3), np.uint8)
+    return np.repeat(np.repeat(colors[:, None], 60, 1), 7, 0)
+
+
 def grey_tags(factor):
     return np.repeat(raw_tags(factor=factor)[:, :, :1], 3, axis=2)
 
@@ -175,6 +181,9 @@ def test_each_camera_keeps_its_own_images_of_every_kind(tmp_path):
         ({"rgb/1.png": photo(), "rgb2/1.png": painted(street_tags())}, {"rgb/1": {}}),
         # Grey beside colour: depth that was saved for people, or a picture?
         ({"rgb/1.png": photo(), "k/1.png": photo(grey=True)}, {"rgb/1": {}}),
+        # Neither name nor pixels tell what it is, such as depth of a drawn scene.
+        ({"rgb/1.png": photo(), "stuff/1.png": drawn()}, {"rgb/1": {}}),
+        ({"x/1.png": photo(), "stuff/1.png": drawn()}, {"x/1": {}, "stuff/1": {}}),
         # A camera without colours.
         ({"k/1.png": photo(grey=True)}, {"k/1": {}}),
         # Words of roles that mean something else.
