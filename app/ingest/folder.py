@@ -191,7 +191,7 @@ def write_response(task: FolderTask) -> int:
     source = _only_folder(task.root)
     # There are no links here, and `_name_of` refuses every file that was not sent: its
     # message fits the page better than the reader's, which names an option.
-    description = describe(source, options={"outside_files": True})
+    description = describe(source, options={"outside_files": None})
     layouts = possible_layouts(source)
     layout = task.layout if task.layout != "auto" else description.layout
     if layout == "auto" and layouts:

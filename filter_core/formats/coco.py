@@ -40,6 +40,7 @@ from filter_core.formats.format import (
     Recognition,
     Source,
 )
+from filter_core.formats.outside import OUTSIDE_FILES_HINT, allowed_folders
 from filter_core.formats.reading import (
     FileIndex,
     FrameFileNames,
@@ -49,6 +50,7 @@ from filter_core.formats.reading import (
     annotated,
     frame_key,
     frame_of,
+    is_inside,
     last_name,
 )
 from filter_core.formats.recording import RecordingDescription
@@ -104,7 +106,8 @@ _OTHER_TASKS: Final = ("person_keypoints", "stuff", "panoptic", "captions")
 
 def _without_picture(rows: Sequence[tuple[FrameSource, _Name]]) -> Iterator[str]:
     """Says how many of the images that COCO files list are not there."""
-    missing = [name for frame, name in rows if frame.image is None]
+    images = (name for frame, name in rows if not frame.image and not frame.problem)
+    missing = list(images)
     if missing:
         yield (
             f"{len(missing)} of {len(rows)} images that are listed were not found, the "
@@ -148,6 +151,9 @@ def read_coco(root: Path, options: RecordingDescription) -> FrameSet:
     indices = [index_coco(path, path.name) for path in paths if path not in repeating]
     streams = Streams(folder, options.segmentation)
     rows, unmatched = _match(folder, indices, streams)
+    rows = [
+        (_with_outside_image(frame, one, folder, options), one) for frame, one in rows
+    ]
     repeated = (
         f"{path.name} was not read: {boxes.name} has the boxes of its images"
         for path, boxes in repeating.items()
@@ -161,6 +167,28 @@ def read_coco(root: Path, options: RecordingDescription) -> FrameSet:
         unmatched=(*unmatched, *_unused(indices)),
         notes=lambda: notes,
     )
+
+
+def _with_outside_image(
+    frame: FrameSource, name: _Name, folder: Path, options: RecordingDescription
+) -> FrameSource:
+    """The frame with the image outside the folder that its name leads to, if any.
+
+    If it may not be read, that is the frame's problem.
+    """
+    if frame.image or not name.is_elsewhere or options.outside_files is None:
+        return frame
+    path = folder / str(name.index.image(name.row)["file_name"])
+    if not path.is_file():
+        return frame
+    allowed = allowed_folders(options, folder)
+    if allowed is None or is_inside(path, allowed):
+        return replace(frame, image=path)
+    problem = LayoutError(
+        f"{name.index.name}, images[{name.row}]: expected a file_name in the folder, "
+        f"found {shown(str(path))}; {OUTSIDE_FILES_HINT}"
+    )
+    return replace(frame, problem=frame.problem or problem)
 
 
 _SPLITS: Final = ("train", "val", "test")

@@ -42,7 +42,7 @@ def allowed_folders(
     They are `folders`, those of the segmentations and labels, and the roots that the
     description names. `is_inside` takes them.
     """
-    if description.outside_files:
+    if description.outside_files is not False:
         return None
     named = (*folders, description.segmentation, description.labels)
     return real_paths(*filter(None, named), *description.roots)

@@ -183,11 +183,12 @@ class RecordingDescription:
 
     Attributes
     ----------
-    outside_files : bool
-        Whether files outside the folder are read if a manifest or a symbolic link in
-        the folder names them. By default they are refused: a folder that somebody else
-        made could name private files, which would then be uploaded. So no file of the
-        folder can say this, nor `roots`.
+    outside_files : bool or None
+        Whether files outside the folder are read if a manifest, labels or a symbolic
+        link in the folder name them. By default they are refused: a folder that
+        somebody else made could name private files, which would then be uploaded. So no
+        file of the folder can say this, nor `roots`. None: this machine's files are not
+        looked for, since the folder is that of another one; its manifest may name any.
     roots : tuple of Path
         Folders whose files may be read besides those in the folder.
 
@@ -277,7 +278,7 @@ class RecordingDescription:
             "configuration; `name` among them joins it to a class of that name.",
         ),
     )
-    outside_files: bool = False
+    outside_files: bool | None = False
     roots: tuple[Path, ...] = ()
 
     _FOLDERS: ClassVar = ("segmentation", "labels")

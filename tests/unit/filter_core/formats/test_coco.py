@@ -11,6 +11,7 @@ from filter_core.annotation.parsing import parse_annotation
 from filter_core.errors import AnnotationErrors, LayoutError
 from filter_core.formats import coco_index
 from filter_core.formats.export import GivenAnnotation
+from filter_core.formats.recording import RecordingDescription
 from filter_core.formats.registry import read_source
 from tests.support.folders import annotation_of, write_files
 from tests.support.shared_data import shared
@@ -273,6 +274,30 @@ def test_paths_from_elsewhere_that_could_be_one_file_get_none(tmp_path):
         "b/front/1": None,
         "x/2": folder / "x/2.png",
     }
+
+
+@pytest.mark.parametrize("is_absolute", [True, False])
+def test_image_elsewhere_is_read_where_it_lies_if_that_is_allowed(
+    tmp_path, is_absolute
+):
+    disk = write_files(tmp_path / "disk", {"1.png": None})
+    names = [f"{disk}/1.png" if is_absolute else "../disk/1.png", "/nowhere/2.png"]
+    images = [image(number, name) for number, name in enumerate(names)]
+    folder = write_files(tmp_path / "town", {"a.json": coco(images, []), "x.png": None})
+
+    def read(**outside):
+        frames = read_source(folder, options=RecordingDescription(**outside))
+        frame, other = sorted(frames, key=lambda one: one.key.endswith("2"))
+        assert (other.image, other.problem) == (None, None)
+        return frame.image and frame.image.resolve(), frame.problem
+
+    assert read(outside_files=True) == (disk / "1.png", None)
+    assert read(roots=(disk,)) == (disk / "1.png", None)
+    image_path, problem = read()
+    assert image_path is None
+    assert "a.json, images[0]: expected a file_name in the folder" in str(problem)
+    assert "--root DIR" in str(problem)
+    assert read(outside_files=None) == (None, None)
 
 
 @pytest.mark.parametrize("folder", ["", "/disk/me/x/"])
