@@ -17,6 +17,7 @@ from unghost.cli.screen import (
     PARTLY,
     ImageNotes,
     Kinds,
+    Refused,
     Screen,
     naming_options,
     partly_done,
@@ -417,13 +418,18 @@ def _write_labels(
         also=progress.add,
     )
     with folder_sink(options.output) as sink:
-        return write_export(
+        counts = write_export(
             options.to,
             progress.watch(frames, found.count),
             sink,
             ExportHead(classes, facts),
             labels,
         )
+        if not progress.written:  # and so the folder does not appear
+            for line in progress.refusals.more():
+                options.screen.note(line)
+            raise Refused(f"no frame can be read ({progress.failed} refused)")
+        return counts
 
 
 class _Progress:

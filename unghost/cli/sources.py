@@ -305,7 +305,8 @@ def open_source(
     if found.count is None and found.layout == "manifest":
         found = replace(found, count=_count_lines(path))
     if found.count == 0:
-        raise Refused(f"no frames in {name_of(path)} (layout {found.layout})")
+        problem = f"no frames in {name_of(path)} (layout {found.layout})"
+        raise Refused("\n".join([problem, *unmatched_lines(found.unmatched)]))
     return found
 
 

@@ -198,7 +198,19 @@ def test_control_characters_of_file_names_are_escaped(bare_unghost, tmp_path):
 
     assert answer.code == REFUSED
     assert r"a\u001b]0;OWNED\u0007\u000a" in answer.err
+    assert "no frame can be read (1 refused)" in answer.err
     assert answer.err.replace("\n", "").isprintable()
+    assert not (tmp_path / "out").exists()
+
+
+def test_folder_without_frames_says_why_its_images_are_none(bare_unghost, tmp_path):
+    write_files(tmp_path / "town", {"rgb/1.png": png(painted(street_tags()))})
+
+    answer = bare_unghost("filter", tmp_path / "town")
+
+    assert answer.code == REFUSED
+    assert "unghost: no frames in town (layout pairs)\n" in answer.err
+    assert "rgb/1.png: its name says that it is a picture, its pixels" in answer.err
 
 
 def test_filter_uses_the_configuration(bare_unghost, tmp_path):
