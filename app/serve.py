@@ -24,7 +24,12 @@ from app.context import ServiceContext
 from app.engine.chunk import UnusableEngine
 from app.logs import configure_logging, error_log, server_log
 from app.main import create_app
-from app.maintenance.datafolder import CannotMaintain, database_file, database_lock
+from app.maintenance.datafolder import (
+    CannotMaintain,
+    check_owner,
+    database_file,
+    database_lock,
+)
 from app.measuring.active import UnusableConfig
 from app.memory import keep_freed_memory, settle
 from app.package import VERSION
@@ -180,8 +185,14 @@ def _only_server(settings: Settings) -> Iterator[_Locks]:
     Raises
     ------
     CannotServe
-        Another server uses one of them, or the folder cannot be written to.
+        Another server uses one of them, or the folder cannot be written to or may have
+        been filled by others.
     """
+    try:
+        make_folder(settings.data)
+        check_owner(settings)
+    except (OSError, CannotMaintain) as exc:
+        raise _cannot_start(settings, exc) from exc
     database = database_file(settings)
     with ExitStack() as held:
         locks = _Locks(held)
@@ -190,7 +201,6 @@ def _only_server(settings: Settings) -> Iterator[_Locks]:
             return
         database = database.resolve()
         try:
-            make_folder(settings.data)
             locks.add(
                 settings.data.resolve() / SERVER_LOCK,
                 f"the data folder {str(settings.data)!r}",

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import logging
 import os
+import shlex
 import shutil
+import stat
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
 from pathlib import Path
@@ -25,6 +27,7 @@ from app.storage import BLOBS, MissingLibrary, endpoint_of, open_store
 from app.storage.base import BlobStore
 from app.storage.durable import (
     MAINTENANCE_LOCK,
+    SERVER_LOCK,
     CannotLock,
     InUse,
     flush_file,
@@ -35,6 +38,8 @@ from app.storage.durable import (
 log = logging.getLogger(__name__)
 
 _PRIVATE: Final = 0o600
+_ROOT: Final = 0
+"""The id of the user who can read and write everything anyway."""
 RESTORING: Final = ".restoring"
 """Name of the folder that contains an incomplete restore."""
 
@@ -55,6 +60,55 @@ def database_file(settings: Settings) -> Path | None:
 def database_lock(file: Path) -> Path:
     """The file beside a SQLite database that its server locks."""
     return file.with_name(f".{file.name}.lock")
+
+
+def check_owner(settings: Settings) -> None:
+    """Refuse a data folder in which others may have given themselves access.
+
+    The folder, and each file in it that decides on access, has to belong to the user of
+    this process or to root, and so has the link, if it is one. The group may write to
+    it, as to volumes of Kubernetes, but not everybody.
+
+    Raises
+    ------
+    CannotMaintain
+        Another user owns one of them, or everybody can write to it.
+    """
+    if os.name == "nt":  # files have no such owners and modes
+        return
+    files = [settings.data / SERVER_LOCK, settings.token_file]
+    database = database_file(settings)
+    if database is not None:
+        ends = ("", "-wal", "-shm", "-journal")
+        files += (database.with_name(database.name + end) for end in ends)
+        files.append(database_lock(database))
+    for path in (settings.data, *files):
+        what = "the data folder" if path == settings.data else "the file"
+        with suppress(FileNotFoundError):
+            _check_owner(what, path, path.lstat())
+            _check_owner(what, path.resolve(), path.stat())
+
+
+def _check_owner(what: str, path: Path, state: os.stat_result) -> None:
+    me, quoted = os.geteuid(), shlex.quote(str(path))
+    if state.st_uid not in (me, _ROOT):
+        raise CannotMaintain(
+            f"{what} {str(path)!r} belongs to another user (uid {state.st_uid}), who "
+            "may know valid tokens: --data chooses another folder, or, if you trust "
+            f"that user, `chown -hR {me} {quoted}` makes it yours"
+        )
+    if stat.S_ISLNK(state.st_mode) or not state.st_mode & stat.S_IWOTH:
+        return
+    advice = "--data chooses another folder"
+    if stat.S_ISDIR(state.st_mode):
+        new = shlex.quote(str(path / "unghost-data"))
+        advice = f"--data {new} makes a new one in it"
+    if not state.st_mode & stat.S_ISVTX:  # as /tmp has it, which stays as it is
+        advice += f", or, if you trust all users of this machine, `chmod o-w {quoted}`"
+    raise CannotMaintain(
+        f"everybody can write to {what} {str(path)!r}, and may have added valid "
+        f"tokens: {advice}"
+    )
 
 
 def check_usable(settings: Settings, engine: Engine, store: BlobStore) -> None:

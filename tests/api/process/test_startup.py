@@ -56,6 +56,11 @@ def first_start(words, data, log):
 
 
 SQLITE_ALONE = "several servers may share PostgreSQL"
+NOBODY = 65_534
+"""The id of another user."""
+AS_ROOT = pytest.mark.skipif(
+    os.name == "nt" or os.geteuid() != 0, reason="only root can give files away"
+)
 
 
 def database_in(file):
@@ -243,6 +248,85 @@ def test_data_folder_that_is_a_file_fails_with_a_one_line_message(tmp_path):
     assert len(log.read_text().splitlines()) == 1
 
 
+def foreign(path):
+    """Give a file, a folder or a link to another user."""
+    os.chown(path, NOBODY, NOBODY, follow_symlinks=False)
+
+
+def everybodys(path):
+    """Let everybody write to a file or a folder."""
+    path.chmod(path.stat().st_mode | 0o002)
+
+
+@pytest.mark.parametrize(
+    ("name", "spoil", "fault", "remedy"),
+    [
+        pytest.param(
+            "",
+            foreign,
+            f"the data folder {{path!r}} belongs to another user (uid {NOBODY})",
+            "`chown -hR {me} {path}`",
+            marks=AS_ROOT,
+        ),
+        pytest.param(
+            "",
+            everybodys,
+            "everybody can write to the data folder {path!r}",
+            "--data {path}/unghost-data",
+        ),
+        pytest.param(
+            "token",
+            foreign,
+            f"the file {{path!r}} belongs to another user (uid {NOBODY})",
+            "`chown -hR {me} {path}`",
+            marks=AS_ROOT,
+        ),
+        pytest.param(
+            "unghost.db",
+            everybodys,
+            "everybody can write to the file {path!r}",
+            "`chmod o-w {path}`",
+            marks=pytest.mark.sqlite_files("the database is a file of the folder"),
+        ),
+    ],
+)
+def test_data_folder_that_others_may_have_filled_is_refused(
+    data_dir, tmp_path, name, spoil, fault, remedy
+):
+    """A planted database has tokens, and a planted link gets its target changed."""
+    log, target = tmp_path / "log", tmp_path / "target"
+    target.write_text("something else")
+    target.chmod(0o644)
+    (data_dir / "token").symlink_to(target)
+    (data_dir / "unghost.db").touch(0o600)
+    path = data_dir / name if name else data_dir
+    spoil(path)
+
+    code = exit_code_of_failed_start(data_dir, log)
+
+    words = {"path": str(path), "me": os.geteuid()}
+    assert code == 1
+    assert log.read_text().startswith(fault.format_map(words))
+    assert remedy.format_map(words) in log.read_text()
+    assert len(log.read_text().splitlines()) == 1
+    assert {each.name for each in data_dir.iterdir()} == {"token", "unghost.db"}
+    assert stat.S_IMODE(target.stat().st_mode) == 0o644
+
+
+def test_new_data_folder_in_a_folder_of_everybody_is_private(data_dir, tmp_path):
+    data_dir.chmod(0o1777)  # as /tmp
+    log = tmp_path / "log"
+
+    code = exit_code_of_failed_start(data_dir, log)
+
+    new = data_dir / "unghost-data"
+    assert code == 1
+    assert f"--data {new}" in log.read_text()
+    assert "chmod" not in log.read_text()
+    with first_start(["app"], new, tmp_path / "again.log"):
+        assert stat.S_IMODE(new.stat().st_mode) == 0o700
+
+
 @pytest.mark.sqlite_files("the database is a file of the folder")
 @pytest.mark.parametrize("content", [b"not a database" * 100, b"SQLite format 3"])
 def test_invalid_database_file_fails_with_a_message(tmp_path, content):
@@ -286,7 +370,7 @@ def test_token_is_not_logged(running):
 
 @pytest.mark.sqlite_files("the database is a file of the folder")
 def test_data_files_are_private_even_in_a_world_readable_folder(data_dir, tmp_path):
-    data_dir.chmod(0o755)
+    data_dir.chmod(0o775)  # the group may write, as to a volume of Kubernetes
     with first_start(["app"], data_dir, tmp_path / "log") as url:
         plain_http.get(f"{url}/readyz")
         modes = {
