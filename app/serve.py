@@ -102,6 +102,7 @@ def serve(
         app = create_app(settings)
 
         def ready() -> None:
+            link = first_link(app.state.services, url)
             settle()
             note.write()
             server_log.info("ready at %s, version %s", url, VERSION)
@@ -110,7 +111,7 @@ def serve(
                 "any number of" if limit is None else limit,
                 app.state.connections.most,
             )
-            (on_ready or _print_link)(first_link(app.state.services, url))
+            (on_ready or _print_link)(link)
 
         def stopping() -> None:
             note.remove()
@@ -128,8 +129,8 @@ def serve(
         # Ctrl+C is the usual end; with SystemExit uvicorn reports a failed start.
         with suppress(KeyboardInterrupt, SystemExit):
             server.run(sockets=sockets)
-    if not server.started:
-        raise _cannot_start(settings, app.state.failure)
+    if not server.started or server.failure is not None:
+        raise _cannot_start(settings, server.failure or app.state.failure)
 
 
 class _Locks:

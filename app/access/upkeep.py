@@ -6,13 +6,11 @@ per minute, and not stored, so that nobody without a token can fill the database
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from datetime import datetime
+from functools import partial
 from typing import Final
-
-from sqlalchemy.exc import SQLAlchemyError
 
 from app.access.first_token import is_first_token_due, renew_first_token
 from app.access.gate import LastUses, WrongSecrets
@@ -20,6 +18,7 @@ from app.access.queries import Tokens
 from app.context import ServiceContext
 from app.db.base import utc_now
 from app.logs import server_log
+from app.maintenance.background import Task, attempt, repeating
 
 EVERY_S: Final = 60.0
 
@@ -27,29 +26,13 @@ EVERY_S: Final = 60.0
 @contextmanager
 def keeping_tokens(context: ServiceContext) -> Iterator[None]:
     """Call `write_upkeep` once a minute until the block ends, and then once more."""
-    stop = threading.Event()
-    thread = threading.Thread(target=_keep, args=(context, stop), name="token upkeep")
-    thread.start()
+    purpose = "note the use of tokens or renew the token file"
+    task = Task("token upkeep", purpose, partial(write_upkeep, context), EVERY_S)
     try:
-        yield
+        with repeating(context, task):
+            yield
     finally:
-        stop.set()
-        thread.join()
-
-
-def _keep(context: ServiceContext, stop: threading.Event) -> None:
-    while not stop.wait(EVERY_S):
-        _write(context)
-    _write(context)
-
-
-def _write(context: ServiceContext) -> None:
-    try:
-        write_upkeep(context)
-    except SQLAlchemyError as exc:  # the database may be unavailable for a while
-        server_log.warning("cannot store when tokens were last used: %s", exc)
-    except OSError as exc:
-        server_log.error("cannot renew the token file: %s", exc.strerror)
+        attempt(context, task)
 
 
 def write_upkeep(context: ServiceContext) -> None:

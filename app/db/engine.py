@@ -220,9 +220,8 @@ class Database:
         if self.file is None:
             return
         with self.engine.connect() as connection:
-            driver = connection.connection.dbapi_connection
-            if driver is not None:
-                driver.cursor().execute("PRAGMA wal_checkpoint(PASSIVE)")
+            # The transaction has not read yet, so it does not stand in the way.
+            connection.exec_driver_sql("PRAGMA wal_checkpoint(PASSIVE)")
 
     @property
     def file(self) -> Path | None:

@@ -54,6 +54,7 @@ from app.db.engine import Database, once_committed
 from app.db.tables import Lease
 from app.engine.chunk import Job, JobStopped
 from app.jobs.kind import all_open_jobs, is_open
+from app.maintenance.background import Task, repeating
 
 LEASE_LASTS: Final = timedelta(seconds=8)
 """How long a lease is valid after it was taken or renewed."""
@@ -309,23 +310,14 @@ def running_watchdog(
     with context.database.read() as session:
         unfinished = all_open_jobs(session)
     start(unfinished)
-    ends = threading.Event()
+    watchdog = Watchdog(context)
 
-    def watch() -> None:
-        watchdog = Watchdog(context)
-        while not ends.wait(WATCHDOG_EVERY_S) and not context.engine.stopping.is_set():
-            try:
-                start(watchdog.abandoned())
-            except SQLAlchemyError as exc:  # the database may be away for a while
-                log.warning("cannot look for unfinished jobs: %s", exc)
+    def look() -> None:
+        start(watchdog.abandoned())
 
-    thread = threading.Thread(target=watch, name="watchdog")
-    thread.start()
-    try:
+    task = Task("watchdog", "look for unfinished jobs", look, WATCHDOG_EVERY_S)
+    with repeating(context, task):
         yield
-    finally:
-        ends.set()
-        thread.join()
 
 
 # Names of processes, by which another process on the same machine can tell that one has

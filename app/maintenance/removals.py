@@ -15,12 +15,12 @@ from functools import partial
 from typing import Final
 
 from sqlalchemy import delete, select
-from sqlalchemy.exc import SQLAlchemyError
 from sqlalchemy.orm import Session
 
 from app.context import ServiceContext
 from app.db.engine import Database
 from app.db.tables import Dataset, DatasetClass, Flips, Frame, Problem, Run
+from app.maintenance.background import Task, repeating
 from app.storage.room import DeletionSignal, Reserve
 
 FRAMES_AT_A_TIME: Final = 200
@@ -142,32 +142,21 @@ def remove_deleted(
 @contextmanager
 def removing(context: ServiceContext) -> Iterator[None]:
     """Remove rows of deleted datasets in a thread, until the block ends."""
-    over = threading.Event()
-    watch = threading.Thread(target=_watch, args=(context, over), name="removals")
-    watch.start()
-    try:
-        yield
-    finally:
-        over.set()
-        context.one(DeletionSignal).set()
-        watch.join()
+    over, signal = threading.Event(), context.one(DeletionSignal)
+    reserve = Reserve(context.settings.data)
 
-
-def _watch(context: ServiceContext, over: threading.Event) -> None:
     def stop() -> bool:
         return over.is_set() or context.engine.stopping.is_set()
 
-    signal, reserve = context.one(DeletionSignal), Reserve(context.settings.data)
-    while not stop():
-        signal.clear()
+    def remove() -> None:
+        remove_deleted(context.database, reserve, stop)
+        reserve.keep(int(context.settings.min_free_bytes))
+
+    signal.set()  # a process that died may have left rows
+    purpose = "remove the rows of deleted datasets"
+    task = Task("removals", purpose, remove, LOOK_FOR_WORK_EVERY_S, signal)
+    with repeating(context, task):
         try:
-            remove_deleted(context.database, reserve, stop)
-            reserve.keep(int(context.settings.min_free_bytes))
-        except (
-            SQLAlchemyError,
-            OSError,
-        ) as exc:  # the database may be unavailable, or the disk full, for a while
-            text = str(exc).partition("\n")[0]
-            log.warning("cannot remove the rows of deleted datasets yet: %s", text)
-        if not over.is_set():
-            signal.wait(LOOK_FOR_WORK_EVERY_S)
+            yield
+        finally:
+            over.set()

@@ -15,6 +15,7 @@ from app.db.migrate import current_revision, head_revision
 from app.db.transient import takes_writes
 from app.errors import NotReady, TryLater
 from app.logs import error_log
+from app.maintenance.background import Failures
 from app.maintenance.sqlite_check import ADVICE
 from app.package import migrations_dir
 from app.process.loop_watch import LoopWatch
@@ -91,6 +92,7 @@ def _run_checks(context: ServiceContext) -> Found:
         "migrations": _schema_is_current,
         "disk": _disk_has_room,
         "blobs": _storage_takes_files,
+        "background": _background_tasks_succeed,
     }
     found = Found()
     for name, run in checks.items():
@@ -108,6 +110,8 @@ def _reason(exc: Exception) -> str:
         return str(exc)
     if isinstance(exc, OSError):
         return exc.strerror or "cannot be used"
+    if not isinstance(exc, SQLAlchemyError):
+        return "failed; the log says more"
     # Messages of PostgreSQL may name hosts and users; anybody may read this response.
     if isinstance(exc, DBAPIError) and "sqlite" in type(exc.orig).__module__:
         return str(exc.orig)
@@ -152,3 +156,11 @@ def _disk_has_room(context: ServiceContext) -> str:
 def _storage_takes_files(context: ServiceContext) -> str:
     context.storage.check()
     return "writable"
+
+
+def _background_tasks_succeed(context: ServiceContext) -> str:
+    failures = dict(context.one(Failures))
+    if failures:
+        texts = (f"{message}: {_reason(exc)}" for message, exc in failures.items())
+        raise NotReady("; ".join(texts))
+    return "working"

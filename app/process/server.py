@@ -60,11 +60,17 @@ class GracefulServer(uvicorn.Server):
     ) -> None:
         super().__init__(config)
         self._ready, self._stopping, self._wait_s = ready, stopping, wait_s
+        self.failure: Exception | None = None
+        """The error of `ready`, which ended the server."""
 
     async def main_loop(self) -> None:
-        """Call `ready`, and serve."""
-        # In a thread: it writes to the database, which may block.
-        await asyncio.to_thread(self._ready)
+        """Call `ready`, and serve; if it fails, the server shuts down."""
+        try:
+            # In a thread: it writes to the database, which may block.
+            await asyncio.to_thread(self._ready)
+        except Exception as exc:
+            self.failure = exc
+            return
         await super().main_loop()
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import json
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from functools import partial
 from shutil import copytree, ignore_patterns
 
+import httpx
 import pytest
 from sqlalchemy import text
 
@@ -16,6 +18,7 @@ from tests.support.data_folders import blobs, count, served
 from tests.support.databases import database_of
 from tests.support.large_datasets import DatasetSpec, make_dataset
 from tests.support.mounts import small_disk
+from tests.support.servers import start, stop, wait_until_ready
 from tests.support.services import running_services
 from tests.support.waiting import until
 
@@ -196,6 +199,71 @@ def test_deletion_on_a_full_disk_resumes_when_no_reader_holds_the_log(data):
                 api.remove(NAME)
                 until(lambda: NOT_REMOVED_YET in server.log.read_text("utf-8"))
             until(lambda: count(data, "datasets") == 0)
+
+
+def grow_log(api):
+    """Write pages to the database's log that its file has no place for yet."""
+    boxes = api.box_ids(NAME, limit=1000)
+    asked = {"dataset": NAME, "box_ids": boxes, "verdict": "keep"}
+    answered = api.post("/reviews/bulk", {**asked, "comment": "x" * 2000})
+    assert answered.status_code == 201, answered.text
+
+
+def test_removals_resume_and_reserve_returns_after_a_full_disk_without_it(data):
+    with served(data, **SETTINGS) as (server, api):
+        grow_log(api)
+        until(lambda: has_reserve(data))
+        (data / RESERVE).unlink()
+        with full_disk(data, 0):
+            until(lambda: NOT_REMOVED_YET in server.log.read_text("utf-8"))
+            refused = api.http.get("/readyz").json()
+        wait_until_ready(server.url)
+        api.remove(NAME)
+        until(lambda: count(data, "datasets") == 0)
+        until(lambda: has_reserve(data))
+        ready = wait_until_ready(server.url).json()
+
+    faults = {fault["code"]: fault["detail"] for fault in refused["errors"]}
+    assert faults["background"] == f"{NOT_REMOVED_YET}: database or disk is full"
+    assert ready["checks"]["background"] == "working"
+
+
+def test_failed_start_on_a_full_disk_ends_and_the_next_one_continues(data, tmp_path):
+    """Clients are waiting, as after a crash."""
+    log, statuses = tmp_path / "log", set[int]()
+    with served(data, **SETTINGS) as (server, api):
+        grow_log(api)
+        until(lambda: has_reserve(data))
+        (data / RESERVE).unlink()
+        with full_disk(data, 0):
+            server.process.kill()
+            server.process.wait()
+            same_port = {"UNGHOST_PORT": server.url.rpartition(":")[2]}
+            with start(["app"], data, log, {**SETTINGS, **same_port}) as process:
+
+                def ask() -> None:
+                    while process.poll() is None:
+                        with suppress(httpx.TransportError):
+                            statuses.add(api.get("/datasets").status_code)
+
+                with ThreadPoolExecutor(2) as clients:
+                    try:
+                        for _ in range(2):
+                            clients.submit(ask)
+                        code = process.wait(60)
+                    finally:
+                        stop(process)
+    with served(data, **SETTINGS):
+        until(lambda: has_reserve(data))
+        reviews = count(data, "reviews")
+
+    *_, said = log.read_text("utf-8").splitlines()
+    assert code == 1
+    assert "Traceback" not in log.read_text("utf-8")
+    assert said.startswith(f"the service could not start with the data folder '{data}'")
+    assert "database or disk is full" in said
+    assert statuses <= {200, 503}
+    assert reviews == 1000
 
 
 def test_reserve_is_used_only_by_a_deletion_that_needs_space(data):

@@ -19,7 +19,8 @@ def test_healthz_and_readyz_of_a_running_service_are_ok(anonymous):
     assert anonymous.get("/healthz").json() == {"status": "ok"}
     assert ready["ready"] is True
     assert set(ready["checks"]) == {
-        *("database", "pages", "migrations", "disk", "blobs", "event_loop")
+        *("database", "pages", "migrations", "disk", "blobs", "background"),
+        "event_loop",
     }
 
 

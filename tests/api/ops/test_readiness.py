@@ -93,6 +93,7 @@ def test_readyz_of_a_healthy_server_lists_every_check(server):
     assert found == {
         "database": "writable",
         "blobs": "writable",
+        "background": "working",
         "event_loop": "responsive",
     }
 
