@@ -5,6 +5,8 @@ from __future__ import annotations
 import ctypes
 import gc
 import sys
+import time
+from collections.abc import Callable
 from typing import Final
 
 _M_TRIM_THRESHOLD: Final = -1
@@ -15,6 +17,10 @@ _PAD_BYTES: Final = 16 * 1024 * 1024
 _COLLECT_EVERY: Final = 10_000
 """New objects between two collections. Python's default is 700; describing a frame of
 ten thousand boxes creates hundreds of thousands, which were scanned over and over."""
+LOOK_EVERY_S: Final = 5.0
+"""Seconds between two looks at whether the process is idle."""
+IDLE_S: Final = 0.5
+"""Processor time of all threads between two looks up to which it is idle."""
 
 
 def keep_freed_memory() -> None:
@@ -24,9 +30,7 @@ def keep_freed_memory() -> None:
     the kernel: a quarter of the processor time of measuring a frame. Other C libraries
     have no such setting and need none.
     """
-    if sys.platform != "linux":
-        return
-    mallopt = getattr(ctypes.CDLL(None), "mallopt", None)
+    mallopt = _allocator("mallopt")
     if mallopt is None:
         return
     for setting, size_bytes in (
@@ -35,6 +39,36 @@ def keep_freed_memory() -> None:
         (_M_TOP_PAD, _PAD_BYTES),
     ):
         mallopt(setting, size_bytes)
+
+
+class IdleTrim:
+    """Returns freed memory to the system when the process is idle after work.
+
+    Otherwise it would keep all that `keep_freed_memory` lets it keep, in each arena of
+    the allocator, until it ends.
+    """
+
+    def __init__(self) -> None:
+        self._looked_s = self._trimmed_s = time.process_time()
+
+    def look(self) -> None:
+        """Trim if the process is idle, and has worked since it was trimmed last."""
+        now_s = time.process_time()
+        is_idle = now_s - self._looked_s <= IDLE_S
+        self._looked_s = now_s
+        if is_idle and now_s - self._trimmed_s > IDLE_S:
+            self._trimmed_s = now_s
+            trim = _allocator("malloc_trim")
+            if trim is not None:
+                trim(0)
+
+
+def _allocator(name: str) -> Callable[..., int] | None:
+    """A function of glibc's allocator; None with other C libraries."""
+    if sys.platform != "linux":
+        return None
+    found: Callable[..., int] | None = getattr(ctypes.CDLL(None), name, None)
+    return found
 
 
 def settle() -> None:

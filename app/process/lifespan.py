@@ -25,6 +25,7 @@ from app.jobs.kind import register
 from app.jobs.leases import running_watchdog
 from app.jobs.queries import installation_id
 from app.jobs.service import start
+from app.maintenance.background import Task, repeating
 from app.maintenance.datafolder import (
     check_moved,
     check_same_version,
@@ -36,6 +37,7 @@ from app.maintenance.datafolder import (
 from app.maintenance.removals import removing
 from app.maintenance.sqlite_check import checking_for_damage
 from app.measuring.active import DefaultConfig
+from app.memory import LOOK_EVERY_S, IdleTrim
 from app.package import migrations_dir
 from app.runs.service import RUNS
 from app.settings import Settings
@@ -82,12 +84,15 @@ def running(settings: Settings) -> Iterator[ServiceContext]:
                 int(settings.max_open_body_bytes_per_token),
             )
         )
+        purpose = "return freed memory to the system"
+        trimming = Task("memory", purpose, IdleTrim().look, LOOK_EVERY_S)
         try:
             with (
                 running_watchdog(services, partial(start, services)),
                 removing(services),
                 checking_for_damage(services),
                 keeping_tokens(services),
+                repeating(services, trimming),
             ):
                 yield services
         finally:
