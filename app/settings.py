@@ -294,6 +294,12 @@ class Settings(BaseSettings):
         ge=1,
         description="Maximum number of boxes that one bulk answer may change.",
     )
+    max_answers_per_box: int = Field(
+        default=1_000,
+        ge=1,
+        description="Maximum number of answers of one person on one box, those that "
+        "undo another one included.",
+    )
     max_open_runs: int = Field(
         default=100,
         ge=1,

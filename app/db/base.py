@@ -16,6 +16,8 @@ Key = BigInteger().with_variant(Integer, "sqlite")
 
 MAX_ID: Final = 2**63 - 1
 """The largest key."""
+MAX_REVISION: Final = 2**31 - 1
+"""The largest revision of a box."""
 
 
 def filled(key: int | None) -> int:

@@ -14,7 +14,7 @@ from sqlalchemy import Connection
 from sqlalchemy.orm import Session
 
 from app.context import ServiceContext
-from app.db.base import MAX_ID
+from app.db.base import MAX_ID, MAX_REVISION
 from app.db.engine import Database, once_committed
 from app.errors import Forbidden
 from app.security import (
@@ -47,7 +47,7 @@ MAX_FOLDERS: Final = 2
 RowId = Annotated[int, Path(ge=1, le=MAX_ID)]
 """An id in a path; larger ones would overflow the database's integers."""
 
-AnswerRevision = Annotated[int, Path(ge=1, le=2**31 - 1)]
+AnswerRevision = Annotated[int, Path(ge=1, le=MAX_REVISION)]
 """The revision that an answer has given its box, in a path."""
 
 

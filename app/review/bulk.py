@@ -25,6 +25,7 @@ from app.errors import Conflict, CountChanged, StaleSnapshot, TooLarge, Unproces
 from app.measuring.queries import DatasetRepository
 from app.metrics import REVIEWS
 from app.review.queries import ReviewBatches, ReviewRepository, SeenBoxes
+from app.review.service import require_place
 from app.security import Principal
 from app.storage.room import require_room
 from unghost.wire.boxes import MAX_COMMENT, BulkIn, ReviewBatch, UndoneBatch
@@ -49,6 +50,8 @@ def review_many(
         The boxes of the filter have changed since the snapshot.
     StorageFull
         There is too little disk space for so many answers.
+    Conflict
+        ``too_many_answers`` on one of the boxes, see `require_place`.
     """
     try:
         chosen = _choose(services, given)
@@ -57,6 +60,8 @@ def review_many(
         # one, and beginning the transaction then raises `RepeatedRequest` instead.
         begin_as_work(audit.session)
     _require_room(services, chosen.to_answer, len(given.comment.encode()))
+    most = services.settings.max_answers_per_box
+    require_place(ReviewRepository(audit.session), chosen.boxes, audit.name, most)
     dataset = DatasetRepository(audit.session).named(given.dataset)
     attempt = audit.session.begin_nested()
     stored = _store(audit, dataset, given, chosen)
@@ -256,7 +261,8 @@ def undo_batch(
     Forbidden
         It is another person's, and the caller is not an admin.
     Conflict
-        It was undone already, and none of its answers is in force again.
+        It was undone already, and none of its answers is in force again; or
+        ``too_many_answers`` on one of the boxes, see `require_place`.
     StorageFull
         There is too little disk space for so many answers.
     """
@@ -270,6 +276,8 @@ def undo_batch(
     require_own(by, {batch.reviewer: size}, f"undoing bulk answer {batch_id}")
     # The answers before it are repeated, with comments of up to four bytes a character.
     _require_room(services, size, 4 * MAX_COMMENT)
+    most = services.settings.max_answers_per_box
+    require_place(ReviewRepository(session), undoable, by.name, most)
     was_undone = batches.is_undone(batch_id)
     undo = batches.add(batch.dataset_id, "clear", by.name, undoes_id=batch_id)
     undone = ReviewRepository(session).restore_answers(undo, undoable)

@@ -6,15 +6,18 @@ measurement and the version of a configuration never change, and deciding is pur
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from datetime import datetime
+from typing import Final
 
 import numpy as np
 from sqlalchemy.orm import Session
 
 from app.boxes.queries import FrameRepository
-from app.db.base import filled
+from app.db.base import MAX_ID, MAX_REVISION, filled
+from app.db.pages import cursor_after, number_and_id_of_cursor
 from app.db.tables import Box, Frame, Review, Run
+from app.errors import BadCursor
 from app.jobs.queries import job_with_id
 from app.measuring.active import config_of
 from app.measuring.evidence import to_evidence, unpack_channels, unpack_numbers
@@ -30,38 +33,58 @@ from filter_core.decisions.rules import decide
 from filter_core.types import Evidence, Reason, floats_or_none
 from unghost.wire.boxes import HistoryEntry
 
+_AFTER_ALL: Final = (MAX_REVISION, MAX_ID)
 
-def history(session: Session, box_id: int) -> list[HistoryEntry]:
-    """All decisions and answers on a box, newest first.
+
+def history(
+    session: Session, box_id: int, *, limit: int, cursor: str | None = None
+) -> tuple[list[HistoryEntry], str | None]:
+    """A page of the decisions and answers on a box, newest first, and the next cursor.
 
     They are in the order in which they were stored, regardless of clocks: answers by
     revision, runs by id, and a run after the answers that existed when it was done.
+
+    The place of an entry in this order is a pair of numbers. That of a run is how many
+    answers came before it, and its id; an answer comes after all runs that have as
+    many answers before them.
     """
     box = FrameRepository(session).box(box_id)
     frame = FrameRepository(session).with_id(box.frame_id)
-    reviews = ReviewRepository(session).of_box(box_id)
-    entries = [_first_decision(session, box, frame)]
+    before = _AFTER_ALL if cursor is None else _place(cursor)
+    reviews = ReviewRepository(session)
+    # One more than the limit, to find out whether there is a next page.
+    answers = reviews.newest_on_box(box_id, before[0], limit + 1)
+    entries: list[tuple[tuple[int, int], Review | Run | None]]
+    entries = [((answer.revision - 1, MAX_ID), answer) for answer in answers]
     told = 0
     for run in RunRepository(session).with_flips_of(frame.dataset_id, box_id):
-        found = max(told, _answers_before(run, reviews))
-        entries += [_answer(review) for review in reviews[told:found]]
-        told = found
-        at = run.finished_at or run.created_at
-        by = (run.id, run.config_id)
-        entry = _decision(session, box, frame, by, at, activated=run.activate)
-        entries.append(entry)
-    entries += [_answer(review) for review in reviews[told:]]
-    return entries[::-1]
+        told = max(told, reviews.answers_before(box_id, run))
+        entries.append(((told, run.id), run))
+    entries.append(((0, 0), None))
+    entries.sort(key=lambda entry: entry[0], reverse=True)
+    rest = [entry for entry in entries if entry[0] < before]
+    following = cursor_after(*rest[limit - 1][0]) if len(rest) > limit else None
+    return [_entry(session, box, frame, row) for _, row in rest[:limit]], following
 
 
-def _answers_before(run: Run, reviews: Sequence[Review]) -> int:
-    """How many of a box's answers existed when a run was done."""
-    if run.last_review_id is not None:
-        last = run.last_review_id
-        return sum(review.id <= last for review in reviews)
-    # A run of an earlier version has only its time.
-    at = run.finished_at or run.created_at
-    return sum(review.created_at <= at for review in reviews)
+def _place(cursor: str) -> tuple[int, int]:
+    answers, run_id = number_and_id_of_cursor(cursor)
+    if answers > MAX_REVISION:
+        raise BadCursor(cursor)
+    return int(answers), run_id
+
+
+def _entry(
+    session: Session, box: Box, frame: Frame, row: Review | Run | None
+) -> HistoryEntry:
+    """An answer, the decision of a run, or (None) the first decision."""
+    if row is None:
+        return _first_decision(session, box, frame)
+    if isinstance(row, Review):
+        return _answer(row)
+    at = row.finished_at or row.created_at
+    by = (row.id, row.config_id)
+    return _decision(session, box, frame, by, at, activated=row.activate)
 
 
 def _first_decision(session: Session, box: Box, frame: Frame) -> HistoryEntry:

@@ -36,7 +36,7 @@ from app.boxes.current import copy_answers, copy_batch
 from app.boxes.queries import LatestReview
 from app.db.base import Key, UtcDateTime, utc_now
 from app.db.bulk import chunks, insert_into, insert_rows
-from app.db.tables import Box, Claim, Dataset, Decision, Review, ReviewBatch
+from app.db.tables import Box, Claim, Dataset, Decision, Review, ReviewBatch, Run
 from app.errors import NotFound
 from app.measuring.queries import is_deleted, is_there
 
@@ -168,9 +168,35 @@ class ReviewRepository:
         rows = self._insert(_next_answers([box_id], seen_revision, answer))
         if rows == 0:
             return False
-        self._session.connection().execute(_END_CLAIM, {"box": box_id})
+        self.end_claim(box_id)
         copy_answers(self._session, [box_id])
         return True
+
+    def end_claim(self, box_id: int) -> None:
+        """Let the queue give a box to others again."""
+        self._session.connection().execute(_END_CLAIM, {"box": box_id})
+
+    def same_answer(self, box: CurrentBox, answer: NewAnswer) -> Review | None:
+        """The latest answer on a box, if the same person gave the same one alone."""
+        if box.revision == 0 or (box.review or "clear") != answer.verdict:
+            return None
+        latest = self.at(box.box_id, box.revision)
+        if latest is None or latest.undoes is not None or latest.batch_id is not None:
+            return None
+        is_same = (latest.reviewer, latest.comment) == (answer.reviewer, answer.comment)
+        return latest if is_same else None
+
+    def full_box(self, box_ids: Sequence[int], reviewer: str, most: int) -> int | None:
+        """The first of these boxes on which a person has so many answers."""
+        for chunk in chunks(box_ids):
+            rows = select(Review.box_id).where(
+                Review.box_id.in_(chunk), Review.reviewer == reviewer
+            )
+            rows = rows.group_by(Review.box_id).having(func.count() >= most)
+            found = self._session.scalar(rows.order_by(Review.box_id).limit(1))
+            if found is not None:
+                return found
+        return None
 
     def _insert(self, answers: _Answers) -> int:
         """Insert what the SELECT gives into `reviews`; how many rows that were."""
@@ -259,10 +285,24 @@ class ReviewRepository:
         insert_rows(self._session, Review, rows)
         copy_answers(self._session, [answer.box_id for answer in answers.values()])
 
-    def of_box(self, box_id: int) -> list[Review]:
-        """All answers on a box, oldest first."""
-        rows = select(Review).where(Review.box_id == box_id).order_by(Review.revision)
+    def newest_on_box(self, box_id: int, up_to: int, limit: int) -> list[Review]:
+        """The newest answers on a box up to a revision, newest first."""
+        rows = select(Review).where(Review.box_id == box_id, Review.revision <= up_to)
+        rows = rows.order_by(Review.revision.desc()).limit(limit)
         return list(self._session.scalars(rows))
+
+    def answers_before(self, box_id: int, run: Run) -> int:
+        """How many of a box's answers existed when a run was done."""
+        on_box = Review.box_id == box_id
+        if run.last_review_id is not None:
+            rows = select(Review.revision).where(
+                on_box, Review.id <= run.last_review_id
+            )
+            rows = rows.order_by(Review.revision.desc()).limit(1)
+        else:  # a run of an earlier version has only its time
+            at = run.finished_at or run.created_at
+            rows = select(func.count()).where(on_box, Review.created_at <= at)
+        return self._session.scalar(rows) or 0
 
     def at(self, box_id: int, revision: int) -> Review | None:
         """The answer that gave a box this revision; None if there is none."""
@@ -271,11 +311,13 @@ class ReviewRepository:
 
     def author(self, box_id: int, revision: int) -> str:
         """Who gave an answer; of one that an undo has repeated, who gave that one."""
-        answers = self.of_box(box_id)
-        answer = answers[revision - 1]
-        while answer.undoes is not None and answer.undoes > 1:
-            answer = answers[answer.undoes - 2]
-        return answer.reviewer
+        undoes: int | None = revision + 1
+        while undoes is not None and undoes > 1:
+            rows = select(Review.reviewer, Review.undoes).where(
+                Review.box_id == box_id, Review.revision == undoes - 1
+            )
+            reviewer, undoes = self._session.execute(rows).one()
+        return reviewer
 
     def is_in_force(self, answer: Review) -> bool:
         """Whether no answer followed this one, or all that followed were undone."""

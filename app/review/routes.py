@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from fastapi import Response
+from fastapi import Request, Response
 
 from app.access.gate import Audited
 from app.http.deps import (
@@ -14,7 +14,7 @@ from app.http.deps import (
     RowId,
     require_room_to_answer,
 )
-from app.http.pages import json_response
+from app.http.pages import Cursor, Limit, json_response, page_response
 from app.http.routing import ApiRouter
 from app.http.transaction import WriteSession, commit_and_respond
 from app.measuring.queries import DatasetRepository
@@ -36,13 +36,17 @@ from unghost.wire.boxes import (
 history_router = ApiRouter(prefix="/api/v1", tag="boxes")
 
 
-@history_router.get(
-    "/boxes/{box_id}/history",
-    response_model=History,
-)
-def get_history(box_id: RowId, session: ReadSession) -> History:
+@history_router.get("/boxes/{box_id}/history", response_model=History)
+def get_history(
+    box_id: RowId,
+    request: Request,
+    session: ReadSession,
+    limit: Limit = 100,
+    cursor: Cursor = None,
+) -> Response:
     """Decisions of runs and answers of people on a box, newest first."""
-    return History(items=tuple(history(session, box_id)))
+    entries, following = history(session, box_id, limit=limit, cursor=cursor)
+    return page_response(request, entries, following)
 
 
 queue_router = ApiRouter(prefix="/api/v1", tag="queue")
@@ -69,7 +73,12 @@ def take_from_queue(
 router = ApiRouter(prefix="/api/v1", tag="reviews")
 
 
-@router.post("/boxes/{box_id}/reviews", status_code=201, response_model=Review)
+@router.post(
+    "/boxes/{box_id}/reviews",
+    status_code=201,
+    response_model=Review,
+    responses={200: {"model": Review, "description": "Stored already."}},
+)
 def create_review(
     box_id: RowId,
     body: ReviewIn,
@@ -77,10 +86,15 @@ def create_review(
     services: AppServices,
     principal: CurrentPrincipal,
 ) -> Response:
-    """Answer a box; 412 with the current decision if it was answered since seen."""
+    """Answer a box; 412 with the current decision if it was answered since seen.
+
+    200 if this is the caller's own latest answer on the box: it is not stored again.
+    """
     require_room_to_answer(services, session)
-    review = review_box(session, box_id, body, principal.name)
-    return commit_and_respond(session, _json(review.model_dump_json(), 201))
+    most = services.settings.max_answers_per_box
+    review = review_box(session, box_id, body, principal.name, most=most)
+    status = 200 if review.revision == body.seen_revision else 201
+    return commit_and_respond(session, _json(review.model_dump_json(), status))
 
 
 @router.post(
@@ -98,7 +112,8 @@ def undo_review(
     409 if somebody has answered since. Only admins may undo answers of others.
     """
     require_room_to_answer(services, audit.session)
-    review = undo_answer(audit, box_id, revision, principal)
+    most = services.settings.max_answers_per_box
+    review = undo_answer(audit, box_id, revision, principal, most=most)
     return commit_and_respond(audit.session, _json(review.model_dump_json(), 201))
 
 

@@ -20,6 +20,8 @@ more. Answers on many boxes at once, and their undo, are in `bulk`.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 from sqlalchemy.orm import Session
 
 from app.access.audit import AuditAction, AuditTrail
@@ -31,14 +33,25 @@ from app.db.engine import once_committed
 from app.errors import Conflict, NotFound, StaleReview
 from app.measuring.queries import DatasetRepository
 from app.metrics import REVIEWS
-from app.review.queries import CurrentBox, NewAnswer, ReviewRepository
+from app.review.queries import (
+    CurrentBox,
+    NewAnswer,
+    ReviewRepository,
+    SeenBoxes,
+    UndoableBoxes,
+)
 from app.security import Principal
 from app.verdicts import effective_verdict
 from unghost.wire.boxes import Review, ReviewIn
 
 
-def review_box(session: Session, box_id: int, given: ReviewIn, reviewer: str) -> Review:
-    """Store an answer on a box.
+def review_box(
+    session: Session, box_id: int, given: ReviewIn, reviewer: str, *, most: int
+) -> Review:
+    """Store an answer on a box; `most` is how many a person may give on one box.
+
+    An answer that repeats the person's own latest one is not stored again: that one is
+    returned, with the seen revision.
 
     Raises
     ------
@@ -46,12 +59,21 @@ def review_box(session: Session, box_id: int, given: ReviewIn, reviewer: str) ->
         The box does not exist, or its frame was replaced or deleted.
     StaleReview
         The box was answered since the person saw it; contains its current decision.
+    Conflict
+        ``too_many_answers``, see `require_place`.
     """
     reviews = ReviewRepository(session)
     box = reviews.state(box_id)
     answer = NewAnswer(
         box.dataset_id, given.verdict, given.comment, reviewer, utc_now()
     )
+    if box.revision == given.seen_revision:
+        same = reviews.same_answer(box, answer)
+        if same is not None:
+            reviews.end_claim(box_id)
+            answer = answer._replace(created_at=same.created_at)
+            return _stored(box, answer, box.revision)
+        require_place(reviews, [SeenBoxes([box_id], box.revision)], reviewer, most)
     if not reviews.answer_box(box_id, given.seen_revision, answer):
         newest = LatestAnswers(session).of([box_id]).get(box_id)
         raise StaleReview(
@@ -64,10 +86,13 @@ def review_box(session: Session, box_id: int, given: ReviewIn, reviewer: str) ->
     return _stored(box, answer, given.seen_revision + 1)
 
 
-def undo_answer(audit: AuditTrail, box_id: int, revision: int, by: Principal) -> Review:
+def undo_answer(
+    audit: AuditTrail, box_id: int, revision: int, by: Principal, *, most: int
+) -> Review:
     """Undo the answer that gave a box this revision: repeat the answer before it.
 
-    If it is another person's, this is noted in the audit log.
+    If it is another person's, this is noted in the audit log. An undo counts as an
+    answer; `most` is how many a person may give on one box.
 
     Raises
     ------
@@ -76,7 +101,8 @@ def undo_answer(audit: AuditTrail, box_id: int, revision: int, by: Principal) ->
     Forbidden
         It is another person's answer, and the caller is not an admin.
     Conflict
-        The box was answered since, or the answer was undone already.
+        The box was answered since, or the answer was undone already; or
+        ``too_many_answers``, see `require_place`.
     """
     session = audit.session
     reviews = ReviewRepository(session)
@@ -86,6 +112,7 @@ def undo_answer(audit: AuditTrail, box_id: int, revision: int, by: Principal) ->
         raise NotFound(f"answer on box {box_id} with revision", revision)
     what = f"answer {revision} on box {box_id}"
     of_others = require_own(by, {undone.reviewer: 1}, f"undoing {what}")
+    require_place(reviews, [SeenBoxes([box_id], box.revision)], by.name, most)
     before = reviews.at(box_id, revision - 1)
     # "clear" is stored where a box had no answer before.
     content = ("clear", "") if before is None else (before.verdict, before.comment)
@@ -106,6 +133,34 @@ def undo_answer(audit: AuditTrail, box_id: int, revision: int, by: Principal) ->
         )
     once_committed(session, lambda: REVIEWS.labels("undo").inc())
     return _stored(box, answer, box.revision + 1)
+
+
+def require_place(
+    reviews: ReviewRepository,
+    boxes: Iterable[SeenBoxes | UndoableBoxes],
+    reviewer: str,
+    most: int,
+) -> None:
+    """Refuse one more answer of a person who has `most` answers on one of these boxes.
+
+    Of one person, so that nobody can keep others from answering a box.
+
+    Raises
+    ------
+    Conflict
+        ``too_many_answers``.
+    """
+    for seen in boxes:
+        # A box with a lower revision has fewer answers of all people together.
+        is_near = seen.revision >= most
+        full = reviews.full_box(seen.box_ids, reviewer, most) if is_near else None
+        if full is not None:
+            raise Conflict(
+                f"box {full} has {most} answers of {reviewer!r} already, undone ones "
+                "included, and one person may give no more; somebody else can answer "
+                "it, or raise UNGHOST_MAX_ANSWERS_PER_BOX and restart the service",
+                code="too_many_answers",
+            )
 
 
 def _stored(box: CurrentBox, answer: NewAnswer, revision: int) -> Review:

@@ -168,7 +168,7 @@ def check_answers(api, write_record):
     """Check that no acknowledged answer is lost, and no bulk answer stored in part."""
     more = {}
     for box_id, said in write_record.answers.items():
-        items = api.json(f"/boxes/{box_id}/history")["items"]
+        items = list_all_pages(api, f"/boxes/{box_id}/history")
         reviews = sorted(
             (one["revision"], one["verdict"])
             for one in items

@@ -143,7 +143,7 @@ class ServiceDataset:
         seen = self.revisions([box_id]).get(box_id, 0)
         given = ReviewIn.model_validate({"verdict": verdict, "seen_revision": seen})
         with self.context.database.write() as session:
-            review_box(session, box_id, given, self.services.author)
+            review_box(session, box_id, given, self.services.author, most=1_000)
 
     def bulk(self, box_ids: Sequence[int], verdict: str) -> int:
         """Give one answer on several boxes as they are now; the batch's id."""
@@ -246,7 +246,7 @@ class ServiceDataset:
 
     def history(self, box_id: int) -> list[dict[str, Any]]:
         with self.context.database.read() as session:
-            entries = history(session, box_id)
+            entries, _ = history(session, box_id, limit=1_000)
             return [one.model_dump(exclude_unset=True) for one in entries]
 
     def active_config(self) -> dict[str, Any]:

@@ -361,7 +361,5 @@ class HistoryEntry(SparseModel):
     carried_from: int | None = None
 
 
-class History(ResponseModel):
-    """What happened to a box, newest first."""
-
-    items: tuple[HistoryEntry, ...]
+class History(Page[HistoryEntry]):
+    """One page of what happened to a box, newest first."""

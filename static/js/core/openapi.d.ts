@@ -824,6 +824,8 @@ export interface paths {
         /**
          * Create Review
          * @description Answer a box; 412 with the current decision if it was answered since seen.
+         *
+         *     200 if this is the caller's own latest answer on the box: it is not stored again.
          */
         post: operations["create_review_api_v1_boxes__box_id__reviews_post"];
         delete?: never;
@@ -2548,11 +2550,13 @@ export interface components {
         };
         /**
          * History
-         * @description What happened to a box, newest first.
+         * @description One page of what happened to a box, newest first.
          */
         History: {
             /** Items */
             items: components["schemas"]["HistoryEntry"][];
+            /** Next Cursor */
+            next_cursor: string | null;
         };
         /**
          * HistoryEntry
@@ -4245,7 +4249,12 @@ export interface operations {
     };
     get_history_api_v1_boxes__box_id__history_get: {
         parameters: {
-            query?: never;
+            query?: {
+                /** @description Maximum number of items on a page. */
+                limit?: number;
+                /** @description `next_cursor` of the page before this one. */
+                cursor?: string | null;
+            };
             header?: never;
             path: {
                 box_id: number;
@@ -6079,6 +6088,15 @@ export interface operations {
             };
         };
         responses: {
+            /** @description Stored already. */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Review"];
+                };
+            };
             /** @description Successful Response */
             201: {
                 headers: {

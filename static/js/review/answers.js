@@ -87,9 +87,9 @@ export function createAnswers(app, boxes, storage, { tab, openTabs }) {
   sender.state.observe(() => boxes.layOver(outbox.lastAnswers()));
 
   sender.observe({
-    onStored(stored, { key }) {
+    onStored(stored, item) {
       const { box_id: boxId, revision } = stored;
-      steps.noteStored(key, revision);
+      steps.noteStored(item, revision);
       boxes.receiveAnswers(new Map([[boxId, { revision, applyTo: (box) => withStored(box, stored) }]]));
     },
 
@@ -227,8 +227,9 @@ export function createSteps(boxes) {
       if (entries.length > MOST_STEPS) entries.shift()?.release();
     },
 
-    /** An answer on one box was stored. @param {string} key @param {number} revision */
-    noteStored(key, revision) {
+    /** An answer on one box was stored; if that changed nothing, it cannot be undone. @param {SingleAnswer} item @param {number} revision */
+    noteStored({ key, seenRevision: seen }, revision) {
+      if (revision === seen) remove(({ given }) => given?.key === key);
       for (const { step } of entries) if (step.given?.key === key) step.given.revision = revision;
     },
 

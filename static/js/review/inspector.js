@@ -5,7 +5,7 @@ import { answerOf, isUnanswered, isWithheld, seenRevision } from "../boxes/box.j
 import { ANSWER_ICONS, AnswerSign, StrokeSwatch, VerdictBadge } from "../boxes/signs.js";
 import { ANSWER_TEXT, acceptedText, evidenceText, isByShare, labelText, matchText, reasonText } from "../boxes/wording.js";
 import { get } from "../core/api.js";
-import { useLoaded, useValue } from "../core/hooks.js";
+import { useNewest, useValue } from "../core/hooks.js";
 import { html, useEffect, useMemo, useState } from "../core/html.js";
 import { Icon } from "../core/icons.js";
 import { Keys, useKeys } from "../core/keymap.js";
@@ -192,15 +192,19 @@ export function Comment({ box, onSave, fieldRef }) {
   </div>`;
 }
 
+/** How many entries of the history are shown at first. */
+const NEWEST = 50;
+
 /** @param {{app: import("../core/app.js").App, box: import("../boxes/box.js").Decision}} props */
 export function History({ app, box }) {
-  const loaded = useLoaded((signal) => get("/api/v1/boxes/{box_id}/history", { path: { box_id: box.box_id }, signal }), [box.box_id, seenRevision(box), box.run]);
+  const loaded = useNewest(NEWEST, (query, signal) => get("/api/v1/boxes/{box_id}/history", { path: { box_id: box.box_id }, query, signal }), [box.box_id, seenRevision(box), box.run]);
   return html`<section class="history" aria-busy=${loaded.state === "loading"}>
     <h3>History</h3>
     ${loaded.error && html`<${FailureLine} error=${loaded.error} onRetry=${loaded.reload} />`}
     ${!loaded.error && html`<ol class="history__list">
       ${loaded.value?.items.map((item) => html`<li class="history__item">${item.kind === "review" ? html`<${ReviewLine} item=${item} />` : html`<${DecisionLine} item=${item} />`}</li>`) ?? html`<li class="history__wait" aria-hidden="true"><div class="skeleton" /><div class="skeleton skeleton--short" /></li>`}
     </ol>`}
+    ${loaded.showOlder && html`<p class="more"><button class="button button--small" onClick=${loaded.showOlder}>Older entries</button></p>`}
   </section>`;
 }
 

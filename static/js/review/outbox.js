@@ -263,7 +263,8 @@ export function createOutbox(storage, tab, who, newKey = randomId) {
       const kept = answer(stored.key); // it may have been undone since `stored` was read
       remove(stored);
       // First the undo: it has room where the answer was, also if the storage is full.
-      if (kept?.earlier && revision) {
+      // (An answer that changed nothing has left the revision as it was, and there is nothing to undo.)
+      if (kept?.earlier && revision && revision !== kept.seenRevision) {
         const { earlier, ...answered } = kept;
         const { verdict, comment } = earlier; // what the box gets again
         const undo = { ...answered, verdict, comment, key: newKey(), undoes: revision, attempted: false };

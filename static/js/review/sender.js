@@ -23,7 +23,7 @@ import { countAnswers, idempotencyKey, isBulk, isBulkAnswer, isBulkUndo, isSingl
  * @typedef {object} Requests  all but `history` resolve when the server has stored the item
  * @property {(item: SingleAnswer) => Promise<StoredReview>} answer
  * @property {(item: SingleAnswer) => Promise<StoredReview>} undo
- * @property {(boxId: number) => Promise<History>} history  the answers on a box, among others
+ * @property {(boxId: number) => Promise<History>} history  the newest answers on a box, among others
  * @property {(bulk: BulkAnswer) => Promise<ReviewBatch>} bulkAnswer
  * @property {(undo: BulkUndo) => Promise<UndoneBatch>} bulkUndo
  */
@@ -39,7 +39,7 @@ const REQUESTS = {
   undo: ({ key, boxId, undoes = 0 }) =>
     post("/api/v1/boxes/{box_id}/reviews/{revision}/undo", { path: { box_id: boxId, revision: undoes }, key }),
 
-  history: (boxId) => get("/api/v1/boxes/{box_id}/history", { path: { box_id: boxId } }),
+  history: (boxId) => get("/api/v1/boxes/{box_id}/history", { path: { box_id: boxId }, query: { limit: 1000 } }),
 
   bulkAnswer({ key, dataset, verdict, boxIds, seenRevisions, filter, snapshot }) {
     const boxes = boxIds ? { box_ids: boxIds, seen_revisions: seenRevisions } : { filter, snapshot };
@@ -234,7 +234,8 @@ export function createSender(outbox, requests = REQUESTS, later) {
       const givenAt = batch ? storedOnFilter.get(batch) : undefined;
       return givenAt !== undefined && givenAt <= item.order;
     };
-    return since.length > 0 && since.every(isOwnAndGivenBefore);
+    const isWhole = since.some(({ revision }) => revision === item.seenRevision + 1);
+    return isWhole && since.every(isOwnAndGivenBefore);
   }
 
   /**

@@ -50,7 +50,7 @@ def answer_as_another_server(service, box_id: int, seen: int = 0) -> None:
         other.write(person=True) as session,
     ):
         given = ReviewIn(verdict="unsure", seen_revision=seen)
-        review_box(session, box_id, given, "ada")
+        review_box(session, box_id, given, "ada", most=9)
 
 
 def filter_with_snapshot(api, name):

@@ -88,8 +88,19 @@ def test_history_is_in_the_order_of_storing_not_of_the_clock(service, has_number
             else:
                 session.execute(update(Run).values(last_review_id=None))
 
-        items = api.json(f"/boxes/{box_id}/history")["items"]
+        path = f"/boxes/{box_id}/history"
+        items = api.json(path)["items"]
+        pages = [api.get(path, limit=1)]
+        while "next" in pages[-1].links:
+            pages.append(api.http.get(pages[-1].links["next"]["url"]))
+        wrong = [api.get(path, cursor=one) for one in ("1", "x~1", "inf~1", "-1~1")]
 
+    assert [one for page in pages for one in page.json()["items"]] == items
+    assert [len(page.json()["items"]) for page in pages] == [1] * len(items)
+    assert pages[-1].json()["next_cursor"] is None
+    assert {(one.status_code, one.json()["code"]) for one in wrong} == {
+        (400, "bad_cursor")
+    }
     told = [
         one["run"] if one["kind"] == "decision" else one["verdict"] for one in items
     ]
@@ -119,6 +130,92 @@ def test_the_history_of_a_box_shows_the_match_of_the_box(api):
         assert {one: told[one][key] for one in told} == {
             one: shown[one][key] for one in shown
         }
+
+
+def test_answer_that_changes_nothing_is_not_stored(api, ghosts):
+    comment = {"comment": "half hidden"}
+    first = api.review(ghosts[0], "keep", **comment)
+
+    again = api.review(ghosts[0], "keep", 1, **comment)
+    stale = api.review(ghosts[0], "keep", **comment)
+    commented = api.review(ghosts[0], "keep", 1, comment="half hidden!")
+
+    assert (again.status_code, again.json()) == (200, first.json())
+    assert stale.status_code == 412
+    assert (commented.status_code, commented.json()["revision"]) == (201, 2)
+    history = api.json(f"/boxes/{ghosts[0]}/history")["items"]
+    assert [one.get("revision") for one in history] == [2, 1, None]
+
+
+def test_same_answer_of_another_person_or_after_an_undo_is_stored(service, as_role):
+    with service.admin() as http:
+        api, other = Api(http), Api(as_role("reviewer"))
+        box_id = api.upload_frame(api.dataset(), "0")["decisions"][0]["box_id"]
+        api.review(box_id, "keep")
+        others = other.review(box_id, "keep", 1)
+        api.review(box_id, "reject", 2)
+        other.review(box_id, "keep", 3)
+        api.review(box_id, "keep", 4)
+        api.post(f"/boxes/{box_id}/reviews/5/undo")
+        after_undo = api.review(box_id, "keep", 6)
+
+    assert (others.status_code, others.json()["revision"]) == (201, 2)
+    assert (after_undo.status_code, after_undo.json()["revision"]) == (201, 7)
+
+
+def test_one_person_answers_a_box_only_so_often(service, as_role):
+    """All doors are shut then; others can still answer, and undo."""
+    with service.admin() as http:
+        api = Api(http)
+        name = api.dataset()
+        box_id = api.upload_frame(name, "0")["decisions"][0]["box_id"]
+        own = Api(as_role("reviewer"))
+        most = service.app.state.settings.max_answers_per_box
+        for seen in range(most):
+            given = own.review(box_id, ("keep", "reject")[seen % 2], seen)
+            assert given.status_code == 201, given.text
+        last = own.json(f"/boxes/{box_id}")["revision"]
+        bulk = {"dataset": name, "verdict": "unsure", "box_ids": [box_id]}
+        chosen = {"dataset": name, "verdict": "unsure", "filter": {"review": "any"}}
+        listed = own.json("/boxes", dataset=name, review="any", count="true")
+
+        refused = [
+            own.review(box_id, "unsure", last),
+            own.post(f"/boxes/{box_id}/reviews/{last}/undo"),
+            own.post("/reviews/bulk", {**bulk, "seen_revisions": [last]}),
+            own.post("/reviews/bulk", {**chosen, "snapshot": listed["snapshot"]}),
+        ]
+        undone = api.post(f"/boxes/{box_id}/reviews/{last}/undo")
+
+    assert {(one.status_code, one.json()["code"]) for one in refused} == {
+        (409, "too_many_answers")
+    }
+    for one in refused:
+        detail = one.json()["detail"]
+        assert f"box {box_id}" in detail
+        assert f"{most} answers" in detail
+        assert "UNGHOST_MAX_ANSWERS_PER_BOX" in detail
+    assert (undone.status_code, undone.json()["revision"]) == (201, most + 1)
+
+
+def test_undo_of_a_bulk_answer_counts_as_an_answer(service, as_role):
+    with service.admin() as http:
+        api = Api(http)
+        name = api.dataset()
+        box_id = api.upload_frame(name, "0")["decisions"][0]["box_id"]
+        own = Api(as_role("reviewer"))
+        body = {"dataset": name, "verdict": "keep", "box_ids": [box_id]}
+        batch = own.post("/reviews/bulk", body).json()["id"]
+        undo = own.post(f"/review-batches/{batch}/undo").json()["id"]
+        most = service.app.state.settings.max_answers_per_box
+        for _ in range(most - 2):
+            undone = own.post(f"/review-batches/{undo}/undo")
+            assert undone.status_code == 200, undone.text
+            undo = undone.json()["id"]
+
+        refused = own.post(f"/review-batches/{undo}/undo")
+
+    assert (refused.status_code, refused.json()["code"]) == (409, "too_many_answers")
 
 
 def test_stale_answer_returns_412_with_the_current_box(api, ghosts):

@@ -216,7 +216,7 @@ def test_loading_history_keeps_its_height_and_does_not_flash(scene, user):
     user.open(scene.link("ghost"))
     history = user.page.locator(".history")
     expect(history.locator(".history__item")).to_have_count(1)
-    route_loaded(user.page, "**/history", lambda route: held.append(route))
+    route_loaded(user.page, "**/history?*", lambda route: held.append(route))
 
     user.press("j")
 
@@ -230,12 +230,27 @@ def test_loading_history_keeps_its_height_and_does_not_flash(scene, user):
     assert history.evaluate(HEIGHT) == loading
 
 
+def test_history_shows_older_entries_when_asked(scene, user):
+    box_id = scene.box_id("ghost")
+    for revision in range(51):
+        body = {"verdict": ("keep", "reject")[revision % 2], "seen_revision": revision}
+        scene.http.post(f"/boxes/{box_id}/reviews", json=body).raise_for_status()
+
+    page = user.open(scene.link("ghost"))
+
+    items = page.locator(".history__item")
+    expect(items).to_have_count(50)
+    page.get_by_role("button", name="Older entries").click()
+    expect(items).to_have_count(52)
+    expect(items.last).to_contain_text("rejected")
+
+
 def test_history_reports_a_run_whose_measurements_are_deleted(scene, user):
     gone = {"verdict": None, "reason": None, "match_percent": None, "threshold": None}
     box_id = scene.box_id("hidden")
     history = get(scene.http, f"/boxes/{box_id}/history")
     items = [entry | gone for entry in history["items"]]
-    user.page.route("**/history", lambda route: route.fulfill(json={"items": items}))
+    user.page.route("**/history?*", lambda route: route.fulfill(json={"items": items}))
 
     page = user.open(scene.link("hidden"))
 

@@ -42,6 +42,31 @@ test("a response that is older than a stored answer does not replace it, even if
   assert.deepEqual([app.boxes.get(99)?.review, app.boxes.get(99)?.revision], [null, 2]);
 });
 
+test("an answer that changes nothing is not undone, but the one before it", async () => {
+  /** @type {string[]} */
+  const addresses = [];
+  globalThis.fetch = async (address, { body } = {}) => {
+    addresses.push(String(address));
+    const [verdict, revision] = body ? [JSON.parse(String(body)).verdict, 1] : ["clear", 2];
+    return Response.json({ box_id: 99, revision, verdict, reviewer: "ada", comment: "", effective_verdict: "kept" });
+  };
+  app.boxes.hold(app.boxes.receive([OTHER]));
+  app.answer(99, "keep");
+  await swept();
+  await swept();
+  app.answer(99, "keep");
+  await swept();
+  await swept();
+
+  app.undo(() => {});
+  await swept();
+  await swept();
+
+  assert.deepEqual(addresses, ["/api/v1/boxes/99/reviews", "/api/v1/boxes/99/reviews", "/api/v1/boxes/99/reviews/1/undo"]);
+  undo();
+  assert.deepEqual(said, ["Nothing to undo."]);
+});
+
 test("if the browser's storage is full, an answer is neither given nor undone, and a message says so", () => {
   const storage = memoryStorage();
   ({ app, said } = reviewPage(storage));

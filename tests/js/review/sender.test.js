@@ -20,6 +20,8 @@ let bulkAnswers;
 let undos;
 /** @type {Map<number, number>} */
 let revisions;
+/** The boxes on which an answer repeats the latest one, so that it is not stored. @type {Set<number>} */
+let repeats;
 /** By box: the bulk answer of each revision that was stored through `requests`. @type {Map<number, {revision: number, batch: number | null}[]>} */
 let stored;
 /** @type {{run: () => void, ms: number}[]} */
@@ -35,6 +37,7 @@ beforeEach(() => {
   undos = [];
   refusals = [];
   revisions = new Map();
+  repeats = new Set();
   stored = new Map();
   timers = [];
   told = [];
@@ -63,7 +66,8 @@ function senderOf(tab = "t1") {
         const review = { verdict: "keep", reviewer: found === 9 ? "bo" : "ada", revision: found, comment: "" };
         throw new ApiError(412, { current: decision({ box_id: boxId, revision: found, review }) }, null);
       }
-      return { box_id: boxId, revision: store(boxId, null), verdict, reviewer: "ada", effective_verdict: "kept" };
+      const revision = repeats.has(boxId) ? found : store(boxId, null);
+      return { box_id: boxId, revision, verdict, reviewer: "ada", effective_verdict: "kept" };
     },
     undo: async (/** @type {any} */ item) => {
       sent.push(item);
@@ -487,6 +491,18 @@ test("an answer after an own bulk answer on a filter is not overtaken by that bu
   assert.deepEqual(told.map((event) => event.slice(0, 3)), [["bulk stored", []], ["stored", 1, 2], ["overtaken", "keep", "keep"]]);
 });
 
+test("an answer is overtaken if the page of the box's history does not reach back to what the person saw", async () => {
+  const { sender } = senderOf();
+  revisions.set(1, 1); // the answer of this revision is on a later page
+  sender.addBulkAnswer({ dataset: "d", verdict: "reject", filter: { class: "car" }, snapshot: "s", count: 2 });
+  await settled();
+
+  sender.addAnswer({ boxId: 1, frameId: 10, verdict: "keep", comment: "", seenRevision: 0 });
+  await settled();
+
+  assert.deepEqual(told.at(-1)?.slice(0, 2), ["overtaken", "keep"]);
+});
+
 for (const [who, reviewer] of [["somebody else", "bo"], ["this person in another window", "ada"]]) {
   test(`an answer of ${who} is not taken for a part of an own bulk answer on a filter, or of its undo`, async () => {
     const { sender } = senderOf();
@@ -606,6 +622,19 @@ test("an answer that follows an undo is sent with the revision after the undo", 
 
   assert.deepEqual(sentOnBox().slice(-3), [["keep", 0, null], ["clear", 1, 1], ["unsure", 2, null]]);
   assert.deepEqual(told, [["stored", 1, 1], ["stored", 1, 2], ["stored", 1, 3]]);
+});
+
+test("an answer that is undone while it is being sent, and then changes nothing, has no undo", async () => {
+  const { sender, outbox } = senderOf();
+  revisions.set(1, 3);
+  repeats.add(1); // the box has this answer already
+  const given = sender.addAnswer({ boxId: 1, frameId: 10, verdict: "keep", comment: "", seenRevision: 3 });
+  assert.ok(given);
+
+  assert.equal(sender.undoAnswer(given, { boxId: 1, frameId: 10, verdict: "keep", comment: "", seenRevision: 3 }), true);
+  await settled();
+
+  assert.deepEqual([sent.map(({ undoes }) => undoes), outbox.items()], [[undefined], []]);
 });
 
 test("an answer that is undone while it is being sent, and then refused, is dropped with its undo", async () => {

@@ -104,6 +104,11 @@ class ModelBox:
         self.answers.append(RecordedAnswer(verdict, batch))
         self.pile.append((len(self.answers), self.answers[-1]))
 
+    def repeats(self, verdict: str) -> bool:
+        """Whether this would be the same answer again, which is not stored."""
+        again = len(self.answers), RecordedAnswer(verdict, None)
+        return bool(self.pile) and self.pile[-1] == again
+
     def take_back(self, undo: int | None = None) -> None:
         """Undo the newest answer that is not undone; `undo` is the undo of a batch."""
         self.pile.pop()

@@ -147,7 +147,7 @@ class Writer:
         said = self.write_record.answers.setdefault(box_id, [])
         act = (frozenset({box_id}), verdict)
         self.write_record.maybe_answers.append(act)
-        answer = self.api.review(box_id, verdict, len(said))
+        answer = self.api.review(box_id, verdict, len(said), comment=str(turn))
         assert answer.status_code == 201, answer.text
         said.append(verdict)
         self.write_record.maybe_answers.remove(act)
