@@ -34,6 +34,7 @@ class AuditAction(str, Enum):
     ANSWERS_GIVEN = "review_batch.created"
     ANSWERS_UNDONE = "review_batch.undone"
     ANSWER_UNDONE = "review.undone"
+    ANSWER_CLEARED = "review.cleared"
     CONFIG_ACTIVATED = "config.activated"
     RUN_CANCELLED = "run.cancelled"
     EXPORT_CREATED = "export.created"

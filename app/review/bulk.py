@@ -10,7 +10,7 @@ they are reported (`stale`). One on all boxes of a filter is refused as a whole
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 from sqlalchemy.orm import Session
@@ -25,14 +25,14 @@ from app.errors import Conflict, CountChanged, StaleSnapshot, TooLarge, Unproces
 from app.measuring.queries import DatasetRepository
 from app.metrics import REVIEWS
 from app.review.queries import ReviewBatches, ReviewRepository, SeenBoxes
-from app.review.service import require_place
+from app.review.service import require_own_cleared, require_place
 from app.security import Principal
 from app.storage.room import require_room
 from unghost.wire.boxes import MAX_COMMENT, BulkIn, ReviewBatch, UndoneBatch
 
 
 def review_many(
-    services: ServiceContext, audit: AuditTrail, given: BulkIn
+    services: ServiceContext, audit: AuditTrail, given: BulkIn, by: Principal
 ) -> ReviewBatch:
     """Store one answer on many boxes; the transaction of `audit` must not have begun.
 
@@ -50,11 +50,13 @@ def review_many(
         The boxes of the filter have changed since the snapshot.
     StorageFull
         There is too little disk space for so many answers.
+    Forbidden
+        It clears answers of others, and the caller is not an admin.
     Conflict
         ``too_many_answers`` on one of the boxes, see `require_place`.
     """
     try:
-        chosen = _choose(services, given)
+        chosen = _choose(services, given, by)
     finally:
         # Also after an error: a repeated request finds its boxes changed by the first
         # one, and beginning the transaction then raises `RepeatedRequest` instead.
@@ -85,6 +87,7 @@ def review_many(
         verdict=given.verdict,
         answers=stored.count,
         skipped=left,
+        **({"of_others": chosen.of_others} if given.verdict == "clear" else {}),
     )
     return stored
 
@@ -106,13 +109,14 @@ class _ChosenBoxes:
 
     `boxes` are answered if they still have their revision when it is the turn to write.
     `stale` were answered since they were seen, `skipped` do not exist or are of another
-    dataset.
+    dataset. `of_others` are the answers of others that the bulk answer clears.
     """
 
     run_id: int | None
     boxes: list[SeenBoxes]
     stale: list[int]
     skipped: list[int]
+    of_others: int = 0
 
     @property
     def to_answer(self) -> int:
@@ -125,7 +129,7 @@ class _ChosenBoxes:
         return self.to_answer + len(self.stale) + len(self.skipped)
 
 
-def _choose(services: ServiceContext, given: BulkIn) -> _ChosenBoxes:
+def _choose(services: ServiceContext, given: BulkIn, by: Principal) -> _ChosenBoxes:
     """The boxes that a request selects, as far as they are as the person saw them."""
     with services.database.read() as session:
         dataset = DatasetRepository(session).named(given.dataset)
@@ -140,10 +144,15 @@ def _choose(services: ServiceContext, given: BulkIn) -> _ChosenBoxes:
             what = "box_ids lists"
             limit = services.settings.max_bulk_boxes
             chosen = _listed_boxes(session, dataset, given, limit)
-    expected = given.expected_count
-    if expected is not None and expected != chosen.number:
-        raise CountChanged(what, found=chosen.number, expected=expected)
-    return chosen
+        expected = given.expected_count
+        if expected is not None and expected != chosen.number:
+            raise CountChanged(what, found=chosen.number, expected=expected)
+        if given.verdict != "clear":
+            return chosen
+        # Boxes that others answer from here on have another revision, and are left out.
+        reviews, action = ReviewRepository(session), f"clearing {chosen.number} boxes"
+        of_others = require_own_cleared(reviews, chosen.boxes, by, action)
+    return replace(chosen, of_others=of_others)
 
 
 def _boxes_of_filter(

@@ -82,19 +82,20 @@ router = ApiRouter(prefix="/api/v1", tag="reviews")
 def create_review(
     box_id: RowId,
     body: ReviewIn,
-    session: WriteSession,
     services: AppServices,
     principal: CurrentPrincipal,
+    audit: Audited,
 ) -> Response:
     """Answer a box; 412 with the current decision if it was answered since seen.
 
     200 if this is the caller's own latest answer on the box: it is not stored again.
+    Only admins may clear answers of others.
     """
-    require_room_to_answer(services, session)
+    require_room_to_answer(services, audit.session)
     most = services.settings.max_answers_per_box
-    review = review_box(session, box_id, body, principal.name, most=most)
+    review = review_box(audit, box_id, body, principal, most=most)
     status = 200 if review.revision == body.seen_revision else 201
-    return commit_and_respond(session, _json(review.model_dump_json(), status))
+    return commit_and_respond(audit.session, _json(review.model_dump_json(), status))
 
 
 @router.post(
@@ -118,9 +119,14 @@ def undo_review(
 
 
 @router.post("/reviews/bulk", status_code=201, response_model=ReviewBatch)
-def create_bulk_review(body: BulkIn, services: AppServices, audit: Audited) -> Response:
-    """Give many boxes one answer; a single undo takes it back on all of them."""
-    batch = review_many(services, audit, body)
+def create_bulk_review(
+    body: BulkIn, services: AppServices, principal: CurrentPrincipal, audit: Audited
+) -> Response:
+    """Give many boxes one answer; a single undo takes it back on all of them.
+
+    Only admins may clear answers of others.
+    """
+    batch = review_many(services, audit, body, principal)
     response = _json(batch.model_dump_json(), 201)
     response.headers["Location"] = f"/api/v1/review-batches/{batch.id}"
     return commit_and_respond(audit.session, response)

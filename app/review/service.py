@@ -20,9 +20,9 @@ more. Answers on many boxes at once, and their undo, are in `bulk`.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable
-
-from sqlalchemy.orm import Session
+from itertools import chain
 
 from app.access.audit import AuditAction, AuditTrail
 from app.access.service import require_own
@@ -46,12 +46,13 @@ from unghost.wire.boxes import Review, ReviewIn
 
 
 def review_box(
-    session: Session, box_id: int, given: ReviewIn, reviewer: str, *, most: int
+    audit: AuditTrail, box_id: int, given: ReviewIn, by: Principal, *, most: int
 ) -> Review:
     """Store an answer on a box; `most` is how many a person may give on one box.
 
     An answer that repeats the person's own latest one is not stored again: that one is
-    returned, with the seen revision.
+    returned, with the seen revision. If answers of others are cleared, this is noted in
+    the audit log.
 
     Raises
     ------
@@ -59,21 +60,25 @@ def review_box(
         The box does not exist, or its frame was replaced or deleted.
     StaleReview
         The box was answered since the person saw it; contains its current decision.
+    Forbidden
+        It clears answers of others, and the caller is not an admin.
     Conflict
         ``too_many_answers``, see `require_place`.
     """
+    session, of_others = audit.session, 0
     reviews = ReviewRepository(session)
     box = reviews.state(box_id)
-    answer = NewAnswer(
-        box.dataset_id, given.verdict, given.comment, reviewer, utc_now()
-    )
+    answer = NewAnswer(box.dataset_id, given.verdict, given.comment, by.name, utc_now())
     if box.revision == given.seen_revision:
         same = reviews.same_answer(box, answer)
         if same is not None:
             reviews.end_claim(box_id)
             answer = answer._replace(created_at=same.created_at)
             return _stored(box, answer, box.revision)
-        require_place(reviews, [SeenBoxes([box_id], box.revision)], reviewer, most)
+        seen = [SeenBoxes([box_id], box.revision)]
+        require_place(reviews, seen, by.name, most)
+        if answer.verdict == "clear":
+            of_others = require_own_cleared(reviews, seen, by, f"clearing box {box_id}")
     if not reviews.answer_box(box_id, given.seen_revision, answer):
         newest = LatestAnswers(session).of([box_id]).get(box_id)
         raise StaleReview(
@@ -81,6 +86,14 @@ def review_box(
             seen=given.seen_revision,
             found=0 if newest is None else newest.revision,
             current=describe_box(session, box_id),
+        )
+    if of_others:
+        audit.note(
+            AuditAction.ANSWER_CLEARED,
+            box_id,
+            dataset=DatasetRepository(session).with_id(box.dataset_id).name,
+            revision=given.seen_revision + 1,
+            of_others=of_others,
         )
     once_committed(session, lambda: REVIEWS.labels(answer.verdict).inc())
     return _stored(box, answer, given.seen_revision + 1)
@@ -133,6 +146,24 @@ def undo_answer(
         )
     once_committed(session, lambda: REVIEWS.labels("undo").inc())
     return _stored(box, answer, box.revision + 1)
+
+
+def require_own_cleared(
+    reviews: ReviewRepository, boxes: Iterable[SeenBoxes], by: Principal, action: str
+) -> int:
+    """Allow `clear` on boxes without answers of others, and to admins.
+
+    Answers count that others have overruled, as for replaced frames
+    (`ReviewRepository.answers_in_force`). Returns how many of them are other people's.
+
+    Raises
+    ------
+    Forbidden
+        Some are other people's, and the caller is not an admin.
+    """
+    answered = chain.from_iterable(seen.box_ids for seen in boxes if seen.revision)
+    answers = Counter(who for _, who in reviews.answers_in_force(answered))
+    return require_own(by, answers, action)
 
 
 def require_place(

@@ -143,7 +143,8 @@ class ServiceDataset:
         seen = self.revisions([box_id]).get(box_id, 0)
         given = ReviewIn.model_validate({"verdict": verdict, "seen_revision": seen})
         with self.context.database.write() as session:
-            review_box(session, box_id, given, self.services.author, most=1_000)
+            audit = AuditTrail(session, self.by)
+            review_box(audit, box_id, given, self.by, most=1_000)
 
     def bulk(self, box_ids: Sequence[int], verdict: str) -> int:
         """Give one answer on several boxes as they are now; the batch's id."""
@@ -157,7 +158,8 @@ class ServiceDataset:
             }
         )
         with self.context.database.write() as session:
-            return review_many(self.context, AuditTrail(session, self.by), given).id
+            audit = AuditTrail(session, self.by)
+            return review_many(self.context, audit, given, self.by).id
 
     def revisions(self, box_ids: Sequence[int]) -> dict[int, int]:
         """The revision of each of these boxes that has a current decision."""

@@ -826,6 +826,7 @@ export interface paths {
          * @description Answer a box; 412 with the current decision if it was answered since seen.
          *
          *     200 if this is the caller's own latest answer on the box: it is not stored again.
+         *     Only admins may clear answers of others.
          */
         post: operations["create_review_api_v1_boxes__box_id__reviews_post"];
         delete?: never;
@@ -868,6 +869,8 @@ export interface paths {
         /**
          * Create Bulk Review
          * @description Give many boxes one answer; a single undo takes it back on all of them.
+         *
+         *     Only admins may clear answers of others.
          */
         post: operations["create_bulk_review_api_v1_reviews_bulk_post"];
         delete?: never;

@@ -9,8 +9,10 @@ from functools import partial
 
 import pytest
 
+from app.access.audit import AuditTrail
 from app.db.engine import Database
 from app.review.service import review_box
+from app.security import Principal
 from tests.support.database_access import record_access
 from tests.support.databases import url_of
 from tests.support.statements import statements_of
@@ -50,7 +52,8 @@ def answer_as_another_server(service, box_id: int, seen: int = 0) -> None:
         other.write(person=True) as session,
     ):
         given = ReviewIn(verdict="unsure", seen_revision=seen)
-        review_box(session, box_id, given, "ada", most=9)
+        ada = Principal(1, "ada", "reviewer")
+        review_box(AuditTrail(session, ada), box_id, given, ada, most=9)
 
 
 def filter_with_snapshot(api, name):

@@ -200,6 +200,17 @@ def test_bulk_answer_is_undone_only_by_its_reviewer_or_an_admin(street, person, 
     assert (noted[2]["details"]["answers"], noted[2]["details"]["skipped"]) == (2, 0)
 
 
+def clear_one(api, name, boxes):
+    seen = api.json(f"/boxes/{boxes[1]}")["revision"]
+    return api.review(boxes[1], "clear", seen)
+
+
+def clear_filter(api, name, boxes):
+    seen = api.json("/boxes", dataset=name, review="any", count="true")["snapshot"]
+    body = {"dataset": name, "verdict": "clear", "filter": {"review": "any"}}
+    return api.post("/reviews/bulk", {**body, "snapshot": seen})
+
+
 def clear_all(api, name, boxes):
     body = {"dataset": name, "box_ids": boxes, "verdict": "clear"}
     seen = [api.json(f"/boxes/{box_id}")["revision"] for box_id in boxes]
@@ -214,15 +225,59 @@ def answer_and_replace(api, name, boxes):
     return api.put(name, "0", {**scene.annotation(), "number": 9}, replace=True)
 
 
+WAYS_TO_CLEAR = [clear_one, clear_all, clear_filter]
+
+
+@pytest.mark.parametrize("clear", WAYS_TO_CLEAR)
+@pytest.mark.parametrize("is_overruled", [False, True])
+def test_answers_of_others_are_cleared_only_by_an_admin(
+    street, person, admin, clear, is_overruled
+):
+    name, boxes = street
+    (grace, hers), (_, his), (boss, admins) = person(), person(), person("admin")
+    assert hers.review(boxes[1], "keep", comment="there is one").status_code == 201
+    if is_overruled:  # clearing the own answer would clear hers, too
+        assert his.review(boxes[1], "reject", 1).status_code == 201
+
+    status, code, detail = refusal(clear(his, name, boxes))
+
+    assert (status, code) == (403, "others_answers")
+    assert f"affects 1 answer of {grace}: this needs the role admin" in detail
+    assert his.json(f"/boxes/{boxes[1]}")["revision"] == 1 + is_overruled
+    assert clear(admins, name, boxes).status_code == 201
+    assert his.json(f"/boxes/{boxes[1]}")["review"] is None
+    items = admin.get(f"{BASE}/audit").json()["items"]
+    noted = next(one for one in items if one["details"].get("dataset") == name)
+    action = "review.cleared" if clear is clear_one else "review_batch.created"
+    assert (noted["actor"], noted["action"]) == (boss, action)
+    assert noted["details"]["of_others"] == 1 + is_overruled
+
+
+@pytest.mark.parametrize("clear", WAYS_TO_CLEAR)
+def test_reviewer_clears_own_answers_and_those_that_others_took_back(
+    street, person, clear
+):
+    name, boxes = street
+    (_, hers), (_, his) = person(), person()
+    assert hers.review(boxes[1], "keep").status_code == 201
+    assert hers.post(f"/boxes/{boxes[1]}/reviews/1/undo").status_code == 201
+    assert his.review(boxes[1], "reject", 2).status_code == 201
+
+    cleared = clear(his, name, boxes)
+
+    assert cleared.status_code == 201, cleared.text
+    assert his.json(f"/boxes/{boxes[1]}")["review"] is None
+
+
 @pytest.mark.parametrize("discard", WAYS_TO_DISCARD)
 @pytest.mark.parametrize("first", [clear_all, answer_and_replace])
 def test_reviewer_may_not_discard_cleared_or_overruled_answers_of_others(
     street, person, discard, first
 ):
     name, boxes = street
-    (grace, hers), (_, his) = person(), person()
+    (grace, hers), (_, his), (_, admins) = person(), person(), person("admin")
     assert hers.review(boxes[1], "keep", comment="there is one").status_code == 201
-    assert first(his, name, boxes).is_success
+    assert first(admins if first is clear_all else his, name, boxes).is_success
 
     status, code, detail = refusal(discard(his, name))
 

@@ -78,7 +78,7 @@ def test_stale_boxes_of_a_bulk_answer_are_listed_in_order_of_id(services):
     )
     with services.context.database.write() as session:
         audit = AuditTrail(session, street.by)
-        stored = review_many(services.context, audit, given)
+        stored = review_many(services.context, audit, given, street.by)
 
     assert list(stored.stale) == ids
 

@@ -24,6 +24,7 @@ from app.measuring.queries import DatasetRepository, frames_state, key_rows
 from app.review.bulk import review_many
 from app.review.queue import QueueRequest, next_boxes, remaining_boxes
 from app.review.service import review_box
+from app.security import Principal
 from tests.support.databases import migrated_postgres
 from tests.support.large_datasets import BOXES_PER_FRAME, DatasetSpec, make_dataset
 from tests.support.services import running_services
@@ -35,6 +36,7 @@ FEW_FRAMES = 600
 """Frames of other datasets: more than any statement about frames may read."""
 BOXES = BOXES_PER_FRAME * FRAMES
 NAME = "many"
+ADA = Principal(1, "ada", "reviewer")
 PAGE = 20
 MOST_ROWS = 5_000
 """Far more than a page, but only a tenth of all boxes."""
@@ -174,10 +176,11 @@ def test_storing_a_review_reads_no_other_reviews(context, session, dataset_row):
     one = ReviewIn(verdict="keep", seen_revision=0)
 
     with context.database.write() as writing:
-        assert review_many(context, AuditTrail(writing), many).count == len(ids)
+        audit = AuditTrail(writing, ADA)
+        assert review_many(context, audit, many, ADA).count == len(ids)
         check(
             writing,
-            lambda: review_box(writing, ids[-1] + 1, one, "ada", most=9),
+            lambda: review_box(audit, ids[-1] + 1, one, ADA, most=9),
             most=50,
         )
         writing.rollback()
