@@ -153,6 +153,19 @@ class Settings(BaseSettings):
         le=3600,
         description="Seconds that open requests have to finish when the service stops.",
     )
+    export_days: int | None = Field(
+        default=None,
+        ge=1,
+        le=36_500,
+        description="Days after which the file of an export is deleted; unset: never.",
+    )
+    max_export_bytes: ByteSize | None = Field(
+        default=None,
+        ge=1024,
+        description="Maximum size of the files of all exports together: those of the "
+        "oldest are deleted, but never the newest; unset: a quarter of the disk, in a "
+        "bucket no limit.",
+    )
     idempotency_hours: int = Field(
         default=72,
         ge=1,

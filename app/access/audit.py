@@ -39,6 +39,7 @@ class AuditAction(str, Enum):
     RUN_CANCELLED = "run.cancelled"
     EXPORT_CREATED = "export.created"
     EXPORT_CANCELLED = "export.cancelled"
+    EXPORT_DELETED = "export.deleted"
 
 
 OFTEN: Final = (AuditAction.CODE_CREATED, AuditAction.SESSION_OPENED)

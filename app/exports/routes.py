@@ -13,6 +13,7 @@ from app.access.gate import Audited, counting_wrong_secrets
 from app.context import ServiceContext
 from app.db import tables
 from app.db.pages import newest
+from app.exports import service as exports
 from app.exports.service import (
     EXPORTS,
     MEDIA_TYPE,
@@ -27,6 +28,7 @@ from app.http.deps import (
     DatasetName,
     ReadSession,
     RowId,
+    make_room,
 )
 from app.http.files import RESUMABLE, file_of, file_response
 from app.http.pages import NO_STORE, Newest, accepted, json_response
@@ -46,7 +48,7 @@ downloads_router = OpenRouter(prefix="/api/v1", tag="exports")
 
 _ARCHIVE: dict[int | str, dict[str, object]] = {
     **file_of(MEDIA_TYPE),
-    409: {"description": "The export is not finished."},
+    409: {"description": "The export is not finished, or its file was deleted."},
 }
 
 
@@ -87,6 +89,16 @@ def stop_export(
     dataset = DatasetRepository(session).with_id(export.dataset_id).name
     audit.note(AuditAction.EXPORT_CANCELLED, export_id, dataset=dataset)
     return accepted(describe_export(export, dataset))
+
+
+@router.delete("/exports/{export_id}", status_code=204)
+def delete_export(
+    export_id: RowId, session: WriteSession, services: AppServices, audit: Audited
+) -> Response:
+    """Delete an export and its file; 409 if it has not ended."""
+    exports.delete_export(audit, services, export_id)
+    make_room(services, session)
+    return Response(status_code=204)
 
 
 @router.get("/exports/{export_id}")

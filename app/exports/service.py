@@ -8,16 +8,19 @@ from typing import Final
 
 from sqlalchemy.orm import Session
 
+from app.access.audit import AuditAction, AuditTrail
 from app.boxes.queries import FrameRepository
 from app.context import ServiceContext
 from app.db import tables
 from app.db.tables import Chunk, Dataset
-from app.errors import Conflict
+from app.errors import Conflict, TryLater
 from app.exports.writer import write_archive
 from app.jobs.chunks import ChunkRepository, PlannedChunk
 from app.jobs.kind import Task
-from app.jobs.queries import job_of
+from app.jobs.queries import OPEN, job_of, job_with_id
 from app.jobs.service import queue_job
+from app.maintenance.datafolder import CannotMaintain
+from app.maintenance.removals import remove_file_of_export
 from app.measuring.queries import DatasetRepository
 from app.runs.service import is_renaming_classes
 from app.storage.base import StoredBlob
@@ -27,6 +30,7 @@ from filter_core.formats.registry import format_of
 from unghost.wire import runs as wire
 
 MEDIA_TYPE: Final = "application/zip"
+_RETRY_S: Final = 30
 
 
 @dataclass(frozen=True)
@@ -74,8 +78,54 @@ def request_export(
     return export
 
 
+def delete_export(audit: AuditTrail, context: ServiceContext, export_id: int) -> None:
+    """Delete an export that has ended, and its file if no other export has the same.
+
+    Raises
+    ------
+    NotFound
+        There is no such export.
+    Conflict
+        ``export_open``: it is queued or running.
+    TryLater
+        A backup is being made, or a garbage collection.
+    """
+    session = audit.session
+    export = job_with_id(session, tables.Export, export_id)
+    if export.state in OPEN:
+        raise Conflict(
+            f"export {export_id} is {export.state}; cancel it first, then delete it",
+            code="export_open",
+        )
+    try:
+        remove_file_of_export(session, context.settings, context.storage, export)
+    except CannotMaintain as exc:
+        raise TryLater(
+            f"export {export_id} cannot be deleted while a backup or a garbage "
+            "collection is running; try again when it has ended",
+            retry_after_s=_RETRY_S,
+        ) from exc
+    ChunkRepository(session).forget(job_of(export), keep_quarantined=False)
+    session.delete(export)
+    session.flush()
+    dataset = DatasetRepository(session).with_id(export.dataset_id).name
+    audit.note(
+        AuditAction.EXPORT_DELETED, export_id, dataset=dataset, format=export.format
+    )
+
+
 def finished_file(context: ServiceContext, export: tables.Export) -> StoredBlob:
-    """The file of a finished export; raises Conflict while it is not finished."""
+    """The file of a finished export.
+
+    Raises
+    ------
+    Conflict
+        ``export_not_done``: it is not finished; ``export_removed``: its file was
+        deleted.
+    """
+    if export.state == "done" and export.sha256 is None:
+        why = (export.error or {}).get("detail", "its file was deleted")
+        raise Conflict(f"export {export.id}: {why}", code="export_removed")
     if export.state != "done" or export.sha256 is None:
         raise Conflict(
             f"export {export.id} is {export.state}; it can be downloaded when done",
@@ -86,7 +136,7 @@ def finished_file(context: ServiceContext, export: tables.Export) -> StoredBlob:
 
 def describe_export(export: tables.Export, dataset: str) -> wire.Export:
     """An export as responses show it."""
-    done = export.state == "done"
+    has_file = export.state == "done" and export.sha256 is not None
     return wire.Export.model_validate(
         {
             "id": export.id,
@@ -104,7 +154,7 @@ def describe_export(export: tables.Export, dataset: str) -> wire.Export:
             "created_by": export.created_by,
             "created_at": export.created_at,
             "finished_at": export.finished_at,
-            "download": f"/api/v1/exports/{export.id}/download" if done else None,
+            "download": f"/api/v1/exports/{export.id}/download" if has_file else None,
         }
     )
 

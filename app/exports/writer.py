@@ -24,11 +24,13 @@ from app.boxes.current import TallyRepository
 from app.boxes.queries import FileRow, FrameHead, FrameRepository, LatestAnswers
 from app.boxes.reader import DecisionReader, StoredDecision
 from app.context import ServiceContext
+from app.db.engine import once_committed
 from app.db.tables import Dataset, Export
 from app.jobs.kind import Task
 from app.measuring.active import active_version
 from app.measuring.queries import DatasetRepository, EvidenceRow
 from app.storage.base import BlobsUncertain
+from app.storage.room import DeletionSignal
 from filter_core.formats.export import (
     ExportFrame,
     ExportHead,
@@ -94,6 +96,8 @@ def _end(task: Task[Export], stored: StoredArchive) -> None:
         export.sha256, export.size_bytes = stored.digest, stored.size_bytes
         export.counts, export.done = stored.counts, export.total
         task.end_job(session)
+        # Older files may have to make place for this one.
+        once_committed(session, task.context.one(DeletionSignal).set)
 
 
 @contextmanager

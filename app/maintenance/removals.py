@@ -1,4 +1,4 @@
-"""Removes the rows of deleted datasets in the background, in small transactions.
+"""Removes the rows of deleted datasets and the files of old exports, in the background.
 
 The datasets themselves are hidden at once. A row is removed after all rows that refer
 to it. Others can write between two transactions. If a process ends before all rows are
@@ -8,19 +8,29 @@ removed, another process of the service continues, or the next one that starts.
 from __future__ import annotations
 
 import logging
+import shutil
 import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from datetime import timedelta
 from functools import partial
 from typing import Final
 
 from sqlalchemy import delete, select
 from sqlalchemy.orm import Session
 
+from app.addresses import FOLDER
 from app.context import ServiceContext
-from app.db.engine import Database
-from app.db.tables import Dataset, DatasetClass, Flips, Frame, Problem, Run
+from app.db.base import utc_now
+from app.db.engine import Database, keep_turn
+from app.db.tables import Dataset, DatasetClass, Export, Flips, Frame, Problem, Run
+from app.errors import StorageAway
 from app.maintenance.background import Task, repeating
+from app.maintenance.datafolder import CannotMaintain, alone
+from app.maintenance.queries import StoredFileRepository
+from app.settings import Settings
+from app.storage.base import BlobStore
 from app.storage.room import DeletionSignal, Reserve
 
 FRAMES_AT_A_TIME: Final = 200
@@ -139,6 +149,95 @@ def remove_deleted(
         log.info("the rows of deleted dataset %d have been removed", dataset_id)
 
 
+SHARE_OF_EXPORTS: Final = 4
+"""The files of all exports take at most the size of the disk divided by this."""
+PUT_BEFORE_S: Final = 60.0
+"""A file that was put so long after an export had ended is kept: another export with
+the same content is about to end. (The clock of a bucket may differ from this one's.)"""
+
+
+def remove_file_of_export(
+    session: Session, settings: Settings, store: BlobStore, export: Export
+) -> None:
+    """Remove the file of an export that is done, unless other rows refer to it.
+
+    Call it in the transaction that deletes the export or its digest. In a bucket, a
+    file that was just put stays until the next garbage collection.
+
+    Raises
+    ------
+    CannotMaintain
+        A backup is being made, which may need the file, or a garbage collection.
+    """
+    digest, ended = export.sha256, export.finished_at
+    export.sha256 = None
+    session.flush()
+    if digest is None or ended is None:
+        return
+    with alone(settings):
+        keep_turn(session)
+        if not StoredFileRepository(session).referred_to([digest]):
+            put_before = min(time.time(), ended.timestamp() + PUT_BEFORE_S)
+            store.remove([digest], unused_since=put_before)
+
+
+def overdue_exports(session: Session, settings: Settings) -> dict[int, str]:
+    """The exports whose files are to be deleted, oldest first, and why."""
+    largest = _max_export_bytes(settings)
+    days = settings.export_days
+    rows = (
+        select(Export.id, Export.finished_at, Export.sha256, Export.size_bytes)
+        .where(Export.state == "done", Export.sha256.is_not(None))
+        .order_by(Export.finished_at.desc(), Export.id.desc())
+    )
+    counted: set[str | None] = set()
+    total = 0
+    overdue: dict[int, str] = {}
+    for export_id, ended, digest, size_bytes in session.execute(rows):
+        if digest not in counted:
+            counted.add(digest)
+            total += size_bytes or 0
+        if days and ended and ended < utc_now() - timedelta(days=days):
+            overdue[export_id] = f"after {days} days (UNGHOST_EXPORT_DAYS)"
+        elif largest is not None and total > largest and len(counted) > 1:
+            overdue[export_id] = (
+                f"to make place for newer ones: all together may have {largest} bytes "
+                "(UNGHOST_MAX_EXPORT_BYTES)"
+            )
+    return dict(reversed(overdue.items()))
+
+
+def _max_export_bytes(settings: Settings) -> int | None:
+    if settings.max_export_bytes is not None:
+        return int(settings.max_export_bytes)
+    if settings.storage != FOLDER:
+        return None
+    return shutil.disk_usage(settings.data).total // SHARE_OF_EXPORTS
+
+
+def remove_old_exports(context: ServiceContext, reserve: Reserve) -> None:
+    """Delete the files of exports that are too old or too many; their rows say so.
+
+    During a backup or a garbage collection, nothing is deleted.
+    """
+    settings = context.settings
+    with context.database.read() as session:
+        overdue = overdue_exports(session, settings)
+    for export_id, why in overdue.items():
+        reserve.give_up()
+        try:
+            with context.database.write() as session:
+                export = session.get(Export, export_id)
+                if export is None or export.sha256 is None:
+                    continue
+                text = f"its file was deleted {why}; start a new export"
+                export.error = {"code": "export_removed", "detail": text}
+                remove_file_of_export(session, settings, context.storage, export)
+        except (CannotMaintain, StorageAway):
+            return
+        log.info("the file of export %d was deleted %s", export_id, why)
+
+
 @contextmanager
 def removing(context: ServiceContext) -> Iterator[None]:
     """Remove rows of deleted datasets in a thread, until the block ends."""
@@ -150,10 +249,11 @@ def removing(context: ServiceContext) -> Iterator[None]:
 
     def remove() -> None:
         remove_deleted(context.database, reserve, stop)
+        remove_old_exports(context, reserve)
         reserve.keep(int(context.settings.min_free_bytes))
 
     signal.set()  # a process that died may have left rows
-    purpose = "remove the rows of deleted datasets"
+    purpose = "remove the rows of deleted datasets, or old exports"
     task = Task("removals", purpose, remove, LOOK_FOR_WORK_EVERY_S, signal)
     with repeating(context, task):
         try:

@@ -159,7 +159,9 @@ def test_reviews_are_stored_between_two_portions_of_a_removal(data, held):
     api.remove(NAME)
     permits.release()
     until(lambda: count(data) < stored)
-    answers = [api.review(box["box_id"], "keep", seen) for seen in range(3)]
+    answers = [
+        api.review(box["box_id"], "keep", seen, comment=str(seen)) for seen in range(3)
+    ]
     left = count(data)
     permits.release(PORTIONS)
 

@@ -168,7 +168,10 @@ def test_idempotency_key_sent_to_both_servers_is_stored_once(replicas, make_revi
 
     def post_review_with_key(api, number):
         path = f"{BASE}/boxes/{box}/reviews"
-        body = {"verdict": "keep", "seen_revision": number}
+        body = {
+            "verdict": ("keep", "reject")[number % 2],
+            "seen_revision": number,
+        }
         headers = {"Idempotency-Key": f"{name}-{number}"}
         return api.http.post(path, json=body, headers=headers)
 

@@ -485,6 +485,11 @@ class Api:
         return Call("POST", path, result(wire.Export))
 
     @endpoint
+    def delete_export(self, export: wire.Export | int) -> Call[None]:
+        """Delete an export with its file; `Conflict` if it has not ended."""
+        return Call("DELETE", export_path(export), nothing)
+
+    @endpoint
     def export(self, export_id: int) -> Call[wire.Export]:
         """One export as it is now."""
         return Call("GET", export_path(export_id), result(wire.Export))

@@ -177,7 +177,10 @@ class RunCounts(VerdictCounts, SparseModel):
 
 
 class Failure(ResponseModel):
-    """Why a run or an export failed: `code` for programs, `detail` for people."""
+    """Why a run or an export failed, or why the file of an export is gone.
+
+    `code` is for programs, `detail` for people.
+    """
 
     code: str
     detail: Annotated[Message, IfAbsent("")]
@@ -311,7 +314,8 @@ class ExportIn(RequestModel):
 class Export(ResponseModel):
     """A file of labels that is being written, or is ready to be downloaded.
 
-    Frames are counted: `done` of `total` are written.
+    Frames are counted: `done` of `total` are written. If it is done and `download` is
+    null, its file was deleted, and `error` says why.
     """
 
     id: int

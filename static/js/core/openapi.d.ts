@@ -432,7 +432,11 @@ export interface paths {
         get: operations["get_export_api_v1_exports__export_id__get"];
         put?: never;
         post?: never;
-        delete?: never;
+        /**
+         * Delete Export
+         * @description Delete an export and its file; 409 if it has not ended.
+         */
+        delete: operations["delete_export_api_v1_exports__export_id__delete"];
         options?: never;
         head?: never;
         patch?: never;
@@ -1963,7 +1967,8 @@ export interface components {
          * Export
          * @description A file of labels that is being written, or is ready to be downloaded.
          *
-         *     Frames are counted: `done` of `total` are written.
+         *     Frames are counted: `done` of `total` are written. If it is done and `download` is
+         *     null, its file was deleted, and `error` says why.
          */
         Export: {
             /** Id */
@@ -2091,7 +2096,9 @@ export interface components {
         };
         /**
          * Failure
-         * @description Why a run or an export failed: `code` for programs, `detail` for people.
+         * @description Why a run or an export failed, or why the file of an export is gone.
+         *
+         *     `code` is for programs, `detail` for people.
          */
         Failure: {
             /** Code */
@@ -5190,6 +5197,41 @@ export interface operations {
             403: components["responses"]["Problem403"];
             404: components["responses"]["Problem404"];
             408: components["responses"]["Problem408"];
+            421: components["responses"]["Problem421"];
+            422: components["responses"]["Problem422"];
+            429: components["responses"]["Problem429"];
+            431: components["responses"]["Problem431"];
+            500: components["responses"]["Problem500"];
+            503: components["responses"]["Problem503"];
+        };
+    };
+    delete_export_api_v1_exports__export_id__delete: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                export_id: number;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            204: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content?: never;
+            };
+            400: components["responses"]["Problem400"];
+            401: components["responses"]["Problem401"];
+            403: components["responses"]["Problem403"];
+            404: components["responses"]["Problem404"];
+            408: components["responses"]["Problem408"];
+            409: components["responses"]["Problem409"];
+            412: components["responses"]["Problem412"];
+            413: components["responses"]["Problem413"];
+            415: components["responses"]["Problem415"];
             421: components["responses"]["Problem421"];
             422: components["responses"]["Problem422"];
             429: components["responses"]["Problem429"];

@@ -1,13 +1,13 @@
 // @ts-check
 // Exports: start, follow, download; texts for options. Those for formats come from the API.
 
-import { get, post } from "../core/api.js";
+import { get, post, remove } from "../core/api.js";
 import { AskField, describeApi, fieldsOf, optionsOf } from "../core/form.js";
 import { useLoaded, useNewest, useTask } from "../core/hooks.js";
 import { html, useState } from "../core/html.js";
 import { Icon } from "../core/icons.js";
 import { agoText, countOf, countText, sizeText, splitText } from "../core/numbers.js";
-import { FailureLine, useCopy } from "../core/parts.js";
+import { Dialog, FailureLine, useCopy, useDialog } from "../core/parts.js";
 import { Canceller, JobBar, StateBadge, isOver, percentDone, useLookAgain } from "../jobs/job.js";
 
 /** @typedef {import("../core/app.js").App} App */
@@ -28,6 +28,7 @@ export function Exports({ app, dataset }) {
   const loaded = useNewest(NEWEST, (query, signal) => get("/api/v1/datasets/{dataset}/exports", { path: { dataset }, query, signal }), [dataset]);
   const form = useLoaded(async () => exportForm(await describeApi()), []);
   const [isAsking, setAsking] = useState(false);
+  const [leaving, setLeaving] = useState(/** @type {Export | null} */ (null));
   const items = loaded.value?.items;
   useLookAgain(loaded, items ?? []);
   const onMade = () => {
@@ -44,14 +45,33 @@ export function Exports({ app, dataset }) {
     ${loaded.error && !items && html`<${FailureLine} error=${loaded.error} onRetry=${loaded.reload} />`}
     ${items?.length === 0 && !isAsking && html`<p class="panelbox__empty">No export yet. Exports use people's answers, or the filter's verdict where there is none.</p>`}
     <ul class="runs">
-      ${items?.map((one) => html`<li key=${one.id}><${ExportRow} app=${app} item=${one} form=${form.value} /></li>`)}
+      ${items?.map((one) => html`<li key=${one.id}><${ExportRow} app=${app} item=${one} form=${form.value} onDelete=${() => setLeaving(one)} /></li>`)}
     </ul>
+    ${leaving && html`<${DeleteDialog} item=${leaving} form=${form.value} onClose=${() => setLeaving(null)} onDeleted=${loaded.reload} />`}
     ${loaded.showOlder && html`<p class="more"><button class="button" onClick=${loaded.showOlder}>Older exports</button></p>`}
   </section>`;
 }
 
-/** @param {{app: App, item: Export, form: ExportForm | null | undefined}} props */
-function ExportRow({ app, item, form }) {
+/** Asks before an export is deleted. @param {{item: Export, form: ExportForm | null | undefined, onClose: () => void, onDeleted: () => void}} props */
+function DeleteDialog({ item, form, onClose, onDeleted }) {
+  const dialog = useDialog();
+  const { run, isBusy, error } = useTask(async () => {
+    await remove("/api/v1/exports/{export_id}", { path: { export_id: item.id } });
+    onDeleted();
+    dialog.close();
+  });
+  return html`<${Dialog} dialog=${dialog} id="delete-title" title=${`Delete export ${item.id} (${formatText(item.format, form)})?`} isLight=${true} onClose=${onClose}>
+    ${error && html`<${FailureLine} error=${error} />`}
+    <p>${item.download ? `Its file of ${sizeText(item.size_bytes)} is deleted, too. ` : ""}A new export has the boxes and answers as they are then.</p>
+    <footer class="dialog__foot">
+      <button class="button" onClick=${dialog.close}>Keep</button>
+      <button class="button button--primary" disabled=${isBusy} onClick=${run}>Delete</button>
+    </footer>
+  <//>`;
+}
+
+/** @param {{app: App, item: Export, form: ExportForm | null | undefined, onDelete: () => void}} props */
+function ExportRow({ app, item, form, onDelete }) {
   const about = optionsText(item.options, form ? fieldsFor(item.format, form) : []);
   const { run, isBusy } = useTask(() => download(item.id), app.toasts.fail);
   return html`<article class="run" aria-label=${`Export ${item.id}`}>
@@ -61,11 +81,12 @@ function ExportRow({ app, item, form }) {
       ${!isOver(item) && html`<${JobBar} job=${item} label=${`Export ${item.id}`} /><p class="faint num">${item.total ? `${countText(item.done ?? 0)} of ${countOf(item.total, "frame")}, ${percentDone(item)} %` : "being written"}</p>`}
       ${item.state === "cancelled" && html`<p class="faint">Stopped; nothing was written.</p>`}
       ${item.state === "failed" && html`<p class="run__error"><strong>Failed.</strong> ${item.error?.detail ?? ""}</p>`}
-      ${item.state === "done" && html`<${ExportCounts} counts=${item.counts ?? {}} /><${Sum} sum=${item.sha256 ?? ""} />`}
+      ${item.state === "done" && html`<${ExportCounts} counts=${item.counts ?? {}} />${item.sha256 ? html`<${Sum} sum=${item.sha256} />` : html`<p class="faint">No file: ${item.error?.detail ?? "it was deleted"}.</p>`}`}
     </div>
     <div class="run__actions">
       ${!isOver(item) && html`<${Canceller} app=${app} what=${`export ${item.id}`} cancel=${() => post("/api/v1/exports/{export_id}/cancel", { path: { export_id: item.id } })} />`}
-      ${item.state === "done" && html`<button class="button button--small" disabled=${isBusy} onClick=${run}><${Icon} name="download" /><span class="sr-only">Download export ${item.id}, </span>${sizeText(item.size_bytes)}</button>`}
+      ${item.download && html`<button class="button button--small" disabled=${isBusy} onClick=${run}><${Icon} name="download" /><span class="sr-only">Download export ${item.id}, </span>${sizeText(item.size_bytes)}</button>`}
+      ${isOver(item) && html`<button class="button button--small" onClick=${onDelete}>Delete<span class="sr-only"> export ${item.id}</span></button>`}
     </div>
   </article>`;
 }

@@ -11,12 +11,17 @@ from datetime import datetime, timedelta, timezone
 import pytest
 
 from app.access.service import MOST_LINKS
+from app.db.tables import Export
+from app.storage.durable import MAINTENANCE_LOCK, locked
+from app.storage.room import DeletionSignal
 from filter_core.formats.registry import EXPORT_FORMATS
 from tests.support import databases, plain_http
 from tests.support import frames as scene
 from tests.support.api import BASE, Api
+from tests.support.data_folders import blobs
 from tests.support.live import block_jobs
 from tests.support.response_checks import assert_matches_model
+from tests.support.waiting import until
 from unghost import wire
 
 CARS_ARE_SKY = {"classes": {"car": {"accept": ["Sky"]}}}
@@ -252,3 +257,134 @@ def test_oldest_download_link_of_a_token_is_deleted_over_the_limit(server, api, 
         plain_http.head(url).status_code for url in (made[0], made[1], made[-1], others)
     ]
     assert found == [401, 200, 200, 200]
+
+
+def stored(service, export):
+    """Whether the file of an export exists."""
+    name = export["sha256"]
+    return any(path.name == name for path in blobs(service.settings.data))
+
+
+def test_deleted_export_is_gone_with_its_file(serve):
+    service = serve()
+    with service.admin() as http:
+        api = Api(http)
+        name = api.dataset_of_one_frame()
+        first, same = run_export(api, name), run_export(api, name)
+
+        deleted = api.delete(f"/exports/{first['id']}")
+        kept = stored(service, same), download(api, same).status_code
+        again = api.delete(f"/exports/{first['id']}")
+        shown = api.get(f"/exports/{first['id']}")
+        listed = api.json(f"/datasets/{name}/exports")["items"]
+        last = api.delete(f"/exports/{same['id']}")
+        audit = api.json("/audit")["items"][0]
+        frames = api.json(f"/datasets/{name}/frames/a")
+
+        assert (deleted.status_code, deleted.content) == (204, b"")
+        assert first["sha256"] == same["sha256"]
+        assert kept == (True, 200)
+        assert (again.status_code, shown.status_code) == (404, 404)
+        assert [one["id"] for one in listed] == [same["id"]]
+        assert (last.status_code, stored(service, same)) == (204, False)
+        assert (audit["action"], audit["subject"]) == (
+            "export.deleted",
+            str(same["id"]),
+        )
+        assert audit["details"] == {"dataset": name, "format": "yolo"}
+        assert api.get(f"/frames/{frames['id']}/image").status_code == 200
+
+
+def test_open_export_is_not_deleted(serve):
+    service = serve(workers=1)
+    with service.admin() as http:
+        api = Api(http)
+        name = api.dataset_of_one_frame()
+        with block_jobs(service.app.state.services.engine):
+            queued = api.post(f"/datasets/{name}/exports", {"format": "yolo"}).json()
+
+            refused = api.delete(f"/exports/{queued['id']}")
+            cancelled = api.post(f"/exports/{queued['id']}/cancel")
+            deleted = api.delete(f"/exports/{queued['id']}")
+
+    assert (refused.status_code, refused.json()["code"]) == (409, "export_open")
+    assert "is queued; cancel it first" in refused.json()["detail"]
+    assert (cancelled.status_code, deleted.status_code) == (202, 204)
+
+
+def removed(api, export):
+    """An export once its file is deleted."""
+    path = f"/exports/{export['id']}"
+    until(lambda: api.json(path)["download"] is None)
+    return api.json(path)
+
+
+def test_oldest_export_makes_place_for_a_new_one(serve, caplog):
+    caplog.set_level("INFO")
+    service = serve(max_export_bytes=1_024)
+    with service.admin() as http:
+        api = Api(http)
+        name = api.dataset_of_one_frame()
+        first = run_export(api, name)
+        alone = download(api, first).status_code
+        link = f"/exports/{first['id']}/download-links"
+        address = api.post(link).json()["url"]
+
+        newer = run_export(api, name, form="coco")
+        gone = removed(api, first)
+        refused = [
+            api.http.get(first["download"]),
+            api.post(link),
+            service_get(service, address),
+        ]
+
+        assert first["size_bytes"] > 1_024
+        assert alone == 200
+        assert (gone["state"], gone["sha256"]) == ("done", None)
+        assert gone["error"]["code"] == "export_removed"
+        assert "UNGHOST_MAX_EXPORT_BYTES" in gone["error"]["detail"]
+        assert {(one.status_code, one.json()["code"]) for one in refused} == {
+            (409, "export_removed")
+        }
+        assert refused[0].json()["detail"].endswith(gone["error"]["detail"])
+        assert (stored(service, first), download(api, newer).status_code) == (
+            False,
+            200,
+        )
+        assert api.json(f"/exports/{newer['id']}")["error"] is None
+        assert api.delete(f"/exports/{first['id']}").status_code == 204
+    assert f"the file of export {first['id']} was deleted" in caplog.text
+
+
+def service_get(service, address):
+    with service.client() as anonymous:
+        return anonymous.get(address)
+
+
+def test_old_export_is_deleted_once_no_backup_is_made(serve):
+    service = serve(export_days=1)
+    with service.admin() as http:
+        api = Api(http)
+        name = api.dataset_of_one_frame()
+        first, newer = run_export(api, name), run_export(api, name, form="coco")
+        lock = service.settings.data / MAINTENANCE_LOCK
+        with locked(lock):
+            refused = api.delete(f"/exports/{newer['id']}")
+            with service.app.state.database.write() as session:
+                session.get(Export, first["id"]).finished_at -= timedelta(hours=25)
+            service.app.state.services.one(DeletionSignal).set()
+            kept = run_export(api, name)  # meanwhile, the service looks for old ones
+
+            assert (refused.status_code, refused.json()["code"]) == (503, "try_later")
+            assert "backup" in refused.json()["detail"]
+            assert (download(api, first).status_code, stored(service, first)) == (
+                200,
+                True,
+            )
+        service.app.state.services.one(DeletionSignal).set()
+
+        gone = removed(api, first)
+
+        assert "UNGHOST_EXPORT_DAYS" in gone["error"]["detail"]
+        assert kept["sha256"] == first["sha256"]
+        assert {download(api, one).status_code for one in (newer, kept)} == {200}

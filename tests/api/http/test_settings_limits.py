@@ -64,6 +64,10 @@ TESTED_ELSEWHERE = {
     "max_open_body_bytes_per_token": OPEN_BODIES,
     "max_open_batches": "tests/api/ingest/test_batches.py::"
     "test_too_many_open_batches_return_429",
+    "max_answers_per_box": "tests/api/review/test_reviews.py::"
+    "test_one_person_answers_a_box_only_so_often",
+    "max_export_bytes": "tests/api/exports/test_exports.py::"
+    "test_oldest_export_makes_place_for_a_new_one",
     "max_folder_seconds": "tests/api/ingest/test_folders.py::"
     "test_folder_over_the_time_limit_is_refused",
     "max_open_runs": "tests/api/runs/test_runs.py::"

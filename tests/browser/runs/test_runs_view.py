@@ -23,6 +23,7 @@ from tests.support.slow_datasets import (
     OTHER_PIXELS,
     create_slow_dataset,
 )
+from tests.support.waiting import until
 
 pytestmark = pytest.mark.browser
 
@@ -204,6 +205,31 @@ def test_export_is_made_and_its_download_matches_the_checksum(user, street, tmp_
     shown = made.locator("code[title]").get_attribute("title")
     assert hashlib.sha256(archive.read_bytes()).hexdigest() == shown
     assert any(name.endswith(".json") for name in members(archive))
+    made.get_by_role("button", name=re.compile("^Delete export")).click()
+    asked = page.get_by_role("dialog", name=re.compile(r"^Delete export \d+ \(COCO"))
+    asked.get_by_role("button", name="Delete").click()
+    expect(asked).to_have_count(0)
+    expect(made).to_have_count(0)
+    path = f"/datasets/{street.dataset}/exports"
+    assert scenes.get(street.http, path)["items"] == []
+
+
+def test_export_whose_file_was_deleted_says_why_and_offers_no_download(user, street):
+    path = f"/datasets/{street.dataset}/exports"
+    street.http.post(path, json={"format": "yolo"})
+    until(lambda: scenes.get(street.http, path)["items"][0]["state"] == "done")
+    (item,) = scenes.get(street.http, path)["items"]
+    why = {"code": "export_removed", "detail": "its file was deleted after 30 days"}
+    gone = item | {"sha256": None, "download": None, "error": why}
+    reply = {"items": [gone], "next_cursor": None}
+    user.page.route("**/exports?*", lambda route: route.fulfill(json=reply))
+
+    page = runs_page(user, street)
+
+    row = page.get_by_role("article", name=re.compile("^Export"))
+    expect(row).to_contain_text("No file: its file was deleted after 30 days.")
+    expect(row.get_by_role("button", name=re.compile("^Delete"))).to_be_visible()
+    expect(row.get_by_role("button", name=re.compile("^Download"))).to_have_count(0)
 
 
 def members(archive: Path) -> list[str]:

@@ -118,6 +118,7 @@ CALLS: Mapping[str, tuple[str, Callable[[Any], Any]]] = {
     "count_boxes": ("GET /boxes", lambda c: c.count_boxes("town", class_name="car")),
     "select_boxes": ("GET /boxes", lambda c: c.select_boxes("town", verdict="kept")),
     "box": ("GET /boxes/{box_id}", lambda c: c.box(7)),
+    "delete_export": ("DELETE /exports/{export_id}", lambda c: c.delete_export(7)),
     "history": ("GET /boxes/{box_id}/history", lambda c: c.history(7)),
     "queue": (
         "POST /datasets/{dataset}/queue",
