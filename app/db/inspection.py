@@ -32,7 +32,17 @@ _TRIGGERS: Final = frozenset(
     "BEGIN SELECT RAISE(ABORT, 'the audit log is only added to'); END"
     for event in ("UPDATE", "DELETE")
 )
-"""The SQL of the triggers that the migrations make."""
+"""The SQL of the triggers that the migrations make in SQLite."""
+_SERVER_TRIGGER: Final = (
+    "CREATE TRIGGER audit_log_no_change BEFORE UPDATE OR DELETE ON audit_log "
+    "FOR EACH ROW EXECUTE FUNCTION audit_log_refuse()"
+)
+"""The same in PostgreSQL."""
+_IS_REFUSING: Final = (
+    "SELECT count(*) FROM pg_trigger JOIN pg_proc ON pg_proc.oid = tgfoid "
+    "WHERE tgrelid = 'audit_log'::regclass AND tgname = 'audit_log_no_change' "
+    "AND tgenabled IN ('O', 'A') AND prosrc LIKE '%RAISE EXCEPTION%'"
+)
 _DIGEST: Final = re.compile(r"[0-9a-f]{64}")
 _MEMORY: Final = ("", ":memory:")
 
@@ -106,6 +116,25 @@ def foreign_triggers(file: Path) -> list[str]:
             "SELECT name, sql FROM sqlite_master WHERE type = 'trigger'"
         )
         return [str(name) for name, sql in found if sql not in _TRIGGERS]
+
+
+def missing_triggers(engine: Engine) -> list[str]:
+    """For each missing or altered trigger, the statements that make it again."""
+    with engine.connect() as connection:
+        if engine.dialect.name == "sqlite":
+            rows = connection.exec_driver_sql(
+                "SELECT sql FROM sqlite_master WHERE type = 'trigger'"
+            )
+            missing = sorted(_TRIGGERS - {str(row[0]) for row in rows})
+            return [f"DROP TRIGGER IF EXISTS {_name(one)}; {one}" for one in missing]
+        if connection.exec_driver_sql(_IS_REFUSING.replace("%", "%%")).scalar_one():
+            return []
+    name = _name(_SERVER_TRIGGER)
+    return [f"DROP TRIGGER IF EXISTS {name} ON audit_log; {_SERVER_TRIGGER}"]
+
+
+def _name(trigger: str) -> str:
+    return trigger.split()[2]
 
 
 def referenced_files(file: Path) -> set[str]:
@@ -185,14 +214,14 @@ def _problems(ask: Ask) -> Iterator[str]:
 
 
 @contextmanager
-def read_only_engine(url: str) -> Iterator[Engine]:
-    """A read-only engine, which creates no database.
+def read_only_engine(database: str | Path) -> Iterator[Engine]:
+    """A read-only engine of a URL or of a SQLite file; it creates no database.
 
     On a read-only file system, a SQLite file is read without its write-ahead log.
     """
-    file = sqlite_file(url)
+    file = database if isinstance(database, Path) else sqlite_file(database)
     if file is None:
-        engine = make_postgres_engine(make_url(url), only_read=True)
+        engine = make_postgres_engine(make_url(str(database)), only_read=True)
     else:
         mode = "mode=rw" if _opens(file) else "mode=ro&immutable=1"
         engine = create_engine(f"sqlite:///file:{_quoted(file)}?{mode}&uri=true")

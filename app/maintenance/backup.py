@@ -23,11 +23,14 @@ from functools import partial
 from pathlib import Path
 from typing import IO, Final
 
+from sqlalchemy.orm import Session
+
 from app.addresses import FOLDER
 from app.db.inspection import (
     copy_database,
     foreign_triggers,
     problems_of,
+    read_only_engine,
     referenced_files,
     revision_of,
 )
@@ -41,6 +44,7 @@ from app.maintenance.datafolder import (
     no_database,
     stored_files_of,
 )
+from app.maintenance.queries import RowChecks
 from app.package import VERSION
 from app.settings import Settings
 from app.storage import BLOBS
@@ -266,12 +270,16 @@ _PRIVATE: Final = 0o600
 
 @dataclass(frozen=True)
 class Backup:
-    """A backup that was made and verified; `left_out` are damaged files."""
+    """A backup that was made and verified; `left_out` are damaged files.
+
+    `audit` is the mark of its audit log (`AuditMark`); earlier schemas have none.
+    """
 
     path: Path
     files: int
     size_bytes: int
     schema: str
+    audit: str | None
     left_out: tuple[str, ...]
 
     def as_dict(self) -> dict[str, object]:
@@ -332,6 +340,7 @@ def make_backup(
             with steps("copy the database", "pages") as advance:
                 copy_database(source, database, advance)
             database.chmod(_PRIVATE)
+            audit = _audit_mark(database)
             writing.add(DATABASE, database)
             _add_files(settings, writing, steps, incomplete=incomplete)
             label = _label(writing)
@@ -345,7 +354,13 @@ def make_backup(
         _flush(written)
         written.rename(target)
         flush_folder(target.parent)
-    return Backup(target, label.files, size_bytes, label.schema, label.left_out)
+    return Backup(target, label.files, size_bytes, label.schema, audit, label.left_out)
+
+
+def _audit_mark(database: Path) -> str | None:
+    with read_only_engine(database) as engine, Session(engine) as session:
+        rows = RowChecks(session)
+        return str(rows.audit_mark()) if rows.has_audit_log() else None
 
 
 def _source(settings: Settings) -> Path:

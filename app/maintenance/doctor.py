@@ -20,6 +20,7 @@ from app.addresses import FOLDER
 from app.db.inspection import (
     broken_keys,
     connection_fault,
+    missing_triggers,
     not_durable,
     problems_in,
     read_only_engine,
@@ -36,7 +37,12 @@ from app.maintenance.datafolder import (
     no_database,
     stored_files_of,
 )
-from app.maintenance.queries import StoredFileRepository, WantedFile
+from app.maintenance.queries import (
+    AuditMark,
+    RowChecks,
+    StoredFileRepository,
+    WantedFile,
+)
 from app.package import migrations_dir
 from app.settings import Settings
 from app.storage.base import BlobStore, StoredFile, export_of
@@ -83,10 +89,13 @@ class Finding:
         return {**vars(self), "severity": self.severity.value}
 
 
-def examine(settings: Settings, *, verify: bool, steps: Steps) -> Iterator[Finding]:
+def examine(
+    settings: Settings, *, verify: bool, steps: Steps, audit: AuditMark | None = None
+) -> Iterator[Finding]:
     """Run all checks, one after the other; nothing is changed.
 
-    With `verify`, the content of each stored file is compared with its hash.
+    With `verify`, the content of each stored file is compared with its hash. `audit` is
+    what a backup or an earlier check has printed about the audit log.
     """
     yield from _folder(settings)
     file = database_file(settings)
@@ -99,6 +108,11 @@ def examine(settings: Settings, *, verify: bool, steps: Steps) -> Iterator[Findi
         if any(found.severity is Severity.ERROR for found in findings):
             return
         with Session(engine) as session:
+            # Earlier schemas lack some of the tables and columns.
+            if current_revision(engine) == head_revision(migrations_dir()):
+                yield from row_findings(engine, session, audit)
+            elif audit is not None:
+                yield _NOT_COMPARED
             yield from file_findings(settings, session, verify=verify, steps=steps)
 
 
@@ -112,6 +126,86 @@ def _of_database(engine: Engine, *, on_server: bool) -> Iterator[Finding]:
     yield schema
     if on_server and schema.severity is not Severity.ERROR:
         yield from server_findings(engine)
+
+
+_NOT_COMPARED: Final = Finding(
+    "audit",
+    Severity.WARNING,
+    "it was not compared: the schema is older",
+    "let `unghost serve` bring the schema up to date, then run this again",
+)
+
+
+def row_findings(
+    engine: Engine, session: Session, audit: AuditMark | None
+) -> Iterator[Finding]:
+    """Findings about the audit log, answers and counts of boxes."""
+    checks = RowChecks(session)
+    yield _audit(missing_triggers(engine), checks, audit)
+    yield _answers(checks.altered_answers())
+    yield _counts(checks.altered_counts())
+
+
+def _audit(missing: list[str], checks: RowChecks, noted: AuditMark | None) -> Finding:
+    if noted is not None:
+        first = checks.audit_mark(noted.entries)
+        if first != noted:
+            found = (
+                f"only {first.entries} of {noted.entries} entries are there"
+                if first.entries < noted.entries
+                else f"its first {noted.entries} entries are not those that were noted"
+            )
+            return Finding(
+                "audit",
+                Severity.ERROR,
+                f"{found}: entries were removed or changed",
+                "restore the backup with which they were noted into another folder, "
+                "and compare the tables audit_log",
+                1,
+            )
+    if missing:
+        return Finding(
+            "audit",
+            Severity.ERROR,
+            f"{len(missing)} of its triggers are missing: entries can be changed",
+            "compare it with what the last backup has printed (`unghost doctor "
+            "--audit`), then make the triggers again, with these statements",
+            len(missing),
+            tuple(missing),
+        )
+    mark = checks.audit_mark()
+    found = f"its triggers are there; later, compare with `--audit {mark}`"
+    return Finding("audit", Severity.OK, found, count=mark.entries)
+
+
+def _answers(box_ids: Sequence[int]) -> Finding:
+    if not box_ids:
+        return Finding("answers", Severity.OK, "no answer on a box is missing")
+    return Finding(
+        "answers",
+        Severity.ERROR,
+        f"answers on {len(box_ids)} boxes were removed or changed in the database",
+        "restore the last backup in which they are `ok` into another folder, and "
+        "compare the history of these boxes",
+        len(box_ids),
+        tuple(f"box {box_id}" for box_id in box_ids[:MOST_EXAMPLES]),
+    )
+
+
+def _counts(wrong: Mapping[str, int]) -> Finding:
+    if not wrong:
+        return Finding("counts", Severity.OK, "they are those of the stored boxes")
+    return Finding(
+        "counts",
+        Severity.WARNING,
+        f"counts of boxes in {len(wrong)} datasets were changed in the database",
+        "count again: `unghost config show DATASET > filter.yaml`, then `unghost run "
+        "DATASET --config filter.yaml --activate`",
+        sum(wrong.values()),
+        tuple(f"dataset {name!r}: {number}" for name, number in wrong.items())[
+            :MOST_EXAMPLES
+        ],
+    )
 
 
 def _folder(settings: Settings) -> Iterator[Finding]:

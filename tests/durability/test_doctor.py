@@ -11,6 +11,8 @@ import pytest
 from app.maintenance.doctor import Severity
 from tests.support import frames as scene
 from tests.support.data_folders import blobs, doctor_findings, served
+from tests.support.databases import change, database_of, rows_of
+from tests.support.services import ServiceDataset, running_services
 
 
 def execute_sql(data, statement):
@@ -40,6 +42,9 @@ def test_doctor_reports_ok_and_changes_nothing_in_an_intact_folder(filled, ungho
         "disk",
         "database",
         "schema",
+        "audit",
+        "answers",
+        "counts",
         "files",
         "exports",
         "unused",
@@ -140,3 +145,108 @@ def test_doctor_examines_a_folder_while_a_server_uses_it(tmp_path):
         )
 
         assert doctor_findings(tmp_path / "data") == {}
+
+
+@pytest.fixture
+def answered(filled):
+    """A data folder with three answers on one box, a bulk answer, and audit entries."""
+    with running_services(filled) as services:
+        ((name, id_),) = rows_of(filled, "SELECT name, id FROM datasets")
+        street = ServiceDataset(services, name, id_)
+        box, *others = street.box_ids()
+        for verdict in ("keep", "reject", "unsure"):
+            street.review(box, verdict)
+        street.bulk(others, "keep")
+    assert doctor_findings(filled).keys() <= {"token"}
+    return filled
+
+
+@pytest.mark.parametrize(
+    ("statement", "check"),
+    [
+        ("DELETE FROM reviews WHERE revision = 2", "answers"),
+        ("DELETE FROM reviews WHERE revision = 3", "answers"),
+        ("DELETE FROM reviews WHERE batch_id = 1", "answers"),
+        ("UPDATE reviews SET verdict = 'keep' WHERE revision = 3", "answers"),
+        ("UPDATE tallies SET boxes = boxes + 1 WHERE review = 'keep'", "counts"),
+        ("DELETE FROM tallies WHERE review = 'unsure'", "counts"),
+    ],
+)
+def test_removed_answers_and_altered_counts_are_reported(answered, statement, check):
+    change(answered, statement)
+
+    found = doctor_findings(answered)
+
+    assert {name for name in found if name != "token"} == {check}
+    assert found[check].count > 0
+    assert found[check].examples
+    assert found[check].todo
+
+
+def test_run_that_activates_counts_altered_tallies_again(tmp_path, unghost):
+    data = tmp_path / "data"
+    with served(data) as (_, api):
+        name = api.dataset()
+        api.upload_frame(name, "f/0")
+        change(data, "UPDATE tallies SET boxes = boxes + 1")
+        found = doctor_findings(data)["counts"]
+        api.run(name, {})
+
+        assert found.severity is Severity.WARNING
+        assert name in found.examples[0]
+        assert "--activate" in found.todo
+        assert doctor_findings(data) == {}
+
+
+def drop_audit_triggers(data):
+    with database_of(data) as connection:
+        is_sqlite = connection.dialect.name == "sqlite"
+    names = ["no_update", "no_delete"] if is_sqlite else ["no_change"]
+    on = "" if is_sqlite else " ON audit_log"
+    change(data, *(f"DROP TRIGGER audit_log_{name}{on}" for name in names))
+    return len(names)
+
+
+def test_dropped_audit_triggers_are_reported_with_statements_that_restore_them(
+    answered,
+):
+    dropped = drop_audit_triggers(answered)
+
+    found = doctor_findings(answered)["audit"]
+
+    assert (found.severity, found.count) == (Severity.ERROR, dropped)
+    for statements in found.examples:
+        change(answered, *statements.split("; ", 1))
+    assert "audit" not in doctor_findings(answered)
+    with pytest.raises(Exception, match="the audit log is only added to"):
+        change(answered, "DELETE FROM audit_log")
+
+
+@pytest.mark.sqlite_files("a backup of it is made")
+def test_audit_log_is_compared_with_what_a_backup_has_printed(answered, unghost):
+    made = unghost("backup", "copy", "--json").records[0]
+    printed = unghost("backup", "copy.tar")
+    mark = made["audit"]
+    with served(answered) as (_, api):
+        api.dataset()
+    longer = unghost("doctor", "--audit", mark, "--json")
+    drop_audit_triggers(answered)
+    triggers = doctor_findings(answered)["audit"].examples
+    change(answered, "DELETE FROM audit_log WHERE id = 1")
+    for statements in triggers:
+        change(answered, *statements.split("; ", 1))
+    unseen = unghost("doctor", "--json")
+    compared = unghost("doctor", "--audit", mark, "--json")
+    shorter = unghost("doctor", "--audit", "999:" + "0" * 64)
+    wrong = unghost("doctor", "--audit", "17")
+
+    assert re.fullmatch(r"[1-9]\d*:[0-9a-f]{64}", mark)
+    assert f"doctor --audit {mark}" in printed.out
+    assert longer.code == 0, longer.out
+    assert unseen.code == 0, unseen.out
+    assert (compared.code, shorter.code, wrong.code) == (1, 1, 2)
+    (audit,) = (one for one in compared.records if one["check"] == "audit")
+    assert (audit["severity"], audit["count"]) == ("error", 1)
+    assert "are not those" in audit["found"]
+    assert "of 999" in shorter.out
+    assert "expected COUNT:SHA256" in wrong.err

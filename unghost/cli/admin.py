@@ -62,6 +62,11 @@ def backup(options: BackupOptions) -> None:
             steps=screen.progress,
         )
     text = f"{made.path}: {made.files} files, {made.size_bytes} bytes, verified"
+    if made.audit is not None:
+        text += (
+            f"\naudit log: {made.audit.partition(':')[0]} entries; later, compare with "
+            f"`unghost doctor --audit {made.audit}`"
+        )
     screen.record(made.as_dict(), text)
     if made.left_out:
         screen.note(f"{len(made.left_out)} damaged files were left out")
@@ -96,6 +101,15 @@ class DoctorOptions(DataOptions):
         bool,
         typer.Option("--verify", help="Read every stored file and compare its hash."),
     ] = False
+    audit: Annotated[
+        str | None,
+        typer.Option(
+            "--audit",
+            metavar="COUNT:SHA256",
+            help="Compare the audit log with what a backup, or an earlier check, has "
+            "printed.",
+        ),
+    ] = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -122,11 +136,16 @@ def doctor(options: DoctorOptions) -> None:
     Exits with 1 if anything is damaged or missing, with 3 if something should be done.
     """
     from app.maintenance.doctor import Severity, examine
+    from app.maintenance.queries import AuditMark
 
+    try:
+        audit = None if options.audit is None else AuditMark.read(options.audit)
+    except ValueError as exc:
+        raise typer.BadParameter(f"--audit: {exc}") from exc
     screen = options.screen
     worst = set()
     for finding in examine(
-        options.settings, verify=options.verify, steps=screen.progress
+        options.settings, verify=options.verify, steps=screen.progress, audit=audit
     ):
         worst.add(finding.severity)
         screen.record(finding.as_dict())

@@ -20,6 +20,7 @@ SECRET = "s3cret-word"
 WARNED, REFUSED, USAGE = 3, 1, 2
 CHECKS = [
     *("token", "disk", "database", "schema", "keys", "durability"),
+    *("audit", "answers", "counts"),
     *("files", "exports", "unused", "leftovers"),
 ]
 
