@@ -253,7 +253,7 @@ def removing(context: ServiceContext) -> Iterator[None]:
         reserve.keep(int(context.settings.min_free_bytes))
 
     signal.set()  # a process that died may have left rows
-    purpose = "remove the rows of deleted datasets, or old exports"
+    purpose = "remove the rows of deleted datasets"
     task = Task("removals", purpose, remove, LOOK_FOR_WORK_EVERY_S, signal)
     with repeating(context, task):
         try:
