@@ -10,7 +10,6 @@ import pytest
 from playwright.sync_api import expect
 
 from tests.support.page import scenes
-from tests.support.page.scenes import Scene
 from tests.support.page.stage import (
     drawings,
     edge_runs,
@@ -19,7 +18,7 @@ from tests.support.page.stage import (
     view,
     wait_for_drawing,
 )
-from tests.support.page.windows import PHONE, Visitor
+from tests.support.page.windows import PHONE
 
 pytestmark = pytest.mark.browser
 
@@ -40,15 +39,10 @@ def test_verdicts_differ_in_their_stroke_not_only_in_colour(make_scene, user):
 
     assert kept == 1
     assert 5 < rejected < unmeasured
-
-
-def test_verdicts_are_shown_as_text_and_icons(scene: Scene, user: Visitor):
-    page = user.open(scene.link("ghost"))
-
-    expect(page.locator(".inspector__head .badge")).to_have_text("rejected")
-    expect(page.locator(".inspector__head .badge svg")).to_have_count(1)
-    row = page.locator(f"#box-{scene.box_id('real')}")
-    expect(row).to_contain_text("kept")
+    # Without a segmentation there is no mask to show.
+    expect(page.get_by_role("toolbar", name="View")).to_be_visible()
+    expect(page.get_by_role("button", name="Segmentation")).to_have_count(0)
+    expect(page.locator(".stroke--unmeasured").first).to_be_visible()
 
 
 def test_matching_pixels_of_the_selected_box_are_highlighted(make_scene, user):
@@ -73,42 +67,26 @@ def test_matching_pixels_of_the_selected_box_are_highlighted(make_scene, user):
 
 
 @pytest.mark.parametrize("form", ["palette", "bgr", "raw"])
-def test_mask_shows_the_palette_colours_for_every_file_form(make_scene, user, form):
+def test_mask_blends_in_the_palette_colours_of_every_file_form(make_scene, user, form):
     page = user.open(make_scene(form=form).link())
     before = layer(page, "base")
     scale, x, y = view(page)
     sky = round(60 * scale + y), round(200 * scale + x)
     assert before[sky][:3].tolist() == [scenes.GREY] * 3
 
-    user.press("m", *"]" * 5)
+    user.press("m")
     expect(page.locator(".stage")).to_have_attribute("data-mask", "on")
+    wait_for_drawing(page)
+    half = [(scenes.GREY + channel) / 2 for channel in (70, 130, 180)]
+    assert layer(page, "base")[sky][:3].tolist() == pytest.approx(half, abs=2)
+
+    user.press(*"]" * 5)
     wait_for_drawing(page)
 
     assert layer(page, "base")[sky][:3].tolist() == [70, 130, 180]
 
 
-def test_frame_without_segmentation_offers_no_mask(make_scene, user):
-    page = user.open(make_scene(form="none").link())
-
-    expect(page.get_by_role("toolbar", name="View")).to_be_visible()
-    expect(page.get_by_role("button", name="Segmentation")).to_have_count(0)
-    expect(page.locator(".stroke--unmeasured").first).to_be_visible()
-
-
-def test_opacity_blends_image_and_mask(scene, user):
-    page = user.open(scene.link())
-    scale, x, y = view(page)
-    sky = round(60 * scale + y), round(200 * scale + x)
-
-    user.press("m")
-    expect(page.locator(".stage")).to_have_attribute("data-mask", "on")
-    wait_for_drawing(page)
-
-    half = [(scenes.GREY + channel) / 2 for channel in (70, 130, 180)]
-    assert layer(page, "base")[sky][:3].tolist() == pytest.approx(half, abs=2)
-
-
-def test_selected_box_is_drawn_on_top_and_others_are_dimmed(scene, user):
+def test_selected_box_is_drawn_on_top_and_its_answer_on_its_corner(scene, user):
     page = user.open(scene.link())
     before = layer(page, "base")
     assert not layer(page, "top").any()
@@ -119,14 +97,9 @@ def test_selected_box_is_drawn_on_top_and_others_are_dimmed(scene, user):
     assert layer(page, "top").any()
     ink = np.abs(before.astype(int) - scenes.GREY).max()
     dimmed = np.abs(layer(page, "base").astype(int)[..., :3] - scenes.GREY).max()
-    assert dimmed < ink
-
-
-def test_answer_is_drawn_as_a_mark_on_the_corner_of_its_box(scene, user):
-    page = user.open(scene.link("real"))
+    assert dimmed < ink, "the others are dimmed"
     user.press("a", "Escape")
     wait_for_drawing(page)
-
     scale, x, y = view(page)
     column, row = round(scenes.CAR[2] * scale + x), round(scenes.CAR[1] * scale + y)
     mark = layer(page, "base")[row - 9 : row + 10, column - 9 : column + 10, :3]
@@ -136,20 +109,23 @@ def test_answer_is_drawn_as_a_mark_on_the_corner_of_its_box(scene, user):
     assert greens > 60
 
 
-def test_edges_of_a_3d_box_are_drawn(make_scene, user):
+def test_edges_of_a_3d_box_are_drawn_until_the_d_key(make_scene, user):
     scene = make_scene(boxes=[scenes.SOLID])
     page = user.open(scene.link("solid"))
+    edges = page.get_by_role("button", name="3D edges", exact=True)
+    expect(edges).to_have_attribute("aria-pressed", "true")
     wait_for_drawing(page)
     with_edges = layer(page, "top")
 
     user.press("d")
+    expect(edges).to_have_attribute("aria-pressed", "false")
     wait_for_drawing(page)
 
     changed = (with_edges != layer(page, "top")).any(axis=2).sum()
     assert changed > 200
 
 
-def test_hovering_over_a_box_shows_its_label(scene, user):
+def test_pointer_shows_the_label_of_a_box_zooms_and_pans(scene, user):
     page = user.open(scene.link())
 
     page.mouse.move(*point(page, 160, 250))
@@ -160,20 +136,27 @@ def test_hovering_over_a_box_shows_its_label(scene, user):
     wait_for_drawing(page)
     assert not layer(page, "top").any()
 
-
-def test_wheel_zooms_at_the_pointer_position(scene, user):
-    page = user.open(scene.link())
     at = point(page, 160, 250)
     page.mouse.move(*at)
     fitted, *_ = view(page)
-
     page.mouse.wheel(0, -300)
     page.wait_for_function(
         "(old) => document.querySelector('.stage').dataset.view.split(' ')[0] > old",
         arg=fitted * 1.2,
     )
-
     assert point(page, 160, 250) == pytest.approx(at, abs=0.5)
+
+    user.press("f", "j")
+    expect(page.locator(".inspector__head h2")).to_have_text("car real")
+    wait_for_drawing(page)
+    scale, x, y = view(page)
+    page.mouse.move(*point(page, 10, 170))
+    page.mouse.down()
+    page.mouse.move(*(n + 40 for n in point(page, 10, 170)))
+    page.mouse.up()
+    wait_for_drawing(page)
+    assert view(page) == pytest.approx((scale, x + 40, y + 40), abs=0.01)
+    expect(page.locator(".inspector__head h2")).to_have_text("car real")
 
 
 def test_pinch_gesture_zooms(scene, open_window):
@@ -200,20 +183,6 @@ PINCH = """() => {
   send("pointerup", 1, 125);
   send("pointerup", 2, 225);
 }"""
-
-
-def test_dragging_pans_the_image(scene, user):
-    page = user.open(scene.link("real"))
-    scale, x, y = view(page)
-
-    page.mouse.move(*point(page, 10, 170))
-    page.mouse.down()
-    page.mouse.move(*(n + 40 for n in point(page, 10, 170)))
-    page.mouse.up()
-    wait_for_drawing(page)
-
-    assert view(page) == pytest.approx((scale, x + 40, y + 40), abs=0.01)
-    expect(page.locator(".inspector__head h2")).to_have_text("car real")
 
 
 def test_500_boxes_are_drawn_at_most_once_per_animation_frame(make_scene, user):
