@@ -39,6 +39,8 @@ def test_answer_key_stores_its_answer_at_once(scene: Scene, user: Visitor):
 
 def test_answer_changes_effective_verdict_but_not_filter_verdict(scene, user):
     page = user.open(scene.link("ghost"))
+    expect(page.locator(".inspector__head .badge svg")).to_have_count(1)
+    expect(page.locator(f"#box-{scene.box_id('real')}")).to_contain_text("kept")
 
     user.press("a")
 
@@ -66,6 +68,16 @@ def test_undo_removes_the_last_answer_and_restores_the_one_before(scene, user):
     assert scene.review("ghost")["verdict"] == "reject"
 
 
+PRESS_WITH_THE_FRAME = """key => {
+  const watch = new MutationObserver(() => {
+    if (document.querySelector("h1")?.textContent !== "run/000002") return;
+    watch.disconnect();
+    document.body.dispatchEvent(new KeyboardEvent("keydown", { key, bubbles: true }));
+  });
+  watch.observe(document.body, { childList: true, subtree: true, characterData: true });
+}"""
+
+
 def test_undo_returns_to_the_frame_of_the_answer(scene, user):
     scene.push("run/000002")
     page = user.open(scene.link("ghost"))
@@ -81,26 +93,11 @@ def test_undo_returns_to_the_frame_of_the_answer(scene, user):
     user.wait_until_saved()
     assert scene.review("ghost") is None
 
-
-PRESS_WITH_THE_FRAME = """key => {
-  const watch = new MutationObserver(() => {
-    if (document.querySelector("h1")?.textContent !== "run/000002") return;
-    watch.disconnect();
-    document.body.dispatchEvent(new KeyboardEvent("keydown", { key, bubbles: true }));
-  });
-  watch.observe(document.body, { childList: true, subtree: true, characterData: true });
-}"""
-
-
-def test_key_pressed_when_a_frame_appears_is_handled(scene, user):
-    scene.push("run/000002")
-    page = user.open(scene.link("ghost"))
+    # The key is handled although it is pressed as soon as the frame appears.
     user.press("a")
     user.wait_until_saved()
     page.evaluate(PRESS_WITH_THE_FRAME, "z")
-
     user.press("PageDown")
-
     expect(page.locator(".answerline")).to_have_text("It has no answer.")
     expect(page.locator("h1")).to_have_text("run/000001")
 
@@ -138,7 +135,14 @@ def test_boxes_are_selected_and_answered_with_the_mouse_and_then_by_keys(scene, 
     expect(page.locator(".inspector__head h2")).to_have_text("This frame")
 
 
-def test_comment_is_stored_with_the_answer(scene, user):
+LATE_TIMERS = """() => {
+  const start = window.setTimeout.bind(window);
+  window.setTimeout = (run, ms) => start(run, (ms ?? 0) + 400);
+}"""
+EARLIER_TIMERS_ARE_DONE = "() => new Promise((done) => setTimeout(done, 50))"
+
+
+def test_comment_is_stored_with_the_answer_or_flags_its_box_as_unsure(scene, user):
     page = user.open(scene.link("ghost"))
     user.press("x", "e")
     expect(page.get_by_label("Comment")).to_be_focused()
@@ -152,35 +156,20 @@ def test_comment_is_stored_with_the_answer(scene, user):
     user.press("a")
     expect(page.locator(".answerline")).to_contain_text("keep")
 
-
-LATE_TIMERS = """() => {
-  const start = window.setTimeout.bind(window);
-  window.setTimeout = (run, ms) => start(run, (ms ?? 0) + 400);
-}"""
-EARLIER_TIMERS_ARE_DONE = "() => new Promise((done) => setTimeout(done, 50))"
-
-
-def test_finished_comment_does_not_regain_keyboard_focus(scene, user):
-    """Formerly a late timer focused the comment again, which then took the keys."""
-    page = user.open(scene.link("ghost"))
-    page.evaluate(LATE_TIMERS)
-
-    user.press("e", "Escape")
-    page.evaluate(EARLIER_TIMERS_ARE_DONE)
-
-    expect(page.get_by_label("Comment")).not_to_be_focused()
-
-
-def test_comment_on_an_undecided_box_flags_it_as_unsure(scene, user):
-    page = user.open(scene.link("hidden"))
+    user.open(scene.link("hidden"))
+    expect(page.locator(".answerline")).to_have_text("It has no answer.")
     user.press("e")
-
     page.keyboard.type("look again")
     user.press("Enter")
-
     user.wait_until_saved()
     review = scene.review("hidden")
     assert (review["verdict"], review["comment"]) == ("unsure", "look again")
+
+    # Formerly a late timer focused the comment again, which then took the keys.
+    page.evaluate(LATE_TIMERS)
+    user.press("e", "Escape")
+    page.evaluate(EARLIER_TIMERS_ARE_DONE)
+    expect(page.get_by_label("Comment")).not_to_be_focused()
 
 
 def test_history_shows_the_filter_and_every_answer(scene, user):
