@@ -62,7 +62,7 @@ def test_cell_names_the_frame_of_its_box_and_links_to_it(
     expect(page).to_have_url(re.compile(rf"#/frames/{frame['id']}\?box={box}$"))
 
 
-def test_every_box_is_shown_with_its_crop_verdict_and_match(sixty_boxes, user):
+def test_every_box_is_shown_and_is_selected_by_clicks_and_drags(sixty_boxes, user):
     page = open_grid(user, sixty_boxes)
 
     first, second = cell(page, 0), cell(page, 1)
@@ -76,16 +76,6 @@ def test_every_box_is_shown_with_its_crop_verdict_and_match(sixty_boxes, user):
     )
     expect(page.locator(".grid-status p")).to_have_text("60 boxes")
 
-
-def test_boxes_outside_the_image_are_labelled_outside(scene, user):
-    page = open_grid(user, scene, reason="outside_image")
-
-    expect(page.locator(".cell__none")).to_have_text("outside")
-
-
-def test_click_ctrl_click_and_shift_click_select_boxes(sixty_boxes, user):
-    page = open_grid(user, sixty_boxes)
-
     cell(page, 3).click()
     assert selected(page) == [3]
     cell(page, 7).click(modifiers=["Control"])
@@ -98,18 +88,14 @@ def test_click_ctrl_click_and_shift_click_select_boxes(sixty_boxes, user):
     cell(page, 5).click(modifiers=["Shift"])
     assert selected(page) == [5, 6, 7]
     expect(page.locator(".bar__count")).to_have_text("3 selected")
-
-
-def test_dragging_a_rectangle_selects_its_boxes_and_adds_them_with_ctrl(
-    sixty_boxes, user
-):
-    page = open_grid(user, sixty_boxes)
-    first, last = cell(page, 0).bounding_box(), cell(page, 2).bounding_box()
-    assert first is not None
-    assert last is not None
-    page.mouse.move(first["x"] + 20, first["y"] + 30)
+    user.press("Escape")
+    assert selected(page) == []
+    start, end = cell(page, 0).bounding_box(), cell(page, 2).bounding_box()
+    assert start is not None
+    assert end is not None
+    page.mouse.move(start["x"] + 20, start["y"] + 30)
     page.mouse.down()
-    page.mouse.move(last["x"] + 10, last["y"] + 60, steps=5)
+    page.mouse.move(end["x"] + 10, end["y"] + 60, steps=5)
     expect(page.locator(".lasso")).to_be_visible()
     page.mouse.up()
 
@@ -130,6 +116,12 @@ def test_dragging_a_rectangle_selects_its_boxes_and_adds_them_with_ctrl(
     page.keyboard.up("Control")
 
     assert selected(page) == [1, 9]
+
+
+def test_boxes_outside_the_image_are_labelled_outside(scene, user):
+    page = open_grid(user, scene, reason="outside_image")
+
+    expect(page.locator(".cell__none")).to_have_text("outside")
 
 
 def test_keys_move_the_focus_and_select(sixty_boxes, user):
@@ -158,16 +150,6 @@ def test_keys_move_the_focus_and_select(sixty_boxes, user):
     assert selected(page) == [1, 2, 3]
     user.press("Shift+ArrowLeft")
     assert selected(page) == [1, 2]
-
-
-def test_ctrl_a_selects_all_boxes_of_the_filter(sixty_boxes, user):
-    page = open_grid(user, sixty_boxes, verdict="kept")
-
-    user.press("Control+a")
-
-    expect(page.locator(".bar__count")).to_have_text("30 of this filter")
-    cell(page, 0).click(modifiers=["Control"])
-    expect(page.locator(".bar__count")).to_have_text("29 selected")
 
 
 def test_grid_applies_filters_of_its_link_and_counts_hidden_boxes(sixty_boxes, user):
@@ -206,15 +188,11 @@ def test_filters_and_sort_order_are_kept_in_the_address(sixty_boxes, user):
     expect(page.locator(".grid-status p")).to_have_text("60 boxes")
     assert "sort=-match_percent" in page.url
 
-
-def test_number_filter_applies_even_if_its_menu_closes_at_once(sixty_boxes, user):
-    page = open_grid(user, sixty_boxes)
+    # Numbers apply even if their menu closes at once.
     page.get_by_role("button", name="More").click()
     page.get_by_label("Match, at least").fill("1")
     page.get_by_label("Distance, at most").fill("40")
-
     page.keyboard.press("Escape")
-
     expect(page.get_by_label("Distance, at most")).to_have_count(0)
     expect(page).to_have_url(re.compile(r"distance_max=40"))
     assert "match_min=1" in page.url
@@ -245,12 +223,17 @@ def test_blind_re_check_hides_verdicts_of_unanswered_boxes(sixty_boxes, user):
         assert not re.search("kept|rejected|%|pixel", name)
 
 
-def test_v_key_cycles_the_verdict_filter(sixty_boxes, user):
+def test_v_key_cycles_the_verdict_filter_whose_boxes_ctrl_a_selects(sixty_boxes, user):
     page = open_grid(user, sixty_boxes)
 
     user.press("v")
     expect(page.locator(".grid-status p")).to_contain_text("30 hidden")
     assert "verdict=kept" in page.url
+    user.press("Control+a")
+    expect(page.locator(".bar__count")).to_have_text("30 of this filter")
+    cell(page, 0).click(modifiers=["Control"])
+    expect(page.locator(".bar__count")).to_have_text("29 selected")
+    user.press("Escape")
     user.press("v", "v")
 
     expect(page.locator(".grid-status p")).to_have_text("60 boxes")
@@ -366,17 +349,6 @@ def test_larger_crops_reduce_columns_and_keep_scroll_position(sixty_boxes, user)
     expect(cell(page, 40)).to_be_in_viewport()
     page.reload()
     expect(page.get_by_label("Size of the crops")).to_have_value("320")
-
-
-def test_failed_crops_are_retried(sixty_boxes, user):
-    page = user.page
-    page.route("**/crop?**", lambda route: route.abort())
-    open_grid(user, sixty_boxes)
-    expect(cell(page, 0)).to_contain_text("not loaded")
-
-    page.unroute("**/crop?**")
-
-    expect(cell(page, 0).locator("img")).to_be_visible()
 
 
 def test_failed_crops_are_retried_when_online_again(sixty_boxes, user):
