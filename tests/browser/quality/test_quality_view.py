@@ -57,7 +57,35 @@ def quality_page(user: Visitor, street: Scene) -> Page:
     return page
 
 
-def test_confusion_matrix_cells_count_and_link_to_their_boxes(user, answered):
+def test_scores_have_intervals_per_class_and_distance_and_curves_are_tables_too(
+    user, answered
+):
+    page = quality_page(user, answered)
+    quality = answered.http.get(f"/datasets/{answered.dataset}/quality").json()
+    recall = quality["confusion"]["recall"]
+    low, high = (round(100 * recall[key], 1) for key in ("low", "high"))
+
+    expect(page.locator(".score").nth(1)).to_contain_text("66.7 %")
+    expect(page.locator(".score").nth(1)).to_contain_text(f"{low:g}–{high:g} %")
+    expect(page.get_by_role("row", name=re.compile("^car 18 100 %"))).to_be_visible()
+    page.get_by_role("button", name="Distance").click()
+    expect(page.get_by_role("row", name=re.compile("^0–50 m 18"))).to_be_visible()
+
+    expect(page.locator(".curve__drawing canvas")).to_be_visible()
+    table = page.get_by_role("table", name=re.compile("Scores of car"))
+    expect(table.get_by_role("columnheader")).to_have_text(
+        ["Threshold", "Precision", "Recall", "F1"]
+    )
+    assert table.get_by_role("row").count() > 3
+
+    page.get_by_role("button", name="Keep 99 % of the visible objects").click()
+    expect(page).to_have_url(re.compile(r"/quality\?target=recall$"))
+    expect(page.get_by_text("the highest ones that keep")).to_be_visible()
+
+
+def test_matrix_counts_and_links_to_its_boxes_and_few_answers_to_the_queue(
+    user, answered
+):
     page = quality_page(user, answered)
     fields = page.locator(".matrixcell__count")
     expect(fields).to_have_text(["8", "0", "4", "6"])
@@ -67,36 +95,14 @@ def test_confusion_matrix_cells_count_and_link_to_their_boxes(user, answered):
     expect(page).to_have_url(re.compile(r"/grid\?verdict=rejected&review=keep$"))
     expect(page.locator(".grid-status")).to_contain_text(re.compile(r"\b4 boxes"))
 
-
-def test_conflicts_of_filter_and_people_are_one_link(user, answered):
-    page = quality_page(user, answered)
-
+    page.go_back()
     page.get_by_role("link", name="See the 4 boxes on which they differ").click()
-
     expect(page).to_have_url(re.compile(r"/grid\?conflict=true$"))
     expect(page.locator(".grid-status")).to_contain_text(re.compile(r"\b4 boxes"))
 
-
-def test_scores_have_intervals_per_class_and_per_distance(user, answered):
-    page = quality_page(user, answered)
-    quality = answered.http.get(f"/datasets/{answered.dataset}/quality").json()
-    recall = quality["confusion"]["recall"]
-    low, high = (round(100 * recall[key], 1) for key in ("low", "high"))
-
-    expect(page.locator(".score").nth(1)).to_contain_text("66.7 %")
-    expect(page.locator(".score").nth(1)).to_contain_text(f"{low:g}–{high:g} %")
-
-    expect(page.get_by_role("row", name=re.compile("^car 18 100 %"))).to_be_visible()
-    page.get_by_role("button", name="Distance").click()
-    expect(page.get_by_role("row", name=re.compile("^0–50 m 18"))).to_be_visible()
-
-
-def test_too_few_answers_show_a_warning(user, answered):
-    page = quality_page(user, answered)
-
-    expect(
-        page.get_by_text("18 answers are too few for a reliable result.")
-    ).to_be_visible()
+    page.go_back()
+    few = page.get_by_text("18 answers are too few for a reliable result.")
+    expect(few).to_be_visible()
     page.get_by_role("link", name="Answer more").click()
     expect(page).to_have_url(re.compile(f"/{answered.dataset}/queue$"))
 
@@ -150,27 +156,6 @@ def test_saving_a_suggestion_fails_once_if_active_version_changed(user, answered
     newest = answered.http.get(path).json()["items"][0]["config"]["classes"]
     assert newest["walker"] == {"threshold_small_box": 77}
     assert "car" in newest
-
-
-def test_curves_are_also_tables_for_screen_readers(user, answered):
-    page = quality_page(user, answered)
-    expect(page.locator(".curve__drawing canvas")).to_be_visible()
-
-    table = page.get_by_role("table", name=re.compile("Scores of car"))
-
-    expect(table.get_by_role("columnheader")).to_have_text(
-        ["Threshold", "Precision", "Recall", "F1"]
-    )
-    assert table.get_by_role("row").count() > 3
-
-
-def test_suggestion_target_is_kept_in_the_link(user, answered):
-    page = quality_page(user, answered)
-
-    page.get_by_role("button", name="Keep 99 % of the visible objects").click()
-
-    expect(page).to_have_url(re.compile(r"/quality\?target=recall$"))
-    expect(page.get_by_text("the highest ones that keep")).to_be_visible()
 
 
 def test_agreement_of_two_reviewers_is_shown(user, answered):
