@@ -103,7 +103,7 @@ def middle_of(rectangle):
     )
 
 
-def test_class_threshold_is_set_by_keyboard(user, street):
+def test_threshold_is_set_by_arrow_keys_or_by_typing_a_valid_number(user, street):
     page = open_thresholds(user, street)
     handle(page, "car").focus()
 
@@ -120,9 +120,6 @@ def test_class_threshold_is_set_by_keyboard(user, street):
     page.get_by_role("button", name="Follow all").click()
     expect(handle(page, "car")).to_have_attribute("aria-valuenow", "10")
 
-
-def test_typed_number_sets_threshold_and_invalid_number_does_not(user, street):
-    page = open_thresholds(user, street)
     field = page.locator("input[aria-label='Threshold of all classes']")
     field.fill("31.25")
     expect(handle(page, "all classes")).to_have_attribute("aria-valuenow", "31.25")
@@ -263,7 +260,7 @@ def test_legend_says_whether_a_share_equal_to_the_threshold_is_enough(user, stre
     expect(legend).to_contain_text("at or below the threshold")
 
 
-def test_preview_that_needs_pixels_shows_message_and_no_counts(user, street):
+def test_preview_without_counts_shows_why_and_what_it_can(user, street):
     page = open_thresholds(user, street)
 
     page.evaluate("location.hash += '?profile=carlasimu'")
@@ -279,6 +276,11 @@ def test_preview_that_needs_pixels_shows_message_and_no_counts(user, street):
 
     page.get_by_role("button", name="Reset").click()
     expect(page.get_by_role("heading", name="Reasons")).to_be_visible()
+    expect(handle(page, "all classes")).to_be_visible()
+
+    page.evaluate("location.hash += '?min_distance=50&max_distance=10'")
+
+    expect(page.get_by_role("alert")).to_contain_text("min_distance")
     expect(handle(page, "all classes")).to_be_visible()
 
 
@@ -309,7 +311,7 @@ def test_deciding_channel_is_named_with_its_keys_which_can_be_previewed(user, st
     expect(points).to_have_value("5")
 
 
-def test_form_lists_every_configuration_key_as_declared(user, street):
+def test_form_lists_every_key_as_declared_and_previews_no_invalid_number(user, street):
     page = open_thresholds(user, street)
     keys = keys_of(FilterConfig)
     rows = page.locator(".table--keys tbody tr")
@@ -328,9 +330,6 @@ def test_form_lists_every_configuration_key_as_declared(user, street):
     labels = controls.evaluate_all("all => all.map((one) => one.ariaLabel)")
     assert labels == asked
 
-
-def test_invalid_number_is_marked_and_not_previewed(user, street):
-    page = open_thresholds(user, street)
     share = page.get_by_role("spinbutton", name="size_big_box")
 
     for wrong in ("101", "-1"):
@@ -381,15 +380,6 @@ def test_yaml_of_tried_configuration_is_accepted_by_the_api(user, street):
     config = stored.json()["config"]
     assert config["threshold_small_box"] == 12.5
     assert config["classes"] == {"car": {"accept": [14]}}
-
-
-def test_refused_value_shows_error_and_keeps_the_histograms(user, street):
-    page = open_thresholds(user, street)
-
-    page.evaluate("location.hash += '?min_distance=50&max_distance=10'")
-
-    expect(page.get_by_role("alert")).to_contain_text("min_distance")
-    expect(handle(page, "all classes")).to_be_visible()
 
 
 def test_only_a_single_preview_request_is_in_flight(user, street):
