@@ -101,7 +101,9 @@ def test_picked_folder_is_matched_and_uploaded(town, user, http):
     assert (stored["classes"], stored["counts"]["kept"]) == (["car", "walker"], 3)
 
 
-def test_uploading_the_same_folder_again_stores_nothing(town, user):
+def test_folder_sent_again_stores_what_has_changed_and_lists_set_aside_answers(
+    town, user, http
+):
     page = pick_folder(user, town)
     send(page)
     page.get_by_role("button", name="Close the upload").click()
@@ -110,17 +112,10 @@ def test_uploading_the_same_folder_again_stores_nothing(town, user):
     page = pick_folder(user, town)
     expect(page.locator("#upload-where")).to_contain_text("a dataset that has 3 frames")
     send(page)
-
     outcome = page.locator(".upload-panel__text")
     expect(outcome).to_have_text("0 frames stored · 3 there already")
-
-
-def test_replaced_frame_is_listed_with_the_answers_that_were_set_aside(
-    town, user, http
-):
-    page = pick_folder(user, town)
-    send(page)
     page.get_by_role("button", name="Close the upload").click()
+
     frame = scenes.get(http, f"/datasets/{town.name}/frames/1")
     path = f"/boxes/{frame['boxes'][0]['box_id']}/reviews"
     answer = {"verdict": "reject", "seen_revision": 0}
@@ -132,7 +127,6 @@ def test_replaced_frame_is_listed_with_the_answers_that_were_set_aside(
     page.get_by_label("Replace frames whose content has changed").check()
     send(page)
 
-    outcome = page.locator(".upload-panel__text")
     expect(outcome).to_have_text(
         "1 frame stored · 2 there already · 1 answer set aside"
     )
