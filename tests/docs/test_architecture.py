@@ -207,19 +207,13 @@ def test_commands_that_import_the_service_match_the_import_contract():
         ("when its watchdog looks next, every two seconds", WATCHDOG_EVERY_S, 2),
         ("If it crashes three processes and stores no result", MOST_ATTEMPTS, 3),
         ("Evidence is stored four times a second", COMMIT_EVERY_S, 0.25),
-        (
-            "a POST and its response, for 72 hours (`UNGHOST_IDEMPOTENCY_HOURS`)",
-            Settings.model_fields["idempotency_hours"].default,
-            72,
-        ),
+        ("a POST and its response, for 72 hours (`UNGHOST_IDEMPOTENCY_HOURS`)",
+         Settings.model_fields["idempotency_hours"].default, 72),
         ("means reading its row, five times a second", INTERVAL_S, 0.2),
-        (
-            "up to 32 of them, or those of 100 ms",
-            (MOST_TOGETHER, LONGEST_WAIT_S),
-            (32, 0.1),
-        ),
+        ("up to 32 of them, or those of 100 ms", (MOST_TOGETHER, LONGEST_WAIT_S),
+         (32, 0.1)),
     ],
-)
+)  # fmt: skip
 def test_figures_in_sentences_match_the_code(sentence, figure, expected):
     assert sentence in WORDS
     assert figure == expected

@@ -74,23 +74,14 @@ def test_doctor_finds_no_fault_in_a_healthy_database(filled, unghost):
 @pytest.mark.parametrize(
     ("statements", "check", "text"),
     [
-        (
-            [
-                "SET session_replication_role = replica",
-                "DELETE FROM boxes WHERE id = 1",
-            ],
-            "keys",
-            "1 rows of decisions have no parent in boxes",
-        ),
-        (
-            ["ALTER TABLE boxes DROP CONSTRAINT fk_boxes_frame_id"],
-            "keys",
-            "boxes has no key fk_boxes_frame_id",
-        ),
+        (["SET session_replication_role = replica", "DELETE FROM boxes WHERE id = 1"],
+         "keys", "1 rows of decisions have no parent in boxes"),
+        (["ALTER TABLE boxes DROP CONSTRAINT fk_boxes_frame_id"], "keys",
+         "boxes has no key fk_boxes_frame_id"),
         (["UPDATE alembic_version SET version_num = '9999'"], "schema", "a newer"),
         (["UPDATE alembic_version SET version_num = '0001'"], "schema", "at 0001"),
     ],
-)
+)  # fmt: skip
 def test_doctor_finds_database_faults(filled, unghost, url, statements, check, text):
     change(url, *statements)
 

@@ -19,73 +19,33 @@ SECRET = "ug_of-somebody-else"
     [
         ("POST", "/datasets", b"", "expected a body of JSON, found none"),
         ("POST", "/datasets", b"[]", "expected an object, found a list"),
-        (
-            "POST",
-            "/datasets",
-            b'{"name',
-            "expected JSON in UTF-8, found a fault at line 1, column 2: Unterminated",
-        ),
-        (
-            "POST",
-            "/datasets",
-            b'{"name": "a", "name": "b"}',
-            "expected JSON in UTF-8, found the key 'name' twice",
-        ),
+        ("POST", "/datasets", b'{"name',
+         "expected JSON in UTF-8, found a fault at line 1, column 2: Unterminated"),
+        ("POST", "/datasets", b'{"name": "a", "name": "b"}',
+         "expected JSON in UTF-8, found the key 'name' twice"),
         ("POST", "/datasets", b'{"name": 5}', "/name: expected a text, found 5"),
         ("POST", "/datasets", b'{"name": null}', "/name: expected a text, found null"),
-        (
-            "POST",
-            "/datasets",
-            b'{"name": "A b"}',
-            "/name: expected 1 to 100 of a-z, 0-9, dot, dash and underscore, with a "
-            "letter or a digit at both ends",
-        ),
-        (
-            "POST",
-            "/datasets",
-            b'{"name": "a", "pallete": "auto"}',
-            "/pallete: unknown name; it may be misspelt",
-        ),
-        (
-            "POST",
-            "/tokens",
-            b'{"name": "a\\n"}',
-            "/name: expected printable characters",
-        ),
+        ("POST", "/datasets", b'{"name": "A b"}',
+         "/name: expected 1 to 100 of a-z, 0-9, dot, dash and underscore, with a "
+         "letter or a digit at both ends"),
+        ("POST", "/datasets", b'{"name": "a", "pallete": "auto"}',
+         "/pallete: unknown name; it may be misspelt"),
+        ("POST", "/tokens", b'{"name": "a\\n"}',
+         "/name: expected printable characters"),
         ("POST", "/tokens", b"{}", "/name: required, but missing"),
-        (
-            "POST",
-            "/tokens",
-            b'{"name": "a", "role": "boss"}',
-            "/role: expected 'viewer', 'reviewer' or 'admin'",
-        ),
-        (
-            "POST",
-            "/tokens",
-            b'{"name": "a", "expires_at": "yesterday"}',
-            "/expires_at: expected a time such as 2026-01-31T12:00:00Z",
-        ),
-        (
-            "POST",
-            "/datasets/a/runs",
-            b'{"config": "strict"}',
-            f"/config: expected a configuration, or {DIGEST}",
-        ),
-        (
-            "GET",
-            "/boxes?dataset=a&limit=0",
-            None,
-            "query parameter 'limit': expected at least 1, found 0",
-        ),
-        (
-            "GET",
-            "/frames/x",
-            None,
-            "path parameter 'frame_id': expected a whole number, found a text",
-        ),
+        ("POST", "/tokens", b'{"name": "a", "role": "boss"}',
+         "/role: expected 'viewer', 'reviewer' or 'admin'"),
+        ("POST", "/tokens", b'{"name": "a", "expires_at": "yesterday"}',
+         "/expires_at: expected a time such as 2026-01-31T12:00:00Z"),
+        ("POST", "/datasets/a/runs", b'{"config": "strict"}',
+         f"/config: expected a configuration, or {DIGEST}"),
+        ("GET", "/boxes?dataset=a&limit=0", None,
+         "query parameter 'limit': expected at least 1, found 0"),
+        ("GET", "/frames/x", None,
+         "path parameter 'frame_id': expected a whole number, found a text"),
         ("GET", "/configs/x", None, f"path parameter 'digest': expected {DIGEST}"),
     ],
-)
+)  # fmt: skip
 def test_validation_error_has_the_expected_and_the_found_value(
     api, method, path, body, detail
 ):

@@ -240,37 +240,18 @@ def test_frames_of_a_batch_that_add_too_many_classes_do_not_fail_the_others(api)
     ("headers", "content", "status", "code"),
     [
         pytest.param({}, b"x", 415, "unsupported_media_type", id="no type"),
-        pytest.param(
-            {"Content-Type": "application/gzip"},
-            b"x",
-            415,
-            "unsupported_media_type",
-            id="another type",
-        ),
-        pytest.param(
-            {**TAR, "Content-Encoding": "gzip"},
-            gzip.compress(tar_archive(frame("a"))),
-            415,
-            "unsupported_media_type",
-            id="encoded",
-        ),
-        pytest.param(
-            TAR,
-            gzip.compress(
-                tar_archive(
-                    frame("a"),
-                ),
-                compresslevel=0,
-            ),
-            415,
-            "unsupported_media_type",
-            id="compressed",
-        ),
+        pytest.param({"Content-Type": "application/gzip"}, b"x", 415,
+         "unsupported_media_type", id="another type"),
+        pytest.param({**TAR, "Content-Encoding": "gzip"},
+         gzip.compress(tar_archive(frame("a"))), 415, "unsupported_media_type",
+         id="encoded"),
+        pytest.param(TAR, gzip.compress(tar_archive(frame("a")), compresslevel=0), 415,
+         "unsupported_media_type", id="compressed"),
         pytest.param(TAR, b"x" * 2000, 422, "bad_archive", id="no tar"),
         pytest.param(TAR, b"x", 422, "bad_archive", id="too short"),
         pytest.param(TAR, b"", 422, "bad_archive", id="nothing"),
     ],
-)
+)  # fmt: skip
 def test_batch_body_that_is_not_a_tar_archive_is_refused(
     api, headers, content, status, code
 ):

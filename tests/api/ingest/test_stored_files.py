@@ -138,26 +138,16 @@ def zip_of(*names):
     ("content", "headers", "status"),
     [
         pytest.param(zip_of("a.json"), TAR, 422, id="a zip that says it is a tar"),
-        pytest.param(
-            zip_of("../x"), {"Content-Type": "application/zip"}, 415, id="a zip"
-        ),
-        pytest.param(
-            b"\x1f\x8b" + bytes(600),
-            {"Content-Type": "application/gzip"},
-            415,
-            id="a gzip",
-        ),
-        pytest.param(
-            b"\x1f\x8b" + bytes(600), TAR, 415, id="a gzip that says it is a tar"
-        ),
-        pytest.param(
-            b"\x1f\x8b" + bytes(600),
-            {**TAR, "Content-Encoding": "gzip"},
-            415,
-            id="a tar in transit compression",
-        ),
+        pytest.param(zip_of("../x"), {"Content-Type": "application/zip"}, 415,
+         id="a zip"),
+        pytest.param(b"\x1f\x8b" + bytes(600), {"Content-Type": "application/gzip"},
+         415, id="a gzip"),
+        pytest.param(b"\x1f\x8b" + bytes(600), TAR, 415,
+         id="a gzip that says it is a tar"),
+        pytest.param(b"\x1f\x8b" + bytes(600), {**TAR, "Content-Encoding": "gzip"},
+         415, id="a tar in transit compression"),
     ],
-)
+)  # fmt: skip
 def test_compressed_archive_is_refused_and_not_unpacked(
     admin, content, headers, status
 ):

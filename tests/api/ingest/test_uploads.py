@@ -32,20 +32,12 @@ def test_unknown_repeated_or_missing_part_of_a_frame_is_refused(api, parts, code
         ({"Content-Type": "application/json"}, b"{}", 415, "unsupported_media_type"),
         ({}, b"x", 415, "unsupported_media_type"),
         ({"Content-Type": "multipart/form-data"}, b"x", 400, "bad_multipart"),
-        (
-            {"Content-Type": "multipart/form-data; boundary=b"},
-            b"--b\r\nbad\r\n\r\n",
-            400,
-            "bad_multipart",
-        ),
-        (
-            {"Content-Type": "multipart/form-data; boundary=" + "b" * 300},
-            b"",
-            400,
-            "bad_multipart",
-        ),
+        ({"Content-Type": "multipart/form-data; boundary=b"}, b"--b\r\nbad\r\n\r\n",
+         400, "bad_multipart"),
+        ({"Content-Type": "multipart/form-data; boundary=" + "b" * 300}, b"", 400,
+         "bad_multipart"),
     ],
-)
+)  # fmt: skip
 def test_frame_body_that_is_not_a_multipart_form_is_refused(
     api, headers, content, status, code
 ):

@@ -201,22 +201,13 @@ def test_preview_returns_the_flips_and_writes_nothing(api, dataset):
 @pytest.mark.parametrize(
     ("mask", "active", "previewed", "match"),
     [
-        pytest.param(
-            None,
-            {"profile": "carlasimu"},
-            {"profile": "carlasimu", "min_visible_pixels": 10**6},
-            100.0,
-            id="more than all",
-        ),
-        pytest.param(
-            {"polygons": [[[0, 0], [64, 0], [64, 48], [0, 48]]]},
-            {},
-            {"min_visible_pixels": 0, "threshold_small_box": 0},
-            None,
-            id="no pixel",
-        ),
+        pytest.param(None, {"profile": "carlasimu"},
+         {"profile": "carlasimu", "min_visible_pixels": 10**6}, 100.0,
+         id="more than all"),
+        pytest.param({"polygons": [[[0, 0], [64, 0], [64, 48], [0, 48]]]}, {},
+         {"min_visible_pixels": 0, "threshold_small_box": 0}, None, id="no pixel"),
     ],
-)
+)  # fmt: skip
 def test_a_flip_shows_the_match_of_the_box(api, mask, active, previewed, match):
     name = api.dataset(ignore_mask=mask)
     box = {"id": "real", "class": "car", "xyxy": [20.9, 24.9, 39.1, 39.1]}

@@ -94,43 +94,25 @@ def test_listen_address_is_one_of_the_served_hosts(host, served):
         ("UNGHOST_PORT", "99999", "expected at most 65535, found '99999'"),
         ("UNGHOST_MAX_BODY_BYTES", "lots", "expected a size such as 64MiB, found 'l"),
         ("UNGHOST_STORAGE", "ftp://x", "expected folder, s3://BUCKET or s3://BUCKET/"),
-        (
-            "UNGHOST_LOG_LEVEL",
-            "loud",
-            "expected 'debug', 'info', 'warning' or 'error', found 'loud'",
-        ),
-        (
-            "UNGHOST_TRUSTED_PROXIES",
-            "127.0.0.1, proxy.lab",
-            "expected an address or a network such as 10.0.0.0/8, found 'proxy.lab'",
-        ),
-        (
-            "UNGHOST_TRUSTED_PROXIES",
-            "127.0.0.1, 10.0.0.1/8",
-            "expected '10.0.0.0/8', if the whole network is meant, or '10.0.0.1', if "
-            "one address is, found '10.0.0.1/8'",
-        ),
-        (
-            "UNGHOST_TRUSTED_PROXIES",
-            "fd00::1/64",
-            "expected 'fd00::/64', if the whole network is meant",
-        ),
-        (
-            "UNGHOST_TRUSTED_PROXIES",
-            "*, 10.0.0.0/8",
-            "expected addresses and networks, or * alone, found * together with others",
-        ),
-        (
-            "UNGHOST_ALLOWED_HOSTS",
-            "https://boxes.example.org",
-            "expected names without scheme and port, such as boxes.example.org or "
-            "[fd00::1], or *, found 'https://boxes.example.org'",
-        ),
+        ("UNGHOST_LOG_LEVEL", "loud",
+         "expected 'debug', 'info', 'warning' or 'error', found 'loud'"),
+        ("UNGHOST_TRUSTED_PROXIES", "127.0.0.1, proxy.lab",
+         "expected an address or a network such as 10.0.0.0/8, found 'proxy.lab'"),
+        ("UNGHOST_TRUSTED_PROXIES", "127.0.0.1, 10.0.0.1/8",
+         "expected '10.0.0.0/8', if the whole network is meant, or '10.0.0.1', if "
+         "one address is, found '10.0.0.1/8'"),
+        ("UNGHOST_TRUSTED_PROXIES", "fd00::1/64",
+         "expected 'fd00::/64', if the whole network is meant"),
+        ("UNGHOST_TRUSTED_PROXIES", "*, 10.0.0.0/8",
+         "expected addresses and networks, or * alone, found * together with others"),
+        ("UNGHOST_ALLOWED_HOSTS", "https://boxes.example.org",
+         "expected names without scheme and port, such as boxes.example.org or "
+         "[fd00::1], or *, found 'https://boxes.example.org'"),
         ("UNGHOST_ALLOWED_HOSTS", "a.example, boxes:8000", "found 'boxes:8000'"),
         ("UNGHOST_ALLOWED_HOSTS", "fd00::1", "found 'fd00::1'"),
         ("UNGHOST_ALLOWED_HOSTS", "*.example.org", "found '*.example.org'"),
     ],
-)
+)  # fmt: skip
 def test_invalid_setting_is_refused_with_its_name_and_expected_value(
     monkeypatch, name, text, words
 ):

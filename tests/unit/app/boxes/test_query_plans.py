@@ -76,38 +76,27 @@ def explain(session: Session, statements: list[Statement]) -> list[str]:
     ("wanted", "order", "index"),
     [
         pytest.param(BoxSelection(), "id", "by_class", id="all by id"),
-        pytest.param(
-            BoxSelection(review="undecided"), "id", "by_class", id="not reviewed yet"
-        ),
+        pytest.param(BoxSelection(review="undecided"), "id", "by_class",
+         id="not reviewed yet"),
         pytest.param(BoxSelection(verdict="rejected"), "id", "by_reason", id="verdict"),
-        pytest.param(
-            BoxSelection(verdict="rejected", review="undecided"),
-            "id",
-            "by_reason",
-            id="verdict, not reviewed yet",
-        ),
+        pytest.param(BoxSelection(verdict="rejected", review="undecided"), "id",
+         "by_reason", id="verdict, not reviewed yet"),
         pytest.param(BoxSelection(reason="visible"), "id", "by_reason", id="reason"),
         pytest.param(BoxSelection(class_name="truck"), "id", "by_class", id="class"),
         pytest.param(BoxSelection(review="keep"), "id", "reviewed", id="review"),
         pytest.param(BoxSelection(), "doubt", "by_match", id="doubt"),
-        pytest.param(
-            BoxSelection(class_name="car"), "match_percent", "by_match", id="match"
-        ),
+        pytest.param(BoxSelection(class_name="car"), "match_percent", "by_match",
+         id="match"),
         pytest.param(BoxSelection(), "-match_percent", "by_match", id="match, falling"),
         pytest.param(BoxSelection(), "crowding", "by_crowding", id="crowding"),
         pytest.param(BoxSelection(review="none"), "doubt", "unanswered", id="queue"),
-        pytest.param(
-            BoxSelection(verdict="kept"), "doubt", "by_match", id="verdict by doubt"
-        ),
+        pytest.param(BoxSelection(verdict="kept"), "doubt", "by_match",
+         id="verdict by doubt"),
         pytest.param(BoxSelection(margin_max=100), "doubt", "by_match", id="margin"),
-        pytest.param(
-            BoxSelection(match_min=1, match_max=100),
-            "id",
-            "PRIMARY KEY",
-            id="range by id",
-        ),
+        pytest.param(BoxSelection(match_min=1, match_max=100), "id", "PRIMARY KEY",
+         id="range by id"),
     ],
-)
+)  # fmt: skip
 def test_page_of_boxes_is_read_through_an_index_without_sorting(
     street, session, wanted, order, index
 ):

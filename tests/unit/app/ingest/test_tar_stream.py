@@ -70,9 +70,8 @@ def test_too_large_member_is_skipped_without_its_content():
 @pytest.mark.parametrize(
     ("data", "words"),
     [
-        pytest.param(
-            header("a", kind=tarfile.SYMTYPE), "^'a': .*a symbolic link", id="link"
-        ),
+        pytest.param(header("a", kind=tarfile.SYMTYPE), "^'a': .*a symbolic link",
+         id="link"),
         pytest.param(header("a", kind=tarfile.LNKTYPE), "a link", id="hard link"),
         pytest.param(header("a", kind=tarfile.CHRTYPE), "a device", id="device"),
         pytest.param(header("a", kind=tarfile.FIFOTYPE), "a pipe", id="pipe"),
@@ -83,22 +82,16 @@ def test_too_large_member_is_skipped_without_its_content():
         pytest.param(header("C:\\b"), "within the archive", id="drive"),
         pytest.param(header("x", 65_537, b"x"), "65537 bytes", id="PAX bomb"),
         pytest.param(header("x", 65_537, b"L"), "65537 bytes", id="name bomb"),
-        pytest.param(
-            header("x", 10, b"x") + b"9 path=a\n".ljust(512, b"\0"),
-            "damaged",
-            id="PAX that lies",
-        ),
-        pytest.param(
-            header("x", 19, b"x") + b"19 GNU.sparse.a=b\n\n".ljust(512, b"\0"),
-            "damaged|size of a member",
-            id="PAX sparse",
-        ),
+        pytest.param(header("x", 10, b"x") + b"9 path=a\n".ljust(512, b"\0"),
+         "damaged", id="PAX that lies"),
+        pytest.param(header("x", 19, b"x") + b"19 GNU.sparse.a=b\n\n".ljust(512, b"\0"),
+         "damaged|size of a member", id="PAX sparse"),
         pytest.param(b"\1" * 512, "damaged", id="noise"),
         pytest.param(END + header("a"), "has data after its end", id="two archives"),
         pytest.param(header("a", 600) + bytes(512), "truncated", id="cut"),
         pytest.param(header("a") + bytes(512), "truncated", id="one block missing"),
     ],
-)
+)  # fmt: skip
 def test_unsupported_or_damaged_member_is_refused(data, words):
     with pytest.raises(BadArchive, match=words):
         read(data + (b"" if words == "truncated" else END))

@@ -292,23 +292,15 @@ DEPTH = {"evidence": "depth_center"}
         ("segmentation", b"\x89PNG once", {"profile": "carlasimu"}, "bad_image"),
         ("ignore_mask", b"\x89PNG once", {"profile": "carlasimu"}, "bad_image"),
         ("segmentation", png(photo()), {"profile": "carlasimu"}, "foreign_colors"),
-        (
-            "segmentation",
-            png(rippled_tags()),
-            {"profile": "carlasimu"},
-            "lossy_segmentation",
-        ),
-        (
-            "segmentation",
-            jpeg(np.dstack([scene.tags()] * 3)),
-            {"profile": "carlasimu"},
-            "lossy_segmentation",
-        ),
+        ("segmentation", png(rippled_tags()), {"profile": "carlasimu"},
+         "lossy_segmentation"),
+        ("segmentation", jpeg(np.dstack([scene.tags()] * 3)), {"profile": "carlasimu"},
+         "lossy_segmentation"),
         ("depth", png(photo()), DEPTH, "unknown_depth"),
         ("depth", jpeg(photo()), DEPTH, "lossy_depth"),
         ("instances", png(photo()), {"evidence": "instance"}, "bad_instances"),
     ],
-)
+)  # fmt: skip
 def test_invalid_stored_image_is_not_used_and_is_a_problem(
     services, kind, content, config, code
 ):

@@ -34,54 +34,26 @@ def box_faults(box, **frame):
         ({"x": 1}, "", "not_a_list", ": expected a list of 4 numbers, found an object"),
         (7, "", "not_a_list", ": expected a list of 4 numbers, found 7"),
         ([], "", "wrong_length", ": expected a list of 4 numbers, found a list of 0"),
-        (
-            [1, 2, 3],
-            "",
-            "wrong_length",
-            ": expected a list of 4 numbers, found a list of 3",
-        ),
+        ([1, 2, 3], "", "wrong_length",
+         ": expected a list of 4 numbers, found a list of 3"),
         ([1, "2", 3, 4], "/1", "not_a_number", '[1]: expected a number, found "2"'),
         ([1, 2, True, 4], "/2", "not_a_number", "[2]: expected a number, found true"),
         ([None, 2, 3, 4], "/0", "not_a_number", "[0]: expected a number, found null"),
-        (
-            [1, 2, 3, []],
-            "/3",
-            "not_a_number",
-            "[3]: expected a number, found a list of 0",
-        ),
-        (
-            [NAN, 2, 3, 4],
-            "/0",
-            "not_finite",
-            "[0]: expected a finite number, found NaN",
-        ),
-        (
-            [1, 2, INF, 4],
-            "/2",
-            "not_finite",
-            "[2]: expected a finite number, found Infinity",
-        ),
-        (
-            [1, -INF, 3, 4],
-            "/1",
-            "not_finite",
-            "[1]: expected a finite number, found -Infinity",
-        ),
-        (
-            [1, 2, 3, 1e308],
-            "/3",
-            "number_too_large",
-            "[3]: expected a number between -1e9 and 1e9, found 1e+308",
-        ),
-        (
-            [1, 2, 3, 10**400],
-            "/3",
-            "number_too_large",
-            "[3]: expected a number between -1e9 and 1e9, found an integer "
-            "of 1329 bits",
-        ),
+        ([1, 2, 3, []], "/3", "not_a_number",
+         "[3]: expected a number, found a list of 0"),
+        ([NAN, 2, 3, 4], "/0", "not_finite",
+         "[0]: expected a finite number, found NaN"),
+        ([1, 2, INF, 4], "/2", "not_finite",
+         "[2]: expected a finite number, found Infinity"),
+        ([1, -INF, 3, 4], "/1", "not_finite",
+         "[1]: expected a finite number, found -Infinity"),
+        ([1, 2, 3, 1e308], "/3", "number_too_large",
+         "[3]: expected a number between -1e9 and 1e9, found 1e+308"),
+        ([1, 2, 3, 10**400], "/3", "number_too_large",
+         "[3]: expected a number between -1e9 and 1e9, found an integer "
+         "of 1329 bits"),
     ],
-)
+)  # fmt: skip
 def test_invalid_rectangle_reports_pointer_code_and_message(xyxy, pointer, code, words):
     assert box_faults({"xyxy": xyxy}) == [
         (f"/xyxy{pointer}", code, f", xyxy{words}"),
@@ -92,75 +64,32 @@ def test_invalid_rectangle_reports_pointer_code_and_message(xyxy, pointer, code,
     ("box", "pointer", "code", "words"),
     [
         ({}, "", "no_geometry", f": expected exactly one of {FORMS}, found none"),
-        (
-            {"xyxy": [1, 2, 3, 4], "xywh": [1, 2, 3, 4]},
-            "",
-            "several_geometries",
-            f": expected exactly one of {FORMS}, found xyxy and xywh",
-        ),
-        (
-            {"vertices": [[1, 2, 3]] * 7},
-            "/vertices",
-            "wrong_length",
-            ", vertices: expected a list of 8 points, found a list of 7",
-        ),
-        (
-            {"vertices": [[1, 2, 3]] * 7 + [[1, 2]]},
-            "/vertices/7",
-            "wrong_length",
-            ", vertices[7]: expected a list of 3 numbers, found a list of 2",
-        ),
-        (
-            {"vertices": [[1, 2, 3]] * 7 + [[1, 2, "3"]]},
-            "/vertices/7/2",
-            "not_a_number",
-            ', vertices[7][2]: expected a number, found "3"',
-        ),
-        (
-            {"vertices": [[1, 2, 3]] * 7 + [{"x": 1, "y": 2}]},
-            "/vertices/7/z",
-            "missing",
-            ", vertices[7].z: expected a number, found nothing",
-        ),
-        (
-            {"vertices": [[1, 2, 3]] * 7 + ["c"]},
-            "/vertices/7",
-            "not_a_vector",
-            ', vertices[7]: expected {x, y, z} or a list of 3 numbers, found "c"',
-        ),
-        (
-            {"box3d": [1, 2]},
-            "/box3d",
-            "not_an_object",
-            ", box3d: expected an object, found a list of 2",
-        ),
-        (
-            {"box3d": {"location": [1, 2, 3]}},
-            "/box3d/extent",
-            "missing",
-            ", box3d.extent: expected half sizes {x, y, z}, found nothing",
-        ),
-        (
-            {"box3d": {"extent": {"x": 1, "y": 1}}},
-            "/box3d/extent/z",
-            "missing",
-            ", box3d.extent.z: expected a number, found nothing",
-        ),
-        (
-            {"box3d": {"extent": [1, 2, 3], "extend": 1}},
-            "/box3d/extend",
-            "unknown_key",
-            ", box3d.extend: expected only transform, location, extent, rotation, "
-            "found 1",
-        ),
-        (
-            {"box3d": {"extent": [1, 2, 3], "rotation": {"yaw": NAN}}},
-            "/box3d/rotation/yaw",
-            "not_finite",
-            ", box3d.rotation.yaw: expected a finite number, found NaN",
-        ),
+        ({"xyxy": [1, 2, 3, 4], "xywh": [1, 2, 3, 4]}, "", "several_geometries",
+         f": expected exactly one of {FORMS}, found xyxy and xywh"),
+        ({"vertices": [[1, 2, 3]] * 7}, "/vertices", "wrong_length",
+         ", vertices: expected a list of 8 points, found a list of 7"),
+        ({"vertices": [[1, 2, 3]] * 7 + [[1, 2]]}, "/vertices/7", "wrong_length",
+         ", vertices[7]: expected a list of 3 numbers, found a list of 2"),
+        ({"vertices": [[1, 2, 3]] * 7 + [[1, 2, "3"]]}, "/vertices/7/2",
+         "not_a_number", ', vertices[7][2]: expected a number, found "3"'),
+        ({"vertices": [[1, 2, 3]] * 7 + [{"x": 1, "y": 2}]}, "/vertices/7/z",
+         "missing", ", vertices[7].z: expected a number, found nothing"),
+        ({"vertices": [[1, 2, 3]] * 7 + ["c"]}, "/vertices/7", "not_a_vector",
+         ', vertices[7]: expected {x, y, z} or a list of 3 numbers, found "c"'),
+        ({"box3d": [1, 2]}, "/box3d", "not_an_object",
+         ", box3d: expected an object, found a list of 2"),
+        ({"box3d": {"location": [1, 2, 3]}}, "/box3d/extent", "missing",
+         ", box3d.extent: expected half sizes {x, y, z}, found nothing"),
+        ({"box3d": {"extent": {"x": 1, "y": 1}}}, "/box3d/extent/z", "missing",
+         ", box3d.extent.z: expected a number, found nothing"),
+        ({"box3d": {"extent": [1, 2, 3], "extend": 1}}, "/box3d/extend", "unknown_key",
+         ", box3d.extend: expected only transform, location, extent, rotation, "
+         "found 1"),
+        ({"box3d": {"extent": [1, 2, 3], "rotation": {"yaw": NAN}}},
+         "/box3d/rotation/yaw", "not_finite",
+         ", box3d.rotation.yaw: expected a finite number, found NaN"),
     ],
-)
+)  # fmt: skip
 def test_missing_several_or_invalid_geometries_are_reported(box, pointer, code, words):
     assert box_faults(box, camera=CAMERA) == [(pointer, code, words)]
 
@@ -174,39 +103,24 @@ def test_missing_several_or_invalid_geometries_are_reported(box, pointer, code, 
         ({"distance": NAN}, "not_finite", "expected a finite number, found NaN"),
         ({"instance_id": 1.5}, "not_an_integer", "expected an integer, found 1.5"),
         ({"instance_id": True}, "not_an_integer", "expected an integer, found true"),
-        (
-            {"instance_id": -1},
-            "out_of_range",
-            "expected an integer from 0 to 2^63 - 1, found -1",
-        ),
+        ({"instance_id": -1}, "out_of_range",
+         "expected an integer from 0 to 2^63 - 1, found -1"),
         ({"class": 7}, "not_a_text", "expected a text, found 7"),
         ({"class": " "}, "empty", 'expected a text that is not empty, found " "'),
-        (
-            {"class": "x" * 257},
-            "text_too_long",
-            "expected at most 256 characters, found 257 characters",
-        ),
-        (
-            {"type_id": "a\nb"},
-            "control_character",
-            r"expected a text without control characters, found the text 'a\nb'",
-        ),
-        (
-            {"base_type": "\ud800"},
-            "control_character",
-            r"expected a text without control characters, found the text '\ud800'",
-        ),
+        ({"class": "x" * 257}, "text_too_long",
+         "expected at most 256 characters, found 257 characters"),
+        ({"type_id": "a\nb"}, "control_character",
+         r"expected a text without control characters, found the text 'a\nb'"),
+        ({"base_type": "\ud800"}, "control_character",
+         r"expected a text without control characters, found the text '\ud800'"),
         ({"extra": [1]}, "not_an_object", "expected an object, found a list of 1"),
         ({"speed": NAN}, "not_finite", "expected a finite number, found NaN"),
         ({"speed": {1, 2}}, "not_json", "expected a JSON value, found set"),
-        (
-            {"note": "a\0b"},
-            "control_character",
-            "expected a text without NUL and halves of surrogate pairs, "
-            r"found the text 'a\x00b'",
-        ),
+        ({"note": "a\0b"}, "control_character",
+         "expected a text without NUL and halves of surrogate pairs, "
+         r"found the text 'a\x00b'"),
     ],
-)
+)  # fmt: skip
 def test_invalid_box_field_is_reported_with_its_pointer(keys, code, words):
     (field,) = keys
 
@@ -228,20 +142,12 @@ def test_box_without_class_and_type_id_is_a_fault():
         ("", '""', "empty", 'expected a text that is not empty, found ""'),
         (1.5, "1.5", "bad_id", "expected a text or an integer, found 1.5"),
         (True, "true", "bad_id", "expected a text or an integer, found true"),
-        (
-            [],
-            "a list of 0",
-            "bad_id",
-            "expected a text or an integer, found a list of 0",
-        ),
-        (
-            2**64,
-            "18446744073709551616",
-            "number_too_large",
-            "expected an id of at most 64 bits, found 18446744073709551616",
-        ),
+        ([], "a list of 0", "bad_id",
+         "expected a text or an integer, found a list of 0"),
+        (2**64, "18446744073709551616", "number_too_large",
+         "expected an id of at most 64 bits, found 18446744073709551616"),
     ],
-)
+)  # fmt: skip
 def test_invalid_box_id_is_reported(given, label, code, words):
     found = faults_of({"boxes": [{"id": given, "class": "car", "xyxy": [1, 2, 3, 4]}]})
 

@@ -21,65 +21,29 @@ NAN, INF = float("nan"), float("inf")
 @pytest.mark.parametrize(
     ("raw", "pointer", "code", "words"),
     [
-        (
-            {},
-            "/boxes",
-            "missing_boxes",
-            "boxes: expected a list of boxes, found nothing",
-        ),
-        (
-            {"boxes": {}},
-            "/boxes",
-            "missing_boxes",
-            "boxes: expected a list of boxes, found an object",
-        ),
-        (
-            {"boxes": [7]},
-            "/boxes/0",
-            "not_an_object",
-            'box 0 (id "0"): expected an object, found 7',
-        ),
+        ({}, "/boxes", "missing_boxes",
+         "boxes: expected a list of boxes, found nothing"),
+        ({"boxes": {}}, "/boxes", "missing_boxes",
+         "boxes: expected a list of boxes, found an object"),
+        ({"boxes": [7]}, "/boxes/0", "not_an_object",
+         'box 0 (id "0"): expected an object, found 7'),
         ([], "", "not_an_object", "annotation: expected an object, found a list of 0"),
-        (
-            {"boxes": [], "map": 10},
-            "/map",
-            "not_a_text",
-            "map: expected a text, found 10",
-        ),
-        (
-            {"boxes": [], "weather": {"fog": [INF]}},
-            "/weather/fog/0",
-            "not_finite",
-            "weather.fog[0]: expected a finite number, found Infinity",
-        ),
-        (
-            {"boxes": [], "captured_at": "yesterday"},
-            "/captured_at",
-            "bad_time",
-            "captured_at: expected an RFC 3339 time such as 2026-01-01T00:00:00Z, "
-            'found "yesterday"',
-        ),
-        (
-            {"boxes": [], "sensors": {"lidar": 7}},
-            "/sensors/lidar",
-            "not_an_object",
-            "sensors.lidar: expected an object, found 7",
-        ),
-        (
-            {"boxes": [], "a/b~c": {"d": NAN}},
-            "/a~1b~0c/d",
-            "not_finite",
-            "a/b~c.d: expected a finite number, found NaN",
-        ),
-        (
-            {"boxes": [], "kept": {"a\0": 1}},
-            "/kept",
-            "bad_key",
-            "kept: expected keys that are texts without control characters, "
-            r"found the text 'a\x00'",
-        ),
+        ({"boxes": [], "map": 10}, "/map", "not_a_text",
+         "map: expected a text, found 10"),
+        ({"boxes": [], "weather": {"fog": [INF]}}, "/weather/fog/0", "not_finite",
+         "weather.fog[0]: expected a finite number, found Infinity"),
+        ({"boxes": [], "captured_at": "yesterday"}, "/captured_at", "bad_time",
+         "captured_at: expected an RFC 3339 time such as 2026-01-01T00:00:00Z, "
+         'found "yesterday"'),
+        ({"boxes": [], "sensors": {"lidar": 7}}, "/sensors/lidar", "not_an_object",
+         "sensors.lidar: expected an object, found 7"),
+        ({"boxes": [], "a/b~c": {"d": NAN}}, "/a~1b~0c/d", "not_finite",
+         "a/b~c.d: expected a finite number, found NaN"),
+        ({"boxes": [], "kept": {"a\0": 1}}, "/kept", "bad_key",
+         "kept: expected keys that are texts without control characters, "
+         r"found the text 'a\x00'"),
     ],
-)
+)  # fmt: skip
 def test_invalid_frame_reports_pointer_code_and_message(raw, pointer, code, words):
     assert faults_of(raw) == [(pointer, code, words)]
 
@@ -88,56 +52,25 @@ def test_invalid_frame_reports_pointer_code_and_message(raw, pointer, code, word
     ("camera", "pointer", "code", "words"),
     [
         (7, "", "not_an_object", ": expected an object, found 7"),
-        (
-            {"height": 720},
-            "/width",
-            "missing",
-            ".width: expected a number of pixels, found nothing",
-        ),
-        (
-            {**CAMERA, "width": 0},
-            "/width",
-            "bad_size",
-            ".width: expected a whole number of pixels from 1, found 0",
-        ),
-        (
-            {**CAMERA, "height": 0.5},
-            "/height",
-            "bad_size",
-            ".height: expected a whole number of pixels from 1, found 0.5",
-        ),
-        (
-            {**CAMERA, "fov": 180},
-            "/fov",
-            "bad_camera",
-            ".fov: expected degrees between 0 and 180, found 180.0",
-        ),
-        (
-            {**CAMERA, "fov": "90"},
-            "/fov",
-            "not_a_number",
-            '.fov: expected a number, found "90"',
-        ),
-        (
-            {**CAMERA, "intrinsic": K},
-            "",
-            "contradiction",
-            ": expected fov or intrinsic, found both",
-        ),
-        (
-            {**CAMERA, "transform": {"x": 1}},
-            "/transform/y",
-            "missing",
-            ".transform.y: expected a number, found nothing",
-        ),
-        (
-            {"width": 9, "height": 9, "intrinsic": [[1, 0, 0], [0, 1, 0]]},
-            "/intrinsic",
-            "wrong_length",
-            ".intrinsic: expected a list of 3 rows of 3 numbers, found a list of 2",
-        ),
+        ({"height": 720}, "/width", "missing",
+         ".width: expected a number of pixels, found nothing"),
+        ({**CAMERA, "width": 0}, "/width", "bad_size",
+         ".width: expected a whole number of pixels from 1, found 0"),
+        ({**CAMERA, "height": 0.5}, "/height", "bad_size",
+         ".height: expected a whole number of pixels from 1, found 0.5"),
+        ({**CAMERA, "fov": 180}, "/fov", "bad_camera",
+         ".fov: expected degrees between 0 and 180, found 180.0"),
+        ({**CAMERA, "fov": "90"}, "/fov", "not_a_number",
+         '.fov: expected a number, found "90"'),
+        ({**CAMERA, "intrinsic": K}, "", "contradiction",
+         ": expected fov or intrinsic, found both"),
+        ({**CAMERA, "transform": {"x": 1}}, "/transform/y", "missing",
+         ".transform.y: expected a number, found nothing"),
+        ({"width": 9, "height": 9, "intrinsic": [[1, 0, 0], [0, 1, 0]]}, "/intrinsic",
+         "wrong_length",
+         ".intrinsic: expected a list of 3 rows of 3 numbers, found a list of 2"),
     ],
-)
+)  # fmt: skip
 def test_invalid_camera_reports_pointer_code_and_message(camera, pointer, code, words):
     found = faults_of({"boxes": [], "camera": camera})
 

@@ -154,20 +154,13 @@ def test_vertices_may_be_lists_objects_or_arrays():
 @pytest.mark.parametrize(
     "box3d",
     [
-        {
-            "transform": {"x": 1, "y": 2, "z": 3, "pitch": 4, "yaw": 5, "roll": 6},
-            "location": {"x": 7, "y": 8, "z": 9},
-            "extent": {"x": 10, "y": 11, "z": 12},
-            "rotation": {"pitch": 13, "yaw": 14, "roll": 15},
-        },
-        {
-            "transform": {"location": [1, 2, 3], "rotation": [4, 5, 6]},
-            "location": [7, 8, 9],
-            "extent": [10, 11, 12],
-            "rotation": [13, 14, 15],
-        },
+        {"transform": {"x": 1, "y": 2, "z": 3, "pitch": 4, "yaw": 5, "roll": 6},
+         "location": {"x": 7, "y": 8, "z": 9}, "extent": {"x": 10, "y": 11, "z": 12},
+         "rotation": {"pitch": 13, "yaw": 14, "roll": 15}},
+        {"transform": {"location": [1, 2, 3], "rotation": [4, 5, 6]},
+         "location": [7, 8, 9], "extent": [10, 11, 12], "rotation": [13, 14, 15]},
     ],
-)
+)  # fmt: skip
 def test_box3d_in_carla_notation_is_parsed_to_15_numbers(box3d):
     assert geometry("box3d", box3d) == ("box3d", tuple(range(1, 16)))
 
@@ -183,20 +176,13 @@ def test_box3d_without_transform_and_rotation_defaults_to_zero():
     [
         CAMERA,
         {**CAMERA, "transform": {"location": [0, 0, 2.4]}},
-        {
-            "width": 1280.0,
-            "height": 720,
-            "intrinsic": [[640, 0, 640], [0, 640, 360], [0, 0, 1]],
-            "world_to_camera": Transform((0, 0, 2.4)).inverse_matrix.tolist(),
-        },
-        {
-            "width": 1280,
-            "height": 720,
-            "fov": 90,
-            "world_to_camera": Transform((0, 0, 2.4)).inverse_matrix.tolist(),
-        },
+        {"width": 1280.0, "height": 720,
+         "intrinsic": [[640, 0, 640], [0, 640, 360], [0, 0, 1]],
+         "world_to_camera": Transform((0, 0, 2.4)).inverse_matrix.tolist()},
+        {"width": 1280, "height": 720, "fov": 90,
+         "world_to_camera": Transform((0, 0, 2.4)).inverse_matrix.tolist()},
     ],
-)
+)  # fmt: skip
 def test_equivalent_camera_notations_are_parsed_equally(camera):
     read = parse_annotation(frame(camera=camera)).camera
 

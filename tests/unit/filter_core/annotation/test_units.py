@@ -145,23 +145,14 @@ def coco(bbox):
         ("annotations.json", coco([0.29, 0.5, 0.116, 0.119]), "wrong_unit"),
         ("annotations.json", coco([260, 223, -74, -43]), "negative_size"),
         ("Annotations/1.xml", VOC.format(*SHARES).encode(), "wrong_unit"),
-        (
-            "Annotations/1.xml",
-            VOC.format(260, 223, 186, 180).encode(),
-            "exchanged_corners",
-        ),
-        (
-            "label_2/1.txt",
-            b"Car 0 0 0 260 223 186 180 -1 -1 -1 -1000 -1000 -1000 0\n",
-            "exchanged_corners",
-        ),
-        (
-            "label_2/1.txt",
-            b"Car 0 0 0 0.29 0.5 0.41 0.62 -1 -1 -1 -1000 -1000 -1000 0\n",
-            "wrong_unit",
-        ),
+        ("Annotations/1.xml", VOC.format(260, 223, 186, 180).encode(),
+         "exchanged_corners"),
+        ("label_2/1.txt", b"Car 0 0 0 260 223 186 180 -1 -1 -1 -1000 -1000 -1000 0\n",
+         "exchanged_corners"),
+        ("label_2/1.txt",
+         b"Car 0 0 0 0.29 0.5 0.41 0.62 -1 -1 -1 -1000 -1000 -1000 0\n", "wrong_unit"),
     ],
-)
+)  # fmt: skip
 def test_wrong_unit_is_refused_in_every_format(tmp_path, name, content, code):
     images = {
         "labels": "images",

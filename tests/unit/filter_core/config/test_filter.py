@@ -207,40 +207,25 @@ def test_empty_class_override_equals_no_override():
         ({"min_distance": 5, "max_distance": 2}, "/min_distance", "max_distance (2)"),
         ({"classes": []}, "/classes", "a mapping of class names"),
         ({"classes": {"car": 3}}, "/classes/car", "classes.car: expected a mapping"),
-        (
-            {"classes": {"car": {"threshold": 3}}},
-            "/classes/car/threshold",
-            "classes.car: unknown key 'threshold'; the nearest valid key is",
-        ),
-        (
-            {"classes": {"a/b": {"size_big_box": 300}}},
-            "/classes/a~1b/size_big_box",
-            "found 300",
-        ),
-        (
-            {"classes": {"car": {"min_distance": 5}}, "max_distance": 2},
-            "/classes/car/min_distance",
-            "classes.car: min_distance",
-        ),
-        (
-            {"classes": {"van": {"accept": ["Trukc"]}}},
-            "/classes/van/accept",
-            "classes.van.accept: unknown tag 'Trukc'; the nearest valid name is 'Tr",
-        ),
+        ({"classes": {"car": {"threshold": 3}}}, "/classes/car/threshold",
+         "classes.car: unknown key 'threshold'; the nearest valid key is"),
+        ({"classes": {"a/b": {"size_big_box": 300}}}, "/classes/a~1b/size_big_box",
+         "found 300"),
+        ({"classes": {"car": {"min_distance": 5}}, "max_distance": 2},
+         "/classes/car/min_distance", "classes.car: min_distance"),
+        ({"classes": {"van": {"accept": ["Trukc"]}}}, "/classes/van/accept",
+         "classes.van.accept: unknown tag 'Trukc'; the nearest valid name is 'Tr"),
         ({"config": {}}, "/config", "unknown key 'config'; expected one of profile, "),
         ({"profile": "x"}, "/profile", 'expected one of paper, carlasimu, found "x"'),
         ({"classes": {"van": {"accept": [30]}}}, "/classes/van/accept", "0 to 29"),
         ({"classes": {"van": {"accept": [True]}}}, "/classes/van/accept", "'True'"),
         ({"classes": {"van": {"accept": []}}}, "/classes/van/accept", "a list of"),
         ({"classes": {"": {}}}, "/classes", "a class name"),
-        (
-            {"classes": {"traffic_light": {}, "street_light": {}}},
-            "/classes/street_light",
-            "name the same class",
-        ),
+        ({"classes": {"traffic_light": {}, "street_light": {}}},
+         "/classes/street_light", "name the same class"),
         ([], "", "found a list of 0"),
     ],
-)
+)  # fmt: skip
 def test_invalid_value_raises_config_error_with_pointer_and_range(raw, pointer, words):
     with pytest.raises(ConfigError) as caught:
         FilterConfig.from_mapping(raw)

@@ -154,87 +154,49 @@ def channel_sentence(channel, *, kept=False, **more):
 @pytest.mark.parametrize(
     ("sentence", "words"),
     [
-        (
-            channel_sentence("ordered", kept=True, number=1204, needed=3),
-            "1,204 of its Car or Truck pixels belong to no nearer box",
-        ),
-        (
-            channel_sentence("ordered", number=0, nearer="car 217"),
-            "its Car or Truck pixels belong to nearer boxes, above all car 217",
-        ),
-        (
-            channel_sentence("ordered", number=1, needed=3, nearer="car 217"),
-            "only 1 of its Car or Truck pixels is left, 3 are needed; nearer boxes "
-            "have the others, above all car 217",
-        ),
+        (channel_sentence("ordered", kept=True, number=1204, needed=3),
+         "1,204 of its Car or Truck pixels belong to no nearer box"),
+        (channel_sentence("ordered", number=0, nearer="car 217"),
+         "its Car or Truck pixels belong to nearer boxes, above all car 217"),
+        (channel_sentence("ordered", number=1, needed=3, nearer="car 217"),
+         "only 1 of its Car or Truck pixels is left, 3 are needed; nearer boxes "
+         "have the others, above all car 217"),
         (channel_sentence("ordered", number=0), "none of its pixels are Car or Truck"),
-        (
-            channel_sentence("ordered", number=2, needed=5),
-            "only 2 of its pixels are Car or Truck, 5 are needed",
-        ),
-        (
-            channel_sentence("depth", kept=True, number=1),
-            "1 of its Car or Truck pixels is at its own distance",
-        ),
-        (
-            channel_sentence("depth", number=0, depth_gap=12.3),
-            "all Car or Truck pixels here are 12 m nearer than the box",
-        ),
-        (
-            channel_sentence("depth", number=0, depth_gap=-2.34),
-            "all Car or Truck pixels here are 2.3 m behind the box",
-        ),
+        (channel_sentence("ordered", number=2, needed=5),
+         "only 2 of its pixels are Car or Truck, 5 are needed"),
+        (channel_sentence("depth", kept=True, number=1),
+         "1 of its Car or Truck pixels is at its own distance"),
+        (channel_sentence("depth", number=0, depth_gap=12.3),
+         "all Car or Truck pixels here are 12 m nearer than the box"),
+        (channel_sentence("depth", number=0, depth_gap=-2.34),
+         "all Car or Truck pixels here are 2.3 m behind the box"),
         (channel_sentence("depth", number=0), "none of its pixels are Car or Truck"),
-        (
-            channel_sentence("depth", number=2, needed=5, depth_gap=0.0),
-            "only 2 of its Car or Truck pixels are at its own distance, 5 are needed",
-        ),
-        (
-            channel_sentence("depth_center", number=8.0),
-            "what is seen at its centre is 8.0 m nearer than the box",
-        ),
-        (
-            channel_sentence("depth_center", kept=True, number=-3.0),
-            "nothing nearer than the box is seen at its centre",
-        ),
-        (
-            channel_sentence("instance", number=0),
-            "no instance in the image belongs to it",
-        ),
-        (
-            channel_sentence("instance", number=2, needed=5),
-            "only 2 of the pixels of its instance are seen, 5 are needed",
-        ),
-        (
-            channel_sentence("instance", kept=True, number=412),
-            "412 of the pixels of its own instance are seen",
-        ),
-        (
-            channel_sentence("lidar", number=0, needed=1),
-            "no LiDAR points of Car or Truck lie inside it, 1 is needed",
-        ),
-        (
-            channel_sentence("lidar", number=0, needed=5),
-            "no LiDAR points of Car or Truck lie inside it, 5 are needed",
-        ),
-        (
-            channel_sentence("lidar", number=1, needed=5),
-            "only 1 LiDAR point of Car or Truck lies inside it, 5 are needed",
-        ),
-        (
-            channel_sentence("lidar", kept=True, number=51, needed=5),
-            "51 LiDAR points of Car or Truck lie inside it, 5 are needed",
-        ),
-        (
-            channel_sentence("lidar", kept=True, number=0, needed=0),
-            "0 LiDAR points of Car or Truck lie inside it, 0 are needed",
-        ),
-        (
-            channel_sentence("ordered", number=1204, needed=3000),
-            "only 1204 of its pixels are Car or Truck, 3000 are needed",
-        ),
+        (channel_sentence("depth", number=2, needed=5, depth_gap=0.0),
+         "only 2 of its Car or Truck pixels are at its own distance, 5 are needed"),
+        (channel_sentence("depth_center", number=8.0),
+         "what is seen at its centre is 8.0 m nearer than the box"),
+        (channel_sentence("depth_center", kept=True, number=-3.0),
+         "nothing nearer than the box is seen at its centre"),
+        (channel_sentence("instance", number=0),
+         "no instance in the image belongs to it"),
+        (channel_sentence("instance", number=2, needed=5),
+         "only 2 of the pixels of its instance are seen, 5 are needed"),
+        (channel_sentence("instance", kept=True, number=412),
+         "412 of the pixels of its own instance are seen"),
+        (channel_sentence("lidar", number=0, needed=1),
+         "no LiDAR points of Car or Truck lie inside it, 1 is needed"),
+        (channel_sentence("lidar", number=0, needed=5),
+         "no LiDAR points of Car or Truck lie inside it, 5 are needed"),
+        (channel_sentence("lidar", number=1, needed=5),
+         "only 1 LiDAR point of Car or Truck lies inside it, 5 are needed"),
+        (channel_sentence("lidar", kept=True, number=51, needed=5),
+         "51 LiDAR points of Car or Truck lie inside it, 5 are needed"),
+        (channel_sentence("lidar", kept=True, number=0, needed=0),
+         "0 LiDAR points of Car or Truck lie inside it, 0 are needed"),
+        (channel_sentence("ordered", number=1204, needed=3000),
+         "only 1204 of its pixels are Car or Truck, 3000 are needed"),
     ],
-)
+)  # fmt: skip
 def test_explain_returns_the_sentence_of_a_channels_decision(sentence, words):
     assert sentence == words
 

@@ -84,20 +84,14 @@ def test_order_of_channels_is_recognised_by_content(pixels, encoding, named):
     ("pixels", "code"),
     [
         pytest.param(np.dstack([LINEAR] * 3), "depth_too_coarse", id="linear"),
-        pytest.param(
-            np.dstack([LOGARITHMIC.astype(np.uint8)] * 3),
-            "depth_too_coarse",
-            id="logarithmic",
-        ),
+        pytest.param(np.dstack([LOGARITHMIC.astype(np.uint8)] * 3), "depth_too_coarse",
+         id="logarithmic"),
         pytest.param(BLURRED, "unknown_depth", id="photo"),
         pytest.param(NOISE.astype(np.uint8), "unknown_depth", id="noise"),
-        pytest.param(
-            cv2.applyColorMap(LOGARITHMIC.astype(np.uint8), cv2.COLORMAP_JET),
-            "unknown_depth",
-            id="colour map",
-        ),
+        pytest.param(cv2.applyColorMap(LOGARITHMIC.astype(np.uint8), cv2.COLORMAP_JET),
+         "unknown_depth", id="colour map"),
     ],
-)
+)  # fmt: skip
 def test_coloured_image_that_is_no_raw_depth_is_refused(pixels, code):
     with pytest.raises(ImageError) as refused:
         read_depth(png(pixels, "bgr"))

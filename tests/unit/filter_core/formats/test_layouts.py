@@ -441,25 +441,16 @@ def test_yolo_without_class_names_is_refused_unless_they_are_given(tmp_path):
 @pytest.mark.parametrize(
     ("layout", "options", "words"),
     [
-        (
-            "pairs",
-            RecordingDescription(classes=("car",)),
-            "layout 'pairs' has no option 'classes' (boxes.classes of a description); "
-            "it has labels, segmentation",
-        ),
-        (
-            "pairs",
-            RecordingDescription(default_class="car"),
-            "no option 'default_class'",
-        ),
-        (
-            "coco",
-            RecordingDescription(default_class="car"),
-            "no option 'default_class'",
-        ),
+        ("pairs", RecordingDescription(classes=("car",)),
+         "layout 'pairs' has no option 'classes' (boxes.classes of a description); "
+         "it has labels, segmentation"),
+        ("pairs", RecordingDescription(default_class="car"),
+         "no option 'default_class'"),
+        ("coco", RecordingDescription(default_class="car"),
+         "no option 'default_class'"),
         ("manifest", RecordingDescription(labels=Path("labels")), "no option 'labels'"),
     ],
-)
+)  # fmt: skip
 def test_option_that_a_layout_does_not_use_is_refused(tmp_path, layout, options, words):
     with pytest.raises(LayoutError) as caught:
         read_source(tmp_path, layout, options)

@@ -56,29 +56,17 @@ def objects(*corners):
     [
         ({"a": [(1, 2, 30, 40)]}, 1, "from 1, both ends included: no corner is 0"),
         ({"a": [(1, 2, 3, 4), (9.5, 1, 20, 20)]}, 1, "no corner is 0"),
-        (
-            {"a": [(1, 2, 3, 4)], "b": [(0, 2, 3, 4)]},
-            0,
-            "from 0: 1 of 2 boxes have a corner at 0",
-        ),
-        (
-            {"a": [(5, 6, 7, 8)] * 50, "b": [(0, 2, 3, 4)]},
-            1,
-            "only 1 of 51 boxes have a corner at 0, the first in Annotations/b.xml",
-        ),
-        (
-            {"a": [(5, 6, 7, 8)] * 50, "b": [(0, 2, 3, 4)] * 3},
-            0,
-            "from 0: 3 of 53 boxes have a corner at 0",
-        ),
+        ({"a": [(1, 2, 3, 4)], "b": [(0, 2, 3, 4)]}, 0,
+         "from 0: 1 of 2 boxes have a corner at 0"),
+        ({"a": [(5, 6, 7, 8)] * 50, "b": [(0, 2, 3, 4)]}, 1,
+         "only 1 of 51 boxes have a corner at 0, the first in Annotations/b.xml"),
+        ({"a": [(5, 6, 7, 8)] * 50, "b": [(0, 2, 3, 4)] * 3}, 0,
+         "from 0: 3 of 53 boxes have a corner at 0"),
         ({"a": [(1, 2.5, 30, 40)]}, 0, "from 0: 1 of 1 boxes have fractions"),
-        (
-            {"a": [(1, 2, 3, 4)], "b": [(1.5, 2, 3, 4)], "c": [(1, 2, 3.1, 4)]},
-            0,
-            "2 of 3 boxes",
-        ),
+        ({"a": [(1, 2, 3, 4)], "b": [(1.5, 2, 3, 4)], "c": [(1, 2, 3.1, 4)]}, 0,
+         "2 of 3 boxes"),
     ],
-)
+)  # fmt: skip
 def test_first_pixel_is_decided_once_for_all_files(tmp_path, files, origin, why):
     for name, corners in files.items():
         write_files(tmp_path, {f"Annotations/{name}.xml": objects(*corners)})
@@ -167,10 +155,8 @@ def test_image_size_of_zero_is_ignored():
 @pytest.mark.parametrize(
     ("content", "words"),
     [
-        (
-            voc((1, "x", 3, 4)),
-            "a.xml, line 4: expected a finite number in <ymin>, found",
-        ),
+        (voc((1, "x", 3, 4)),
+         "a.xml, line 4: expected a finite number in <ymin>, found"),
         (voc((1, "nan", 3, 4)), "found 'nan'"),
         (voc(size="<width>8.5</width><height>6</height>"), "a whole <width>"),
         (voc(size="<width>8</width>"), "line 2: expected <height> in <size>"),
@@ -178,22 +164,18 @@ def test_image_size_of_zero_is_ignored():
         (b"<note/>", "expected <annotation>, found <note>"),
         (b"<annotation>\n<object>", "a.xml, line 2"),
         (b"", "cannot be read as XML"),
-        (
-            b"<a>\n<b></a>",
-            "a.xml, line 2, column 6: cannot be read as XML: mismatched tag",
-        ),
+        (b"<a>\n<b></a>",
+         "a.xml, line 2, column 6: cannot be read as XML: mismatched tag"),
         (b"<a b=c></a>", "a.xml, line 1"),
         (b"not xml", "a.xml, line 1, column 1: cannot be read as XML"),
-        (
-            b"<annotation>" + b"<object>" * 100_000 + b"</object>" * 100_000,
-            "at most 500000 elements in 32 levels",
-        ),
+        (b"<annotation>" + b"<object>" * 100_000 + b"</object>" * 100_000,
+         "at most 500000 elements in 32 levels"),
         (b"<annotation>" + b"<a/>" * 500_000, "at most 500000 elements"),
         (b'<!DOCTYPE a [<!ENTITY b "c">]><annotation/>', "a DTD or entities"),
         (b'<?xml version="1.0" encoding="nope"?><annotation/>', "unknown encoding"),
         (b"<" + b"n" * 1000 + b"/>", "found <" + "n" * 40 + ">"),
     ],
-)
+)  # fmt: skip
 def test_invalid_voc_file_error_names_line_and_expected_value(content, words):
     with pytest.raises(LayoutError) as caught:
         read_voc(content, "a.xml")

@@ -63,53 +63,32 @@ def test_no_boxes_give_empty_arrays():
 @pytest.mark.parametrize(
     ("box", "expected", "state"),
     [
-        pytest.param(
-            [10, 20, 30, 40], [10, 20, 30, 40], BoxState.MEASURABLE, id="inside"
-        ),
-        pytest.param(
-            [-5, -5, 300, 50], [0, 0, 200, 50], BoxState.MEASURABLE, id="clamped"
-        ),
-        pytest.param(
-            [-1, -1, 201, 101], [0, 0, 200, 100], BoxState.MEASURABLE, id="covers it"
-        ),
-        pytest.param(
-            [200.5, 0, 300, 50], NAN_RECTANGLE, BoxState.OUTSIDE_IMAGE, id="right of it"
-        ),
-        pytest.param(
-            [-9, 0, -1, 50], NAN_RECTANGLE, BoxState.OUTSIDE_IMAGE, id="left of it"
-        ),
-        pytest.param(
-            [0, 101, 9, 150], NAN_RECTANGLE, BoxState.OUTSIDE_IMAGE, id="below it"
-        ),
-        pytest.param(
-            [0, -9, 9, -0.1], NAN_RECTANGLE, BoxState.OUTSIDE_IMAGE, id="above it"
-        ),
-        pytest.param(
-            [200, 0, 300, 50],
-            NAN_RECTANGLE,
-            BoxState.DEGENERATE,
-            id="touches the right edge",
-        ),
-        pytest.param(
-            [-9, 0, 0, 50],
-            NAN_RECTANGLE,
-            BoxState.DEGENERATE,
-            id="touches the left edge",
-        ),
-        pytest.param(
-            [10, 10, 10, 40], NAN_RECTANGLE, BoxState.DEGENERATE, id="no width"
-        ),
-        pytest.param(
-            [30, 10, 10, 40], NAN_RECTANGLE, BoxState.DEGENERATE, id="inverted"
-        ),
-        pytest.param(
-            [250, 10, 10, 40],
-            NAN_RECTANGLE,
-            BoxState.OUTSIDE_IMAGE,
-            id="inverted, min out",
-        ),
+        pytest.param([10, 20, 30, 40], [10, 20, 30, 40], BoxState.MEASURABLE,
+         id="inside"),
+        pytest.param([-5, -5, 300, 50], [0, 0, 200, 50], BoxState.MEASURABLE,
+         id="clamped"),
+        pytest.param([-1, -1, 201, 101], [0, 0, 200, 100], BoxState.MEASURABLE,
+         id="covers it"),
+        pytest.param([200.5, 0, 300, 50], NAN_RECTANGLE, BoxState.OUTSIDE_IMAGE,
+         id="right of it"),
+        pytest.param([-9, 0, -1, 50], NAN_RECTANGLE, BoxState.OUTSIDE_IMAGE,
+         id="left of it"),
+        pytest.param([0, 101, 9, 150], NAN_RECTANGLE, BoxState.OUTSIDE_IMAGE,
+         id="below it"),
+        pytest.param([0, -9, 9, -0.1], NAN_RECTANGLE, BoxState.OUTSIDE_IMAGE,
+         id="above it"),
+        pytest.param([200, 0, 300, 50], NAN_RECTANGLE, BoxState.DEGENERATE,
+         id="touches the right edge"),
+        pytest.param([-9, 0, 0, 50], NAN_RECTANGLE, BoxState.DEGENERATE,
+         id="touches the left edge"),
+        pytest.param([10, 10, 10, 40], NAN_RECTANGLE, BoxState.DEGENERATE,
+         id="no width"),
+        pytest.param([30, 10, 10, 40], NAN_RECTANGLE, BoxState.DEGENERATE,
+         id="inverted"),
+        pytest.param([250, 10, 10, 40], NAN_RECTANGLE, BoxState.OUTSIDE_IMAGE,
+         id="inverted, min out"),
     ],
-)
+)  # fmt: skip
 def test_correct_xyxy_follows_algorithm_1(box, expected, state):
     assert corrected(box) == (pytest.approx(expected, abs=0, nan_ok=True), state)
 

@@ -35,27 +35,17 @@ PIXELS = chunk(b"IDAT", b"")
     [
         pytest.param(png(GREY), ("image/png", 5, 3, 8, "grey"), id="grey PNG"),
         pytest.param(png(RGB), ("image/png", 5, 3, 8, "rgb"), id="RGB PNG"),
-        pytest.param(
-            png(with_alpha(RGB)), ("image/png", 5, 3, 8, "rgba"), id="RGBA PNG"
-        ),
-        pytest.param(
-            png(GREY.astype(np.uint16)),
-            ("image/png", 5, 3, 16, "grey"),
-            id="16-bit PNG",
-        ),
-        pytest.param(
-            indexed_png(GREY, np.zeros((1, 3))),
-            ("image/png", 5, 3, 8, "indexed"),
-            id="indexed PNG",
-        ),
+        pytest.param(png(with_alpha(RGB)), ("image/png", 5, 3, 8, "rgba"),
+         id="RGBA PNG"),
+        pytest.param(png(GREY.astype(np.uint16)), ("image/png", 5, 3, 16, "grey"),
+         id="16-bit PNG"),
+        pytest.param(indexed_png(GREY, np.zeros((1, 3))),
+         ("image/png", 5, 3, 8, "indexed"), id="indexed PNG"),
         pytest.param(jpeg(RGB), ("image/jpeg", 5, 3, 8, "rgb"), id="JPEG"),
-        pytest.param(
-            cv2.imencode(".jpg", GREY)[1].tobytes(),
-            ("image/jpeg", 5, 3, 8, "grey"),
-            id="grey JPEG",
-        ),
+        pytest.param(cv2.imencode(".jpg", GREY)[1].tobytes(),
+         ("image/jpeg", 5, 3, 8, "grey"), id="grey JPEG"),
     ],
-)
+)  # fmt: skip
 def test_image_header_is_read_from_png_and_jpeg(content, expected):
     assert read_image_header(content) == ImageHeader(*expected)
 
@@ -72,28 +62,19 @@ def test_image_header_is_read_from_png_and_jpeg(content, expected):
         pytest.param(jpeg(RGB)[:-2], "ends too early", id="JPEG without its end"),
         pytest.param(jpeg(RGB)[:30] + b"\xff\xd9", "ends too early", id="JPEG cut"),
         pytest.param(b"\xff\xd8\xff\xd9", "no header", id="JPEG without a frame"),
-        pytest.param(
-            png_of_chunks((5, 3, 8, 2), chunk(b"acTL", bytes(8)), PIXELS),
-            "animated",
-            id="animated PNG",
-        ),
+        pytest.param(png_of_chunks((5, 3, 8, 2), chunk(b"acTL", bytes(8)), PIXELS),
+         "animated", id="animated PNG"),
         pytest.param(png_of_chunks((5, 3, 8, 2)), "no pixels", id="PNG, no pixels"),
-        pytest.param(
-            png_of_chunks((5, 3, 8, 1), PIXELS), "colour type 1", id="PNG of no kind"
-        ),
-        pytest.param(
-            png_of_chunks((5, 3, 7, 2), PIXELS), "bit depth 7", id="PNG of 7 bits"
-        ),
-        pytest.param(
-            png_of_chunks((0, 3, 8, 2), PIXELS), "0 x 3 pixels", id="PNG without width"
-        ),
-        pytest.param(
-            b"\x89PNG\r\n\x1a\n" + chunk(b"tEXt", b"x" * 20) + chunk(b"IEND"),
-            "header of 13 bytes first",
-            id="PNG without a header",
-        ),
+        pytest.param(png_of_chunks((5, 3, 8, 1), PIXELS), "colour type 1",
+         id="PNG of no kind"),
+        pytest.param(png_of_chunks((5, 3, 7, 2), PIXELS), "bit depth 7",
+         id="PNG of 7 bits"),
+        pytest.param(png_of_chunks((0, 3, 8, 2), PIXELS), "0 x 3 pixels",
+         id="PNG without width"),
+        pytest.param(b"\x89PNG\r\n\x1a\n" + chunk(b"tEXt", b"x" * 20) + chunk(b"IEND"),
+         "header of 13 bytes first", id="PNG without a header"),
     ],
-)
+)  # fmt: skip
 def test_invalid_or_truncated_image_is_refused(content, message):
     with pytest.raises(ImageError, match=message):
         read_image_header(content)

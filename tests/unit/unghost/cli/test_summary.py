@@ -31,23 +31,17 @@ def noted(capsys, classes, advice=None):
     [
         ({"car": ClassCount(50, 49)}, False, None),
         ({"car": ClassCount(50), "bus": ClassCount(19, 19)}, False, "of: bus (19)"),
-        (
-            {"car": ClassCount(50), "bus": ClassCount(20, 20)},
-            True,
-            "of: bus (20); look",
-        ),
+        ({"car": ClassCount(50), "bus": ClassCount(20, 20)}, True,
+         "of: bus (20); look"),
         ({"bus": ClassCount(19, 19)}, False, "every box is rejected (19); look"),
-        (
-            {"van": ClassCount(10, 10), "bus": ClassCount(10, 10)},
-            True,
-            "rejected (20);",
-        ),
+        ({"van": ClassCount(10, 10), "bus": ClassCount(10, 10)}, True,
+         "rejected (20);"),
         ({"car": ClassCount(9, 0, 0, 1000, 10)}, False, None),
         ({"car": ClassCount(9, 0, 0, 1000, 11)}, True, "inside boxes of: car (1.1 %)"),
         ({"Misc": ClassCount(1, 0, 1), "car": ClassCount(9)}, True, "1 box is unm"),
         ({"Misc": ClassCount(9), "car": ClassCount(9)}, False, None),
     ],
-)
+)  # fmt: skip
 def test_summary_notes_what_was_probably_not_understood(
     capsys, classes, is_serious, said
 ):
