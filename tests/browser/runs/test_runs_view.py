@@ -88,7 +88,9 @@ def test_run_shows_its_counts_and_that_it_is_active(user, street):
     expect(run(page, number)).to_contain_text("1 kept · 1 rejected · 1 changed")
 
 
-def test_run_is_shown_from_start_until_done(user, long_street):
+def test_run_is_shown_until_done_and_what_is_cancelled_changes_nothing(
+    user, server, long_street
+):
     page = runs_page(user, long_street)
     number = start_run(long_street, profile="carlasimu")
 
@@ -96,6 +98,37 @@ def test_run_is_shown_from_start_until_done(user, long_street):
     expect(run(page, number)).to_contain_text("measured again")
 
     expect(run(page, number).locator(".statebadge--done")).to_be_visible()
+
+    # Exports are written one after another: the last is still queued when cancelled.
+    path = f"/datasets/{long_street.dataset}/exports"
+    asked = [long_street.http.post(path, json={"format": "yolo"}) for _ in range(12)]
+    number = asked[-1].json()["id"]
+
+    # Until the button is found, no export goes on.
+    with hold_write_lock(server.data):
+        page.reload()
+        page.get_by_role("button", name=f"Cancel export {number}").click()
+
+    row = page.get_by_role("article", name=f"Export {number}", exact=True)
+    expect(row.locator(".statebadge--cancelled")).to_be_visible()
+    expect(row).to_contain_text("nothing was written")
+    stored = long_street.http.get(f"/exports/{number}").json()
+    assert (stored["state"], stored["download"]) == ("cancelled", None)
+
+    # Runs follow one another, and each measures all pixels: the last is still queued.
+    for choice in product(("paper", "carlasimu"), ("naive", "clipped"), ("rgb", "bgr")):
+        keys = dict(zip(PIXEL_KEYS, choice, strict=True))
+        number = start_run(long_street, **keys, threshold_small_box=77)
+
+    # Until the button is found, no run goes on.
+    with hold_write_lock(server.data):
+        page.evaluate("document.dispatchEvent(new Event('visibilitychange'))")
+        page.get_by_role("button", name=f"Cancel run {number}").click()
+
+    expect(run(page, number).locator(".statebadge--cancelled")).to_be_visible()
+    expect(run(page, number)).to_contain_text("nothing was changed")
+    stored = long_street.http.get(f"/runs/{number}").json()
+    assert (stored["state"], stored["changed"]) == ("cancelled", 0)
 
 
 def test_open_jobs_do_not_use_up_the_browser_connections(user, server, slow_street):
@@ -120,24 +153,6 @@ def test_open_jobs_do_not_use_up_the_browser_connections(user, server, slow_stre
 
     # The others follow one after another, which takes long on a slow machine.
     expect(run(page, numbers[0]).locator(".statebadge--done")).to_be_visible()
-
-
-def test_cancelled_run_changes_nothing(user, server, long_street):
-    page = runs_page(user, long_street)
-    # Runs follow one another, and each measures all pixels: the last is still queued.
-    for choice in product(("paper", "carlasimu"), ("naive", "clipped"), ("rgb", "bgr")):
-        keys = dict(zip(PIXEL_KEYS, choice, strict=True))
-        number = start_run(long_street, **keys, threshold_small_box=77)
-
-    # Until the button is found, no run goes on.
-    with hold_write_lock(server.data):
-        page.evaluate("document.dispatchEvent(new Event('visibilitychange'))")
-        page.get_by_role("button", name=f"Cancel run {number}").click()
-
-    expect(run(page, number).locator(".statebadge--cancelled")).to_be_visible()
-    expect(run(page, number)).to_contain_text("nothing was changed")
-    stored = long_street.http.get(f"/runs/{number}").json()
-    assert (stored["state"], stored["changed"]) == ("cancelled", 0)
 
 
 def test_two_runs_are_compared_by_class_by_key_and_by_box(user, street):
@@ -169,12 +184,13 @@ def test_two_runs_are_compared_by_class_by_key_and_by_box(user, street):
     expect(page.get_by_role("row", name="threshold_small_box 10 60")).to_be_visible()
 
 
-def test_first_run_does_not_say_that_it_has_decided_again(user, http, street):
+def test_first_run_no_export_and_no_dataset_are_called_that(user, http, street):
     page = runs_page(user, street)
     runs = page.get_by_role("article", name=re.compile("^Run"))
 
     expect(runs).to_contain_text("Created with the dataset.")
     expect(runs).not_to_contain_text("again")
+    expect(page.get_by_text("No export yet")).to_be_visible()
 
     empty = f"{street.dataset}-empty"
     assert http.post("/datasets", json={"name": empty}).status_code == 201
@@ -184,6 +200,9 @@ def test_first_run_does_not_say_that_it_has_decided_again(user, http, street):
     expect(runs.nth(0)).to_contain_text("decided again")
     expect(runs.nth(0)).to_contain_text("There were no boxes.")
     expect(runs.nth(1)).not_to_contain_text("decided again")
+
+    user.open("#/datasets/nothing-here/runs")
+    expect(page.get_by_role("alert")).to_contain_text("nothing-here")
 
 
 def test_export_is_made_and_its_download_matches_the_checksum(user, street, tmp_path):
@@ -237,25 +256,6 @@ def members(archive: Path) -> list[str]:
         return opened.namelist()
 
 
-def test_cancelled_export_writes_nothing(user, server, long_street):
-    page = runs_page(user, long_street)
-    # Exports are written one after another: the last is still queued when cancelled.
-    path = f"/datasets/{long_street.dataset}/exports"
-    asked = [long_street.http.post(path, json={"format": "yolo"}) for _ in range(12)]
-    number = asked[-1].json()["id"]
-
-    # Until the button is found, no export goes on.
-    with hold_write_lock(server.data):
-        page.reload()
-        page.get_by_role("button", name=f"Cancel export {number}").click()
-
-    row = page.get_by_role("article", name=f"Export {number}", exact=True)
-    expect(row.locator(".statebadge--cancelled")).to_be_visible()
-    expect(row).to_contain_text("nothing was written")
-    stored = long_street.http.get(f"/exports/{number}").json()
-    assert (stored["state"], stored["download"]) == ("cancelled", None)
-
-
 def test_export_form_offers_every_format_and_only_options_of_the_chosen_one(
     user, street
 ):
@@ -286,26 +286,6 @@ def test_export_form_offers_every_format_and_only_options_of_the_chosen_one(
     expect(made.first).not_to_contain_text("split")
 
 
-def test_refused_export_request_is_shown_in_the_form(user, street):
-    page = runs_page(user, street)
-    page.get_by_role("button", name="New export").click()
-    page.get_by_label("Labels per distance, metres").fill("-5")
-
-    page.get_by_role("button", name="Make export").click()
-
-    expect(page.locator(".ask").get_by_role("alert")).to_contain_text("bands")
-    assert scenes.get(street.http, f"/datasets/{street.dataset}/exports")["items"] == []
-
-
-def test_no_exports_and_missing_dataset_show_a_message(user, street):
-    page = runs_page(user, street)
-    expect(page.get_by_text("No export yet")).to_be_visible()
-
-    user.open("#/datasets/nothing-here/runs")
-
-    expect(page.get_by_role("alert")).to_contain_text("nothing-here")
-
-
 def test_page_does_not_scroll_past_the_end_of_a_long_list_of_flips(
     long_street, open_window
 ):
@@ -324,10 +304,17 @@ def test_page_does_not_scroll_past_the_end_of_a_long_list_of_flips(
     assert below <= 1
 
 
-def test_export_with_an_invalid_number_is_not_requested(user, street):
+def test_export_with_an_invalid_number_is_refused_or_not_even_requested(user, street):
     page = runs_page(user, street)
     page.get_by_role("button", name="New export").click()
     field = page.get_by_label("Labels per distance, metres").last
+    field.fill("-5")
+    page.get_by_role("button", name="Make export").click()
+    expect(page.locator(".ask").get_by_role("alert")).to_contain_text("bands")
+    path = f"/datasets/{street.dataset}/exports"
+    assert scenes.get(street.http, path)["items"] == []
+
+    field.fill("")
     field.press_sequentially("50, 100, 20O")
 
     page.get_by_role("button", name="Make export").click()
@@ -336,7 +323,6 @@ def test_export_with_an_invalid_number_is_not_requested(user, street):
     expect(field).to_have_accessible_description(
         "Expected numbers, separated by commas, found 50, 100, 20O."
     )
-    path = f"/datasets/{street.dataset}/exports"
     assert scenes.get(street.http, path)["items"] == []
     field.fill("50, 100, 200")
     page.get_by_role("button", name="Make export").click()
