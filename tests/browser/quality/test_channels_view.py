@@ -42,7 +42,9 @@ def measured(user: Visitor, dataset: str) -> Locator:
     return panel(page)
 
 
-def test_measure_button_measures_and_compares_every_channel(user, http, dataset):
+def test_measured_channels_are_compared_by_class_distance_and_with_people(
+    user, http, dataset
+):
     found = measured(user, dataset)
 
     segmentation = found.get_by_role("row", name=re.compile("^Segmentation active"))
@@ -55,6 +57,24 @@ def test_measure_button_measures_and_compares_every_channel(user, http, dataset)
     expect(found.get_by_role("button", name="Measure every kind")).to_have_count(0)
     boxes = http.get("/boxes", params={"dataset": dataset}).json()["items"]
     assert [box["verdict"] for box in boxes] == ["kept", "kept"]
+
+    found.get_by_role("button", name="Distance").click()
+    expect(found.get_by_role("row", name=re.compile("^0–50 m"))).to_be_visible()
+
+    found.get_by_role("button", name="Class").click()
+    expect(found.get_by_role("row", name=re.compile("^car"))).to_be_visible()
+
+    found.get_by_role("button", name="People").click()
+    expect(found).to_contain_text("Nobody has kept or rejected a box yet")
+    for box in http.get("/boxes", params={"dataset": dataset}).json()["items"]:
+        body = {"verdict": "keep", "seen_revision": box["revision"]}
+        http.post(f"/boxes/{box['box_id']}/reviews", json=body)
+
+    user.page.reload()
+
+    assert user.page.url.endswith("truth=people")
+    depth = found.get_by_role("row", name=re.compile("^Depth pixels"))
+    expect(depth.get_by_role("link", name="Look at 1")).to_be_visible()
 
 
 def test_boxes_that_a_channel_got_wrong_open_as_a_queue(user, http, dataset):
@@ -116,31 +136,6 @@ def rejected(http: httpx.Client, dataset: str) -> int:
     asked = {"dataset": dataset, "verdict": "rejected"}
     (box,) = until(lambda: http.get("/boxes", params=asked).json()["items"])
     return int(box["box_id"])
-
-
-def test_channels_are_compared_by_class_and_by_distance(user, dataset):
-    found = measured(user, dataset)
-
-    found.get_by_role("button", name="Distance").click()
-    expect(found.get_by_role("row", name=re.compile("^0–50 m"))).to_be_visible()
-
-    found.get_by_role("button", name="Class").click()
-    expect(found.get_by_role("row", name=re.compile("^car"))).to_be_visible()
-
-
-def test_choice_of_people_as_truth_is_kept_in_the_link(user, http, dataset):
-    found = measured(user, dataset)
-    found.get_by_role("button", name="People").click()
-    expect(found).to_contain_text("Nobody has kept or rejected a box yet")
-    for box in http.get("/boxes", params={"dataset": dataset}).json()["items"]:
-        body = {"verdict": "keep", "seen_revision": box["revision"]}
-        http.post(f"/boxes/{box['box_id']}/reviews", json=body)
-
-    user.page.reload()
-
-    assert user.page.url.endswith("truth=people")
-    depth = found.get_by_role("row", name=re.compile("^Depth pixels"))
-    expect(depth.get_by_role("link", name="Look at 1")).to_be_visible()
 
 
 def test_without_instance_image_page_offers_compare_with_people(user, scene):
