@@ -40,7 +40,7 @@ def test_focus_is_always_visible(scene, user):
     assert set(outlines) <= {"solid", "auto"}
 
 
-def test_events_are_announced_to_screen_readers(scene, user):
+def test_events_are_announced_and_the_skip_link_leads_to_the_content(scene, user):
     page = user.open(scene.link("real"))
     spoken = page.locator(".sr-only[aria-live]")
 
@@ -53,13 +53,8 @@ def test_events_are_announced_to_screen_readers(scene, user):
     user.press("z")
     expect(spoken).to_have_text("car hidden: answer undone")
 
-
-def test_skip_link_leads_to_the_content(scene, user):
-    page = user.open(scene.link())
     address = page.url
     page.get_by_role("link", name="Skip to content").focus()
-
     user.press("Enter")
-
     expect(page.locator("main")).to_be_focused()
     assert page.url == address

@@ -54,31 +54,36 @@ def empty(http: httpx.Client) -> str:
     return name
 
 
-@pytest.mark.parametrize("size", [WIDE, PHONE], ids=["wide", "phone"])
-def test_long_frame_key_does_not_stretch_thumbnails(
-    scene: Scene, open_window: OpenWindow, size: ViewportSize
-):
+def test_long_frame_key_does_not_stretch_thumbnails(scene: Scene, user: Visitor):
     scene.push(LONG_KEY)
-    page = open_window(viewport=size).open(f"#/datasets/{scene.dataset}/frames")
+    page = user.open(f"#/datasets/{scene.dataset}/frames")
     expect(page.locator("a.thumb img")).to_have_count(2)
 
-    widths = page.locator(".thumb__picture").evaluate_all(
-        "(all) => all.map((one) => one.getBoundingClientRect().width)"
-    )
+    for size in (WIDE, PHONE):
+        page.set_viewport_size(size)
+        widths = page.locator(".thumb__picture").evaluate_all(
+            "(all) => all.map((one) => one.getBoundingClientRect().width)"
+        )
+        assert widths[0] == pytest.approx(widths[1], abs=1)
+        assert page.evaluate(OVERFLOW) <= 0
 
-    assert widths[0] == pytest.approx(widths[1], abs=1)
-    assert page.evaluate(OVERFLOW) <= 0
 
-
-@pytest.mark.parametrize("size", [WIDE, PHONE], ids=["wide", "phone"])
-def test_empty_queue_shows_message_below_its_header(open_window, empty, size):
-    page = open_window(viewport=size).open(f"#/datasets/{empty}/queue")
+def test_notices_are_below_the_header_and_their_buttons_do_not_touch(user, empty):
+    page = user.open(f"#/datasets/{empty}/queue")
     notice = page.locator(".notice")
 
-    expect(notice).to_contain_text("No boxes yet")
-    expect(notice).to_contain_text("No frames have been uploaded to this dataset.")
-    expect(page.locator(".strip-list")).to_be_hidden()
-    assert notice.evaluate(TOP) < 240
+    for size in (WIDE, PHONE):
+        page.set_viewport_size(size)
+        expect(notice).to_contain_text("No boxes yet")
+        expect(notice).to_contain_text("No frames have been uploaded to this dataset.")
+        expect(page.locator(".strip-list")).to_be_hidden()
+        assert notice.evaluate(TOP) < 240
+
+    page.set_viewport_size(WIDE)
+    user.open(f"#/datasets/{empty}/quality")
+    buttons = page.locator(".notice__actions .button")
+    expect(buttons).to_have_count(2)
+    assert min(buttons.evaluate_all(GAPS)) >= 8
 
 
 def test_agreement_icon_and_text_are_on_the_same_line(
@@ -110,14 +115,6 @@ def visible_bounding_box(element: Locator) -> FloatRect:
     found = element.bounding_box()
     assert found is not None
     return found
-
-
-def test_buttons_of_a_notice_do_not_touch(user: Visitor, empty):
-    page = user.open(f"#/datasets/{empty}/quality")
-    buttons = page.locator(".notice__actions .button")
-    expect(buttons).to_have_count(2)
-
-    assert min(buttons.evaluate_all(GAPS)) >= 8
 
 
 def test_configuration_keys_wrap_only_at_underscores(scene, open_window):

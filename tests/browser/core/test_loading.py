@@ -17,28 +17,24 @@ pytestmark = pytest.mark.browser
 LOADED = "() => performance.getEntriesByType('resource').map(({ name }) => name)"
 
 
-def test_first_view_loads_no_other_views_modules(scene, user):
-    page = user.open(f"#/datasets/{scene.dataset}/frames")
-    expect(page.locator("a.thumb")).to_have_count(1)
-
-    loaded = page.evaluate(LOADED)
-
-    assert any(name.endswith("/datasets/frames.js") for name in loaded)
-    others = re.compile("/stage/|uplot|/queue/")
-    assert list(filter(others.search, loaded)) == []
-
-
 MOST_REQUESTS = 45
 """Most requests of the first view, including the page, its data and one picture."""
 
 
-@pytest.mark.parametrize("view", ["#/datasets", "#/datasets/{}/frames"])
-def test_first_view_makes_few_requests(scene, user, view):
+@pytest.mark.parametrize(
+    ("view", "module"),
+    [("#/datasets", "datasets.js"), ("#/datasets/{}/frames", "frames.js")],
+)
+def test_first_view_loads_few_files_and_no_other_views_modules(
+    scene, user, view, module
+):
     page = user.open(view.format(scene.dataset))
     expect(page.locator("img[src^='blob:']").first).to_be_visible()
 
     loaded = page.evaluate(LOADED)
 
+    assert any(name.endswith(f"/datasets/{module}") for name in loaded)
+    assert list(filter(re.compile("/stage/|uplot|/queue/").search, loaded)) == []
     # Pictures are left out: their number depends on the datasets of other tests.
     others = [name for name in loaded if not name.endswith("/thumbnail")]
     assert len(others) + len(["page", "picture"]) <= MOST_REQUESTS, loaded

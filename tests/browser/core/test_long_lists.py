@@ -47,16 +47,13 @@ def start_runs(street: Scene) -> list[int]:
     return sorted(int(run["id"]) for run in runs)
 
 
-def test_all_datasets_are_listed(user, dataset_on_second_page):
+def test_all_datasets_are_listed_and_known_to_an_upload(user, dataset_on_second_page):
     page = user.open("#/datasets")
 
     expect(
         page.get_by_role("heading", name=dataset_on_second_page, exact=True)
     ).to_be_visible()
 
-
-def test_upload_knows_all_datasets(user, dataset_on_second_page):
-    page = user.open("#/datasets")
     given = {
         "9.png": scenes.picture(),
         "9_seg.png": scenes.segmentation("raw"),
@@ -75,9 +72,12 @@ def test_upload_knows_all_datasets(user, dataset_on_second_page):
     expect(where).to_contain_text("Adds to a dataset that has 1 frame.")
 
 
-def test_older_runs_are_shown_on_request(user, street):
+def test_older_runs_and_exports_are_shown_on_request(user, street):
     first, *others = start_runs(street)
-    shorten_pages(user.page, "/datasets/[^/]+/runs")
+    path = f"/datasets/{street.dataset}/exports"
+    for _ in range(3):
+        assert street.http.post(path, json={"format": "yolo"}).status_code == 202
+    shorten_pages(user.page, "/datasets/[^/]+/(runs|exports)")
     page = user.open(f"#/datasets/{street.dataset}/runs")
     expect(page.get_by_role("article", name=re.compile("^Run"))).to_have_count(2)
 
@@ -89,13 +89,6 @@ def test_older_runs_are_shown_on_request(user, street):
     )
     expect(page.get_by_role("button", name="Older runs")).to_have_count(0)
 
-
-def test_older_exports_are_shown_on_request(user, street):
-    path = f"/datasets/{street.dataset}/exports"
-    for _ in range(3):
-        assert street.http.post(path, json={"format": "yolo"}).status_code == 202
-    shorten_pages(user.page, "/datasets/[^/]+/exports")
-    page = user.open(f"#/datasets/{street.dataset}/runs")
     exports = page.get_by_role("article", name=re.compile("^Export"))
     expect(exports).to_have_count(2)
 

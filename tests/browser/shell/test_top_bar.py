@@ -10,7 +10,9 @@ from tests.support.page.windows import PHONE
 pytestmark = pytest.mark.browser
 
 
-def test_current_tab_is_marked_and_its_link_keeps_the_filters(scene, user):
+def test_reviewer_is_named_and_the_tab_is_marked_whose_link_keeps_the_filters(
+    scene, user
+):
     page = user.open(f"#/datasets/{scene.dataset}/frames?class=car&key=run")
     tabs = page.get_by_role("navigation", name="Dataset")
 
@@ -20,6 +22,8 @@ def test_current_tab_is_marked_and_its_link_keeps_the_filters(scene, user):
     expect(current).to_have_attribute(
         "href", f"#/datasets/{scene.dataset}/frames?class=car"
     )
+    expect(page.locator(".who")).to_have_text("Aadmin")
+    expect(page.locator(".who")).to_have_attribute("title", "Signed in as admin, admin")
 
 
 def test_current_tab_is_visible_on_a_phone(scene, open_window):
@@ -28,10 +32,3 @@ def test_current_tab_is_visible_on_a_phone(scene, open_window):
     tabs = page.get_by_role("navigation", name="Dataset")
 
     expect(tabs.locator("[aria-current=page]")).to_be_in_viewport(ratio=1)
-
-
-def test_reviewer_is_named_in_the_top_bar(scene, user):
-    page = user.open(scene.link())
-
-    expect(page.locator(".who")).to_have_text("Aadmin")
-    expect(page.locator(".who")).to_have_attribute("title", "Signed in as admin, admin")

@@ -38,7 +38,7 @@ ARGUMENTS = (
 # Only the long tests look at the middle width.
 WIDTHS = [390, pytest.param(820, marks=pytest.mark.long), 1440]
 WIDE = ViewportSize(width=1440, height=900)
-PHONE = {"width": 390, "height": 844}
+PHONE = ViewportSize(width=390, height=844)
 OVERFLOW = "document.documentElement.scrollWidth - innerWidth"
 """How many pixels the document is wider than its window: at most 0 if it fits."""
 RE_VIEW = re.compile(r"\S+ \S+ \S+")
