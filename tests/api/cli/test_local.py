@@ -41,10 +41,12 @@ def test_filter_writes_one_line_per_frame_in_order(bare_unghost, tmp_path):
 
     assert answer.code == DONE
     assert answer.out == "12 decided\t0 failed\t12 kept\t12 rejected\t0 unmeasured\n"
+    assert "class" not in answer.err
     lines = lines_of(tmp_path / "out" / "decisions.jsonl")
     assert [line["key"] for line in lines] == [f"run/{n:06}" for n in range(12)]
     verdicts = {each["id"]: each["verdict"] for each in lines[0]["decisions"]}
     assert verdicts == {"real": "kept", "ghost": "rejected"}
+    assert bare_unghost("filter", folder).records == lines
 
 
 def test_interrupted_filter_leaves_no_partial_output_file(bare_unghost, tmp_path):
@@ -181,14 +183,6 @@ def test_filter_does_not_overwrite_its_source(bare_unghost, tmp_path, named):
     assert (folder / "manifest.jsonl").read_bytes() == before
 
 
-def test_filter_without_output_file_prints_decisions(bare_unghost, tmp_path):
-    folder = write_manifest(tmp_path / "frames", 2)
-
-    answer = bare_unghost("filter", folder)
-
-    assert [record["key"] for record in answer.records] == ["run/000000", "run/000001"]
-
-
 def test_control_characters_of_file_names_are_escaped(bare_unghost, tmp_path):
     folder = tmp_path / "frames"
     hostile = "labels/a\x1b]0;OWNED\x07\n.txt"
@@ -252,15 +246,6 @@ def test_filter_does_not_decide_boxes_of_a_class_it_does_not_know(
         f"{said}; --class-map NAME=CLASS says as what a class is "
         "measured, and NAME=pass that it need not be\n"
     ) in answer.err
-
-
-def test_filter_does_not_warn_about_classes_with_tags(bare_unghost, tmp_path):
-    folder = write_manifest(tmp_path / "frames", 1)
-
-    answer = bare_unghost("filter", folder, "-o", "out.jsonl")
-
-    assert answer.code == DONE
-    assert "class" not in answer.err
 
 
 def test_class_that_only_this_profile_lacks_is_not_called_misspelt(
@@ -464,41 +449,37 @@ def test_other_file_of_carlasimu_is_refused_as_configuration(bare_unghost, tmp_p
     assert "data.yaml: expected a key of carlasimu's boundingBox.yaml" in answer.err
 
 
-def test_filter_says_that_no_frame_of_a_folder_of_images_has_a_box(
-    bare_unghost, tmp_path
+OPTIONS = "--layout names another layout, --labels the folder of the labels"
+
+
+@pytest.mark.parametrize(
+    ("files", "said"),
+    [
+        ({"Left/1.png": None, "Right/1.png": None},
+         "no frame has a box (2 read, layout pairs, which expects the boxes of an "
+         f"image NAME.png in NAME.json); {OPTIONS}, --segmentation that of the "
+         "segmentations\n"),
+        ({"a.txt": "", "classes.txt": "car", "a.png": None},
+         "no frame has a box (1 read, layout yolo, whose labels were found, and are "
+         f"empty); {OPTIONS}\n"),
+        ({"manifest.jsonl": '{"key": "1", "image": "1.png", "boxes": []}',
+          "1.png": None},
+         "no boxes); --layout names another layout\n"),
+        ({"a.txt": "", "b.txt": "0 .5 .5 .1 .1", "classes.txt": "car", "a.png": None,
+          "b.png": None},
+         ""),
+    ],
+)  # fmt: skip
+def test_filter_says_that_no_frame_has_a_box_and_which_options_may_help(
+    bare_unghost, tmp_path, files, said
 ):
-    write_files(tmp_path / "runs", {"Left/1.png": None, "Right/1.png": None})
+    write_files(tmp_path / "town", files)
 
-    answer = bare_unghost("filter", "runs", "-o", "out.jsonl")
-
-    assert answer.code == DONE
-    assert answer.err.endswith(
-        "no frame has a box (2 read, layout pairs, which expects the boxes of an image "
-        "NAME.png in NAME.json); --layout names another layout, --labels the folder of "
-        "the labels, --segmentation that of the segmentations\n"
-    )
-
-
-def test_filter_says_that_the_labels_of_a_folder_hold_no_box(bare_unghost, tmp_path):
-    files = {"a.txt": "", "classes.txt": "car", "a.png": None}
-    write_files(tmp_path / "yolo", files)
-
-    answer = bare_unghost("filter", "yolo", "-o", "out.jsonl")
+    answer = bare_unghost("filter", "town", "-o", "out.jsonl")
 
     assert answer.code == DONE
-    assert (
-        "no frame has a box (1 read, layout yolo, whose labels were found, and are "
-        "empty); --layout names another layout, --labels"
-    ) in answer.err
-
-
-def test_filter_names_no_option_that_a_manifest_does_not_have(bare_unghost, tmp_path):
-    line = '{"key": "1", "image": "1.png", "boxes": []}'
-    write_files(tmp_path / "frames", {"manifest.jsonl": line, "1.png": None})
-
-    answer = bare_unghost("filter", "frames", "-o", "out.jsonl")
-
-    assert answer.err.endswith("no boxes); --layout names another layout\n")
+    assert answer.err.endswith(said)
+    assert ("has a box" in answer.err) == (said != "")
 
 
 def test_filter_names_misspelt_keys_and_no_others(bare_unghost, tmp_path):
@@ -519,34 +500,18 @@ def test_filter_names_misspelt_keys_and_no_others(bare_unghost, tmp_path):
     ) in answer.err
 
 
-def test_filter_with_one_box_in_some_frame_does_not_speak_of_none(
-    bare_unghost, tmp_path
-):
-    files = {"a.txt": "", "b.txt": "0 .5 .5 .1 .1", "classes.txt": "car"}
-    write_files(tmp_path / "yolo", {**files, "a.png": None, "b.png": None})
-
-    answer = bare_unghost("filter", "yolo", "-o", "out.jsonl")
-
-    assert answer.code == DONE
-    assert "has a box" not in answer.err
-
-
-def test_folder_without_a_known_layout_is_refused(bare_unghost, tmp_path):
+def test_folder_without_a_known_layout_is_refused_by_its_name(bare_unghost, tmp_path):
     (tmp_path / "empty").mkdir()
 
-    answer = bare_unghost("filter", "empty")
+    answers = [
+        bare_unghost("filter", "empty"),
+        CommandLine(tmp_path / "empty", {})("filter", "."),
+    ]
 
-    assert answer.code == REFUSED
-    assert "empty: no layout recognised" in answer.err
-    assert "Traceback" not in answer.err
-
-
-def test_current_folder_is_named_in_errors(tmp_path):
-    (tmp_path / "empty").mkdir()
-
-    answer = CommandLine(tmp_path / "empty", {})("filter", ".")
-
-    assert "empty: no layout recognised" in answer.err
+    for answer in answers:
+        assert answer.code == REFUSED
+        assert "empty: no layout recognised" in answer.err
+        assert "Traceback" not in answer.err
 
 
 def test_folder_with_two_layouts_is_refused_with_the_option_that_chooses(
