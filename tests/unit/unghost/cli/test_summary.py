@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import pytest
 
-from filter_core.class_names import misspelt_class
 from filter_core.config.filter import FilterConfig
 from filter_core.local import ClassCount
 from unghost.cli.screen import Refused, Screen
@@ -98,19 +97,6 @@ def test_remedy_for_a_misspelt_class_of_a_dataset(capsys):
     assert "buss (1; `unghost classes rename town buss bus`)" in said
     assert "Caar (1; did you mean 'car'?)" in frozen
     assert "`unghost config set town FILE`" in frozen
-
-
-@pytest.mark.parametrize(
-    ("name", "meant"),
-    [
-        *(("Caar", "car"), ("truk", "truck"), ("Pedestrain", "walker")),
-        *(("trafic_light", "traffic_light"), ("traffic_ligth", "traffic_light")),
-        *(("traffic_cone", None), ("traffic_light_pole", None), ("cart", None)),
-        *(("bush", None), ("tricycle", None), ("trailer", None), ("Misc", None)),
-    ],
-)
-def test_right_class_is_offered_for_a_misspelt_name_and_a_wrong_one_is_not(name, meant):
-    assert misspelt_class(name) == meant
 
 
 def test_class_map_decides_which_names_are_unknown():
