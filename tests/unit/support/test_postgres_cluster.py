@@ -17,7 +17,7 @@ from tests.support.sources import CHECKOUT
 PRINT_URL = f'echo "${SERVER_VARIABLE}"; '
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def cluster() -> Iterator[Cluster]:
     with own_cluster() as cluster:
         yield cluster
