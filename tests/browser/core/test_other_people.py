@@ -22,7 +22,7 @@ def bo(server, http):
     return name, token
 
 
-def test_foreign_login_link_does_not_replace_the_current_session(
+def test_foreign_login_link_replaces_no_session_if_a_button_or_escape_refuses_it(
     open_window, server, bo
 ):
     name, token = bo
@@ -42,11 +42,7 @@ def test_foreign_login_link_does_not_replace_the_current_session(
     expect(page.locator(".who__name")).to_have_text("admin")
     assert kept_session(page)["session"] == before["session"]
 
-
-def test_escape_refuses_a_foreign_login_link(open_window, server, bo):
-    page = open_window().open("#/datasets")
-    expect(page.locator(".who__name")).to_have_text("admin")
-    page.goto(server.login_link_of(bo[1]))
+    page.goto(server.login_link_of(token))
     expect(page.get_by_role("button", name="Stay admin")).to_be_focused()
 
     with page.expect_response(lambda sent: sent.request.method == "DELETE") as ended:
