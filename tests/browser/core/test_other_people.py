@@ -22,7 +22,7 @@ def bo(server, http):
     return name, token
 
 
-def test_foreign_login_link_replaces_no_session_if_a_button_or_escape_refuses_it(
+def test_foreign_login_link_does_not_replace_the_current_session(
     open_window, server, bo
 ):
     name, token = bo
