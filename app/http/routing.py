@@ -140,10 +140,14 @@ def streamed_up_to(setting: str) -> dict[str, str | bool]:
 LARGE_BODY: Final = streamed_up_to("max_batch_bytes")
 """``openapi_extra`` of a route that takes batches of frames."""
 
-MAX_READS_PER_TOKEN: Final = 12
-"""Concurrent requests of one token that store nothing; all routes share 40 threads."""
 MAX_WRITES_PER_TOKEN: Final = 4
 """Concurrent requests of one token that write, of the `MAX_WRITERS` of all."""
+MAX_READS_PER_TOKEN: Final = MAX_WRITES_PER_TOKEN
+"""Concurrent requests of one token that store nothing; all routes share 40 threads.
+
+A list takes more of the processor than an answer. With three times as many lists as
+answers at work, answers and uploads wait twice as long.
+"""
 CLIENT_LEFT: Final = 499
 """A status for the log only: the client has closed the connection."""
 
