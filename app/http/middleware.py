@@ -40,7 +40,7 @@ from app.logs import (
 )
 from app.metrics import RequestMetrics
 from app.security import SAFE_METHODS, host_name
-from app.settings import ANY_HOST
+from app.settings import ANY_HOST, bracketed
 
 
 class HttpMiddleware(ABC):
@@ -201,8 +201,16 @@ class Problems(HttpMiddleware):
             await response(scope, receive, send)
 
 
+PROBES: Final = frozenset({"/healthz", "/readyz"})
+"""Paths that are served under any host name: they tell only whether it runs."""
+
+
 class KnownHosts(HttpMiddleware):
-    """Refuses requests with unknown host names (against DNS rebinding)."""
+    """Refuses requests with unknown host names (against DNS rebinding).
+
+    The address at which a connection has arrived is known as well: a name that is
+    rebound to it is still another Host.
+    """
 
     def __init__(self, app: ASGIApp, hosts: frozenset[str]) -> None:
         super().__init__(app)
@@ -215,17 +223,27 @@ class KnownHosts(HttpMiddleware):
             raise BadRequest(
                 f"expected one Host, found {len(names)}", code="malformed_http"
             )
-        if not self._is_known(names):
+        if not self._is_known(names, scope):
             raise MisdirectedHost(
                 "this service is not known under that host name; "
                 "UNGHOST_ALLOWED_HOSTS adds names"
             )
         await self._app(scope, receive, send)
 
-    def _is_known(self, names: list[str]) -> bool:
-        if ANY_HOST in self._hosts:
+    def _is_known(self, names: list[str], scope: Scope) -> bool:
+        if ANY_HOST in self._hosts or scope["path"] in PROBES:
             return True
-        return bool(names) and all(host_name(name) in self._hosts for name in names)
+        return bool(names) and all(
+            name in self._hosts or name == _own_address(scope)
+            for name in map(host_name, names)
+        )
+
+
+def _own_address(scope: Scope) -> str:
+    """The address at which a connection has arrived, as a Host header has it."""
+    address, _ = scope["server"]
+    # Without the zone of a link-local address; IPv4 on a socket for IPv6 is mapped.
+    return bracketed(address.partition("%")[0].removeprefix("::ffff:"))
 
 
 @dataclass

@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+import sys
+from urllib.parse import urlsplit
+
 import pytest
+
+from tests.support import plain_http
+from tests.support.connections import open_connection, read_until_closed
 
 
 @pytest.mark.parametrize(
     "host", ["evil.example", "127.0.0.1.evil.example:80", "localhost.", "[::2]:8000"]
 )
 def test_unknown_host_returns_421(admin, host):
-    answer = admin.get("/healthz", headers={"Host": host})
+    answer = admin.get("/version", headers={"Host": host})
 
     assert (answer.status_code, answer.json()["code"]) == (421, "misdirected_host")
 
@@ -18,21 +24,48 @@ def test_unknown_host_returns_421(admin, host):
     "host", ["localhost", "LOCALHOST:9", "127.0.0.1:8000", "[::1]:8000"]
 )
 def test_loopback_host_is_served(admin, host):
-    assert admin.get("/healthz", headers={"Host": host}).status_code == 200
+    assert admin.get("/version", headers={"Host": host}).status_code == 200
+
+
+@pytest.mark.parametrize("path", ["/healthz", "/readyz"])
+@pytest.mark.parametrize("host", ["evil.example", "10.1.2.3:8000"])
+def test_probe_is_served_under_any_name_and_without_one(anonymous, service, path, host):
+    named = anonymous.get(path, headers={"Host": host})
+    with open_connection(service.url) as connection:
+        connection.sendall(f"GET {path} HTTP/1.0\r\n\r\n".encode())
+        nameless = read_until_closed(connection)
+
+    assert named.status_code == 200, named.text
+    assert nameless.startswith(b"HTTP/1.1 200 ")
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="others have one loopback address")
+def test_of_literal_addresses_only_that_of_the_connection_is_known(start_server):
+    server = start_server(UNGHOST_HOST="::")
+    port = urlsplit(server.url).port
+
+    def status(place, host):
+        headers = {**server.headers, "Host": f"{host}:{port}"}
+        url = f"http://{place}:{port}/version"
+        return plain_http.get(url, headers=headers).status_code
+
+    assert status("127.0.0.2", "127.0.0.2") == 200
+    assert status("127.0.0.1", "127.0.0.2") == 421
+    assert status("127.0.0.2", "127.0.0.3") == 421
 
 
 def test_allowed_host_is_served(serve):
     service = serve(allowed_hosts=("boxes.example",))
 
-    with service.client(Host="boxes.example") as client:
-        assert client.get("/healthz").status_code == 200
+    with service.client(Host="boxes.example", **service.bearer) as client:
+        assert client.get("/version").status_code == 200
 
 
 def test_wildcard_allows_any_host(serve):
     service = serve(allowed_hosts=("*",))
 
-    with service.client(Host="anything.example") as client:
-        assert client.get("/healthz").status_code == 200
+    with service.client(Host="anything.example", **service.bearer) as client:
+        assert client.get("/version").status_code == 200
 
 
 @pytest.mark.parametrize(
