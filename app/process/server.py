@@ -140,6 +140,10 @@ def _end_after(seconds: float) -> None:
 
 MAX_DISCARDED_BYTES: Final = 1 << 26
 """Bytes of a body that are read and discarded after the response was sent."""
+MOST_HEADERS: Final = 100
+"""Headers of a request; each costs some 200 bytes of memory, however short it is."""
+CHUNK_BYTES: Final = 16
+"""How much each chunk of a body may take beside its content: its size, line breaks."""
 MOST_PIPELINED: Final = 32
 """Requests that wait on one connection behind the one that is being processed."""
 _FULL_RETRY_S: Final = 5
@@ -182,8 +186,8 @@ class ProblemProtocol(HttpToolsProtocol):
       parsed; they get their responses, and the last one closes the connection.
     - ``transport.is_closing()``, by `_refuse`: a head is too long (`data_received`) or
       late (`_on_timeout`), or the parser has stopped (`send_400_response`), by itself
-      or as `on_headers_complete` found the head too long. If a response is being sent,
-      the connection is closed without another one.
+      or as `on_header` or `on_headers_complete` found the head too long. If a response
+      is being sent, the connection is closed without another one.
     """
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
@@ -196,9 +200,7 @@ class ProblemProtocol(HttpToolsProtocol):
         self._body_wait_s = settings.body_wait_s
         self._has_begun = self._is_turned_away = self._asks_too_much = False
         self._is_signed_in = False  # whether an earlier request was, see `is_known`
-        # Bytes since the parser last completed something, and whether it has in the
-        # bytes that it is given now.
-        self._unparsed, self._has_parsed = 0, False
+        self._overhead = 0  # bytes of a head, or of a body beside its content
         self._discarded = 0  # bytes of a body after its response
         self._fault = _MALFORMED  # the refusal if the parser stops
         self._timer = Timer(self.loop, self._on_timeout)
@@ -260,14 +262,14 @@ class ProblemProtocol(HttpToolsProtocol):
         self._timer.start(_TURN_AWAY_S)
 
     def data_received(self, data: bytes) -> None:
-        """Parse, and limit how much the parser buffers without a callback."""
+        """Parse, and limit what is sent beside the content of bodies."""
         if self._is_turned_away:
             self.transport.close()
             return
-        self._has_parsed = False
+        self._overhead += len(data)
         super().data_received(data)
-        self._unparsed = 0 if self._has_parsed else self._unparsed + len(data)
-        if self._unparsed > self._max_head_bytes and not self._asks_too_much:
+        self._overhead = max(0, self._overhead)
+        if self._overhead > self._max_head_bytes and not self._asks_too_much:
             self._refuse(self._too_long())
 
     def on_message_begin(self) -> None:
@@ -282,9 +284,18 @@ class ProblemProtocol(HttpToolsProtocol):
         if not self._timer.is_running:
             self._timer.start(self._head_wait_s)
 
+    def on_header(self, name: bytes, value: bytes) -> None:
+        """A header of the head; those after the body (trailers) are discarded."""
+        if not self._has_begun:
+            return
+        if len(self.headers) >= MOST_HEADERS:
+            self._fault = self._too_long(f"has more than {MOST_HEADERS} headers")
+            raise ValueError(self._fault.detail)  # stops the parser; we send an error
+        super().on_header(name, value)
+
     def on_headers_complete(self) -> None:
         """Pass the request to the service, unless its head is too long."""
-        self._has_parsed, self._has_begun = True, False
+        self._overhead, self._has_begun = 0, False
         self._timer.stop()
         size = len(self.url) + sum(
             len(name) + len(value) for name, value in self.headers
@@ -296,7 +307,7 @@ class ProblemProtocol(HttpToolsProtocol):
 
     def on_body(self, body: bytes) -> None:
         """Pass on a piece of a body, which the service limits; discard late ones."""
-        self._has_parsed = True
+        self._overhead -= len(body) + CHUNK_BYTES
         if self.cycle.response_complete:
             self._discard(body)
             return
@@ -312,7 +323,7 @@ class ProblemProtocol(HttpToolsProtocol):
 
     def on_message_complete(self) -> None:
         """The end of a request."""
-        self._has_parsed = True
+        self._overhead = 0
         super().on_message_complete()
 
     def on_response_complete(self) -> None:
@@ -355,11 +366,12 @@ class ProblemProtocol(HttpToolsProtocol):
         # Before the first request, `cycle` is None in spite of its declared type.
         return not getattr(self.cycle, "response_complete", True)
 
-    def _too_long(self) -> Refusal:
+    def _too_long(self, why: str = "") -> Refusal:
         return Refusal(
             HTTPStatus.REQUEST_HEADER_FIELDS_TOO_LARGE,
             "head_too_large",
-            f"the request's head is larger than {self._max_head_bytes} bytes",
+            "the request's head "
+            + (why or f"is larger than {self._max_head_bytes} bytes"),
         )
 
     def _refuse(self, refusal: Refusal) -> None:

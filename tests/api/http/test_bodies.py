@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from contextlib import suppress
 
 import pytest
 from fastapi.routing import APIRoute
@@ -12,7 +13,11 @@ from app.http.routing import ApiRoute, OpenRoute
 from app.main import create_app
 from app.settings import Settings
 from tests.support.archives import header_of
-from tests.support.connections import open_connection, request_head
+from tests.support.connections import (
+    open_connection,
+    read_until_closed,
+    request_head,
+)
 from tests.support.live import live
 from tests.support.routes import every_route, fill_path, operations, values_of_paths
 
@@ -162,6 +167,18 @@ def test_streamed_body_is_read_up_to_its_limit(admin):
     refused = admin.post("/probe/stream", content=pieces(limit + 1000))
 
     assert (taken.json(), refused.status_code) == (limit, 413)
+
+
+@pytest.mark.parametrize("extension", [b"", b";a=" + b"x" * 100])
+def test_extensions_of_chunks_are_limited_and_small_chunks_are_not(service, extension):
+    framing = {"Transfer-Encoding": "chunked", "Connection": "close"}
+    size, received = LIMITS["max_body_bytes"], b""
+    with open_connection(service.url) as connection, suppress(ConnectionError):
+        connection.sendall(head(service, "POST", "/probe/echo", framing))
+        connection.sendall(b"1%b\r\nx\r\n" % extension * size + b"0\r\n\r\n")
+        received = read_until_closed(connection)
+
+    assert received.endswith(str(size).encode()) == (extension == b"")
 
 
 def test_too_large_body_without_a_token_returns_401_not_413(anonymous):

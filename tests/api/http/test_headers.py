@@ -1,8 +1,11 @@
-"""The security headers that every answer carries, also a refusal."""
+"""The security headers that every answer carries, and how many a request may have."""
 
 from __future__ import annotations
 
 import pytest
+
+from app.process.server import MOST_HEADERS
+from tests.support.connections import open_connection, read_until_closed, request_head
 
 ANSWERS = ["/healthz", "/no-such-page", "/probe/raise/internal", "/openapi.json"]
 
@@ -24,7 +27,7 @@ def test_every_response_has_the_security_headers(admin, path):
 
 
 def test_response_to_a_refused_host_has_the_security_headers(admin):
-    answer = admin.get("/healthz", headers={"Host": "evil.example"})
+    answer = admin.get("/version", headers={"Host": "evil.example"})
 
     assert answer.headers["x-content-type-options"] == "nosniff"
     assert answer.headers["x-request-id"] == answer.json()["request_id"]
@@ -37,3 +40,30 @@ def test_cors_preflight_is_refused(admin):
 
     assert answer.status_code == 405
     assert "access-control-allow-origin" not in answer.headers
+
+
+def test_headers_are_limited_in_number_before_the_head_has_ended(service):
+    last = b"Connection: close\r\n"
+    begun = b"GET /healthz HTTP/1.1\r\nHost: localhost\r\n"
+    begun += b"a:\r\n" * (MOST_HEADERS - 2)
+    with open_connection(service.url) as connection:
+        connection.sendall(begun + last + b"\r\n")
+        accepted = read_until_closed(connection)
+    with open_connection(service.url) as connection:
+        connection.sendall(begun + last * 3)
+        refused = read_until_closed(connection)
+
+    assert accepted.startswith(b"HTTP/1.1 200 ")
+    assert refused.startswith(b"HTTP/1.1 431 ")
+    assert f"has more than {MOST_HEADERS} headers".encode() in refused
+
+
+def test_trailer_is_not_a_header(service):
+    framing = {"Transfer-Encoding": "chunked", "Connection": "close"}
+    trailer = f"Authorization: {service.bearer['Authorization']}\r\n\r\n".encode()
+    asked = request_head("GET", "/api/v1/datasets", framing)
+    with open_connection(service.url) as connection:
+        connection.sendall(asked + b"1\r\nx\r\n0\r\n" + trailer)
+        answer = read_until_closed(connection)
+
+    assert answer.startswith(b"HTTP/1.1 401 ")
