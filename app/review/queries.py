@@ -507,11 +507,19 @@ class ClaimRepository:
         )
 
     def of_dataset(self, dataset_id: int) -> dict[int, str]:
-        """Reviewer by box of all claims of a dataset."""
-        rows = select(Claim.box_id, Claim.reviewer).where(
-            Claim.dataset_id == dataset_id
+        """Reviewer by box of all claims of a dataset, the newest first."""
+        rows = (
+            select(Claim.box_id, Claim.reviewer)
+            .where(Claim.dataset_id == dataset_id)
+            .order_by(Claim.expires_at.desc())
         )
         return {row[0]: row[1] for row in self._session.execute(rows)}
+
+    def end(self, box_ids: Collection[int]) -> None:
+        """Delete the claims on boxes."""
+        if box_ids:
+            rows = delete(Claim).where(Claim.box_id.in_(box_ids))
+            self._session.execute(rows)
 
     def hold(
         self,

@@ -33,6 +33,9 @@ from filter_core.types import IntArray
 from unghost.wire.boxes import BoxSelection
 
 CLAIM: Final = timedelta(minutes=5)
+MOST_CLAIMS: Final = 100
+"""Claims of one reviewer in a dataset, so that others get boxes, too. A page has about
+a dozen boxes that nobody has answered."""
 ANSWERS_PER_SHUFFLE: Final = 64
 """The random order changes after this many answers: otherwise the search for the next
 box would begin with all boxes that are answered already."""
@@ -81,16 +84,25 @@ def remaining_boxes(
 def next_boxes(
     session: Session, dataset: Dataset, wanted: QueueRequest, queue: RemainingBoxes
 ) -> QueuePage:
-    """Claim the next boxes for this reviewer; returns them with the queue's counts."""
+    """Claim the next boxes for this reviewer; returns them with the queue's counts.
+
+    Claims over `MOST_CLAIMS` end: kept are those on the boxes that are returned, then
+    those on the last of `exclude`, then the newest.
+    """
     now = utc_now()
     claims = ClaimRepository(session)
     claims.forget_expired(dataset.id, now)
     held = claims.of_dataset(dataset.id)
     theirs = [box_id for box_id, who in held.items() if who != wanted.reviewer]
     ids = _take(session, dataset, wanted, queue, {*wanted.exclude, *theirs})
-    in_hand = (held.keys() - theirs) & set(wanted.exclude)
+    mine = held.keys() - theirs
+    in_hand = [box_id for box_id in reversed(wanted.exclude) if box_id in mine]
+    renewed = list(dict.fromkeys([*ids, *in_hand]))[:MOST_CLAIMS]
+    left = mine.difference(renewed)
+    newest_first = [box_id for box_id in held if box_id in left]
+    claims.end(newest_first[MOST_CLAIMS - len(renewed) :])
     expires_at = now + CLAIM
-    claims.hold(dataset.id, sorted(in_hand.union(ids)), wanted.reviewer, expires_at)
+    claims.hold(dataset.id, sorted(renewed), wanted.reviewer, expires_at)
     claim = {"expires_at": rfc3339(expires_at)}
     probes, reader = BoxProbes(session), DecisionReader(session, dataset)
     return {

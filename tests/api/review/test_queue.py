@@ -7,6 +7,7 @@ from datetime import datetime, timedelta, timezone
 
 import pytest
 
+from app.review.queue import MOST_CLAIMS
 from tests.support import frames as scene
 from tests.support.api import BASE, Api
 from tests.support.databases import empty_postgres
@@ -134,6 +135,23 @@ def test_box_is_claimed_by_one_reviewer_until_it_is_answered(dataset, reviewer):
     assert again == hers
     assert freely.status_code == 201
     assert get_queue(eve, dataset)["claimed_by_others"] == 6
+
+
+def test_one_reviewer_holds_only_a_share_of_the_queue(api, reviewer):
+    dataset, boxes = api.dataset_of_cars(MOST_CLAIMS + 60)
+    greedy, other = reviewer("greedy"), reviewer("other")
+    taken = []
+    while len(taken) < len(boxes):
+        taken += ids(get_queue(greedy, dataset, limit=50, exclude=taken))
+
+    queue = get_queue(other, dataset, limit=50)
+    again = get_queue(greedy, dataset, limit=50, order="random", seed=1)
+
+    assert queue["claimed_by_others"] == MOST_CLAIMS
+    assert len(ids(queue)) == 50
+    assert not set(ids(queue)) & set(taken[-MOST_CLAIMS:])
+    assert get_queue(other, dataset)["claimed_by_others"] == MOST_CLAIMS
+    assert not set(ids(queue)) & set(ids(again))
 
 
 @pytest.fixture(params=["sqlite", "postgresql"])
