@@ -250,7 +250,7 @@ class Settings(BaseSettings):
         default=8,
         ge=1,
         description="Maximum number of batches of frames and dropped folders that are "
-        "received at the same time.",
+        "received at the same time; beyond it, each token may send one.",
     )
     max_open_batches_per_token: int = Field(
         default=4,

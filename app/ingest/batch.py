@@ -321,10 +321,13 @@ class OpenBatches:
     def enter(self, token_id: int, settings: Settings) -> Iterator[None]:
         """Count one more batch during the block.
 
+        The first batch of a token is accepted however many others are open, so that
+        nobody has to wait until others have sent theirs.
+
         Raises
         ------
         TooManyRequests
-            The limit of all tokens or of this token is reached.
+            The limit of this token is reached; or that of all, and it has one open.
         """
         most = settings.max_open_batches
         most_of_one = settings.max_open_batches_per_token
@@ -334,7 +337,7 @@ class OpenBatches:
                 "one when one of them is done",
                 retry_after_s=_RETRY_S,
             )
-        if self.open >= most:
+        if self.open >= most and self._by_token[token_id]:
             raise TooManyRequests(
                 f"{most} batches are being received; send this one when one of them "
                 "is done",

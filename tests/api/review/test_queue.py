@@ -140,7 +140,7 @@ def test_box_is_claimed_by_one_reviewer_until_it_is_answered(dataset, reviewer):
 def test_one_reviewer_holds_only_a_share_of_the_queue(api, reviewer):
     dataset, boxes = api.dataset_of_cars(MOST_CLAIMS + 60)
     greedy, other = reviewer("greedy"), reviewer("other")
-    taken = []
+    taken: list[int] = []
     while len(taken) < len(boxes):
         taken += ids(get_queue(greedy, dataset, limit=50, exclude=taken))
 
