@@ -23,11 +23,29 @@ CHUNK_FRAMES: Final = 200
 log = logging.getLogger(__name__)
 
 
+_here: Final = threading.local()
+
+
+class _Lane:
+    """Threads that drive jobs, and one for the chunks of these jobs.
+
+    In the former, `_here.lane` is this lane.
+    """
+
+    def __init__(self, drivers: int, suffix: str = "") -> None:
+        self.jobs = ThreadPoolExecutor(drivers, f"jobs{suffix}", self._enter)
+        self.chunks = ThreadPoolExecutor(1, f"chunks{suffix}")
+
+    def _enter(self) -> None:
+        _here.lane = self
+
+
 class LocalEngine:
     """The embedded engine: threads, most of which wait for a child process.
 
     A child decodes and measures a frame (`app.engine.children`). Small plain frames
     are measured in the thread itself; zlib and OpenCV release Python's global lock.
+    Long jobs have threads of their own, so that no short one waits for them.
 
     `ClusterEngine` overrides the methods for chunks (`start_chunk`, `outcome` and so
     on) to process them on other machines.
@@ -36,8 +54,7 @@ class LocalEngine:
     def __init__(self, workers: int, drivers: int = 1) -> None:
         self.workers = workers
         self._pixels: Executor = ThreadPoolExecutor(workers, "pixels")
-        self._jobs = ThreadPoolExecutor(drivers, "jobs")
-        self._chunks = ThreadPoolExecutor(1, "chunks")
+        self._short, self._long = _Lane(drivers), _Lane(drivers, "-long")
         self._queued: set[Job] = set()
         self.stopping = Stop()
         self._busy = 0
@@ -93,16 +110,23 @@ class LocalEngine:
             for future in waiting:
                 future.cancel()
 
-    def submit(self, work: Callable[[], None], job: Job | None = None) -> None:
+    def submit(
+        self,
+        work: Callable[[], None],
+        job: Job | None = None,
+        *,
+        is_long: bool = False,
+    ) -> None:
         """Queue a job; a failure is logged. A job that is queued already is skipped."""
+        lane = self._long if is_long else self._short
         if job is None:
-            self._jobs.submit(_logging_failures, work)
+            lane.jobs.submit(_logging_failures, work)
             return
         with self._counting:
             if job in self._queued:
                 return
             self._queued.add(job)
-        self._jobs.submit(_logging_failures, partial(self._begin, work, job))
+        lane.jobs.submit(_logging_failures, partial(self._begin, work, job))
 
     def _begin(self, work: Callable[[], None], job: Job) -> None:
         with self._counting:
@@ -120,7 +144,8 @@ class LocalEngine:
 
     def start_chunk(self, here: ChunkWork, job: Job, number: int) -> Future[str]:
         """Start a chunk of a job; `here` processes it in this process."""
-        return self._chunks.submit(here, job.kind, job.id, number)
+        lane: _Lane = getattr(_here, "lane", self._short)
+        return lane.chunks.submit(here, job.kind, job.id, number)
 
     def outcome(self, future: Future[str]) -> str:
         """How a chunk ended.
@@ -196,8 +221,10 @@ class LocalEngine:
         """Tell all jobs to stop, and wait for the running ones."""
         if not self.stopping.is_set():
             self.stopping.set()
-        self._jobs.shutdown(cancel_futures=True)
-        self._chunks.shutdown(cancel_futures=True)
+        # A job that is found to be long goes from the short lane to the long one.
+        for lane in (self._short, self._long):
+            lane.jobs.shutdown(cancel_futures=True)
+            lane.chunks.shutdown(cancel_futures=True)
         self._pixels.shutdown(cancel_futures=True)
 
 

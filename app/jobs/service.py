@@ -17,6 +17,7 @@ from app.context import ServiceContext
 from app.db.engine import once_committed
 from app.db.tables import JobRow
 from app.engine.chunk import Job
+from app.engine.local import CHUNK_FRAMES
 from app.errors import Conflict, TooManyRequests
 from app.jobs.chunks import ChunkRepository
 from app.jobs.driver import drive_job
@@ -81,6 +82,7 @@ def start(
 ) -> None:
     """Let this process drive jobs, after those that are queued here already.
 
+    Jobs of more than `CHUNK_FRAMES` frames are long: they wait for each other only.
     A job that this process drives already is skipped; with `even_if_driven` it is
     driven once more afterwards. Jobs that have ended, or that another process drives,
     may be passed: `drive_job` checks for them.
@@ -92,6 +94,16 @@ def start(
 
 
 def _drive(context: ServiceContext, job: Job) -> None:
+    with context.database.read() as session:
+        row = session.get(kind_of(job).table, job.id)
+    work = partial(_drive_to_end, context, job)
+    if row is not None and row.total > CHUNK_FRAMES:
+        context.engine.submit(work, job, is_long=True)
+    else:
+        work()
+
+
+def _drive_to_end(context: ServiceContext, job: Job) -> None:
     if drive_job(context, job):
         start_waiting(context, job)
 

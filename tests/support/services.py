@@ -78,7 +78,13 @@ def filled_folder(data: Path, **chosen: Any) -> Path:
 class IdleEngine(LocalEngine):
     """An engine that never begins a job."""
 
-    def submit(self, work: Callable[[], None], job: Job | None = None) -> None:
+    def submit(
+        self,
+        work: Callable[[], None],
+        job: Job | None = None,
+        *,
+        is_long: bool = False,
+    ) -> None:
         """Do nothing: a test carries the job out, or nobody."""
 
 

@@ -7,20 +7,24 @@ import io
 import json
 import zipfile
 from datetime import datetime, timedelta, timezone
+from itertools import chain
 
 import pytest
 
 from app.access.service import MOST_LINKS
 from app.db.tables import Export
+from app.engine.local import CHUNK_FRAMES
 from app.storage.durable import MAINTENANCE_LOCK, locked
 from app.storage.room import DeletionSignal
 from filter_core.formats.registry import EXPORT_FORMATS
 from tests.support import databases, plain_http
 from tests.support import frames as scene
 from tests.support.api import BASE, Api
+from tests.support.archives import frame, send, tar_archive
 from tests.support.data_folders import blobs
-from tests.support.live import block_jobs
+from tests.support.live import block_jobs, hold_frames
 from tests.support.response_checks import assert_matches_model
+from tests.support.slow_datasets import FROM_PIXELS
 from tests.support.waiting import until
 from unghost import wire
 
@@ -176,6 +180,29 @@ def test_queued_export_waits_and_can_be_cancelled(serve):
     assert (following["state"], following["done"]) == ("done", 1)
     assert ran["state"] == "done"
     assert ended.json() == cancelled.json()
+
+
+def test_short_export_does_not_wait_for_a_long_job(serve):
+    with serve(workers=1).admin() as http:
+        api = Api(http)
+        short, long = api.dataset(), api.dataset()
+        api.upload_frame(short, "a")
+        frames = [frame(f"{number}") for number in range(CHUNK_FRAMES + 1)]
+        send(api, long, tar_archive(chain.from_iterable(frames)))
+        with hold_frames() as permits:
+            run = api.post(f"/datasets/{long}/runs", {"config": FROM_PIXELS})
+            waiting = api.post(f"/datasets/{long}/exports", {"format": "yolo"})
+            export = api.post(f"/datasets/{short}/exports", {"format": "yolo"})
+            until(lambda: state_of(http, export) == "done")
+            states = [state_of(http, one) for one in (run, waiting)]
+            permits.release(len(frames))
+
+        assert states == ["running", "queued"]
+        assert api.wait_for_job(waiting)["total"] == len(frames)
+
+
+def state_of(http, accepted):
+    return http.get(accepted.headers["location"]).json()["state"]
 
 
 def test_cancel_and_download_of_a_missing_export_return_404(api):
