@@ -191,6 +191,8 @@ def frame_file(session: Session, frame_id: int, kind: FileKind) -> FileRow:
 def remove_frame(audit: AuditTrail, by: Principal, dataset: Dataset, key: str) -> None:
     """Delete a frame with all its revisions, and the answers on them.
 
+    With it go the classes that only frames have named, if no other box has them.
+
     Raises
     ------
     NotFound
@@ -205,6 +207,7 @@ def remove_frame(audit: AuditTrail, by: Principal, dataset: Dataset, key: str) -
     of_others = require_own(by, answers, f"deleting frame {key!r}")
     retire(session, current)
     frames.remove(dataset.id, key)
+    DatasetRepository(session).forget_unused_classes(dataset)
     ProblemRepository(session).forget(dataset.id, key)
     audit.note(
         AuditAction.FRAME_DELETED,

@@ -155,6 +155,7 @@ def _request(
     author: str,
 ) -> Run:
     former, name = change
+    DatasetRepository(session).keep_classes(dataset.id, change)
     reading, config = coming_settings(session, dataset)
     renamed = {
         sent: name if now == former else now

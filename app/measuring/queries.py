@@ -28,6 +28,7 @@ from app.db.base import utc_now
 from app.db.bulk import chunks, first_row, insert_rows, run
 from app.db.engine import once_committed
 from app.db.tables import (
+    Box,
     ConfigVersion,
     Dataset,
     DatasetClass,
@@ -170,7 +171,9 @@ class DatasetRepository:
         return {row.name: row.id for row in rows if row.listed}
 
     def class_ids(self, dataset: Dataset, names: Sequence[str]) -> dict[str, int]:
-        """Ids of the dataset's classes, to which unknown ones of `names` are appended.
+        """Ids of the dataset's classes, to which unknown ones of `names` are added.
+
+        If there would be too many, new ones take the rows of those that no box has.
 
         Raises
         ------
@@ -191,18 +194,61 @@ class DatasetRepository:
             )
         before = self.classes(dataset.id)
         new = [name for name in missing if name not in before]
+        free: list[int] = []
         if new and len(before) + len(new) > MAX_CLASSES:
+            free = self._classes_without_boxes(dataset.id)
+        count = len(before) - len(free) + len(new)
+        if new and count > MAX_CLASSES:
             raise AnnotationError(
-                f"{_too_many(dataset, len(before) + len(new))} those of this frame, "
-                f"such as {new[0]!r}{_unlisted(len(before) - len(known))}",
+                f"{_too_many(dataset, count)} those of this frame, "
+                f"such as {new[0]!r}{_unlisted(len(before) - len(free) - len(known))}",
                 pointer="/boxes",
                 code="too_many_classes",
             )
         self._list_classes(
             [before[name] for name in missing if name in before], listed=True
         )
-        self._append_classes(dataset.id, new, start=len(before))
+        for class_id, name in zip(free, new, strict=False):
+            row = update(DatasetClass).where(DatasetClass.id == class_id)
+            self._session.execute(row.values(name=name, listed=True))
+        self._append_classes(
+            dataset.id, new[len(free) :], start=len(before), came_with_frame=True
+        )
         return self.listed_classes(dataset.id)
+
+    def forget_unused_classes(self, dataset: Dataset) -> None:
+        """Do not list classes any more that came with frames and that no box has."""
+        if dataset.classes_frozen_at is None:
+            self._session.execute(
+                update(DatasetClass)
+                .where(*_is_unused(dataset.id), DatasetClass.listed.is_(True))
+                .values(listed=False)
+            )
+
+    def keep_classes(self, dataset_id: int, names: Sequence[str]) -> None:
+        """Never give the rows of these classes to others: somebody has named them."""
+        self._session.execute(
+            update(DatasetClass)
+            .where(DatasetClass.dataset_id == dataset_id, DatasetClass.name.in_(names))
+            .values(came_with_frame=False)
+        )
+
+    def _classes_without_boxes(self, dataset_id: int) -> list[int]:
+        """Ids of classes that are not listed, and that no revision of a frame has."""
+        rows = select(DatasetClass.id).where(
+            *_is_unused(dataset_id), DatasetClass.listed.is_(False)
+        )
+        unused = list(self._session.scalars(rows.order_by(DatasetClass.position)))
+        if not unused:
+            return []
+        earlier = (
+            select(Box.class_id)
+            .join(Frame, Frame.id == Box.frame_id)
+            .where(Frame.dataset_id == dataset_id, Frame.superseded_at.is_not(None))
+            .distinct()
+        )
+        used = set(self._session.scalars(earlier))
+        return [class_id for class_id in unused if class_id not in used]
 
     def add_unlisted_class(self, dataset: Dataset, name: str) -> None:
         """Prepare a class that `rename_classes` lists later; nothing if it exists.
@@ -305,15 +351,24 @@ class DatasetRepository:
         names: Sequence[str],
         *,
         start: int,
-        listed: bool = True,
+        **values: bool,
     ) -> None:
         self._session.add_all(
-            DatasetClass(
-                dataset_id=dataset_id, position=position, name=name, listed=listed
-            )
+            DatasetClass(dataset_id=dataset_id, position=position, name=name, **values)
             for position, name in enumerate(names, start)
         )
         self._session.flush()
+
+
+def _is_unused(dataset_id: int) -> tuple[ColumnElement[bool], ...]:
+    """Conditions: a class came with a frame, and no current box has it."""
+    has_boxes = exists().where(
+        Tally.dataset_id == dataset_id,
+        Tally.class_id == DatasetClass.id,
+        Tally.boxes > 0,
+    )
+    mine = DatasetClass.dataset_id == dataset_id
+    return mine, DatasetClass.came_with_frame.is_(True), ~has_boxes
 
 
 def _too_many(dataset: Dataset, count: int) -> str:

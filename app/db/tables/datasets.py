@@ -63,6 +63,9 @@ class DatasetClass(Base):
     position: Mapped[int]
     name: Mapped[str] = mapped_column(String(200))
     listed: Mapped[bool] = mapped_column(default=True)
+    came_with_frame: Mapped[bool] = mapped_column(default=False)
+    """Whether only boxes have named it: it is not listed when no box has it any more,
+    and its row may become that of another class."""
 
 
 class ConfigVersion(Base):

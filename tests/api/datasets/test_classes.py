@@ -166,6 +166,51 @@ def test_class_without_boxes_is_removed(api):
     assert api.json(f"/datasets/{name}")["classes"] == ["car", "bus", "van"]
 
 
+def boxes_of(*classes):
+    boxes = [{"id": one, "class": one, "xyxy": scene.ON_THE_CAR} for one in classes]
+    return scene.annotation_of(*boxes)
+
+
+def test_classes_that_came_with_a_frame_go_with_it(api):
+    name = api.dataset(classes=["car", "bus"])
+    invented = [f"dragon {number}" for number in range(MAX_CLASSES - 3)]
+    api.upload_frame(name, "a", boxes_of("car", *invented))
+    api.upload_frame(name, "b", boxes_of("griffin"))
+    api.put(name, "b", boxes_of("dragon 7"), replace=True)
+
+    full = api.put(name, "c", boxes_of("hydra"))
+    api.delete(f"/datasets/{name}/frames/a")
+    left = api.json(f"/datasets/{name}")["classes"]
+    more = [f"hydra {number}" for number in range(MAX_CLASSES - 3)]
+    refused = api.put(name, "c", boxes_of(*more))
+    api.upload_frame(name, "c", boxes_of(*more[1:]))
+
+    assert (full.status_code, refused.status_code) == (422, 422)
+    assert left == ["car", "bus", "dragon 7"]
+    assert f"found {MAX_CLASSES + 1} with" in refused.json()["detail"]
+    assert "(1 of them was renamed or removed)" in refused.json()["detail"]
+    assert set(api.json(f"/datasets/{name}")["classes"]) == {*left, *more[1:]}
+    assert set(shown_classes(api, name)[0]) == {"dragon 7", *more[1:]}
+
+
+def test_classes_of_a_deleted_frame_stay_where_others_need_them(api):
+    """A renamed class, whose name boxes come with, and the numbers of an export."""
+    name = api.dataset(classes=["tram"])
+    api.upload_frame(name, "a", boxes_of("Caar", "bus", "van"))
+    api.upload_frame(name, "b", boxes_of("bus"))
+    changed(api, name, "Caar", name="car")
+
+    api.delete(f"/datasets/{name}/frames/a")
+    renamed = api.json(f"/datasets/{name}")["classes"]
+    api.upload_frame(name, "a", boxes_of("Caar", "van"))
+    exported(api, name, "yolo")
+    api.delete(f"/datasets/{name}/frames/a")
+
+    assert renamed == ["tram", "car", "bus"]
+    assert api.json(f"/datasets/{name}")["classes"] == [*renamed, "van"]
+    assert api.put(name, "c", boxes_of("Caar", "van")).status_code == 201
+
+
 @pytest.mark.parametrize(
     ("form", "is_frozen"),
     [("yolo", True), ("coco", True), ("kitti", False), ("decisions-csv", False)],
