@@ -10,7 +10,7 @@ import pytest
 
 from tests.support import frames as scene
 from tests.support.api import BASE, Api
-from tests.support.live import hold_frames
+from tests.support.live import block_jobs
 from unghost.wire.datasets import MAX_CLASSES
 
 TAGS_ALONE = {"evidence": "semantic"}
@@ -290,26 +290,28 @@ def test_changes_of_classes_are_in_the_audit_log(api):
 
 def test_while_a_run_renames_nothing_may_depend_on_numbers(serve):
     """Frames that arrive meanwhile are renamed, too; cancelled, it changes nothing."""
-    with serve(workers=1).admin() as http, hold_frames() as permits:
+    service = serve(workers=1)
+    engine = service.app.state.services.engine
+    with service.admin() as http:
         api = Api(http)
         name = api.dataset(classes=["Caar", "bus"])
         api.upload_frame(name, "a", boxes_named("Caar"))
         before = api.json(f"/datasets/{name}"), api.boxes(name)
         assert shown_classes(api, name) == ({"Caar"},) * 3
 
-        cancelled = change(api, name, "Caar", name="car")
-        assert shown_classes(api, name) == ({"Caar"},) * 3
-        export = api.post(f"/datasets/{name}/exports", {"format": "yolo"})
-        second = change(api, name, "bus", name="coach")
-        api.post(f"/runs/{cancelled.json()['id']}/cancel")
-        permits.release()
+        with block_jobs(engine):
+            cancelled = change(api, name, "Caar", name="car")
+            assert shown_classes(api, name) == ({"Caar"},) * 3
+            export = api.post(f"/datasets/{name}/exports", {"format": "yolo"})
+            second = change(api, name, "bus", name="coach")
+            api.post(f"/runs/{cancelled.json()['id']}/cancel")
         assert api.wait_for_job(cancelled)["state"] == "cancelled"
         assert (api.json(f"/datasets/{name}"), api.boxes(name)) == before
         assert shown_classes(api, name) == ({"Caar"},) * 3
 
-        run = change(api, name, "Caar", name="car")
-        api.upload_frame(name, "b", boxes_named("Caar"))
-        permits.release(9)
+        with block_jobs(engine):
+            run = change(api, name, "Caar", name="car")
+            api.upload_frame(name, "b", boxes_named("Caar"))
         assert api.wait_for_job(run)["state"] == "done"
 
         refused = [(one.status_code, one.json()["code"]) for one in (export, second)]
