@@ -3,17 +3,13 @@
 `read_points` reads PLY (text or binary) and NPY files; `check_points` only checks that
 a file is as long as its header says. `points_inside` counts points in boxes.
 
-Both are parsed here because sizes must be checked before memory is taken. NumPy's own
-reader of NPY and the library plyfile (1.1.5) allocate the size that the header states
-before they look at the size of the file; and `check_points` needs a reader that makes
-no array. NumPy's also raises errors of Python's tokenizer. Nothing is unpickled.
+PLY is parsed here because sizes must be checked before memory is taken. The library
+plyfile (1.1.5) allocates the size that the header states before it looks at the size of
+the file; and `check_points` needs a reader that makes no array.
 """
 
 from __future__ import annotations
 
-import ast
-import math
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final, Literal
@@ -25,6 +21,7 @@ from filter_core.classes import accepts
 from filter_core.errors import FilterError
 from filter_core.geometry.box3d import in_carla_order
 from filter_core.geometry.pose import Transform
+from filter_core.npy import NPY_MAGIC, read_npy
 from filter_core.types import (
     NOT_MEASURED,
     BoolArray,
@@ -79,7 +76,7 @@ def read_points(content: bytes, *, max_points: int = MAX_POINTS) -> LidarPoints:
     .. [2] G. Turk, "The PLY polygon file format", 1994.
     .. [3] NumPy Enhancement Proposal 1, "A simple file format for NumPy arrays".
     """
-    if content.startswith(_NPY_MAGIC):
+    if content.startswith(NPY_MAGIC):
         table = _read_npy(content)
     elif content.startswith((b"ply\n", b"ply\r")):
         table = _read_ply(content, max_points)
@@ -118,7 +115,7 @@ def check_points(content: bytes, *, sensor: str, max_points: int = MAX_POINTS) -
     per MiB.
     """
     try:
-        if content.startswith(_NPY_MAGIC):
+        if content.startswith(NPY_MAGIC):
             _check_npy(content, sensor, max_points)
             return "application/x-npy"
         if content.startswith((b"ply\n", b"ply\r")):
@@ -176,19 +173,6 @@ def _points_of(table: NDArray[np.void]) -> LidarPoints:
     return LidarPoints(xyz, found["tag"].astype(np.int64))
 
 
-_NPY_MAGIC: Final = b"\x93NUMPY"
-
-_NPY_LENGTH_BYTES: Final[Mapping[int, int]] = {1: 2, 2: 4, 3: 4}
-
-_MAX_NPY_HEADER: Final = 16_384
-
-_MAX_DIMENSIONS: Final = 4
-
-_NPY_NUMBER: Final = re.compile(r"[<>|=]?(f[248]|[iu][1248]|b1)")
-
-_COLUMN_NAME: Final = re.compile(r"[^\ud800-\udfff]{1,64}")
-"""Text that UTF-8 can encode."""
-
 _UNNAMED_COLUMNS: Final = ("x", "y", "z", "cos", "object", "tag")
 
 
@@ -223,82 +207,9 @@ def _has_named_columns(array: NDArray[np.generic]) -> bool:
 
 def _npy_array(content: bytes, *, whole: bool = False) -> NDArray[np.generic]:
     try:
-        return _parsed_npy(content, whole=whole)
+        return read_npy(content, whole=whole)
     except ValueError as error:
         raise _fault("a complete NumPy array of numbers", str(error)) from None
-
-
-def _parsed_npy(content: bytes, *, whole: bool = False) -> NDArray[np.generic]:
-    """The array of a file of numbers, or of rows of named numbers; not copied.
-
-    `whole`: nothing may follow the array. ValueError says what is wrong with a file.
-    """
-    if len(content) <= 8:
-        raise ValueError(f"a file of {len(content)} bytes")
-    size = _NPY_LENGTH_BYTES.get(content[6])
-    if not content.startswith(_NPY_MAGIC) or size is None:
-        raise ValueError("an unknown version of the format")
-    start = 8 + size
-    length = int.from_bytes(content[8:start], "little")
-    if length > _MAX_NPY_HEADER:
-        raise ValueError(f"a header of {length:,} bytes")
-    if len(content) < start + length:
-        raise ValueError("a truncated header")
-    dtype, by_columns, shape = _npy_header(content[start : start + length])
-    body = start + length
-    needed = math.prod(shape) * dtype.itemsize
-    if len(content) - body < needed or (whole and len(content) - body > needed):
-        raise ValueError(f"{len(content) - body:,} bytes instead of {needed:,}")
-    flat = np.frombuffer(content, dtype, math.prod(shape), body)
-    return flat.reshape(shape, order="F" if by_columns else "C")
-
-
-def _npy_header(text: bytes) -> tuple[np.dtype[np.generic], bool, tuple[int, ...]]:
-    try:
-        header = ast.literal_eval(text.decode("utf-8", "replace").strip())
-    except (ValueError, SyntaxError, TypeError, MemoryError, RecursionError):
-        raise ValueError("a header that is not a dictionary") from None
-    if not isinstance(header, dict):
-        raise ValueError("a header that is not a dictionary")
-    by_columns = header.get("fortran_order")
-    if not isinstance(by_columns, bool):
-        raise ValueError("no fortran_order")
-    return _npy_dtype(header.get("descr")), by_columns, _npy_shape(header.get("shape"))
-
-
-def _npy_dtype(described: object) -> np.dtype[np.generic]:
-    if isinstance(described, str):
-        return np.dtype(_npy_number(described))
-    if not isinstance(described, list) or not described:
-        raise ValueError("no descr")
-    columns = []
-    for column in described:
-        named = isinstance(column, tuple) and len(column) == 2
-        if not named or not isinstance(column[0], str):
-            raise ValueError("columns without a name and a type")
-        if not _COLUMN_NAME.fullmatch(column[0]):
-            words = "a column whose name is not 1 to 64 characters of text"
-            raise ValueError(words)
-        columns.append((column[0], _npy_number(column[1])))
-    if len({name for name, _ in columns}) < len(columns):
-        raise ValueError("two columns of the same name")
-    return np.dtype(columns)
-
-
-def _npy_number(described: object) -> str:
-    if not isinstance(described, str) or not _NPY_NUMBER.fullmatch(described):
-        raise ValueError(
-            f"values of type {str(described)[:40]!r}, which is not a number"
-        )
-    return described
-
-
-def _npy_shape(described: object) -> tuple[int, ...]:
-    if not isinstance(described, tuple) or len(described) > _MAX_DIMENSIONS:
-        raise ValueError("no shape")
-    if not all(type(side) is int and 0 <= side < 2**48 for side in described):
-        raise ValueError("a shape that is not of whole numbers")
-    return described
 
 
 _PLY_TYPES: Final[Mapping[str, str]] = {
