@@ -27,15 +27,22 @@ from filter_core.errors import FilterError, LayoutError
 from filter_core.formats.manifest import MANIFEST, manifest_of
 from filter_core.formats.reading import (
     IMAGE_SUFFIXES,
+    NOTES_SUFFIXES,
+    RECORDING_NAME,
     TEXT_SUFFIXES,
     FrameSet,
     FrameSource,
     is_hidden,
     missing_image,
 )
-from filter_core.formats.recording import RECORDING_NAME, describe
-from filter_core.formats.registry import FORMATS, possible_layouts, read_source
+from filter_core.formats.registry import (
+    FORMATS,
+    describe_source,
+    possible_layouts,
+    read_source,
+)
 from filter_core.formats.streams import names_that_tell_nothing
+from filter_core.formats.table import TABLE
 from unghost.wire.folders import (
     FolderEnd,
     FolderFrame,
@@ -191,9 +198,10 @@ def write_response(task: FolderTask) -> int:
     source = _only_folder(task.root)
     # There are no links here, and `_name_of` refuses every file that was not sent: its
     # message fits the page better than the reader's, which names an option.
-    description = describe(source, options={"outside_files": None})
+    named = {} if task.layout == "auto" else {"layout": task.layout}
+    description = describe_source(source, options={"outside_files": None, **named})
     layouts = possible_layouts(source)
-    layout = task.layout if task.layout != "auto" else description.layout
+    layout = task.layout if task.layout != "auto" else description.own_layout
     if layout == "auto" and layouts:
         layout = layouts[0]
     found = read_source(source, layout, description)
@@ -331,12 +339,14 @@ class _Response:
 
     def write_unmatched(self, found: FrameSet) -> None:
         listed = [(one.path, one.why) for one in found.unmatched]
-        for path, why in (*self.task.refused, *listed, *self._strange(found.layout)):
+        strange = self._strange(found.layout, {path for path, _ in listed})
+        for path, why in (*self.task.refused, *listed, *strange):
             self.unmatched += 1
             self.write(UnmatchedFile(path=path, why=why))
 
-    def _strange(self, layout: str) -> Iterator[tuple[str, str]]:
-        """Files that belong to no frame, and that no reader opens."""
+    def _strange(self, layout: str, listed: set[str]) -> Iterator[tuple[str, str]]:
+        """Files that belong to no frame, and that no reader of the layout opens."""
+        own = TEXT_SUFFIXES if layout == TABLE.name else NOTES_SUFFIXES
         manifest = manifest_of(self.source) if layout == MANIFEST.name else None
         known = {
             *self.used,
@@ -350,7 +360,9 @@ class _Response:
             shown = name if top == "." else name[len(top) + 1 :]
             if manifest is not None:
                 yield shown, "no line of the manifest names it"
-            elif not name.lower().endswith((*IMAGE_SUFFIXES, *TEXT_SUFFIXES)):
+            elif shown not in listed and not name.lower().endswith(
+                (*IMAGE_SUFFIXES, *own)
+            ):
                 yield shown, "neither an image nor a label"
 
 

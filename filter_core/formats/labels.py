@@ -20,10 +20,9 @@ import numpy as np
 from filter_core.annotation.parsing import parse_annotation
 from filter_core.annotation.units import MAX_SHARE, PERCENT, unit_of_shares
 from filter_core.errors import FilterError, LayoutError
-from filter_core.formats.reading import FrameSet, FrameSource, open_regular
+from filter_core.formats.reading import FrameSet, FrameSource, frame_size
 from filter_core.formats.recording import RecordingDescription
 from filter_core.geometry.boxes import FORMS, to_xyxy
-from filter_core.images.header import read_image_header
 from filter_core.types import FloatArray
 
 _SAMPLE: Final = 200
@@ -43,8 +42,6 @@ _LEAST_SIDE: Final = 300
 
 _OUTSIDE: Final = 1 / 3
 """Share of boxes that reach out of the image in the wrong notation, at least."""
-
-_HEADER_BYTES: Final = 1 << 16
 
 _SCALE: Final = {"pixels": 1.0, "shares": 1.0, "percent": 1 / PERCENT}
 
@@ -171,23 +168,10 @@ class _Sizes:
     def wh(self) -> FloatArray:
         """(N, 2) px: width and height of the image of each box; NaN: unknown."""
         by_key = {frame.key: frame for frame in self._frames}
-        known = {key: _size(frame) for key, frame in by_key.items()}
+        known = {
+            key: frame_size(frame) or (np.nan, np.nan) for key, frame in by_key.items()
+        }
         return np.array([known[frame.key] for frame in self._frames], np.float64)
-
-
-def _size(frame: FrameSource) -> tuple[float, float]:
-    camera = (frame.annotation or {}).get("camera")
-    for path in filter(None, (frame.image, frame.segmentation)):
-        try:
-            with open_regular(path) as file:
-                return read_image_header(file.read(_HEADER_BYTES), whole=False).wh
-        except (OSError, FilterError):
-            continue
-    if isinstance(camera, Mapping):
-        width, height = camera.get("width"), camera.get("height")
-        if isinstance(width, int) and isinstance(height, int):
-            return width, height
-    return np.nan, np.nan
 
 
 def _other_unit(form: str, values: FloatArray, sizes: _Sizes) -> str | None:

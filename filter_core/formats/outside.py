@@ -74,12 +74,13 @@ def check_links(source: Path, description: RecordingDescription) -> None:
 def files_inside(
     frames: FrameSet, source: Path, description: RecordingDescription
 ) -> FrameSet:
-    """The frames of a file that was named itself, such as COCO's.
+    """The frames of a file that was named itself, such as COCO's, or of patterns.
 
     A frame with a file outside the folder of `source` has that as its problem. The
-    folder is not searched for links: it may be one with much else in it.
+    folder of a file is not searched for links: it may be one with much else in it.
     """
-    allowed = allowed_folders(description, source, source.parent)
+    folder = source if source.is_dir() else source.parent
+    allowed = allowed_folders(description, source, folder)
     if allowed is None:
         return frames
 

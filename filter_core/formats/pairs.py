@@ -14,7 +14,8 @@ from pathlib import Path
 from typing import Final
 
 from filter_core.errors import JsonError, LayoutError
-from filter_core.formats.format import Format, Recognition, Source
+from filter_core.formats.format import FOLDER_OPTIONS, Format, Recognition, Source
+from filter_core.formats.patterns import described_frames
 from filter_core.formats.reading import (
     IMAGE_SUFFIXES,
     FileIndex,
@@ -43,6 +44,7 @@ PAIRS: Final = Format(
         "there is one"
     ),
     recognised_by="images, in a folder of no other layout",
+    read_options=FOLDER_OPTIONS | {"files", "key"},
 )
 
 
@@ -64,6 +66,8 @@ def read_pairs(root: Path, options: RecordingDescription) -> FrameSet:
     Label files of other layouts, and images in a folder of another sensor, are listed
     as unmatched.
     """
+    if options.files.roles:
+        return _by_patterns(root, options)
     labels = options.labels or root
     streams = Streams(root, options.segmentation)
     images = FileIndex(streams.images)
@@ -94,8 +98,24 @@ def read_pairs(root: Path, options: RecordingDescription) -> FrameSet:
     )
 
 
+def _by_patterns(root: Path, options: RecordingDescription) -> FrameSet:
+    matched, unmatched = described_frames(root, options.files, options.key)
+    frames = []
+    for files, _ in matched:
+        frame = replace(frame_of(files, root), label=None)
+        if not files.label:
+            frame = replace(frame, annotation={"boxes": []})
+        frames.append((frame, files.label or None))
+    return FrameSet(
+        layout="pairs",
+        frames=lambda: _read_frames(root, frames),
+        count=len(frames),
+        unmatched=unmatched,
+    )
+
+
 def _foreign_labels(root: Path) -> Iterator[Unmatched]:
-    for name in walk(root, (".txt", ".xml")):
+    for name in walk(root, (".txt", ".xml", ".csv", ".tsv", ".npz")):
         if is_label(root, name):
             yield Unmatched(name, "labels of another layout are not read with images")
 

@@ -20,6 +20,7 @@ from pathlib import Path, PurePosixPath
 from typing import BinaryIO, Final
 
 from filter_core.errors import FilterError, JsonError, LayoutError
+from filter_core.images.header import read_image_header
 from filter_core.json_text import read_json
 
 MAX_LABEL_BYTES: Final = 16 * 1024 * 1024
@@ -36,10 +37,22 @@ KEYS_NAME: Final = "frames.jsonl"
 
 MANIFEST_NAME: Final = "manifest.jsonl"
 
+RECORDING_NAME: Final = "recording.yaml"
+"""The name under which a description is found beside the data."""
+
 IMAGE_SUFFIXES: Final = (".png", ".jpg", ".jpeg")
 
-TEXT_SUFFIXES: Final = (".txt", ".xml", ".json", ".jsonl", ".yaml", ".yml", ".names")
-"""Text files that some reader opens. The page has these, too (`TEXT` in folder.js)."""
+TABLE_SUFFIXES: Final = (".csv", ".tsv", ".json", ".jsonl", ".npz")
+"""Files of rows; each of them but the last may also be compressed, with `GZIP`."""
+
+GZIP: Final = ".gz"
+
+NOTES_SUFFIXES: Final = (".txt", ".xml", ".json", ".jsonl", ".yaml", ".yml", ".names")
+"""Files of labels and lists that readers open, other than tables alone."""
+
+TEXT_SUFFIXES: Final = (*NOTES_SUFFIXES, ".csv", ".tsv", ".npz", GZIP)
+"""Files of labels that some reader opens. The page has these, too (`TEXT` in
+folder.js)."""
 
 IMAGE_FOLDER_WORDS: Final = ("images", "image", "img", "jpegimages")
 
@@ -92,6 +105,25 @@ def missing_image(frame: FrameSource) -> LayoutError | None:
         f"({', '.join(first)} or {last}), found none",
         code="image_size_unknown",
     )
+
+
+_HEADER_BYTES: Final = 1 << 16
+
+
+def frame_size(frame: FrameSource) -> tuple[int, int] | None:
+    """Width and height of a frame's images in px, or those of its camera; else None."""
+    camera = (frame.annotation or {}).get("camera")
+    for path in filter(None, (frame.image, frame.segmentation)):
+        try:
+            with open_regular(path) as file:
+                return read_image_header(file.read(_HEADER_BYTES), whole=False).wh
+        except (OSError, FilterError):
+            continue
+    if isinstance(camera, Mapping):
+        width, height = camera.get("width"), camera.get("height")
+        if isinstance(width, int) and isinstance(height, int):
+            return width, height
+    return None
 
 
 @dataclass(frozen=True)
@@ -175,9 +207,11 @@ def manifests_below(folder: Path) -> list[str]:
 
 
 def walk(
-    root: Path, suffixes: Collection[str], skip: Collection[Path] = ()
+    root: Path, suffixes: Collection[str] | None, skip: Collection[Path] = ()
 ) -> Iterator[str]:
     """Files with one of the suffixes, relative to the folder, in the order of names.
+
+    None: all files.
 
     Hidden files and folders, ``__MACOSX`` and the folders of `skip` are left out;
     links to folders are not followed, so that the walk ends.
@@ -192,7 +226,8 @@ def walk(
         below = Path(folder).relative_to(root).as_posix()
         prefix = "" if below == "." else f"{below}/"
         for name in sorted(files):
-            if split_name(name)[1].lower() in suffixes and not is_hidden(name):
+            fits = suffixes is None or split_name(name)[1].lower() in suffixes
+            if fits and not is_hidden(name):
                 yield prefix + name
 
 
@@ -567,24 +602,22 @@ def read_label_text(path: Path, name: str) -> str:
         ) from exc
 
 
-def read_label_bytes(path: Path, name: str) -> bytes:
+def read_label_bytes(path: Path, name: str, limit: int = MAX_LABEL_BYTES) -> bytes:
     """A label file's bytes; `name` is its name in errors.
 
     Raises
     ------
     LayoutError
-        It cannot be read, or is longer than `MAX_LABEL_BYTES`.
+        It cannot be read, or is longer than `limit`.
     """
     try:
         with open_regular(path) as file:
             # It may grow in the meantime.
-            content = file.read(MAX_LABEL_BYTES + 1)
+            content = file.read(limit + 1)
     except OSError as exc:
         raise LayoutError(f"{name}: cannot be read: {exc.strerror}") from exc
-    if len(content) > MAX_LABEL_BYTES:
-        raise LayoutError(
-            f"{name}: expected at most {MAX_LABEL_BYTES} bytes, found more"
-        )
+    if len(content) > limit:
+        raise LayoutError(f"{name}: expected at most {limit} bytes, found more")
     return content
 
 

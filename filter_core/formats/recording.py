@@ -29,13 +29,24 @@ from filter_core.config.file import merged_classes, parse_yaml
 from filter_core.config.filter import DecideConfig
 from filter_core.config.keys import ReadingKeys
 from filter_core.errors import ConfigError, LayoutError
-from filter_core.formats.reading import is_inside, read_label_bytes, real_paths
+from filter_core.formats.cameras import AllowedCameras, CameraPlaces
+from filter_core.formats.fields import AllowedFields, BoxFields
+from filter_core.formats.patterns import (
+    LABELS,
+    AllowedFiles,
+    AllowedKeyPattern,
+    FilePattern,
+    FilePatterns,
+)
+from filter_core.formats.reading import (
+    RECORDING_NAME,
+    is_inside,
+    read_label_bytes,
+    real_paths,
+)
 from filter_core.segmentation.reading import Encoding, Lossy, OrderOfChannels
 from filter_core.types import DepthEncoding
 from filter_core.values import place_of, pointer_token, shown
-
-RECORDING_NAME: Final = "recording.yaml"
-"""The name under which a description is found beside the data."""
 
 LAYOUTS: Final = (
     "auto",
@@ -45,6 +56,7 @@ LAYOUTS: Final = (
     "voc",
     "manifest",
     "carlasimu",
+    "table",
     "pairs",
 )
 """The formats that a folder can be read in, and ``auto`` to recognise it."""
@@ -95,7 +107,15 @@ class ClassNames:
         return "a list of class names"
 
     def checked(self, name: str, value: object, at: str = "") -> tuple[str, ...]:
-        """See `Allowed.checked`."""
+        """See `Allowed.checked`.
+
+        Of names by number, the numbers between them are called as they are.
+        """
+        if isinstance(value, Mapping) and value:
+            numbers = [int(one) if str(one).isdecimal() else -1 for one in value]
+            if min(numbers) >= 0 and max(numbers) < _MAX_NAMES:
+                names = dict(zip(numbers, value.values(), strict=True))
+                value = [names.get(one, str(one)) for one in range(max(numbers) + 1)]
         if not isinstance(value, list | tuple) or not 0 < len(value) <= _MAX_NAMES:
             raise ConfigError(
                 f"{place_of(at)}{name}: expected {self}, found {shown(value)}",
@@ -109,7 +129,9 @@ class ClassNames:
 
     def schema(self) -> dict[str, object]:
         """See `Allowed.schema`."""
-        return {"type": "array", "items": {"type": "string"}, "minItems": 1}
+        text = {"type": "string"}
+        named = {"type": "object", "additionalProperties": text, "minProperties": 1}
+        return {"anyOf": [{"type": "array", "items": text, "minItems": 1}, named]}
 
 
 NAME: Final = "name"
@@ -191,6 +213,8 @@ class RecordingDescription:
         looked for, since the folder is that of another one; its manifest may name any.
     roots : tuple of Path
         Folders whose files may be read besides those in the folder.
+    recorder : str
+        The public recorder whose recordings it describes, if it came with the product.
 
     All other attributes are declared keys, with their meaning (`described_keys`).
     """
@@ -268,6 +292,31 @@ class RecordingDescription:
             "two corners, a corner and the size, or the centre and the size.",
         ),
     )
+    files: FilePatterns = key(
+        AllowedFiles(),
+        FilePatterns(),
+        "Where the files of frames are: patterns of paths below the folder by role.",
+    )
+    key: FilePattern | None = placed(
+        "key",
+        Key(AllowedKeyPattern(), None, "How frames are called, if `files` says where."),
+    )
+    fields: BoxFields = placed(
+        "boxes.fields",
+        Key(
+            AllowedFields(),
+            BoxFields(),
+            "Which column or which path (JMESPath) of a table is what of a box.",
+        ),
+    )
+    cameras: CameraPlaces = placed(
+        "cameras",
+        Key(
+            AllowedCameras(),
+            CameraPlaces(),
+            "Where the cameras of 3D boxes stand, and how they see.",
+        ),
+    )
     class_map: Mapping[str, object] = placed(
         "classes",
         Key(
@@ -280,6 +329,7 @@ class RecordingDescription:
     )
     outside_files: bool | None = False
     roots: tuple[Path, ...] = ()
+    recorder: str = ""
 
     _FOLDERS: ClassVar = ("segmentation", "labels")
 
@@ -291,6 +341,14 @@ class RecordingDescription:
             elif name not in self._FOLDERS:
                 value = declared.allowed.checked(name, value)
             object.__setattr__(self, name, value)
+
+    @property
+    def own_layout(self) -> str:
+        """The layout, or the only one that can use what is described; else ``auto``."""
+        if self.layout != "auto" or not {*_OF_TABLE} & self.changed.keys():
+            return self.layout
+        are_images = self.changed.keys() & {*_OF_TABLE} <= {"files", "key"}
+        return "pairs" if are_images and LABELS not in self.files.roles else "table"
 
     @property
     def changed(self) -> dict[str, object]:
@@ -329,8 +387,13 @@ class RecordingDescription:
         }
 
 
+_OF_TABLE: Final = ("files", "key", "fields", "cameras")
+
 READER_KEYS: Final = frozenset(
-    {"segmentation", "labels", "classes", "default_class", "origin"}
+    {
+        *("segmentation", "labels", "classes", "default_class", "origin"),
+        *_OF_TABLE,
+    }
 )
 """The keys that only some layouts use; each `Format` says which."""
 
@@ -342,13 +405,10 @@ def place_in_file(name: str) -> str:
 
 _NOT_YET: Final = frozenset(
     {
-        "files",
-        "key",
         "split",
         "map",
         "segmentation.scale",
         "segmentation.tags",
-        "boxes.fields",
     }
 )
 """Keys with a meaning that no reader carries out."""
@@ -391,11 +451,21 @@ def describe(
     return make(**{**described, **chosen})
 
 
+def values_of(document: object) -> dict[str, object]:
+    """The values of a description by attribute, from what its YAML holds.
+
+    Raises
+    ------
+    ConfigError
+        An unknown key, one that is not supported yet, or a wrong value.
+    """
+    return dict(_checked(document))
+
+
 def _values(path: Path, folder: Path, *, is_named: bool) -> dict[str, object]:
     """The values of a file by attribute; paths are relative to the folder."""
     try:
-        document = parse_yaml(read_label_bytes(path, path.name))
-        values = dict(_checked(document))
+        values = values_of(parse_yaml(read_label_bytes(path, path.name)))
     except ConfigError as exc:
         raise LayoutError(
             f"{path.name}: {exc.detail}", pointer=exc.pointer, code=exc.kind

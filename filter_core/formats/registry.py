@@ -43,10 +43,12 @@ from filter_core.formats.outside import check_links, files_inside
 from filter_core.formats.pairs import PAIRS
 from filter_core.formats.reading import (
     MANIFEST_NAME,
+    RECORDING_NAME,
     FrameSet,
     manifests_below,
     name_of,
 )
+from filter_core.formats.recorders import recorder_of
 from filter_core.formats.recording import (
     LAYOUTS,
     READER_KEYS,
@@ -54,6 +56,7 @@ from filter_core.formats.recording import (
     describe,
     place_in_file,
 )
+from filter_core.formats.table import TABLE
 from filter_core.formats.tally import Counts
 from filter_core.formats.voc import VOC
 from filter_core.formats.yolo import YOLO, NoClassList, lacking_class_list
@@ -73,6 +76,7 @@ FORMATS: Final[Mapping[str, Format]] = {
         DECISIONS_CSV,
         DECISIONS_PARQUET,
         CARLASIMU,
+        TABLE,
         PAIRS,
     )
 }
@@ -103,7 +107,8 @@ def read_source(
         One of `LAYOUTS`: the format to read it in; ``auto``: that of the description,
         else the one that the files show.
     options : RecordingDescription, optional
-        Default: that of ``recording.yaml`` beside the data (`describe`).
+        Default: that of ``recording.yaml`` beside the data, or of its recorder
+        (`describe_source`).
 
     Returns
     -------
@@ -121,8 +126,8 @@ def read_source(
         raise LayoutError(
             f"{name_of(source)}: expected a folder or a manifest, found none"
         )
-    options = describe(source) if options is None else options
-    layout = options.layout if layout == "auto" else layout
+    options = describe_source(source) if options is None else options
+    layout = options.own_layout if layout == "auto" else layout
     name = detect_layout(source) if layout == "auto" else layout
     found = FORMATS.get(name)
     if found is None or found.read is None:
@@ -140,10 +145,46 @@ def read_source(
     if source.is_dir() and found is not MANIFEST:  # which checks each file it names
         check_links(source, options)
     frames = found.read(source, options)
-    if source.is_file() and found is not MANIFEST:
+    if (source.is_file() or options.files.roles) and found is not MANIFEST:
         frames = files_inside(frames, source, options)
+    if options.recorder and found.name == options.layout:
+        frames = _with_note(frames, f"recognised as a recording of {options.recorder}")
     # CarlaSimu's own labels are taken as its published code takes them.
     return described_labels(frames, options, recognise=found is not CARLASIMU)
+
+
+def _with_note(frames: FrameSet, note: str) -> FrameSet:
+    notes = frames.notes
+    return replace(frames, notes=lambda: (note, *notes()))
+
+
+def describe_source(
+    source: Path,
+    file: Path | None = None,
+    options: Mapping[str, object] | None = None,
+) -> RecordingDescription:
+    """The description of a recording, as `describe` makes it, or that of its recorder.
+
+    A folder without a description, whose layout is neither named nor recognised, may be
+    a recording of a public recorder, whose description came with the product.
+
+    Raises
+    ------
+    LayoutError, ConfigError
+        As `describe`.
+    """
+    description = describe(source, file, options)
+    is_described = file or (source / RECORDING_NAME).is_file()
+    if is_described or description.own_layout != "auto" or not source.is_dir():
+        return description
+    found, fallbacks = _recognised(source)
+    if found or MANIFEST.name in fallbacks:
+        return description
+    recorder = recorder_of(source)
+    if recorder is None:
+        return description
+    values = {**recorder.values, "recorder": recorder.name}
+    return describe(source, options={**values, **(options or {})})
 
 
 def detect_layout(source: Path) -> str:
@@ -193,6 +234,12 @@ def possible_layouts(source: Path) -> tuple[str, ...]:
 
     No format is tried after one that is certain.
     """
+    found, fallbacks = _recognised(source)
+    return tuple(found or fallbacks[:1])
+
+
+def _recognised(source: Path) -> tuple[list[str], list[str]]:
+    """The layouts that a source may have, and those that it can be read in at least."""
     examined = Source(source)
     found: list[str] = []
     fallbacks: list[str] = []
@@ -204,7 +251,7 @@ def possible_layouts(source: Path) -> tuple[str, ...]:
             found.append(one.name)
         if recognition == "certain":
             break
-    return tuple(found or fallbacks[:1])
+    return found, fallbacks
 
 
 def write_export(

@@ -264,6 +264,27 @@ def hull_points(vertices: ArrayLike, camera: Camera) -> list[FloatArray]:
     return found
 
 
+def image_corners_xyxy(corners: ArrayLike) -> BoxesXYXY:
+    """Rectangles around boxes whose corners were projected before.
+
+    Parameters
+    ----------
+    corners : (N, 8, 3)
+        x and y in px, and the depth in metres, in any order of the corners.
+
+    Returns
+    -------
+    (N, 4) float64, px
+        Not clipped by the image, but by the near plane, as `Projections.amodal_xyxy`;
+        NaN rows for boxes behind it.
+    """
+    boxes = as_vertices(corners)
+    depth = boxes[..., 2:]
+    points = np.concatenate([boxes[..., :2] * depth, depth], axis=2)
+    amodal, _ = _clipped_bounds(points, _depth_status(points[..., 2]), (1, 1))
+    return amodal
+
+
 def to_image_points(boxes: FloatArray, camera: Camera) -> FloatArray:
     """(N, P, 3) float64: ``u depth, v depth, depth`` of (N, P, 3) world points.
 

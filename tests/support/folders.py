@@ -73,6 +73,10 @@ LAYOUT_FILES = {
         "images/7.png": b"",
     },
     "manifest": {"manifest.jsonl": _MANIFEST, "rgb/0.png": b"", "d.npy": b""},
+    "table": {
+        "1.png": b"",
+        "boxes.csv": b"image,label,x1,y1,x2,y2\n1.png,car,1,2,3,4\n",
+    },
     "pairs": {
         "1.png": b"",
         "1_seg.png": b"",

@@ -191,7 +191,7 @@ class SourceOptions:
             An option has a wrong value.
         """
         from filter_core.errors import ConfigError
-        from filter_core.formats.recording import describe
+        from filter_core.formats.registry import describe_source
 
         given = {
             name: getattr(self, name)
@@ -202,8 +202,10 @@ class SourceOptions:
             given["classes"] = _names(self.classes)
         if self.class_map is not None:
             given["class_map"] = dict(_class_map(self.class_map))
+        if self.layout != "auto":
+            given["layout"] = self.layout
         try:
-            return describe(source, self.recording, given | self.outside)
+            return describe_source(source, self.recording, given | self.outside)
         except ConfigError as exc:
             raise typer.BadParameter(_naming_option(exc.detail)) from exc
 
@@ -287,7 +289,7 @@ def open_source(
     )
     from filter_core.formats.yolo import NoClassList
 
-    chosen: str = layout if layout != "auto" else description.layout
+    chosen: str = layout if layout != "auto" else description.own_layout
     possible = possible_layouts(path) if chosen == "auto" else ()
     if len(possible) > 1:
         raise Refused(

@@ -71,7 +71,7 @@ EdgeKind: TypeAlias = Literal["2d", "3d"]
 
 # Folders
 FolderLayout: TypeAlias = Literal[
-    "yolo", "coco", "kitti", "voc", "manifest", "carlasimu", "pairs"
+    "yolo", "coco", "kitti", "voc", "manifest", "carlasimu", "table", "pairs"
 ]
 """The formats that a folder of frames can be read in."""
 Layout: TypeAlias = Literal["auto", FolderLayout]

@@ -3727,12 +3727,12 @@ export interface components {
              * @description The layout by which the folder was read.
              * @enum {string}
              */
-            layout: "yolo" | "coco" | "kitti" | "voc" | "manifest" | "carlasimu" | "pairs";
+            layout: "yolo" | "coco" | "kitti" | "voc" | "manifest" | "carlasimu" | "table" | "pairs";
             /**
              * Layouts
              * @description The layouts that the folder may have, the likeliest first.
              */
-            layouts: ("yolo" | "coco" | "kitti" | "voc" | "manifest" | "carlasimu" | "pairs")[];
+            layouts: ("yolo" | "coco" | "kitti" | "voc" | "manifest" | "carlasimu" | "table" | "pairs")[];
             /**
              * Titles
              * @description The name for people of each of these layouts.
@@ -5443,7 +5443,7 @@ export interface operations {
         parameters: {
             query?: {
                 /** @description How the files of the folder are arranged. */
-                layout?: "auto" | "yolo" | "coco" | "kitti" | "voc" | "manifest" | "carlasimu" | "pairs";
+                layout?: "auto" | "yolo" | "coco" | "kitti" | "voc" | "manifest" | "carlasimu" | "table" | "pairs";
             };
             header?: {
                 /** @description A request repeated with the same key gets the same response, and is not executed again. */

@@ -43,7 +43,7 @@ import { contentOf } from "./uploader.js";
 /** @typedef {{step: "labels" | "waiting" | "frames", done: number, of: number | null}} Reading  labels read here, then frames read by the server */
 
 /** Files whose content the server needs; of all others but those in `SIZED` it needs only the names. */
-const TEXT = /\.(txt|xml|jsonl?|ya?ml|names)$/i;
+const TEXT = /\.(txt|xml|jsonl?|ya?ml|names|csv|tsv|npz|gz)$/i;
 
 /** For KITTI the server needs the size of each picture, which is in its first bytes. */
 const SIZED = /(^|\/)image_2\/[^/]*$/;

@@ -10,7 +10,8 @@ import pytest
 from filter_core.annotation.parsing import parse_annotation
 from filter_core.config.file import load_config
 from filter_core.errors import LayoutError
-from filter_core.formats.recording import RECORDING_NAME, describe
+from filter_core.formats.reading import RECORDING_NAME
+from filter_core.formats.recording import describe
 from filter_core.formats.registry import read_source
 from filter_core.geometry.boxes import to_xyxy
 from tests.support.folders import write_files

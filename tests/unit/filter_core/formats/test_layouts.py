@@ -443,7 +443,7 @@ def test_yolo_without_class_names_is_refused_unless_they_are_given(tmp_path):
     [
         ("pairs", RecordingDescription(classes=("car",)),
          "layout 'pairs' has no option 'classes' (boxes.classes of a description); "
-         "it has labels, segmentation"),
+         "it has files, key, labels, segmentation"),
         ("pairs", RecordingDescription(default_class="car"),
          "no option 'default_class'"),
         ("coco", RecordingDescription(default_class="car"),

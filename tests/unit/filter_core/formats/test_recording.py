@@ -8,9 +8,9 @@ from filter_core.annotation.parsing import parse_annotation
 from filter_core.config.declaration import declared_keys
 from filter_core.config.file import load_config
 from filter_core.errors import ConfigError, LayoutError
+from filter_core.formats.reading import RECORDING_NAME
 from filter_core.formats.recording import (
     LAYOUTS,
-    RECORDING_NAME,
     RecordingDescription,
     describe,
 )
@@ -35,6 +35,7 @@ boxes:
 classes:
   sign: {accept: [TrafficSign]}
 """
+OF_TABLES = ("files", "key", "fields", "cameras")
 
 
 def test_every_key_of_a_description_reaches_reader_or_configuration(tmp_path):
@@ -44,7 +45,9 @@ def test_every_key_of_a_description_reaches_reader_or_configuration(tmp_path):
     description = describe(tmp_path)
     (frame,) = read_source(tmp_path)
 
-    assert {*description.changed, "origin"} == {*declared_keys(RecordingDescription)}
+    assert {*description.changed, "origin", *OF_TABLES} == {
+        *declared_keys(RecordingDescription)
+    }
     assert frame.segmentation == tmp_path / "tags/1.png"
     annotation = parse_annotation(frame.annotation or {})
     (box,) = annotation.boxes
@@ -100,7 +103,7 @@ def test_option_wins_over_the_file_and_a_configuration_over_both(tmp_path):
         ("layot: yolo", "recording.yaml: unknown key 'layot'; the nearest valid key "
          "is 'layout'"),
         ("layout: yollo", "layout: expected one of auto, yolo, coco, kitti, voc, "
-         'manifest, carlasimu, pairs, found "yollo"; did you mean \'yolo\'?'),
+         'manifest, carlasimu, table, pairs, found "yollo"; did you mean \'yolo\'?'),
         ("segmentation: {palete: auto}", "recording.yaml: segmentation: unknown key "
          "'palete'; the nearest valid key is 'palette'"),
         ("depth: {encoding: rgb}", "depth: encoding: expected one of auto, carla"),
@@ -108,8 +111,25 @@ def test_option_wins_over_the_file_and_a_configuration_over_both(tmp_path):
         ("boxes: {classes: []}", "boxes: classes: expected a list of class names"),
         ("boxes: [car]", "boxes: expected a mapping of keys, found a list of 1"),
         ("classes: {car: {acept: [Car]}}", "classes.car: unknown key 'acept'"),
-        ("files: {image: x}", "recording.yaml: files is not supported yet"),
-        ("boxes: {fields: {}}", "recording.yaml: boxes.fields is not supported yet"),
+        ("split: none", "recording.yaml: split is not supported yet"),
+        ("files: {imag: x}", "recording.yaml: files: unknown key 'imag'; the nearest "
+         "valid key is 'image'"),
+        ("files: {image: x}", "files: image: expected a pattern with {frame} in it"),
+        ("files: {image: '../{frame}.png'}", "image: expected a path below the folder"),
+        ("files: {image: '{a}{frame}'}", "expected something between two names"),
+        ("files: {image: '{frame}.png', depth: '{cam}/{frame}.png'}",
+         'files: depth: expected only names that image has, too, found "{cam}"'),
+        ("key: '{camera}'", "key: expected a text with {frame} in it"),
+        ("boxes: {fields: {xmin: a}}", "boxes.fields: unknown key 'xmin'"),
+        ("boxes: {fields: {x1: a, y1: b}}", "boxes.fields: expected the fields of one "
+         "form of boxes"),
+        ("boxes: {fields: {id: 'a[('}}", "fields: id: expected the name of a column or "
+         "a path (JMESPath): "),
+        ("boxes: {classes: {a: car}}", "classes: expected a list of class names"),
+        ("cameras: {fow: 90}", "cameras: unknown key 'fow'; the nearest valid key is "
+         "'fov'"),
+        ("cameras: {pose: {file: /x.json}}", "pose: expected a path below the folder"),
+        ("cameras: {mount: {file: a.json, negated: [a]}}", "negated: expected a list"),
         ("boxes: {unit: share}", "boxes: unit: expected one of auto, pixels"),
         ("classes: {a: {name: 3}}", "name: expected a class name, found 3"),
         ("outside_files: true", "unknown key 'outside_files'"),

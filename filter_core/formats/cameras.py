@@ -1,0 +1,342 @@
+"""``cameras`` of a description: where cameras stand, and how they see.
+
+A camera's pose in the world is ``pose``, or that of a vehicle, ``pose``, times where
+the camera is mounted on it, ``mount``. Each is said in the description, or is a path in
+the labels, or in a file of its own.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path as FilePath
+from typing import Final, NamedTuple, TypeAlias
+
+import numpy as np
+
+from filter_core.config.declaration import refuse_unknown_keys
+from filter_core.errors import ConfigError, LayoutError
+from filter_core.formats.fields import (
+    BoxFields,
+    BoxReader,
+    Path,
+    checked_path,
+    transform_of,
+)
+from filter_core.formats.patterns import CAMERA, FRAME, FilePattern, Values, plain
+from filter_core.formats.rows import MAX_BYTES, Lines, read_document, table_suffix
+from filter_core.geometry.pose import Transform
+from filter_core.types import FloatArray
+from filter_core.values import place_of, shown
+
+KEYS: Final = ("width", "height", "fov", "intrinsic", "pose", "mount")
+
+_FILE_KEYS: Final = ("file", "path", "negated")
+
+_NUMBERS: Final = ("x", "y", "z", "pitch", "yaw", "roll")
+
+_TRANSFORM_KEYS: Final = frozenset(
+    {"x", "y", "z", "location", "translation", "position", "rotation", "yaw"}
+)
+
+_NAME: Final = re.compile(r"\{([A-Za-z_]\w*)\}")
+
+
+class InFile(NamedTuple):
+    """A value in a file beside the labels.
+
+    Attributes
+    ----------
+    file : FilePattern
+        Its path below the folder, perhaps with names of the patterns in braces.
+    path : str or None
+        A JMESPath, in which such names are replaced, too. None: what the file has
+        under the frame's or the camera's name.
+    negated : tuple of str
+        Numbers of a pose that have the opposite sign of CARLA's.
+    """
+
+    file: FilePattern
+    path: str | None = None
+    negated: tuple[str, ...] = ()
+
+
+Where: TypeAlias = "InFile | Path | Mapping[str, object] | float"
+"""Where a value is: in a file, in the labels; or the value."""
+
+
+@dataclass(frozen=True)
+class CameraPlaces:
+    """``cameras`` of a description.
+
+    Attributes
+    ----------
+    places : mapping of str to Where
+        By `KEYS`.
+    """
+
+    places: Mapping[str, Where] = field(default_factory=dict)
+
+    @property
+    def files(self) -> tuple[FilePattern, ...]:
+        """The files that it names."""
+        found = (one.file for one in self.places.values() if isinstance(one, InFile))
+        return tuple(dict.fromkeys(found))
+
+    def below(self, folder: str) -> CameraPlaces:
+        """The same in a folder, which may be a name in braces itself."""
+        places = {
+            key: one._replace(file=one.file.below(folder))
+            if isinstance(one, InFile)
+            else one
+            for key, one in self.places.items()
+        }
+        return CameraPlaces(places)
+
+
+class AllowedCameras:
+    """Where the numbers of cameras are."""
+
+    def __str__(self) -> str:
+        return f"an object with {', '.join(KEYS)}"
+
+    def checked(self, name: str, value: object, at: str = "") -> CameraPlaces:
+        """See `Allowed.checked`."""
+        if isinstance(value, CameraPlaces):
+            return value
+        if not isinstance(value, Mapping):
+            raise _refused(name, value, str(self), at)
+        place = f"{at}/{name}"
+        refuse_unknown_keys(value, KEYS, at=place)
+        return CameraPlaces(
+            {
+                key: _where(key, one, place)
+                for key, one in value.items()
+                if one is not None
+            }
+        )
+
+    def schema(self) -> dict[str, object]:
+        """See `Allowed.schema`."""
+        return {
+            "type": "object",
+            "properties": {key: {} for key in KEYS},
+            "additionalProperties": False,
+        }
+
+
+def _where(key: str, value: object, at: str) -> Where:
+    if isinstance(value, Mapping):
+        if "file" not in value:
+            return dict(value)
+        return _checked_file(key, value, at)
+    if isinstance(value, str):
+        if table_suffix(value):
+            return InFile(_file(key, value, at))
+        return checked_path(key, value, at)
+    if isinstance(value, int | float) and not isinstance(value, bool):
+        return float(value)
+    expected = "a value, a path in the labels, or {file, path}"
+    raise _refused(key, value, expected, at)
+
+
+def _checked_file(key: str, value: Mapping[str, object], at: str) -> InFile:
+    place = f"{at}/{key}"
+    refuse_unknown_keys(value, _FILE_KEYS, at=place)
+    path = None if value.get("path") is None else str(value["path"])
+    if path is not None:
+        checked_path("path", _NAME.sub("0", path), place)
+    negated = value.get("negated") or []
+    if not isinstance(negated, list) or not {*map(str, negated)} <= {*_NUMBERS}:
+        raise _refused("negated", negated, f"a list of {', '.join(_NUMBERS)}", place)
+    return InFile(_file(key, str(value["file"]), at), path, tuple(map(str, negated)))
+
+
+def _file(key: str, file: str, at: str) -> FilePattern:
+    try:
+        pattern = FilePattern(file)
+    except ValueError as exc:
+        raise _refused(key, file, str(exc), at) from exc
+    if "*" in file or not table_suffix(file):
+        raise _refused(key, file, "a .json, .jsonl, .csv, .tsv or .npz file", at)
+    return pattern
+
+
+def _refused(name: str, value: object, expected: str, at: str) -> ConfigError:
+    return ConfigError(
+        f"{place_of(at)}{name}: expected {expected}, found {shown(value)}",
+        pointer=f"{at}/{name}",
+    )
+
+
+class Cameras:
+    """The cameras of a recording's frames.
+
+    Parameters
+    ----------
+    root : Path
+    places : CameraPlaces
+    """
+
+    def __init__(self, root: FilePath, places: CameraPlaces) -> None:
+        self._root, self._places = root, places.places
+        self._files: dict[str, _File] = {}
+
+    def of(
+        self, values: Values, labels: object, wh: tuple[int, int] | None
+    ) -> dict[str, object]:
+        """The camera of a frame, as an annotation has it; empty if none is described.
+
+        Parameters
+        ----------
+        values : mapping of str to str
+            What the names in the patterns stand for.
+        labels : object
+            What the label file has of the frame.
+        wh : (width, height), px, or None
+            The size of the image, if the description does not say it.
+
+        Raises
+        ------
+        LayoutError
+            A value is not where the description says; names file and key.
+        """
+        if not self._places:
+            return {}
+        camera: dict[str, object] = {}
+        for key, side in zip(("width", "height"), wh or (None, None), strict=True):
+            number = self._value(key, values, labels)
+            if (size := side if number is None else number) is not None:
+                camera[key] = size
+        for key in ("fov", "intrinsic"):
+            if (value := self._value(key, values, labels)) is not None:
+                camera[key] = float(value) if isinstance(value, str) else value
+        pose = self._pose("pose", values, labels)
+        mount = self._pose("mount", values, labels)
+        if pose is not None or mount is not None:
+            both = [one for one in (pose, mount) if one is not None]
+            matrix = np.linalg.multi_dot(both) if len(both) > 1 else both[0]
+            camera["world_to_camera"] = np.linalg.inv(matrix).tolist()
+        return camera
+
+    def _pose(self, key: str, values: Values, labels: object) -> FloatArray | None:
+        value = self._value(key, values, labels)
+        if value is None:
+            return None
+        if isinstance(value, list):
+            matrix = np.array(value, np.float64) if len(value) == 4 else np.empty(0)
+            if matrix.shape != (4, 4) or not np.isfinite(matrix).all():
+                raise _error(key, value, "a matrix of 4 rows of 4 numbers")
+            return matrix
+        try:
+            numbers = transform_of(value)
+        except ValueError as exc:
+            raise _error(key, value, str(exc)) from exc
+        where = self._places[key]
+        for name in where.negated if isinstance(where, InFile) else ():
+            numbers[name] *= -1
+        x, y, z, pitch, yaw, roll = (numbers[name] for name in _NUMBERS)
+        return Transform((x, y, z), (pitch, yaw, roll)).matrix
+
+    def _value(self, key: str, values: Values, labels: object) -> object:
+        where = self._places.get(key)
+        if where is None:
+            return None
+        if isinstance(where, InFile):
+            return self._in_file(key, where, values)
+        if isinstance(where, Path):
+            if (found := where.of(labels)) is None:
+                raise _error(key, None, f"a value in the labels, at {where.text}")
+            return found
+        if isinstance(where, Mapping) and not where.keys() & _TRANSFORM_KEYS:
+            if (found := where.get(values.get(CAMERA, ""))) is None:
+                expected = f"a value of camera {values.get(CAMERA)!r}"
+                raise _error(key, dict(where), expected)
+            return found
+        return where
+
+    def _in_file(self, key: str, where: InFile, values: Values) -> object:
+        lacking = [name for name in where.file.names if name not in values]
+        if lacking:
+            raise _error(
+                key, where.file.text, f"only names of frames, not {lacking[0]}"
+            )
+        name = where.file.filled(values)
+        file = self._files.get(name)
+        if file is None:
+            file = self._files[name] = _File(self._root / name, name)
+            if len(self._files) > _MOST_FILES:
+                self._files.pop(next(iter(self._files)))
+        if where.path is None:
+            found = file.of(values)
+        else:
+            path = _NAME.sub(lambda one: _quoted(one, values), where.path)
+            found = checked_path(key, path, "/cameras").of(file.document)
+        if found is None:
+            about = where.path or f"frame {values.get(FRAME)}"
+            raise LayoutError(f"cameras.{key}: {name} has nothing at {about}")
+        return found
+
+
+_MOST_FILES: Final = 16
+"""That are kept in memory."""
+
+
+def _quoted(name: re.Match[str], values: Values) -> str:
+    """The value of a name in a path, if it cannot be taken for a part of the path."""
+    value = values.get(name[1], name[0])
+    if not {*"'\"`\\"}.isdisjoint(value):
+        raise LayoutError(f"cameras: expected no quotes in {name[1]}, found {value!r}")
+    return value
+
+
+def _error(key: str, value: object, expected: str) -> LayoutError:
+    return LayoutError(f"cameras.{key}: expected {expected}, found {shown(value)}")
+
+
+class _File:
+    """A file with values of frames, of cameras, or of both."""
+
+    def __init__(self, path: FilePath, name: str) -> None:
+        document = read_document(path, name, MAX_BYTES)
+        if isinstance(document, Lines):
+            document = [row.value for _, row in document]
+        self.document = document
+        self._name = name
+
+    def of(self, values: Values) -> object:
+        """What it has of a frame and a camera; None if nothing."""
+        if isinstance(self.document, list):
+            keys = [(plain(values.get(FRAME, "")), values.get(CAMERA, ""))]
+            keys += [(keys[0][0], ""), ("", keys[0][1])]
+            return next((self._rows[key] for key in keys if key in self._rows), None)
+        found: object = self.document
+        for name in (FRAME, CAMERA, FRAME):
+            if isinstance(found, Mapping):
+                key = _key_in(found, values.get(name, ""))
+                found = found if key is None else found[key]
+        if found is self.document and isinstance(found, Mapping):
+            keys_in_file = {str(key).lower() for key in found}
+            return found if keys_in_file & _TRANSFORM_KEYS else None
+        return found
+
+    @cached_property
+    def _rows(self) -> dict[tuple[str, str], object]:
+        return dict(self._by_names())
+
+    def _by_names(self) -> Iterator[tuple[tuple[str, str], object]]:
+        fields = BoxReader(BoxFields())
+        for row in self.document if isinstance(self.document, list) else ():
+            frame, camera = (fields.cell(name, row) for name in (FRAME, CAMERA))
+            names = (one for one in (frame, camera))
+            first, second = ("" if one is None else str(one).strip() for one in names)
+            yield (plain(first), second), row
+
+
+def _key_in(found: Mapping[str, object], value: str) -> str | None:
+    if value in found:
+        return value
+    same = plain(value)
+    return next((key for key in found if value and plain(str(key)) == same), None)

@@ -1,0 +1,503 @@
+"""Boxes in tables: CSV, TSV, JSON, JSON Lines or NPZ, as people's own scripts write.
+
+A file has the boxes of one frame, one in each row, or those of many frames, each row
+with the frame's name. `filter_core.formats.fields` says what is what in a row.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+from itertools import islice
+from pathlib import Path
+from typing import Final, NamedTuple
+
+from filter_core.annotation.frame import FORMS_3D, GEOMETRIES
+from filter_core.errors import LayoutError
+from filter_core.formats.cameras import Cameras
+from filter_core.formats.fields import (
+    BOXES,
+    BoxFields,
+    BoxReader,
+    geometry_of,
+    recognised_fields,
+)
+from filter_core.formats.format import FOLDER_OPTIONS, Format, Recognition, Source
+from filter_core.formats.patterns import (
+    CAMERA,
+    FRAME,
+    LABELS,
+    FilePatterns,
+    PatternFiles,
+    Values,
+    plain,
+)
+from filter_core.formats.reading import (
+    GZIP,
+    IMAGE_SUFFIXES,
+    KEYS_NAME,
+    FileIndex,
+    FrameFileNames,
+    FrameSet,
+    FrameSource,
+    Unmatched,
+    annotated,
+    frame_key,
+    frame_of,
+    frame_size,
+    last_name,
+    split_name,
+    walk,
+)
+from filter_core.formats.recording import RecordingDescription
+from filter_core.formats.rows import (
+    MAX_BYTES,
+    Lines,
+    Row,
+    Span,
+    read_document,
+    table_suffix,
+)
+from filter_core.formats.streams import Streams
+from filter_core.values import shown
+
+TABLE: Final = Format(
+    name="table",
+    title="Tables of boxes",
+    docs_row=(
+        "boxes as rows of CSV, TSV, JSON, JSON Lines (each also `.gz`) or NPZ: a file "
+        "for each frame, or one for many frames; columns under their usual names, or "
+        "as `boxes.fields` of a [description](#tables-of-boxes) says"
+    ),
+    recognised_by="files of boxes (.csv, .tsv, .json, .jsonl or .npz)",
+    read_options=FOLDER_OPTIONS
+    | {"files", "key", "fields", "cameras", "classes", "default_class"},
+)
+
+_LOOKED_AT: Final = 64
+"""Files that are looked at to recognise the layout."""
+
+
+@TABLE.recogniser
+def _recognise(source: Source) -> Recognition:
+    root = source.path
+    if root.is_file():
+        return "possible" if _is_of_boxes(root) else "none"
+    if not any(True for _ in walk(root, IMAGE_SUFFIXES)):
+        return "none"
+    names = (name for name in walk(root, None) if table_suffix(name))
+    looked_at = islice(names, _LOOKED_AT)
+    return "fallback" if any(_is_of_boxes(root / one) for one in looked_at) else "none"
+
+
+def _is_of_boxes(path: Path) -> bool:
+    """Whether a file has rows of boxes under usual names; an annotation is no table."""
+    if not table_suffix(path.name):
+        return False
+    try:
+        document = read_document(path, path.name)
+        if isinstance(document, Mapping) and "boxes" in document:
+            return path.name.lower().endswith(".npz")
+        row = next(_first_rows(document, BoxReader(BoxFields())), None)
+    except LayoutError:
+        return False
+    return row is not None and geometry_of(recognised_fields(row)) is not None
+
+
+def _first_rows(document: object, reader: BoxReader) -> Iterator[object]:
+    """The rows of a file of one frame or of many."""
+    is_list = isinstance(document, list)
+    pairs = document if isinstance(document, Lines) else reader.frames_in(document, "")
+    for _, row in pairs:
+        if reader.holds_boxes(row.value) and not (is_list and row.value is document):
+            yield from (one.value for _, one in reader.boxes_in(row.value, ""))
+        else:
+            yield row.value
+
+
+@TABLE.reader
+def read_table(source: Path, options: RecordingDescription) -> FrameSet:
+    """A frame for each image, with the boxes of the rows that belong to it.
+
+    Raises
+    ------
+    LayoutError
+        A file with the labels of many frames cannot be read, or has no column with the
+        frame's name.
+    """
+    root = source if source.is_dir() else source.parent
+    reader = BoxReader(
+        options.fields,
+        options.classes or (),
+        options.default_class,
+        options.corners,
+    )
+    found = _by_patterns(root, options) if options.files.roles else None
+    if found is None:
+        found = _by_names(root, source, options)
+    names = _FrameNames(found.frames)
+    tables, strange = _tables(found, reader, names)
+    shares = Counter(one.files.label for one in found.frames if one.files.label)
+    labels = _Labels(reader, Cameras(root, options.cameras), tables, shares, options)
+    of_rows = (one for each in tables for one in each.unmatched)
+    unmatched = (*found.unmatched, *strange, *of_rows)
+
+    def frames() -> Iterator[FrameSource]:
+        reader.left_out = 0
+        for index, frame in enumerate(found.frames):
+            read = partial(labels.annotation, index, frame, found.folder)
+            own = replace(frame_of(frame.files, root), label=None)
+            yield annotated(own, partial(read, own))
+
+    return FrameSet(
+        layout="table",
+        frames=frames,
+        count=len(found.frames),
+        unmatched=unmatched,
+        notes=lambda: (*found.notes, *_left_out(reader)),
+    )
+
+
+def _tables(
+    found: _Found, reader: BoxReader, names: _FrameNames
+) -> tuple[list[_Table], list[Unmatched]]:
+    """The files with the labels of many frames, and those that are something else."""
+    tables, errors = [], []
+    for name, values in found.tables.items():
+        try:
+            tables.append(_Table(found.folder / name, name, values, reader, names))
+        except LayoutError as exc:
+            errors.append((name, exc))
+    if errors and not tables:
+        raise errors[0][1]
+    return tables, [Unmatched(name, error.detail) for name, error in errors]
+
+
+def _left_out(reader: BoxReader) -> Iterator[str]:
+    if reader.left_out:
+        yield (
+            f"{reader.left_out} rows have no rectangle, or that of a box behind the "
+            "camera; they are left out"
+        )
+
+
+class _Frame(NamedTuple):
+    """The files of a frame, and what the names in their patterns stand for."""
+
+    files: FrameFileNames
+    values: Values
+
+
+@dataclass(frozen=True)
+class _Found:
+    """The frames of a folder, and its files of labels.
+
+    Attributes
+    ----------
+    frames : list of _Frame
+    folder : Path
+        Where the labels are.
+    tables : mapping of str to mapping
+        The files with the labels of many frames, each with the values that all of its
+        frames share.
+    unmatched : tuple of Unmatched
+    notes : tuple of str
+    """
+
+    frames: list[_Frame]
+    folder: Path
+    tables: Mapping[str, Values] = field(default_factory=dict)
+    unmatched: tuple[Unmatched, ...] = ()
+    notes: tuple[str, ...] = ()
+
+
+def _by_patterns(root: Path, options: RecordingDescription) -> _Found:
+    for name in ("segmentation", "labels"):
+        if getattr(options, name) is not None:
+            raise LayoutError(f"expected {name} among `files`, found its folder, too")
+    roles, ignored = options.files.roles, options.files.ignored
+    files = FilePatterns(roles, (*ignored, *options.cameras.files))
+    matched = PatternFiles(root, files)
+    is_of_many = LABELS in roles and FRAME not in roles[LABELS].names
+    frames = [_Frame(*one) for one in matched.frames(options.key)]
+    unmatched = [*matched.left_over(labels=not is_of_many)]
+    if is_of_many:
+        frames = [one._replace(files=replace(one.files, label="")) for one in frames]
+    elif LABELS in roles:
+        unlabelled = [one for one in frames if not one.files.label]
+        frames = [one for one in frames if one.files.label]
+        unmatched += (
+            Unmatched(one.files.image or one.files.key, "no label file for this image")
+            for one in unlabelled
+        )
+    tables = matched.labels if is_of_many else {}
+    return _Found(frames, root, tables, tuple(unmatched))
+
+
+def _by_names(root: Path, source: Path, options: RecordingDescription) -> _Found:
+    """Images by their streams; labels that are called like them, or all in one file."""
+    folder = options.labels or root
+    streams = Streams(root, options.segmentation)
+    images = FileIndex(streams.images)
+    cameras = options.cameras.files
+    tables = [
+        name
+        for name in walk(folder, None)
+        if table_suffix(name)
+        and last_name(name) != KEYS_NAME
+        and not any(one.match(name) is not None for one in cameras)
+    ]
+    if source.is_file():
+        tables = [source.name]
+    own = FileIndex(tables, _key_of_table)
+    label_of = {
+        key: own.take(key, by_base=images.is_only_base(key)) for key, _ in images
+    }
+    are_of_many = not any(label_of.values())
+    names = [
+        FrameFileNames(key, "" if are_of_many else label_of[key] or "", image)
+        for key, image in images
+        if are_of_many or label_of[key]
+    ]
+    completed, left_over = streams.complete(names, "image")
+    unmatched = [*images.unmatched, *left_over]
+    if not are_of_many:
+        unmatched += own.left_over("no image of this name")
+        unmatched += (
+            Unmatched(image, "no label file for this image")
+            for key, image in images
+            if not label_of[key]
+        )
+    return _Found(
+        [_Frame(one, {FRAME: last_name(one.key)}) for one in completed],
+        folder,
+        {name: {} for name in tables} if are_of_many else {},
+        tuple(unmatched),
+        streams.notes,
+    )
+
+
+def _key_of_table(name: str) -> str:
+    return frame_key(name[: -len(GZIP)] if name.lower().endswith(GZIP) else name)
+
+
+class _FrameNames:
+    """Finds frames by what rows call them."""
+
+    def __init__(self, frames: Sequence[_Frame]) -> None:
+        self._frames = frames
+        self._exact: dict[str, list[int]] = {}
+        self._plain: dict[str, list[int]] = {}
+        for index, (files, values) in enumerate(frames):
+            image = files.image or ""
+            names = (files.key, values[FRAME], image, last_name(image))
+            for name in dict.fromkeys((*names, *(split_name(one)[0] for one in names))):
+                self._exact.setdefault(name, []).append(index)
+            self._plain.setdefault(plain(values[FRAME]), []).append(index)
+
+    def of(self, name: str, camera: str, values: Values) -> list[int]:
+        """The frames of this name, camera and values; several if it is unclear."""
+        path = name.replace("\\", "/").removeprefix("./")
+        last = last_name(path)
+        stem = split_name(last)[0] if last.lower().endswith(IMAGE_SUFFIXES) else last
+        found = self._exact.get(path) or self._exact.get(split_name(path)[0])
+        found = found or self._exact.get(last) or self._exact.get(stem)
+        found = found or self._plain.get(plain(stem), [])
+        same = [one for one in found if self._fits(one, values)]
+        return [one for one in same if self.is_of(one, camera)] if camera else same
+
+    def _fits(self, index: int, values: Values) -> bool:
+        own = self._frames[index].values
+        return all(own.get(name) == value for name, value in values.items())
+
+    def is_of(self, index: int, camera: str) -> bool:
+        """Whether a frame is of a camera, as far as its name says one."""
+        own = self._frames[index].values.get(CAMERA)
+        return own is None or own.casefold() == camera.casefold()
+
+
+class _Table:
+    """A file with the labels of many frames, by frame.
+
+    Attributes
+    ----------
+    unmatched : list of Unmatched
+        Rows that belong to no frame.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        name: str,
+        values: Values,
+        reader: BoxReader,
+        frames: _FrameNames,
+    ) -> None:
+        self._name, self._reader, self._frames = name, reader, frames
+        self._values = values
+        self.unmatched: list[Unmatched] = []
+        self._lines: Lines | None = None
+        self._spans: dict[int, list[Span]] = {}
+        self._rows: dict[int, list[Row]] = {}
+        self._lost: dict[str, list[str]] = {}
+        document = read_document(path, name, MAX_BYTES)
+        if isinstance(document, Lines):
+            self._lines = document
+            self._note_spans(document)
+        else:
+            for named, row in reader.frames_in(document, name):
+                for index in self._indexes(named, row):
+                    self._rows.setdefault(index, []).append(row)
+        self._list_lost()
+
+    def _note_spans(self, lines: Lines) -> None:
+        for span, row in lines:
+            for index in self._indexes(None, row):
+                spans = self._spans.setdefault(index, [])
+                if spans and spans[-1].end == span.start:
+                    spans[-1] = spans[-1]._replace(end=span.end)
+                else:
+                    spans.append(span)
+
+    def _indexes(self, named: object, row: Row) -> list[int]:
+        """The frames that a row belongs to; one that belongs to none is noted."""
+        text, camera = self._names(named, row)
+        if text is None:
+            why = row.problem.detail if row.problem else "no frame"
+            self._lost.setdefault(why, []).append(row.at)
+            return []
+        found = self._frames.of(text, camera, self._values)
+        if not found:
+            about = f"{text} of camera {camera}" if camera else text
+            self._lost.setdefault(f"no image of frame {shown(about)}", []).append(
+                row.at
+            )
+        return found
+
+    def _names(self, named: object, row: Row) -> tuple[str | None, str]:
+        """What a row calls its frame and its camera."""
+        name = self._reader.cell("frame", row.value) if named is None else named
+        return _text(name), _text(self._reader.cell("camera", row.value)) or ""
+
+    def _list_lost(self) -> None:
+        without = self._lost.get("no frame", [])
+        if without and not self._rows and not self._spans:
+            raise LayoutError(
+                f"{without[0]}: expected the name of a frame (frame, image, "
+                "file_name ...), found none; `boxes: {fields: {frame: ...}}` in "
+                "recording.yaml says which column or path it is"
+            )
+        for why, places in self._lost.items():
+            rows = f" ({len(places)} rows, the first is {places[0]})"
+            self.unmatched.append(Unmatched(self._name, why + rows))
+
+    def rows(self, index: int) -> Iterator[Row]:
+        """What it has of a frame."""
+        if self._lines is not None:
+            spans = self._spans.get(index, ())
+            yield from (row for _, row in self._lines.rows(spans))
+        yield from self._rows.get(index, ())
+
+    def shares(self, row: Row) -> int:
+        """How many frames a row belongs to."""
+        text, camera = self._names(None, row)
+        return len(self._frames.of(text, camera, self._values)) if text else 1
+
+
+def _text(value: object) -> str | None:
+    if isinstance(value, float) and value.is_integer():
+        value = int(value)
+    is_name = isinstance(value, str | int) and not isinstance(value, bool)
+    return str(value).strip() if is_name else None
+
+
+@dataclass(frozen=True)
+class _Labels:
+    """Reads the annotations of frames."""
+
+    reader: BoxReader
+    cameras: Cameras
+    tables: Sequence[_Table]
+    shares: Mapping[str, int]
+    options: RecordingDescription
+
+    def annotation(
+        self, index: int, frame: _Frame, folder: Path, source: FrameSource
+    ) -> dict[str, object]:
+        """The boxes of a frame and its camera."""
+        labels: object = None
+        boxes: list[dict[str, object]] = []
+        if name := frame.files.label:
+            document = read_document(folder / name, name)
+            if (annotation := self._annotation_in(document)) is not None:
+                return annotation
+            labels = document
+            if isinstance(document, Lines):
+                rows = [row for _, row in document]
+                labels = [row.value for row in rows]
+                found = self._in_rows(rows)
+            else:
+                found = self.reader.boxes_in(document, name)
+            boxes = self._boxes(found, frame, self.shares[name])
+        for table in self.tables:
+            for row in table.rows(index):
+                labels = row.value if labels is None else labels
+                boxes += self._boxes(self._in_rows([row]), frame, table.shares(row))
+        wh = frame_size(source) if self.options.cameras.places else None
+        camera = self.cameras.of(frame.values, labels, wh)
+        return {
+            "boxes": self._with_ids(boxes),
+            **({"camera": camera} if camera else {}),
+        }
+
+    def _annotation_in(self, document: object) -> dict[str, object] | None:
+        """What a file holds if it is an annotation of the API, with camera and all."""
+        is_other = {"fields", "cameras"} & self.options.changed.keys()
+        if is_other or not isinstance(document, Mapping):
+            return None
+        boxes = document.get(BOXES)
+        is_ours = isinstance(boxes, list) and all(
+            isinstance(box, Mapping) and not box.keys().isdisjoint(GEOMETRIES)
+            for box in boxes
+        )
+        return dict(document) if is_ours else None
+
+    def _in_rows(self, rows: Iterable[Row]) -> Iterator[tuple[str, Row]]:
+        for row in rows:
+            if self.reader.holds_boxes(row.value):
+                yield from self.reader.boxes_in(row.value, row.at)
+            else:
+                yield "", row
+
+    def _boxes(
+        self, rows: Iterable[tuple[str, Row]], frame: _Frame, shares: int
+    ) -> list[dict[str, object]]:
+        """The boxes of rows that are not those of another camera."""
+        boxes = []
+        own = frame.values.get(CAMERA)
+        for class_name, row in rows:
+            camera = _text(self.reader.cell("camera", row.value))
+            is_known = own is not None and camera is not None
+            if is_known and f"{camera}".casefold() != f"{own}".casefold():
+                continue
+            box = self.reader.box(row, class_name)
+            if box is None:
+                continue
+            if shares > 1 and not is_known and box.keys().isdisjoint(FORMS_3D):
+                raise LayoutError(
+                    f"{row.at}: expected a rectangle of one frame, found that of "
+                    f"{shares}, such as {frame.files.key}; `boxes: {{fields: {{camera: "
+                    "...}}` in recording.yaml says which column or path is the camera"
+                )
+            boxes.append(box)
+        return boxes
+
+    def _with_ids(self, boxes: list[dict[str, object]]) -> list[dict[str, object]]:
+        """Without ids that were recognised by their name, and are not unique."""
+        ids = [str(box["id"]) for box in boxes if "id" in box]
+        if len({*ids}) < len(ids) and "id" not in self.options.fields.paths:
+            for box in boxes:
+                box.pop("id", None)
+        return boxes
