@@ -18,15 +18,11 @@ import numpy as np
 
 from filter_core.config.declaration import refuse_unknown_keys
 from filter_core.errors import ConfigError, LayoutError
-from filter_core.formats.fields import (
-    BoxFields,
-    BoxReader,
-    Path,
-    checked_path,
-    transform_of,
-)
+from filter_core.formats.box_rows import BoxReader
+from filter_core.formats.fields import BoxFields, Path, checked_path
 from filter_core.formats.patterns import CAMERA, FRAME, FilePattern, Values, plain
 from filter_core.formats.rows import MAX_BYTES, Lines, read_document, table_suffix
+from filter_core.formats.vectors import transform_of
 from filter_core.geometry.pose import Transform
 from filter_core.types import FloatArray
 from filter_core.values import place_of, shown

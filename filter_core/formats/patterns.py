@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import re
 import unicodedata
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -317,6 +317,8 @@ class PatternFiles:
     ----------
     root : Path
     files : FilePatterns
+    paths : iterable of str, optional
+        All files below the folder. Default: those that are there.
 
     Attributes
     ----------
@@ -324,7 +326,9 @@ class PatternFiles:
         Every label file with what its names stand for.
     """
 
-    def __init__(self, root: Path, files: FilePatterns) -> None:
+    def __init__(
+        self, root: Path, files: FilePatterns, paths: Iterable[str] | None = None
+    ) -> None:
         self._root, self._files = root, files
         self._strange: list[Unmatched] = []
         self.labels: dict[str, dict[str, str]] = {}
@@ -335,7 +339,7 @@ class PatternFiles:
             if role != files.lead
         }
         by_length = sorted(files.roles.items(), key=lambda one: -one[1].fixed)
-        for path in walk(root, None):
+        for path in walk(root, None) if paths is None else paths:
             is_ignored = any(one.match(path) is not None for one in files.ignored)
             if not is_ignored and path != RECORDING_NAME:
                 self._add(path, by_length)

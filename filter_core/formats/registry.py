@@ -177,11 +177,11 @@ def describe_source(
     is_described = file or (source / RECORDING_NAME).is_file()
     if is_described or description.own_layout != "auto" or not source.is_dir():
         return description
-    found, fallbacks = _recognised(source)
-    if found or MANIFEST.name in fallbacks:
-        return description
     recorder = recorder_of(source)
     if recorder is None:
+        return description
+    found, fallbacks = _recognised(source)
+    if found or MANIFEST.name in fallbacks:
         return description
     values = {**recorder.values, "recorder": recorder.name}
     return describe(source, options={**values, **(options or {})})

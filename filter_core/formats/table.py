@@ -16,11 +16,11 @@ from typing import Final, NamedTuple
 
 from filter_core.annotation.frame import FORMS_3D, GEOMETRIES
 from filter_core.errors import LayoutError
+from filter_core.formats.box_rows import BoxReader
 from filter_core.formats.cameras import Cameras
 from filter_core.formats.fields import (
     BOXES,
     BoxFields,
-    BoxReader,
     geometry_of,
     recognised_fields,
 )

@@ -14,9 +14,16 @@ from typing import Final, NamedTuple
 
 from filter_core.config.file import parse_yaml
 from filter_core.errors import FilterError
+from filter_core.formats.box_rows import BoxReader
 from filter_core.formats.cameras import CameraPlaces
-from filter_core.formats.fields import BoxFields, BoxReader
-from filter_core.formats.patterns import FilePatterns, PatternFiles, PatternFrame
+from filter_core.formats.fields import BoxFields
+from filter_core.formats.patterns import (
+    LABELS,
+    FilePatterns,
+    PatternFiles,
+    PatternFrame,
+)
+from filter_core.formats.reading import walk
 from filter_core.formats.recording import values_of
 from filter_core.formats.rows import Lines, read_document
 
@@ -76,8 +83,12 @@ def recorder_of(folder: Path) -> Recorder | None:
     if not folder.is_dir():
         return None
     known = recorders()
+    paths = [*walk(folder, None)]
     for one in (*known, *(each.below(_RUN) for each in known)):
-        frames = PatternFiles(folder, one.patterns).frames(None)
+        labels = one.patterns.roles[LABELS]
+        if not any(labels.match(path) is not None for path in paths):
+            continue
+        frames = PatternFiles(folder, one.patterns, paths).frames(None)
         roles = one.patterns.roles.keys() & {"segmentation", "depth", "instances"}
         whole = [each for each in frames if _is_whole(each, roles)][:_LOOKED_AT]
         if whole and all(_fits(folder, one, each) for each in whole):
