@@ -22,7 +22,7 @@ from filter_core.formats.box_rows import BoxReader
 from filter_core.formats.fields import BoxFields, Path, checked_path
 from filter_core.formats.patterns import CAMERA, FRAME, FilePattern, Values, plain
 from filter_core.formats.rows import MAX_BYTES, Lines, read_document, table_suffix
-from filter_core.formats.vectors import transform_of
+from filter_core.formats.vectors import as_number, transform_of
 from filter_core.geometry.pose import Transform
 from filter_core.types import FloatArray
 from filter_core.values import place_of, shown
@@ -208,13 +208,16 @@ class Cameras:
                 camera[key] = size
         for key in ("fov", "intrinsic"):
             if (value := self._value(key, values, labels)) is not None:
-                camera[key] = float(value) if isinstance(value, str) else value
+                camera[key] = as_number(value) if isinstance(value, str) else value
         pose = self._pose("pose", values, labels)
         mount = self._pose("mount", values, labels)
         if pose is not None or mount is not None:
             both = [one for one in (pose, mount) if one is not None]
             matrix = np.linalg.multi_dot(both) if len(both) > 1 else both[0]
-            camera["world_to_camera"] = np.linalg.inv(matrix).tolist()
+            try:
+                camera["world_to_camera"] = np.linalg.inv(matrix).tolist()
+            except np.linalg.LinAlgError as exc:
+                raise _error("pose", matrix.tolist(), "a rigid motion") from exc
         return camera
 
     def _pose(self, key: str, values: Values, labels: object) -> FloatArray | None:

@@ -32,7 +32,7 @@ def vector_of(value: object, keys: Sequence[str]) -> dict[str, float]:
         items = value if isinstance(value, list) else []
     if len(items) != len(keys):
         raise ValueError(expected)
-    numbers = [_as_number(item) for item in items]
+    numbers = [as_number(item) for item in items]
     if not all(map(math.isfinite, numbers)):
         raise ValueError(expected)
     return dict(zip(keys, numbers, strict=True))
@@ -63,7 +63,7 @@ def transform_of(value: object) -> dict[str, float]:
     return {**vector_of(own, "xyz"), **vector_of(rotation, ROTATION)}
 
 
-def _as_number(value: object) -> float:
+def as_number(value: object) -> float:
     """A number, also one that is written as text; NaN if it is none."""
     try:
         return float(value) if isinstance(value, int | float | str) else math.nan

@@ -391,6 +391,7 @@ def test_camera_of_3d_boxes_is_found_where_the_description_says(
         ("pose: here", "cameras.pose: expected a value in the labels, at here"),
         ("mount: {right: {x: 1}}", "cameras.mount: expected a value of camera 'left'"),
         ("pose: poses.csv", "cameras.pose: poses.csv has nothing at frame 1"),
+        ("pose: flat", "cameras.pose: expected a rigid motion"),
         ("mount: {x: a}", "cameras.mount: expected {x, y, z} or a list of 3 numbers"),
     ],
 )
@@ -399,7 +400,8 @@ def test_camera_that_is_not_there_is_its_frames_problem(tmp_path, cameras, words
     files: {{image: "{{camera}}/{{frame}}.png", labels: "{{frame}}.json"}}
     cameras: {{{cameras}}}
     """
-    files = {"left/1.png": None, "1.json": "[]", "poses.csv": "frame,x\n2,3\n"}
+    labels = json.dumps({"boxes": [], "flat": [[0] * 4] * 4})
+    files = {"left/1.png": None, "1.json": labels, "poses.csv": "frame,x\n2,3\n"}
 
     (frame,) = read(tmp_path, files, description)
 
