@@ -7,7 +7,8 @@ mask. `canonical_accept` checks the accept set of a configuration, which replace
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import re
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from typing import Final
 
@@ -23,7 +24,7 @@ from filter_core.segmentation.palettes import (
     Palette,
 )
 from filter_core.types import UNKNOWN_COLUMN, BoolArray, IntArray, Profile
-from filter_core.values import nearest, place_of, shown
+from filter_core.values import nearest, place_of, pointer_token, shown
 
 # A class accepts several tags: a driven van is tagged Truck and a parked one Car, a
 # cybertruck either, and the box of a two-wheeler also contains its rider.
@@ -245,12 +246,73 @@ def _canonical_tag(tag: object, at: str) -> str | int:
         if 0 <= tag <= LAST_TAG:
             return tag
         fault = f"expected a tag from 0 to {LAST_TAG}, found {str(tag)[:60]}"
-    elif isinstance(tag, str) and tag.casefold() in _TAG_NAMES:
+        raise ConfigError(f"{place_of(at) or 'accept: '}{fault}", pointer=at)
+    return _canonical_name(tag, at, "accept: ")
+
+
+def _canonical_name(tag: object, at: str, owner: str = "") -> str:
+    if isinstance(tag, str) and tag.casefold() in _TAG_NAMES:
         return _TAG_NAMES[tag.casefold()]
-    else:
-        close = nearest(str(tag).casefold(), _TAG_NAMES)
-        fault = (
-            f"unknown tag {str(tag)[:60]!r}; the nearest valid name is "
-            f"{_TAG_NAMES[close]!r}"
+    close = nearest(str(tag).casefold(), _TAG_NAMES)
+    raise ConfigError(
+        f"{place_of(at) or owner}unknown tag {str(tag)[:60]!r}; the nearest valid name "
+        f"is {_TAG_NAMES[close]!r}",
+        pointer=at,
+    )
+
+
+MAX_CHANGED_TAGS: Final = 64
+"""Numbers and colours of a changed CARLA."""
+
+_COLOR: Final = re.compile(r"#([0-9a-f]{6})", re.IGNORECASE)
+
+_CHANNELS: Final = re.compile(r"[\[(]?\s*(\d+)\s*,\s*(\d+)\s*,\s*(\d+)\s*[\])]?")
+
+
+def canonical_tags(value: object, *, at: str = "") -> dict[str, str]:
+    """The tags of a changed CARLA: names by number and by colour, as ``#dc143c``.
+
+    Parameters are those of `canonical_accept`.
+
+    Raises
+    ------
+    ConfigError
+        Not a mapping, neither a number up to 255 nor a colour, the same twice, or a
+        tag that no palette has.
+    """
+    if not isinstance(value, Mapping) or len(value) > MAX_CHANGED_TAGS:
+        raise ConfigError(
+            f"{place_of(at) or 'tags: '}expected at most {MAX_CHANGED_TAGS} numbers or "
+            f"colours, each with the name of a tag, found {shown(value)}",
+            pointer=at,
         )
-    raise ConfigError(f"{place_of(at) or 'accept: '}{fault}", pointer=at)
+    tags: dict[str, str] = {}
+    for given, name in value.items():
+        place = f"{at}/{pointer_token(given)}"
+        key = _canonical_value(given, place)
+        if key in tags:
+            raise ConfigError(
+                f"{place_of(at)}{key} is given twice; keep one", pointer=place
+            )
+        tags[key] = _canonical_name(name, place)
+    # In one order, since equal configurations have equal digests.
+    return dict(sorted(tags.items(), key=lambda one: (len(one[0]), one[0])))
+
+
+def _canonical_value(given: object, at: str) -> str:
+    text = str(given).strip() if isinstance(given, int | str) else ""
+    if text.isdecimal() and int(text) <= _MAX_LEVEL:
+        return str(int(text))
+    if found := _COLOR.fullmatch(text):
+        return f"#{found[1].lower()}"
+    channels = _CHANNELS.fullmatch(text)
+    if channels and all(int(level) <= _MAX_LEVEL for level in channels.groups()):
+        return f"#{bytes(map(int, channels.groups())).hex()}"
+    raise ConfigError(
+        f"{place_of(at)}expected a number from 0 to {_MAX_LEVEL}, or a colour such as "
+        f'"#dc143c" (in quotes) or [220, 20, 60], found {str(given)[:60]!r}',
+        pointer=at,
+    )
+
+
+_MAX_LEVEL: Final = 255

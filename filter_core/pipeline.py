@@ -33,7 +33,7 @@ from filter_core.geometry.projection import BoxGeometry
 from filter_core.images.header import MAX_SIDE, exchanged_sides
 from filter_core.images.pixels import ChannelOrder
 from filter_core.segmentation.codes import Segmentation
-from filter_core.segmentation.palettes import family_of_version
+from filter_core.segmentation.palettes import NEWEST, family_of_version
 from filter_core.segmentation.reading import (
     SegmentationOptions,
     read_segmentation,
@@ -275,6 +275,7 @@ def measure_frame(
         ignore=options.ignore,
         contents=options.sensors,
         max_side=options.max_side,
+        tags_of_numbers=_tags_of_numbers(annotation, segmentation, config),
     )
     family = _family(annotation, sensors, config)
     boxes = _frame_boxes(annotation.boxes, geometry, config, family, wh)
@@ -335,7 +336,24 @@ def _family(
         return sensors.segmentation.family
     if not sensors.measurable_channels(config):
         return None
-    return _named_family(_reading(annotation, config))
+    reading = _reading(annotation, config)
+    family = _named_family(reading)
+    return None if family is None else reading.changed.target(family)
+
+
+def _tags_of_numbers(
+    annotation: FrameAnnotation,
+    segmentation: Segmentation | None,
+    config: MeasureConfig,
+) -> NDArray[np.uint8] | None:
+    """The tag of each number in instance images and LiDAR files of a changed CARLA."""
+    reading = _reading(annotation, config)
+    if not reading.changed.numbers:
+        return None
+    if segmentation is not None and segmentation.encoding == "raw":
+        return segmentation.codes.tag_of_code
+    family = _named_family(reading) or (segmentation and segmentation.family)
+    return reading.changed.tags_of_numbers(family or NEWEST)
 
 
 def _frame_boxes(
@@ -408,7 +426,7 @@ def _as_segmentation(
             "or a carla_version in the annotation, found neither",
             code="family_not_named",
         )
-    return segmentation_from_tags(given, family)
+    return segmentation_from_tags(given, family, reading.changed)
 
 
 def _reading(annotation: FrameAnnotation, config: MeasureConfig) -> SegmentationOptions:

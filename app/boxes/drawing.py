@@ -22,7 +22,6 @@ from app.engine.children import PixelPool
 from filter_core.errors import FilterError, ImageError
 from filter_core.images.decoding import decode_as_seen
 from filter_core.images.header import read_image_header
-from filter_core.pipeline import SegmentationReport
 from filter_core.segmentation.palettes import FAMILIES
 from filter_core.segmentation.reading import SegmentationOptions, read_segmentation
 from unghost.wire.words import LayerName
@@ -74,14 +73,14 @@ class Layer:
     name : ``image``, ``segmentation`` in its palette's colours, or ``blend`` of both
     image, segmentation : bytes or None
         The files as they were sent. Without an image, the background is grey.
-    report : SegmentationReport or None
-        The options with which the segmentation was read when it was measured.
+    reading : SegmentationOptions or None
+        How the segmentation was read when it was measured.
     """
 
     name: LayerName
     image: bytes | None
     segmentation: bytes | None
-    report: SegmentationReport | None
+    reading: SegmentationOptions | None
 
     def picture(self) -> Picture:
         """The background, decoded and painted.
@@ -104,15 +103,9 @@ class Layer:
         return np.asarray(mixed, np.uint8)
 
     def _painted(self) -> Picture:
-        if self.segmentation is None or self.report is None:
+        if self.segmentation is None or self.reading is None:
             raise ImageError("the frame has no segmentation that was measured")
-        options = SegmentationOptions(
-            palette=self.report["palette"],
-            encoding=self.report["encoding"],
-            channel_order=self.report["channel_order"],
-            lossy="nearest" if self.report["lossy"] else "refuse",
-        )
-        read = read_segmentation(self.segmentation, options)
+        read = read_segmentation(self.segmentation, self.reading)
         painted = FAMILIES[read.family].paint(read.tags)
         return np.ascontiguousarray(painted[:, :, ::-1])
 

@@ -6,7 +6,7 @@ import hashlib
 import json
 import threading
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from sqlalchemy.orm import Session
 
@@ -48,7 +48,9 @@ from app.measuring.queries import (
 from app.security import Principal
 from app.storage.base import BlobStore
 from filter_core.pipeline import SegmentationReport
+from filter_core.segmentation.reading import SegmentationOptions
 from filter_core.types import VERDICTS
+from filter_core.values import JsonObject
 from unghost.wire.frames import CropQuery, FrameDetails, OverlayQuery, StoredFile
 from unghost.wire.words import FileKind, LayerName
 
@@ -220,12 +222,12 @@ def remove_frame(audit: AuditTrail, by: Principal, dataset: Dataset, key: str) -
 
 @dataclass(frozen=True)
 class FramePictures:
-    """Draws pictures of a frame; `report` is how its segmentation was read."""
+    """Draws pictures of a frame; `reading` is how its segmentation was read."""
 
     storage: BlobStore
     frame_id: int
     files: Mapping[str, FileRow]
-    report: SegmentationReport | None
+    reading: SegmentationOptions | None
 
     def thumbnail(self) -> Drawing:
         """A small picture of the image; raises NotFound if there is none."""
@@ -266,13 +268,13 @@ class FramePictures:
 
     def _tag(self, *what: object) -> str:
         digests = [file.sha256 for _, file in sorted(self.files.items())]
-        text = json.dumps([digests, self.report, what], default=str)
+        text = json.dumps([digests, self.reading, what], default=str)
         return hashlib.sha256(text.encode()).hexdigest()[:32]
 
     def _require(self, layer: LayerName) -> None:
         needs_segmentation = layer != "image" or "image" not in self.files
         if needs_segmentation and (
-            "segmentation" not in self.files or self.report is None
+            "segmentation" not in self.files or self.reading is None
         ):
             raise NotFound("measured segmentation of frame", self.frame_id)
 
@@ -287,7 +289,7 @@ class FramePictures:
             for kind, file in self.files.items()
             if kind in needed
         }
-        return Layer(layer, read.get("image"), read.get("segmentation"), self.report)
+        return Layer(layer, read.get("image"), read.get("segmentation"), self.reading)
 
 
 def frame_pictures(
@@ -296,11 +298,33 @@ def frame_pictures(
     """The pictures that can be drawn of a frame; raises NotFound."""
     frame = FrameRepository(session).with_id(frame_id)
     dataset = DatasetRepository(session).with_id(frame.dataset_id)
-    reports = EvidenceRepository(session).reports(
-        [frame_id], filled(dataset.active_measurement_id)
-    )
+    evidence = EvidenceRepository(session)
+    measurement = filled(dataset.active_measurement_id)
+    report = evidence.reports([frame_id], measurement).get(frame_id)
     files = FrameRepository(session).files([frame_id])[frame_id]
-    return FramePictures(storage, frame_id, files, reports.get(frame_id))
+    reading = None
+    if report is not None:
+        options = evidence.measurement_with_id(measurement).options
+        reading = _reading_again(report, options, frame.carla_version)
+    return FramePictures(storage, frame_id, files, reading)
+
+
+def _reading_again(
+    report: SegmentationReport, options: JsonObject, carla_version: str | None
+) -> SegmentationOptions:
+    """How a segmentation is read that was measured, so that it gets the same tags."""
+    reading = SegmentationOptions(
+        palette=report["palette"],
+        encoding=report["encoding"],
+        channel_order=report["channel_order"],
+        lossy="nearest" if report["lossy"] else "refuse",
+    )
+    changed = {name: options[name] for name in ("tags", "tag_scale") if name in options}
+    if not changed:
+        return reading
+    # What the report names may be another palette than the file's.
+    palette = options["reading"]["palette"]
+    return replace(reading, palette=palette, carla_version=carla_version, **changed)
 
 
 def crop_of(

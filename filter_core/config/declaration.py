@@ -2,8 +2,8 @@
 
 `key` makes the dataclass field that declares a key, and `declared_keys` finds the keys
 of a class. Its allowed values are `PERCENT`, `METRES`, `NEAREST_METRES`,
-`FARTHEST_METRES`, `counted`, `AllowedWords` or `TagList`. The keys themselves are in
-`keys.py`.
+`FARTHEST_METRES`, `counted`, `AllowedWords`, `TagList` or one of the other classes
+here. The keys themselves are in `keys.py`.
 """
 
 from __future__ import annotations
@@ -17,7 +17,14 @@ from typing import Any, Final, NamedTuple, Protocol, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from filter_core.classes import MAX_ACCEPT, PASS, canonical_accept, measured_class
+from filter_core.classes import (
+    MAX_ACCEPT,
+    MAX_CHANGED_TAGS,
+    PASS,
+    canonical_accept,
+    canonical_tags,
+    measured_class,
+)
 from filter_core.errors import ConfigError
 from filter_core.evidence_kinds import AUTO, STRONGEST_FIRST
 from filter_core.segmentation.palettes import LAST_TAG
@@ -192,6 +199,48 @@ class TagList:
             "minItems": 1,
             "maxItems": MAX_ACCEPT,
         }
+
+
+class ChangedTagNames:
+    """Names of tags by numbers and colours of a changed CARLA."""
+
+    def __str__(self) -> str:
+        return "names of tags by number (0 to 255) or colour"
+
+    def checked(self, name: str, value: object, at: str = "") -> dict[str, str]:
+        """See `Allowed.checked`."""
+        return canonical_tags(value, at=f"{at}/{name}")
+
+    def schema(self) -> dict[str, object]:
+        """See `Allowed.schema`."""
+        return {
+            "type": "object",
+            "additionalProperties": {"type": "string"},
+            "maxProperties": MAX_CHANGED_TAGS,
+        }
+
+
+class AllowedScale:
+    """A whole number from 1, or ``auto``."""
+
+    def __str__(self) -> str:
+        return f"auto or {_SCALE}"
+
+    def checked(self, name: str, value: object, at: str = "") -> int | str:
+        """See `Allowed.checked`."""
+        if value == "auto":
+            return "auto"
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise _refused(name, value, str(self), at)
+        return int(_SCALE.checked(name, value, at) or 0)
+
+    def schema(self) -> dict[str, object]:
+        """See `Allowed.schema`."""
+        number = {"type": "integer", "minimum": _SCALE.low, "maximum": _SCALE.high}
+        return {"anyOf": [{"const": "auto"}, number]}
+
+
+_SCALE: Final = NumberRange(1, 255, "grey levels", whole=True)
 
 
 class ClassName:

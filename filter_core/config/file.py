@@ -37,6 +37,10 @@ _MAX_DIGITS: Final = 1000
 
 _MAX_UNUSED: Final = 100
 
+_WHOLE_NUMBER: Final = "tag:yaml.org,2002:int"
+
+_TEXT: Final = "tag:yaml.org,2002:str"
+
 _SHOWN_KEY: Final = 80
 
 _SHOWN_KEYS: Final = 5
@@ -195,6 +199,7 @@ class _StrictLoader(yaml.SafeLoader):
         node = super().compose_node(parent, index)
         self._depth -= 1
         if isinstance(node, yaml.MappingNode):
+            node.value = [(_color_as_text(key), value) for key, value in node.value]
             _refuse_bad_keys(node)
         if isinstance(node, yaml.ScalarNode) and not _is_encodable(node.value):
             raise _refused("half of a surrogate pair is not text", node)
@@ -210,7 +215,7 @@ def _whole_number(loader: yaml.SafeLoader, node: yaml.ScalarNode) -> int:
     return number
 
 
-_StrictLoader.add_constructor("tag:yaml.org,2002:int", _whole_number)
+_StrictLoader.add_constructor(_WHOLE_NUMBER, _whole_number)
 
 
 def _is_encodable(text: str) -> bool:
@@ -219,6 +224,22 @@ def _is_encodable(text: str) -> bool:
     except UnicodeEncodeError:
         return False
     return True
+
+
+_CHANNELS: Final = 3
+
+
+def _color_as_text(key: yaml.Node) -> yaml.Node:
+    """A key ``[220, 20, 60]`` as text, since a list can be no key; others as they are.
+
+    A colour of a changed CARLA may be written so (`canonical_tags`).
+    """
+    if not isinstance(key, yaml.SequenceNode) or len(key.value) != _CHANNELS:
+        return key
+    if not all(one.tag == _WHOLE_NUMBER for one in key.value):
+        return key
+    text = ", ".join(one.value for one in key.value)
+    return yaml.ScalarNode(_TEXT, f"[{text}]", key.start_mark, key.end_mark)
 
 
 def _refuse_bad_keys(node: yaml.MappingNode) -> None:

@@ -11,7 +11,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from types import MappingProxyType
 from typing import Final, NamedTuple, TypeVar
@@ -190,7 +190,7 @@ class DecideConfig(DecidingKeys, ClassLimits):
 
     def as_dict(self) -> dict[str, object]:
         """Every key, defaults filled in, ready for JSON; `from_mapping` inverts it."""
-        plain = {key: getattr(self, key) for key in keys_of(type(self))}
+        plain = {key: _plain(getattr(self, key)) for key in keys_of(type(self))}
         overrides = {name: one.as_dict() for name, one in self.classes.items()}
         return {**plain, "classes": overrides}
 
@@ -295,7 +295,11 @@ class FilterConfig(ReadingKeys, DecideConfig):
         SegmentationError
             ``segmentation_contradiction``: dataset and configuration differ.
         """
-        own = SegmentationOptions.named_by(self)
+        own = replace(
+            SegmentationOptions.named_by(self),
+            tags=self.tags,
+            tag_scale=1 if self.tag_scale == "auto" else self.tag_scale,
+        )
         layers = {
             dataset_name: dataset or SegmentationOptions(),
             "the configuration": own,
@@ -321,6 +325,11 @@ class FilterConfig(ReadingKeys, DecideConfig):
             depth_tolerance=float(self.depth_tolerance),
             depth_encoding=self.depth_encoding,
         )
+
+
+def _plain(value: object) -> object:
+    """A value of a key as JSON has it, which nobody else can change."""
+    return dict(value) if isinstance(value, Mapping) else value
 
 
 def _canonical_classes(raw: object) -> Mapping[str, ClassConfig]:

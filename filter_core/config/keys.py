@@ -30,7 +30,9 @@ from filter_core.config.declaration import (
     METRES,
     NEAREST_METRES,
     PERCENT,
+    AllowedScale,
     AllowedWords,
+    ChangedTagNames,
     ClassName,
     Inherit,
     Key,
@@ -46,6 +48,7 @@ from filter_core.segmentation.reading import (
     Encoding,
     Lossy,
     OrderOfChannels,
+    TagScale,
 )
 from filter_core.types import Dataclass, DepthEncoding, Profile, ProjectionMode
 
@@ -230,6 +233,20 @@ class ReadingKeys:
         AllowedWords(get_args(Lossy)),
         "refuse",
         "Whether segmentations as JPEG are refused, or read by the nearest colours.",
+        needs_pixels=True,
+    )
+    tags: Mapping[str, str] = key(
+        ChangedTagNames(),
+        {},
+        "Tags of a changed CARLA: names of CARLA's tags by their number or colour in "
+        "segmentations and instance images. All others are those of the palette.",
+        needs_pixels=True,
+    )
+    tag_scale: TagScale = key(
+        AllowedScale(),
+        "auto",
+        "The number by which grey segmentations are divided, if they hold multiples of "
+        "tags; auto: they hold tags.",
         needs_pixels=True,
     )
     depth_encoding: DepthEncoding = key(

@@ -108,8 +108,9 @@ class MeasureConfig:
     def as_dict(self) -> dict[str, object]:
         """The stored form, ready for JSON.
 
-        ``channels``, ``class_map`` and ``renamed`` only where there are any,
-        ``version`` only where it makes a difference and is not the first.
+        ``channels``, ``class_map``, ``renamed``, ``tags`` and ``tag_scale`` only where
+        there are any, ``version`` only where it makes a difference and is not the
+        first.
         """
         own = [getattr(self.own_reading, name) for name in _READING]
         by_name: list[object] = [self.profile, *own, self.projection]
@@ -123,12 +124,14 @@ class MeasureConfig:
             "reading": {name: getattr(self.reading, name) for name in _READING},
             "ignored": self.ignored,
         }
-        if self.class_map:
-            plain["class_map"] = dict(self.class_map)
-        if self.profile == "paper" and self.version > 1:
-            plain["version"] = self.version
-        if self.renamed:
-            plain["renamed"] = dict(self.renamed)
+        optional: dict[str, object] = {
+            "tags": dict(self.reading.tags),
+            "tag_scale": self.reading.tag_scale,
+            "class_map": dict(self.class_map),
+            "version": self.version if self.profile == "paper" else 1,
+            "renamed": dict(self.renamed),
+        }
+        plain |= {name: one for name, one in optional.items() if one not in ({}, 1)}
         if not self.channels:
             return plain
         tolerance = self.depth_tolerance if "depth" in self.channels else None
@@ -161,7 +164,12 @@ class MeasureConfig:
         channels, tolerance, encoding = _channels_of(stored)
         return replace(
             self,
-            reading=SegmentationOptions(**stored["reading"], sources=stored["sources"]),
+            reading=SegmentationOptions(
+                **stored["reading"],
+                sources=stored["sources"],
+                tags=stored.get("tags", {}),
+                tag_scale=stored.get("tag_scale", 1),
+            ),
             renamed=stored.get("renamed", {}),
             ignored=stored["ignored"],
             channels=channels,
@@ -180,7 +188,8 @@ class MeasureConfig:
         """
         channels, tolerance, encoding = _channels_of(stored)
         plain = self.as_dict()
-        compared = {*plain, "class_map", "renamed", "version"} - {"channels"}
+        optional = {"class_map", "renamed", "version", "tags", "tag_scale"}
+        compared = {*plain, *optional} - {"channels"}
         return (
             set(self.channels) <= set(channels)
             and ("depth" not in self.channels or self.depth_tolerance == tolerance)

@@ -12,6 +12,9 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Final
 
+import numpy as np
+from numpy.typing import NDArray
+
 from filter_core.config.measure import MeasureConfig
 from filter_core.errors import ImageError, error_context
 from filter_core.evidence.depth import (
@@ -27,7 +30,7 @@ from filter_core.evidence.instances import (
     read_instances,
     settled_instances,
 )
-from filter_core.evidence.lidar import points_inside, read_points
+from filter_core.evidence.lidar import LidarPoints, points_inside, read_points
 from filter_core.evidence.ordered import owned_pixels
 from filter_core.evidence.semantic import MeasureOptions, measure
 from filter_core.evidence.silhouettes import (
@@ -41,7 +44,13 @@ from filter_core.geometry.camera import Camera
 from filter_core.geometry.pose import Transform
 from filter_core.images.header import MAX_SIDE
 from filter_core.segmentation.codes import Segmentation
-from filter_core.types import ChannelNumbers, Evidence, FrameBoxes, Mask
+from filter_core.types import (
+    UNKNOWN_TAG,
+    ChannelNumbers,
+    Evidence,
+    FrameBoxes,
+    Mask,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,6 +73,8 @@ class Sensors:
         file is read only if a channel to be measured needs it.
     max_side : int, px
         Largest width and height of the pictures among these files.
+    tags_of_numbers : (256,) uint8 or None
+        The tag of each number in an instance image or a LiDAR file; None: itself.
     """
 
     segmentation: Segmentation | None = None
@@ -72,6 +83,7 @@ class Sensors:
     ignore: Mask | None = None
     contents: Mapping[str, bytes] = field(default_factory=dict)
     max_side: int = MAX_SIDE
+    tags_of_numbers: NDArray[np.uint8] | None = None
 
     def measurable_channels(self, config: MeasureConfig) -> tuple[str, ...]:
         """The channels of a configuration that need no file, or whose file is there."""
@@ -140,7 +152,7 @@ def _measure_channels(
     # A file is read by its kind, since two channels share the depth image.
     kinds = files_for(channels)
     instances = _read_instances(sensors, wh) if "instances" in kinds else None
-    points = read_points(sensors.contents["lidar"]) if "lidar" in kinds else None
+    points = _read_points(sensors) if "lidar" in kinds else None
 
     silhouettes = frame_silhouettes(
         boxes.xyxy, boxes.vertices, camera, wh, centres="ordered" in channels
@@ -151,7 +163,9 @@ def _measure_channels(
             silhouettes, segmentation.codes, boxes.accept_mask, sensors.ignore
         )
     if instances is not None:
-        instances = settled_instances(instances, boxes, silhouettes)
+        instances = settled_instances(
+            instances, boxes, silhouettes, sensors.tags_of_numbers
+        )
         notes.extend(instances.notes)
         fill_instances(numbers, instances, boxes, silhouettes)
     if "ordered" in channels and segmentation is not None:
@@ -203,6 +217,16 @@ _NO_EVIDENCE: Final = ("depth_too_coarse", "lossy_depth", "unknown_depth")
 """Errors of a depth image that is not damaged, but from which nothing follows."""
 
 
+def _read_points(sensors: Sensors) -> LidarPoints:
+    points = read_points(sensors.contents["lidar"])
+    table = sensors.tags_of_numbers
+    if table is None:
+        return points
+    known = (points.tag >= 0) & (points.tag < len(table))
+    tags = np.where(known, table[np.where(known, points.tag, 0)], UNKNOWN_TAG)
+    return replace(points, tag=tags.astype(np.int64))
+
+
 def _read_instances(sensors: Sensors, wh: tuple[int, int]) -> InstanceImage:
     with error_context(pointer="/instances"):
         return read_instances(
@@ -210,4 +234,5 @@ def _read_instances(sensors: Sensors, wh: tuple[int, int]) -> InstanceImage:
             sensors.segmentation,
             expected_wh=wh,
             max_side=sensors.max_side,
+            tags_of_numbers=sensors.tags_of_numbers,
         )

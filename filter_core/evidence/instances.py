@@ -8,7 +8,7 @@ boxes, one to one and with the best total fit, and counts the pixels of each.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import cv2
@@ -72,6 +72,7 @@ def read_instances(
     *,
     expected_wh: tuple[int, int] | None = None,
     max_side: int = MAX_SIDE,
+    tags_of_numbers: NDArray[np.uint8] | None = None,
 ) -> InstanceImage:
     """Read an instance image of CARLA.
 
@@ -82,6 +83,8 @@ def read_instances(
     segmentation : Segmentation of the same frame, optional
     expected_wh : (width, height), px
     max_side : int, px
+    tags_of_numbers : (256,) uint8, optional
+        The tag of each number of a changed CARLA, 255 if none; default: itself.
 
     Raises
     ------
@@ -114,7 +117,8 @@ def read_instances(
         pixels = decode_color(content, header, "bgr")
     if pixels is None:
         raise ImageError("the instance image cannot be decoded: it is damaged")
-    orders = _orders_of_tags(pixels, segmentation)
+    table = _TAGS if tags_of_numbers is None else tags_of_numbers
+    orders = _orders_of_tags(pixels, segmentation, table)
     return _image(pixels, orders[0], is_certain=len(orders) == 1)
 
 
@@ -126,9 +130,13 @@ _FEWEST_TAGS: Final = 64
 
 
 def _orders_of_tags(
-    bgr: NDArray[np.uint8], segmentation: Segmentation | None
+    bgr: NDArray[np.uint8],
+    segmentation: Segmentation | None,
+    table: NDArray[np.uint8],
 ) -> list[ChannelOrder]:
     """The orders of channels that an instance image can have, the likelier first.
+
+    `table` has the tag of each number.
 
     Raises
     ------
@@ -146,14 +154,15 @@ def _orders_of_tags(
             order: int(cv2.minMaxLoc(cv2.extractChannel(bgr, channel))[1])
             for order, channel in channels.items()
         }
-        orders = [order for order in channels if 0 < highest[order] <= LAST_TAG]
+        last = int(np.flatnonzero(table <= LAST_TAG)[-1])
+        orders = [order for order in channels if 0 < highest[order] <= last]
         if not orders:
             found = f"values up to {highest['rgb']} in red and {highest['bgr']} in blue"
-            raise _fault(f"tags of 1 to {LAST_TAG} in red", found)
+            raise _fault(f"tags of 1 to {last} in red", found)
         return orders
     known = (tags > 0) & (tags < UNKNOWN_TAG)
     agreeing = {
-        order: int(np.count_nonzero((values[..., channel] == tags) & known))
+        order: int(np.count_nonzero((table[values[..., channel]] == tags) & known))
         for order, channel in channels.items()
     }
     best: ChannelOrder = "bgr" if agreeing["bgr"] > agreeing["rgb"] else "rgb"
@@ -185,13 +194,28 @@ def _image(
 
 
 def settled_instances(
-    image: InstanceImage, boxes: FrameBoxes, silhouettes: list[Silhouette]
+    image: InstanceImage,
+    boxes: FrameBoxes,
+    silhouettes: list[Silhouette],
+    tags_of_numbers: NDArray[np.uint8] | None = None,
 ) -> InstanceImage:
     """The image in the order of channels that its boxes show, if it is not certain.
 
     That is the order in which more of their pixels have a tag that they accept; ``rgb``
-    if it is the same number. Parameters as for `fill_instances`.
+    if it is the same number. Parameters as for `fill_instances` and `read_instances`;
+    the result has the tags of the numbers of a changed CARLA.
     """
+    table = _TAGS if tags_of_numbers is None else tags_of_numbers
+    image = _in_shown_order(image, boxes, silhouettes, table)
+    return image if table is _TAGS else replace(image, tags=table[image.tags])
+
+
+def _in_shown_order(
+    image: InstanceImage,
+    boxes: FrameBoxes,
+    silhouettes: list[Silhouette],
+    table: NDArray[np.uint8],
+) -> InstanceImage:
     if image.is_certain:
         return image
     swapped = InstanceImage(
@@ -205,7 +229,7 @@ def settled_instances(
         sum(
             np.count_nonzero(
                 one.of(
-                    accepts(int(boxes.accept_mask[one.row]), _TAGS)[tags[one.region]]
+                    accepts(int(boxes.accept_mask[one.row]), table)[tags[one.region]]
                 )
             )
             for one in silhouettes

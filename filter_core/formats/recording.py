@@ -44,7 +44,12 @@ from filter_core.formats.reading import (
     read_label_bytes,
     real_paths,
 )
-from filter_core.segmentation.reading import Encoding, Lossy, OrderOfChannels
+from filter_core.segmentation.reading import (
+    Encoding,
+    Lossy,
+    OrderOfChannels,
+    TagScale,
+)
 from filter_core.types import DepthEncoding
 from filter_core.values import place_of, pointer_token, shown
 
@@ -238,6 +243,8 @@ class RecordingDescription:
     lossy_segmentation: Lossy = placed(
         "segmentation.lossy", _OF_READING["lossy_segmentation"]
     )
+    tags: Mapping[str, str] = placed("segmentation.tags", _OF_READING["tags"])
+    tag_scale: TagScale = placed("segmentation.scale", _OF_READING["tag_scale"])
     depth_encoding: DepthEncoding = placed(
         "depth.encoding", _OF_READING["depth_encoding"]
     )
@@ -364,8 +371,7 @@ class RecordingDescription:
 
         A configuration's own values win over these (`load_config`).
         """
-        named = {**self.segmentation_settings(), "depth_encoding": self.depth_encoding}
-        keys = {name: value for name, value in named.items() if name in self.changed}
+        keys = {name: one for name, one in self.changed.items() if name in _OF_READING}
         classes = measured_classes(self.class_map)
         return {**keys, **({"classes": classes} if classes else {})}
 
@@ -383,11 +389,16 @@ class RecordingDescription:
         return {
             name: str(value)
             for name, value in self.changed.items()
-            if name in _OF_READING and place_in_file(name).startswith("segmentation.")
+            if name in DATASET_SETTINGS
         }
 
 
 _OF_TABLE: Final = ("files", "key", "fields", "cameras")
+
+DATASET_SETTINGS: Final = (
+    *("palette", "encoding", "channel_order", "lossy_segmentation"),
+)
+"""Keys of a configuration that are settings of a dataset, too."""
 
 READER_KEYS: Final = frozenset(
     {
@@ -407,8 +418,6 @@ _NOT_YET: Final = frozenset(
     {
         "split",
         "map",
-        "segmentation.scale",
-        "segmentation.tags",
     }
 )
 """Keys with a meaning that no reader carries out."""

@@ -13,6 +13,7 @@ recognised properties. Raw tags are their own codes there.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import Final, Literal
@@ -28,7 +29,13 @@ from filter_core.images.pixels import (
     sampled,
     values_of,
 )
-from filter_core.segmentation.palettes import FAMILIES, RGB, palette_of
+from filter_core.segmentation.palettes import (
+    FAMILIES,
+    RGB,
+    UNCHANGED,
+    ChangedTags,
+    palette_of,
+)
 from filter_core.types import UNKNOWN_TAG, IntArray, TagImage
 
 ORDERS: Final[tuple[ChannelOrder, ...]] = ("rgb", "bgr")
@@ -69,15 +76,33 @@ KNOWN_COLORS: Final = _all_packed_colors()
 CODE_OF: Final = {color: code for code, color in enumerate(KNOWN_COLORS, start=1)}
 
 
-@lru_cache(maxsize=1)
-def exact_codes() -> Codes:
+MAX_CHANGED_COLORS: Final = (255 - len(KNOWN_COLORS)) // len(ORDERS)
+"""Colours of a changed CARLA that can have codes, too."""
+
+
+@lru_cache(maxsize=16)
+def codes_with(changed: ChangedTags) -> Mapping[int, int]:
+    """The code of every known colour, and of those of a changed CARLA."""
+    own = [packed(rgb, order) for rgb, _ in changed.colors for order in ORDERS]
+    return {
+        color: code for code, color in enumerate({**CODE_OF, **dict.fromkeys(own)}, 1)
+    }
+
+
+def exact_codes(changed: ChangedTags = UNCHANGED) -> Codes:
     """(2^24,) uint8: the code of every packed colour.
 
     Almost all of it is zeros that were never written, so it takes 16 MiB of addresses
     and a few pages of memory.
     """
+    return _exact_codes(changed)
+
+
+@lru_cache(maxsize=4)
+def _exact_codes(changed: ChangedTags) -> Codes:
+    codes = codes_with(changed)
     table = np.zeros(_N_COLORS, dtype=np.uint8)
-    table[list(KNOWN_COLORS)] = np.arange(1, len(KNOWN_COLORS) + 1)
+    table[list(codes)] = list(codes.values())
     table.setflags(write=False)
     return table
 
@@ -98,19 +123,22 @@ _NEAREST_LEVELS: Final = 32
 
 
 @lru_cache(maxsize=4)
-def nearest_tags(family: str, order: ChannelOrder) -> Codes:
+def nearest_tags(
+    family: str, order: ChannelOrder, changed: ChangedTags = UNCHANGED
+) -> Codes:
     """(2^24,) uint8: the tag whose colour is nearest, within 32 levels per channel.
 
     Nearest in the Euclidean sense, the lower tag wins a tie; 255 where no colour is
     near, and where it is exactly the colour of another family.
     """
-    tags = palette_of(family).tags
-    table = _nearest(
-        [(packed(tag.rgb, order), tag.tag) for tag in tags],
-        _NEAREST_LEVELS,
-        default=UNKNOWN_TAG,
-    )
-    own = {packed(tag.rgb, order) for tag in tags}
+    tags = tags_of_codes(family, order, changed)
+    own = {
+        color: int(tags[code])
+        for color, code in codes_with(changed).items()
+        if tags[code] != UNKNOWN_TAG
+    }
+    by_tag = sorted(own.items(), key=lambda one: one[1])
+    table = _nearest(by_tag, _NEAREST_LEVELS, default=UNKNOWN_TAG)
     foreign = [
         color
         for palette in FAMILIES.values()
@@ -145,11 +173,20 @@ def _nearest(colors: list[tuple[int, int]], levels: int, *, default: int) -> Cod
 
 
 @lru_cache(maxsize=16)
-def tags_of_codes(family: str, order: ChannelOrder) -> NDArray[np.uint8]:
-    """(256,) uint8: the tag that each code means in a family; 255 where none."""
+def tags_of_codes(
+    family: str, order: ChannelOrder, changed: ChangedTags = UNCHANGED
+) -> NDArray[np.uint8]:
+    """(256,) uint8: the tag that each code means in a family; 255 where none.
+
+    Of a changed CARLA: in `ChangedTags.target` of the family.
+    """
     tags = np.full(256, UNKNOWN_TAG, dtype=np.uint8)
+    renumbered = changed.renumbered(family)
     for tag in palette_of(family).tags:
-        tags[CODE_OF[packed(tag.rgb, order)]] = tag.tag
+        tags[CODE_OF[packed(tag.rgb, order)]] = renumbered[tag.tag]
+    codes, target = codes_with(changed), palette_of(changed.target(family))
+    for rgb, name in changed.colors:
+        tags[codes[packed(rgb, order)]] = target.tag_of(name)
     tags.setflags(write=False)
     return tags
 
@@ -166,11 +203,14 @@ class PixelCodes:
         The tag that a code means; 255 is Unknown.
     occurring : tuple of int
         The codes that occur in the image, in ascending order.
+    changed : ChangedTags
+        Colours that have codes of their own.
     """
 
     pixels: NDArray[np.uint8]
     tag_of_code: NDArray[np.uint8]
     occurring: tuple[int, ...]
+    changed: ChangedTags = UNCHANGED
 
     @classmethod
     def of_tags(cls, tags: TagImage, known: int, counts: IntArray) -> PixelCodes:
@@ -186,7 +226,7 @@ class PixelCodes:
 
     def codes_of(self, values: PixelValues) -> Codes:
         """The codes of some values."""
-        return codes_of(values, exact_codes())
+        return codes_of(values, exact_codes(self.changed))
 
     def crop(self, x0: int, y0: int, x1: int, y1: int) -> Codes:
         """The codes of columns x0..x1-1 and rows y0..y1-1; not to be written to."""

@@ -10,7 +10,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from types import MappingProxyType
 from typing import Final, TypeAlias
 
@@ -282,6 +282,91 @@ def palette_of(family: str) -> Palette:
         raise UnknownPalette(
             f"palette must be auto or one of {known}; found {family!r}"
         ) from None
+
+
+@dataclass(frozen=True)
+class ChangedTags:
+    """What a changed CARLA writes otherwise than the family that it was made of.
+
+    All other numbers and colours mean what they mean in that family.
+
+    Attributes
+    ----------
+    numbers, colors : tuple of (int or RGB, str)
+        Numbers and colours, each with the name of its tag.
+    scale : int
+        Raw images have multiples of this in the place of numbers.
+    """
+
+    numbers: tuple[tuple[int, str], ...] = ()
+    colors: tuple[tuple[RGB, str], ...] = ()
+    scale: int = 1
+
+    def target(self, family: str) -> str:
+        """The family whose numbers the tags get: this one, if it has all their names.
+
+        Else the newest, which calls the tags of all others the same, but for Vehicle.
+
+        Raises
+        ------
+        UnknownTag
+            Neither of the two has all names.
+        """
+        names = {name for _, name in (*self.numbers, *self.colors)}
+        lacking = [
+            sorted(names.difference(tag.name for tag in palette_of(one).tags))
+            for one in (family, NEWEST)
+        ]
+        if not lacking[0]:
+            return family
+        if not lacking[1]:
+            return NEWEST
+        raise UnknownTag(
+            f"tags: expected names of one family, found {lacking[0][0]}, which is none "
+            f"of {family}, and {lacking[1][0]}, which is none of {NEWEST}"
+        )
+
+    def renumbered(self, family: str) -> NDArray[np.uint8]:
+        """(256,) uint8: the tag in `target` of each tag of a family; 255 if none."""
+        return _renumbered(family, self.target(family))
+
+    def tags_of_numbers(self, family: str) -> NDArray[np.uint8]:
+        """(256,) uint8: the tag in `target` that a number means; 255 if none."""
+        return _tags_of_numbers(self, family)
+
+    @property
+    def levels(self) -> NDArray[np.uint8]:
+        """(256,) uint8: the number of each level of a raw image; 255 if it is none."""
+        levels = np.arange(256)
+        numbers = np.where(levels % self.scale, UNKNOWN_TAG, levels // self.scale)
+        return numbers.astype(np.uint8)
+
+
+UNCHANGED: Final = ChangedTags()
+
+NEWEST: Final = _FIRST_VERSION[0][1]
+"""The family of the newest versions of CARLA."""
+
+
+@lru_cache(maxsize=64)
+def _renumbered(family: str, target: str) -> NDArray[np.uint8]:
+    numbers = {tag.name: tag.tag for tag in palette_of(target).tags}
+    table = np.full(256, UNKNOWN_TAG, dtype=np.uint8)
+    for tag in palette_of(family).tags:
+        table[tag.tag] = numbers.get(tag.name, UNKNOWN_TAG)
+    table.setflags(write=False)
+    return table
+
+
+@lru_cache(maxsize=64)
+def _tags_of_numbers(changed: ChangedTags, family: str) -> NDArray[np.uint8]:
+    table: NDArray[np.uint8] = changed.renumbered(family).copy()
+    target = palette_of(changed.target(family))
+    for number, name in changed.numbers:
+        if number * changed.scale <= UNKNOWN_TAG:
+            table[number] = target.tag_of(name)
+    table.setflags(write=False)
+    return table
 
 
 def family_of_version(version: str) -> str:

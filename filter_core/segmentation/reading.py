@@ -29,10 +29,14 @@ from filter_core.segmentation.codes import (
     NO_FAMILY,
     Segmentation,
     exact_codes,
+    unpacked,
 )
 from filter_core.segmentation.palettes import (
     FAMILIES,
+    LAST_TAG,
     PAPER_TABLE,
+    UNCHANGED,
+    ChangedTags,
     UnknownVersion,
     family_of_version,
     palette_of,
@@ -60,7 +64,11 @@ OrderOfChannels: TypeAlias = Literal["auto", "rgb", "bgr"]
 
 Lossy: TypeAlias = Literal["refuse", "nearest"]
 
+TagScale: TypeAlias = Literal["auto"] | int
+
 _FIELDS = ("palette", "encoding", "channel_order", "lossy")
+
+_COLOR: Final = "#"
 
 _NEEDS_A_FAMILY: Final = ("family_not_named", "ambiguous_palette")
 """Errors that a known version of CARLA would prevent."""
@@ -93,6 +101,11 @@ class SegmentationOptions:
         The frame's own, the last of those who can name the family.
     sources : Mapping
         Who named each field, for the text of a contradiction; see `agreed`.
+    tags : Mapping of str to str
+        Numbers (``40``) and colours (``#dc143c``) of a changed CARLA, each with the
+        name of its tag.
+    tag_scale : int
+        Raw images have multiples of this in the place of tags.
     """
 
     palette: str = "auto"
@@ -101,6 +114,22 @@ class SegmentationOptions:
     lossy: Lossy = "refuse"
     carla_version: str | None = None
     sources: Mapping[str, str] = field(default_factory=dict)
+    tags: Mapping[str, str] = field(default_factory=dict)
+    tag_scale: int = 1
+
+    @property
+    def changed(self) -> ChangedTags:
+        """What a changed CARLA writes otherwise."""
+        if not self.tags and self.tag_scale == 1:
+            return UNCHANGED
+        named = self.tags.items()
+        return ChangedTags(
+            numbers=tuple((int(k), v) for k, v in named if not k.startswith(_COLOR)),
+            colors=tuple(
+                (unpacked(int(k[1:], 16)), v) for k, v in named if k.startswith(_COLOR)
+            ),
+            scale=self.tag_scale,
+        )
 
     @classmethod
     def named_by(cls, source: NamesReading) -> SegmentationOptions:
@@ -152,6 +181,8 @@ class SegmentationOptions:
             lossy=by["lossy"].lossy,
             carla_version=version,
             sources=sources,
+            tags=next((one.tags for one in layers.values() if one.tags), {}),
+            tag_scale=max(one.tag_scale for one in layers.values()),
         )
 
 
@@ -210,7 +241,9 @@ def read_segmentation(
         raise SegmentationError(text, code=error.kind) from None
 
 
-def segmentation_from_tags(tags: TagImage, family: str) -> Segmentation:
+def segmentation_from_tags(
+    tags: TagImage, family: str, changed: ChangedTags = UNCHANGED
+) -> Segmentation:
     """A segmentation from an array of tags.
 
     Parameters
@@ -218,6 +251,8 @@ def segmentation_from_tags(tags: TagImage, family: str) -> Segmentation:
     tags : (H, W) uint8
         255 is Unknown, and so is a tag that the family does not have. Not copied.
     family : key of `filter_core.segmentation.palettes.FAMILIES`
+    changed : ChangedTags
+        Of a changed CARLA; the tags are numbers, not multiples of them.
 
     Returns
     -------
@@ -235,7 +270,8 @@ def segmentation_from_tags(tags: TagImage, family: str) -> Segmentation:
         raise SegmentationError(
             f"tags: expected an array (H, W) of uint8, found {tags.shape} {tags.dtype}"
         )
-    return raw_segmentation(tags, count_codes(tags, exact_codes()), family, "rgb")
+    counts = count_codes(tags, exact_codes())
+    return raw_segmentation(tags, counts, family, "rgb", changed)
 
 
 def _read_channels(
@@ -244,14 +280,16 @@ def _read_channels(
     options: SegmentationOptions,
     named: NamedReading,
 ) -> Segmentation:
-    if options.encoding == "raw":
+    is_scaled = options.encoding == "auto" and named.changed.scale > 1
+    if options.encoding == "raw" or is_scaled:
         return read_raw_channel(rgb, named)
     if header.media_type == "image/jpeg":
         _refuse_jpeg(rgb, options)
         return read_nearest_colors(rgb, named)
-    occurring = occurring_codes(rgb, exact_codes())
+    occurring = occurring_codes(rgb, exact_codes(named.changed))
     no_family = NO_FAMILY in occurring
-    if no_family and options.encoding == "auto" and looks_raw(rgb):
+    last = max((LAST_TAG, *(number for number, _ in named.changed.numbers)))
+    if no_family and options.encoding == "auto" and looks_raw(rgb, last):
         return read_raw_channel(rgb, named)
     if no_family:
         refuse_lost_tags(rgb, is_jpeg=False)
@@ -272,7 +310,9 @@ def _refuse_unusable(header: ImageHeader, options: SegmentationOptions) -> None:
             f"{_source(options, 'encoding')} says encoding palette, "
             "the image is grey, so it can only hold raw tags"
         )
-    if header.media_type == "image/jpeg" and (grey or options.encoding == "raw"):
+    is_scaled = options.encoding == "auto" and options.changed.scale > 1
+    is_raw = grey or options.encoding == "raw" or is_scaled
+    if header.media_type == "image/jpeg" and is_raw:
         raise lost_tags("a grey JPEG" if grey else "a JPEG that is to be read as raw")
 
 
@@ -295,13 +335,14 @@ def _named(options: SegmentationOptions) -> tuple[NamedReading, tuple[str, ...]]
     order = None if options.channel_order == "auto" else options.channel_order
     family = None if options.palette == "auto" else palette_of(options.palette).name
     sources = {name: _source(options, name) for name in _FIELDS}
+    changed = options.changed
     if options.carla_version is None:
-        return NamedReading(family, order, sources), ()
+        return NamedReading(family, order, sources, changed), ()
     try:
         rendered = family_of_version(options.carla_version)
     except UnknownVersion as unknown:
         notes = (f"{unknown}; not used",)
-        return NamedReading(family, order, sources), notes
+        return NamedReading(family, order, sources, changed), notes
     version = f"carla_version {options.carla_version}"
     # The paper's table is no version's: naming it says how to read, not who rendered.
     if family not in (None, rendered, PAPER_TABLE):
@@ -310,7 +351,7 @@ def _named(options: SegmentationOptions) -> tuple[NamedReading, tuple[str, ...]]
         )
     if family is None:
         family, sources["palette"] = rendered, version
-    return NamedReading(family, order, sources), ()
+    return NamedReading(family, order, sources, changed), ()
 
 
 def _source(options: SegmentationOptions, name: str) -> str:

@@ -23,7 +23,14 @@ from filter_core.segmentation.codes import (
     tags_of_codes,
     unpacked,
 )
-from filter_core.segmentation.palettes import FAMILIES, PAPER_TABLE, RGB, palette_of
+from filter_core.segmentation.palettes import (
+    FAMILIES,
+    PAPER_TABLE,
+    RGB,
+    UNCHANGED,
+    ChangedTags,
+    palette_of,
+)
 from filter_core.types import UNKNOWN_TAG
 
 _NEWEST_FIRST: Final = (
@@ -61,11 +68,14 @@ class NamedReading:
     sources : mapping or None
         Who named each of them, for errors. Not compared, so that `recognise` finds what
         it has cached whoever named them.
+    changed : ChangedTags
+        Of a changed CARLA. Not compared either: `recognise` is not asked about them.
     """
 
     family: str | None = None
     order: ChannelOrder | None = None
     sources: Mapping[str, str] | None = field(default=None, compare=False)
+    changed: ChangedTags = field(default=UNCHANGED, compare=False)
 
     def source(self, what: str) -> str:
         """Who named it, for an error's text."""

@@ -32,10 +32,13 @@ from filter_core.segmentation.codes import (
     COLOR_BITS,
     KNOWN_COLORS,
     NO_FAMILY,
+    ORDERS,
     PixelCodes,
     Segmentation,
+    codes_with,
     exact_codes,
     nearest_tags,
+    packed,
     recognisable_codes,
     tags_of_codes,
     unpacked,
@@ -45,6 +48,8 @@ from filter_core.segmentation.palettes import (
     LAST_TAG,
     PAPER_TABLE,
     RGB,
+    UNCHANGED,
+    ChangedTags,
     palette_of,
 )
 from filter_core.segmentation.recognition import (
@@ -86,56 +91,75 @@ def read_exact_colors(
         ``foreign_colors``: more than 1 % of the pixels have colours of no family; and
         what `recognise` raises.
     """
+    changed = named.changed
     if NO_FAMILY in occurring:
-        _refuse_no_family(pixels, count_codes(pixels, exact_codes()), [NO_FAMILY])
-    found = recognise(set(occurring) - {NO_FAMILY}, named)
-    tags = tags_of_codes(found.family, found.order)
+        counts = count_codes(pixels, exact_codes(changed))
+        _refuse_no_family(pixels, counts, [NO_FAMILY], changed)
+    found = recognise(_family_codes(occurring, changed), named)
+    tags = tags_of_codes(found.family, found.order, changed)
     segmentation = Segmentation(
-        codes=PixelCodes(pixels, tags, tuple(occurring)),
-        family=found.family,
+        codes=PixelCodes(pixels, tags, tuple(occurring), changed),
+        family=changed.target(found.family),
         encoding="palette",
         channel_order=found.order,
         notes=found.notes,
-        rivals=found.rivals,
+        rivals=_rivals(found, changed),
     )
-    if NO_FAMILY in occurring or found.missing:
-        return _with_unknown(segmentation, found)
-    return segmentation
+    unknown = [code for code in occurring if tags[code] == UNKNOWN_TAG]
+    return _with_unknown(segmentation, unknown) if unknown else segmentation
 
 
-def _with_unknown(segmentation: Segmentation, found: Recognition) -> Segmentation:
-    """The same, with what is Unknown counted: only then does each pixel matter."""
-    counts = count_codes(segmentation.pixels, exact_codes())
-    foreign = _readings_of_foreign(found)
-    no_family = [NO_FAMILY, *sorted(found.missing - foreign.keys())]
-    _refuse_no_family(segmentation.pixels, counts, no_family)
+def _family_codes(occurring: Iterable[int], changed: ChangedTags) -> set[int]:
+    """The codes that occur of colours that a family has, and no changed CARLA."""
+    codes = codes_with(changed)
+    own = {codes[packed(rgb, order)] for rgb, _ in changed.colors for order in ORDERS}
+    return set(occurring) - own - {NO_FAMILY}
+
+
+def _rivals(found: Recognition, changed: ChangedTags) -> tuple[str, ...]:
+    """Those of the recognition, if the tags keep the numbers of its family."""
+    return found.rivals if changed.target(found.family) == found.family else ()
+
+
+def _with_unknown(segmentation: Segmentation, unknown: Sequence[int]) -> Segmentation:
+    """The same, with the codes without a tag counted: only then each pixel matters."""
+    changed = segmentation.codes.changed
+    counts = count_codes(segmentation.pixels, exact_codes(changed))
+    foreign = _readings_of_foreign(unknown, segmentation.channel_order)
+    no_family = [NO_FAMILY, *(code for code in unknown if code and code not in foreign)]
+    _refuse_no_family(segmentation.pixels, counts, no_family, changed)
     return replace(
         segmentation,
         unknown_pixels=int(counts[[*foreign, *no_family]].sum()),
-        notes=(*found.notes, *_unknown_notes(counts, foreign, no_family)),
+        notes=(*segmentation.notes, *_unknown_notes(counts, foreign, no_family)),
     )
 
 
-def _readings_of_foreign(found: Recognition) -> dict[int, Reading]:
-    """The first other family that has a missing colour, by the colour's code.
+def _readings_of_foreign(
+    unknown: Iterable[int], order: ChannelOrder
+) -> dict[int, Reading]:
+    """The first family that has a colour without a tag, by the colour's code.
 
     Colours that a family has only with red and blue swapped are left out.
     """
-    readings = [Reading(family, found.order) for family in FAMILIES]
+    readings = [Reading(family, order) for family in FAMILIES]
     return {
         code: having[0]
-        for code in sorted(found.missing)
+        for code in unknown
         if (having := [one for one in readings if not one.missing(frozenset({code}))])
     }
 
 
 def _refuse_no_family(
-    pixels: NDArray[np.uint8], counts: IntArray, codes: Sequence[int]
+    pixels: NDArray[np.uint8],
+    counts: IntArray,
+    codes: Sequence[int],
+    changed: ChangedTags,
 ) -> None:
     share = 100.0 * float(counts[codes].sum()) / float(counts.sum())
     if share <= _MAX_SENSELESS_PERCENT:
         return
-    red, green, blue = _commonest_color(pixels, codes, exact_codes())
+    red, green, blue = _commonest_color(pixels, codes, exact_codes(changed))
     raise SegmentationError(
         f"{share:.1f} % of the pixels have colours of no known family, most often "
         f"({red}, {green}, {blue}); at most {_MAX_SENSELESS_PERCENT:g} % may. "
@@ -201,15 +225,15 @@ def read_nearest_colors(pixels: NDArray[np.uint8], named: NamedReading) -> Segme
     near = count_codes(pixels, recognisable_codes())
     floor = _LOSSY_FLOOR_PERCENT / 100.0 * float(near.sum())
     occurring = set(np.flatnonzero(near >= floor).tolist()) - {NO_FAMILY}
-    found = recognise(occurring, named)
-    table = nearest_tags(found.family, found.order)
+    found = recognise(_family_codes(occurring, named.changed), named)
+    table = nearest_tags(found.family, found.order, named.changed)
     tags = codes_of(values_of(pixels), table)
     counts = count_codes(tags, table)
     unknown = int(counts[UNKNOWN_TAG])
     share = 100.0 * unknown / float(counts.sum())
     return Segmentation(
         codes=PixelCodes.of_tags(tags, UNKNOWN_TAG, counts),
-        family=found.family,
+        family=named.changed.target(found.family),
         encoding="palette",
         channel_order=found.order,
         lossy=True,
@@ -219,7 +243,7 @@ def read_nearest_colors(pixels: NDArray[np.uint8], named: NamedReading) -> Segme
             f"lossy: tags by the nearest colour, {share:.2f} % of the pixels "
             "are too far from any",
         ),
-        rivals=found.rivals,
+        rivals=_rivals(found, named.changed),
     )
 
 
@@ -369,10 +393,13 @@ def _refuse_rippled(tags: TagImage) -> None:
         )
 
 
-def looks_raw(rgb: NDArray[np.uint8]) -> bool:
-    """Whether (H, W, 3) pixels have small numbers in red alone, or in blue alone."""
+def looks_raw(rgb: NDArray[np.uint8], last: int = LAST_TAG) -> bool:
+    """Whether (H, W, 3) pixels have small numbers in red alone, or in blue alone.
+
+    `last` is the largest of such numbers.
+    """
     red, green, blue = (_maximum(rgb, channel) for channel in (_RED, _GREEN, _BLUE))
-    return green == 0 and (red == 0) != (blue == 0) and red + blue <= LAST_TAG
+    return green == 0 and (red == 0) != (blue == 0) and red + blue <= last
 
 
 def read_raw_channel(rgb: NDArray[np.uint8], named: NamedReading) -> Segmentation:
@@ -411,36 +438,76 @@ def read_raw_tags(
     Parameters
     ----------
     tags : (H, W) uint8
+        Or multiples of `ChangedTags.scale`.
     named : NamedReading
     order : for the answer's `channel_order`
 
     Raises
     ------
     SegmentationError
-        ``foreign_tags``: more than 1 % of the pixels have tags of no family;
+        ``foreign_tags``: more than 1 % of the pixels have tags of no family, or no
+        multiples;
         ``lossy_segmentation``: they were a JPEG once;
         ``segmentation_contradiction``: tags occur that the named family does not have;
         ``family_not_named``: nothing names the family and nothing proves it.
     """
+    changed = named.changed
     counts = count_codes(tags, exact_codes())
-    _refuse_senseless(counts)
+    if changed.scale > 1:
+        _refuse_no_multiples(counts, changed.scale)
+        tags = cv2.LUT(tags, changed.levels).astype(np.uint8, copy=False)
+        counts = count_codes(tags, exact_codes())
+    plain = counts.copy()
+    plain[[number for number, _ in changed.numbers]] = 0
+    _refuse_senseless(plain, counts)
     _refuse_rippled(tags)
-    family = named.family or _proved_family(counts)
-    _refuse_contradiction(counts, family, named)
-    return raw_segmentation(tags, counts, family, order)
+    family = named.family or _proved_family(plain)
+    _refuse_contradiction(plain, family, named)
+    return raw_segmentation(tags, counts, family, order, changed)
 
 
-def _refuse_senseless(counts: IntArray) -> None:
-    senseless = counts[LAST_TAG + 1 : UNKNOWN_TAG]
+def _refuse_no_multiples(counts: IntArray, scale: int) -> None:
+    others = np.where(np.arange(256) % scale, counts, 0)
+    share = 100.0 * float(others.sum()) / float(counts.sum())
+    if share > _MAX_SENSELESS_PERCENT:
+        raise SegmentationError(
+            f"tag_scale: expected multiples of {scale}, found other numbers at "
+            f"{share:.1f} % of the pixels, most often {int(others.argmax())}",
+            code="foreign_tags",
+        )
+
+
+def _refuse_senseless(plain: IntArray, counts: IntArray) -> None:
+    """Refuse numbers of no family; `plain` are pixels of those that are not changed."""
+    senseless = plain[LAST_TAG + 1 : UNKNOWN_TAG]
     share = 100.0 * float(senseless.sum()) / float(counts.sum())
     if share > _MAX_SENSELESS_PERCENT:
         commonest = LAST_TAG + 1 + int(senseless.argmax())
         raise SegmentationError(
             f"{share:.1f} % of the pixels have raw tags of no family, most often "
-            f"{commonest}; expected 0 to {LAST_TAG}. "
-            "A coloured segmentation needs encoding: palette",
+            f"{commonest}; expected 0 to {LAST_TAG}. {_remedy_of_numbers(counts)}",
             code="foreign_tags",
         )
+
+
+_FEWEST_MULTIPLES: Final = 4
+"""Different numbers; a mask has few, which are multiples of something."""
+
+
+def _remedy_of_numbers(counts: IntArray) -> str:
+    """What to do about raw numbers of no family, as far as the image tells."""
+    numbers = np.flatnonzero(counts[:UNKNOWN_TAG])
+    factor = int(np.gcd.reduce(numbers))
+    is_scaled = factor > 1 and numbers[-1] // factor <= LAST_TAG
+    if is_scaled and len(numbers) >= _FEWEST_MULTIPLES:
+        return (
+            f"All are multiples of {factor}: tag_scale divides them, so that "
+            f"tag_scale: {factor} reads {numbers[-1]} as {numbers[-1] // factor}"
+        )
+    return (
+        "Tags of a changed CARLA are named by the key tags, as in {40: Pedestrian}; a "
+        "coloured segmentation needs encoding: palette"
+    )
 
 
 def _proved_family(counts: IntArray) -> str:
@@ -479,14 +546,18 @@ def _refuse_contradiction(counts: IntArray, family: str, named: NamedReading) ->
 
 
 def raw_segmentation(
-    tags: TagImage, counts: IntArray, family: str, order: ChannelOrder
+    tags: TagImage,
+    counts: IntArray,
+    family: str,
+    order: ChannelOrder,
+    changed: ChangedTags = UNCHANGED,
 ) -> Segmentation:
     """Tags (H, W) of a known family; others are Unknown, counted and noted.
 
     `counts` (256,) are the pixels of each tag, `order` is the answer's `channel_order`.
     """
-    known = len(palette_of(family).tags)
-    unknown = int(counts[known:].sum())
+    tag_of_number = changed.tags_of_numbers(family)
+    unknown = int(counts[tag_of_number == UNKNOWN_TAG].sum())
     notes = [] if order == "rgb" else ["the raw tags are in the blue channel"]
     if unknown:
         share = 100.0 * unknown / float(counts.sum())
@@ -495,8 +566,8 @@ def raw_segmentation(
             "counted as Unknown"
         )
     return Segmentation(
-        codes=PixelCodes.of_tags(tags, known, counts),
-        family=family,
+        codes=PixelCodes(tags, tag_of_number, tuple(np.flatnonzero(counts).tolist())),
+        family=changed.target(family),
         encoding="raw",
         channel_order=order,
         unknown_pixels=unknown,

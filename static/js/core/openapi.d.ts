@@ -2214,6 +2214,18 @@ export interface components {
              */
             lossy_segmentation?: "refuse" | "nearest";
             /**
+             * @description Tags of a changed CARLA: names of CARLA's tags by their number or colour in segmentations and instance images. All others are those of the palette.
+             * @default {}
+             */
+            tags?: {
+                [key: string]: string;
+            };
+            /**
+             * @description The number by which grey segmentations are divided, if they hold multiples of tags; auto: they hold tags.
+             * @default auto
+             */
+            tag_scale?: "auto" | number;
+            /**
              * @description How depth images hold metres. Those of 8 bits, and those in whole metres, are too coarse to be evidence.
              * @default auto
              * @enum {string}

@@ -2,7 +2,7 @@
 // A configuration that is tried out: edits, differences, link, YAML. Pure functions.
 
 /** @typedef {import("../core/openapi.js").FilterConfigIn} ConfigBody */
-/** @typedef {string | number | null | readonly (string | number)[]} ConfigValue */
+/** @typedef {string | number | null | readonly (string | number)[] | Readonly<Record<string, string>>} ConfigValue */
 /** @typedef {Readonly<Record<string, ConfigValue | undefined>>} Values  by their keys */
 /** @typedef {Record<string, ConfigValue | undefined>} Edits  by path; undefined removes a class's own value */
 /** @typedef {{path: string, before: ConfigValue | undefined, after: ConfigValue | undefined}} Difference */
@@ -141,7 +141,9 @@ export const queryOf = (edits) =>
 export function valueText(value) {
   if (value === undefined) return "as for all";
   if (value === null) return "none";
-  return Array.isArray(value) ? value.join(", ") : String(value);
+  if (Array.isArray(value)) return value.join(", ");
+  if (typeof value !== "object") return String(value);
+  return Object.entries(value).map((entry) => entry.join(": ")).join(", ") || "none";
 }
 
 /** The whole configuration as YAML. @param {ConfigBody} config */

@@ -9,6 +9,7 @@ import pytest
 from filter_core.segmentation.palettes import FAMILIES
 from tests.support import frames as scene
 from tests.support.api import BASE
+from tests.support.pictures import png
 
 CONTENT = scene.segmentation()
 SIZE = len(CONTENT)
@@ -108,6 +109,25 @@ def test_segmentation_overlay_without_boxes_has_exact_palette_colours(api, store
     painted = FAMILIES[scene.FAMILY].paint(scene.tags())
     assert answer.headers["content-type"] == "image/png"
     np.testing.assert_array_equal(decoded(answer)[..., ::-1], painted)
+
+
+def test_segmentation_of_a_changed_carla_is_measured_and_painted_by_its_names(api):
+    config = {"palette": "carla-0.9.10", "tags": {"100": "Car", "40": "Pedestrian"}}
+    dataset = api.dataset(config=config)
+    numbers = np.full((scene.HEIGHT, scene.WIDTH), 7, np.uint8)  # Road of 0.9.10
+    numbers[10:30, 10:30] = 100
+    frame = {"boxes": [{"class": "car", "xyxy": [10, 10, 30, 30]}]}
+
+    stored = api.upload_frame(dataset, "a", frame, segmentation=png(numbers))
+
+    assert stored["frame"]["counts"]["kept"] == 1
+    drawn = api.get(
+        f"/frames/{stored['frame']['id']}/overlay", layer="segmentation", boxes=""
+    )
+    newest = FAMILIES["carla-0.9.14"]
+    tags = np.where(numbers == 100, newest.tag_of("Car"), newest.tag_of("Road"))
+    painted = newest.paint(tags.astype(np.uint8))
+    np.testing.assert_array_equal(decoded(drawn)[..., ::-1], painted)
 
 
 def test_boxes_are_drawn_by_their_effective_verdict(api):

@@ -87,7 +87,7 @@ def test_every_layout_is_read_as_the_library_reads_it(admin, tmp_path, layout):
 
 def test_description_of_a_recording_is_carried_out_and_told(admin):
     text = b"""
-segmentation: {folder: tags, palette: carla-0.9.14}
+segmentation: {folder: tags, palette: carla-0.9.14, tags: {100: Car}, scale: 2}
 boxes: {classes: [Auto]}
 classes: {Auto: car}
 """
@@ -101,7 +101,8 @@ classes: {Auto: car}
 
     assert (head["classes"], unmatched) == (["Auto"], {})
     assert head["settings"] == {"palette": "carla-0.9.14"}
-    assert head["config"] == {"classes": {"Auto": "car"}}
+    changed = {"tags": {"100": "Car"}, "tag_scale": 2}
+    assert head["config"] == {**changed, "classes": {"Auto": "car"}}
     # As the page does.
     dataset = {"name": "described", "config": head["config"]}
     assert admin.post(f"{BASE}/datasets", json=dataset).status_code == 201

@@ -77,7 +77,7 @@ test("edits lead from either configuration to the other; differences list keys f
 });
 
 test("values of keys are shown in words", () => {
-  assert.deepEqual([undefined, null, 0.5, "paper", ["Truck", "Car"]].map(valueText), ["as for all", "none", "0.5", "paper", "Truck, Car"]);
+  assert.deepEqual([undefined, null, 0.5, "paper", ["Truck", "Car"], { 40: "Pedestrian", 100: "Car" }, {}].map(valueText), ["as for all", "none", "0.5", "paper", "Truck, Car", "40: Pedestrian, 100: Car", "none"]);
   assert.equal(valueOf(ACTIVE, "classes.van.threshold_small_box"), undefined);
 });
 

@@ -12,7 +12,14 @@ import numpy as np
 import pytest
 from jsonschema import Draft202012Validator
 
-from filter_core.config.declaration import INHERIT, NumberRange, counted, key
+from filter_core.config.declaration import (
+    INHERIT,
+    AllowedScale,
+    ChangedTagNames,
+    NumberRange,
+    counted,
+    key,
+)
 from filter_core.config.filter import (
     ClassConfig,
     ClassLimits,
@@ -128,7 +135,11 @@ FIRST_KEYS = {
 }
 """The keys that every digest contains, even at their default. Never add one."""
 
-DEFAULTS_OF_NEW_KEYS: dict[str, object] = {"depth_encoding": "auto"}
+DEFAULTS_OF_NEW_KEYS: dict[str, object] = {
+    "depth_encoding": "auto",
+    "tags": {},
+    "tag_scale": "auto",
+}
 """The defaults of all later keys. Such a default must never change again."""
 
 
@@ -282,6 +293,8 @@ def test_filter_config_keys_keep_the_order_of_decide_config_keys():
         "encoding",
         "channel_order",
         "lossy_segmentation",
+        "tags",
+        "tag_scale",
         "depth_encoding",
     }
 
@@ -327,6 +340,8 @@ def non_default_value(default, allowed):
     if isinstance(allowed, NumberRange):
         more = (default or 0) + 4
         return more if more <= allowed.high else default - 4
+    if isinstance(allowed, ChangedTagNames | AllowedScale):
+        return {"40": "Pedestrian"} if default == {} else 21
     return next(word for word in reversed(allowed.words) if word != default)
 
 

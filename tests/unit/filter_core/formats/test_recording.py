@@ -25,6 +25,8 @@ segmentation:
   encoding: raw
   channel_order: bgr
   lossy: nearest
+  tags: {40: pedestrian, "#0A00FF": Car, [220, 20, 60]: Rider}
+  scale: 2
 depth: {encoding: carla-bgr}
 boxes:
   labels: boxes
@@ -58,6 +60,8 @@ def test_every_key_of_a_description_reaches_reader_or_configuration(tmp_path):
         "encoding": "raw",
         "channel_order": "bgr",
         "lossy_segmentation": "nearest",
+        "tags": {"40": "Pedestrian", "#0a00ff": "Car", "#dc143c": "Rider"},
+        "tag_scale": 2,
         "depth_encoding": "carla-bgr",
         "classes": {"sign": {"accept": ["TrafficSign"]}},
     }
@@ -107,6 +111,15 @@ def test_option_wins_over_the_file_and_a_configuration_over_both(tmp_path):
         ("segmentation: {palete: auto}", "recording.yaml: segmentation: unknown key "
          "'palete'; the nearest valid key is 'palette'"),
         ("depth: {encoding: rgb}", "depth: encoding: expected one of auto, carla"),
+        ("segmentation: {tags: {256: Car}}", "segmentation.tags.256: expected a "
+         "number from 0 to 255, or a colour such as \"#dc143c\" (in quotes) or "
+         "[220, 20, 60], found '256'"),
+        ("segmentation: {tags: {40: Persn}}", "40: unknown tag 'Persn'; the nearest "
+         "valid name is 'Pedestrian'"),
+        ("segmentation: {tags: {'#00008e': Car, [0, 0, 142]: Bus}}", "#00008e is given "
+         "twice"),
+        ("segmentation: {scale: 0}", "segmentation: scale: expected a whole number "
+         "from 1 to 255"),
         ("boxes: {origin: 2}", "recording.yaml: boxes: origin: expected"),
         ("boxes: {classes: []}", "boxes: classes: expected a list of class names"),
         ("boxes: [car]", "boxes: expected a mapping of keys, found a list of 1"),

@@ -10,6 +10,7 @@ from filter_core.errors import (
     ImageTooLarge,
     SegmentationError,
 )
+from filter_core.evidence.semantic import measure
 from filter_core.segmentation.palettes import FAMILIES, UnknownPalette
 from filter_core.segmentation.reading import (
     Encoding,
@@ -19,6 +20,7 @@ from filter_core.segmentation.reading import (
 )
 from tests.support.pictures import (
     FAMILY,
+    frame_boxes,
     indexed_png,
     jpeg,
     painted,
@@ -430,3 +432,146 @@ class TestTags:
     def test_array_that_is_not_a_tag_image_is_refused(self, tags):
         with pytest.raises(FilterError, match=r"expected an array \(H, W\) of uint8"):
             segmentation_from_tags(tags, FAMILY)
+
+
+OF_CHANGED_CARLA = {"40": "Pedestrian", "100": "Car", "101": "Truck"}
+
+
+def changed_street(of_carla: str = "carla-0.9.10") -> np.ndarray:
+    """Raw tags of a street with people and cars that a changed CARLA numbers itself."""
+    tag_of = FAMILIES[of_carla].tag_of
+    tags = np.full((20, 30), tag_of("Road"), np.uint8)
+    tags[:8] = tag_of("Building")
+    tags[2:12, 3:8] = 40
+    tags[10:18, 10:20] = 100
+    tags[9:11, 12:14] = 101
+    return tags
+
+
+@pytest.mark.parametrize("form", ["grey", "red", "blue"])
+def test_tags_of_a_changed_carla_are_read_and_all_others_are_the_palettes(form):
+    numbers = changed_street()
+    rgb = np.zeros((*numbers.shape, 3), np.uint8)
+    rgb[..., 0 if form == "red" else 2] = numbers
+    options = SegmentationOptions(palette="carla-0.9.10", tags=OF_CHANGED_CARLA)
+
+    found = read_segmentation(png(numbers if form == "grey" else rgb), options)
+
+    # The palette has no Car, so all tags have the numbers of the family that has one.
+    tag_of = FAMILIES["carla-0.9.14"].tag_of
+    assert (found.family, found.unknown_pixels) == ("carla-0.9.14", 0)
+    for number, name in [(40, "Pedestrian"), (100, "Car"), (101, "Truck")]:
+        assert ((found.tags == tag_of(name)) == (numbers == number)).all()
+    for name in ("Road", "Building"):
+        own = FAMILIES["carla-0.9.10"].tag_of(name)
+        assert ((found.tags == tag_of(name)) == (numbers == own)).all()
+
+
+def test_tag_of_the_palette_that_has_no_name_beside_changed_ones_is_unknown():
+    numbers = changed_street()
+    numbers[:2] = FAMILIES["carla-0.9.10"].tag_of("Vehicle")
+    options = SegmentationOptions(palette="carla-0.9.10", tags=OF_CHANGED_CARLA)
+
+    found = read_segmentation(png(numbers), options)
+
+    assert found.unknown_pixels == 60
+    assert (found.tags[:2] == 255).all()
+
+
+def test_changed_tags_with_names_of_their_palette_keep_its_numbers():
+    tags = {"40": "Pedestrian", "100": "Vehicle", "101": "Vehicle"}
+    options = SegmentationOptions(palette="carla-0.9.10", tags=tags)
+
+    found = read_segmentation(png(changed_street()), options)
+
+    assert found.family == "carla-0.9.10"
+    assert (found.tags == 10).sum() == np.isin(changed_street(), (100, 101)).sum()
+
+
+def test_changed_tags_prove_no_family():
+    numbers = changed_street()
+    numbers[numbers == 100] = 25
+    options = SegmentationOptions(tags={"25": "Car", "40": "Walker", "101": "Truck"})
+
+    with pytest.raises(SegmentationError, match="do not tell their family"):
+        read_segmentation(png(numbers), options)
+
+
+def test_changed_tags_of_no_common_family_are_refused():
+    options = SegmentationOptions(
+        palette="carla-0.9.10",
+        tags={"40": "Vehicle", "100": "Car", "101": "Truck"},
+    )
+
+    with pytest.raises(FilterError, match=r"found Car, .* and Vehicle, which is none"):
+        read_segmentation(png(changed_street()), options)
+
+
+@pytest.mark.parametrize("order", ["rgb", "bgr"])
+def test_colours_of_a_changed_carla_are_read_beside_those_of_the_palette(order):
+    rgb = painted(STREET)
+    pink = (STREET == 14) & (np.arange(8) > 3)
+    rgb[pink] = (250, 0, 130)
+    rgb[STREET == 12] = FAMILIES[FAMILY].tags[5].rgb  # Fence
+    tags = {"#fa0082": "Bus", "#be9999": "Pedestrian"}
+    options = SegmentationOptions(tags=tags)
+
+    found = read_segmentation(png(rgb, order), options)
+
+    assert (found.family, found.channel_order) == (FAMILY, order)
+    assert found.unknown_pixels == 0
+    expected = STREET.copy()
+    expected[pink] = 16
+    assert (found.tags == expected).all()
+    # Boxes are counted in the colours, and not in `tags`.
+    counted = measure(
+        found, frame_boxes([[0, 0, 8, 5]], (8, 5), "bus", {"bus": 1 << 16})
+    )
+    assert counted.matched_pixels.tolist() == [pink.sum()]
+    with pytest.raises(SegmentationError, match=r"no known family.*250, 0, 130"):
+        read_segmentation(png(rgb), SegmentationOptions())
+
+
+def test_changed_colours_are_found_near_in_a_lossy_image():
+    rgb = painted(LARGE_STREET)
+    rgb[LARGE_STREET == 14] = (250, 0, 130)
+    options = SegmentationOptions(lossy="nearest", tags={"#fa0082": "Bus"})
+
+    found = read_segmentation(jpeg(rgb), options)
+
+    inside = np.kron(STREET == 14, np.ones((16, 16), bool))
+    assert (found.tags[inside] == 16).mean() > 0.9
+
+
+@pytest.mark.parametrize("form", ["grey", "three channels"])
+def test_grey_multiples_are_divided(form):
+    street = changed_street("carla-0.9.14")
+    tags = np.where(street < 40, street, np.where(street == 40, 12, 0))
+    grey = (tags * 21).astype(np.uint8)
+    picture = grey if form == "grey" else np.dstack([grey, grey, grey])
+    named = SegmentationOptions(palette=FAMILY, tag_scale=21)
+
+    found = read_segmentation(png(picture), named)
+
+    assert (found.encoding, found.unknown_pixels) == ("raw", 0)
+    assert (found.tags == tags).all()
+    more = read_segmentation(
+        png(picture),
+        SegmentationOptions(palette=FAMILY, tag_scale=21, tags={"1": "Bus"}),
+    )
+    assert ((more.tags == 16) == (tags == 1)).all()
+    with pytest.raises(SegmentationError, match=r"multiples of 20, found other"):
+        read_segmentation(
+            png(picture), SegmentationOptions(palette=FAMILY, tag_scale=20)
+        )
+
+
+def test_error_about_multiples_names_the_number_that_divides_them():
+    grey = (np.arange(12, dtype=np.uint8) * 21).reshape(1, 12).repeat(4, 0)
+
+    with pytest.raises(SegmentationError, match="tag_scale: 21 reads 231 as 11"):
+        read_segmentation(png(grey), SegmentationOptions(palette=FAMILY))
+    with pytest.raises(SegmentationError, match="by the key tags"):
+        read_segmentation(
+            png(changed_street()), SegmentationOptions(palette="carla-0.9.10")
+        )

@@ -6,8 +6,9 @@ import pytest
 from filter_core.errors import SegmentationError
 from filter_core.evidence.semantic import measure
 from filter_core.images.ignore_mask import read_ignore_mask
+from filter_core.segmentation.palettes import FAMILIES
 from filter_core.segmentation.reading import SegmentationOptions, read_segmentation
-from tests.support.pictures import frame_boxes
+from tests.support.pictures import frame_boxes, pixels_of
 from tests.support.shared_data import shared
 
 SWAPPED = "data/ee267-litian-gong/report/Part5_output"
@@ -107,3 +108,34 @@ def test_bonnet_under_an_ignore_mask_is_not_counted():
 
     assert without.match_percent[0] > 50
     assert with_mask.matched_pixels[0] < without.matched_pixels[0] / 4
+
+
+SELMA = "cases/recordings/selma/Town01_Opt_ClearNight"
+OF_SELMA = {
+    "40": "Pedestrian",
+    "41": "Rider",
+    "100": "Car",
+    "101": "Truck",
+    "102": "Bus",
+    "103": "Train",
+    "104": "Motorcycle",
+    "105": "Bicycle",
+}
+
+
+@pytest.mark.parametrize("camera", ["FRONT", "LEFT"])
+def test_named_tags_of_a_changed_carla_have_as_many_pixels_as_their_numbers(camera):
+    (path,) = shared(f"{SELMA}/SEGCAM_{camera}").iterdir()
+    numbers = pixels_of(path.read_bytes())
+    options = SegmentationOptions(palette="carla-0.9.10", tags=OF_SELMA)
+    tag_of = FAMILIES["carla-0.9.14"].tag_of
+
+    found = read_segmentation(path.read_bytes(), options)
+
+    assert found.unknown_pixels == 0
+    for number, name in OF_SELMA.items():
+        assert (found.tags == tag_of(name)).sum() == (numbers == int(number)).sum()
+    cars = measure(
+        found, frame_boxes([[0, 0, 1280, 640]], (1280, 640), "car", {"car": 1 << 14})
+    )
+    assert cars.matched_pixels.tolist() == [(numbers == 100).sum()]
