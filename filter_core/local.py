@@ -19,6 +19,7 @@ from collections.abc import (
     Iterable,
     Iterator,
     Mapping,
+    Sequence,
 )
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
@@ -26,6 +27,7 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from mmap import ACCESS_READ, mmap
 from pathlib import Path
+from types import MappingProxyType
 from typing import Final, NamedTuple, TypeVar
 
 import numpy as np
@@ -33,6 +35,7 @@ import numpy as np
 from filter_core.annotation.parsing import parse_annotation
 from filter_core.classes import CLASSES
 from filter_core.config.filter import FilterConfig
+from filter_core.config.measure import MeasureConfig
 from filter_core.decisions.record import Decision, decided_boxes, decision_columns
 from filter_core.decisions.rules import decide
 from filter_core.errors import (
@@ -51,9 +54,15 @@ from filter_core.evidence.depth import read_depth
 from filter_core.evidence_kinds import EvidenceName, files_for
 from filter_core.formats.export import ExportFrame, GivenAnnotation
 from filter_core.formats.format import Need
-from filter_core.formats.reading import FrameSource, missing_image, open_regular
+from filter_core.formats.reading import (
+    FrameSet,
+    FrameSource,
+    missing_image,
+    open_regular,
+)
 from filter_core.images.header import read_image_header
 from filter_core.images.ignore_mask import read_ignore_mask
+from filter_core.images.pixels import ChannelOrder
 from filter_core.json_text import read_json
 from filter_core.pipeline import (
     FrameOptions,
@@ -62,6 +71,13 @@ from filter_core.pipeline import (
     box_class,
     read_and_measure,
 )
+from filter_core.segmentation.codes import ORDERS
+from filter_core.segmentation.palettes import (
+    PAPER_TABLE,
+    UnknownVersion,
+    family_of_version,
+)
+from filter_core.segmentation.reading import SegmentationOptions, read_segmentation
 from filter_core.types import (
     REJECTED,
     VERDICT_OF_REASON,
@@ -523,28 +539,79 @@ def boxes_by_class(frames: Iterable[FrameSource]) -> Counter[str]:
 _DEPTH_IMAGES: Final = 8
 """Depth images of a recording that are looked at."""
 
+_FEWEST_LOOKED_AT: Final = 3
 
-def with_depth_encoding(
-    config: FilterConfig, frames: Iterable[FrameSource], channels: Collection[str]
-) -> FilterConfig:
-    """The configuration with the encoding that depth images of a recording show.
+_LOOKED_AT_SHARE: Final = 40
+"""Of so many segmentations of a recording, one is looked at, but some at least."""
+
+_MOST_TIMES: Final = 4
+"""So many times more are looked at while they do not tell the family of tags."""
+
+
+class Shown(NamedTuple):
+    """What the images of a recording show about how they are read.
+
+    Attributes
+    ----------
+    keys : mapping of str to str
+        Keys of a configuration with their values.
+    notes : tuple of str
+        Sentences for people: what was recognised, and how sure it is.
+    """
+
+    keys: Mapping[str, str] = MappingProxyType({})
+    notes: tuple[str, ...] = ()
+
+    def of(self, frames: FrameSet) -> FrameSet:
+        """The frames, which are read so, unless they name their own version."""
+        return replace(frames, frames=lambda: map(self._of_frame, frames))
+
+    def _of_frame(self, frame: FrameSource) -> FrameSource:
+        keys = dict(self.keys)
+        if "palette" in keys and _family_by_version(frame):
+            del keys["palette"]
+        return replace(frame, shown=keys) if keys else frame
+
+
+def recognise_recording(
+    frames: Iterable[FrameSource],
+    config: FilterConfig,
+    channels: Collection[str] = (),
+) -> Shown:
+    """How the images of a recording are read, by some of them together.
 
     Parameters
     ----------
-    config : FilterConfig
-        Returned as it is if it names an encoding.
     frames : iterable of FrameSource
         Some of the recording. A few of their images are read.
+    config : FilterConfig
+        What it names is not recognised.
     channels : collection of EvidenceName
-        What is measured; returns `config` as it is if none of them uses depth.
+        What is measured besides the segmentation.
+
+    Raises
+    ------
+    LayoutError
+        ``several_families``: images prove different families of tags.
 
     Notes
     -----
-    A recording has one encoding, and not every image shows it: a wall that fills one is
-    too flat. Where images show different ones, each frame is left to itself.
+    A recording has one family of tags and one encoding of depth, and not every image
+    shows them: many colours have the same name in all families, and a wall that fills
+    an image of depth is too flat. What none of the images shows is left to each frame.
     """
+    several = list(frames)
+    depth = _shown_depth(several, config, channels)
+    keys, notes = _shown_family(several, config)
+    return Shown({**keys, **depth}, notes)
+
+
+def _shown_depth(
+    frames: Iterable[FrameSource], config: FilterConfig, channels: Collection[str]
+) -> dict[str, str]:
+    """The encoding of depth, if images show one and no other."""
     if config.depth_encoding != "auto" or "depth" not in files_for(channels):
-        return config
+        return {}
     paths = [frame.others["depth"] for frame in frames if "depth" in frame.others]
     step = max(1, len(paths) // _DEPTH_IMAGES)
     shown: set[str] = set()
@@ -555,10 +622,109 @@ def with_depth_encoding(
             continue  # said when the frame is used
         if depth.is_certain:
             shown.add(depth.encoding)
-    if len(shown) != 1:
-        return config
-    return FilterConfig.from_mapping(
-        {**config.as_dict(), "depth_encoding": shown.pop()}
+    return {"depth_encoding": shown.pop()} if len(shown) == 1 else {}
+
+
+class _Vote(NamedTuple):
+    """What the segmentation of a frame tells: families, and with orders of channels.
+
+    The paper's table is only among them if no version of CARLA is.
+    """
+
+    key: str
+    families: frozenset[str]
+    readings: frozenset[tuple[str, ChannelOrder]]
+
+
+def _shown_family(
+    frames: Iterable[FrameSource], config: FilterConfig
+) -> tuple[dict[str, str], tuple[str, ...]]:
+    """The palette, if images tell it; the order of channels, if swapped; and notes."""
+    if config.palette != "auto":
+        return {}, ()
+    images = [
+        frame
+        for frame in frames
+        if frame.segmentation and not frame.problem and not _family_by_version(frame)
+    ]
+    fewest = min(len(images), max(_FEWEST_LOOKED_AT, len(images) // _LOOKED_AT_SHARE))
+    votes: list[_Vote] = []
+    common: frozenset[str] = frozenset()
+    for number, frame in enumerate(_spread(images, fewest)):
+        if len(common) == 1 and number >= fewest:
+            break
+        if vote := _vote(frame, config):
+            votes.append(vote)
+            common = _common(votes)
+    if len(common) != 1:
+        return {}, ()
+    (family,) = common
+    orders = frozenset(ORDERS).intersection(
+        *({order for one, order in vote.readings if one == family} for vote in votes)
+    )
+    telling = sum(vote.families == common for vote in votes)
+    note = (
+        f"tags of {family}: told by {telling or 'none'} of the {len(votes)} "
+        f"segmentations that were looked at{'' if telling else ' alone, but together'}"
+    )
+    swapped = {"channel_order": "bgr"} if orders == {"bgr"} else {}
+    return {"palette": family, **swapped}, (note,)
+
+
+def _spread(images: Sequence[FrameSource], fewest: int) -> Iterator[FrameSource]:
+    """Some images in an order in which any number of them is spread over all."""
+    most = min(len(images), fewest * _MOST_TIMES)
+    places = [
+        place
+        for count in (fewest, most)
+        for place in np.linspace(0, len(images) - 1, count).astype(int).tolist()
+    ]
+    return (images[place] for place in dict.fromkeys(places))
+
+
+def _family_by_version(frame: FrameSource) -> str | None:
+    """The family of the version of CARLA that a frame names, if it is known."""
+    version = (frame.annotation or {}).get("carla_version")
+    try:
+        return family_of_version(version) if isinstance(version, str) else None
+    except UnknownVersion:
+        return None
+
+
+def _vote(frame: FrameSource, config: FilterConfig) -> _Vote | None:
+    try:
+        content = _segmentation(frame) or b""
+        found = read_segmentation(content, config.measuring().reading)
+    except FilterError:
+        return None  # said when the frame is used, unless others tell its family
+    families = frozenset(family for family, _ in found.readings)
+    return _Vote(frame.key, families - {PAPER_TABLE} or families, found.readings)
+
+
+def _common(votes: Sequence[_Vote]) -> frozenset[str]:
+    """The families that fit all images.
+
+    Raises
+    ------
+    LayoutError
+        There is none.
+    """
+    # CARLA does not render the paper's table, so that others can explain such an image.
+    usual = [vote for vote in votes if vote.families != {PAPER_TABLE}] or votes
+    common = frozenset.intersection(*(vote.families for vote in usual))
+    if common:
+        return common
+    *before, last = usual
+    other = min(before, key=lambda vote: len(vote.families & last.families))
+    one, two = (
+        f"{vote.key} is of {' or '.join(sorted(vote.families))}"
+        for vote in (other, last)
+    )
+    raise LayoutError(
+        f"expected segmentations of one family of tags, found several: {one}, {two}. "
+        "Read recordings of different versions of CARLA apart, or give their frames a "
+        "carla_version; --palette names the family if one of these is wrong",
+        code="several_families",
     )
 
 
@@ -581,11 +747,24 @@ def measure_source(
     """
     if problem := source.problem or missing_image(source):
         raise problem
-    measuring = replace(config.measuring(), channels=()).with_channels(channels)
+    measuring = replace(_measuring(source, config), channels=()).with_channels(channels)
     options = _frame_options(source, files_for(channels))
     return read_and_measure(
         source.annotation or {}, _segmentation(source), measuring, options
     )
+
+
+def _measuring(source: FrameSource, config: FilterConfig) -> MeasureConfig:
+    """How a frame is measured: by what its recording shows, if nothing names it."""
+    if not source.shown:
+        return config.measuring()
+    shown = FilterConfig.from_mapping(source.shown)
+    measuring = config.measuring(
+        SegmentationOptions.named_by(shown), dataset_name="the recording"
+    )
+    if config.depth_encoding != "auto":
+        return measuring
+    return replace(measuring, depth_encoding=shown.depth_encoding)
 
 
 def _frame_options(source: FrameSource, kinds: Iterable[str]) -> FrameOptions:

@@ -80,6 +80,9 @@ class FrameSource:
     label : str or None
         The label file that belongs to an image of the same name, relative to the folder
         of the labels; None where the layout names images otherwise.
+    shown : mapping of str to str
+        Keys of a configuration, such as ``palette``, with the values that the images of
+        the whole recording show; a configuration's own values win.
     """
 
     key: str
@@ -89,6 +92,7 @@ class FrameSource:
     others: Mapping[str, Path] = field(default_factory=dict)
     problem: FilterError | None = None
     label: str | None = None
+    shown: Mapping[str, str] = field(default_factory=dict)
 
 
 def missing_image(frame: FrameSource) -> LayoutError | None:

@@ -250,6 +250,9 @@ class Segmentation:
         What a person should know about the reading.
     rivals : tuple of str
         Families that explain the same colours, but call some of them otherwise.
+    readings : frozenset of (str, ChannelOrder)
+        Families and orders of channels that explain the colours as well as the one that
+        was chosen, which is among them; empty of an array of tags.
     """
 
     codes: PixelCodes
@@ -260,6 +263,7 @@ class Segmentation:
     unknown_pixels: int = 0
     notes: tuple[str, ...] = ()
     rivals: tuple[str, ...] = ()
+    readings: frozenset[tuple[str, ChannelOrder]] = frozenset()
 
     @property
     def height(self) -> int:

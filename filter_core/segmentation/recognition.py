@@ -103,6 +103,8 @@ class Recognition:
         Codes of other families' colours.
     notes : tuple of str
         What a person should know about the choice.
+    readings : frozenset of Reading
+        All that leave as few colours unexplained, the chosen one among them.
     """
 
     family: str
@@ -110,6 +112,7 @@ class Recognition:
     rivals: tuple[str, ...]
     missing: frozenset[int]
     notes: tuple[str, ...]
+    readings: frozenset[Reading]
 
 
 def recognise(occurring: Iterable[int], named: NamedReading) -> Recognition:
@@ -159,6 +162,7 @@ def _recognise(codes: frozenset[int], named: NamedReading) -> Recognition:
         rivals=rivals,
         missing=missing[chosen],
         notes=tuple(_notes(chosen, best, rivals, codes - missing[chosen])),
+        readings=frozenset(best),
     )
 
 

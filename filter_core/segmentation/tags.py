@@ -104,6 +104,7 @@ def read_exact_colors(
         channel_order=found.order,
         notes=found.notes,
         rivals=_rivals(found, changed),
+        readings=frozenset(found.readings),
     )
     unknown = [code for code in occurring if tags[code] == UNKNOWN_TAG]
     return _with_unknown(segmentation, unknown) if unknown else segmentation
@@ -244,6 +245,7 @@ def read_nearest_colors(pixels: NDArray[np.uint8], named: NamedReading) -> Segme
             "are too far from any",
         ),
         rivals=_rivals(found, named.changed),
+        readings=frozenset(found.readings),
     )
 
 
@@ -463,7 +465,8 @@ def read_raw_tags(
     _refuse_rippled(tags)
     family = named.family or _proved_family(plain)
     _refuse_contradiction(plain, family, named)
-    return raw_segmentation(tags, counts, family, order, changed)
+    segmentation = raw_segmentation(tags, counts, family, order, changed)
+    return replace(segmentation, readings=frozenset({(family, order)}))
 
 
 def _refuse_no_multiples(counts: IntArray, scale: int) -> None:

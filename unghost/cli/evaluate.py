@@ -6,7 +6,7 @@ It prints tables, draws a chart, and suggests thresholds for each class.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import islice
 from pathlib import Path
@@ -31,6 +31,7 @@ from unghost.cli.sources import (
     note_reading,
     open_source,
     read_config,
+    shown_by,
     unmatched_lines,
 )
 from unghost.cli.summary import LOOKED_AT
@@ -134,14 +135,13 @@ def evaluate(options: EvaluateOptions) -> None:
     if some frames could not be read, or some files or lines of the ground truth could
     not be matched.
     """
-    from filter_core.local import evaluate_source, with_depth_encoding
+    from filter_core.local import evaluate_source
 
     description = options.describe(options.source)
     found = open_source(options.source, options.layout, description)
     screen, task = options.screen, _task(options, description)
     first = islice(found, LOOKED_AT)
-    config = with_depth_encoding(task.config, first, task.channels)
-    task = replace(task, config=config)
+    found = shown_by(first, task.config, task.channels, screen).of(found)
     thresholds = _Thresholds.asked_for(options, task.config)
     use, notes = _TruthUse(task.truth), ImageNotes()
 

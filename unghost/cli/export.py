@@ -31,6 +31,7 @@ from unghost.cli.sources import (
     note_reading,
     open_source,
     read_config,
+    shown_by,
     unmatched_lines,
 )
 from unghost.cli.summary import (
@@ -394,7 +395,6 @@ def _write_labels(
         boxes_by_class,
         export_sources,
         in_class_order,
-        with_depth_encoding,
     )
 
     boxes: Counter[str] = Counter()
@@ -405,7 +405,7 @@ def _write_labels(
     if options.filter:
         options.require_known(boxes, config, progress.summary.advice)
         first = islice(found, LOOKED_AT)
-        config = with_depth_encoding(config, first, config.channels)
+        found = shown_by(first, config, config.channels, options.screen).of(found)
     options.screen.note(f"classes in this order: {', '.join(classes)}")
     decided = {"config": config.digest} if options.filter else {}
     facts = {"source": name_of(options.source), "layout": found.layout, **decided}

@@ -41,6 +41,7 @@ from unghost.cli.sources import (
     naming_reading,
     open_source,
     read_config,
+    shown_by,
     unmatched_lines,
 )
 from unghost.cli.summary import LOOKED_AT, Advice, BoxSummary, UnmappedOptions
@@ -92,7 +93,7 @@ def filter_local(options: FilterOptions) -> None:
     could not be decided or matched; they are listed, and their lines say why. Also if
     a class or pixels in boxes are unknown, or all boxes of a class are rejected.
     """
-    from filter_core.local import boxes_by_class, with_depth_encoding
+    from filter_core.local import boxes_by_class
 
     _spare_source(options)
     description = options.describe(options.source)
@@ -100,11 +101,10 @@ def filter_local(options: FilterOptions) -> None:
     check = FrameCheck()
     frames = open_source(options.source, options.layout, description)
     summary = BoxSummary(Advice(default_class_of(frames, description)))
-    boxes = boxes_by_class(islice(frames, LOOKED_AT))
-    options.require_known(boxes, config, summary.advice)
-    first = islice(frames, LOOKED_AT)
-    config = with_depth_encoding(config, first, config.channels)
-    found = check.watch(frames)
+    first = list(islice(frames, LOOKED_AT))
+    options.require_known(boxes_by_class(first), config, summary.advice)
+    shown = shown_by(first, config, config.channels, options.screen)
+    found = check.watch(shown.of(frames))
     tally = _Tally(options.screen, summary)
     with _output(options.output) as write:
         decided = decided_lines(found, config, options.workers)

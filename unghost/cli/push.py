@@ -31,6 +31,7 @@ from unghost.cli.sources import (
     naming_reading,
     open_source,
     outgoing,
+    shown_by,
     unmatched_lines,
 )
 from unghost.cli.summary import LOOKED_AT, Advice, UnmappedOptions, summary_of
@@ -128,14 +129,17 @@ def push(options: PushOptions) -> None:
         options.screen.note(f"keys that are not used: {', '.join(config.unused_keys)}")
     frames = open_source(options.source, options.layout, description)
     found = check.watch(frames)
-    new = NewDataset({**settings, **options.reading}, found.classes or (), config)
+    settings = {**settings, **options.reading}
     default_class = default_class_of(found, description)
     with options.connect() as client:
-        coming, renamed = coming_config(client, options.dataset, config)
+        coming, renamed = coming_config(client, options.dataset, config, settings)
+        first = list(islice(frames, LOOKED_AT))
         boxes: Counter[str] = Counter()
-        for name, count in boxes_by_class(islice(frames, LOOKED_AT)).items():
+        for name, count in boxes_by_class(first).items():
             boxes[renamed.get(name, name)] += count
         options.require_known(boxes, coming, Advice(default_class))
+        shown = shown_by(first, coming, (), options.screen).keys
+        new = NewDataset(settings, found.classes or (), config, shown)
         ensure_dataset(client, options.dataset, new, options.screen)
         send(client, options, found, report)
         summary = summary_of(client, options.dataset, default_class)

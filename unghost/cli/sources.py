@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final, TypeAlias
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from filter_core.errors import FilterError
     from filter_core.formats.reading import FrameSet, FrameSource, Unmatched
     from filter_core.formats.recording import RecordingDescription
+    from filter_core.local import Shown
     from unghost.client.outgoing import NotSent, OutgoingFrame
 
 _MISSPELT: Final = 0.85
@@ -358,6 +359,27 @@ def read_config(
     if loaded.unused_keys:
         screen.note(f"keys that are not used: {', '.join(loaded.unused_keys)}")
     return FilterConfig.from_mapping({**loaded.config.as_dict(), **options.reading})
+
+
+def shown_by(
+    frames: Iterable[FrameSource],
+    config: FilterConfig,
+    channels: Collection[str],
+    screen: Screen,
+) -> Shown:
+    """How some frames of a recording show that it is read; notes it.
+
+    Raises
+    ------
+    LayoutError
+        Its images are of several families of tags.
+    """
+    from filter_core.local import recognise_recording
+
+    shown = recognise_recording(frames, config, channels)
+    for note in shown.notes:
+        screen.note(one_line(note))
+    return shown
 
 
 def outgoing(frames: Iterable[FrameSource]) -> Iterator[OutgoingFrame | NotSent]:

@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 
 _LISTED_KEYS: Final = 5
 """Keys in which a configuration differs that are listed."""
+_UNSET: Final = "auto"
+"""The value of a dataset's option that nobody named."""
 _OPTION_OF_FIELD: Final = {"/name": "--dataset", "/classes": "classes (--classes)"}
 
 
@@ -105,11 +107,14 @@ class NewDataset:
     classes : sequence of str
         Its classes, if it does not exist; none: those of CARLA.
     config : GivenConfig
+    shown : mapping of str to str
+        What the segmentations show about how they are read; its own options win.
     """
 
     options: Mapping[str, str] = field(default_factory=dict)
     classes: Sequence[str] = ()
     config: GivenConfig = field(default_factory=GivenConfig)
+    shown: Mapping[str, str] = field(default_factory=dict)
 
 
 def ensure_dataset(
@@ -138,7 +143,7 @@ def ensure_dataset(
                     name,
                     classes=list(new.classes) or None,
                     config=new.config.whole,
-                    **options,
+                    **{**new.shown, **options},
                 )
         except Conflict:  # another push made it just now
             dataset = client.dataset(name)
@@ -147,6 +152,19 @@ def ensure_dataset(
         for option, value in options.items()
         if getattr(dataset, option) != value
     }
+    unset = {
+        option: value
+        for option, value in new.shown.items()
+        if option not in options and getattr(dataset, option) == _UNSET
+    }
+    if dataset.counts.frames == 0:
+        others |= unset
+    elif unset:
+        listed = " and ".join(f"{name} {value}" for name, value in unset.items())
+        screen.note(
+            f"dataset {name!r} has frames, and its settings do not name {listed}: each "
+            "segmentation is read by itself"
+        )
     if others and dataset.counts.frames == 0:
         dataset = _changed(client, dataset, others, screen)
     for option, value in others.items():
@@ -161,21 +179,26 @@ def ensure_dataset(
 
 
 def coming_config(
-    client: Client, dataset: str, given: GivenConfig
+    client: Client, dataset: str, given: GivenConfig, options: Mapping[str, str]
 ) -> tuple[FilterConfig, Mapping[str, str]]:
     """The configuration that a dataset will have if it can get the given one.
 
-    And its renamed classes, see `wire.Dataset`.
+    It has the dataset's own options, too, and those that are given. And its renamed
+    classes, see `wire.Dataset`.
     """
     from filter_core.config.filter import FilterConfig
     from unghost.client.errors import NotFound
 
     try:
         active = client.active_config(dataset).config
-        renamed = client.dataset(dataset).renamed_classes
+        found = client.dataset(dataset)
     except NotFound:
-        active, renamed = FilterConfig().as_dict(), {}
-    return FilterConfig.from_mapping(given.over(active)), renamed
+        active = FilterConfig().as_dict()
+        return FilterConfig.from_mapping({**given.over(active), **options}), {}
+    own = {name: getattr(found, name) for name in ("palette", "channel_order")}
+    named = {name: value for name, value in own.items() if value != _UNSET}
+    keys = {**given.over(active), **named, **options}
+    return FilterConfig.from_mapping(keys), found.renamed_classes
 
 
 def _ensure_config(

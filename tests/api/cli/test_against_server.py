@@ -332,6 +332,42 @@ def test_push_refuses_a_palette_other_than_that_of_the_dataset(
     assert "'auto', not 'carla-0.9.0'" in answer.err
 
 
+def test_push_names_the_family_of_tags_that_the_recording_shows(
+    unghost, server, name, tmp_path
+):
+    folder = frames_in(tmp_path, 3)
+    palette = FAMILIES["carla-0.9.10"]
+    for number, tag in enumerate(("Road", "Terrain", "Road")):
+        tags = np.full((frames.HEIGHT, frames.WIDTH), palette.tag_of(tag), np.uint8)
+        tags[20:] = palette.tag_of("Vehicle")
+        content = png(painted(tags, palette.name))
+        (folder / f"seg/{number:06}.png").write_bytes(content)
+    manifest = folder / "manifest.jsonl"
+    without_version = manifest.read_text().replace('"carla_version": "0.9.15", ', "")
+    manifest.write_text(without_version.replace('"car"', '"bus"'))
+    with Client(server.url, server.token) as client:
+        client.create_dataset(f"{name}-empty")
+        client.create_dataset(f"{name}-used")
+        frames.put(client, f"{name}-used", "x", 0)
+
+    local = unghost("filter", folder, "-o", tmp_path / "local.jsonl")
+    pushed = [
+        unghost("push", folder, "--dataset", f"{name}{more}")
+        for more in ("", "-empty", "-used")
+    ]
+
+    told = "tags of carla-0.9.10: told by 1 of the 3 segmentations"
+    assert all(told in answer.err for answer in (local, *pushed))
+    with Client(server.url, server.token) as client:
+        for more in ("", "-empty"):
+            dataset = client.dataset(f"{name}{more}")
+            assert dataset.palette == "carla-0.9.10"
+            assert f"\t{dataset.counts.kept} kept" in local.out
+            assert dataset.counts.frames == 3
+    assert "its settings do not name palette carla-0.9.10: each seg" in pushed[2].err
+    assert "refused: " in pushed[2].err
+
+
 def test_push_changes_the_settings_of_a_dataset_without_frames(
     unghost, server, name, tmp_path
 ):
