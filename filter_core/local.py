@@ -768,7 +768,9 @@ def _measuring(source: FrameSource, config: FilterConfig) -> MeasureConfig:
 
 
 def _frame_options(source: FrameSource, kinds: Iterable[str]) -> FrameOptions:
-    wh = None if source.image is None else _size(source.image)
+    wh = None if source.image is None else _size(source.image, "image")
+    if wh is None and source.segmentation is None and "instances" in source.others:
+        wh = _size(source.others["instances"], "instances")
     ignore = None
     if "ignore_mask" in source.others and wh is not None:
         content = _read(source.others["ignore_mask"], "ignore_mask")
@@ -787,9 +789,9 @@ def _segmentation(source: FrameSource) -> bytes | None:
     return _read(source.segmentation, "segmentation")
 
 
-def _size(image: Path) -> tuple[int, int]:
+def _size(image: Path, what: str) -> tuple[int, int]:
     """Width and height. The file is mapped, so only pages with its header are read."""
-    with _opening(image, "image"), file_context("image"), open_regular(image) as file:
+    with _opening(image, what), file_context(what), open_regular(image) as file:
         if not os.fstat(file.fileno()).st_size:
             return read_image_header(b"").wh
         with mmap(file.fileno(), 0, access=ACCESS_READ) as content:

@@ -161,14 +161,14 @@ def _header(kind: str, content: bytes, settings: Settings) -> ImageHeader:
 def _image_wh(
     headers: Mapping[str, ImageHeader], annotation: FrameAnnotation
 ) -> tuple[int, int]:
-    for kind in ("image", "segmentation"):
+    for kind in ("image", "segmentation", "instances"):
         if kind in headers:
             return headers[kind].width, headers[kind].height
     if annotation.camera_wh is not None:
         return annotation.camera_wh
     raise ImageError(
-        "the size of the image is not known: expected an image, a segmentation or a "
-        "camera with width and height, found none of them",
+        "the size of the image is not known: expected an image, a segmentation, an "
+        "instance image, or a camera with width and height, found none of them",
         code="unknown_size",
     )
 

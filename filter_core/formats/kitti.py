@@ -306,14 +306,21 @@ def _distance(vertices: FloatArray, camera: Camera | None) -> float:
 def _camera(
     folders: _KittiFolders, files: FrameFileNames, calibration: str | None
 ) -> Camera | None:
-    """The frame's camera, with the size of its image; None if either is missing."""
-    if calibration is None or files.image is None:
+    """The frame's camera, with the size of its images; None if either is missing."""
+    others = (files.files.get(kind) for kind in ("segmentation", "instances"))
+    path = (
+        folders.images / files.image
+        if files.image
+        else next(filter(None, others), None)
+    )
+    if calibration is None or path is None:
         return None
     try:
-        with open_regular(folders.images / files.image) as image:
+        with open_regular(path) as image:
             wh = read_image_size(image.read())
     except OSError as exc:
-        raise LayoutError(f"{files.image}: cannot be read: {exc.strerror}") from exc
+        name = files.image or path.name
+        raise LayoutError(f"{name}: cannot be read: {exc.strerror}") from exc
     text = read_label_text(folders.calibrations / calibration, calibration)
     return _read_calibration(text, calibration, wh)
 

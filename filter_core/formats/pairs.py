@@ -2,7 +2,8 @@
 
 A segmentation has the name of its image, in a folder of its own (``seg/1.png``), or is
 in the same folder with an ending (``1_seg.png``). ``1.json`` is the annotation of
-``1.png``, as for an upload; an image without one is a frame without boxes.
+``1.png``, as for an upload; an image without one is a frame without boxes. In a folder
+without pictures, segmentations and instance images are the frames.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from filter_core.formats.reading import (
     FrameSource,
     Unmatched,
     annotated,
+    frame_key,
     frame_of,
     is_label,
     manifests_below,
@@ -61,7 +63,7 @@ def _recognise(source: Source) -> Recognition:
 
 @PAIRS.reader
 def read_pairs(root: Path, options: RecordingDescription) -> FrameSet:
-    """A frame for each image; an annotation that cannot be read is its problem.
+    """A frame for each picture; an annotation that cannot be read is its problem.
 
     Label files of other layouts, and images in a folder of another sensor, are listed
     as unmatched.
@@ -72,13 +74,16 @@ def read_pairs(root: Path, options: RecordingDescription) -> FrameSet:
     streams = Streams(root, options.segmentation)
     images = FileIndex(streams.images)
     annotations = FileIndex(walk(labels, (".json",)))
+    pictures = [FrameFileNames(key, "", image) for key, image in images]
     files, left_over = streams.complete(
-        (FrameFileNames(key, "", image) for key, image in images), "image"
+        pictures or sorted(streams.without_pictures(), key=lambda one: one.key), "image"
     )
     frames = []
     for one in files:
         alone = images.is_only_base(one.key)
         annotation = annotations.take(one.key, by_base=alone)
+        if annotation is None and one.image is None:
+            annotation = annotations.take(frame_key(one.label))
         frame = replace(frame_of(one, root), label=None)
         if annotation is None:
             frame = replace(frame, annotation={"boxes": []})

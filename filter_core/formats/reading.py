@@ -98,9 +98,9 @@ class FrameSource:
 def missing_image(frame: FrameSource) -> LayoutError | None:
     """The error about a label whose image is missing, if the frame needs the image.
 
-    It needs none if its segmentation or its camera give the size of the image.
+    It needs none if another image or its camera give the size of the image.
     """
-    pictures = frame.image or frame.segmentation
+    pictures = frame.image or frame.segmentation or frame.others.get("instances")
     if frame.label is None or pictures or "camera" in (frame.annotation or {}):
         return None
     *first, last = IMAGE_SUFFIXES

@@ -3,8 +3,9 @@
 Images that differ in the frame's part of their paths only are a *stream*. Its role is
 told by names (``seg/``, ``DEPTHCAM_FRONT/``, ``7_semseg.png``, ``rgb7.png``), and by
 the looks of a few of its files, where names say nothing or contradict them. Only
-pictures become frames. The segmentation, depth and instances whose paths are the same
-but for the words of roles belong to them: ``front/seg/7.png`` to ``front/rgb/7.png``.
+pictures become frames, or, where there are none, segmentations and instances. The
+segmentation, depth and instances whose paths are the same but for the words of roles
+belong to a picture: ``front/seg/7.png`` to ``front/rgb/7.png``.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ from filter_core.formats.reading import (
     IMAGE_SUFFIXES,
     FrameFileNames,
     Unmatched,
+    frame_key,
     key_of_folders,
     last_name,
     split_name,
@@ -53,6 +55,9 @@ _WORDS: Final[Mapping[Role, str]] = {
 
 _USED: Final[tuple[Role, ...]] = ("segmentation", "depth", "instances")
 """Roles of the images that a frame is given."""
+
+_SHOWING: Final[tuple[Role, ...]] = ("segmentation", "instances")
+"""Roles of the images that tell enough of a frame without a picture."""
 
 _ALL_WORDS: Final = "|".join(_WORDS.values())
 _CONSISTS_OF_WORDS: Final = re.compile(rf"(?:{_ALL_WORDS})+")
@@ -289,6 +294,23 @@ class Streams:
         pairs = zip(incomplete, files, strict=True)
         completed = [replace(one, files=own) if own else one for one, own in pairs]
         return completed, tuple(left_over)
+
+    def without_pictures(self) -> list[FrameFileNames]:
+        """A frame for each segmentation and instance image, if there is no picture.
+
+        Beside pictures they belong to one of these, or to no frame. Its key is that of
+        the picture; its label is the name of the image.
+        """
+        if self.images or self._refused:
+            return []
+        firsts: dict[str, str] = {}
+        for role in _SHOWING:
+            for image in self._by_role[role]:
+                firsts.setdefault(image.picture, image.name)
+        return [
+            FrameFileNames(picture or frame_key(name), name)
+            for picture, name in firsts.items()
+        ]
 
 
 _NOUNS: Final[Mapping[Role, str]] = {

@@ -10,6 +10,7 @@ import pytest
 
 from filter_core.segmentation.palettes import FAMILIES
 from tests.support import frames as scene
+from tests.support.sensors import instance_png
 
 BOX = {"id": "a", "class": "car", "xyxy": scene.ON_THE_CAR}
 NAN = b'{"boxes": [{"class": "car", "xyxy": [0, 0, NaN, 9]}]}'
@@ -250,9 +251,13 @@ def test_frame_of_unknown_size_is_refused(api):
     dataset = api.dataset()
 
     answer = api.put(dataset, "a", {"boxes": [BOX]}, depth=scene.image())
+    instances = instance_png(scene.tags(), np.full_like(scene.tags(), 7))
+    sized = api.put(dataset, "b", {"boxes": [BOX]}, instances=instances)
 
     assert (answer.status_code, answer.json()["code"]) == (422, "unknown_size")
     assert api.json(f"/datasets/{dataset}")["counts"]["problems"] == 1
+    frame = sized.json()["frame"]
+    assert (frame["width"], frame["height"]) == (scene.WIDTH, scene.HEIGHT)
 
 
 def test_boxes_with_huge_coordinates_are_decided_without_error(api):

@@ -13,7 +13,10 @@ from filter_core.errors import AnnotationErrors, ImageSizeMismatch, Segmentation
 from filter_core.pipeline import FrameOptions, filter_frame
 from filter_core.segmentation.reading import SegmentationOptions
 from tests.support.folders import street_tags
+from tests.support.lidar import npy
 from tests.support.pictures import painted, png
+from tests.support.sensors import ANNOTATION, HEIGHT, WIDTH, instance_png, scene
+from tests.support.sensors import CAR as CAR_TAG
 
 KEYS = list(Decision.__annotations__)
 STREET = png(painted(street_tags()))
@@ -233,3 +236,45 @@ def test_3d_box_decision_has_rectangles_edges_and_distance():
 
 def test_a_frame_without_boxes_has_no_decisions():
     assert filter_frame(annotation(), street_tags()).decisions == []
+
+
+@pytest.mark.parametrize("form", ["raw", "colours", "no segmentation"])
+@pytest.mark.parametrize("swapped", [False, True])
+def test_instances_and_lidar_of_a_changed_carla_have_its_numbers(form, swapped):
+    tags, _, ids = scene()
+    numbers = np.where(tags == CAR_TAG, 100, tags).astype(np.uint8)
+    segmentation = {
+        "raw": png(numbers),
+        "colours": png(painted(tags)),
+        "no segmentation": None,
+    }[form]
+    points = [[8.0, 0.0, 0.0, 1.0, 7.0, tag] for tag in [100] * 6 + [CAR_TAG, 300]]
+    contents = {
+        "instances": instance_png(numbers, ids + 256 * 200, swapped=swapped),
+        "lidar": npy(np.array(points)),
+    }
+    options = FrameOptions(image_wh=(WIDTH, HEIGHT), sensors=contents)
+    # In the first form, Car's own number is none any more.
+    tags_of = {"100": "Car", str(CAR_TAG): "Fence"} if form == "raw" else {"100": "Car"}
+
+    def reasons(evidence):
+        config = FilterConfig(evidence=evidence, tags=tags_of)
+        found = filter_frame(ANNOTATION, segmentation, config, options)
+        return [one["reason"] for one in found.decisions], found.measured.evidence
+
+    instances, _ = reasons("instance")
+    lidar, evidence = reasons("lidar")
+
+    assert instances == ["visible", "hidden_by_instance"]
+    assert lidar == ["visible", "too_few_lidar_points"]
+    assert evidence.channels is not None
+    assert evidence.channels.lidar_points.tolist() == [7 - (form == "raw"), 0]
+
+
+def test_array_of_numbers_of_a_changed_carla_is_read_by_its_names():
+    numbers = np.where(street_tags() == 14, 100, street_tags()).astype(np.uint8)
+    config = FilterConfig(tags={"100": "Car"})
+
+    (decision,) = filter_frame(annotation(CAR), numbers, config).decisions
+
+    assert decision["match_percent"] == 100.0

@@ -44,6 +44,8 @@ def test_thresholds_do_not_change_the_measurement_digest(keys):
     "keys",
     [
         {"palette": "carla-0.9.0"},
+        {"tags": {40: "Pedestrian"}},
+        {"tag_scale": 21},
         {"projection": "naive"},
         {"evidence": "ordered"},
         {"profile": "carlasimu"},
@@ -115,6 +117,18 @@ def test_stored_measurement_restores_its_configuration():
 
     assert again.digest == measured.digest
     assert again.reading == reading
+
+
+def test_measurement_of_a_changed_carla_covers_no_other():
+    named = measuring(tags={"40": "Pedestrian"}, tag_scale=21)
+
+    assert FilterConfig().measuring().as_measured(stored(named)).reading == (
+        named.reading
+    )
+    assert named.is_covered_by(stored(named))
+    assert not named.is_covered_by(stored(measuring()))
+    assert not measuring().is_covered_by(stored(named))
+    assert measuring(tags={}, tag_scale=1).digest == measuring().digest
 
 
 def test_measurement_configuration_can_be_pickled():

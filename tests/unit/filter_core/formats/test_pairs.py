@@ -3,12 +3,19 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
+import numpy as np
 import pytest
 
+from filter_core.config.filter import FilterConfig
 from filter_core.formats.recording import RecordingDescription
 from filter_core.formats.registry import read_source
-from tests.support.folders import write_files
+from filter_core.local import filter_one
+from tests.support.folders import LAYOUT_FILES, street_tags, write_files
+from tests.support.pictures import painted, pixels_of, png
+from tests.support.sensors import instance_png
+from tests.support.shared_data import shared
 
 BOXES = {"boxes": [{"class": "car", "xyxy": [1, 2, 3, 4]}], "map": "Town01"}
 
@@ -98,3 +105,112 @@ def test_labels_of_other_layouts_are_listed_as_unmatched(tmp_path):
     found = read_source(tmp_path, "pairs")
 
     assert [one.path for one in found.unmatched] == ["1.txt", "a.xml"]
+
+
+IDS = np.full((60, 80), 7)
+INSTANCES = instance_png(street_tags(), IDS)
+SEGMENTATION = png(painted(street_tags()))
+CAR = {"boxes": [{"class": "car", "xyxy": [10, 10, 50, 40]}], "carla_version": "0.9.15"}
+
+
+@pytest.mark.parametrize(
+    ("names", "key", "label"),
+    [
+        (("inst/7.png",), "7", "7"),
+        (("7_instance.png",), "7", "7"),
+        (("7_instance.png",), "7", "7_instance"),
+        (("instance_segmentation.png",), "instance_segmentation", None),
+        (("seg/7.png",), "7", "7"),
+        (("7_semseg.png",), "7", "7_semseg"),
+        (("inst/front/7.png", "seg/front/7.png"), "front/7", "front/7"),
+    ],
+)
+def test_image_of_tags_is_a_frame_of_its_size_where_there_is_no_picture(
+    tmp_path, names, key, label
+):
+    contents = {
+        name: SEGMENTATION if "sem" in name or "seg/" in name else INSTANCES
+        for name in names
+    }
+    text = {f"{label or key}.json": json.dumps(CAR)}
+    write_files(tmp_path, {**contents, **text})
+
+    found = read_source(tmp_path)
+    (frame,) = found
+    outcome = filter_one(frame, FilterConfig(evidence="auto"))
+
+    assert (found.count, found.unmatched, frame.key) == (1, (), key)
+    assert frame.image is None
+    assert outcome.decisions is not None, outcome.error
+    (decision,) = outcome.decisions
+    assert (decision["verdict"], decision["box_pixels"]) == ("kept", 1200)
+    assert decision["evidence"] == (
+        "instance" if "instances" in frame.others else "semantic"
+    )
+
+
+def test_images_of_tags_beside_pictures_are_no_frames(tmp_path):
+    write_files(
+        tmp_path, {"rgb/1.png": None, "inst/1.png": INSTANCES, "inst/2.png": INSTANCES}
+    )
+
+    found = read_source(tmp_path)
+
+    assert [frame.key for frame in found] == ["rgb/1"]
+    assert [one.path for one in found.unmatched] == ["inst/2.png"]
+
+
+def test_recording_of_one_instance_image_is_one_frame():
+    found = read_source(shared("cases/recordings/ucr_titan"))
+
+    (frame,) = found
+
+    assert [one.path for one in found.unmatched] == []
+    assert [path.name for path in frame.others.values()] == [
+        "instance_segmentation.png"
+    ]
+    outcome = filter_one(
+        replace(
+            frame,
+            annotation={
+                "carla_version": "0.9.15",
+                "boxes": [{"class": "car", "xyxy": [0, 0, 800, 600]}],
+            },
+        ),
+        FilterConfig(evidence="instance"),
+    )
+    assert outcome.decisions is not None, outcome.error
+    (decision,) = outcome.decisions
+    assert (decision["verdict"], decision["box_pixels"]) == ("kept", 800 * 600)
+    # All pixels of the largest car, of which red is the tag.
+    pixels = pixels_of(next(iter(frame.others.values())).read_bytes())
+    cars = pixels[pixels[..., 2] == 14].astype(int)
+    ids = cars[:, 1] + 256 * cars[:, 0]
+    counts = np.bincount(ids)
+    assert decision["visible_pixels"] in counts.tolist()
+
+
+@pytest.mark.parametrize("kind", ["inst", "seg"])
+@pytest.mark.parametrize("layout", ["yolo", "voc", "kitti", "coco"])
+def test_labels_without_pictures_have_the_size_of_their_image_of_tags(
+    tmp_path, layout, kind
+):
+    number = {"kitti": "000000", "coco": "7"}.get(layout, "1")
+    labels = {
+        name: content
+        for name, content in LAYOUT_FILES[layout].items()
+        if not name.endswith((".png", ".jpg"))
+    }
+    content = INSTANCES if kind == "inst" else SEGMENTATION
+    write_files(tmp_path, {**labels, f"{kind}/{number}.png": content})
+
+    found = read_source(tmp_path, layout)
+    (frame,) = found
+    outcome = filter_one(frame, FilterConfig(evidence="auto", palette="carla-0.9.14"))
+
+    assert found.unmatched == ()
+    assert outcome.decisions is not None, outcome.error
+    (decision,) = outcome.decisions
+    by = ("instance",) if kind == "inst" else ("semantic", "ordered")
+    assert decision["evidence"] in by
+    assert decision["verdict"] != "unmeasured"
