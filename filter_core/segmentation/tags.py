@@ -504,12 +504,13 @@ def _remedy_of_numbers(counts: IntArray) -> str:
     is_scaled = factor > 1 and numbers[-1] // factor <= LAST_TAG
     if is_scaled and len(numbers) >= _FEWEST_MULTIPLES:
         return (
-            f"All are multiples of {factor}: tag_scale divides them, so that "
-            f"tag_scale: {factor} reads {numbers[-1]} as {numbers[-1] // factor}"
+            f"All are multiples of {factor}: tag_scale: {factor} reads {numbers[-1]} "
+            f"as {numbers[-1] // factor} (segmentation.scale in recording.yaml)"
         )
     return (
-        "Tags of a changed CARLA are named by the key tags, as in {40: Pedestrian}; a "
-        "coloured segmentation needs encoding: palette"
+        "Tags of a changed CARLA are named by the key tags, as in {40: Pedestrian} "
+        "(segmentation.tags in recording.yaml); a coloured segmentation needs "
+        "encoding: palette"
     )
 
 
