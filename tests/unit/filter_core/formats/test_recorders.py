@@ -15,7 +15,7 @@ from filter_core.config.file import load_config
 from filter_core.formats.reading import MANIFEST_NAME, RECORDING_NAME
 from filter_core.formats.recorders import recorders
 from filter_core.formats.registry import describe_source, read_source
-from filter_core.local import filter_source
+from filter_core.local import filter_one, filter_source
 from tests.support.folders import annotation_of, write_files
 from tests.support.pictures import pixels_of
 from tests.support.shared_data import shared
@@ -158,7 +158,9 @@ TAGS = {
 @pytest.mark.parametrize("below", ["", "Town01_Opt_ClearNight"])
 def test_recorded_3d_boxes_lie_where_their_cameras_show_them(below):
     frames = read_source(shared("cases/recordings/selma") / below)
-    visible = {}
+    description = describe_source(shared("cases/recordings/selma") / below)
+    config = load_config(b"", below=description.config_keys()).config
+    visible, kept = {}, {}
     for frame in frames:
         annotation = parse_annotation(annotation_of(frame))
         assert frame.segmentation is not None
@@ -171,11 +173,14 @@ def test_recorded_3d_boxes_lie_where_their_cameras_show_them(below):
             for box, (rows, columns) in zip(annotation.boxes, found, strict=True)
             if tags[rows, columns].size
         ]
-        visible[frame.key.split("/")[-2]] = sum(share >= 0.1 for share in shares)
+        camera = frame.key.split("/")[-2]
+        visible[camera] = sum(share >= 0.1 for share in shares)
+        decisions = filter_one(frame, config).decisions or ()
+        kept[camera] = sum(each["verdict"] == "kept" for each in decisions)
         assert len(annotation.boxes) == 212
         assert set(frame.others) == {"depth"}
 
-    assert visible == {"FRONT": 16, "LEFT": 35}
+    assert visible == kept == {"FRONT": 16, "LEFT": 35}
 
 
 def pixels(xyxy):
