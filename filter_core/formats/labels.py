@@ -113,19 +113,21 @@ def _rectangle(
     if form not in FORMS:
         return form, values
     try:
-        numbers = [float(number) for number in values]  # type: ignore[attr-defined]
+        numbers = np.array(values, np.float64)
     except (TypeError, ValueError):
+        return form, values
+    if numbers.shape != (4,):
         return form, values
     unit = "shares" if form.endswith("n") else "pixels"
     unit = unit if description.unit == "auto" else description.unit
     corners = form.removesuffix("n")
     corners = corners if description.corners == "auto" else description.corners
-    scaled = [number * _SCALE[unit] for number in numbers]
+    numbers = numbers * _SCALE[unit]
     if unit == "pixels":
-        return corners, scaled
-    if corners == "xywh" and len(scaled) == 4:
-        corners, scaled = "xyxy", to_xyxy("xywh", [scaled], (1, 1))[0].tolist()
-    return f"{corners}n", scaled
+        return corners, numbers.tolist()
+    if corners == "xywh":
+        corners, (numbers,) = "xyxy", to_xyxy("xywh", [numbers], (1, 1))
+    return f"{corners}n", numbers.tolist()
 
 
 def _refuse_others(frames: FrameSet, description: RecordingDescription) -> None:

@@ -27,7 +27,8 @@ FRAMES = 2
 
 
 def shares(box):
-    return [number / side for number, side in zip(box, (WIDTH, HEIGHT) * 2)]  # noqa: B905
+    sides = (WIDTH, HEIGHT, WIDTH, HEIGHT)
+    return [number / side for number, side in zip(box, sides, strict=True)]
 
 
 def percent(box):
@@ -69,7 +70,9 @@ def voc(boxes):
     names = ("xmin", "ymin", "xmax", "ymax")
     objects = [
         "<object><name>car</name><bndbox>"
-        + "".join(f"<{key}>{value}</{key}>" for key, value in zip(names, box))  # noqa: B905
+        + "".join(
+            f"<{key}>{value}</{key}>" for key, value in zip(names, box, strict=True)
+        )
         + "</bndbox></object>"
         for box in boxes
     ]
