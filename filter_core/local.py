@@ -50,7 +50,7 @@ from filter_core.evaluation.comparison import (
     Evaluation,
     truth_from_instances,
 )
-from filter_core.evidence.depth import read_depth
+from filter_core.evidence.depth import DepthImage, read_depth
 from filter_core.evidence_kinds import EvidenceName, files_for
 from filter_core.formats.export import ExportFrame, GivenAnnotation
 from filter_core.formats.format import Need
@@ -612,17 +612,29 @@ def _shown_depth(
     """The encoding of depth, if images show one and no other."""
     if config.depth_encoding != "auto" or "depth" not in files_for(channels):
         return {}
-    paths = [frame.others["depth"] for frame in frames if "depth" in frame.others]
-    step = max(1, len(paths) // _DEPTH_IMAGES)
-    shown: set[str] = set()
-    for path in paths[::step][:_DEPTH_IMAGES]:
-        try:
-            depth = read_depth(_read(path, "depth"))
-        except FilterError:
-            continue  # said when the frame is used
-        if depth.is_certain:
-            shown.add(depth.encoding)
+    shown = {
+        depth.encoding
+        for _, depth in depth_images(frames)
+        # A fault is said when the frame is used.
+        if isinstance(depth, DepthImage) and depth.is_certain
+    }
     return {"depth_encoding": shown.pop()} if len(shown) == 1 else {}
+
+
+def depth_images(
+    frames: Iterable[FrameSource],
+) -> Iterator[tuple[str, DepthImage | FilterError]]:
+    """A few depth images of some frames: the frame's key, and the image or its fault.
+
+    Each is read as it shows itself, whatever others show.
+    """
+    there = [frame for frame in frames if "depth" in frame.others]
+    step = max(1, len(there) // _DEPTH_IMAGES)
+    for frame in there[::step][:_DEPTH_IMAGES]:
+        try:
+            yield frame.key, read_depth(_read(frame.others["depth"], "depth"))
+        except FilterError as fault:
+            yield frame.key, fault
 
 
 class _Vote(NamedTuple):

@@ -115,7 +115,12 @@ def read_carlasimu(root: Path, options: RecordingDescription) -> FrameSet:
     )
     frames = frame_set("carlasimu", folders, walk(labels, (".txt",)))
     narrower = [] if options.labels else list(_only_narrower(bands))
-    return replace(frames, unmatched=(*frames.unmatched, *narrower))
+    read = frames.texts
+    return replace(
+        frames,
+        unmatched=(*frames.unmatched, *narrower),
+        texts=lambda: (*(read() if read else ()), camera / _README),
+    )
 
 
 _CARLASIMU_CLASSES: Final = ("car", "bus", "truck", "van", "walker", "street_light")

@@ -166,6 +166,9 @@ def read_coco(root: Path, options: RecordingDescription) -> FrameSet:
         count=len(rows),
         unmatched=(*unmatched, *_unused(indices)),
         notes=lambda: notes,
+        streams=streams.facts,
+        texts=lambda: [path for path in paths if path not in repeating],
+        parts=Counter(one.index.name for _, one in rows),
     )
 
 

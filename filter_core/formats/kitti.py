@@ -129,6 +129,11 @@ def read_kitti(root: Path, options: RecordingDescription) -> FrameSet:
         count=len(frames),
         unmatched=(*unmatched, *left_over, *left),
         notes=lambda: streams.notes,
+        streams=streams.facts,
+        texts=lambda: (
+            *(folders.labels / files.label for files in named),
+            *(folders.calibrations / name for name in taken.values() if name),
+        ),
     )
 
 

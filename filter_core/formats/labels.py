@@ -13,7 +13,7 @@ from contextlib import suppress
 from dataclasses import replace
 from functools import cached_property
 from itertools import islice
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -57,7 +57,7 @@ def described_labels(
     description : RecordingDescription
         Where it does not say the unit or the corners, they are those of the format.
     recognise : bool
-        Whether the first frames are looked at for another unit or notation.
+        Whether a recording that `other_notations` recognises is refused.
 
     Raises
     ------
@@ -65,8 +65,9 @@ def described_labels(
         ``wrong_unit``, ``wrong_corners``: the boxes together look like those of another
         unit or notation than the format's, and the description does not say it.
     """
-    if recognise and "auto" in (description.unit, description.corners):
-        _refuse_others(frames, description)
+    if recognise:
+        for other in other_notations(frames, description):
+            raise other.error
     names = description.class_names
     if not names and description.unit == description.corners == "auto":
         return frames
@@ -130,7 +131,37 @@ def _rectangle(
     return f"{corners}n", numbers.tolist()
 
 
-def _refuse_others(frames: FrameSet, description: RecordingDescription) -> None:
+class OtherNotation(NamedTuple):
+    """What rectangles look like which are in another unit or notation than expected.
+
+    Attributes
+    ----------
+    key : ``unit`` or ``corners``
+        The key of a description that says it.
+    value : str
+        What they look like; several words with "or" if that is not clear.
+    error : LayoutError
+    """
+
+    key: str
+    value: str
+    error: LayoutError
+
+
+def other_notations(
+    frames: FrameSet, description: RecordingDescription
+) -> Iterator[OtherNotation]:
+    """What the boxes of the first frames look like together, if not as expected.
+
+    Parameters
+    ----------
+    frames : FrameSet
+        Their boxes as the format has them.
+    description : RecordingDescription
+        What it says is not looked for.
+    """
+    if "auto" not in (description.unit, description.corners):
+        return
     for form, rows in _sampled(frames).items():
         values = np.array([row for row, _ in rows], np.float64)
         if len(np.unique(values, axis=0)) < _FEWEST:
@@ -142,7 +173,8 @@ def _refuse_others(frames: FrameSet, description: RecordingDescription) -> None:
         }
         for key, word in others.items():
             if word is not None and getattr(description, key) == "auto":
-                raise _error(frames, form, values, key, word)
+                error = _error(frames, form, values, key, word)
+                yield OtherNotation(key, word, error)
 
 
 def _sampled(

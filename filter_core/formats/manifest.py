@@ -128,7 +128,11 @@ def read_manifest(source: Path, options: RecordingDescription) -> FrameSet:
             f"{name_of(source)}: expected a manifest in the folder, found {path.name}, "
             f"{_OUTSIDE}"
         )
-    return FrameSet(layout="manifest", frames=lambda: _read_lines(path, options))
+    return FrameSet(
+        layout="manifest",
+        frames=lambda: _read_lines(path, options),
+        texts=lambda: [path],
+    )
 
 
 _OUTSIDE: Final = f"which is or leads outside; {OUTSIDE_FILES_HINT}"

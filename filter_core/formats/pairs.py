@@ -100,6 +100,8 @@ def read_pairs(root: Path, options: RecordingDescription) -> FrameSet:
         count=len(frames),
         unmatched=unmatched,
         notes=lambda: streams.notes,
+        streams=streams.facts,
+        texts=lambda: (labels / name for _, name in frames if name),
     )
 
 

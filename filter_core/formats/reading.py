@@ -17,10 +17,10 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, S
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path, PurePosixPath
-from typing import BinaryIO, Final
+from typing import BinaryIO, Final, NamedTuple
 
 from filter_core.errors import FilterError, JsonError, LayoutError
-from filter_core.images.header import read_image_header
+from filter_core.images.header import read_image_size
 from filter_core.json_text import read_json
 
 MAX_LABEL_BYTES: Final = 16 * 1024 * 1024
@@ -120,7 +120,7 @@ def frame_size(frame: FrameSource) -> tuple[int, int] | None:
     for path in filter(None, (frame.image, frame.segmentation)):
         try:
             with open_regular(path) as file:
-                return read_image_header(file.read(_HEADER_BYTES), whole=False).wh
+                return read_image_size(file.read(_HEADER_BYTES))
         except (OSError, FilterError):
             continue
     if isinstance(camera, Mapping):
@@ -145,6 +145,37 @@ class Unmatched:
     why: str
 
 
+_NAME: Final = re.compile(r"\S*[/.\[\d]\S*")
+"""Words of a reason that may differ in other reasons of its kind."""
+
+
+def kind_of_reason(why: str) -> str:
+    """A reason of `Unmatched` without names and numbers: equal for those of a kind."""
+    return _NAME.sub("...", why)
+
+
+class StreamFacts(NamedTuple):
+    """Images of one stream that have one role.
+
+    Attributes
+    ----------
+    role : str
+        ``image`` for the camera's pictures.
+    images : int
+        How many there are.
+    example : str
+        The first of them, relative to the folder in which it was found.
+    told_by : tuple of str
+        What told the role: ``name``, ``pixels``, ``description``, ``manifest``; empty
+        for pictures of which nothing says that they are anything else.
+    """
+
+    role: str
+    images: int
+    example: str
+    told_by: tuple[str, ...]
+
+
 @dataclass(frozen=True)
 class FrameSet:
     """The frames of one folder, read one at a time while iterating.
@@ -162,6 +193,13 @@ class FrameSet:
     notes : callable
         Gives sentences for people: what was recognised, and what was read as something
         else. Complete when all frames have been read.
+    streams : tuple of StreamFacts
+        The images of the folder; empty where the layout names each file.
+    texts : callable or None
+        Gives the files that are read besides those of `FrameSource`: labels, lists of
+        classes, calibrations. None: nothing tells which.
+    parts : mapping of str to int
+        Files that list frames, each with the number of them.
     """
 
     layout: str
@@ -170,6 +208,9 @@ class FrameSet:
     count: int | None = None
     unmatched: tuple[Unmatched, ...] = ()
     notes: Callable[[], tuple[str, ...]] = tuple
+    streams: tuple[StreamFacts, ...] = ()
+    texts: Callable[[], Iterable[Path]] | None = None
+    parts: Mapping[str, int] = field(default_factory=dict)
 
     def __iter__(self) -> Iterator[FrameSource]:
         return self.frames()

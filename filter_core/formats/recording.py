@@ -16,6 +16,8 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import ClassVar, Final, Literal, NamedTuple, TypeAlias, get_args
 
+import yaml
+
 from filter_core.config.declaration import (
     INHERIT,
     AllowedWords,
@@ -469,6 +471,44 @@ def values_of(document: object) -> dict[str, object]:
         An unknown key, one that is not supported yet, or a wrong value.
     """
     return dict(_checked(document))
+
+
+def description_text(description: RecordingDescription, folder: Path) -> str:
+    """A description as YAML, which `describe` reads back.
+
+    Parameters
+    ----------
+    description : RecordingDescription
+        Keys that have their default values are left out, and so are the files outside
+        the folder that it allows, since no file of the folder can say this.
+    folder : Path
+        That of the recording, to which paths in it are relative.
+    """
+    document: dict[str, object] = {}
+    for name, value in description.changed.items():
+        *sections, last = place_in_file(name).split(".")
+        place = document
+        for section in sections:
+            below = place.setdefault(section, {})
+            assert isinstance(below, dict), "a section is no key itself"
+            place = below
+        place[last] = _plain(value, folder)
+    if not document:
+        return ""
+    return yaml.safe_dump(document, sort_keys=False, allow_unicode=True)
+
+
+def _plain(value: object, folder: Path) -> object:
+    """A value as YAML has it."""
+    if isinstance(value, Path):
+        there, root = value.absolute(), folder.absolute()
+        inside = there.is_relative_to(root)
+        return there.relative_to(root).as_posix() if inside else str(there)
+    if isinstance(value, Mapping):
+        return {key: _plain(each, folder) for key, each in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(each, folder) for each in value]
+    return value
 
 
 def _values(path: Path, folder: Path, *, is_named: bool) -> dict[str, object]:

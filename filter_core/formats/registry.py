@@ -95,7 +95,11 @@ _IN_ORDER_OF_TRIAL: Final = dict.fromkeys((*_TRIED_FIRST, *FORMATS.values()))
 
 
 def read_source(
-    source: Path, layout: str = "auto", options: RecordingDescription | None = None
+    source: Path,
+    layout: str = "auto",
+    options: RecordingDescription | None = None,
+    *,
+    recognise: bool = True,
 ) -> FrameSet:
     """The frames of a folder or a file, in the order of their keys or lines.
 
@@ -109,6 +113,8 @@ def read_source(
     options : RecordingDescription, optional
         Default: that of ``recording.yaml`` beside the data, or of its recorder
         (`describe_source`).
+    recognise : bool
+        Whether boxes in another unit or notation than the layout's are refused.
 
     Returns
     -------
@@ -150,7 +156,8 @@ def read_source(
     if options.recorder and found.name == options.layout:
         frames = _with_note(frames, f"recognised as a recording of {options.recorder}")
     # CarlaSimu's own labels are taken as its published code takes them.
-    return described_labels(frames, options, recognise=found is not CARLASIMU)
+    recognise = recognise and found is not CARLASIMU
+    return described_labels(frames, options, recognise=recognise)
 
 
 def _with_note(frames: FrameSet, note: str) -> FrameSet:

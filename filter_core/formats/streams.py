@@ -25,6 +25,7 @@ from filter_core.formats.reading import (
     IMAGE_FOLDER_WORDS,
     IMAGE_SUFFIXES,
     FrameFileNames,
+    StreamFacts,
     Unmatched,
     frame_key,
     key_of_folders,
@@ -239,6 +240,8 @@ class Streams:
     ----------
     images : list of str
         The camera's pictures, relative to the folder.
+    facts : tuple of StreamFacts
+        The streams of each role, also of those that no frame has.
     notes : tuple of str
         Sentences about images that were not looked at.
     """
@@ -264,12 +267,19 @@ class Streams:
             else:
                 self._refused.append(Unmatched(image.name, why))
         self.images = [image.name for image in self._by_role["image"]]
+        facts = [one for one in roles.facts if one.role not in beside]
         elsewhere = dict(beside)
         if named is not None:
             elsewhere["segmentation"] = named
+            facts = [one for one in facts if one.role != "segmentation"]
         for role, place in elsewhere.items():
             names = walk(place, IMAGE_SUFFIXES)
-            self._by_role[role] = [_image(name, place) for name in names]
+            own = self._by_role[role] = [_image(name, place) for name in names]
+            if own:
+                told_by = "description" if place == named else "name"
+                example = f"{place.name}/{own[0].name}"
+                facts.append(StreamFacts(role, len(own), example, (told_by,)))
+        self.facts = tuple(facts)
 
     def complete(
         self, frames: Iterable[FrameFileNames], without: str
@@ -518,11 +528,13 @@ class _Roles:
     images : list of _Image
         In their order; the keys of those that differ from a picture by a constant
         ending are without it.
+    facts : list of StreamFacts
     notes : list of str
     """
 
     def __init__(self, images: Sequence[_Image]) -> None:
         self.of: dict[str, tuple[Role | None, str]] = {}
+        self.facts: list[StreamFacts] = []
         self.notes: list[str] = []
         self._endings = _Endings(images)
         self._left = _MOST_ONE_BY_ONE
@@ -546,6 +558,7 @@ class _Roles:
                 any(other.images[0].role == "image" for other in others),
             )
             self._decide(stream, beside)
+            self.facts += self._facts(stream)
         self.images = [self._without_ending(image) for image in images]
 
     def _streams(self, images: Iterable[_Image]) -> list[_Stream]:
@@ -604,6 +617,20 @@ class _Roles:
                 "look different: their names alone told what they are; a manifest can "
                 "say it"
             )
+
+    def _facts(self, stream: _Stream) -> Iterator[StreamFacts]:
+        """The images of a stream by their roles, and what told these."""
+        by_role: dict[Role, list[_Image]] = {}
+        for image in stream.images:
+            role, _ = self.of[image.name]
+            if role is not None:
+                by_role.setdefault(role, []).append(image)
+        for role, images in by_role.items():
+            looks = {_ROLE_OF.get(look, "image") for look in stream.looks - {"grey"}}
+            # A mask is a segmentation by its pixels alone.
+            told = {"name": images[0].role == role, "pixels": role in looks}
+            told_by = tuple(word for word, is_so in told.items() if is_so)
+            yield StreamFacts(role, len(images), images[0].name, told_by)
 
     def _without_ending(self, image: _Image) -> _Image:
         """The image with the key of the picture from which an ending tells it apart."""

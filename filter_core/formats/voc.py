@@ -109,6 +109,8 @@ def read_voc_folder(root: Path, options: RecordingDescription) -> FrameSet:
         count=len(frames),
         unmatched=(*unmatched, *left_over),
         notes=lambda: (*streams.notes, *counting.notes()),
+        streams=streams.facts,
+        texts=lambda: (labels / one.label for one in named),
     )
 
 

@@ -279,6 +279,11 @@ def frame_set(layout: str, folders: LabelFolders, labels: Iterator[str]) -> Fram
         count=len(frames),
         unmatched=(*unmatched, *no_labels, *left_over),
         notes=lambda: (*folders.streams.notes, *outlines.notes()),
+        streams=folders.streams.facts,
+        texts=lambda: (
+            *(folders.labels / one.label for one in named),
+            *(root / name for root in [folders.images] if (name := _class_list(root))),
+        ),
     )
 
 

@@ -84,3 +84,31 @@ LAYOUT_FILES = {
     },
 }
 """By layout: the files of a small folder, without the content of most images."""
+
+
+def mixed_recording(root):
+    """A YOLO folder with all that somebody may want to correct before it is used.
+
+    Three parts, raw tags of which one (100) is not known, classes that the filter does
+    not know, a box outside of the image, pictures without labels, and other files.
+    """
+    names = b"names: [car, walker, Kasten, Caar, bus]\n"
+    labels = (
+        b"0 0.21875 0.305 0.3125 0.39\n"  # its pixels are a car's
+        b"0 0.71875 0.6944 0.1875 0.2778\n"  # a car's, and a few of tag 100
+        b"1 0.6 0.2 0.1 0.3\n2 0.3 0.8 0.1 0.1\n3 0.9 0.8 0.1 0.1\n"
+    )
+    tags = street_tags((20, 20, 120, 90), (320, 180))
+    tags[100:150, 200:260] = 14
+    tags[100:116, 200:216] = 100
+    picture = png(np.full((180, 320, 3), (90, 120, 60), np.uint8))
+    files = {"data.yaml": names, "README.md": b"", "lidar/0.bin": b""}
+    for part, count in (("train", 14), ("valid", 4), ("test", 3)):
+        for number in range(count):
+            outside = b"4 1.5 0.5 0.1 0.1\n" if number == 1 else b""
+            files[f"{part}/images/{number:03}.png"] = picture
+            files[f"{part}/seg/{number:03}.png"] = png(tags)
+            files[f"{part}/labels/{number:03}.txt"] = labels + outside
+    files |= {f"train/images/more{number:02}.png": picture for number in range(25)}
+    files["recording.yaml"] = b"segmentation: {palette: carla-0.9.14}\n"
+    return write_files(root, files)

@@ -35,6 +35,7 @@ COMMANDS: Final = {
     "serve": "serve:serve",
     "login": "access:login",
     "demo": "serve:demo",
+    "inspect": "inspect_local:inspect",
     "push": "push:push",
     "filter": "filter_local:filter_local",
     "run": "runs:run",

@@ -28,9 +28,6 @@ _MISSPELT: Final = 0.85
 _MOST_KEYS: Final = 1000
 """Different keys that are looked at; others are not looked for any more."""
 
-_NAME: Final = re.compile(r"\S*[/.\[\d]\S*")
-"""Words of a reason that may differ in other reasons of its kind."""
-
 _READING_SETTING: Final = re.compile(r"\b(lossy_segmentation|encoding): (nearest|raw)")
 """Settings that errors recommend (see `SourceOptions`)."""
 
@@ -501,8 +498,10 @@ def kind_of(problem: FilterError) -> str:
 
 def unmatched_lines(files: Iterable[Unmatched]) -> Iterator[str]:
     """Lines for files that belong to no frame; of each kind the first ten."""
+    from filter_core.formats.reading import kind_of_reason
+
     kinds = Kinds()
     for file in files:
-        if kinds.is_listed(f"not matched: {_NAME.sub('...', file.why)}"):
+        if kinds.is_listed(f"not matched: {kind_of_reason(file.why)}"):
             yield one_line(f"not matched: {file.path}: {file.why}")
     yield from kinds.more()

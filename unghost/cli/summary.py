@@ -11,7 +11,7 @@ import shlex
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Annotated, Final
+from typing import TYPE_CHECKING, Annotated, Final, NamedTuple
 
 import typer
 
@@ -190,6 +190,13 @@ class DatasetAdvice(Advice):
         return f"; `unghost classes merge {words}` joins two"
 
 
+class Remark(NamedTuple):
+    """A sentence about a recording, and whether the exit code is to say so."""
+
+    text: str
+    is_serious: bool
+
+
 @dataclass
 class BoxSummary:
     """Counts boxes by class, and says at the end what should be looked at.
@@ -214,18 +221,25 @@ class BoxSummary:
 
     def note(self, screen: Screen) -> bool:
         """Note what should be looked at; returns whether the exit code is to say so."""
-        parts = (self._unmapped(), self._rejected(), self._unknown_pixels())
-        notes = [note for part in parts for note in part]
-        for text, _ in (*notes, *self._names_of_one_class()):
-            screen.note(one_line(text))
-        return any(is_serious for _, is_serious in notes)
+        remarks = [*self.about_names(), *self.about_pixels()]
+        for remark in remarks:
+            screen.note(one_line(remark.text))
+        return any(remark.is_serious for remark in remarks)
+
+    def about_names(self) -> list[Remark]:
+        """What is to be said about the names of classes."""
+        return [*self._unmapped(), *self._names_of_one_class()]
+
+    def about_pixels(self) -> list[Remark]:
+        """What is to be said about what was measured."""
+        return [*self._rejected(), *self._unknown_pixels()]
 
     def _count(self, of: Callable[[ClassCount], int]) -> dict[str, int]:
         """The classes for which a count is not 0, by name."""
         counts = {name: of(self._classes[name]) for name in sorted(self._classes)}
         return {name: count for name, count in counts.items() if count}
 
-    def _unmapped(self) -> list[tuple[str, bool]]:
+    def _unmapped(self) -> list[Remark]:
         from filter_core.class_names import class_meant_by
 
         unmapped = self._count(lambda count: count.unmapped)
@@ -246,9 +260,10 @@ class BoxSummary:
         meant = self.advice.for_known(
             [name for name in unmapped if class_meant_by(name)]
         )
-        return [(f"{boxes} {what}: {named}; {self.advice.general}{meant}", True)]
+        text = f"{boxes} {what}: {named}; {self.advice.general}{meant}"
+        return [Remark(text, is_serious=True)]
 
-    def _rejected(self) -> list[tuple[str, bool]]:
+    def _rejected(self) -> list[Remark]:
         known = {
             name: count.boxes
             for name, count in sorted(self._classes.items())
@@ -258,15 +273,15 @@ class BoxSummary:
         rejected = sum(count.rejected for count in self._classes.values())
         if total and rejected == total:
             text = f"every box is rejected ({total})"
-            return [(f"{text}; {_LOOK}", total >= _ENOUGH_BOXES)]
+            return [Remark(f"{text}; {_LOOK}", is_serious=total >= _ENOUGH_BOXES)]
         if not known:
             return []
         is_serious = max(known.values()) >= _ENOUGH_BOXES
         hint = f"; {_LOOK}" if is_serious else ""
         named = _listed(f"{name} ({count})" for name, count in known.items())
-        return [(f"every box is rejected of: {named}{hint}", is_serious)]
+        return [Remark(f"every box is rejected of: {named}{hint}", is_serious)]
 
-    def _unknown_pixels(self) -> list[tuple[str, bool]]:
+    def _unknown_pixels(self) -> list[Remark]:
         counted = {
             name: 100 * count.unknown_pixels / count.pixels
             for name, count in self._classes.items()
@@ -282,16 +297,16 @@ class BoxSummary:
             return []
         named = _listed(f"{name} ({share:.1f} %)" for name, share in many.items())
         return [
-            (
+            Remark(
                 "tags or colours of the segmentation that are unknown inside boxes of: "
                 f"{named}; boxes that these pixels could keep are unmeasured; if "
                 "another version of CARLA made the images, their palette or "
                 "carla_version is wrong",
-                True,
+                is_serious=True,
             )
         ]
 
-    def _names_of_one_class(self) -> list[tuple[str, bool]]:
+    def _names_of_one_class(self) -> list[Remark]:
         from filter_core.class_names import class_meant_by
 
         names: dict[str, list[str]] = defaultdict(list)
@@ -307,10 +322,10 @@ class BoxSummary:
             for meaning, same in alike.items()
         ]
         return [
-            (
+            Remark(
                 "names of one class, which are measured alike and kept apart: "
                 f"{'; '.join(groups)}",
-                False,
+                is_serious=False,
             )
         ]
 

@@ -1,0 +1,100 @@
+"""How long does inspecting a folder take, and does its memory grow with the files?
+
+    python -m benchmarks.bench_inspect [--files 10000,100000] [--json] [--check]
+
+A YOLO folder of tiny pictures and label files, half of each, with two boxes a frame. It
+is made and inspected by `inspect_recording`, as `unghost inspect` does, in a process of
+its own for each number of files.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import resource
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+MIB = 1024
+PER_FOLDER = 10_000
+LABEL = "0 0.5 0.5 0.1 0.2\n1 0.3 0.5 0.1 0.2\n"
+AIM_BYTES_PER_FILE = 2048
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--files", default="10000,100000")
+    parser.add_argument("--json", action="store_true")
+    parser.add_argument(
+        "--check", action="store_true", help="fail if the aim is missed"
+    )
+    parser.add_argument("--folder", type=Path, help=argparse.SUPPRESS)
+    options = parser.parse_args()
+    if options.folder:
+        print(json.dumps(inspected(options.folder)))
+        return 0
+    counts = [int(word) for word in options.files.split(",")]
+    figures: dict[str, float] = {}
+    peaks = []
+    for count in counts:
+        with tempfile.TemporaryDirectory() as folder:
+            write_files(Path(folder), count // 2)
+            found = in_a_process(Path(folder))
+        peaks.append(found["peak_mib"])
+        for name, value in found.items():
+            figures[f"{count} files, {name}"] = value
+    grown = (peaks[-1] - peaks[0]) * MIB * MIB / max(1, counts[-1] - counts[0])
+    figures["bytes of memory for each further file: measured"] = grown
+    figures["bytes of memory for each further file: aim, at most"] = AIM_BYTES_PER_FILE
+    if options.json:
+        print(json.dumps(figures, indent=1))
+    else:
+        for label, value in figures.items():
+            print(f"{label:56} {value:10.1f}")
+    return int(options.check and grown > AIM_BYTES_PER_FILE)
+
+
+def write_files(folder: Path, frames: int) -> None:
+    """Pictures and labels in folders of ten thousand frames."""
+    (folder / "data.yaml").write_text("names: [car, walker]\n")
+    _, content = cv2.imencode(".png", np.zeros((60, 80, 3), np.uint8))
+    picture = content.tobytes()
+    for number in range(frames):
+        place = f"run{number // PER_FOLDER}"
+        if number % PER_FOLDER == 0:
+            for kind in ("images", "labels"):
+                (folder / place / kind).mkdir(parents=True)
+        (folder / place / f"images/{number:06}.png").write_bytes(picture)
+        (folder / place / f"labels/{number:06}.txt").write_text(LABEL)
+
+
+def in_a_process(folder: Path) -> dict[str, float]:
+    command = [sys.executable, "-m", "benchmarks.bench_inspect", "--folder"]
+    done = subprocess.run(
+        [*command, str(folder)], check=True, stdout=subprocess.PIPE, text=True
+    )
+    found: dict[str, float] = json.loads(done.stdout)
+    return found
+
+
+def inspected(folder: Path) -> dict[str, float]:
+    """Inspect a folder; the figures of this process."""
+    from filter_core.inspection.recording import inspect_recording
+
+    started, spent = time.perf_counter(), time.process_time()
+    inspect_recording(folder)
+    return {
+        "seconds": time.perf_counter() - started,
+        "seconds of processor time": time.process_time() - spent,
+        "peak_mib": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / MIB,
+    }
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,291 @@
+"""The files of a folder: which of them frames use, splits, cameras, and the rest."""
+
+from __future__ import annotations
+
+import os
+import re
+import zlib
+from collections import Counter
+from collections.abc import Collection, Iterable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Final, NamedTuple
+
+from filter_core.formats.reading import (
+    IMAGE_SUFFIXES,
+    KEYS_NAME,
+    TEXT_SUFFIXES,
+    FrameSet,
+    FrameSource,
+    is_hidden,
+    kind_of_reason,
+    open_regular,
+    split_name,
+)
+from filter_core.formats.recording import RECORDING_NAME
+from filter_core.inspection.listing import Listed, Listing
+
+_SPLIT: Final = re.compile(
+    r"(train(ing|val)?|val(id|idation)?|dev|test(ing)?)(set)?\d{0,4}", re.IGNORECASE
+)
+
+_SEPARATORS: Final = re.compile(r"[ _.-]+")
+
+_ALIKE: Final = 0.5
+"""Share of names that two folders have in common, at least, if they are of cameras."""
+
+_MOST_FOLDERS: Final = 4096
+"""Folders of pictures that are compared."""
+
+
+class Split(NamedTuple):
+    """A part of a recording.
+
+    Attributes
+    ----------
+    name : str
+        Its folder, or the file that lists it.
+    told_by : ``folder``, ``list`` or ``labels``
+        Whether the name is that of a folder, of a list of names, or of a file of
+        labels such as COCO's.
+    frames : int
+        Of a list: its lines.
+    """
+
+    name: str
+    told_by: str
+    frames: int
+
+
+class Cameras(NamedTuple):
+    """Folders whose pictures have the same names.
+
+    They are those of cameras at the same instants, or of runs that count alike.
+
+    Attributes
+    ----------
+    folders : tuple of str
+    frames : int
+        Of the first of them.
+    """
+
+    folders: tuple[str, ...]
+    frames: int
+
+
+@dataclass
+class FileUse:
+    """The files that frames use, relative to the folder.
+
+    Attributes
+    ----------
+    root : Path
+    used : set of str
+    outside : int
+        Files of frames that are not in the folder.
+    splits : Counter of str
+        Frames by the folders whose names are those of parts.
+    """
+
+    root: Path
+    used: set[str] = field(default_factory=set)
+    outside: int = 0
+    splits: Counter[str] = field(default_factory=Counter)
+    _by_folder: dict[str, set[int]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self._prefix = f"{str(self.root).rstrip(os.sep)}{os.sep}"
+
+    def relative(self, path: Path) -> str | None:
+        """A path relative to the folder; None if it is elsewhere."""
+        text = str(path)
+        if self._prefix == f".{os.sep}" and not path.is_absolute():
+            return path.as_posix()
+        if not text.startswith(self._prefix):
+            return None
+        return text[len(self._prefix) :].replace(os.sep, "/")
+
+    def add(self, frame: FrameSource) -> None:
+        """The files of one more frame."""
+        for path in (frame.image, frame.segmentation, *frame.others.values()):
+            if path is not None:
+                self.add_file(path)
+        name = self.relative(frame.image) if frame.image else frame.label
+        if name is None:
+            return
+        folder, _, last = name.rpartition("/")
+        if part := _part_of(folder):
+            self.splits[part] += 1
+        names = self._by_folder.get(folder)
+        if names is None and len(self._by_folder) < _MOST_FOLDERS:
+            names = self._by_folder[folder] = set()
+        if names is not None:
+            names.add(zlib.crc32(split_name(last)[0].encode("utf-8", "replace")))
+
+    def add_file(self, path: Path) -> None:
+        """One more file that is read."""
+        name = self.relative(path)
+        if name is None:
+            self.outside += 1
+        else:
+            self.used.add(name)
+
+    def cameras(self) -> tuple[Cameras, ...]:
+        """Folders that hold pictures of the same names."""
+        groups: dict[int, list[str]] = {}
+        for folder, names in self._by_folder.items():
+            # Folders with most of their names in common share the smallest number.
+            groups.setdefault(min(names), []).append(folder)
+        return tuple(
+            Cameras(alike, len(self._by_folder[alike[0]]))
+            for folders in groups.values()
+            if len(alike := self._alike(folders)) > 1
+        )
+
+    def _alike(self, folders: list[str]) -> tuple[str, ...]:
+        first = self._by_folder[folders[0]]
+        parts = {_part_of(folder) for folder in folders}
+        return tuple(
+            folder
+            for folder in folders
+            if len(parts) == 1
+            and len(first & self._by_folder[folder])
+            >= _ALIKE * len(first | self._by_folder[folder])
+        )
+
+
+def _part_of(folder: str) -> str | None:
+    """The name of a part of a split in the path of a folder."""
+    for name in folder.split("/"):
+        if _SPLIT.fullmatch(name):
+            return name
+        ends = _SEPARATORS.split(name)
+        if len(ends) > 1 and (_SPLIT.fullmatch(ends[0]) or _SPLIT.fullmatch(ends[-1])):
+            return name
+    return None
+
+
+def found_splits(frames: FrameSet, use: FileUse) -> tuple[Split, ...]:
+    """The parts of a recording, as its folders, lists and files of labels say."""
+    folders = [Split(name, "folder", count) for name, count in use.splits.items()]
+    if len(folders) == 1 and not _SPLIT.fullmatch(folders[0].name):
+        folders = []  # such as depth_test/
+    labels = [Split(name, "labels", count) for name, count in frames.parts.items()]
+    lists = (
+        Split(name, "list", _count_lines(use.root / name))
+        for name in _lists(use.root)
+        if name not in use.used
+    )
+    return (*folders, *(labels if len(labels) > 1 else ()), *lists)
+
+
+def _lists(root: Path) -> Iterator[str]:
+    """Lists of the frames of a part: in ImageSets/, or train.txt in the top folder."""
+    if not root.is_dir():
+        return
+    for path in sorted((root / "ImageSets").rglob("*.txt")):
+        yield path.relative_to(root).as_posix()
+    for path in sorted(root.glob("*.txt")):
+        words = _SEPARATORS.split(path.stem)
+        if any(map(_SPLIT.fullmatch, words)):
+            yield path.name
+
+
+def _count_lines(path: Path) -> int:
+    try:
+        with open_regular(path) as lines:
+            return sum(1 for line in lines if line.strip())
+    except OSError:
+        return 0
+
+
+def unused_files(
+    frames: FrameSet, use: FileUse, splits: Collection[Split]
+) -> tuple[tuple[Listed, ...], tuple[Listed, ...]]:
+    """The files of a folder that no frame has.
+
+    Parameters
+    ----------
+    frames : FrameSet
+    use : FileUse
+        Of all frames.
+    splits : collection of Split
+
+    Returns
+    -------
+    left_over : tuple of Listed
+        Images and labels that belong to no frame.
+    not_read : tuple of Listed
+        Other files, such as notes.
+    """
+    left_over, not_read = Listing(), Listing()
+    for one in frames.unmatched:
+        left_over.add(kind_of_reason(one.why), one.path, one.why)
+    if not use.root.is_dir():
+        return left_over.listed(), not_read.listed()
+    for path in frames.texts() if frames.texts else ():
+        use.add_file(path)
+    known = {RECORDING_NAME, KEYS_NAME, *(split.name for split in splits)}
+    ends = {one.path.rpartition("/")[2] for one in frames.unmatched}
+    unmatched = _Ends(one.path for one in frames.unmatched)
+    for name in _all_files(use.root):
+        if name in use.used or name in known:
+            continue
+        if name.rpartition("/")[2] in ends and name in unmatched:
+            continue
+        why = _why_not_read(name, frames)
+        if why is not None:
+            not_read.add(why, name, why)
+    return left_over.listed(), not_read.listed()
+
+
+class _Ends:
+    """Files that are named by the ends of their paths: some are relative to a folder
+    of their own."""
+
+    def __init__(self, names: Iterable[str]) -> None:
+        self._names = set(names)
+
+    def __contains__(self, name: object) -> bool:
+        path = str(name)
+        while path not in self._names:
+            _, slash, path = path.partition("/")
+            if not slash:
+                return False
+        return True
+
+
+def _all_files(root: Path) -> Iterator[str]:
+    """All files of a folder; of a hidden folder only its name."""
+    for folder, folders, files in os.walk(root):
+        below = os.path.relpath(folder, root).replace(os.sep, "/")
+        prefix = "" if below == "." else f"{below}/"
+        hidden = [name for name in folders if is_hidden(name)]
+        folders[:] = sorted(set(folders).difference(hidden))
+        yield from (f"{prefix}{name}/" for name in sorted(hidden))
+        yield from (f"{prefix}{name}" for name in sorted(files))
+
+
+_BAND: Final = re.compile(r"(^|/)label\d+/", re.IGNORECASE)
+
+
+def _why_not_read(name: str, frames: FrameSet) -> str | None:
+    """Why no reader opens a file; None if it is not known whether one does."""
+    *folders, last = name.split("/")
+    if is_hidden(last or folders[-1]):
+        return "hidden"
+    suffix = split_name(last)[1].lower()
+    if not frames.layout and suffix in (*IMAGE_SUFFIXES, *TEXT_SUFFIXES):
+        return "not read, since the folder cannot be read"
+    if suffix in IMAGE_SUFFIXES:
+        if frames.layout == "manifest":
+            return "no line of the manifest names it"
+        return f"layout {frames.layout} has no pictures in this folder"
+    if suffix not in TEXT_SUFFIXES:
+        ending = f"*{suffix}" if suffix else "files without an ending"
+        return f"no reader opens {ending}"
+    if frames.texts is None:
+        return None
+    if _BAND.search(name):
+        return "labels of a narrower distance band, whose boxes the widest has, too"
+    return f"neither a label nor a list that layout {frames.layout} reads"

@@ -1,0 +1,205 @@
+"""All labels of a recording, read once: what they hold, and which files they use.
+
+Pictures are not read, except for the sizes of those whose labels do not tell them.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from typing import Final, Generic, TypeVar
+
+import numpy as np
+
+from filter_core.annotation.frame import BoxAnnotation, FrameAnnotation
+from filter_core.annotation.parsing import parse_annotation
+from filter_core.annotation.units import check_units
+from filter_core.errors import FilterError, problem_of
+from filter_core.formats.labels import image_size
+from filter_core.formats.reading import FrameSet, FrameSource, missing_image
+from filter_core.geometry.boxes import FORMS, to_xyxy
+from filter_core.inspection.files import FileUse
+from filter_core.inspection.listing import Listing
+from filter_core.pipeline import box_class
+from filter_core.types import BoolArray, FloatArray
+
+_Thing = TypeVar("_Thing")
+
+_BEYOND: Final = 0.01
+"""Share of the image's side by which a box reaches out of it, at least, to be noted."""
+
+_MOST_CLASSES: Final = 24
+"""Classes of which a frame is looked at, also if they are rare."""
+
+
+class Spread(Generic[_Thing]):
+    """Some of many things, evenly spread, though it is not known how many come."""
+
+    def __init__(self, most: int) -> None:
+        self._most = max(1, most)
+        self._step = 1
+        self._seen = 0
+        self._kept: list[_Thing] = []
+
+    def add(self, thing: _Thing) -> None:
+        """One more thing."""
+        if self._seen % self._step == 0:
+            self._kept.append(thing)
+        if len(self._kept) > 2 * self._most:
+            self._kept = self._kept[::2]
+            self._step *= 2
+        self._seen += 1
+
+    @property
+    def things(self) -> list[_Thing]:
+        """As many as are asked for, in their order."""
+        count = min(self._most, len(self._kept))
+        return [self._kept[at * len(self._kept) // count] for at in range(count)]
+
+
+@dataclass
+class LabelSurvey:
+    """What the labels of a recording hold.
+
+    Attributes
+    ----------
+    frames, boxes : int
+    boxes_3d : int
+        Those that are given by a 3D box.
+    by_class : Counter of str
+    roles : Counter of str
+        How many frames have a file of each role.
+    examples : dict of str to str
+        The first file of each role.
+    refused : Listing
+        Frames that cannot be used, by the code of the first fault.
+    faults : Listing
+        Boxes that can hardly be right: ``outside`` of the image; ``beyond`` it in part;
+        ``inverted``; ``empty``, without extent.
+    use : FileUse
+        The files of the frames.
+    """
+
+    use: FileUse
+    pictures: int
+    frames: int = 0
+    boxes: int = 0
+    boxes_3d: int = 0
+    by_class: Counter[str] = field(default_factory=Counter)
+    roles: Counter[str] = field(default_factory=Counter)
+    examples: dict[str, str] = field(default_factory=dict)
+    refused: Listing = field(default_factory=Listing)
+    faults: Listing = field(default_factory=Listing)
+
+    def __post_init__(self) -> None:
+        self._with_boxes: Spread[tuple[int, FrameSource]] = Spread(self.pictures)
+        self._empty: Spread[tuple[int, FrameSource]] = Spread(self.pictures)
+        self._of_class: dict[str, tuple[int, FrameSource]] = {}
+
+    def read(
+        self, frames: FrameSet, progress: Callable[[int, int | None], None]
+    ) -> None:
+        """Read all frames; a bad one is listed."""
+        for frame in frames:
+            self._add(frame)
+            self.frames += 1
+            progress(self.frames, frames.count)
+
+    def sample(self) -> list[FrameSource]:
+        """Frames whose pictures are to be looked at: spread, and of each class one."""
+        if not self.pictures:
+            return []
+        chosen = dict(self._with_boxes.things)
+        for at, frame in self._empty.things:
+            if len(chosen) < self.pictures:
+                chosen.setdefault(at, frame)
+        chosen |= dict(self._of_class.values())
+        return [chosen[at] for at in sorted(chosen)]
+
+    def _add(self, frame: FrameSource) -> None:
+        self.use.add(frame)
+        files = {"image": frame.image, "segmentation": frame.segmentation}
+        for role, path in (*files.items(), *frame.others.items()):
+            if path is not None:
+                self.roles[role] += 1
+                self.examples.setdefault(role, self.use.relative(path) or str(path))
+        try:
+            if problem := frame.problem or missing_image(frame):
+                raise problem
+            annotation = parse_annotation(frame.annotation or {}, frame=frame.key)
+            self._check(frame, annotation)
+        except FilterError as problem:
+            code = problem_of(problem)["errors"][0]["code"]
+            self.refused.add(code, frame.key, problem.detail)
+            return
+        names = Counter(map(box_class, annotation.boxes))
+        self.by_class.update(names)
+        self.boxes += len(annotation.boxes)
+        place = (self.frames, frame)
+        (self._with_boxes if names else self._empty).add(place)
+        for name in names:
+            if len(self._of_class) < _MOST_CLASSES:
+                self._of_class.setdefault(name, place)
+
+    def _check(self, frame: FrameSource, annotation: FrameAnnotation) -> None:
+        """Note rectangles that can hardly be right.
+
+        Raises
+        ------
+        AnnotationErrors
+            Those that `check_units` refuses.
+        """
+        by_form: dict[str, list[BoxAnnotation]] = {}
+        for box in annotation.boxes:
+            by_form.setdefault(box.form, []).append(box)
+        for form, boxes in by_form.items():
+            if form not in FORMS:
+                self.boxes_3d += len(boxes)
+                continue
+            values = np.array([box.values for box in boxes], np.float64)
+            is_share = form.endswith("n")
+            is_inverted = _inverted(form, values)
+            wh = annotation.camera_wh or (1, 1)
+            if annotation.camera_wh is None and (not is_share or is_inverted.any()):
+                width, height = image_size(frame)
+                if not width > 0:  # NaN: said when the frame is measured
+                    continue
+                wh = int(width), int(height)
+            self._note(frame.key, boxes, to_xyxy(form, values, wh), wh)
+            check_units(annotation, wh, "paper", frame.key)
+
+    def _note(
+        self,
+        key: str,
+        boxes: list[BoxAnnotation],
+        xyxy: FloatArray,
+        wh: tuple[int, int],
+    ) -> None:
+        for kind, applies in _faults(xyxy, wh):
+            for row in np.flatnonzero(applies).tolist():
+                box = boxes[row]
+                numbers = ", ".join(f"{number:.6g}" for number in box.values)
+                self.faults.add(
+                    kind, key, f"{box_class(box)} {box.id}: {box.form} [{numbers}]"
+                )
+
+
+def _inverted(form: str, values: FloatArray) -> BoolArray:
+    last = values[:, 2:] - (values[:, :2] if form.startswith("xyxy") else 0)
+    return np.asarray((last < 0).any(axis=1), np.bool_)
+
+
+def _faults(xyxy: FloatArray, wh: tuple[int, int]) -> Iterator[tuple[str, BoolArray]]:
+    """The kinds of faults, each with the rectangles in px that have it."""
+    first, last, size = xyxy[:, :2], xyxy[:, 2:], np.array(wh, np.float64)
+    is_inverted = (last < first).any(axis=1)
+    is_outside = ((first >= size) | (last <= 0)).any(axis=1)
+    reaches_out = ((first < -_BEYOND * size) | (last > (1 + _BEYOND) * size)).any(
+        axis=1
+    )
+    is_empty = (last == first).any(axis=1)
+    yield "outside", np.asarray(is_outside & ~is_inverted, np.bool_)
+    yield "beyond", np.asarray(reaches_out & ~is_outside & ~is_inverted, np.bool_)
+    yield "inverted", np.asarray(is_inverted, np.bool_)
+    yield "empty", np.asarray(is_empty & ~is_inverted, np.bool_)

@@ -1,0 +1,173 @@
+"""`unghost inspect`: what it prints and writes, and its exit code."""
+
+from __future__ import annotations
+
+import json
+import re
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+
+from tests.support.folders import LAYOUT_FILES, mixed_recording, write_files
+from tests.support.frames import write_manifest
+from tests.support.pictures import png
+
+DONE, REFUSED, PARTLY = 0, 1, 3
+
+
+def test_inspect_shows_a_folder_and_what_helps(bare_unghost, tmp_path):
+    folder = mixed_recording(tmp_path / "street")
+
+    answer = bare_unghost("inspect", folder)
+
+    assert answer.code == PARTLY
+    lines = answer.out.splitlines()
+    assert "recording\tholds\t21 frames, 108 boxes" in lines
+    assert "recording\tsplit (folder)\ttrain: 14 frames" in lines
+    assert "images\tpicture\t39\tname\ttrain/images/000.png" in lines
+    assert "class\tcar\t42\tcar\t42\t42\t0\t0\t2.5\ttag 100 (5,376 px)" in lines
+    assert any("\tCaar\t21\tunknown; is it car?\t" in line for line in lines)
+    assert "file\tand 15 more like this\tno label file for this image" in lines
+    assert "! 42 boxes are unmeasured" in answer.err
+    assert "--class-map Caar=car" in answer.err
+    assert "unknown inside boxes of: car (2.5 %)" in answer.err
+
+
+def test_inspect_writes_a_description_that_filter_carries_out(bare_unghost, tmp_path):
+    folder = write_manifest(tmp_path / "frames", 2)
+    written = folder / "recording.yaml"
+
+    answer = bare_unghost("inspect", folder, "--write", written)
+
+    assert answer.code == DONE
+    assert "palette: carla-0.9.14" in written.read_text()
+    assert bare_unghost("filter", folder).code == DONE
+    again = bare_unghost("inspect", folder, "--write", written)
+    assert (again.code, again.out) == (REFUSED, "")
+    assert f"{written} exists already" in again.err
+    elsewhere = tmp_path / "other.yaml"
+    assert bare_unghost("inspect", folder, "--write", elsewhere).code == DONE
+    assert elsewhere.read_text() == written.read_text()
+
+
+def test_description_has_a_line_for_each_class_that_a_person_has_to_name(
+    bare_unghost, tmp_path
+):
+    folder = mixed_recording(tmp_path / "street")
+    written = tmp_path / "written.yaml"
+    bare_unghost("inspect", folder, "--write", written)
+    text = written.read_text()
+
+    assert '# classes:\n#   "Kasten": pass\n#   "Caar": car\n' in text
+
+    named = text.replace("\n# classes:", "\nclasses:").replace("\n#   ", "\n  ")
+    written.write_text(named)
+    answer = bare_unghost("inspect", folder, "--recording", written, "--json")
+    (record,) = answer.records
+    assert {one["name"]: one["measured_as"] for one in record["classes"]} == {
+        "car": "car",
+        "walker": "walker",
+        "Kasten": "pass",
+        "Caar": "car",
+        "bus": "bus",
+    }
+
+
+def test_record_has_everything_but_the_pictures(bare_unghost, tmp_path):
+    answer = bare_unghost("inspect", mixed_recording(tmp_path / "street"), "--json")
+
+    (record,) = answer.records
+    assert answer.code == PARTLY
+    assert record["left_over"][0]["count"] == 25
+    assert [len(frame["boxes"]) >= 5 for frame in record["drawn"]] == [True] * 3
+    assert record["drawn"][0].keys() == {"key", "wh", "boxes"}
+    assert record["segmentation"]["readings"][0]["encoding"] == "raw"
+    assert record["streams"][0]["told_by"] == ["name"]
+    assert [one["is_serious"] for one in record["remarks"]] == [True] * 4
+    assert "layout: yolo" in record["description"]
+
+
+FOLDERS = {
+    "labels of VOC": {"data.yaml": b"names: [car]", **LAYOUT_FILES["voc"]},
+    "unreadable segmentation": {**LAYOUT_FILES["pairs"], "1.png": None},
+    "no class list": {"images/1.png": None, "labels/1.txt": b"0 .5 .5 .1 .1"},
+    "picture without a label": {
+        "data.yaml": b"names: [car]",
+        "a/labels/1.txt": b"0 .5 .5 .1 .1",
+        "a/images/1.png": None,
+        "a/images/2.png": None,
+    },
+    "unknown class": {
+        "data.yaml": b"names: [Kasten]",
+        "labels/1.txt": b"0 .5 .5 .1 .1",
+        "images/1.png": None,
+    },
+    "nothing wrong": {
+        "data.yaml": b"names: [car]",
+        "labels/1.txt": b"0 .5 .5 .1 .1",
+        "images/1.png": None,
+    },
+}
+
+
+@pytest.mark.parametrize("name", FOLDERS)
+def test_inspect_succeeds_where_filter_does(bare_unghost, tmp_path, name):
+    folder = write_files(tmp_path / "folder", FOLDERS[name])
+
+    inspected = bare_unghost("inspect", folder)
+    filtered = bare_unghost("filter", folder, "--allow-unmapped", "-o", "d.jsonl")
+
+    assert inspected.code in (DONE, PARTLY)
+    assert (inspected.code == DONE) == (filtered.code == DONE)
+    assert (inspected.code == DONE) == ("! " not in inspected.err)
+    assert (name == "nothing wrong") == (inspected.code == DONE)
+
+
+class _Page(HTMLParser):
+    """The tags of a page, and all addresses that it names."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.tags, self.addresses = [], []
+        self.feed(text)
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append(tag)
+        self.addresses += [v for name, v in attrs if name in ("src", "href")]
+
+
+def test_page_is_one_file_whatever_names_files_and_classes_have(bare_unghost, tmp_path):
+    evil = '<script>alert(1)</script>"&'
+    picture = png(np.zeros((60, 80, 3), np.uint8))
+    files = {
+        "data.yaml": json.dumps({"names": [evil]}).encode(),
+        f"images/{evil.replace('/', ' ')}.png": picture,
+        f"labels/{evil.replace('/', ' ')}.txt": b"0 .5 .5 .1 .1\n",
+    }
+    folder = write_files(tmp_path / "<b>folder", files)
+
+    answer = bare_unghost("inspect", folder, "--html", "page.html")
+
+    assert answer.code == PARTLY
+    page = _Page((tmp_path / "page.html").read_text("utf-8"))
+    assert "script" not in page.tags
+    assert page.tags.count("figure") == page.tags.count("image") == 1
+    assert page.addresses
+    assert all(one.startswith("data:image/jpeg;base64,") for one in page.addresses)
+
+
+def test_page_has_the_colours_of_the_review_page():
+    from tests.support.sources import CHECKOUT
+    from unghost.cli.inspect_page import COLORS
+
+    css = (CHECKOUT / "static/css/tokens.css").read_text("utf-8")
+    themes = r":root(?:\[data-theme=\"dark\"\]|:not)[^{]*\{"
+    both, dark, _ = re.split(themes, css, maxsplit=2)
+    light = both[both.index(":root {") :]
+    pattern = re.compile(r"(--[\w-]+): ([^;]+);")
+    in_light, in_dark = dict(pattern.findall(light)), dict(pattern.findall(dark))
+    for own, tokens in zip(COLORS, (in_light, in_dark, in_light), strict=True):
+        values = dict(pattern.findall(own))
+        assert values
+        assert values == {name: tokens[name] for name in values}

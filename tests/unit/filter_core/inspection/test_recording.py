@@ -1,0 +1,340 @@
+"""How a folder is understood: what is recognised, and what has to be corrected."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from filter_core.errors import LayoutError
+from filter_core.formats.reading import StreamFacts
+from filter_core.formats.recording import (
+    RecordingDescription,
+    describe,
+    description_text,
+)
+from filter_core.inspection.files import Cameras, Split
+from filter_core.inspection.labels import Spread
+from filter_core.inspection.listing import Counted
+from filter_core.inspection.pictures import Reading, Size
+from filter_core.inspection.recording import inspect_recording
+from tests.support.folders import (
+    LAYOUT_FILES,
+    YOLO_LINE,
+    mixed_recording,
+    street_tags,
+    write_files,
+)
+from tests.support.frames import write_manifest
+from tests.support.pictures import painted, png
+from tests.support.sensors import depth_png, street_metres
+from tests.support.shared_data import shared
+
+
+def counts(listed):
+    """How many things there are of each kind."""
+    return {one.kind: one.count for one in listed}
+
+
+def recognised(inspection):
+    """What a recording is taken for, without who says so."""
+    return replace(inspection, why="", layouts=(), problems=(), notes=())
+
+
+@pytest.mark.parametrize("layout", LAYOUT_FILES)
+def test_every_layout_is_inspected_and_its_description_gives_the_same(layout, tmp_path):
+    root = write_files(tmp_path / "folder", LAYOUT_FILES[layout])
+
+    found = inspect_recording(root)
+
+    assert (found.layout, found.layouts, found.frames) == (layout, (layout,), 1)
+    assert {one.role for one in found.streams} >= {"image"}
+    assert found.left_over == ()
+    narrower = "labels of a narrower distance band, whose boxes the widest has, too"
+    other_files = {narrower: 1} if layout == "carlasimu" else {}
+    assert counts(found.not_read) == other_files
+    text = description_text(found.described, root)
+    assert f"layout: {layout}" in text
+    (root / "recording.yaml").write_text(text, "utf-8")
+    assert describe(root) == found.described
+    again = inspect_recording(root)
+    assert again.why == "as the description says"
+    assert recognised(again) == recognised(found)
+
+
+def test_everything_that_may_have_to_be_corrected_is_shown(tmp_path):
+    found = inspect_recording(mixed_recording(tmp_path / "street"))
+
+    assert (found.layout, found.frames, found.problems) == ("yolo", 21, ())
+    assert sum(one.images for one in found.streams if one.role == "image") == 46
+    assert found.streams[0] == StreamFacts(
+        "image", 39, "train/images/000.png", ("name",)
+    )
+    assert counts(found.left_over) == {"no label file for this image": 25}
+    assert len(found.left_over[0].examples) == 10
+    assert counts(found.not_read) == {
+        "no reader opens *.md": 1,
+        "no reader opens *.bin": 1,
+    }
+    assert [(one.name, one.boxes, one.measured_as) for one in found.classes] == [
+        ("car", 42, "car"),
+        ("walker", 21, "walker"),
+        ("Kasten", 21, None),
+        ("Caar", 21, None),
+        ("bus", 3, "bus"),
+    ]
+    car, walker, box, misspelt, _ = found.classes
+    assert (misspelt.nearest, box.nearest, car.tags) == ("car", None, ("Car",))
+    assert car.unknown == (Counted("tag 100", 21 * 16 * 16),)
+    assert car.unknown_percent == pytest.approx(100 * 256 / (100 * 71 + 60 * 50), 0.05)
+    assert (car.kept, walker.looked_at.rejected, box.unmeasured) == (42, 21, 21)
+    assert counts(found.boxes.faults) == {"outside": 3}
+    assert found.boxes.faults[0].examples[0].name == "test/001"
+    assert found.segmentation is not None
+    assert found.segmentation.readings == (
+        Reading("carla-0.9.14", "raw", "rgb", lossy=False, images=21),
+    )
+    assert found.splits == (
+        Split("test", "folder", 3),
+        Split("train", "folder", 14),
+        Split("valid", "folder", 4),
+    )
+    assert found.cameras == ()
+    assert found.sizes == (Size(320, 180, 21),)
+    folders = [frame.key.split("/")[0] for frame in found.drawn]
+    assert sorted(folders) == ["test", "train", "valid"]
+    verdicts = [box.verdict for box in found.drawn[0].boxes]
+    assert [verdicts.count(word) for word in ("kept", "rejected", "unmeasured")] in (
+        [2, 1, 2],
+        [2, 2, 2],
+    )
+    assert found.drawn[0].jpeg is not None
+
+
+def test_roboflow_export_of_three_parts():
+    found = inspect_recording(shared("cases/recordings/linkou_roboflow"))
+
+    assert (found.layout, found.frames, found.boxes.count) == ("yolo", 9, 16)
+    assert [(one.name, one.frames) for one in found.splits] == [
+        ("test", 3),
+        ("train", 3),
+        ("valid", 3),
+    ]
+    named = {one.name: (one.measured_as, one.nearest) for one in found.classes}
+    assert named["motobike"] == ("motorcycle", None)
+    assert named["traffic_sign_30"] == ("traffic_sign", None)
+    assert found.left_over == ()
+    assert "README.roboflow.txt" in [
+        example.name for one in found.not_read for example in one.examples
+    ]
+
+
+def test_tutorial_has_one_family_that_some_of_its_images_tell_and_coarse_depth():
+    found = inspect_recording(shared("cases/recordings/carla_tutorial"))
+
+    assert {one.role: one.told_by for one in found.streams} == {
+        "image": ("pixels",),
+        "depth": ("name",),
+        "segmentation": ("name", "pixels"),
+    }
+    tags = found.segmentation
+    assert tags is not None
+    assert (tags.family, tags.agreeing, tags.told) == ("carla-0.9.0", 3, 2)
+    assert tags.is_certain
+    assert found.described.palette == "carla-0.9.0"
+    assert found.depth is not None
+    assert (found.depth.encoding, counts(found.depth.refused)) == (
+        None,
+        {"depth_too_coarse": 3},
+    )
+
+
+def test_outlines_are_said_to_be_read_as_rectangles():
+    found = inspect_recording(shared("cases/recordings/yolo_polygons"))
+
+    assert (found.frames, found.boxes.count) == (1, 8)
+    assert "8 outlines" in found.notes[0]
+
+
+def test_boxes_in_another_unit_are_read_in_it_and_the_description_says_so(tmp_path):
+    boxes = [[10.5, 20.5, 10.5, 30], [40, 10, 5, 8.25], [70, 60, 20, 20]]
+    document = {
+        "images": [{"id": 1, "file_name": "7.png", "width": 800, "height": 600}],
+        "categories": [{"id": 1, "name": "car"}],
+        "annotations": [
+            {"id": number, "image_id": 1, "category_id": 1, "bbox": bbox}
+            for number, bbox in enumerate(boxes)
+        ],
+    }
+    picture = png(np.zeros((600, 800, 3), np.uint8))
+    files = {"instances.json": json.dumps(document).encode(), "7.png": picture}
+    root = write_files(tmp_path, files)
+
+    found = inspect_recording(root)
+
+    assert [problem.code for problem in found.problems] == ["wrong_unit"]
+    assert "`boxes: {unit: percent}`" in found.problems[0].detail
+    assert found.drawn[0].boxes[1].xyxy == pytest.approx((320, 60, 360, 109.5))
+    text = description_text(found.described, root)
+    (root / "recording.yaml").write_text(text, "utf-8")
+    again = inspect_recording(root)
+    assert again.problems == ()
+    assert recognised(again) == recognised(found)
+
+
+def test_folder_that_cannot_be_read_is_shown_all_the_same(tmp_path):
+    picture = png(np.zeros((60, 80, 3), np.uint8))
+    root = write_files(tmp_path, {"images/1.png": picture, "labels/1.txt": YOLO_LINE})
+
+    found = inspect_recording(root)
+
+    assert (found.layout, found.frames) == (None, 0)
+    assert "`boxes: {classes: [car, bus]}`" in found.problems[0].detail
+    assert [one.role for one in found.streams] == ["image"]
+    assert counts(found.not_read) == {"not read, since the folder cannot be read": 2}
+    with pytest.raises(LayoutError, match="found none"):
+        inspect_recording(tmp_path / "missing")
+
+
+def test_folder_of_two_layouts_is_read_in_the_likelier_and_it_is_said(tmp_path):
+    root = write_files(tmp_path, {**LAYOUT_FILES["voc"], **LAYOUT_FILES["yolo"]})
+
+    found = inspect_recording(root)
+
+    assert (found.layout, found.layouts) == ("voc", ("voc", "yolo"))
+    assert [problem.code for problem in found.problems] == ["several_layouts"]
+    assert "`layout: voc`" in found.problems[0].detail
+    named = inspect_recording(root, RecordingDescription(layout="yolo"))
+    assert (named.layout, named.problems) == ("yolo", ())
+
+
+def test_frames_that_cannot_be_used_are_listed_by_their_faults(tmp_path):
+    lines = [
+        {"key": f"a/{number}", "boxes": [{"class": "car", "xyxy": [9, 9, 5, 5]}]}
+        for number in range(12)
+    ]
+    lines += [{"key": "b", "boxes": [{"xyxy": [1, 2, 3, 4]}]}, {"key": "c"}]
+    camera = {"camera": {"width": 80, "height": 60}}
+    text = "".join(f"{json.dumps({**camera, **line})}\n" for line in lines)
+    root = write_files(tmp_path, {"manifest.jsonl": text, "1.png": None})
+
+    found = inspect_recording(root)
+
+    first, second, third = found.refused
+    assert (first.kind, first.count, len(first.examples)) == (
+        "exchanged_corners",
+        12,
+        10,
+    )
+    assert {second.count, third.count} == {1}
+    assert counts(found.boxes.faults) == {"inverted": 12}
+    assert counts(found.not_read) == {"no line of the manifest names it": 1}
+
+
+def test_cameras_parts_and_lists_are_recognised(tmp_path):
+    picture, line = png(np.zeros((60, 80, 3), np.uint8)), YOLO_LINE
+    files = {"classes.txt": b"car", "train.txt": b"1\n2\n", "depth_test/x.txt": b""}
+    for camera in ("CAM_FRONT", "CAM_LEFT"):
+        for number in range(4):
+            files[f"images/{camera}/{number}.png"] = picture
+            files[f"labels/{camera}/{number}.txt"] = line
+    files |= {"images/single/9.png": picture, "labels/single/9.txt": line}
+    root = write_files(tmp_path, files)
+
+    found = inspect_recording(root)
+
+    folders = ("images/CAM_FRONT", "images/CAM_LEFT")
+    assert found.cameras == (Cameras(folders, 4),)
+    assert found.splits == (Split("train.txt", "list", 2),)
+
+
+def test_files_of_labels_are_parts(tmp_path):
+    coco = json.loads(LAYOUT_FILES["coco"]["annotations/instances_val.json"])
+    coco["images"][0]["file_name"] = "8.png"
+    files = {
+        **LAYOUT_FILES["coco"],
+        "annotations/instances_train.json": json.dumps(coco).encode(),
+        "images/8.png": b"",
+        "ImageSets/Main/val.txt": b"7\n",
+    }
+
+    found = inspect_recording(write_files(tmp_path, files))
+
+    assert found.splits == (
+        Split("instances_val.json", "labels", 1),
+        Split("instances_train.json", "labels", 1),
+        Split("ImageSets/Main/val.txt", "list", 1),
+    )
+
+
+def test_depth_and_tags_of_a_recording_are_told_by_its_images(tmp_path):
+    root = write_manifest(tmp_path / "frames", 3)
+    (root / "depth.png").write_bytes(depth_png(street_metres()))
+    lines = (root / "manifest.jsonl").read_text().splitlines()
+    with_depth = [{**json.loads(line), "depth": "depth.png"} for line in lines]
+    text = "".join(f"{json.dumps(line)}\n" for line in with_depth)
+    (root / "manifest.jsonl").write_text(text)
+
+    found = inspect_recording(root)
+
+    assert found.depth is not None
+    assert (found.depth.encoding, found.depth.shown) == (
+        "carla",
+        (Counted("carla", 3),),
+    )
+    assert found.described.depth_encoding == "carla"
+    assert found.with_role["depth"] == 3
+
+
+def test_image_of_few_colours_does_not_tell_the_family(tmp_path):
+    sky = np.full((60, 80), 11, np.uint8)
+    picture = png(np.random.default_rng(0).integers(0, 256, (60, 80, 3), np.uint8))
+    files = {
+        **{f"rgb/{n}.png": picture for n in range(2)},
+        "seg/0.png": png(painted(sky)),
+        "seg/1.png": png(painted(street_tags())),
+    }
+
+    tags = inspect_recording(write_files(tmp_path, files)).segmentation
+
+    assert tags is not None
+    assert (tags.looked_at, tags.agreeing) == (2, 2)
+    assert tags.told < 2
+
+
+def test_few_pictures_are_looked_at_and_one_of_each_class(tmp_path):
+    files = {"data.yaml": b"names: [car, bus]"}
+    for number in range(100):
+        files[f"images/{number:03}.png"] = png(np.zeros((60, 80, 3), np.uint8))
+        files[f"labels/{number:03}.txt"] = b"0 .5 .5 .1 .1\n"
+    files["labels/031.txt"] = b"1 .5 .5 .1 .1\n"
+    root = write_files(tmp_path, files)
+    seen = []
+
+    found = inspect_recording(
+        root, pictures=6, progress=lambda done, of: seen.append((done, of))
+    )
+
+    assert (found.frames, found.pictures) == (100, 7)
+    assert {one.name: one.looked_at.boxes for one in found.classes} == {
+        "car": 6,
+        "bus": 1,
+    }
+    assert seen == [(number, 100) for number in range(1, 101)]
+    assert inspect_recording(root, pictures=0).drawn == ()
+
+
+@pytest.mark.parametrize("count", [0, 1, 5, 6, 7, 100, 1001])
+def test_spread_takes_evenly_from_any_number_of_things(count):
+    spread: Spread[int] = Spread(6)
+    for number in range(count):
+        spread.add(number)
+
+    things = spread.things
+
+    assert len(things) == min(6, count)
+    assert things == sorted(set(things))
+    steps = np.diff([*things, count])
+    assert len(things) < 6 or steps.max() <= 3 * count / 6 + 1

@@ -1,0 +1,211 @@
+"""`unghost inspect`: how a folder is understood, before anything runs or is stored."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields, is_dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Final
+
+import typer
+
+from unghost.cli.inspection import (
+    FAULTS,
+    ROLES,
+    by_role,
+    facts,
+    measured_as,
+    remarks_on,
+    told_by,
+)
+from unghost.cli.options import OutputOptions
+from unghost.cli.screen import PARTLY, Refused, Screen, one_line
+from unghost.cli.sources import SourceFolder, SourceOptions
+
+if TYPE_CHECKING:
+    from filter_core.inspection.listing import Listed
+    from filter_core.inspection.recording import ClassFacts, Inspection
+
+
+@dataclass(frozen=True, kw_only=True)
+class InspectOptions(OutputOptions, SourceOptions):
+    """Options of `unghost inspect`."""
+
+    source: SourceFolder
+    html: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE.html",
+            help="Write a page that shows it all, with three frames and the verdicts "
+            "of their boxes.",
+            dir_okay=False,
+        ),
+    ] = None
+    write: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE.yaml",
+            help="Write what was recognised as a description of the recording, which "
+            "is found by itself as recording.yaml in the folder; a file that exists "
+            "is not replaced.",
+            dir_okay=False,
+        ),
+    ] = None
+
+
+def inspect(options: InspectOptions) -> None:
+    """Show how a folder is understood, before anything is filtered or stored.
+
+    Reads all labels and a few of the pictures: layout, images by role, classes and
+    what they measure as, tags, depth, splits, cameras, and every file that is not used.
+    Exit code 3 if `filter` would end with another code than 0, with what helps.
+    """
+    from filter_core.inspection.recording import inspect_recording
+
+    if options.write is not None and options.write.exists():
+        raise Refused(f"{options.write} exists already, and was not replaced")
+    description = options.describe(options.source)
+    if options.layout != "auto":
+        description = replace(description, layout=options.layout)
+    with options.screen.progress("inspect", "frames") as advance:
+        inspection = inspect_recording(options.source, description, progress=advance)
+    remarks = list(remarks_on(inspection))
+    text = description_of(inspection, options.source)
+    record = {key: plain(value) for key, value in _public(inspection)}
+    said = [remark._asdict() for remark in remarks]
+    options.screen.record({**record, "remarks": said, "description": text})
+    _print(inspection, options.screen)
+    for remark in remarks:
+        mark = "! " if remark.is_serious else ""
+        options.screen.note(one_line(f"{mark}{remark.text}"))
+    if options.html is not None:
+        from filter_core.formats.files import write_whole
+        from unghost.cli.inspect_page import page
+
+        write_whole(options.html, page(inspection, remarks, text).encode())
+        options.screen.note(f"written: {options.html}")
+    if options.write is not None:
+        with options.write.open("x", encoding="utf-8") as file:
+            file.write(text)
+        options.screen.note(f"written: {options.write}")
+    if any(remark.is_serious for remark in remarks):
+        raise typer.Exit(PARTLY)
+
+
+def _public(inspection: Inspection) -> Iterator[tuple[str, object]]:
+    """The fields of an inspection that its record has; `described` is its text."""
+    for field in fields(inspection):
+        if field.name != "described":
+            yield field.name, getattr(inspection, field.name)
+
+
+def plain(value: object) -> object:
+    """A value of an inspection as JSON has it, without pictures."""
+    if is_dataclass(value):
+        return {
+            field.name: plain(getattr(value, field.name))
+            for field in fields(value)
+            if field.name != "jpeg"
+        }
+    if isinstance(value, tuple) and hasattr(value, "_asdict"):
+        return {key: plain(each) for key, each in value._asdict().items()}
+    if isinstance(value, Mapping):
+        return {key: plain(each) for key, each in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(each) for each in value]
+    return value
+
+
+def description_of(inspection: Inspection, source: Path) -> str:
+    """The text of a ``recording.yaml`` with what was recognised.
+
+    What a person has to say about classes is in comments.
+    """
+    from filter_core.formats.recording import description_text
+
+    folder = source if source.is_dir() else source.parent
+    name = one_line(inspection.name)
+    head = (
+        f"# How {name} is read, as `unghost inspect` recognised it.\n"
+        "# Correct what is wrong; what is left out is recognised again.\n"
+    )
+    hints = [
+        f"#   {json.dumps(one.name, ensure_ascii=False)}: {one.nearest or 'pass'}\n"
+        for one in inspection.classes
+        if one.boxes and not one.measured_as
+    ]
+    unknown = (
+        "\n# Classes that are not known: say as what each is measured, or `pass`.\n"
+        f"# classes:\n{''.join(hints)}"
+    )
+    text = description_text(inspection.described, folder)
+    return f"{head}{text}{unknown if hints else ''}"
+
+
+def _print(inspection: Inspection, screen: Screen) -> None:
+    screen.table(("recording", "is"), facts(inspection), tag="recording")
+    screen.table(
+        ("role", "images", "told by", "such as"),
+        [
+            (ROLES.get(one.role, one.role), one.images, told_by(one), one.example)
+            for one in by_role(inspection)
+        ],
+        tag="images",
+    )
+    screen.table(
+        (
+            *("class", "boxes", "measured as", "looked at"),
+            *("kept", "rejected", "unmeasured", "% unknown", "unknown tags"),
+        ),
+        map(_class_row, inspection.classes),
+        tag="class",
+    )
+    screen.table(
+        ("boxes", "number", "such as"),
+        [
+            (FAULTS[one.kind], one.count, f"{example.name}: {example.why}")
+            for one in inspection.boxes.faults
+            for example in one.examples[:1]
+        ],
+        tag="boxes",
+    )
+    screen.table(
+        ("frame", "kept", "rejected", "unmeasured"),
+        [
+            (
+                one.key,
+                *(sum(box.verdict == word for box in one.boxes) for word in _WORDS),
+            )
+            for one in inspection.drawn
+        ],
+        tag="frame",
+    )
+    unused = [*inspection.left_over, *inspection.not_read]
+    screen.table(("file that is not used", "why"), _file_rows(unused), tag="file")
+
+
+_WORDS: Final = ("kept", "rejected", "unmeasured")
+
+
+def _file_rows(kinds: Sequence[Listed]) -> Iterator[tuple[str, str]]:
+    """Files that are not used: ten of a kind, then a number."""
+    for listed in kinds:
+        yield from listed.examples
+        if more := listed.count - len(listed.examples):
+            yield f"and {more:,} more like this", listed.kind
+
+
+def _class_row(one: ClassFacts) -> tuple[object, ...]:
+    share = one.unknown_percent
+    return (
+        one.name,
+        one.boxes,
+        measured_as(one.measured_as, one.nearest),
+        one.looked_at.boxes,
+        one.kept,
+        one.looked_at.rejected,
+        one.unmeasured,
+        None if share is None else round(share, 1),
+        ", ".join(f"{value} ({pixels:,} px)" for value, pixels in one.unknown[:3]),
+    )

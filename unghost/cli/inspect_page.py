@@ -1,0 +1,546 @@
+"""The page that `unghost inspect --html` writes: one file, which opens from the disk.
+
+It has no script and loads nothing. Colours are those of the review page (tokens.css).
+"""
+
+from __future__ import annotations
+
+import html
+import re
+from base64 import b64encode
+from collections.abc import Iterable, Iterator, Sequence
+from typing import TYPE_CHECKING, Final
+
+from unghost.cli.inspection import (
+    FAULTS,
+    MOST_IN_A_LINE,
+    ROLES,
+    by_role,
+    camera_text,
+    counted,
+    depth_text,
+    facts,
+    measured_as,
+    segmentation_text,
+    told_by,
+)
+
+if TYPE_CHECKING:
+    from filter_core.inspection.listing import Listed
+    from filter_core.inspection.pictures import DrawnBox, DrawnFrame
+    from filter_core.inspection.recording import ClassFacts, Inspection
+    from unghost.cli.summary import Remark
+
+_LIGHT: Final = """
+  --bg: #f6f6f7; --surface: #ffffff; --sunken: #eeeff1; --line: #e3e5e8;
+  --line-strong: #c9cdd3; --text: #16181d; --text-soft: #4d535d; --text-faint: #646b76;
+  --accent: #3b5bdb; --kept: #00694d; --kept-strong: #007a5a; --kept-soft: #e2f3ee;
+  --rejected: #a84300; --rejected-strong: #b84a00; --rejected-soft: #fdece2;
+  --unmeasured-strong: #666d78; --unmeasured-soft: #eceef0;
+"""
+
+_DARK: Final = """
+  --bg: #0c0d10; --surface: #131519; --sunken: #0c0d10; --line: #24272e;
+  --line-strong: #3a3f49; --text: #eceef2; --text-soft: #b4bac5; --text-faint: #959ca9;
+  --accent: #8ea6ff; --kept: #4fd6ae; --kept-strong: #2fbf95; --kept-soft: #10291f;
+  --rejected: #ff9a61; --rejected-strong: #f0803c; --rejected-soft: #34190b;
+  --unmeasured-strong: #8b93a1; --unmeasured-soft: #22252b;
+"""
+
+_INKS: Final = """
+  --ink-kept: #14c795; --ink-rejected: #ff7a2f; --ink-unmeasured: #c3c8d0;
+  --ink-casing: rgb(6 8 12 / 62%); --ink-text: #ffffff;
+"""
+"""Lines on a picture, in either theme."""
+
+COLORS: Final = (_LIGHT, _DARK, _INKS)
+"""Properties with the values of tokens.css: light, dark, and those of both."""
+
+_THEMES: Final = (
+    f":root {{ color-scheme: light dark; {_LIGHT} {_INKS} }}\n"
+    f"@media (prefers-color-scheme: dark) {{ :root {{ {_DARK} }} }}"
+)
+
+_STYLE: Final = """
+* { box-sizing: border-box; }
+body { margin: 0; background: var(--bg); color: var(--text);
+  font: 0.9375rem/1.5 Inter, system-ui, -apple-system, "Segoe UI", Roboto, sans-serif;
+  font-variant-numeric: tabular-nums; }
+main { max-width: 1280px; margin: 0 auto; padding: 32px 24px 64px; }
+h1 { font-size: 1.625rem; line-height: 1.2; margin: 0; overflow-wrap: anywhere; }
+h2 { font-size: 1.0625rem; margin: 0 0 12px; }
+p { margin: 0; }
+code, pre, .path { font-family: ui-monospace, Menlo, Consolas, "DejaVu Sans Mono",
+  monospace; font-size: 0.8125rem; overflow-wrap: anywhere; }
+header p { color: var(--text-soft); margin-top: 4px; }
+section { background: var(--surface); border: 1px solid var(--line);
+  border-radius: 10px; padding: 20px; margin-top: 16px; min-width: 0; }
+.pair { display: grid; gap: 0 16px; grid-template-columns: repeat(2, minmax(0, 1fr)); }
+.soft { color: var(--text-soft); }
+.hint { color: var(--text-soft); font-size: 0.8125rem; margin: -8px 0 12px; }
+.remarks { list-style: none; margin: 0; padding: 0; display: grid; gap: 8px; }
+.remarks li { display: grid; grid-template-columns: 20px 1fr; gap: 8px;
+  padding: 8px 12px; border-radius: 6px; background: var(--unmeasured-soft);
+  overflow-wrap: anywhere; }
+.remarks li.serious { background: var(--rejected-soft); }
+.remarks b { text-align: center; color: var(--text-soft); }
+.remarks .serious b { color: var(--rejected); }
+.remarks li.fine { background: var(--kept-soft); }
+.remarks .fine b { color: var(--kept); }
+.frames { display: grid; gap: 16px;
+  grid-template-columns: repeat(auto-fit, minmax(min(100%, 320px), 1fr)); }
+figure { margin: 0; min-width: 0; }
+svg { display: block; width: 100%; height: auto; border-radius: 6px;
+  background: var(--sunken); }
+svg rect { fill: none; vector-effect: non-scaling-stroke; pointer-events: all; }
+svg .case { stroke: var(--ink-casing); stroke-width: 4.5px; }
+svg .kept { stroke: var(--ink-kept); stroke-width: 2px; }
+svg .rejected { stroke: var(--ink-rejected); stroke-width: 2px;
+  stroke-dasharray: 7 4; }
+svg .unmeasured { stroke: var(--ink-unmeasured); stroke-width: 2px;
+  stroke-dasharray: 1 4; stroke-linecap: round; }
+svg text { fill: var(--ink-text); stroke: var(--ink-casing); stroke-width: 3px;
+  paint-order: stroke; vector-effect: non-scaling-stroke; font-weight: 600; }
+figcaption { margin-top: 6px; font-size: 0.8125rem; }
+.legend { display: flex; flex-wrap: wrap; gap: 4px 20px; margin: 12px 0 0;
+  font-size: 0.8125rem; color: var(--text-soft); }
+.legend span { display: inline-flex; align-items: center; gap: 6px; }
+.legend svg { background: var(--ink-casing); width: 28px; border-radius: 3px; }
+.legend i { width: 24px; height: 10px; border-radius: 2px; flex: none; }
+.bar { display: flex; height: 12px; border-radius: 3px; overflow: hidden;
+  background: var(--sunken); min-width: 0; }
+.bar i { display: block; height: 100%; flex: none; min-width: 2px; }
+i.count { background: var(--accent); }
+i.kept { background: var(--kept-strong); }
+i.rejected { background: repeating-linear-gradient(135deg, var(--rejected-strong) 0 4px,
+  var(--rejected-soft) 4px 6px); }
+i.unmeasured { background: radial-gradient(var(--unmeasured-strong) 30%,
+  transparent 34%) 0 0 / 5px 5px, var(--unmeasured-soft); }
+i.unknown { background: repeating-linear-gradient(90deg, var(--rejected-strong) 0 2px,
+  var(--rejected-soft) 2px 4px); }
+.classes { display: grid; gap: 0 20px; align-items: center;
+  grid-template-columns: minmax(90px, 1.2fr) minmax(80px, 1fr) minmax(0, 2fr)
+  minmax(0, 2fr) minmax(0, 1.2fr); }
+.classes > div { display: grid; grid-column: 1 / -1; grid-template-columns: subgrid;
+  align-items: center; padding: 6px 0; border-top: 1px solid var(--line); }
+.classes > .head { border: 0; font-size: 0.75rem; color: var(--text-faint);
+  align-items: end; }
+.classes b { overflow-wrap: anywhere; font-weight: 600; }
+.value { display: grid; gap: 0 8px;
+  grid-template-columns: minmax(0, 1fr) minmax(3.5em, max-content);
+  align-items: center; font-size: 0.8125rem; min-width: 0; }
+.verdicts { grid-template-columns: minmax(0, 1fr) minmax(7em, max-content); }
+small { display: block; font-size: 0.75rem; color: var(--text-faint);
+  overflow-wrap: anywhere; }
+.value small { grid-column: 1 / -1; }
+.meaning { font-size: 0.8125rem; }
+.label { display: none; }
+.unknown-class { color: var(--rejected); font-weight: 600; }
+table { border-collapse: collapse; width: 100%; }
+th { text-align: left; font-weight: 400; font-size: 0.75rem; color: var(--text-faint);
+  padding: 0 12px 4px 0; }
+td { border-top: 1px solid var(--line); padding: 6px 12px 6px 0; vertical-align: top; }
+td.number { text-align: right; white-space: nowrap; }
+dl { display: grid; grid-template-columns: minmax(90px, auto) minmax(0, 1fr);
+  gap: 6px 16px; margin: 0; }
+dt { color: var(--text-soft); }
+dd { margin: 0; overflow-wrap: anywhere; }
+.images { display: flex; flex-wrap: wrap; gap: 3px; margin: 8px 0 4px; }
+.images i { width: 14px; height: 14px; border-radius: 3px; }
+.images .agrees { background: var(--kept-soft); border: 2px solid var(--kept-strong); }
+.images .told { background: var(--kept-strong); }
+.images .differs { border: 2px dashed var(--rejected-strong); }
+.split { display: flex; height: 28px; border-radius: 6px; overflow: hidden; gap: 2px; }
+.split span { flex: 1 1 0; min-width: 4px; padding: 3px 8px; overflow: hidden;
+  white-space: nowrap; text-overflow: ellipsis; background: var(--sunken);
+  border: 1px solid var(--line-strong); font-size: 0.8125rem; }
+details { border-top: 1px solid var(--line); padding: 8px 0; }
+details:first-of-type { border-top: 0; }
+summary { cursor: pointer; overflow-wrap: anywhere; }
+details ul { margin: 8px 0 0; padding: 0 0 0 16px; }
+details li { overflow-wrap: anywhere; }
+pre { margin: 0; padding: 12px; background: var(--sunken); border-radius: 6px;
+  white-space: pre-wrap; border: 1px solid var(--line); }
+footer { margin-top: 24px; color: var(--text-faint); font-size: 0.8125rem; }
+@media (max-width: 760px) {
+  main { padding: 20px 12px 40px; }
+  section { padding: 16px 14px; }
+  .pair { grid-template-columns: minmax(0, 1fr); }
+  .classes { display: block; }
+  .classes > .head { display: none; }
+  .classes > div { grid-template-columns: minmax(0, 1fr) auto; gap: 4px 12px; }
+  .classes .wide { grid-column: 1 / -1; }
+  .meaning { text-align: right; }
+  .label { display: block; font-size: 0.75rem; color: var(--text-faint); }
+  table, tbody, tr, td { display: block; }
+  thead { display: none; }
+  tr { border-top: 1px solid var(--line); padding: 6px 0; }
+  td, td.number { border: 0; padding: 0; text-align: left; }
+  td:first-child { font-weight: 600; }
+  td:nth-child(2), td:nth-child(3) { display: inline; }
+  td.number::after { content: " images, "; white-space: pre; }
+  dl { grid-template-columns: minmax(0, 1fr); gap: 0; }
+  dd { margin-bottom: 8px; }
+}
+"""
+
+
+def page(inspection: Inspection, remarks: Sequence[Remark], description: str) -> str:
+    """The page as HTML.
+
+    Parameters
+    ----------
+    inspection : Inspection
+    remarks : sequence of Remark
+        What is to be said about it.
+    description : str
+        The text of its ``recording.yaml``.
+    """
+    name = html.escape(inspection.name)
+    parts = (
+        _header(inspection),
+        _section("What to look at", _remarks(inspection, remarks)),
+        _section("Three frames, as the filter decides them", _frames(inspection)),
+        _section("Classes", _classes(inspection)),
+        '<div class="pair">',
+        _section("Tags and depth", _tags(inspection)),
+        _section("Splits, sizes and cameras", _parts(inspection)),
+        "</div>",
+        _section("Images by role", _streams(inspection)),
+        '<div class="pair">',
+        _section("Boxes that can hardly be right", _faults(inspection)),
+        _section("Files that are not used", _unused(inspection)),
+        "</div>",
+        _section("The description of this recording", _description(description)),
+        f"<footer>Written by unghost inspect. All labels were read, and the pictures "
+        f"of {counted(inspection.pictures, 'frame')}.</footer>",
+    )
+    body = "\n".join(part for part in parts if part)
+    return (
+        '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
+        f"<title>{name} - unghost inspect</title>\n"
+        f"<style>{_THEMES}{_STYLE}</style>\n</head>\n<body>\n<main>\n{body}\n</main>\n</body>\n</html>\n"
+    )
+
+
+def _section(title: str, content: str) -> str:
+    """A section; nothing if it has no content."""
+    return f"<section>\n<h2>{title}</h2>\n{content}\n</section>" if content else ""
+
+
+def _header(inspection: Inspection) -> str:
+    layout, *rest = facts(inspection)
+    holds = next((value for name, value in rest if name == "holds"), "")
+    lines = [holds, f"{layout[0].capitalize()}: {layout[1]}"]
+    texts = (f"<p>{html.escape(line)}</p>" for line in lines if line)
+    return (
+        f"<header>\n<h1>{html.escape(inspection.name)}</h1>\n{''.join(texts)}</header>"
+    )
+
+
+_CODE: Final = re.compile("`([^`]+)`")
+
+
+def _remarks(inspection: Inspection, remarks: Sequence[Remark]) -> str:
+    ordered = sorted(remarks, key=lambda one: not one.is_serious)
+    items = [
+        _remark("serious" if one.is_serious else "note", one.text) for one in ordered
+    ]
+    can_decide = inspection.boxes.count and inspection.with_role.get("segmentation")
+    if can_decide and not any(one.is_serious for one in remarks):
+        fine = "everything was understood: `unghost filter` can decide every frame"
+        items.insert(0, _remark("fine", fine))
+    return f'<ul class="remarks">{"".join(items)}</ul>' if items else ""
+
+
+_SIGNS: Final = {"serious": "!", "note": "i", "fine": "&#10003;"}
+
+
+def _remark(kind: str, text: str) -> str:
+    words = _CODE.sub(r"<code>\1</code>", html.escape(text))
+    return f'<li class="{kind}"><b>{_SIGNS[kind]}</b><span>{words}</span></li>'
+
+
+def _frames(inspection: Inspection) -> str:
+    if not inspection.drawn:
+        return ""
+    figures = "\n".join(map(_figure, inspection.drawn))
+    legend = "".join(
+        f'<span><svg viewBox="0 0 28 14" aria-hidden="true">'
+        f'<rect class="{word}" x="4" y="4" width="20" height="6"/></svg>{word}</span>'
+        for word in _VERDICTS
+    )
+    return f'<div class="frames">{figures}</div>\n<p class="legend">{legend}</p>'
+
+
+_VERDICTS: Final = ("kept", "rejected", "unmeasured")
+
+_MOST_NAMED: Final = 14
+"""Boxes of a frame that have their classes beside them, the largest."""
+
+
+def _figure(frame: DrawnFrame) -> str:
+    width, height = frame.wh
+    image = ""
+    if frame.jpeg is not None:
+        data = b64encode(frame.jpeg).decode()
+        image = (
+            f'<image href="data:image/jpeg;base64,{data}" width="{width}" '
+            f'height="{height}" preserveAspectRatio="none"/>'
+        )
+    # Kept boxes last, so that a ghost does not hide them.
+    ordered = sorted(frame.boxes, key=lambda box: _VERDICTS[::-1].index(box.verdict))
+    size = width / 34
+    rects = "".join(_rect(box) for box in ordered)
+    names = "".join(_names(frame.boxes, width, size))
+    counts = ", ".join(
+        f"{count} {word}"
+        for word in _VERDICTS
+        if (count := sum(box.verdict == word for box in frame.boxes))
+    )
+    return (
+        f'<figure><svg viewBox="0 0 {width} {height}" role="img" '
+        f'aria-label="{html.escape(frame.key)}: {counts or "no boxes"}">{image}{rects}'
+        f'{names}</svg><figcaption><span class="path">{html.escape(frame.key)}</span>'
+        f'<br><span class="soft">{counts or "no boxes"}</span></figcaption></figure>'
+    )
+
+
+def _area(box: DrawnBox) -> float:
+    x_min, y_min, x_max, y_max = box.xyxy
+    return (x_max - x_min) * (y_max - y_min)
+
+
+def _rect(box: DrawnBox) -> str:
+    x_min, y_min, x_max, y_max = box.xyxy
+    place = (
+        f'x="{x_min:.1f}" y="{y_min:.1f}" width="{max(0, x_max - x_min):.1f}" '
+        f'height="{max(0, y_max - y_min):.1f}"'
+    )
+    title = html.escape(f"{box.class_name}: {box.explanation}")
+    return (
+        f'<rect class="case" {place}/>'
+        f'<rect class="{box.verdict}" {place}><title>{title}</title></rect>'
+    )
+
+
+def _names(boxes: Sequence[DrawnBox], width: int, size: float) -> Iterator[str]:
+    """The classes beside the largest boxes, where they do not cover each other."""
+    taken: list[tuple[float, float, float]] = []
+    for box in sorted(boxes, key=_area, reverse=True):
+        length = 0.62 * size * len(box.class_name)
+        x = max(0.0, min(box.xyxy[0], width - length))
+        y = max(size, box.xyxy[1] - size / 4)
+        end = x + length
+        is_free = all(
+            end < left or right < x or abs(y - line) > size
+            for left, right, line in taken
+        )
+        if is_free and len(taken) < _MOST_NAMED:
+            taken.append((x, end, y))
+            at = f'x="{x:.1f}" y="{y:.1f}" font-size="{size:.1f}"'
+            yield f"<text {at}>{html.escape(box.class_name)}</text>"
+
+
+def _classes(inspection: Inspection) -> str:
+    if not inspection.classes:
+        return ""
+    most = max(1, *(one.boxes for one in inspection.classes))
+    rows = "".join(_class_row(one, most) for one in inspection.classes)
+    head = "".join(
+        f"<span>{title}</span>"
+        for title in (
+            "class",
+            "measured as",
+            "boxes in all labels",
+            "verdicts in the frames that were looked at",
+            "unknown pixels in boxes",
+        )
+    )
+    legend = "".join(
+        f'<span><i class="{word}"></i>{word}</span>' for word in (*_VERDICTS, "unknown")
+    )
+    return (
+        f'<div class="classes"><div class="head">{head}</div>{rows}</div>'
+        f'<p class="legend">{legend}</p>'
+    )
+
+
+def _class_row(one: ClassFacts, most: int) -> str:
+    meaning = html.escape(measured_as(one.measured_as, one.nearest))
+    if one.measured_as is None:
+        meaning = f'<span class="unknown-class">{meaning}</span>'
+    tags = f"<small>{html.escape(', '.join(one.tags))}</small>" if one.tags else ""
+    parts = (one.kept, one.looked_at.rejected, one.unmeasured)
+    total = one.looked_at.boxes
+    verdicts = _bar(
+        [(word, part, total) for word, part in zip(_VERDICTS, parts, strict=True)],
+        " / ".join(map(str, parts)) if total else "none looked at",
+        words="value verdicts",
+    )
+    share = one.unknown_percent
+    unknown = '<span class="soft">not measured</span>'
+    if share is not None:
+        values = ", ".join(
+            f"{each.name}: {each.number:,} px" for each in one.unknown[:4]
+        )
+        unknown = _bar([("unknown", share, 100)], f"{share:.1f} %", values)
+    return (
+        f"<div><b>{html.escape(one.name)}</b>"
+        f'<span class="meaning">{meaning}{tags}</span>'
+        f'<span class="wide"><span class="label">boxes</span>'
+        f"{_bar([('count', one.boxes, most)], f'{one.boxes:,}')}</span>"
+        f'<span class="wide"><span class="label">kept / rejected / unmeasured</span>'
+        f"{verdicts}</span>"
+        f'<span class="wide"><span class="label">unknown pixels in boxes</span> '
+        f"{unknown}</span></div>"
+    )
+
+
+def _bar(
+    parts: Iterable[tuple[str, float, float]],
+    text: str,
+    small: str = "",
+    words: str = "value",
+) -> str:
+    """A bar of parts, each with its class and its share of a whole."""
+    drawn = "".join(
+        f'<i class="{word}" style="width:{100 * part / whole:.2f}%"></i>'
+        for word, part, whole in parts
+        if part and whole
+    )
+    note = f"<small>{html.escape(small)}</small>" if small else ""
+    return (
+        f'<span class="{words}"><span class="bar">{drawn}</span>'
+        f"<span>{html.escape(text)}</span>{note}</span>"
+    )
+
+
+def _tags(inspection: Inspection) -> str:
+    rows = []
+    tags = inspection.segmentation
+    if tags is not None:
+        kinds = {
+            "told": tags.told,
+            "agrees": tags.agreeing - tags.told,
+            "differs": tags.looked_at - tags.agreeing,
+        }
+        squares = "".join(
+            f'<i class="{kind}"></i>' * count for kind, count in kinds.items()
+        )
+        text = html.escape(segmentation_text(inspection))
+        rows.append(("segmentation", f'<span class="images">{squares}</span>{text}'))
+        rows += [
+            ("", html.escape(f"{counted(one.number, 'image')}: {one.name}"))
+            for one in tags.notes[:5]
+        ]
+    if inspection.depth is not None:
+        rows.append(("depth", html.escape(depth_text(inspection))))
+    if not rows:
+        return '<p class="soft">There is neither a segmentation nor a depth image.</p>'
+    return _definitions(rows)
+
+
+def _definitions(rows: Iterable[tuple[str, str]]) -> str:
+    """Names with their content, which is HTML already."""
+    return (
+        f"<dl>{''.join(f'<dt>{name}</dt><dd>{text}</dd>' for name, text in rows)}</dl>"
+    )
+
+
+def _parts(inspection: Inspection) -> str:
+    rows = []
+    for kind in ("folder", "list", "labels"):
+        splits = [one for one in inspection.splits if one.told_by == kind]
+        if splits:
+            drawn = "".join(
+                f'<span style="flex-grow:{max(1, one.frames)}">{html.escape(one.name)} '
+                f"{one.frames:,}</span>"
+                for one in splits
+            )
+            text = ", ".join(f"{one.name}: {one.frames:,}" for one in splits)
+            rows.append(
+                (
+                    f"split by {_SPLIT_BY[kind]}",
+                    f'<span class="split" title="{html.escape(text)}">{drawn}</span>',
+                )
+            )
+    for one in inspection.sizes[:MOST_IN_A_LINE]:
+        size = f"{one.width} x {one.height} px"
+        rows.append(("size of images", f"{size}, {counted(one.images, 'frame')}"))
+    for cameras in inspection.cameras[:MOST_IN_A_LINE]:
+        text = camera_text(cameras.folders, cameras.frames)
+        rows.append(("cameras", html.escape(text)))
+    return _definitions(rows) if rows else ""
+
+
+_SPLIT_BY: Final = {
+    "folder": "folders (frames)",
+    "list": "lists (lines)",
+    "labels": "files of labels (frames)",
+}
+
+_MOST_STREAMS: Final = 40
+
+
+def _streams(inspection: Inspection) -> str:
+    if not inspection.streams:
+        return ""
+    rows = "".join(
+        f"<tr><td>{html.escape(ROLES.get(one.role, one.role))}</td>"
+        f'<td class="number">{one.images:,}</td><td>told by '
+        f'{html.escape(told_by(one))}</td><td class="path">{html.escape(one.example)}'
+        "</td></tr>"
+        for one in by_role(inspection)[:_MOST_STREAMS]
+    )
+    more = len(inspection.streams) - _MOST_STREAMS
+    rest = f'<p class="soft">and {more:,} more</p>' if more > 0 else ""
+    return (
+        '<table><thead><tr><th>role</th><th style="text-align:right">images</th>'
+        f"<th>what told it</th><th>such as</th></tr></thead><tbody>{rows}</tbody>"
+        f"</table>{rest}"
+    )
+
+
+def _faults(inspection: Inspection) -> str:
+    listed = [(FAULTS[one.kind], one) for one in inspection.boxes.faults]
+    if not inspection.boxes.count:
+        return ""
+    if not listed:
+        return '<p class="soft">None of the boxes in all labels.</p>'
+    return "".join(_details(title, one) for title, one in listed)
+
+
+def _unused(inspection: Inspection) -> str:
+    listed = [*inspection.left_over, *inspection.not_read]
+    if not listed:
+        return '<p class="soft">Every file is used.</p>'
+    return "".join(_details(one.kind, one, with_why=False) for one in listed)
+
+
+def _details(title: str, listed: Listed, *, with_why: bool = True) -> str:
+    """Things of a kind, folded: ten, then a number."""
+    items = "".join(
+        f'<li class="path">{html.escape(text)}</li>'
+        for text in _examples(listed, with_why=with_why)
+    )
+    return (
+        f"<details><summary><b>{listed.count:,}</b> {html.escape(title)}</summary>"
+        f"<ul>{items}</ul></details>"
+    )
+
+
+def _examples(listed: Listed, *, with_why: bool) -> Iterator[str]:
+    for name, why in listed.examples:
+        yield f"{name}: {why}" if with_why or why != listed.kind else name
+    if more := listed.count - len(listed.examples):
+        yield f"and {more:,} more"
+
+
+def _description(text: str) -> str:
+    return (
+        '<p class="hint">Saved as recording.yaml in the folder, it says how the folder '
+        "is read; --write FILE writes it. Change what is wrong.</p>"
+        f"<pre>{html.escape(text)}</pre>"
+    )
