@@ -161,21 +161,23 @@ def test_outlines_are_said_to_be_read_as_rectangles():
 def test_boxes_in_another_unit_are_read_in_it_and_the_description_says_so(tmp_path):
     boxes = [[10.5, 20.5, 10.5, 30], [40, 10, 5, 8.25], [70, 60, 20, 20]]
     document = {
-        "images": [{"id": 1, "file_name": "7.png", "width": 800, "height": 600}],
+        "images": [{"id": 1, "file_name": "7.png"}],
         "categories": [{"id": 1, "name": "car"}],
         "annotations": [
             {"id": number, "image_id": 1, "category_id": 1, "bbox": bbox}
             for number, bbox in enumerate(boxes)
         ],
     }
-    picture = png(np.zeros((600, 800, 3), np.uint8))
-    files = {"instances.json": json.dumps(document).encode(), "7.png": picture}
+    # Larger than the part of a file that is read for its size.
+    noise = np.random.default_rng(0).integers(0, 256, (600, 800, 3), np.uint8)
+    files = {"instances.json": json.dumps(document).encode(), "7.png": png(noise)}
     root = write_files(tmp_path, files)
 
     found = inspect_recording(root)
 
     assert [problem.code for problem in found.problems] == ["wrong_unit"]
     assert "`boxes: {unit: percent}`" in found.problems[0].detail
+    assert found.sizes == (Size(800, 600, 1),)
     assert found.drawn[0].boxes[1].xyxy == pytest.approx((320, 60, 360, 109.5))
     text = description_text(found.described, root)
     (root / "recording.yaml").write_text(text, "utf-8")
