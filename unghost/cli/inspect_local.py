@@ -181,15 +181,17 @@ def _print(inspection: Inspection, screen: Screen) -> None:
         ],
         tag="frame",
     )
+    refused = [*inspection.refused, *inspection.refused_pictures]
+    screen.table(("frame that cannot be used", "why"), _rows(refused), tag="refused")
     unused = [*inspection.left_over, *inspection.not_read]
-    screen.table(("file that is not used", "why"), _file_rows(unused), tag="file")
+    screen.table(("file that is not used", "why"), _rows(unused), tag="file")
 
 
 _WORDS: Final = ("kept", "rejected", "unmeasured")
 
 
-def _file_rows(kinds: Sequence[Listed]) -> Iterator[tuple[str, str]]:
-    """Files that are not used: ten of a kind, then a number."""
+def _rows(kinds: Sequence[Listed]) -> Iterator[tuple[str, str]]:
+    """Names with what is said about them: ten of a kind, then a number."""
     for listed in kinds:
         yield from listed.examples
         if more := listed.count - len(listed.examples):

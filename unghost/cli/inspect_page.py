@@ -75,7 +75,8 @@ code, pre, .path { font-family: ui-monospace, Menlo, Consolas, "DejaVu Sans Mono
 header p { color: var(--text-soft); margin-top: 4px; }
 section { background: var(--surface); border: 1px solid var(--line);
   border-radius: 10px; padding: 20px; margin-top: 16px; min-width: 0; }
-.pair { display: grid; gap: 0 16px; grid-template-columns: repeat(2, minmax(0, 1fr)); }
+.pair { display: grid; gap: 0 16px;
+  grid-template-columns: repeat(auto-fit, minmax(min(100%, 440px), 1fr)); }
 .soft { color: var(--text-soft); }
 .hint { color: var(--text-soft); font-size: 0.8125rem; margin: -8px 0 12px; }
 .remarks { list-style: none; margin: 0; padding: 0; display: grid; gap: 8px; }
@@ -165,7 +166,6 @@ footer { margin-top: 24px; color: var(--text-faint); font-size: 0.8125rem; }
 @media (max-width: 760px) {
   main { padding: 20px 12px 40px; }
   section { padding: 16px 14px; }
-  .pair { grid-template-columns: minmax(0, 1fr); }
   .classes { display: block; }
   .classes > .head { display: none; }
   .classes > div { grid-template-columns: minmax(0, 1fr) auto; gap: 4px 12px; }
@@ -211,6 +211,7 @@ def page(inspection: Inspection, remarks: Sequence[Remark], description: str) ->
         _section("Boxes that can hardly be right", _faults(inspection)),
         _section("Files that are not used", _unused(inspection)),
         "</div>",
+        _section("Frames that cannot be used", _refused(inspection)),
         _section("The description of this recording", _description(description)),
         f"<footer>Written by unghost inspect. All labels were read, and the pictures "
         f"of {counted(inspection.pictures, 'frame')}.</footer>",
@@ -517,6 +518,11 @@ def _unused(inspection: Inspection) -> str:
     if not listed:
         return '<p class="soft">Every file is used.</p>'
     return "".join(_details(one.kind, one, with_why=False) for one in listed)
+
+
+def _refused(inspection: Inspection) -> str:
+    listed = [*inspection.refused, *inspection.refused_pictures]
+    return "".join(_details(one.kind, one) for one in listed)
 
 
 def _details(title: str, listed: Listed, *, with_why: bool = True) -> str:

@@ -121,6 +121,8 @@ def test_inspect_succeeds_where_filter_does(bare_unghost, tmp_path, name):
     assert inspected.code in (DONE, PARTLY)
     assert (inspected.code == DONE) == (filtered.code == DONE)
     assert (inspected.code == DONE) == ("! " not in inspected.err)
+    is_refused = name in ("labels of VOC", "unreadable segmentation")
+    assert is_refused == ("\nrefused\t" in inspected.out)
     assert (name == "nothing wrong") == (inspected.code == DONE)
 
 
