@@ -250,7 +250,10 @@ def _remarks(inspection: Inspection, remarks: Sequence[Remark]) -> str:
     ]
     can_decide = inspection.boxes.count and inspection.with_role.get("segmentation")
     if can_decide and not any(one.is_serious for one in remarks):
-        fine = "everything was understood: `unghost filter` can decide every frame"
+        fine = (
+            f"all labels, and the pictures of {counted(inspection.pictures, 'frame')}, "
+            "were understood: `unghost filter` can begin"
+        )
         items.insert(0, _remark("fine", fine))
     return f'<ul class="remarks">{"".join(items)}</ul>' if items else ""
 
