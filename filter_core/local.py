@@ -564,9 +564,10 @@ class Shown(NamedTuple):
 
     def of(self, frames: FrameSet) -> FrameSet:
         """The frames, which are read so, unless they name their own version."""
-        return replace(frames, frames=lambda: map(self._of_frame, frames))
+        return replace(frames, frames=lambda: map(self.of_frame, frames))
 
-    def _of_frame(self, frame: FrameSource) -> FrameSource:
+    def of_frame(self, frame: FrameSource) -> FrameSource:
+        """One of these frames."""
         keys = dict(self.keys)
         if "palette" in keys and _family_by_version(frame):
             del keys["palette"]
@@ -759,14 +760,16 @@ def measure_source(
     """
     if problem := source.problem or missing_image(source):
         raise problem
-    measuring = replace(_measuring(source, config), channels=()).with_channels(channels)
+    measuring = replace(measuring_of(source, config), channels=()).with_channels(
+        channels
+    )
     options = _frame_options(source, files_for(channels))
     return read_and_measure(
         source.annotation or {}, _segmentation(source), measuring, options
     )
 
 
-def _measuring(source: FrameSource, config: FilterConfig) -> MeasureConfig:
+def measuring_of(source: FrameSource, config: FilterConfig) -> MeasureConfig:
     """How a frame is measured: by what its recording shows, if nothing names it."""
     if not source.shown:
         return config.measuring()

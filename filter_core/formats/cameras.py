@@ -76,6 +76,22 @@ class CameraPlaces:
     places: Mapping[str, Where] = field(default_factory=dict)
 
     @property
+    def document(self) -> dict[str, object]:
+        """What a description says."""
+        document: dict[str, object] = {}
+        for key, place in self.places.items():
+            if isinstance(place, InFile):
+                said = {
+                    "file": place.file.text,
+                    "path": place.path,
+                    "negated": list(place.negated),
+                }
+                document[key] = {name: one for name, one in said.items() if one}
+            else:
+                document[key] = place.text if isinstance(place, Path) else place
+        return document
+
+    @property
     def files(self) -> tuple[FilePattern, ...]:
         """The files that it names."""
         found = (one.file for one in self.places.values() if isinstance(one, InFile))

@@ -169,6 +169,15 @@ class BoxFields:
     paths: Mapping[str, Path] = field(default_factory=dict)
     lists: Mapping[str, Path] | None = None
 
+    @property
+    def document(self) -> dict[str, object]:
+        """What a description says."""
+        paths: dict[str, object] = {name: one.text for name, one in self.paths.items()}
+        if self.lists is None:
+            return paths
+        lists = {name: one.text for name, one in self.lists.items()}
+        return {**paths, BOXES: lists.get("", lists)}
+
 
 class AllowedFields:
     """What is where in a row."""

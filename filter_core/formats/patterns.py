@@ -155,6 +155,13 @@ class FilePatterns:
     roles: Mapping[str, FilePattern] = field(default_factory=dict)
     ignored: tuple[FilePattern, ...] = ()
 
+    @property
+    def document(self) -> dict[str, object]:
+        """What a description says."""
+        roles: dict[str, object] = {role: one.text for role, one in self.roles.items()}
+        ignored = [one.text for one in self.ignored]
+        return {**roles, IGNORE: ignored} if ignored else roles
+
     @cached_property
     def lead(self) -> str:
         """The role whose files say which frames there are."""

@@ -504,9 +504,17 @@ def _plain(value: object, folder: Path) -> object:
         there, root = value.absolute(), folder.absolute()
         inside = there.is_relative_to(root)
         return there.relative_to(root).as_posix() if inside else str(there)
+    if isinstance(value, FilePattern):
+        return value.text
+    if isinstance(value, FilePatterns | BoxFields | CameraPlaces):
+        value = value.document
     if isinstance(value, Mapping):
         return {key: _plain(each, folder) for key, each in value.items()}
     if isinstance(value, list | tuple):
+        unnamed = [each == str(number) for number, each in enumerate(value)]
+        if any(unnamed):  # numbers without names are called as they are
+            named = enumerate(value)
+            return {number: each for number, each in named if not unnamed[number]}
         return [_plain(each, folder) for each in value]
     return value
 

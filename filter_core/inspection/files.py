@@ -14,6 +14,7 @@ from typing import Final, NamedTuple
 from filter_core.formats.reading import (
     IMAGE_SUFFIXES,
     KEYS_NAME,
+    RECORDING_NAME,
     TEXT_SUFFIXES,
     FrameSet,
     FrameSource,
@@ -22,7 +23,6 @@ from filter_core.formats.reading import (
     open_regular,
     split_name,
 )
-from filter_core.formats.recording import RECORDING_NAME
 from filter_core.inspection.listing import Listed, Listing
 
 _SPLIT: Final = re.compile(

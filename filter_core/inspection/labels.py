@@ -16,8 +16,12 @@ from filter_core.annotation.frame import BoxAnnotation, FrameAnnotation
 from filter_core.annotation.parsing import parse_annotation
 from filter_core.annotation.units import check_units
 from filter_core.errors import FilterError, problem_of
-from filter_core.formats.labels import image_size
-from filter_core.formats.reading import FrameSet, FrameSource, missing_image
+from filter_core.formats.reading import (
+    FrameSet,
+    FrameSource,
+    frame_size,
+    missing_image,
+)
 from filter_core.geometry.boxes import FORMS, to_xyxy
 from filter_core.inspection.files import FileUse
 from filter_core.inspection.listing import Listing
@@ -162,10 +166,10 @@ class LabelSurvey:
             is_inverted = _inverted(form, values)
             wh = annotation.camera_wh or (1, 1)
             if annotation.camera_wh is None and (not is_share or is_inverted.any()):
-                width, height = image_size(frame)
-                if not width > 0:  # NaN: said when the frame is measured
+                size = frame_size(frame)
+                if size is None:  # said when the frame is measured
                     continue
-                wh = int(width), int(height)
+                wh = size
             self._note(frame.key, boxes, to_xyxy(form, values, wh), wh)
             check_units(annotation, wh, "paper", frame.key)
 

@@ -17,19 +17,20 @@ from numpy.typing import NDArray
 from filter_core.config.filter import FilterConfig
 from filter_core.decisions.rules import decide
 from filter_core.errors import FilterError, LayoutError, problem_of
-from filter_core.formats.labels import image_size
-from filter_core.formats.reading import FrameSource, open_regular
+from filter_core.formats.reading import FrameSource, frame_size, open_regular
 from filter_core.geometry.boxes import pixel_bounds
 from filter_core.images.decoding import decode_as_seen
 from filter_core.images.header import read_image_header
 from filter_core.inspection.listing import Counted, Listed, Listing, counted
 from filter_core.local import (
     ClassCount,
+    Shown,
     count_by_class,
     depth_images,
     in_order,
     measure_source,
-    with_depth_encoding,
+    measuring_of,
+    recognise_recording,
 )
 from filter_core.pipeline import FrameResult, MeasuredFrame
 from filter_core.segmentation.codes import Segmentation
@@ -183,9 +184,12 @@ class PictureSurvey:
         Frames that cannot be measured, by the code of the first fault.
     notes : Counter of str
         How depth and instance images were read.
+    problem : LayoutError or None
+        Their segmentations are of several families.
     """
 
     frames: int = 0
+    problem: LayoutError | None = None
     sizes: Counter[tuple[int, int]] = field(default_factory=Counter)
     classes: dict[str, ClassCount] = field(default_factory=dict)
     verdicts: Counter[tuple[str, VerdictName]] = field(default_factory=Counter)
@@ -224,20 +228,25 @@ def look_at(frames: Sequence[FrameSource], config: FilterConfig) -> PictureSurve
     frames : sequence of FrameSource
     config : FilterConfig
     """
-    config = with_depth_encoding(config, frames, config.channels)
     survey = PictureSurvey(frames=len(frames))
-    looks = list(in_order(partial(_look, config), frames))
+    shown = Shown()
+    try:
+        shown = recognise_recording(frames, config, ("depth", *config.channels))
+    except LayoutError as several_families:
+        survey.problem = several_families
+    read = [shown.of_frame(frame) for frame in frames]
+    looks = list(in_order(partial(_look, config), read))
     for look in looks:
-        width, height = image_size(look.source)
-        if width > 0:  # else NaN
-            survey.sizes[int(width), int(height)] += 1
+        size = frame_size(look.source)
+        if size is not None:
+            survey.sizes[size] += 1
         if look.problem is not None:
             code = problem_of(look.problem)["errors"][0]["code"]
             survey.refused.add(code, look.source.key, look.problem.detail)
         if look.result is not None:
             _count(survey, look, look.result)
-    survey.segmentation = _segmentations(looks, config)
-    survey.depth = _depth(frames, config)
+    survey.segmentation = _segmentations(looks, config, shown)
+    survey.depth = _depth(frames, config, shown)
     survey.drawn = tuple(map(_drawn, _chosen(looks)))
     return survey
 
@@ -248,7 +257,7 @@ def _look(config: FilterConfig, source: FrameSource) -> _Look:
         look = _Look(source, result=result)
         if source.segmentation is None:
             return look
-        segmentation = _read_again(source.segmentation, result.measured, config)
+        segmentation = _read_again(source, source.segmentation, result.measured, config)
     except FilterError as problem:
         with suppress(FilterError):
             placed = _decided(replace(source, segmentation=None, others={}), config)
@@ -262,7 +271,11 @@ def _look(config: FilterConfig, source: FrameSource) -> _Look:
             segmentation.channel_order,
             segmentation.lossy,
         ),
-        families=_families(segmentation, _options(result.measured, config)),
+        families=_families(
+            # What it tells itself, whatever others of the recording do.
+            segmentation,
+            _options(result.measured, config.measuring().reading),
+        ),
         unknown_percent=segmentation.unknown_percent,
         notes=segmentation.notes,
         unknown=_unknown_values(segmentation, result.measured),
@@ -274,18 +287,20 @@ def _decided(source: FrameSource, config: FilterConfig) -> FrameResult:
     return FrameResult(measured, decide(measured.evidence, config), config)
 
 
-def _options(measured: MeasuredFrame, config: FilterConfig) -> SegmentationOptions:
+def _options(
+    measured: MeasuredFrame, reading: SegmentationOptions
+) -> SegmentationOptions:
     """How the segmentation of a frame is read when it is measured."""
-    reading = config.measuring().reading
     version = reading.carla_version or measured.annotation.carla_version
     return replace(reading, carla_version=version)
 
 
 def _read_again(
-    path: Path, measured: MeasuredFrame, config: FilterConfig
+    source: FrameSource, path: Path, measured: MeasuredFrame, config: FilterConfig
 ) -> Segmentation:
     """The segmentation of a frame that was measured, whose tags are looked at, too."""
-    return read_segmentation(_content(path), _options(measured, config))
+    reading = measuring_of(source, config).reading
+    return read_segmentation(_content(path), _options(measured, reading))
 
 
 def _families(
@@ -358,7 +373,7 @@ def _count(survey: PictureSurvey, look: _Look, result: FrameResult) -> None:
 
 
 def _segmentations(
-    looks: Sequence[_Look], config: FilterConfig
+    looks: Sequence[_Look], config: FilterConfig, shown: Shown
 ) -> SegmentationFacts | None:
     with_one = [look for look in looks if look.source.segmentation is not None]
     if not with_one:
@@ -372,7 +387,8 @@ def _segmentations(
             code = problem_of(look.problem)["errors"][0]["code"]
             refused.add(code, look.source.key, look.problem.detail)
     votes = Counter(family for look in read for family in look.families)
-    family = max(votes, key=lambda name: votes[name], default=None)
+    most = max(votes, key=lambda name: votes[name], default=None)
+    family = shown.keys.get("palette", most)
     shares = [look.unknown_percent for look in read]
     return SegmentationFacts(
         looked_at=len(with_one),
@@ -391,8 +407,10 @@ def _segmentations(
     )
 
 
-def _depth(frames: Sequence[FrameSource], config: FilterConfig) -> DepthFacts | None:
-    shown: Counter[str] = Counter()
+def _depth(
+    frames: Sequence[FrameSource], config: FilterConfig, shown: Shown
+) -> DepthFacts | None:
+    encodings: Counter[str] = Counter()
     refused = Listing()
     unclear = looked_at = 0
     for key, depth in depth_images(frames):
@@ -400,16 +418,16 @@ def _depth(frames: Sequence[FrameSource], config: FilterConfig) -> DepthFacts | 
         if isinstance(depth, FilterError):
             refused.add(depth.kind, key, depth.detail)
         elif depth.is_certain:
-            shown[depth.encoding] += 1
+            encodings[depth.encoding] += 1
         else:
             unclear += 1
     if not looked_at:
         return None
-    named = with_depth_encoding(config, frames, ("depth",)).depth_encoding
+    named = shown.keys.get("depth_encoding", config.depth_encoding)
     return DepthFacts(
         looked_at=looked_at,
         encoding=None if named == "auto" else named,
-        shown=counted(shown),
+        shown=counted(encodings),
         unclear=unclear,
         refused=refused.listed(),
     )
@@ -471,7 +489,7 @@ def _background(
         return decode_as_seen(content, read_image_header(content), cv2.IMREAD_COLOR)
     if source.segmentation is None:
         return None
-    read = _read_again(source.segmentation, measured, config)
+    read = _read_again(source, source.segmentation, measured, config)
     painted = FAMILIES[read.family].paint(read.tags)
     return np.ascontiguousarray(painted[:, :, ::-1])
 

@@ -24,8 +24,13 @@ from filter_core.formats.reading import (
     StreamFacts,
     name_of,
 )
-from filter_core.formats.recording import RecordingDescription, describe
-from filter_core.formats.registry import FORMATS, possible_layouts, read_source
+from filter_core.formats.recording import RecordingDescription
+from filter_core.formats.registry import (
+    FORMATS,
+    describe_source,
+    possible_layouts,
+    read_source,
+)
 from filter_core.formats.streams import Streams
 from filter_core.formats.yolo import NoClassList
 from filter_core.inspection.files import (
@@ -221,7 +226,7 @@ def inspect_recording(
     """
     if not source.exists():
         raise LayoutError(f"{name_of(source)}: expected a folder or a file, found none")
-    given = describe(source) if description is None else description
+    given = describe_source(source) if description is None else description
     opened = _open(source, given)
     root = source if source.is_dir() else source.parent
     labels = LabelSurvey(FileUse(root), pictures)
@@ -237,7 +242,7 @@ def inspect_recording(
         layouts=opened.layouts,
         why=opened.why,
         described=_described(opened, looked),
-        problems=opened.problems,
+        problems=(*opened.problems, *_several_families(looked)),
         notes=opened.frames.notes(),
         frames=labels.frames,
         with_role=dict(labels.roles),
@@ -340,6 +345,11 @@ def _named_streams(opened: _Opened, labels: LabelSurvey) -> Iterator[StreamFacts
     """The files by role where the layout names each."""
     for role, count in labels.roles.items():
         yield StreamFacts(role, count, labels.examples[role], (str(opened.layout),))
+
+
+def _several_families(looked: PictureSurvey) -> Iterator[Problem]:
+    if looked.problem is not None:
+        yield Problem(looked.problem.kind, looked.problem.detail)
 
 
 def _classes(

@@ -14,6 +14,7 @@ from filter_core.annotation.parsing import parse_annotation
 from filter_core.config.file import load_config
 from filter_core.formats.reading import MANIFEST_NAME, RECORDING_NAME
 from filter_core.formats.recorders import recorders
+from filter_core.formats.recording import description_text
 from filter_core.formats.registry import describe_source, read_source
 from filter_core.local import filter_one, filter_source
 from tests.support.folders import annotation_of, write_files
@@ -94,6 +95,21 @@ def test_recording_is_recognised_and_its_recorder_is_said(tmp_path, name, folder
     (box,) = annotation_of(frame)["boxes"]
     assert box["class"] == class_name
     assert values.items() <= box.items()
+
+
+@pytest.mark.parametrize("name", RECORDED)
+def test_description_of_a_recorder_is_written_and_read_back(tmp_path, name):
+    write_files(tmp_path, RECORDED[name])
+    description = describe_source(tmp_path)
+    (frame,) = read_source(tmp_path)
+
+    text = description_text(description, tmp_path)
+    write_files(tmp_path, {RECORDING_NAME: text})
+    (again,) = read_source(tmp_path)
+
+    assert annotation_of(again) == annotation_of(frame)
+    assert describe_source(tmp_path).config_keys() == description.config_keys()
+    assert len(text.splitlines()) < 60
 
 
 def test_every_recorder_that_ships_is_tested():
