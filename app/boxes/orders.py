@@ -21,9 +21,11 @@ from typing import Final, NamedTuple, TypeAlias
 from sqlalchemy import (
     ColumnElement,
     CompoundSelect,
+    Float,
     Select,
     SQLColumnExpression,
     and_,
+    bindparam,
     case,
     func,
     literal,
@@ -43,7 +45,7 @@ from app.boxes.filter import (
     reasons_with_threshold,
     thresholds_in_sql,
 )
-from app.db.base import MAX_ID
+from app.db.base import MAX_ID, Key
 from app.db.bulk import chunks
 from app.db.tables import Decision
 from app.errors import BadCursor
@@ -340,26 +342,29 @@ class Stream:
         """The score, which increases along the stream."""
         return (self.column - self.origin) * self.sign
 
-    def beyond(self, number: int, at: Position) -> list[ColumnElement[bool]]:
-        """Conditions for the rows after a position; the index can use the first."""
-        if at.score == float("-inf"):
-            return []
-        value = self.origin + self.sign * at.score
-        bound = (
-            self.column >= value - _EPSILON
-            if self.sign > 0
-            else self.column <= value + _EPSILON
-        )
-        score, last = self.score(), self._last_id(number, at)
+    def beyond(self, number: int) -> list[ColumnElement[bool]]:
+        """Conditions for the rows after a position, which `parameters` has.
+
+        The index can use the first.
+        """
+        bound = bindparam(f"bound_{number}", type_=Float)
+        in_reach = self.column >= bound if self.sign > 0 else self.column <= bound
+        score, last = self.score(), bindparam(f"last_{number}", type_=Key)
+        reached = bindparam("score", type_=Float)
         later = Decision.box_id > last if self.sign > 0 else Decision.box_id < last
-        return [bound, or_(score > at.score, and_(score == at.score, later))]
+        return [in_reach, or_(score > reached, and_(score == reached, later))]
+
+    def parameters(self, number: int, at: Position) -> dict[str, float | int]:
+        """The values of `beyond` for a position, besides its ``score``."""
+        bound = self.origin + self.sign * (at.score - _EPSILON)
+        return {f"bound_{number}": bound, f"last_{number}": self._last_id(number, at)}
 
     def _last_id(self, number: int, at: Position) -> int:
         """The id of the last box returned among the rows with the position's score.
 
         Streams before the one where the page ended have returned all rows of that
         score, streams after it none. Both cases are expressed by an id, so that all
-        pages have the same statement, which is compiled once.
+        pages have the same statement, which is built and compiled once.
         """
         if number == at.stream:
             return at.box_id
@@ -367,21 +372,22 @@ class Stream:
         return -1 if has_all_to_come == (self.sign > 0) else MAX_ID
 
     def rows(
-        self, number: int, at: Position, limit: int
+        self, number: int, limit: int, *, is_first: bool
     ) -> Select[float | None, int, int]:
-        """The next rows of this stream alone."""
+        """The first rows of this stream alone, or the next."""
         order = (
             (self.column, Decision.box_id)
             if self.sign > 0
             else (self.column.desc(), Decision.box_id.desc())
         )
+        beyond = [] if is_first else self.beyond(number)
         inner = (
             select(
                 self.score().label("score"),
                 literal(number).label("stream"),
                 Decision.box_id.label("box_id"),
             )
-            .where(*self.conditions, *self.beyond(number, at))
+            .where(*self.conditions, *beyond)
             .order_by(*order)
             .limit(limit)
             .subquery()
@@ -496,15 +502,19 @@ class BoxPages:
         return span[0] - 1 if span else 0
 
     def _merged(self, asked: _TierRequest, at: Position) -> list[Position]:
-        plan = _first_page(asked) if at == START else _page(asked, at)
+        plan = _plan(asked, is_first=at == START)
+        parameters: dict[str, float | int] = {"score": at.score}
+        for number, stream in enumerate(plan.streams):
+            parameters |= stream.parameters(number, at)
+        signs = [stream.sign for stream in plan.streams]
         rows: list[tuple[float, int, int]] = []
         for query in plan.queries:
             rows += [
                 (float(score), number, box_id)
-                for score, number, box_id in self._session.execute(query)
+                for score, number, box_id in self._session.execute(query, parameters)
                 if score is not None
             ]
-            rows.sort(key=lambda row: (row[0], row[1], row[2] * plan.signs[row[1]]))
+            rows.sort(key=lambda row: (row[0], row[1], row[2] * signs[row[1]]))
             del rows[asked.limit :]
         return [Position(asked.tier, *row) for row in rows]
 
@@ -528,36 +538,34 @@ time to compile a statement grows faster than its length, and SQLite allows 500.
 
 
 class _Plan(NamedTuple):
-    """The statements that read part of a page, and the sign of each stream."""
+    """The statements that read part of a page, and the streams that they read."""
 
     queries: Sequence[_Query]
-    signs: Sequence[int]
+    streams: Sequence[Stream]
 
 
-def _page(asked: _TierRequest, at: Position) -> _Plan:
+def _plan(asked: _TierRequest, *, is_first: bool) -> _Plan:
+    # Building a statement of some sixty streams takes several times as long as
+    # executing it. Plans for many classes would take up too much memory.
+    if len(asked.streams.contents.kinds) > STREAMS_TOGETHER:
+        return _new_plan(asked, is_first=is_first)
+    return _known_plan(asked, is_first=is_first)
+
+
+def _new_plan(asked: _TierRequest, *, is_first: bool) -> _Plan:
     streams: Sequence[Stream] = TIERS[asked.order][asked.tier](asked.streams)
     rows = [
-        stream.rows(number, at, asked.limit) for number, stream in enumerate(streams)
+        stream.rows(number, asked.limit, is_first=is_first)
+        for number, stream in enumerate(streams)
     ]
     queries = [
         union_all(*together) if len(together) > 1 else together[0]
         for together in chunks(rows, most=STREAMS_TOGETHER)
     ]
-    return _Plan(queries, [stream.sign for stream in streams])
+    return _Plan(queries, streams)
 
 
-def _first_page(asked: _TierRequest) -> _Plan:
-    # The queue reads a first page after every answer, and building a statement of some
-    # sixty streams takes several times as long as executing it. Plans for many classes
-    # would take up too much memory.
-    if len(asked.streams.contents.kinds) > STREAMS_TOGETHER:
-        return _page(asked, START)
-    return _known_first_page(asked)
-
-
-@lru_cache(maxsize=128)
-def _known_first_page(asked: _TierRequest) -> _Plan:
-    return _page(asked, START)
+_known_plan: Final = lru_cache(maxsize=128)(_new_plan)
 
 
 def encode(position: Position) -> str:
