@@ -37,8 +37,9 @@ _FEWEST_WHOLE: Final = 20
 So many do not lie in the first hundred rows and columns by chance.
 """
 
-_LEAST_SIDE: Final = 300
-"""px; in smaller images, boxes in pixels are often within the first hundred."""
+_LEAST_SIDES: Final = {False: 300, True: 150}
+"""px, for few and for many boxes; in smaller images, boxes in pixels are often within
+the first hundred."""
 
 _OUTSIDE: Final = 1 / 3
 """Share of boxes that reach out of the image in the wrong notation, at least."""
@@ -158,7 +159,8 @@ def other_notations(
     frames : FrameSet
         Their boxes as the format has them.
     description : RecordingDescription
-        What it says is not looked for.
+        What it says is not looked for. In the unit that it says, boxes may show
+        another notation.
     """
     if "auto" not in (description.unit, description.corners):
         return
@@ -167,9 +169,14 @@ def other_notations(
         if len(np.unique(values, axis=0)) < _FEWEST:
             continue
         sizes = _Sizes([frame for _, frame in rows])
+        described, scale = form, 1.0
+        if description.unit != "auto":
+            is_share = description.unit != "pixels"
+            described = form.removesuffix("n") + "n" * is_share
+            scale = _SCALE[description.unit]
         others = {
             "unit": _other_unit(form, values, sizes),
-            "corners": _other_corners(form, values, sizes),
+            "corners": _other_corners(described, scale * values, sizes),
         }
         for key, word in others.items():
             if word is not None and getattr(description, key) == "auto":
@@ -222,7 +229,8 @@ def _other_unit(form: str, values: FloatArray, sizes: _Sizes) -> str | None:
     if is_whole and not are_many:
         return None
     least = sizes.wh.min()
-    return "percent" if least >= _LEAST_SIDE or (np.isnan(least) and are_many) else None
+    is_percent = are_many if np.isnan(least) else least >= _LEAST_SIDES[are_many]
+    return "percent" if is_percent else None
 
 
 def _other_corners(form: str, values: FloatArray, sizes: _Sizes) -> str | None:

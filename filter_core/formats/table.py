@@ -6,6 +6,7 @@ with the frame's name. `filter_core.formats.fields` says what is what in a row.
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -283,6 +284,9 @@ def _key_of_table(name: str) -> str:
     return frame_key(name[: -len(GZIP)] if name.lower().endswith(GZIP) else name)
 
 
+_NUMBER: Final = re.compile(r"[0-9]{1,18}")
+
+
 class _FrameNames:
     """Finds frames by what rows call them."""
 
@@ -290,12 +294,16 @@ class _FrameNames:
         self._frames = frames
         self._exact: dict[str, list[int]] = {}
         self._plain: dict[str, list[int]] = {}
+        self._numbers: dict[int, list[int]] = {}
         for index, (files, values) in enumerate(frames):
             image = files.image or ""
             names = (files.key, values[FRAME], image, last_name(image))
             for name in dict.fromkeys((*names, *(split_name(one)[0] for one in names))):
                 self._exact.setdefault(name, []).append(index)
             self._plain.setdefault(plain(values[FRAME]), []).append(index)
+            numbers = _NUMBER.findall(last_name(values[FRAME]))
+            if len(numbers) == 1:  # frame 7 is rgb_0007
+                self._numbers.setdefault(int(numbers[0]), []).append(index)
 
     def of(self, name: str, camera: str, values: Values) -> list[int]:
         """The frames of this name, camera and values; several if it is unclear."""
@@ -305,6 +313,8 @@ class _FrameNames:
         found = self._exact.get(path) or self._exact.get(split_name(path)[0])
         found = found or self._exact.get(last) or self._exact.get(stem)
         found = found or self._plain.get(plain(stem), [])
+        if not found and _NUMBER.fullmatch(stem):
+            found = self._numbers.get(int(stem), [])
         same = [one for one in found if self._fits(one, values)]
         return [one for one in same if self.is_of(one, camera)] if camera else same
 

@@ -310,17 +310,24 @@ def _read(
     Also the description that says so, and what they look like.
     """
     layout = layout or "auto"
-    frames = read_source(source, layout, given, recognise=False)
-    if layout == CARLASIMU.name:  # which has units of its own
-        return frames, given, ()
-    others = tuple(other_notations(frames, given))
-    changes = {other.key: other.value for other in others if " or " not in other.value}
-    if not changes:
-        return frames, given, others
     changed: Callable[..., RecordingDescription] = replace
-    described = changed(given, **changes)
-    frames = read_source(source, layout, described, recognise=False)
-    return frames, described, others
+    plain = changed(given, unit="auto", corners="auto")
+    frames = read_source(source, layout, plain, recognise=False)
+    others: list[OtherNotation] = []
+    described = given
+    # Boxes whose unit is known may show another notation.
+    for _ in range(0 if layout == CARLASIMU.name else 2):  # has units of its own
+        said = {one.key for one in others}
+        all_shown = other_notations(frames, described)
+        shown = [one for one in all_shown if one.key not in said]
+        others += shown
+        clear = {one.key: one.value for one in shown if " or " not in one.value}
+        described = changed(described, **clear)
+        if not clear:
+            break
+    if described != plain:
+        frames = read_source(source, layout, described, recognise=False)
+    return frames, described, tuple(others)
 
 
 _SEVERAL: Final = (

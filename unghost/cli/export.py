@@ -24,11 +24,11 @@ from unghost.cli.screen import (
     refusal,
 )
 from unghost.cli.sources import (
+    FrameCheck,
     SourceOptions,
     default_class_of,
     kind_of,
     naming_reading,
-    note_reading,
     open_source,
     read_config,
     shown_by,
@@ -329,7 +329,7 @@ def convert(options: ConvertOptions) -> None:
     counts = _write_labels(options, labels, found, config, progress)
     progress.notes.print(options.screen)
     is_doubtful = options.filter and progress.summary.note(options.screen)
-    note_reading(options.screen, found)
+    progress.check.note(options.screen, found)
     for line in (*progress.refusals.more(), *unmatched_lines(found.unmatched)):
         options.screen.note(line)
     boxes = {name: counts["boxes"][name] for name in ("in", "out", "dropped")}
@@ -411,7 +411,7 @@ def _write_labels(
     facts = {"source": name_of(options.source), "layout": found.layout, **decided}
     needs = format_of(options.to, labels).needs
     frames = export_sources(
-        found,
+        progress.check.watch(found),
         config,
         measure=options.filter,
         needs=needs,
@@ -442,6 +442,7 @@ class _Progress:
         self.written = 0
         self.failed = 0
         self.refusals = Kinds()
+        self.check = FrameCheck()
 
     def add(self, classes: Mapping[str, ClassCount], notes: Iterable[str]) -> None:
         """The boxes of one frame by class, and how its images were read."""

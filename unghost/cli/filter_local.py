@@ -30,6 +30,7 @@ from unghost.cli.screen import (
     Kinds,
     Refused,
     Screen,
+    one_line,
     partly_done,
     printable,
     refusal,
@@ -162,6 +163,7 @@ class _Tally:
         self._notes = ImageNotes()
         self.refusals = Kinds()
         self._boxes: Counter[str] = Counter()
+        self._unseen: list[str] = []
 
     def watch(
         self, lines: Iterable[FrameLine], total: int | None
@@ -180,6 +182,8 @@ class _Tally:
                 self.screen.note(refusal(line.key, naming_reading(line.fault)))
             return
         self.decided += 1
+        if line.is_unseen:
+            self._unseen.append(line.key)
         self._summary.add(line.classes)
         self._notes.add(line.notes)
         self._boxes.update(line.verdicts)
@@ -187,6 +191,12 @@ class _Tally:
     def print_summary(self, output: Path, unmatched: Sequence[Unmatched]) -> None:
         """Print notes, and counts of frames and boxes; with `--json`, unused files."""
         self._notes.print(self.screen, ", in the frames' lines")
+        if self._unseen:
+            count = f"{len(self._unseen)} of {self.decided} frames"
+            such = f"such as {self._unseen[0]}"
+            self.screen.note(
+                one_line(f"unmeasured, without a segmentation: {count}, {such}")
+            )
         frames = {"decided": self.decided, "failed": self.failed}
         boxes = {name: self._boxes[name] for name in get_args(Verdict)}
         counts = {**frames, **boxes}
@@ -201,13 +211,17 @@ class _Tally:
 
 @dataclass(frozen=True)
 class FrameLine:
-    """A frame's line, its boxes counted by verdict and by class, or what is wrong."""
+    """A frame's line, its boxes counted by verdict and by class, or what is wrong.
+
+    It is unseen if it has boxes and no segmentation, and none of them was measured.
+    """
 
     key: str
     content: bytes
     verdicts: Counter[str] = field(default_factory=Counter)
     classes: Mapping[str, ClassCount] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    is_unseen: bool = False
     fault: str | None = None
     code: str = ""
 
@@ -344,7 +358,10 @@ def _line_of(config: FilterConfig, frame: FrameSource | FrameOutcome) -> FrameLi
         return FrameLine(outcome.key, content, fault=fault, code=code)
     decisions = outcome.decisions or ()
     verdicts = Counter(str(each["verdict"]) for each in decisions)
-    return FrameLine(outcome.key, content, verdicts, outcome.classes, outcome.notes)
+    is_unseen = outcome.palette is None and set(verdicts) == {"unmeasured"}
+    return FrameLine(
+        outcome.key, content, verdicts, outcome.classes, outcome.notes, is_unseen
+    )
 
 
 @cache

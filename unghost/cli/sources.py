@@ -238,8 +238,9 @@ def _class_map(given: Iterable[str]) -> Iterator[tuple[str, str]]:
 def _naming_option(detail: str) -> str:
     """The error about a key of a description, with the option in its place."""
     name, colon, rest = detail.partition(": ")
-    option = {"classes": "--class-map"}.get(name, f"--{name.replace('_', '-')}")
-    return f"{option}{colon}{rest}"
+    key, dot, below = name.partition(".")
+    option = {"classes": "--class-map"}.get(key, f"--{key.replace('_', '-')}")
+    return f"{option}{dot and ' '}{below}{colon}{rest}"
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -269,10 +269,12 @@ class BoxSummary:
             for name, count in sorted(self._classes.items())
             if count.rejected == count.boxes and not count.unmapped
         }
-        total = sum(count.boxes for count in self._classes.values())
-        rejected = sum(count.rejected for count in self._classes.values())
+        measured = [count for count in self._classes.values() if not count.unmapped]
+        total = sum(count.boxes for count in measured)
+        rejected = sum(count.rejected for count in measured)
         if total and rejected == total:
-            text = f"every box is rejected ({total})"
+            which = "" if len(measured) == len(self._classes) else " of a known class"
+            text = f"every box{which} is rejected ({total})"
             return [Remark(f"{text}; {_LOOK}", is_serious=total >= _ENOUGH_BOXES)]
         if not known:
             return []
@@ -332,7 +334,7 @@ class BoxSummary:
 
 _LOOK: Final = (
     "look at some of them: labels in other units or of other images, or a wrong "
-    "palette reject every box"
+    "palette reject every box (--unit, --corners, --palette)"
 )
 
 

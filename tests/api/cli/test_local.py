@@ -197,6 +197,22 @@ def test_control_characters_of_file_names_are_escaped(bare_unghost, tmp_path):
     assert not (tmp_path / "out").exists()
 
 
+def test_frames_without_segmentation_and_without_boxes_are_said(bare_unghost, tmp_path):
+    labels = {"labels/1.txt": "0 .5 .5 .2 .2", "labels/2.txt": "0 .5 .5 .2 .2"}
+    pictures = dict.fromkeys(("images/1.png", "images/2.png", "seg/1.png"))
+    town = {**labels, **pictures, "classes.txt": "car"}
+    write_files(tmp_path / "town", town)
+    write_files(tmp_path / "empty", town | dict.fromkeys(labels, b""))
+
+    answer = bare_unghost("filter", "town", "-o", "out.jsonl")
+    convert = bare_unghost("convert", "empty", "--to", "coco", "-o", "out")
+
+    assert (
+        "unmeasured, without a segmentation: 1 of 2 frames, such as 2\n" in answer.err
+    )
+    assert "no frame has a box (2 read, layout yolo" in convert.err
+
+
 def test_folder_without_frames_says_why_its_images_are_none(bare_unghost, tmp_path):
     write_files(tmp_path / "town", {"rgb/1.png": png(painted(street_tags()))})
 

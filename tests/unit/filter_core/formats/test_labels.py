@@ -161,6 +161,43 @@ def test_recording_in_another_unit_or_notation_is_read_as_its_description_says(
         np.testing.assert_allclose(found, BOXES, atol=1e-9)
 
 
+@pytest.mark.parametrize(
+    ("write", "convert", "said", "missing"),
+    [
+        (yolo, list, "unit: pixels", "corners: xyxy"),
+        (yolo, percent, "unit: percent", "corners: xyxy"),
+        (coco, percent, "unit: percent", "corners: xyxy"),
+    ],
+)
+def test_notation_is_told_in_the_unit_that_is_described(
+    tmp_path, write, convert, said, missing
+):
+    boxes = [convert(box) for box in BOXES]
+
+    with pytest.raises(LayoutError) as caught:
+        read_source(recording(tmp_path, write, boxes, f"boxes: {{{said}}}"))
+    described = recording(tmp_path, write, boxes, f"boxes: {{{said}, {missing}}}")
+
+    assert f"`boxes: {{{missing}}}`" in caught.value.detail
+    for found in rectangles(read_source(described)):
+        np.testing.assert_allclose(found, BOXES, atol=1e-9)
+
+
+@pytest.mark.parametrize(("count", "is_refused"), [(24, True), (12, False)])
+def test_many_boxes_show_percent_in_smaller_pictures(tmp_path, count, is_refused):
+    picture = png(np.zeros((180, 320, 3), np.uint8))
+    pictures = {f"images/{n}.png": picture for n in range(FRAMES)}
+    starts = np.linspace(1, 80, count // FRAMES).tolist()
+    boxes = [[x, 0.5 * x, x + 9.5, 0.5 * x + 20] for x in starts]
+    folder = write_files(tmp_path, pictures | manifest("xyxy")(boxes))
+
+    if not is_refused:
+        assert len(list(read_source(folder))) == FRAMES
+        return
+    with pytest.raises(LayoutError, match="percent"):
+        read_source(folder)
+
+
 def test_share_that_is_the_corner_and_the_size_is_read(tmp_path):
     boxes = [shares(sized(box)) for box in BOXES]
     source = recording(tmp_path, yolo, boxes, "boxes: {corners: xywh}")

@@ -250,6 +250,20 @@ def test_bad_row_spoils_its_frame_and_not_the_file(tmp_path, text, words):
     assert annotation_of(third)["boxes"] == []
 
 
+@pytest.mark.parametrize("frame", ["7", "0007", "rgb_0007", "rgb_0007.png"])
+def test_row_may_call_its_frame_by_the_number_of_the_picture(tmp_path, frame):
+    text = f"frame,class,x1,y1,x2,y2\n{frame},car,1,2,3,4\n"
+    images = {f"rgb_000{number}.png": None for number in (7, 8)}
+    write_files(tmp_path, {"boxes.csv": text, **images})
+
+    frames = {one.key: annotation_of(one)["boxes"] for one in read_source(tmp_path)}
+
+    assert {key: len(boxes) for key, boxes in frames.items()} == {
+        "rgb_0007": 1,
+        "rgb_0008": 0,
+    }
+
+
 def test_rows_of_no_frame_are_listed_with_their_place(tmp_path):
     text = BAD_ROW.replace("8,", "12,") + ",car,1,2,3,4\n"
 
