@@ -13,7 +13,7 @@ from sqlalchemy import Connection, Engine, event
 from sqlalchemy.exc import TimeoutError as WaitedTooLong
 from sqlalchemy.pool import ConnectionPoolEntry
 
-PEOPLE_IN_A_ROW: Final = 8
+PEOPLE_IN_A_ROW: Final = 4
 """After this many transactions of people in a row, another one gets its turn."""
 LONGEST_WAIT_S: Final = 30.0
 _HELD: Final = "turn"
