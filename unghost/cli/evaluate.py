@@ -31,6 +31,7 @@ from unghost.cli.sources import (
     note_reading,
     open_source,
     read_config,
+    reads_archives,
     shown_by,
     unmatched_lines,
 )
@@ -126,6 +127,7 @@ class EvaluateOptions(OutputOptions, LocalFilterOptions):
     ] = None
 
 
+@reads_archives
 def evaluate(options: EvaluateOptions) -> None:
     """Compare the kinds of evidence with the ground truth, on a folder of frames.
 

@@ -31,6 +31,7 @@ from unghost.cli.sources import (
     naming_reading,
     open_source,
     read_config,
+    reads_archives,
     shown_by,
     unmatched_lines,
 )
@@ -268,8 +269,8 @@ class ConvertOptions(OutputOptions, SourceOptions, FormatOptions, UnmappedOption
         Path,
         typer.Argument(
             metavar="SOURCE",
-            help="A folder in one of the known layouts, a manifest.jsonl, or a COCO "
-            ".json.",
+            help="A folder in one of the known layouts, a manifest.jsonl, a COCO "
+            ".json, or an archive of a folder (.zip, .tar, .tar.gz).",
             exists=True,
         ),
     ]
@@ -301,6 +302,7 @@ class ConvertOptions(OutputOptions, SourceOptions, FormatOptions, UnmappedOption
     ] = None
 
 
+@reads_archives
 def convert(options: ConvertOptions) -> None:
     """Write the labels of a folder in another format, without a server.
 

@@ -42,6 +42,7 @@ from unghost.cli.sources import (
     naming_reading,
     open_source,
     read_config,
+    reads_archives,
     shown_by,
     unmatched_lines,
 )
@@ -86,7 +87,17 @@ class FilterOptions(OutputOptions, LocalFilterOptions, UnmappedOptions):
         ),
     ] = _STDOUT
 
+    def __post_init__(self) -> None:
+        """Decisions must not take the place of what they were made from."""
+        from filter_core.formats.reading import MANIFEST_NAME
 
+        source = self.source
+        manifest = source / MANIFEST_NAME if source.is_dir() else source
+        if self.output.resolve() == manifest.resolve():
+            raise typer.BadParameter(f"--output {self.output} is the source itself")
+
+
+@reads_archives
 def filter_local(options: FilterOptions) -> None:
     """Decide every box of a folder on this machine, without a server.
 
@@ -96,7 +107,6 @@ def filter_local(options: FilterOptions) -> None:
     """
     from filter_core.local import boxes_by_class
 
-    _spare_source(options)
     description = options.describe(options.source)
     config = read_config(options.config, options, description, options.screen)
     check = FrameCheck()
@@ -119,16 +129,6 @@ def filter_local(options: FilterOptions) -> None:
     tally.print_summary(options.output, found.unmatched)
     if tally.failed or found.unmatched or is_doubtful:
         raise partly_done(tally.decided)
-
-
-def _spare_source(options: FilterOptions) -> None:
-    """Decisions must not take the place of what they were made from."""
-    from filter_core.formats.reading import MANIFEST_NAME
-
-    source = options.source
-    manifest = source / MANIFEST_NAME if source.is_dir() else source
-    if options.output.resolve() == manifest.resolve():
-        raise typer.BadParameter(f"--output {options.output} is the source itself")
 
 
 @contextmanager

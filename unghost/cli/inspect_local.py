@@ -21,7 +21,7 @@ from unghost.cli.inspection import (
 )
 from unghost.cli.options import OutputOptions
 from unghost.cli.screen import PARTLY, Refused, Screen, one_line
-from unghost.cli.sources import SourceFolder, SourceOptions
+from unghost.cli.sources import SourceFolder, SourceOptions, reads_archives
 
 if TYPE_CHECKING:
     from filter_core.inspection.listing import Listed
@@ -54,6 +54,7 @@ class InspectOptions(OutputOptions, SourceOptions):
     ] = None
 
 
+@reads_archives
 def inspect(options: InspectOptions) -> None:
     """Show how a folder is understood, before anything is filtered or stored.
 

@@ -31,6 +31,7 @@ from unghost.cli.sources import (
     naming_reading,
     open_source,
     outgoing,
+    reads_archives,
     shown_by,
     unmatched_lines,
 )
@@ -104,6 +105,7 @@ class PushOptions(ServerOptions, SourceOptions, UnmappedOptions):
         return {"outside_files": self.outside_files, "roots": tuple(self.root or ())}
 
 
+@reads_archives
 def push(options: PushOptions) -> None:
     """Upload a folder of frames, and have every box decided.
 

@@ -3,10 +3,20 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import dataclass, replace
+from functools import wraps
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final, TypeAlias
+from typing import (
+    TYPE_CHECKING,
+    Annotated,
+    Any,
+    ClassVar,
+    Final,
+    Protocol,
+    TypeAlias,
+    TypeVar,
+)
 
 import typer
 
@@ -35,7 +45,8 @@ SourceFolder: TypeAlias = Annotated[
     Path,
     typer.Argument(
         metavar="SOURCE",
-        help="A folder in one of the known layouts, or a manifest.jsonl.",
+        help="A folder in one of the known layouts, a manifest.jsonl, or an archive "
+        "of a folder (.zip, .tar, .tar.gz).",
         exists=True,
     ),
 ]
@@ -262,6 +273,39 @@ class LocalFilterOptions(SourceOptions):
             min=1, max=256, help="Frames processed in parallel; default: one per core."
         ),
     ] = None
+
+
+class WithSource(Protocol):
+    """The options of a command that reads a folder, a file or an archive."""
+
+    __dataclass_fields__: ClassVar[dict[str, Any]]
+
+    @property
+    def source(self) -> Path:
+        """What the command reads."""
+
+    @property
+    def screen(self) -> Screen:
+        """Where its output goes."""
+
+
+OptionsT = TypeVar("OptionsT", bound=WithSource)
+
+
+def reads_archives(command: Callable[[OptionsT], None]) -> Callable[[OptionsT], None]:
+    """The command, which gets the unpacked folder where its source is an archive."""
+
+    @wraps(command)
+    def run(options: OptionsT) -> None:
+        from unghost.cli.archives import is_archive, unpacked
+
+        if not is_archive(options.source):
+            command(options)
+            return
+        with unpacked(options.source, options.screen) as folder:
+            command(replace(options, source=folder))
+
+    return run
 
 
 def open_source(
