@@ -274,7 +274,7 @@ def _tar_members(file: IO[bytes]) -> Generator[_Member, None, None]:
     with tarfile.open(fileobj=file, mode="r:*", tarinfo=_Header) as opened:
         while (info := opened.next()) is not None:
             # It would keep all of them in memory.
-            opened.members.clear()  # type: ignore[attr-defined]
+            vars(opened)["members"].clear()
             yield _Member(
                 info.name,
                 _kind_in_tar(info),

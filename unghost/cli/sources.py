@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Collection, Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import Field, dataclass, replace
 from functools import wraps
 from pathlib import Path
 from typing import (
     TYPE_CHECKING,
     Annotated,
-    Any,
     ClassVar,
     Final,
     Protocol,
@@ -278,7 +277,7 @@ class LocalFilterOptions(SourceOptions):
 class WithSource(Protocol):
     """The options of a command that reads a folder, a file or an archive."""
 
-    __dataclass_fields__: ClassVar[dict[str, Any]]
+    __dataclass_fields__: ClassVar[dict[str, Field[object]]]
 
     @property
     def source(self) -> Path:
