@@ -38,6 +38,7 @@ from filter_core.formats.reading import (
 from filter_core.formats.registry import (
     FORMATS,
     describe_source,
+    layout_format,
     possible_layouts,
     read_source,
 )
@@ -167,7 +168,7 @@ class FolderTask:
     response : Path
         The file to write.
     layout : str
-        One of `LAYOUTS`; ``auto`` chooses the likeliest.
+        One of `LAYOUTS`, or a plug-in's name; ``auto`` chooses the likeliest.
     refused : tuple of (str, str)
         Files that are not in the folder, each with the reason.
     most_bytes : int
@@ -214,7 +215,8 @@ def write_response(task: FolderTask) -> int:
                     "layout": found.layout,
                     "layouts": layouts,
                     "titles": {
-                        name: FORMATS[name].title for name in (*layouts, found.layout)
+                        name: layout_format(name).title
+                        for name in (*layouts, found.layout)
                     },
                     "classes": found.classes,
                     "settings": settings,
@@ -346,7 +348,9 @@ class _Response:
 
     def _strange(self, layout: str, listed: set[str]) -> Iterator[tuple[str, str]]:
         """Files that belong to no frame, and that no reader of the layout opens."""
-        own = TEXT_SUFFIXES if layout == TABLE.name else NOTES_SUFFIXES
+        # A plug-in may open any text.
+        has_notes = layout in FORMATS and layout != TABLE.name
+        own = NOTES_SUFFIXES if has_notes else TEXT_SUFFIXES
         manifest = manifest_of(self.source) if layout == MANIFEST.name else None
         known = {
             *self.used,

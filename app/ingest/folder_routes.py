@@ -10,6 +10,8 @@ from typing import Annotated, Final
 
 from anyio import CancelScope, CapacityLimiter, to_thread
 from fastapi import Query, Request, Response
+from pydantic import AfterValidator
+from pydantic_core import PydanticCustomError
 from starlette.concurrency import run_in_threadpool
 from starlette.responses import StreamingResponse
 from starlette.types import Receive, Scope, Send
@@ -36,8 +38,25 @@ from app.ingest.routes import (
 )
 from app.ingest.tar import TarLimits, TarStream
 from app.storage.room import require_room
-from unghost.wire.folders import FolderEnd, FolderFrame, FolderHead, UnmatchedFile
-from unghost.wire.words import Layout
+from filter_core.formats.recording import known_layouts
+from unghost.wire.folders import (
+    FolderEnd,
+    FolderFrame,
+    FolderHead,
+    LayoutName,
+    UnmatchedFile,
+)
+
+
+def _known_layout(name: str) -> str:
+    """Checks a layout before the files are received; the server may have plug-ins."""
+    known = known_layouts(name)
+    if name not in known:
+        *first, last = map(repr, known)
+        expected = {"expected": f"{', '.join(first)} or {last}"}
+        raise PydanticCustomError("literal_error", "expected {expected}", expected)
+    return name
+
 
 router = ApiRouter(prefix="/api/v1", tag="frames")
 
@@ -59,7 +78,9 @@ async def read_folder(
     request: Request,
     services: AppServices,
     layout: Annotated[
-        Layout, Query(description="How the files of the folder are arranged.")
+        LayoutName,
+        AfterValidator(_known_layout),
+        Query(description="How the files of the folder are arranged."),
     ] = "auto",
 ) -> Response:
     """List the frames in a folder, without storing them.

@@ -40,6 +40,7 @@ from filter_core.formats.patterns import (
     FilePattern,
     FilePatterns,
 )
+from filter_core.formats.plugins import plugin_names
 from filter_core.formats.reading import (
     RECORDING_NAME,
     is_inside,
@@ -66,7 +67,10 @@ LAYOUTS: Final = (
     "table",
     "pairs",
 )
-"""The formats that a folder can be read in, and ``auto`` to recognise it."""
+"""The formats that a folder can be read in, and ``auto`` to recognise it.
+
+Those of plug-ins, which installed packages add, are not among them (`AllowedLayout`).
+"""
 
 Origin: TypeAlias = Literal["auto", "0", "1"]
 
@@ -201,6 +205,26 @@ class AllowedOrigin:
         return {"enum": ["auto", 0, 1]}
 
 
+def known_layouts(word: object) -> tuple[str, ...]:
+    """`LAYOUTS`; also the names of plug-ins, if none of them is this word."""
+    return LAYOUTS if word in LAYOUTS else (*LAYOUTS, *plugin_names())
+
+
+class AllowedLayout:
+    """One of `LAYOUTS`, or the name of a plug-in's format."""
+
+    def __str__(self) -> str:
+        return str(AllowedWords((*LAYOUTS, *plugin_names())))
+
+    def checked(self, name: str, value: object, at: str = "") -> str:
+        """See `Allowed.checked`."""
+        return AllowedWords(known_layouts(value)).checked(name, value, at)
+
+    def schema(self) -> dict[str, object]:
+        """See `Allowed.schema`."""
+        return {"anyOf": [AllowedWords(LAYOUTS).schema(), {"type": "string"}]}
+
+
 _OF_READING: Final = declared_keys(ReadingKeys)
 
 
@@ -227,7 +251,7 @@ class RecordingDescription:
     """
 
     layout: str = key(
-        AllowedWords(LAYOUTS), "auto", "How the files of the folder are arranged."
+        AllowedLayout(), "auto", "How the files of the folder are arranged."
     )
     segmentation: Path | None = placed(
         "segmentation.folder",

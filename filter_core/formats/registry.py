@@ -7,17 +7,23 @@ command line and the page take everything else from its `Format`.
 
 A *layout* is the format in which a folder is read: the name of a format that can be
 read, or ``auto`` to recognise it from the folder's files.
+
+Installed packages add formats that can be read (`plugins`). They are imported once,
+when a folder is recognised or read that may be in one of them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
-from typing import Final
+from types import ModuleType
+from typing import Final, NamedTuple
 from zipfile import is_zipfile
 
-from filter_core.errors import LayoutError
+from filter_core.errors import FilterError, LayoutError
 from filter_core.formats.carlasimu import CARLASIMU
 from filter_core.formats.coco import COCO
 from filter_core.formats.cvat import CVAT
@@ -41,6 +47,7 @@ from filter_core.formats.labels import described_labels
 from filter_core.formats.manifest import MANIFEST
 from filter_core.formats.outside import check_links, files_inside
 from filter_core.formats.pairs import PAIRS
+from filter_core.formats.plugins import package_of, plugin_entries
 from filter_core.formats.reading import (
     MANIFEST_NAME,
     RECORDING_NAME,
@@ -92,6 +99,124 @@ _TRIED_FIRST: Final = (MANIFEST, KITTI, CARLASIMU, VOC)
 """Layouts that are tried before the others, which follow as in `FORMATS`."""
 
 _IN_ORDER_OF_TRIAL: Final = dict.fromkeys((*_TRIED_FIRST, *FORMATS.values()))
+"""Those of plug-ins follow."""
+
+
+class Plugins(NamedTuple):
+    """What installed packages add.
+
+    Attributes
+    ----------
+    formats : mapping of str to Format
+        By name.
+    packages : mapping of str to str
+        The package of each, with its version.
+    faults : tuple of (str, str)
+        Names of plug-ins that cannot be used, each with a sentence that says why.
+    """
+
+    formats: Mapping[str, Format]
+    packages: Mapping[str, str]
+    faults: tuple[tuple[str, str], ...]
+
+
+@cache
+def plugins() -> Plugins:
+    """The formats of installed packages, imported when this is called first."""
+    formats: dict[str, Format] = {}
+    packages: dict[str, str] = {}
+    faults = []
+    for entry in plugin_entries():
+        package = package_of(entry)
+        owner = "Unghost" if entry.name in FORMATS else packages.get(entry.name)
+        try:
+            if owner is not None:
+                raise LayoutError(f"{owner} has a format of this name")
+            found = declared_format(entry.load())
+            if found.name != entry.name:
+                raise LayoutError(
+                    f"its format is called {found.name!r}; expected the name of the "
+                    "entry point"
+                )
+            if found.read is None or found.recognise is None:
+                raise LayoutError("its format lacks a reader or a recogniser")
+        except Exception as exc:  # of a foreign module, which may do anything
+            why = _as_words(exc)
+            faults.append(
+                (
+                    entry.name,
+                    f"the plug-in {entry.name!r} of the package {package} is not "
+                    f"used: {why}",
+                )
+            )
+        else:
+            formats[found.name], packages[found.name] = found, package
+    return Plugins(formats, packages, tuple(faults))
+
+
+def declared_format(declared: object) -> Format:
+    """The format that an entry point names: a `Format`, or the only one of a module.
+
+    Raises
+    ------
+    LayoutError
+        There is none, or several.
+    """
+    if isinstance(declared, ModuleType):
+        named = vars(declared).values()
+        found = list(dict.fromkeys(one for one in named if isinstance(one, Format)))
+        if len(found) == 1:
+            return found[0]
+        raise LayoutError(
+            f"{declared.__name__}: expected one Format, found {len(found)}"
+            + ("; MODULE:NAME names one of them" if found else "")
+        )
+    if not isinstance(declared, Format):
+        raise LayoutError(f"expected a Format, found {type(declared).__name__}")
+    return declared
+
+
+def layout_format(name: str) -> Format:
+    """The format of this name that a folder can be read in, also that of a plug-in.
+
+    Raises
+    ------
+    LayoutError
+        There is none, or its plug-in cannot be used.
+    """
+    found = FORMATS.get(name) or plugins().formats.get(name)
+    if found is not None and found.read is not None:
+        return found
+    for plugin, fault in plugins().faults:
+        if plugin == name:
+            raise LayoutError(fault)
+    known = (*LAYOUTS, *plugins().formats)
+    raise LayoutError(
+        f"unknown layout {name[:40]!r}; the nearest is {nearest(name, known)!r}"
+    )
+
+
+@contextmanager
+def _blaming_plugin(one: Format) -> Iterator[None]:
+    """Makes an error that a plug-in should not raise one that names its package."""
+    try:
+        yield
+    except FilterError:
+        raise
+    except Exception as exc:
+        if one.name in FORMATS:
+            raise
+        package = plugins().packages[one.name]
+        raise LayoutError(
+            f"the plug-in {one.name!r} of the package {package} fails with "
+            f"{_as_words(exc)}; --layout names another layout"
+        ) from exc
+
+
+def _as_words(error: Exception) -> str:
+    if isinstance(error, FilterError):
+        return error.detail
+    return f"{type(error).__name__}: {error}"
 
 
 def read_source(
@@ -108,8 +233,8 @@ def read_source(
     source : Path
         A folder in a recognised layout, a ``.jsonl`` file, or COCO's ``.json`` file.
     layout : str
-        One of `LAYOUTS`: the format to read it in; ``auto``: that of the description,
-        else the one that the files show.
+        One of `LAYOUTS`, or the name of a plug-in: the format to read it in; ``auto``:
+        that of the description, else the one that the files show.
     options : RecordingDescription, optional
         Default: that of ``recording.yaml`` beside the data, or of its recorder
         (`describe_source`).
@@ -135,11 +260,7 @@ def read_source(
     options = describe_source(source) if options is None else options
     layout = options.own_layout if layout == "auto" else layout
     name = detect_layout(source) if layout == "auto" else layout
-    found = FORMATS.get(name)
-    if found is None or found.read is None:
-        raise LayoutError(
-            f"unknown layout {name[:40]!r}; the nearest is {nearest(name, LAYOUTS)!r}"
-        )
+    found = layout_format(name)
     for option in sorted(READER_KEYS & set(options.changed) - found.read_options):
         place = place_in_file(option)
         allowed = ", ".join(sorted(found.read_options))
@@ -150,11 +271,16 @@ def read_source(
         )
     if source.is_dir() and found is not MANIFEST:  # which checks each file it names
         check_links(source, options)
-    frames = found.read(source, options)
+    with _blaming_plugin(found):
+        assert found.read is not None, "layout_format returned one that cannot be read"
+        frames = replace(found.read(source, options), layout=found.name)
     if (source.is_file() or options.files.roles) and found is not MANIFEST:
         frames = files_inside(frames, source, options)
     if options.recorder and found.name == options.layout:
         frames = _with_note(frames, f"recognised as a recording of {options.recorder}")
+    if options.own_layout == "auto":
+        for _, fault in plugins().faults:
+            frames = _with_note(frames, fault)
     # CarlaSimu's own labels are taken as its published code takes them.
     recognise = recognise and found is not CARLASIMU
     return described_labels(frames, options, recognise=recognise)
@@ -204,7 +330,7 @@ def detect_layout(source: Path) -> str:
     Returns
     -------
     str
-        One of `LAYOUTS`.
+        One of `LAYOUTS`, or the name of a plug-in.
 
     Raises
     ------
@@ -228,7 +354,8 @@ def detect_layout(source: Path) -> str:
             f"{name_of(source)}: expected a folder or a manifest, found a ZIP archive; "
             "unpack it first"
         )
-    *first, last = (one.recognised_by for one in _IN_ORDER_OF_TRIAL if one.recognise)
+    tried = (one for one in _in_order_of_trial() if one.recognise)
+    *first, last = (one.recognised_by for one in tried)
     lacking = lacking_class_list(Source(source))
     problem = f"no layout recognised; expected {', '.join(first)}, or {last}"
     if lacking:
@@ -250,8 +377,9 @@ def _recognised(source: Path) -> tuple[list[str], list[str]]:
     examined = Source(source)
     found: list[str] = []
     fallbacks: list[str] = []
-    for one in _IN_ORDER_OF_TRIAL:
-        recognition = one.recognise(examined) if one.recognise else "none"
+    for one in _in_order_of_trial():
+        with _blaming_plugin(one):
+            recognition = one.recognise(examined) if one.recognise else "none"
         if recognition == "fallback":
             fallbacks.append(one.name)
         elif recognition != "none":
@@ -259,6 +387,11 @@ def _recognised(source: Path) -> tuple[list[str], list[str]]:
         if recognition == "certain":
             break
     return found, fallbacks
+
+
+def _in_order_of_trial() -> Iterator[Format]:
+    yield from _IN_ORDER_OF_TRIAL
+    yield from plugins().formats.values()
 
 
 def write_export(

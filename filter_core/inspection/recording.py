@@ -26,8 +26,8 @@ from filter_core.formats.reading import (
 )
 from filter_core.formats.recording import RecordingDescription
 from filter_core.formats.registry import (
-    FORMATS,
     describe_source,
+    layout_format,
     possible_layouts,
     read_source,
 )
@@ -298,7 +298,7 @@ def _open(source: Path, given: RecordingDescription) -> _Opened:
         problems.append(Problem("no_frames", _NO_FRAMES.format(frames.layout)))
     why = "as the description says"
     if given.layout == "auto":
-        why = f"recognised by {FORMATS[frames.layout].recognised_by}"
+        why = f"recognised by {layout_format(frames.layout).recognised_by}"
     return _Opened(frames, frames.layout, layouts, why, described, tuple(problems))
 
 

@@ -83,11 +83,11 @@ def _refused(refused: Iterable[Listed], of: str) -> Iterator[Remark]:
 
 def _about_classes(inspection: Inspection) -> Iterator[Remark]:
     """Of names by all labels, of pixels by those that were looked at."""
-    from filter_core.formats.registry import FORMATS
+    from filter_core.formats.registry import layout_format
     from filter_core.local import ClassCount
 
     described, layout = inspection.described, inspection.layout
-    has_some = layout and "default_class" in FORMATS[layout].read_options
+    has_some = layout and "default_class" in layout_format(layout).read_options
     advice = Advice(described.default_class if has_some else None)
     names, pixels = BoxSummary(advice), BoxSummary(advice)
     for one in inspection.classes:
@@ -132,12 +132,12 @@ def told_by(stream: StreamFacts) -> str:
 
 def facts(inspection: Inspection) -> Iterator[tuple[str, str]]:
     """A recording in a few lines: what, and what it is."""
-    from filter_core.formats.registry import FORMATS
+    from filter_core.formats.registry import layout_format
 
     if inspection.layout is None:
         yield "layout", "cannot be read"
     else:
-        title = FORMATS[inspection.layout].title
+        title = layout_format(inspection.layout).title
         yield "layout", f"{title}, {inspection.why}"
         counts = [counted(inspection.frames, "frame")]
         boxes = inspection.boxes

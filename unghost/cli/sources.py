@@ -15,6 +15,7 @@ from typing import (
     Protocol,
     TypeAlias,
     TypeVar,
+    get_args,
 )
 
 import typer
@@ -51,15 +52,31 @@ SourceFolder: TypeAlias = Annotated[
 ]
 
 
+def _layout_name(word: str) -> str:
+    """A layout; plug-ins are looked for only if none of the product's has the name."""
+    if word in get_args(Layout):
+        return word
+    from filter_core.formats.recording import known_layouts
+
+    known = known_layouts(word)
+    if word not in known:
+        raise typer.BadParameter(
+            f"{word!r} is not one of {', '.join(map(repr, known))}."
+        )
+    return word
+
+
 @dataclass(frozen=True, kw_only=True)
 class SourceOptions:
     """How to read a folder of frames; what is not given is recognised or described."""
 
     layout: Annotated[
-        Layout,
+        str,
         typer.Option(
             metavar="LAYOUT",
-            help=f"How the files of the folder are arranged: {listed(Layout)}.",
+            parser=_layout_name,
+            help=f"How the files of the folder are arranged: {listed(Layout)}. "
+            "Installed plug-ins add names.",
         ),
     ] = "auto"
     segmentation: Annotated[
@@ -307,9 +324,7 @@ def reads_archives(command: Callable[[OptionsT], None]) -> Callable[[OptionsT], 
     return run
 
 
-def open_source(
-    path: Path, layout: Layout, description: RecordingDescription
-) -> FrameSet:
+def open_source(path: Path, layout: str, description: RecordingDescription) -> FrameSet:
     """The frames of a folder or a file; a `layout` that is named wins.
 
     Raises
@@ -331,7 +346,7 @@ def open_source(
     )
     from filter_core.formats.yolo import NoClassList
 
-    chosen: str = layout if layout != "auto" else description.own_layout
+    chosen = layout if layout != "auto" else description.own_layout
     possible = possible_layouts(path) if chosen == "auto" else ()
     if len(possible) > 1:
         raise Refused(
@@ -486,15 +501,15 @@ class FrameCheck:
     def _note_no_box(self, screen: Screen, found: FrameSet) -> None:
         """Mostly, the labels were not found."""
         from filter_core.formats.pairs import PAIRS
-        from filter_core.formats.registry import FORMATS
+        from filter_core.formats.registry import layout_format
 
         if self._any_box or not self._frames:
             return
         hints = ["--layout names another layout"]
-        if "labels" in FORMATS[found.layout].read_options:
+        if "labels" in layout_format(found.layout).read_options:
             hints.append("--labels the folder of the labels")
         why = "which lists no boxes"
-        if "labels" in FORMATS[found.layout].read_options:
+        if "labels" in layout_format(found.layout).read_options:
             why = "whose labels were found, and are empty"
         if found.layout == PAIRS.name:  # which reads every image as a frame
             why = "which expects the boxes of an image NAME.png in NAME.json"
@@ -513,9 +528,9 @@ def note_reading(screen: Screen, found: FrameSet) -> None:
 
 def default_class_of(found: FrameSet, description: RecordingDescription) -> str | None:
     """The class of labels that carry none; None if the layout has no such labels."""
-    from filter_core.formats.registry import FORMATS
+    from filter_core.formats.registry import layout_format
 
-    has_some = "default_class" in FORMATS[found.layout].read_options
+    has_some = "default_class" in layout_format(found.layout).read_options
     return description.default_class if has_some else None
 
 

@@ -3,22 +3,34 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Literal
+from typing import Annotated, Literal, TypeAlias, get_args
 
-from pydantic import Field
+from pydantic import Field, WithJsonSchema
 
 from unghost.wire.model import Fault, Json, Message, ResponseModel
-from unghost.wire.words import FileKind, FolderLayout
+from unghost.wire.words import FileKind, FolderLayout, Layout
+
+_OF_PLUGIN = {"type": "string", "description": "The name of a plug-in's format."}
+LayoutName: TypeAlias = Annotated[
+    str, WithJsonSchema({"anyOf": [{"enum": [*get_args(Layout)]}, _OF_PLUGIN]})
+]
+"""A `Layout`, or that of a plug-in which the server has."""
+FolderLayoutName: TypeAlias = Annotated[
+    str, WithJsonSchema({"anyOf": [{"enum": [*get_args(FolderLayout)]}, _OF_PLUGIN]})
+]
+"""A `FolderLayout`, or that of a plug-in which the server has."""
 
 
 class FolderHead(ResponseModel):
     """The first line: how the files of the folder are arranged."""
 
-    layout: FolderLayout = Field(description="The layout by which the folder was read.")
-    layouts: tuple[FolderLayout, ...] = Field(
+    layout: FolderLayoutName = Field(
+        description="The layout by which the folder was read."
+    )
+    layouts: tuple[FolderLayoutName, ...] = Field(
         description="The layouts that the folder may have, the likeliest first."
     )
-    titles: Mapping[FolderLayout, Message] = Field(
+    titles: Mapping[FolderLayoutName, Message] = Field(
         description="The name for people of each of these layouts."
     )
     classes: tuple[Message, ...] | None = Field(
