@@ -31,8 +31,12 @@ CORNERS = Format(
 @CORNERS.recogniser
 def recognise(source: Source) -> Recognition:
     names = (name for name in source.label_files if name.startswith("corners/"))
-    heads = ((source.path / name).open("rb").read(7) for name in names)
-    return "certain" if any(head == b"CORNERS" for head in heads) else "none"
+    return "certain" if any(has_head(source.path / name) for name in names) else "none"
+
+
+def has_head(path: Path) -> bool:
+    with path.open("rb") as file:
+        return file.read(7) == b"CORNERS"
 
 
 @CORNERS.reader

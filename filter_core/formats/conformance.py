@@ -30,7 +30,6 @@ from filter_core.formats.reading import (
     RECORDING_NAME,
     FrameSet,
     FrameSource,
-    walk,
 )
 from filter_core.formats.recording import READER_KEYS, RecordingDescription, describe
 from filter_core.formats.registry import FORMATS, declared_format
@@ -229,9 +228,11 @@ def _faults_with_damage(
         return
     own = [one.label for one in first if one.label]
     texts = [
-        name
-        for name in walk(example, ("",))
-        if not name.lower().endswith(IMAGE_SUFFIXES) and name != RECORDING_NAME
+        path.relative_to(example).as_posix()
+        for path in sorted(example.rglob("*"))
+        if path.is_file()
+        and not path.name.lower().endswith(IMAGE_SUFFIXES)
+        and path.name != RECORDING_NAME
     ]
     with tempfile.TemporaryDirectory() as folder:
         damaged = Path(folder, "example")

@@ -10,14 +10,16 @@ from pydantic import Field, WithJsonSchema
 from unghost.wire.model import Fault, Json, Message, ResponseModel
 from unghost.wire.words import FileKind, FolderLayout, Layout
 
-_OF_PLUGIN = {"type": "string", "description": "The name of a plug-in's format."}
-LayoutName: TypeAlias = Annotated[
-    str, WithJsonSchema({"anyOf": [{"enum": [*get_args(Layout)]}, _OF_PLUGIN]})
-]
+
+def _or_plugin(words: object) -> WithJsonSchema:
+    named = {"type": "string", "enum": [*get_args(words)]}
+    other = {"type": "string", "description": "The name of a plug-in's format."}
+    return WithJsonSchema({"anyOf": [named, other]})
+
+
+LayoutName: TypeAlias = Annotated[str, _or_plugin(Layout)]
 """A `Layout`, or that of a plug-in which the server has."""
-FolderLayoutName: TypeAlias = Annotated[
-    str, WithJsonSchema({"anyOf": [{"enum": [*get_args(FolderLayout)]}, _OF_PLUGIN]})
-]
+FolderLayoutName: TypeAlias = Annotated[str, _or_plugin(FolderLayout)]
 """A `FolderLayout`, or that of a plug-in which the server has."""
 
 

@@ -3737,14 +3737,13 @@ export interface components {
             /**
              * Layout
              * @description The layout by which the folder was read.
-             * @enum {string}
              */
-            layout: "yolo" | "coco" | "kitti" | "voc" | "manifest" | "carlasimu" | "table" | "pairs";
+            layout: ("yolo" | "coco" | "kitti" | "voc" | "manifest" | "carlasimu" | "table" | "pairs") | string;
             /**
              * Layouts
              * @description The layouts that the folder may have, the likeliest first.
              */
-            layouts: ("yolo" | "coco" | "kitti" | "voc" | "manifest" | "carlasimu" | "table" | "pairs")[];
+            layouts: (("yolo" | "coco" | "kitti" | "voc" | "manifest" | "carlasimu" | "table" | "pairs") | string)[];
             /**
              * Titles
              * @description The name for people of each of these layouts.
@@ -5455,7 +5454,7 @@ export interface operations {
         parameters: {
             query?: {
                 /** @description How the files of the folder are arranged. */
-                layout?: "auto" | "yolo" | "coco" | "kitti" | "voc" | "manifest" | "carlasimu" | "table" | "pairs";
+                layout?: ("auto" | "yolo" | "coco" | "kitti" | "voc" | "manifest" | "carlasimu" | "table" | "pairs") | string;
             };
             header?: {
                 /** @description A request repeated with the same key gets the same response, and is not executed again. */
