@@ -11,7 +11,6 @@ from typing import Annotated, Final
 from anyio import CancelScope, CapacityLimiter, to_thread
 from fastapi import Query, Request, Response
 from pydantic import AfterValidator
-from pydantic_core import PydanticCustomError
 from starlette.concurrency import run_in_threadpool
 from starlette.responses import StreamingResponse
 from starlette.types import Receive, Scope, Send
@@ -52,9 +51,7 @@ def _known_layout(name: str) -> str:
     """Checks a layout before the files are received; the server may have plug-ins."""
     known = known_layouts(name)
     if name not in known:
-        *first, last = map(repr, known)
-        expected = {"expected": f"{', '.join(first)} or {last}"}
-        raise PydanticCustomError("literal_error", "expected {expected}", expected)
+        raise ValueError(f"expected one of {', '.join(known)}")
     return name
 
 
