@@ -19,11 +19,11 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
-from typing import Final, get_args
+from typing import ClassVar, Final, get_args
 
 from filter_core.annotation.parsing import parse_annotation
 from filter_core.errors import FilterError, LayoutError
-from filter_core.formats.format import Format, Recognition, Source
+from filter_core.formats.format import FOLDER_OPTIONS, Format, Recognition, Source
 from filter_core.formats.plugins import package_of, plugin_entries
 from filter_core.formats.reading import (
     IMAGE_SUFFIXES,
@@ -91,6 +91,7 @@ def faults_of(found: Format, example: Path) -> Iterator[str]:
         yield f"The reader fails with the example: {_in_words(error)}."
         return
     yield from _faults_of_frames(found, frames, first)
+    yield from _faults_of_options(found, example)
     if first != second or first != again:
         yield (
             "The example's frames differ when they are read again; `frames` begins to "
@@ -199,6 +200,30 @@ def _faults_of_frames(
         yield from (f"Frame {one.key!r} of the example: {x}." for x in _faults_of(one))
     if not any((one.annotation or {}).get("boxes") for one in read):
         yield "The example has no box, so that reading boxes is not checked."
+
+
+class _Watched(RecordingDescription):
+    """A description that notes which of its keys a reader looks at."""
+
+    looked_at: ClassVar[set[str]] = set()
+
+    def __getattribute__(self, name: str) -> object:
+        if name in READER_KEYS:
+            _Watched.looked_at.add(name)
+        return super().__getattribute__(name)
+
+
+def _faults_of_options(found: Format, example: Path) -> Iterator[str]:
+    """Keys that the reader uses, and that `read_source` would refuse before it does."""
+    assert found.read is not None, "asked for without a reader"
+    watched = _Watched()
+    _Watched.looked_at.clear()
+    with suppress(LayoutError):  # it may need what the example's description says
+        list(found.read(example, watched))
+    # The folders are looked at by what readers share, too.
+    used = _Watched.looked_at - found.read_options - FOLDER_OPTIONS
+    for option in sorted(used):
+        yield f"The reader uses the option {option!r}; read_options does not list it."
 
 
 def _faults_of(frame: FrameSource) -> Iterator[str]:

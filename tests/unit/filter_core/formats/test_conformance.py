@@ -129,6 +129,19 @@ def test_fault_of_a_format_is_a_sentence(found, sentence, tmp_path):
     assert sentence in faults(found, tmp_path)
 
 
+def test_option_that_is_used_but_not_declared_is_told(tmp_path):
+    found = strict_format()
+    read = found.read
+    assert read is not None
+    found.reader(lambda root, options: options.classes or read(root, options))
+
+    text = faults(found, tmp_path)
+
+    assert (
+        "The reader uses the option 'classes'; read_options does not list it." in text
+    )
+
+
 @pytest.mark.parametrize(
     ("answer", "sentences"),
     [
