@@ -137,16 +137,20 @@ def _left(ends: datetime) -> timedelta:
 
 
 def _make_private(file: Path) -> bool:
-    """Keep the file for its owner alone; True if others could read it until now."""
+    """Keep the file for its owner alone; True if others could read it until now.
+
+    The file that a link leads to stays as it is: the new token replaces the link.
+    """
     if os.name == "nt" or not file.exists():
         return False
     mode = stat.S_IMODE(file.stat().st_mode)
     if not mode & _OTHERS:
         return False
-    file.chmod(_PRIVATE)
+    if not file.is_symlink():
+        file.chmod(_PRIVATE)
     server_log.warning(
-        "the token file could be read by others (mode %o): its permissions are now "
-        "restricted to its owner, and its token is replaced",
+        "the token file could be read by others (mode %o): its token is replaced, and "
+        "only its owner can read the new one",
         mode,
     )
     return True

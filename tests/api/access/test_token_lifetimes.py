@@ -211,6 +211,22 @@ def test_running_service_does_not_recreate_a_deleted_token_file(serve):
     assert not service.settings.token_file.exists()
 
 
+def test_token_file_that_is_a_link_is_replaced_and_its_target_stays(serve, tmp_path):
+    before = serve()
+    file, target = before.settings.token_file, tmp_path / "elsewhere"
+    old = file.read_text()
+    file.rename(target)
+    target.chmod(0o644)
+    file.symlink_to(target)
+
+    after = serve()
+
+    assert not file.is_symlink()
+    assert stat.S_IMODE(file.stat().st_mode) == 0o600
+    assert after.token != old
+    assert (target.read_text(), stat.S_IMODE(target.stat().st_mode)) == (old, 0o644)
+
+
 @pytest.mark.parametrize("mode", [0o644, 0o640, 0o604])
 def test_token_file_readable_by_others_gets_a_new_token_and_mode_0600(
     serve, caplog, mode
