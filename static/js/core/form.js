@@ -55,7 +55,8 @@ const percentOf = (share) => `${Math.round(100 * share)} %`;
 
 /** @param {string} key @param {Schema} schema @param {Words} words @returns {Field | null} */
 function fieldOf(key, schema, { fields = {}, choices = {}, shares = {} }) {
-  const kind = kindOf(schema);
+  // What requires measuring again is only shown, so that it needs no control of its own.
+  const kind = kindOf(schema) ?? (schema["x-needs-pixels"] === true ? "text" : null);
   if (kind === null) return null;
   const { minimum: min = -Infinity, maximum: max = schema.maxLength ?? Infinity, "x-unit": unit = "" } = schema;
   /** @type {string[]} */

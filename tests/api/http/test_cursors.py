@@ -23,6 +23,7 @@ def test_invalid_cursor_is_refused_by_every_paginated_list(api):
     dataset = api.dataset()
     api.upload_frame(dataset, "a")
     run = api.run(dataset, {"min_visible_pixels": 5}, activate=False)
+    box_id = api.boxes(dataset)[0]["box_id"]
     asked = [
         *((path, "", INVALID_NAMES) for path in BY_NAME),
         *((path, "", INVALID_CURSORS) for path in lists(api) if path not in BY_NAME),
@@ -31,7 +32,7 @@ def test_invalid_cursor_is_refused_by_every_paginated_list(api):
 
     assert len(asked) > 10
     for path, sort, cursors in asked:
-        url = path.format(dataset=dataset, run_id=run["id"])
+        url = path.format(dataset=dataset, run_id=run["id"], box_id=box_id)
         needed = {"dataset": dataset} if path == "/api/v1/boxes" else {}
         needed |= {"sort": sort} if sort else {}
         for cursor in cursors:
