@@ -227,7 +227,10 @@ export function createSteps(boxes) {
       if (entries.length > MOST_STEPS) entries.shift()?.release();
     },
 
-    /** An answer on one box was stored; if that changed nothing, it cannot be undone. @param {SingleAnswer} item @param {number} revision */
+    /**
+     * An answer on one box was stored; if that changed nothing, it cannot be undone.
+     * @param {SingleAnswer} item @param {number} revision
+     */
     noteStored({ key, seenRevision: seen }, revision) {
       if (revision === seen) remove(({ given }) => given?.key === key);
       for (const { step } of entries) if (step.given?.key === key) step.given.revision = revision;

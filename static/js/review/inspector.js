@@ -197,14 +197,21 @@ const NEWEST = 50;
 
 /** @param {{app: import("../core/app.js").App, box: import("../boxes/box.js").Decision}} props */
 export function History({ app, box }) {
-  const loaded = useNewest(NEWEST, (query, signal) => get("/api/v1/boxes/{box_id}/history", { path: { box_id: box.box_id }, query, signal }), [box.box_id, seenRevision(box), box.run]);
+  const { box_id } = box;
+  const loaded = useNewest(
+    NEWEST,
+    (query, signal) => get("/api/v1/boxes/{box_id}/history", { path: { box_id }, query, signal }),
+    [box_id, seenRevision(box), box.run],
+  );
   return html`<section class="history" aria-busy=${loaded.state === "loading"}>
     <h3>History</h3>
     ${loaded.error && html`<${FailureLine} error=${loaded.error} onRetry=${loaded.reload} />`}
     ${!loaded.error && html`<ol class="history__list">
       ${loaded.value?.items.map((item) => html`<li class="history__item">${item.kind === "review" ? html`<${ReviewLine} item=${item} />` : html`<${DecisionLine} item=${item} />`}</li>`) ?? html`<li class="history__wait" aria-hidden="true"><div class="skeleton" /><div class="skeleton skeleton--short" /></li>`}
     </ol>`}
-    ${loaded.showOlder && html`<p class="more"><button class="button button--small" onClick=${loaded.showOlder}>Older entries</button></p>`}
+    ${loaded.showOlder && html`<p class="more">
+      <button class="button button--small" onClick=${loaded.showOlder}>Older entries</button>
+    </p>`}
   </section>`;
 }
 

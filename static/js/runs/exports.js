@@ -45,14 +45,20 @@ export function Exports({ app, dataset }) {
     ${loaded.error && !items && html`<${FailureLine} error=${loaded.error} onRetry=${loaded.reload} />`}
     ${items?.length === 0 && !isAsking && html`<p class="panelbox__empty">No export yet. Exports use people's answers, or the filter's verdict where there is none.</p>`}
     <ul class="runs">
-      ${items?.map((one) => html`<li key=${one.id}><${ExportRow} app=${app} item=${one} form=${form.value} onDelete=${() => setLeaving(one)} /></li>`)}
+      ${items?.map((one) => html`<li key=${one.id}>
+        <${ExportRow} app=${app} item=${one} form=${form.value} onDelete=${() => setLeaving(one)} />
+      </li>`)}
     </ul>
-    ${leaving && html`<${DeleteDialog} item=${leaving} form=${form.value} onClose=${() => setLeaving(null)} onDeleted=${loaded.reload} />`}
+    ${leaving && html`<${DeleteDialog} item=${leaving} form=${form.value}
+      onClose=${() => setLeaving(null)} onDeleted=${loaded.reload} />`}
     ${loaded.showOlder && html`<p class="more"><button class="button" onClick=${loaded.showOlder}>Older exports</button></p>`}
   </section>`;
 }
 
-/** Asks before an export is deleted. @param {{item: Export, form: ExportForm | null | undefined, onClose: () => void, onDeleted: () => void}} props */
+/**
+ * Asks before an export is deleted.
+ * @param {{item: Export, form: ExportForm | null | undefined, onClose: () => void, onDeleted: () => void}} props
+ */
 function DeleteDialog({ item, form, onClose, onDeleted }) {
   const dialog = useDialog();
   const { run, isBusy, error } = useTask(async () => {
@@ -60,9 +66,11 @@ function DeleteDialog({ item, form, onClose, onDeleted }) {
     onDeleted();
     dialog.close();
   });
-  return html`<${Dialog} dialog=${dialog} id="delete-title" title=${`Delete export ${item.id} (${formatText(item.format, form)})?`} isLight=${true} onClose=${onClose}>
+  const title = `Delete export ${item.id} (${formatText(item.format, form)})?`;
+  const file = item.download ? `Its file of ${sizeText(item.size_bytes)} is deleted, too. ` : "";
+  return html`<${Dialog} dialog=${dialog} id="delete-title" title=${title} isLight=${true} onClose=${onClose}>
     ${error && html`<${FailureLine} error=${error} />`}
-    <p>${item.download ? `Its file of ${sizeText(item.size_bytes)} is deleted, too. ` : ""}A new export has the boxes and answers as they are then.</p>
+    <p>${file}A new export has the boxes and answers as they are then.</p>
     <footer class="dialog__foot">
       <button class="button" onClick=${dialog.close}>Keep</button>
       <button class="button button--primary" disabled=${isBusy} onClick=${run}>Delete</button>
@@ -86,7 +94,9 @@ function ExportRow({ app, item, form, onDelete }) {
     <div class="run__actions">
       ${!isOver(item) && html`<${Canceller} app=${app} what=${`export ${item.id}`} cancel=${() => post("/api/v1/exports/{export_id}/cancel", { path: { export_id: item.id } })} />`}
       ${item.download && html`<button class="button button--small" disabled=${isBusy} onClick=${run}><${Icon} name="download" /><span class="sr-only">Download export ${item.id}, </span>${sizeText(item.size_bytes)}</button>`}
-      ${isOver(item) && html`<button class="button button--small" onClick=${onDelete}>Delete<span class="sr-only"> export ${item.id}</span></button>`}
+      ${isOver(item) && html`<button class="button button--small" onClick=${onDelete}>
+        Delete<span class="sr-only"> export ${item.id}</span>
+      </button>`}
     </div>
   </article>`;
 }
