@@ -2,7 +2,7 @@
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
 .DELETE_ON_ERROR:
-.PHONY: help demo serve setup test test-postgres test-long check fmt lint types imports js unit browser bench readers migrate docs screenshots clean
+.PHONY: help demo serve setup test test-postgres test-long check fmt lint types imports js unit browser bench experiment readers migrate docs screenshots clean
 
 VENV ?= .venv
 BIN := $(VENV)/bin
@@ -88,12 +88,24 @@ bench: $(DEVELOPMENT) ## Run all benchmarks (docs/benchmarks.md)
 	@for bench in $(notdir $(basename $(wildcard benchmarks/bench_*.py))); do \
 		echo "== $$bench"; $(BIN)/python -m benchmarks.$$bench $(ARGS) || exit 1; done
 
-readers: $(DEVELOPMENT) $(VENV)/.readers ## Read exports with Ultralytics, supervision and Datumaro (downloads 2 GB)
+# What it has rendered and trained stays in this folder, and is not done again.
+EXPERIMENT ?= benchmarks/.data/experiment
+
+experiment: $(DEVELOPMENT) $(VENV)/.train ## Train on raw and on cleaned labels, for hours (docs/experiment.md; ARGS=--small: minutes)
+	$(BIN)/python -m benchmarks.experiment $(EXPERIMENT) --python $(VENV)/train/bin/python $(ARGS)
+
+# In an environment of its own: torch is larger than everything else together.
+$(VENV)/.train: | $(DEVELOPMENT)
+	$(BIN)/python -m venv $(VENV)/train
+	$(VENV)/train/bin/pip install --quiet torch torchvision opencv-python-headless
+	@touch $@
+
+readers: $(DEVELOPMENT) $(VENV)/.readers ## Read exports with Ultralytics, Datumaro, Label Studio and others (downloads 2 GB)
 	$(VENV)/readers/bin/python -m tools.check_readers $(CURDIR)/$(BIN)/python
 
 $(VENV)/.readers: | $(DEVELOPMENT)
 	$(BIN)/python -m venv $(VENV)/readers
-	$(VENV)/readers/bin/pip install --quiet ultralytics supervision datumaro
+	$(VENV)/readers/bin/pip install --quiet ultralytics supervision datumaro label-studio-sdk fiftyone
 	@touch $@
 
 migrate: $(PROGRAM) ## Bring the data folder's database to the newest schema

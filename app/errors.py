@@ -15,6 +15,7 @@ AppError                     the base of all of them
 |   `-- CountChanged         a list has more or fewer boxes than were expected
 |-- StaleRevision            something has changed since the client read it:
 |   |-- StaleReview          ... a box under review
+|   |-- StaleConfig          ... the configuration that is or becomes the active one
 |   `-- StaleSnapshot        ... the boxes that a filter selects
 |-- TooLarge                 larger than a limit of the settings
 |-- TooSlow                  the body stopped arriving
@@ -175,6 +176,12 @@ class StaleReview(StaleRevision):
             f"box {box_id} is at revision {found}, you reviewed revision {seen}",
             current=current,
         )
+
+
+class StaleConfig(StaleRevision):
+    """Another configuration is or becomes the active one; `current` is that version."""
+
+    code = "stale_config"
 
 
 class StaleSnapshot(StaleRevision):

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from functools import partial
+from operator import attrgetter
 from typing import Final
 
 from anyio import CapacityLimiter
@@ -27,6 +28,7 @@ from app.http.idempotency import RepeatedRequest
 from app.http.middleware import (
     AccessLog,
     BodyLimit,
+    Compression,
     KnownHosts,
     NoNewWork,
     Problems,
@@ -50,7 +52,7 @@ from app.process.lifespan import running
 from app.process.loop_watch import LoopWatch
 from app.quality.routes import evaluations_router
 from app.quality.routes import router as quality_router
-from app.review.routes import history_router, queue_router
+from app.review.routes import history_router, import_router, queue_router
 from app.review.routes import router as reviews_router
 from app.runs.routes import configs_router
 from app.runs.routes import router as runs_router
@@ -81,6 +83,7 @@ ROUTERS: Final = (
     quality_router,
     queue_router,
     reviews_router,
+    import_router,
     runs_router,
     login_router,
     session_router,
@@ -100,6 +103,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
         lifespan=_lifespan,
         middleware=_surroundings(settings, metrics),
         redirect_slashes=False,
+        generate_unique_id_function=attrgetter("name"),
         openapi_url=None,
         docs_url=None,
         redoc_url=None,
@@ -151,6 +155,7 @@ def _surroundings(settings: Settings, metrics: RequestMetrics) -> list[Middlewar
         Middleware(RequestId),
         Middleware(AccessLog, metrics=metrics),
         Middleware(SecurityHeaders, content_security_policy=policy),
+        Middleware(Compression),
         Middleware(Problems),
         Middleware(NoNewWork),
         Middleware(KnownHosts, hosts=settings.served_hosts),

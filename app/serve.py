@@ -106,6 +106,13 @@ def serve(
             settle()
             note.write()
             server_log.info("ready at %s, version %s", url, VERSION)
+            if settings.host.strip("[]") in _ANYWHERE and not settings.allowed_hosts:
+                server_log.warning(
+                    "other machines reach this service at the addresses of this one; "
+                    "under a host name they are refused (421) until it is in "
+                    "UNGHOST_ALLOWED_HOSTS, such as UNGHOST_ALLOWED_HOSTS=%s",
+                    socket.gethostname(),
+                )
             server_log.info(
                 "at most %s files and connections may be open, %d of them connections",
                 "any number of" if limit is None else limit,

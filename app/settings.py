@@ -262,7 +262,7 @@ class Settings(BaseSettings):
         default=ByteSize(256 * 1024**2),
         ge=1024,
         description="Largest archive that the page sends of a dropped folder: file "
-        "names and text files; of images at most the first bytes.",
+        "names, text files, and some images.",
     )
     max_folder_files: int = Field(
         default=100_000,

@@ -10,9 +10,10 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Final, NamedTuple
 
-from sqlalchemy import ColumnElement, and_, or_
+from sqlalchemy import ColumnElement, and_, case, literal, or_
 
 from app.db.tables import Decision
+from filter_core.decisions.doubt import Bin
 from filter_core.types import Reason, Verdict
 from unghost.wire import words
 
@@ -80,15 +81,17 @@ def is_not_in_conflict() -> ColumnElement[bool]:
     )
 
 
-def needs_review(reason: int, toss_up: bool, answer: str | None) -> bool:
-    """Whether a box counts as `to_review`: no `keep` or `reject`, and an unsure filter.
+BIN: Final = case(
+    (Decision.doubt > Bin.ASK, literal(int(Bin.ASK))), else_=Decision.doubt
+).label("bin")
+"""The bin of a current decision in SQL; `filter_core.decisions.doubt` defines it."""
 
-    The filter is unsure of boxes that it rejected or did not measure, except those of
-    which nothing is in the image (`Reason.in_image`), and of toss-ups.
-    """
-    if verdict_of(answer) is not None or not Reason(reason).in_image:
-        return False
-    return toss_up or Reason(reason) is not Reason.VISIBLE
+
+def in_bin(wanted: Bin) -> ColumnElement[bool]:
+    """SQL condition: a current decision is in this bin."""
+    if wanted is Bin.ASK:
+        return Decision.doubt > int(Bin.SURE)
+    return Decision.doubt == int(wanted)
 
 
 class ReviewState(NamedTuple):
@@ -122,8 +125,8 @@ REVIEW_STATES: Final[Mapping[str, ReviewState]] = {
     "keep": ReviewState(("keep",), lambda: Decision.review == "keep"),
     "reject": ReviewState(("reject",), lambda: Decision.review == "reject"),
     "unsure": ReviewState(("unsure",), lambda: Decision.review == "unsure"),
-    # Written so that SQLite does not use its partial index of unanswered boxes (see
-    # `BoxFilter.unanswered`), and PostgreSQL can still estimate the number of rows.
+    # Written so that SQLite does not use the index on answers and doubt, which nearly
+    # all boxes fit, and PostgreSQL can still estimate the number of rows.
     "none": ReviewState(("",), lambda: Decision.review.is_(None).is_(True), "any"),
     "any": ReviewState(
         ("keep", "reject", "unsure"), lambda: Decision.review.is_not(None)

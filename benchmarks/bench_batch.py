@@ -3,6 +3,7 @@
     python -m benchmarks.bench_batch [--frames 1000] [--without-image] [--carla]
     python -m benchmarks.bench_batch --memory    peaks at 1,000 and 10,000 frames
     python -m benchmarks.bench_batch --filled    the rate with a million boxes stored
+    python -m benchmarks.bench_batch --rendered  with and without instances and depth
 
 A real server on a port takes one archive of frames: a 1.3 MB image of their own, a
 segmentation and 30 boxes each. The client packs and sends from this process, on the
@@ -10,6 +11,9 @@ same cores. Rates are compared with the rate at which one thread per core only d
 and measures the same segmentations, alternately in the same run: decoded by OpenCV, and
 as the product does (`benchmarks/opencv_decoding.py`). Segmentations are written by
 OpenCV, or with `--carla` as CARLA's `save_to_disk` writes them.
+
+`--rendered` sends the frame of a rendered street with the images that each kind of
+evidence needs, in turn, and compares their costs with those of the frame without them.
 """
 
 from __future__ import annotations
@@ -26,10 +30,10 @@ import tarfile
 import tempfile
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from os import cpu_count
 from pathlib import Path
 from urllib.parse import urlsplit
@@ -38,7 +42,12 @@ import httpx
 
 from app.process.lifespan import running
 from app.settings import Settings
-from benchmarks.bench_upload import cpu_seconds, decode_seconds, photograph
+from benchmarks.bench_upload import (
+    AS_RECORDINGS,
+    cpu_seconds,
+    decode_seconds,
+    photograph,
+)
 from benchmarks.opencv_decoding import decoding_by_opencv
 from benchmarks.street import Street, street
 from filter_core.annotation.parsing import parse_annotation
@@ -48,6 +57,7 @@ from filter_core.segmentation.reading import read_segmentation
 from tests.support.large_datasets import NAME as MILLION
 from tests.support.large_datasets import fill
 from tests.support.servers import RunningServer, running_server
+from unghost.street.street import StreetScene
 
 BLOCK = 512
 DATA = Path("benchmarks/.data")
@@ -63,19 +73,21 @@ AIM_FULL_PERCENT = 90
 
 @dataclass(frozen=True)
 class Scene:
-    """What every frame of the archive has."""
+    """What every frame of the archive has; `others` are PNGs by their kind."""
 
-    street: Street
+    segmentation: bytes
     image: bytes
+    annotation: Mapping[str, object]
+    others: Mapping[str, bytes] = field(default_factory=dict)
 
-    @property
-    def annotation(self) -> dict[str, object]:
-        rows = zip(self.street.classes, self.street.xyxy.tolist(), strict=True)
+    @classmethod
+    def of(cls, street: Street, image: bytes) -> Scene:
+        rows = zip(street.classes, street.xyxy.tolist(), strict=True)
         boxes = [
             {"class": name, "xyxy": [round(value, 3) for value in xyxy]}
             for name, xyxy in rows
         ]
-        return {"carla_version": "0.9.15", "boxes": boxes}
+        return cls(street.png, image, {"carla_version": "0.9.15", "boxes": boxes})
 
 
 @dataclass(frozen=True)
@@ -94,11 +106,14 @@ def main() -> int:
     parser.add_argument("--carla", action="store_true")
     parser.add_argument("--memory", action="store_true")
     parser.add_argument("--filled", action="store_true")
+    parser.add_argument("--rendered", action="store_true")
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
     image = b"" if options.without_image else photograph()
-    scene = Scene(street(as_carla_writes=options.carla), image)
-    if options.memory:
+    scene = Scene.of(street(as_carla_writes=options.carla), image)
+    if options.rendered:
+        figures = by_evidence(options.frames)
+    elif options.memory:
         figures = memory(scene)
     elif options.filled:
         figures = filled(scene, options.frames)
@@ -114,7 +129,7 @@ def main() -> int:
 
 def speed(scene: Scene, frames: int) -> dict[str, float]:
     """Rates and processor time, compared with decoding and measuring alone."""
-    pixels, decode = [rate_by_opencv(scene)], [decode_seconds(scene.street.png)]
+    pixels, decode = [rate_by_opencv(scene)], [decode_seconds(scene.segmentation)]
     in_use, sent = [measured_rate(scene)], []
     with serving() as server:
         send(server, scene, WARM_UP, "warm")
@@ -122,14 +137,14 @@ def speed(scene: Scene, frames: int) -> dict[str, float]:
             sent.append(send(server, scene, frames // ROUNDS, f"round-{number}"))
             pixels.append(rate_by_opencv(scene))
             in_use.append(measured_rate(scene))
-            decode.append(decode_seconds(scene.street.png))
+            decode.append(decode_seconds(scene.segmentation))
     rate = statistics.median(one.frames / one.wall for one in sent)
     cpu = statistics.median(one.cpu / one.frames for one in sent)
     once = statistics.median(decode)
-    hashed = hash_seconds(scene.image + scene.street.png)
+    hashed = hash_seconds(scene.image + scene.segmentation)
     alone, by_zlib_ng = statistics.median(pixels), statistics.median(in_use)
     figures = {
-        "bytes per frame": len(scene.image) + len(scene.street.png),
+        "bytes per frame": len(scene.image) + len(scene.segmentation),
         "decoded by OpenCV and measured only [frames/s]": alone,
         "decoded by zlib-ng and measured only [frames/s]": by_zlib_ng,
         "sent, stored, decided, answered [frames/s]": rate,
@@ -191,6 +206,38 @@ def filled(scene: Scene, frames: int) -> dict[str, float]:
     }
 
 
+def by_evidence(frames: int) -> dict[str, float]:
+    """Processor and wall time of each set of images against those of none, in turn."""
+    frame = next(StreetScene(seed=0, actors=AS_RECORDINGS).frames(1))
+    plain = Scene(frame.segmentation_png, frame.image_png, frame.annotation)
+    pngs = {"instances": frame.instances_png, "depth": frame.depth_png}
+    sets: list[dict[str, bytes]] = [{}, *({name: png} for name, png in pngs.items())]
+    sets.append(pngs)
+    costs: dict[str, list[SentArchive]] = {}
+    with serving() as server:
+        for number in range(ROUNDS + 1):
+            for others in sets:
+                name = " and ".join(others) or "none"
+                count = frames // ROUNDS if number else WARM_UP
+                scene = replace(plain, others=others)
+                sent = send(server, scene, count, f"{name}-{number}")
+                if number:
+                    costs.setdefault(name, []).append(sent)
+    cpu, wall = (
+        {
+            name: statistics.median(getattr(one, of) / one.frames for one in each)
+            for name, each in costs.items()
+        }
+        for of in ("cpu", "wall")
+    )
+    figures: dict[str, float] = {}
+    for name in costs:
+        figures[f"{name}: server CPU per frame [ms]"] = 1000 * cpu[name]
+        figures[f"{name}: server CPU / that of none"] = cpu[name] / cpu["none"]
+        figures[f"{name}: time / that of none"] = wall[name] / wall["none"]
+    return figures
+
+
 @contextmanager
 def serving(*, with_a_million: bool = False) -> Iterator[RunningServer]:
     """A server with its own data, with or without the million boxes."""
@@ -224,7 +271,7 @@ def measured_rate(scene: Scene, seconds: float = 2.0) -> float:
     wh = (1280, 720)
 
     def measure_once(_: int) -> None:
-        segmentation = read_segmentation(scene.street.png, expected_wh=wh)
+        segmentation = read_segmentation(scene.segmentation, expected_wh=wh)
         measure_frame(annotation, segmentation, config, FrameOptions(image_wh=wh))
 
     measure_once(0)
@@ -281,7 +328,9 @@ def archive(scene: Scene, frames: int, run: str) -> Iterator[bytes]:
         name = f"{number:06d}"
         annotation = {"key": f"{run}/{name}", **scene.annotation}
         yield member(f"{name}.json", json.dumps(annotation).encode())
-        yield member(f"{name}.segmentation.png", scene.street.png)
+        yield member(f"{name}.segmentation.png", scene.segmentation)
+        for kind, png in scene.others.items():
+            yield member(f"{name}.{kind}.png", png)
         if scene.image:
             own = f"{run}/{name}".encode()
             yield member(f"{name}.image.png", scene.image + own)

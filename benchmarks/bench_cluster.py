@@ -83,7 +83,7 @@ def compared(
     rounds: int,
 ) -> dict[str, float]:
     """Processor time per frame of both, alternately."""
-    scene = Scene(street(), b"")
+    scene = Scene.of(street(), b"")
     for server, service in (local, spread):
         service.api.post("/datasets", {"name": DATASET}).raise_for_status()
         send(server, scene, frames, "all", DATASET)

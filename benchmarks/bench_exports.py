@@ -33,6 +33,7 @@ from app.jobs.queries import job_with_id
 from app.measuring.queries import DatasetRepository
 from filter_core.formats.registry import EXPORT_FORMATS, FORMATS
 from tests.support.large_datasets import DatasetSpec, make_dataset, open_context
+from tests.support.waiting import until
 
 FRAMES, BOXES = 10_000, 30
 SAMPLE_EVERY_S = 0.02
@@ -115,12 +116,16 @@ def _memory_mib() -> float:
     return pages * resource.getpagesize() / (1 << 20)
 
 
+def _is_over(context: ServiceContext, export_id: int) -> bool:
+    with context.database.read() as session:
+        return job_with_id(session, Export, export_id).state in ("done", "failed")
+
+
 def exported(data: Path, frames: int, form: str) -> dict[str, float]:
     """Seconds of one export, and this process's memory in MiB, early and at most."""
     context = open_context(data / f"exports-{frames}")
     try:
         dataset_id = filled(context, frames)
-        over = threading.Event()
         begun, worked = time.perf_counter(), time.process_time()
         with Memory() as memory:
             with context.database.write() as session:
@@ -129,9 +134,7 @@ def exported(data: Path, frames: int, form: str) -> dict[str, float]:
                 options = {"images": "none"} if labels else {}
                 request = ExportRequest(form, options, "benchmark")
                 export_id = request_export(context, session, dataset, request).id
-            # Jobs are done one after the other: this one when the export is over.
-            context.engine.submit(over.set)
-            over.wait()
+            until(lambda: _is_over(context, export_id), every_s=0.01)
         seconds = time.perf_counter() - begun
         processor = time.process_time() - worked
         with context.database.read() as session:

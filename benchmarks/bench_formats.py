@@ -124,6 +124,7 @@ def boxes_of(frame: int) -> DecidedBoxes:
         visible_xyxy=absent,
         tight_xyxy=absent,
         distance=4.0 * np.arange(BOXES, dtype=np.float64),
+        distance_range=np.full((BOXES, 2), np.nan),
         match_percent=np.full(BOXES, 50.0),
         occlusion=np.full(BOXES, 3),
     )

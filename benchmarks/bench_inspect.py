@@ -1,30 +1,43 @@
 """How long does inspecting a folder take, and does its memory grow with the files?
 
     python -m benchmarks.bench_inspect [--files 10000,100000] [--json] [--check]
+    python -m benchmarks.bench_inspect --dropped [--files 10000] [--json]
 
 A YOLO folder of tiny pictures and label files, half of each, with two boxes a frame. It
 is made and inspected by `inspect_recording`, as `unghost inspect` does, in a process of
-its own for each number of files.
+its own for each number of files. With `--dropped` it is sent to a real server as the
+page does, with as many segmentations as pictures: of these, 12 frames have pictures and
+segmentations of 1280 x 720 px, all others none. The time is from request to response;
+the first is the child's that is started for it.
 """
 
 from __future__ import annotations
 
 import argparse
+import io
 import json
 import resource
 import subprocess
 import sys
+import tarfile
 import tempfile
 import time
 from pathlib import Path
 
 import cv2
+import httpx
 import numpy as np
+
+from benchmarks.bench_upload import cpu_seconds
+from benchmarks.street import HEIGHT, WIDTH, street
+from tests.support.servers import running_server
 
 MIB = 1024
 PER_FOLDER = 10_000
 LABEL = "0 0.5 0.5 0.1 0.2\n1 0.3 0.5 0.1 0.2\n"
-AIM_BYTES_PER_FILE = 2048
+AIM_BYTES_PER_FILE = 400
+LOOKED_AT = 12
+REPEATS = 4
 
 
 def main() -> int:
@@ -34,6 +47,7 @@ def main() -> int:
     parser.add_argument(
         "--check", action="store_true", help="fail if the aim is missed"
     )
+    parser.add_argument("--dropped", action="store_true")
     parser.add_argument("--folder", type=Path, help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.folder:
@@ -41,6 +55,10 @@ def main() -> int:
         return 0
     counts = [int(word) for word in options.files.split(",")]
     figures: dict[str, float] = {}
+    if options.dropped:
+        figures = dropped(counts[0])
+        print(json.dumps(figures, indent=1))
+        return 0
     peaks = []
     for count in counts:
         with tempfile.TemporaryDirectory() as folder:
@@ -72,6 +90,52 @@ def write_files(folder: Path, frames: int) -> None:
                 (folder / place / kind).mkdir(parents=True)
         (folder / place / f"images/{number:06}.png").write_bytes(picture)
         (folder / place / f"labels/{number:06}.txt").write_text(LABEL)
+
+
+def dropped(files: int) -> dict[str, float]:
+    """Send a folder to a server several times; the seconds of each response."""
+    body = archive(files // 3)
+    figures = {"MiB sent": len(body) / MIB / MIB}
+    headers = {"Content-Type": "application/x-tar"}
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        running_server(Path(folder)) as server,
+        httpx.Client(base_url=server.url, timeout=120) as client,
+    ):
+        headers["Authorization"] = f"Bearer {server.token}"
+        for number in range(REPEATS):
+            cpu, started = cpu_seconds(server.process.pid), time.perf_counter()
+            response = client.post("/api/v1/folders", content=body, headers=headers)
+            seconds = time.perf_counter() - started
+            cpu = cpu_seconds(server.process.pid) - cpu
+            figures[f"seconds, response {number + 1}"] = seconds
+            figures[f"seconds of processor time, response {number + 1}"] = cpu
+            response.raise_for_status()
+            figures["MiB received"] = len(response.content) / MIB / MIB
+    return figures
+
+
+def archive(frames: int) -> bytes:
+    """The tar that the page would send of a folder."""
+    segmentation = street().png
+    noise = np.random.default_rng(1).integers(0, 255, (HEIGHT, WIDTH, 3), np.uint8)
+    picture = cv2.imencode(".jpg", cv2.GaussianBlur(noise, (0, 0), 4))[1].tobytes()
+    whole = {number * frames // LOOKED_AT for number in range(LOOKED_AT)}
+    out = io.BytesIO()
+    with tarfile.open(fileobj=out, mode="w") as packing:
+
+        def add(name: str, content: bytes) -> None:
+            member = tarfile.TarInfo(f"town/{name}")
+            member.size = len(content)
+            packing.addfile(member, io.BytesIO(content))
+
+        add("data.yaml", b"names: [car, walker]\n")
+        for number in range(frames):
+            is_whole = number in whole
+            add(f"images/{number:06}.jpg", picture if is_whole else b"")
+            add(f"seg/{number:06}.png", segmentation if is_whole else b"")
+            add(f"labels/{number:06}.txt", LABEL.encode())
+    return out.getvalue()
 
 
 def in_a_process(folder: Path) -> dict[str, float]:

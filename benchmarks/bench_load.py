@@ -162,6 +162,8 @@ def shares_of(
 
 def run_clients(share: Share) -> list[tuple[str, Latencies]]:
     """Run the clients of this process, each in a thread; the latencies of each."""
+    # Drawn before the time begins: otherwise the first uploads would wait for it.
+    frame = frame_body()
     until = time.monotonic() + share.seconds
 
     def run_client(number: int) -> tuple[str, Latencies]:
@@ -169,7 +171,7 @@ def run_clients(share: Share) -> list[tuple[str, Latencies]]:
         client = LoadClient(share)
         requests: dict[str, Callable[[], Iterator[int]]] = {
             "answers": lambda: client.answers(share.boxes[number]),
-            "uploads": lambda: client.uploads(share.names[number]),
+            "uploads": lambda: client.uploads(share.names[number], frame),
             "lists": client.lists,
         }
         request = requests[kind]()
@@ -206,9 +208,9 @@ class LoadClient:
                 seen[box] += 1
             yield status
 
-    def uploads(self, name: str) -> Iterator[int]:
-        """Store one new frame after the other."""
-        body, number = frame_body(), 0
+    def uploads(self, name: str, body: bytes) -> Iterator[int]:
+        """Store one new frame after the other, all with this body."""
+        number = 0
         kind = {"Content-Type": f"multipart/form-data; boundary={BOUNDARY}"}
         while True:
             path = f"/api/v1/datasets/{UPLOADS}/frames/{name}/{number}"

@@ -1,6 +1,10 @@
-"""How fast are the queue, totals, previews and bulk answers with a million boxes?
+"""How fast are the queue, totals, previews, bulk answers and tables of a million boxes?
 
     python -m benchmarks.bench_queue [--requests 100] [--json]
+
+Of tables: all boxes of 60,000, as a table and as a list of objects, by the client, and
+what a page of 100 boxes costs the server's processor; ``--only-tables`` measures these
+alone, without the million.
 
 A real server on a port serves a copy of the dataset that ``bench_runs`` makes. Times
 are from a request to the end of its answer, one at a time; the history of one box shows
@@ -11,6 +15,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import shutil
 import sys
 import tempfile
@@ -23,14 +28,21 @@ from typing import Any
 import httpx
 
 from benchmarks.bench_runs import prepare, quantile
-from tests.support.large_datasets import NAME, open_context
+from tests.support.large_datasets import (
+    NAME,
+    DatasetSpec,
+    make_dataset,
+    open_context,
+)
 from tests.support.servers import RunningServer, running_server
+from unghost import Client
 
 ANSWERED = {"margin_max": 0.65, "review": "none"}
 BULK = {"class": "car", "distance_max": 155, "review": "none"}
 """A little less than the hundred thousand boxes that one bulk answer may change."""
 AIMS_MS = {"queue by": 50, "total": 50, "preview": 100, "quality": 200}
 """The aims, at most, for figures whose names contain these words."""
+OF_TABLES = DatasetSpec("tables", frames=2400)
 ORDERS = ("doubt", "random", "class", "audit")
 FILTERS: dict[str, dict[str, Any]] = {
     "": {},
@@ -45,19 +57,27 @@ def main() -> int:
     parser.add_argument("--boxes", type=int, default=1_000_000)
     parser.add_argument("--data", type=Path, default=Path("benchmarks/.data"))
     parser.add_argument("--requests", type=int, default=100)
+    parser.add_argument("--only-tables", action="store_true")
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
-    context = open_context(options.data)
-    prepare(context, options.boxes)
-    context.close()
-    context.database.close()
     with tempfile.TemporaryDirectory() as folder:
         data = Path(folder) / "data"
-        shutil.copytree(options.data, data)
+        if not options.only_tables:
+            context = open_context(options.data)
+            prepare(context, options.boxes)
+            context.close()
+            context.database.close()
+            shutil.copytree(options.data, data)
+        context = open_context(data)
+        make_dataset(context, OF_TABLES, lambda _: None)
+        context.close()
+        context.database.close()
         with running_server(
             data, {"UNGHOST_LOG_LEVEL": "warning"}, anew=True
         ) as server:
-            figures = dict(measured(server, options.requests))
+            figures = dict(tables(server, options.requests))
+            if not options.only_tables:
+                figures |= measured(server, options.requests)
     if options.json:
         print(json.dumps(figures, indent=1))
     else:
@@ -100,6 +120,45 @@ def p95(requests: int, request: Callable[[int], httpx.Response]) -> float:
         request(number).raise_for_status()
         times.append(1000 * (time.perf_counter() - begun))
     return quantile(times, 0.95)
+
+
+def tables(server: RunningServer, requests: int) -> Iterator[tuple[str, float]]:
+    """All boxes of a dataset by the client, and what one page costs the server."""
+    with Client(server.url, server.token) as client:
+        boxes, took = timed(lambda: client.boxes(OF_TABLES.name).columns())
+        yield "boxes of the table", len(boxes["box_id"])
+        yield "all of them as a table [s]", took
+        _, as_arrow = timed(lambda: client.boxes(OF_TABLES.name).to_arrow())
+        yield "all of them for Arrow [s]", as_arrow
+        _, as_objects = timed(lambda: list(client.boxes(OF_TABLES.name)))
+        yield "all of them as objects [s]", as_objects
+        yield "objects take so many times longer", as_objects / took
+    plain = httpx.Client(base_url=f"{server.url}/api/v1", headers=server.headers)
+    for name, path in (("objects", "/boxes"), ("columns", "/boxes/table")):
+        query = {"dataset": OF_TABLES.name, "limit": "100"}
+        for _ in range(5):
+            plain.get(path, params=query).raise_for_status()
+        before = cpu_s(server.process.pid)
+        for _ in range(requests):
+            plain.get(path, params=query).raise_for_status()
+        cost = (cpu_s(server.process.pid) - before) / requests
+        yield f"processor for 100 boxes as {name} [ms]", 1000 * cost
+
+
+def timed(work: Callable[[], Any]) -> tuple[Any, float]:
+    """The result, and the shortest of three times."""
+    times = []
+    for _ in range(3):
+        begun = time.perf_counter()
+        result = work()
+        times.append(time.perf_counter() - begun)
+    return result, min(times)
+
+
+def cpu_s(pid: int) -> float:
+    """Seconds of a processor that a process has used."""
+    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 def queue_requests(

@@ -1,12 +1,15 @@
 """What does an upload cost the server, against decoding its segmentation?
 
     python -m benchmarks.bench_upload [--frames 200] [--rgba] [--json]
+    python -m benchmarks.bench_upload --rendered [instances] [depth]
 
 A real server on a port takes frames of a 1.3 MB image, a segmentation and 30 boxes, one
 after the other, durably. Its processor time comes from the operating system. That of
 decoding is measured in this process before and after. `--rgba` sends the segmentation
 as CARLA's own save_to_disk writes it: with alpha, and with a filter chosen for each
-row.
+row. `--rendered` sends a frame of a rendered street instead, as crowded as recordings
+are, with 3D boxes and with these images besides the segmentation: the server then
+measures every kind of evidence that they allow.
 """
 
 from __future__ import annotations
@@ -25,9 +28,11 @@ import numpy as np
 
 from benchmarks.street import HEIGHT, WIDTH, street
 from tests.support.servers import RunningServer, running_server
+from unghost.street.street import StreetScene
 
 IMAGE_BYTES = 1_300_000
 WARM_UP = 20
+AS_RECORDINGS = 1 / 7
 
 
 def main() -> int:
@@ -35,27 +40,35 @@ def main() -> int:
     parser.add_argument("--frames", type=int, default=200)
     parser.add_argument("--without-image", action="store_true")
     parser.add_argument("--rgba", action="store_true")
+    parser.add_argument("--rendered", nargs="*", choices=("instances", "depth"))
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
-    scene = street()
-    png = as_carla_saves(scene.png) if options.rgba else scene.png
-    files = {"segmentation": png}
-    if not options.without_image:
-        files["image"] = photograph()
-    boxes = [
-        {"class": name, "xyxy": [round(value, 3) for value in xyxy]}
-        for name, xyxy in zip(scene.classes, scene.xyxy.tolist(), strict=True)
-    ]
+    if options.rendered is None:
+        scene = street()
+        png = as_carla_saves(scene.png) if options.rgba else scene.png
+        files = {"segmentation": png}
+        if not options.without_image:
+            files["image"] = photograph()
+        boxes = [
+            {"class": name, "xyxy": [round(value, 3) for value in xyxy]}
+            for name, xyxy in zip(scene.classes, scene.xyxy.tolist(), strict=True)
+        ]
+        annotation: dict = {"carla_version": "0.9.15", "boxes": boxes}
+    else:
+        frame = next(StreetScene(seed=0, actors=AS_RECORDINGS).frames(1))
+        png, annotation = frame.segmentation_png, frame.annotation
+        files = {"image": frame.image_png, "segmentation": png}
+        files |= {name: getattr(frame, f"{name}_png") for name in options.rendered}
     before = decode_seconds(png)
     with tempfile.TemporaryDirectory() as folder:
         data = Path(folder) / "data"
         with running_server(
             data, {"UNGHOST_LOG_LEVEL": "warning"}, anew=True
         ) as server:
-            cpu, wall = upload(server, files, boxes, options.frames)
+            cpu, wall = upload(server, files, annotation, options.frames)
     decode = (before + decode_seconds(png)) / 2
     figures = {
-        "boxes per frame": len(boxes),
+        "boxes per frame": len(annotation["boxes"]),
         "bytes per frame": sum(map(len, files.values())),
         "decode of the segmentation [ms]": 1000 * decode,
         "server CPU per upload [ms]": 1000 * cpu,
@@ -106,7 +119,7 @@ def decode_seconds(png: bytes, repeats: int = 60) -> float:
 
 
 def upload(
-    server: RunningServer, files: dict[str, bytes], boxes: list[dict], frames: int
+    server: RunningServer, files: dict[str, bytes], annotation: dict, frames: int
 ) -> tuple[float, float]:
     """Seconds of the server's processor, and of waiting, per frame."""
     client = httpx.Client(
@@ -114,7 +127,6 @@ def upload(
     )
     client.post("/datasets", json={"name": "bench"}).raise_for_status()
     parts = {name: (f"{name}.png", content) for name, content in files.items()}
-    annotation = {"carla_version": "0.9.15", "boxes": boxes}
     for number in range(WARM_UP):
         put(client, f"warm/{number}", parts, annotation)
     cpu, begun = cpu_seconds(server.process.pid), time.perf_counter()

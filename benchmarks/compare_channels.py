@@ -1,9 +1,10 @@
 """Which channel finds the ghost boxes of a street, and at what cost?
 
     python -m benchmarks.compare_channels [--folder FOLDER] [--frames 200] [--seed 2026]
-                                          [--json] [--write]
+                                          [--json] [--write] [--questions]
 
-`--write` writes docs/evaluation.md.
+`--write` writes docs/evaluation.md. `--questions` compares no channels: it shows how
+many of the filter's errors a reviewer is asked about first, for docs/review.md.
 
 Renders two streets with known ground truth (unless the folder has them already): one
 with as many boxes per frame as recordings have, one crowded. Measures every channel on
@@ -26,13 +27,16 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from rich.progress import track
 
 from benchmarks.evaluation_page import write_page
 from filter_core.annotation.frame import FORMS_3D
 from filter_core.config.filter import FilterConfig
+from filter_core.decisions.doubt import Bin, bins_of, doubts
 from filter_core.decisions.rules import decide
 from filter_core.evaluation.comparison import EvaluationObject
+from filter_core.evidence_kinds import STRONGEST_FIRST
 from filter_core.formats.reading import MANIFEST_NAME, FrameSource
 from filter_core.formats.registry import read_source
 from filter_core.local import (
@@ -43,14 +47,15 @@ from filter_core.local import (
     read_truth,
 )
 from filter_core.types import Reason
-from unghost.street.street import TRUTH, write_street
+from unghost.street.street import TRUTH, StreetScene, write_street
 
 COSTED = ("ordered", "depth", "depth_center", "instance", "lidar")
 COST_FRAMES = 24
 COST_ROUNDS = 5
 STREETS = {"recorded": 1 / 7, "crowded": 1.0}
-"""The share of the demo's vehicles, people and lights that exist. A seventh of them
+"""The share of the street's vehicles, people and lights that exist. A seventh of them
 leaves some thirty boxes within 200 m, as in the frame that the paper came with."""
+FIRST_QUESTIONS = (100, 300, 1000)
 SIZES = (1, 3, 10, 100)
 """Visible pixels from which the next group begins."""
 
@@ -62,16 +67,16 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=2026)
     parser.add_argument("--json", action="store_true")
     parser.add_argument("--write", action="store_true", help="write docs/evaluation.md")
+    parser.add_argument("--questions", action="store_true")
     options = parser.parse_args()
     found: dict[str, Any] = {"frames": options.frames, "seed": options.seed}
     with tempfile.TemporaryDirectory() as temporary:
         for name, actors in STREETS.items():
             folder = (options.folder or Path(temporary)) / name
             if not (folder / MANIFEST_NAME).exists():
-                write_street(
-                    folder, options.frames, options.seed, report, actors=actors
-                )
-            found[name] = compared(folder)
+                scene = StreetScene(options.seed, actors=actors)
+                write_street(folder, options.frames, scene, report)
+            found[name] = questions(folder) if options.questions else compared(folder)
     if options.write:
         write_page(found)
     if options.json or not options.write:
@@ -91,11 +96,16 @@ def compared(folder: Path) -> dict[str, Any]:
     solid = list(without_instance_ids(named))
     flat = [frame for frame in read_source(folder) if not is_solid(frame)]
     truth = read_truth(folder / TRUTH)
-    task = EvaluationTask(truth=truth)
+    task = EvaluationTask(FilterConfig(profile="paper"), truth)
     semantic = replace(task, channels=("semantic",))
-    naive = replace(semantic, config=FilterConfig(projection="naive"))
+    naive = replace(
+        semantic,
+        config=FilterConfig(profile="paper", projection="naive", min_forward=1),
+    )
     one_pixel = EvaluationTask(
-        FilterConfig(ordered_min_pixels=1), truth, channels=("ordered",)
+        FilterConfig(profile="paper", ordered_min_pixels=1),
+        truth,
+        channels=("ordered",),
     )
     return {
         "solid": counted(solid, task),
@@ -105,6 +115,51 @@ def compared(folder: Path) -> dict[str, Any]:
         "named": counted(named, replace(task, channels=("instance",))),
         "lost": lost_by_size(solid, folder),
         "cost": costs(solid[:COST_FRAMES]),
+    }
+
+
+def questions(folder: Path) -> dict[str, Any]:
+    """How many errors are among the first questions, and how many in each bin.
+
+    For a dataset with all files, which are decided by the strongest evidence, and for
+    one with tags only, which are decided as in the paper.
+    """
+    frames, truth = list(read_source(folder)), read_truth(folder / TRUTH)
+    by_tags, by_all = FilterConfig(profile="paper"), FilterConfig()
+    return {
+        "tags only": asked(frames, EvaluationTask(by_tags, truth, ("semantic",))),
+        "all files": asked(frames, EvaluationTask(by_all, truth, STRONGEST_FIRST)),
+    }
+
+
+def asked(frames: list[FrameSource], task: EvaluationTask) -> dict[str, Any]:
+    doubt: list[int] = []
+    wrong: list[bool] = []
+    config = task.config
+
+    def ask(boxes: KnownBoxes) -> None:
+        decisions = decide(boxes.evidence, config)
+        doubt.extend(doubts(boxes.evidence, config, decisions).doubt.tolist())
+        kept = decisions.reason == Reason.VISIBLE
+        wrong.extend((kept != boxes.visible).tolist())
+
+    evaluate_source(frames, task, also=ask)
+    worth, errors = np.array(doubt), np.array(wrong)
+    order = np.argsort(-worth, kind="stable")
+    bins = bins_of(worth)
+    return {
+        "errors": int(errors.sum()),
+        "among the first": {
+            first: int(errors[order[:first]][worth[order[:first]] > 0].sum())
+            for first in FIRST_QUESTIONS
+        },
+        "bins": {
+            bin_.label: {
+                "boxes": int((bins == bin_).sum()),
+                "errors": int(errors[bins == bin_].sum()),
+            }
+            for bin_ in Bin
+        },
     }
 
 
@@ -144,7 +199,8 @@ def lost_by_size(frames: list[FrameSource], folder: Path) -> list[dict[str, int]
                 group["visible"] += 1
                 group["lost"] += not is_kept
 
-    task = EvaluationTask(truth=read_truth(folder / TRUTH), channels=("ordered",))
+    config = FilterConfig(profile="paper")
+    task = EvaluationTask(config, read_truth(folder / TRUTH), channels=("ordered",))
     evaluate_source(frames, task, also=sort_in)
     return groups
 
@@ -159,7 +215,7 @@ def counted(frames: list[FrameSource], task: EvaluationTask) -> EvaluationObject
 
 def costs(frames: list[FrameSource]) -> dict[str, float]:
     """Each channel with everything it reads, against the segmentation alone."""
-    config = FilterConfig()
+    config = FilterConfig(profile="paper")
     times: dict[str, list[float]] = {name: [] for name in ("semantic", *COSTED)}
     for _ in range(COST_ROUNDS):
         for frame in frames:

@@ -6,7 +6,7 @@ from pathlib import Path
 from string import Template
 from typing import Any
 
-from unghost.cli.evaluate import f1_plot
+from unghost.cli.evaluate import interval_plot
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
 PLOT = "pictures/evaluation.svg"
@@ -57,9 +57,9 @@ def write_page(found: dict[str, Any]) -> None:
     )
     (DOCS / "evaluation.md").write_text(page, "utf-8")
     (DOCS / PLOT).parent.mkdir(exist_ok=True)
-    (DOCS / PLOT).write_text(
-        f1_plot([(title, score["f1"]) for title, score, _ in rows]), "utf-8"
-    )
+    label = "F1 of each kind of evidence with its 95 % interval"
+    scores = [(title, score["f1"]) for title, score, _ in rows]
+    (DOCS / PLOT).write_text(interval_plot(label, scores), "utf-8")
 
 
 _Row = tuple[str, dict[str, Any], float | None]

@@ -57,13 +57,13 @@ EVIDENCE: Final[Mapping[EvidenceChoice, EvidenceKind]] = {
     ),
     "ordered": EvidenceKind(
         "segmentation, distances or 3D boxes",
-        "`ordered_min_pixels` of them belong to no nearer box; `min_visible_pixels` "
-        "where no nearer box has any of them",
+        "`min_visible_pixels` and `min_visible_percent` of them belong to no nearer "
+        "box, and `ordered_min_pixels` where nearer boxes have others",
     ),
     "depth": EvidenceKind(
         "segmentation, raw depth, camera, 3D boxes",
-        "`min_visible_pixels` of them lie within the box's own depth, give or take "
-        "`depth_tolerance`",
+        "`min_visible_pixels` and `min_visible_percent` of them lie within the box's "
+        "own depth, give or take `depth_tolerance`",
         file="depth",
     ),
     "depth_center": EvidenceKind(
@@ -73,7 +73,7 @@ EVIDENCE: Final[Mapping[EvidenceChoice, EvidenceKind]] = {
     ),
     "instance": EvidenceKind(
         "instance image",
-        "`min_visible_pixels` of its own instance are seen",
+        "`min_visible_pixels` and `min_visible_percent` of its own instance are seen",
         file="instances",
     ),
     "lidar": EvidenceKind(

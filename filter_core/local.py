@@ -22,16 +22,15 @@ from collections.abc import (
     Sequence,
 )
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import partial
 from mmap import ACCESS_READ, mmap
 from pathlib import Path
-from types import MappingProxyType
-from typing import Final, NamedTuple, TypeVar
+from typing import Final, Literal, NamedTuple, TypeAlias, TypeVar
 
 import numpy as np
 
+from filter_core.annotation.frame import FrameAnnotation
 from filter_core.annotation.parsing import parse_annotation
 from filter_core.classes import CLASSES
 from filter_core.config.filter import FilterConfig
@@ -45,24 +44,36 @@ from filter_core.errors import (
     file_context,
     problem_of,
 )
+from filter_core.evaluation.arms import (
+    DOUBTFUL,
+    GHOST,
+    OBJECT,
+    Arm,
+    BoxTruth,
+    LabelledBoxes,
+    ProjectedBoxes,
+    label_boxes,
+    truth_of_pixels,
+)
 from filter_core.evaluation.comparison import (
     COMPARED,
     Evaluation,
     truth_from_instances,
 )
-from filter_core.evidence.depth import DepthImage, read_depth
 from filter_core.evidence_kinds import EvidenceName, files_for
 from filter_core.formats.export import ExportFrame, GivenAnnotation
 from filter_core.formats.format import Need
 from filter_core.formats.reading import (
-    FrameSet,
     FrameSource,
     missing_image,
     open_regular,
+    opening_file,
+    read_file,
 )
+from filter_core.formats.writing import clipped
+from filter_core.images.drawing import DrawnBox, png_with_boxes
 from filter_core.images.header import read_image_header
 from filter_core.images.ignore_mask import read_ignore_mask
-from filter_core.images.pixels import ChannelOrder
 from filter_core.json_text import read_json
 from filter_core.pipeline import (
     FrameOptions,
@@ -71,17 +82,13 @@ from filter_core.pipeline import (
     box_class,
     read_and_measure,
 )
-from filter_core.segmentation.codes import ORDERS
-from filter_core.segmentation.palettes import (
-    PAPER_TABLE,
-    UnknownVersion,
-    family_of_version,
-)
-from filter_core.segmentation.reading import SegmentationOptions, read_segmentation
+from filter_core.segmentation.reading import SegmentationOptions
 from filter_core.types import (
+    NOT_MEASURED,
     REJECTED,
     VERDICT_OF_REASON,
     BoolArray,
+    BoxesXYXY,
     Decisions,
     Evidence,
     IntArray,
@@ -217,6 +224,29 @@ def filter_source(
         others go on.
     """
     return in_order(lambda one: filter_one(one, config), frames, workers)
+
+
+def outcomes(
+    frames: Iterable[FrameSource], config: FilterConfig | None
+) -> Generator[tuple[FrameSource, FrameOutcome], None, None]:
+    """Frames with their decisions, in their order.
+
+    Parameters
+    ----------
+    frames : iterable of FrameSource
+        Only a few frames are read ahead.
+    config : FilterConfig or None
+        None: nothing is decided; an outcome only says what is wrong with its frame.
+    """
+
+    def outcome(source: FrameSource) -> tuple[FrameSource, FrameOutcome]:
+        if config is not None:
+            return source, filter_one(source, config)
+        problem = source.problem or missing_image(source)
+        error = problem_of(problem) if problem else None
+        return source, FrameOutcome(source.key, error=error)
+
+    return in_order(outcome, frames)
 
 
 def filter_one(source: FrameSource, config: FilterConfig) -> FrameOutcome:
@@ -366,6 +396,30 @@ def read_truth(path: Path) -> dict[str, dict[str, bool]]:
         Names the line and its error.
     """
     truth: dict[str, dict[str, bool]] = {}
+    for key, box_id, visible, _ in _truth_lines(path):
+        truth.setdefault(key, {})[box_id] = visible
+    return truth
+
+
+def read_box_truth(path: Path, least_pixels: int) -> dict[str, dict[str, KnownBox]]:
+    """Reads such lines with ``visible_pixels``, too, where a line has them.
+
+    A box with fewer than `least_pixels` of them is doubtful. Raises `LayoutError` as
+    `read_truth`.
+    """
+    truth: dict[str, dict[str, KnownBox]] = {}
+    for key, box_id, visible, given in _truth_lines(path):
+        pixels = NOT_MEASURED
+        if isinstance(given, int) and not isinstance(given, bool) and given >= 0:
+            pixels = given
+        few = visible and 0 <= pixels < least_pixels
+        known = KnownBox(int(DOUBTFUL if few else OBJECT if visible else GHOST), pixels)
+        truth.setdefault(key, {})[box_id] = known
+    return truth
+
+
+def _truth_lines(path: Path) -> Iterator[tuple[str, str, bool, object]]:
+    """Key, id, whether it is visible, and ``visible_pixels`` of each line."""
     for number, line in _lines(path):
         try:
             given = read_json(line)
@@ -382,8 +436,7 @@ def read_truth(path: Path) -> dict[str, dict[str, bool]]:
                 f"{path.name}, line {number}: visible: expected true or false, "
                 f"found {visible!r}"
             )
-        truth.setdefault(str(key), {})[str(box_id)] = visible
-    return truth
+        yield str(key), str(box_id), visible, given.get("visible_pixels")
 
 
 def _lines(path: Path) -> Iterator[tuple[int, str]]:
@@ -394,6 +447,116 @@ def _lines(path: Path) -> Iterator[tuple[int, str]]:
             yield from ((at, line) for at, line in enumerate(lines, 1) if line.strip())
     except (OSError, UnicodeDecodeError) as error:
         raise LayoutError(f"{path.name} cannot be read as UTF-8 lines") from error
+
+
+class KnownBox(NamedTuple):
+    """The truth of one box, as `LabelledBoxes` has it: its code, its visible pixels."""
+
+    truth: int
+    pixels: int
+
+
+TruthSource: TypeAlias = Literal["instances", "reviews"]
+"""``instances``: the pixels of a box in the instance image tell whether it is visible.
+``reviews``: people's answers tell it; what nobody kept or rejected is doubtful."""
+
+
+@dataclass(frozen=True)
+class ArmsTask:
+    """Which arms label frames, and what tells the truth about their boxes.
+
+    Attributes
+    ----------
+    arms : tuple of Arm
+    config : FilterConfig
+        What the arms have in common; see `Arm.config`.
+    truth : TruthSource, or mapping of str to mapping of str to KnownBox
+        Or the truth by the frame's key and the box's id; others are doubtful.
+    least_pixels : int
+        By instances, an object with fewer visible pixels is doubtful.
+    """
+
+    arms: tuple[Arm, ...]
+    config: FilterConfig = field(default_factory=FilterConfig)
+    truth: TruthSource | Mapping[str, Mapping[str, KnownBox]] = "instances"
+    least_pixels: int = 10
+
+
+@dataclass(frozen=True, eq=False)
+class LabelledFrame:
+    """A frame with the labels of all arms; `wh` is its size, px."""
+
+    source: FrameSource
+    annotation: FrameAnnotation
+    wh: tuple[int, int]
+    boxes: LabelledBoxes
+
+
+def label_sources(
+    frames: Iterable[FrameSource], task: ArmsTask, *, workers: int | None = None
+) -> Generator[LabelledFrame | LeftOut, None, None]:
+    """Measure frames and label their boxes as each arm does.
+
+    The parameters are those of `evaluate_source`.
+
+    Yields
+    ------
+    LabelledFrame or LeftOut
+        In the order of the frames; one that cannot be used does not stop the others.
+    """
+    configs = {arm.name: arm.config(task.config) for arm in task.arms}
+    exact = replace(task.config, profile="paper", projection="clipped")
+    naive = replace(task.config, profile="carlasimu", projection="naive")
+    is_published = any(one and one.profile == "carlasimu" for one in configs.values())
+    kinds = {name for one in configs.values() if one for name in one.channels}
+    if task.truth == "instances":
+        kinds.add("instance")
+
+    def labelled(source: FrameSource) -> LabelledFrame | LeftOut:
+        # Pixels are read again only if an arm needs them, or they alone tell the size.
+        has_size = source.image is not None and not is_published
+        other = replace(source, segmentation=None, others={}) if has_size else source
+        try:
+            seen = measure_source(source, exact, kinds)
+            raw = measure_source(other, naive, ())
+        except FilterError as problem:
+            return LeftOut(source.key, problem)
+        boxes = label_boxes(
+            source.key,
+            ProjectedBoxes(seen.evidence, _in_image(seen)),
+            ProjectedBoxes(raw.evidence, _in_image(raw)),
+            _box_truth(seen, source, task),
+            configs,
+        )
+        return LabelledFrame(source, seen.annotation, seen.wh, boxes)
+
+    yield from in_order(labelled, frames, workers)
+
+
+def _in_image(frame: MeasuredFrame) -> BoxesXYXY:
+    """(N, 4) px: the rectangles of 3D boxes, and of 2D boxes as given, in the image."""
+    geometry = frame.geometry
+    is_2d = np.isnan(geometry.vertices[:, 0, 0])
+    inside = np.where(is_2d[:, None], geometry.xyxy, geometry.visible_xyxy)
+    return clipped(inside, frame.wh)
+
+
+def _box_truth(frame: MeasuredFrame, source: FrameSource, task: ArmsTask) -> BoxTruth:
+    unknown = np.full(len(frame.ids), NOT_MEASURED)
+    if task.truth == "instances":
+        channels = frame.evidence.channels
+        pixels = unknown if channels is None else channels.instance_pixels
+        return truth_of_pixels(pixels, task.least_pixels)
+    if task.truth == "reviews":
+        words = {answer.box: answer.verdict for answer in source.answers}
+        codes = {"keep": OBJECT, "reject": GHOST}
+        answers = [codes.get(words.get(one, ""), DOUBTFUL) for one in frame.ids]
+        return BoxTruth(np.array(answers, np.int8), unknown)
+    there = task.truth.get(source.key, {})
+    doubt = KnownBox(int(DOUBTFUL), NOT_MEASURED)
+    known = [there.get(box_id, doubt) for box_id in frame.ids]
+    columns = np.array(known, np.int64).reshape(-1, 2)
+    return BoxTruth(columns[:, 0].astype(np.int8), columns[:, 1])
 
 
 def export_sources(
@@ -478,6 +641,8 @@ def _export_frame(
         boxes=boxes,
         given=GivenAnnotation(lambda: annotation.raw, measured.wh),
         map=annotation.map,
+        sequence=annotation.sequence,
+        split=annotation.split,
         palette=measured.palette,
     )
     if "decisions" in needs:
@@ -488,13 +653,22 @@ def _export_frame(
         columns = decision_columns(facts, measured.evidence, verdicts)
         frame = replace(frame, columns=columns)
     if source.image is not None:
-        content = _read(source.image, "image")
+        content = read_file(source.image, "image")
         with file_context("image"):
             media_type = read_image_header(content).media_type
-        read_image = partial(_read, source.image, "image")
-        frame = replace(frame, read_image=read_image, media_type=media_type)
+        read_image = partial(read_file, source.image, "image")
+        draw = partial(_drawn, source.image)
+        frame = replace(frame, read_image=read_image, media_type=media_type, draw=draw)
+    if "segmentation" in needs and source.segmentation is not None:
+        read_tags = partial(read_file, source.segmentation, "segmentation")
+        frame = replace(frame, read_segmentation=read_tags)
     classes = count_by_class(measured.evidence, verdicts)
     return _Exported(frame, classes, measured.notes)
+
+
+def _drawn(image: Path, boxes: Sequence[DrawnBox]) -> bytes:
+    with file_context("image"):
+        return png_with_boxes(read_file(image, "image"), boxes)
 
 
 def _without_verdicts(evidence: Evidence, verdicts: Decisions) -> Decisions:
@@ -534,211 +708,6 @@ def boxes_by_class(frames: Iterable[FrameSource]) -> Counter[str]:
             continue
         found.update(map(box_class, annotation.boxes))
     return found
-
-
-_DEPTH_IMAGES: Final = 8
-"""Depth images of a recording that are looked at."""
-
-_FEWEST_LOOKED_AT: Final = 3
-
-_LOOKED_AT_SHARE: Final = 40
-"""Of so many segmentations of a recording, one is looked at, but some at least."""
-
-_MOST_TIMES: Final = 4
-"""So many times more are looked at while they do not tell the family of tags."""
-
-
-class Shown(NamedTuple):
-    """What the images of a recording show about how they are read.
-
-    Attributes
-    ----------
-    keys : mapping of str to str
-        Keys of a configuration with their values.
-    notes : tuple of str
-        Sentences for people: what was recognised, and how sure it is.
-    """
-
-    keys: Mapping[str, str] = MappingProxyType({})
-    notes: tuple[str, ...] = ()
-
-    def of(self, frames: FrameSet) -> FrameSet:
-        """The frames, which are read so, unless they name their own version."""
-        return replace(frames, frames=lambda: map(self.of_frame, frames))
-
-    def of_frame(self, frame: FrameSource) -> FrameSource:
-        """One of these frames."""
-        keys = dict(self.keys)
-        if "palette" in keys and _family_by_version(frame):
-            del keys["palette"]
-        return replace(frame, shown=keys) if keys else frame
-
-
-def recognise_recording(
-    frames: Iterable[FrameSource],
-    config: FilterConfig,
-    channels: Collection[str] = (),
-) -> Shown:
-    """How the images of a recording are read, by some of them together.
-
-    Parameters
-    ----------
-    frames : iterable of FrameSource
-        Some of the recording. A few of their images are read.
-    config : FilterConfig
-        What it names is not recognised.
-    channels : collection of EvidenceName
-        What is measured besides the segmentation.
-
-    Raises
-    ------
-    LayoutError
-        ``several_families``: images prove different families of tags.
-
-    Notes
-    -----
-    A recording has one family of tags and one encoding of depth, and not every image
-    shows them: many colours have the same name in all families, and a wall that fills
-    an image of depth is too flat. What none of the images shows is left to each frame.
-    """
-    several = list(frames)
-    depth = _shown_depth(several, config, channels)
-    keys, notes = _shown_family(several, config)
-    return Shown({**keys, **depth}, notes)
-
-
-def _shown_depth(
-    frames: Iterable[FrameSource], config: FilterConfig, channels: Collection[str]
-) -> dict[str, str]:
-    """The encoding of depth, if images show one and no other."""
-    if config.depth_encoding != "auto" or "depth" not in files_for(channels):
-        return {}
-    shown = {
-        depth.encoding
-        for _, depth in depth_images(frames)
-        # A fault is said when the frame is used.
-        if isinstance(depth, DepthImage) and depth.is_certain
-    }
-    return {"depth_encoding": shown.pop()} if len(shown) == 1 else {}
-
-
-def depth_images(
-    frames: Iterable[FrameSource],
-) -> Iterator[tuple[str, DepthImage | FilterError]]:
-    """A few depth images of some frames: the frame's key, and the image or its fault.
-
-    Each is read as it shows itself, whatever others show.
-    """
-    there = [frame for frame in frames if "depth" in frame.others]
-    step = max(1, len(there) // _DEPTH_IMAGES)
-    for frame in there[::step][:_DEPTH_IMAGES]:
-        try:
-            yield frame.key, read_depth(_read(frame.others["depth"], "depth"))
-        except FilterError as fault:
-            yield frame.key, fault
-
-
-class _Vote(NamedTuple):
-    """What the segmentation of a frame tells: families, and with orders of channels.
-
-    The paper's table is only among them if no version of CARLA is.
-    """
-
-    key: str
-    families: frozenset[str]
-    readings: frozenset[tuple[str, ChannelOrder]]
-
-
-def _shown_family(
-    frames: Iterable[FrameSource], config: FilterConfig
-) -> tuple[dict[str, str], tuple[str, ...]]:
-    """The palette, if images tell it; the order of channels, if swapped; and notes."""
-    if config.palette != "auto":
-        return {}, ()
-    images = [
-        frame
-        for frame in frames
-        if frame.segmentation and not frame.problem and not _family_by_version(frame)
-    ]
-    fewest = min(len(images), max(_FEWEST_LOOKED_AT, len(images) // _LOOKED_AT_SHARE))
-    votes: list[_Vote] = []
-    common: frozenset[str] = frozenset()
-    for number, frame in enumerate(_spread(images, fewest)):
-        if len(common) == 1 and number >= fewest:
-            break
-        if vote := _vote(frame, config):
-            votes.append(vote)
-            common = _common(votes)
-    if len(common) != 1:
-        return {}, ()
-    (family,) = common
-    orders = frozenset(ORDERS).intersection(
-        *({order for one, order in vote.readings if one == family} for vote in votes)
-    )
-    telling = sum(vote.families == common for vote in votes)
-    note = (
-        f"tags of {family}: told by {telling or 'none'} of the {len(votes)} "
-        f"segmentations that were looked at{'' if telling else ' alone, but together'}"
-    )
-    swapped = {"channel_order": "bgr"} if orders == {"bgr"} else {}
-    return {"palette": family, **swapped}, (note,)
-
-
-def _spread(images: Sequence[FrameSource], fewest: int) -> Iterator[FrameSource]:
-    """Some images in an order in which any number of them is spread over all."""
-    most = min(len(images), fewest * _MOST_TIMES)
-    places = [
-        place
-        for count in (fewest, most)
-        for place in np.linspace(0, len(images) - 1, count).astype(int).tolist()
-    ]
-    return (images[place] for place in dict.fromkeys(places))
-
-
-def _family_by_version(frame: FrameSource) -> str | None:
-    """The family of the version of CARLA that a frame names, if it is known."""
-    version = (frame.annotation or {}).get("carla_version")
-    try:
-        return family_of_version(version) if isinstance(version, str) else None
-    except UnknownVersion:
-        return None
-
-
-def _vote(frame: FrameSource, config: FilterConfig) -> _Vote | None:
-    try:
-        content = _segmentation(frame) or b""
-        found = read_segmentation(content, config.measuring().reading)
-    except FilterError:
-        return None  # said when the frame is used, unless others tell its family
-    families = frozenset(family for family, _ in found.readings)
-    return _Vote(frame.key, families - {PAPER_TABLE} or families, found.readings)
-
-
-def _common(votes: Sequence[_Vote]) -> frozenset[str]:
-    """The families that fit all images.
-
-    Raises
-    ------
-    LayoutError
-        There is none.
-    """
-    # CARLA does not render the paper's table, so that others can explain such an image.
-    usual = [vote for vote in votes if vote.families != {PAPER_TABLE}] or votes
-    common = frozenset.intersection(*(vote.families for vote in usual))
-    if common:
-        return common
-    *before, last = usual
-    other = min(before, key=lambda vote: len(vote.families & last.families))
-    one, two = (
-        f"{vote.key} is of {' or '.join(sorted(vote.families))}"
-        for vote in (other, last)
-    )
-    raise LayoutError(
-        f"expected segmentations of one family of tags, found several: {one}, {two}. "
-        "Read recordings of different versions of CARLA apart, or give their frames a "
-        "carla_version; --palette names the family if one of these is wrong",
-        code="several_families",
-    )
 
 
 def measure_source(
@@ -788,10 +757,10 @@ def _frame_options(source: FrameSource, kinds: Iterable[str]) -> FrameOptions:
         wh = _size(source.others["instances"], "instances")
     ignore = None
     if "ignore_mask" in source.others and wh is not None:
-        content = _read(source.others["ignore_mask"], "ignore_mask")
+        content = read_file(source.others["ignore_mask"], "ignore_mask")
         ignore = read_ignore_mask(content, wh)
     sensors = {
-        kind: _read(source.others[kind], kind)
+        kind: read_file(source.others[kind], kind)
         for kind in kinds
         if kind in source.others
     }
@@ -801,31 +770,16 @@ def _frame_options(source: FrameSource, kinds: Iterable[str]) -> FrameOptions:
 def _segmentation(source: FrameSource) -> bytes | None:
     if source.segmentation is None:
         return None
-    return _read(source.segmentation, "segmentation")
+    return read_file(source.segmentation, "segmentation")
 
 
 def _size(image: Path, what: str) -> tuple[int, int]:
     """Width and height. The file is mapped, so only pages with its header are read."""
-    with _opening(image, what), file_context(what), open_regular(image) as file:
+    with opening_file(image, what), file_context(what), open_regular(image) as file:
         if not os.fstat(file.fileno()).st_size:
             return read_image_header(b"").wh
         with mmap(file.fileno(), 0, access=ACCESS_READ) as content:
             return read_image_header(content, whole=False).wh
-
-
-def _read(path: Path, what: str) -> bytes:
-    with _opening(path, what), open_regular(path) as file:
-        return file.read()
-
-
-@contextmanager
-def _opening(path: Path, what: str) -> Iterator[None]:
-    try:
-        yield
-    except OSError as exc:
-        raise LayoutError(
-            f"{what}: {path.name} cannot be read: {exc.strerror}"
-        ) from exc
 
 
 def in_order(

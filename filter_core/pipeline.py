@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from html import escape
 from typing import Literal, TypedDict
 
 import numpy as np
@@ -29,7 +30,8 @@ from filter_core.decisions.record import Decision, decision_dicts
 from filter_core.decisions.rules import decide
 from filter_core.errors import ImageSizeMismatch, SegmentationError
 from filter_core.evidence.channels import Sensors, measure_evidence
-from filter_core.geometry.projection import BoxGeometry
+from filter_core.geometry.projection import BoxGeometry, forward_distances
+from filter_core.images.drawing import COLORS
 from filter_core.images.header import MAX_SIDE, exchanged_sides
 from filter_core.images.pixels import ChannelOrder
 from filter_core.segmentation.codes import Segmentation
@@ -161,6 +163,28 @@ class FrameResult:
     verdicts: Decisions
     config: FilterConfig
 
+    def _repr_html_(self) -> str:
+        """The boxes as a drawing, for notebooks; pointing at one shows its sentence."""
+        width, height = self.measured.wh
+        shapes = []
+        for one in self.decisions:
+            if one["xyxy"] is not None:
+                x0, y0, x1, y1 = one["xyxy"]
+                blue, green, red = COLORS[one["verdict"]]
+                dash = "" if one["verdict"] == "kept" else ' stroke-dasharray="9 8"'
+                words = escape(f"{one['class']} {one['id']}, {one['explanation']}")
+                shapes.append(
+                    f'<rect x="{x0:g}" y="{y0:g}" width="{x1 - x0:g}" '
+                    f'height="{y1 - y0:g}" fill="transparent" '
+                    'stroke-width="2" vector-effect="non-scaling-stroke" '
+                    f'stroke="rgb({red},{green},{blue})"{dash}><title>{words}</title>'
+                    "</rect>"
+                )
+        return (
+            f'<svg viewBox="0 0 {width} {height}" width="640" role="img" '
+            f'style="background:#606060">{"".join(shapes)}</svg>'
+        )
+
     @cached_property
     def decisions(self) -> list[Decision]:
         """One dict per box, in the order of the annotation, with the keys of the API.
@@ -279,6 +303,9 @@ def measure_frame(
     )
     family = _family(annotation, sensors, config)
     boxes = _frame_boxes(annotation.boxes, geometry, config, family, wh)
+    if config.min_forward is not None and annotation.camera is not None:
+        forward = forward_distances(geometry.vertices, annotation.camera)
+        boxes = replace(boxes, not_ahead=forward <= config.min_forward)
     evidence, notes = measure_evidence(boxes, sensors, config)
     return MeasuredFrame(
         key=options.key,
@@ -356,6 +383,9 @@ def _tags_of_numbers(
     return reading.changed.tags_of_numbers(family or NEWEST)
 
 
+_UNKNOWN_RANGE = (np.nan, np.nan)
+
+
 def _frame_boxes(
     boxes: Sequence[BoxAnnotation],
     geometry: BoxGeometry,
@@ -383,6 +413,9 @@ def _frame_boxes(
         ids=tuple(box.id for box in boxes),
         vertices=geometry.vertices,
         instance_id=np.array(instance_ids, dtype=np.int64),
+        distance_range=np.array(
+            [box.distance_range or _UNKNOWN_RANGE for box in boxes], np.float64
+        ).reshape(-1, 2),
         measured_as=tuple(map(config.measured_class, names)),
     )
 

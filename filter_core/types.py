@@ -141,6 +141,9 @@ class FrameBoxes:
     accept_mask : (N,) int64
         Bit t is set if the box's class accepts tag t; 0: the class is not mapped.
     distance : (N,) float64, metres, NaN where unknown
+    distance_range : (N, 2) float64, metres
+        Between which distances a box is, the lower one excluded (except 0); NaN rows
+        where unknown. Default: all NaN.
     image_wh : (width, height) of the image, px
     ids : tuple of N str
         Unique in the frame. Default: the boxes' positions.
@@ -149,6 +152,9 @@ class FrameBoxes:
     instance_id : (N,) int64
         The object's id in an instance image, as given by the annotation;
         `NOT_MEASURED` where it is not given. Default: none given.
+    not_ahead : (N,) bool
+        The centre of the 3D box is nearer than the configuration's `min_forward`.
+        Default: none is.
     measured_as : tuple of str
         The filter's class as which each of `class_names` is measured; a name that
         means no class stands for itself. Default: `class_names`.
@@ -163,6 +169,8 @@ class FrameBoxes:
     ids: tuple[str, ...] = ()
     vertices: FloatArray = field(default_factory=lambda: np.empty((0, 8, 3)))
     instance_id: IntArray = field(default_factory=lambda: np.empty(0, np.int64))
+    not_ahead: BoolArray = field(default_factory=lambda: np.empty(0, np.bool_))
+    distance_range: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
     measured_as: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
@@ -178,6 +186,11 @@ class FrameBoxes:
         if not len(self.instance_id):
             none_given = np.broadcast_to(np.int64(NOT_MEASURED), count)
             object.__setattr__(self, "instance_id", none_given)
+        if not len(self.not_ahead):
+            object.__setattr__(self, "not_ahead", np.broadcast_to(False, count))
+        if not len(self.distance_range):
+            unknown = np.broadcast_to(np.nan, (count, 2))
+            object.__setattr__(self, "distance_range", unknown)
 
     def __len__(self) -> int:
         return len(self.class_index)
@@ -225,6 +238,8 @@ class BoxState(IntEnum):
     OUTSIDE_IMAGE = 1
     COVERS_IMAGE = 2
     DEGENERATE = 3
+    NOT_AHEAD = 4
+    """Its rectangle was not looked at: its centre is nearer than `min_forward`."""
 
 
 @dataclass(frozen=True)
@@ -381,11 +396,33 @@ class Evidence:
             width=4,
         ),
     )
+    distance_range: FloatArray | None = field(
+        default=None,
+        metadata=_float_column(
+            "between which distances it is, where its distance is not known; NaN if "
+            "this is not known either",
+            unit="metres",
+            width=2,
+            since=3,
+        ),
+    )
     tag_counts: NDArray[np.int32] | None = None
     channels: ChannelNumbers | None = None
 
     def __len__(self) -> int:
         return len(self.class_index)
+
+    def distance_bounds(self, rows: slice) -> tuple[FloatArray, FloatArray]:
+        """(M,), (M,) metres: between which distances some of the boxes are.
+
+        Twice the distance where it is known, and NaN where nothing is.
+        """
+        distance = self.distance[rows]
+        if self.distance_range is None:
+            return distance, distance
+        low, high = self.distance_range[rows].T
+        unknown = np.isnan(distance)
+        return np.where(unknown, low, distance), np.where(unknown, high, distance)
 
     def shown_match(self, rows: slice | IntArray = _ALL) -> FloatArray:
         """(M,) percent: the match of some of the boxes (default: all) as it is output.
@@ -697,6 +734,8 @@ class DecidedBoxes:
     tight_xyxy : (N, 4) float64, px
         Around the visible pixels; NaN rows where they are not known.
     distance : (N,) float64, metres, NaN where unknown
+    distance_range : (N, 2) float64, metres
+        See `Evidence`; NaN rows where unknown.
     match_percent : (N,) float64, 0..100, NaN where not measured
     occlusion : (N,) int64
         KITTI's level: 0 fully visible, 1 partly, 2 largely occluded, 3 unknown.
@@ -713,6 +752,7 @@ class DecidedBoxes:
     visible_xyxy: BoxesXYXY
     tight_xyxy: BoxesXYXY
     distance: FloatArray
+    distance_range: FloatArray
     match_percent: FloatArray
     occlusion: IntArray
 
@@ -737,17 +777,13 @@ class DecidedBoxes:
         verdict[self.answer == Answer.REJECT] = REJECTED
         return verdict
 
-    @property
-    def is_reviewed(self) -> BoolArray:
-        """(N,) bool: whether a person said keep or reject; unsure does not count."""
-        reviewed: BoolArray = (self.answer == Answer.KEEP) | (
-            self.answer == Answer.REJECT
-        )
-        return reviewed
-
     def class_name(self, row: int) -> str:
         """The class of one box."""
         return self.class_names[int(self.class_index[row])]
+
+    def is_reviewed(self, row: int) -> bool:
+        """Whether a person said keep or reject of one box; unsure does not count."""
+        return _VERDICT_OF_ANSWER[int(self.answer[row])] is not None
 
     def effective_verdict(self, row: int) -> VerdictName:
         """The effective verdict of one box, by its name on the wire."""

@@ -243,6 +243,11 @@ def read_text(value: object, at: Place, faults: Faults, limit: int) -> str | Non
     return None
 
 
+def as_text(value: object) -> str | None:
+    """A text, or None of anything else, as annotations have it that are not checked."""
+    return value if isinstance(value, str) else None
+
+
 def _is_storable(text: str) -> bool:
     """No control characters and no halves of surrogate pairs."""
     return text.isprintable() or not any(

@@ -1,9 +1,12 @@
-"""Reads an export with the programs that people use, and counts what they found.
+"""Reads exports with the programs that people use, and what these write with ours.
+
+Every box is compared by number.
 
     python -m tools.check_readers
 
-runs where they are installed (`make readers` sees to it): Ultralytics, supervision
-and Datumaro are too large, and bring another OpenCV, to be part of the tests.
+runs where they are installed (`make readers` sees to it): Ultralytics, supervision,
+Datumaro, torchvision, Label Studio's converter and FiftyOne are too large, and bring
+another OpenCV, to be part of the tests.
 """
 
 from __future__ import annotations
@@ -13,15 +16,36 @@ import os
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
-from functools import partial
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, Final
+from urllib.parse import unquote
 
-NOT_READ: Final = frozenset({"label-studio"})
+NOT_OF_DATUMARO: Final = frozenset({"label-studio"})
 """Formats of labels that Datumaro does not read under our name."""
 PARTS: Final = ("train", "val")
-Found = tuple[str, int, int]
+FORMS: Final = ("yolo", "coco", "kitti", "voc", "cvat", "label-studio")
+TOLERANCES: Final = {"voc": 1.0, "kitti": 0.01}
+"""Pixels by which edges may differ: VOC's are whole, KITTI's have few decimals."""
+TOLERANCE: Final = 1e-3
+OF_READERS: Final = {
+    "datumaro": 0.02,
+    "datumaro voc": 1.0,
+    "fiftyone voc": 1.0,
+    "written by datumaro": 0.02,
+    "written by supervision yolo": 0.02,
+}
+"""More, of programs: Datumaro has two decimals, and of VOC's last pixel its number;
+FiftyOne takes VOC's first pixel for the second one, too; supervision has five decimals
+of shares."""
+WIDTH, HEIGHT = 1280, 720
+"""Of the street's images, px."""
+Row = tuple[str, float, float, float, float]
+"""A class and a rectangle: left, top, right, bottom in px."""
+Boxes = dict[str, list[Row]]
+"""The boxes of each frame, by its key."""
+Reader = Callable[[Path], Iterator[tuple[str, str, Boxes]]]
+"""Gives its name, the format that it read, and what it found."""
 
 
 def main() -> None:
@@ -29,27 +53,30 @@ def main() -> None:
     python = sys.argv[1] if len(sys.argv) > 1 else sys.executable
     with tempfile.TemporaryDirectory(prefix="readers-") as name:
         root = Path(name)
-        forms = _label_formats(python)
-        _make(python, root, forms)
-        manifest = json.loads((root / "yolo" / "manifest.json").read_text("utf-8"))
-        frames, boxes = (manifest["counts"][what] for what in ("frames", "boxes"))
-        expected = frames["in"], boxes["out"]
-        wrong = [one for one in _read(root, forms) if not _is_right(one, expected)]
+        _make(python, root)
+        os.environ["YOLO_CONFIG_DIR"] = str(root / "settings")
+        os.environ["YOLO_OFFLINE"] = "true"
+        wrong = []
+        expected = _expected(root)
+        for reader in READERS:
+            for who, form, found in reader(root):
+                faults = list(_faults(who, form, found, expected))
+                boxes = sum(map(len, found.values()))
+                print(who, form, len(found), boxes, *faults[:3], sep="\t")
+                wrong += [f"{who} {form}" for _ in faults[:1]]
+        for writer in WRITERS:
+            for who, form in writer(root):
+                found = _read_again(python, root, root / who / form)
+                there = {key: expected.get(key, []) for key in found}
+                faults = list(_faults(f"written by {who}", form, found, there))
+                boxes = sum(map(len, found.values()))
+                print("written by", who, form, len(found), boxes, *faults[:3], sep="\t")
+                wrong += [f"what {who} wrote as {form}" for _ in faults[:1]]
     if wrong:
-        sys.exit(f"expected {expected}, found otherwise by {wrong}")
+        sys.exit(f"found something else: {', '.join(wrong)}")
 
 
-def _label_formats(python: str) -> list[str]:
-    """The formats of labels that others read, as the product's registry lists them."""
-    ask = (
-        "from filter_core.formats.registry import FORMATS; "
-        "print(*(one.name for one in FORMATS.values() if 'boxes' in one.options))"
-    )
-    listed = subprocess.run([python, "-c", ask], check=True, capture_output=True)
-    return [name for name in listed.stdout.decode().split() if name not in NOT_READ]
-
-
-def _make(python: str, root: Path, forms: Sequence[str]) -> None:
+def _make(python: str, root: Path) -> None:
     """Write a small filtered street in every format that other programs read."""
     render = (
         "import sys; from pathlib import Path; "
@@ -58,37 +85,124 @@ def _make(python: str, root: Path, forms: Sequence[str]) -> None:
     )
     subprocess.run([python, "-c", render, str(root / "street")], check=True)
     convert = [python, "-m", "unghost.cli", "convert", str(root / "street"), "--filter"]
-    for form in forms:
+    for form in FORMS:
         subprocess.run([*convert, "--to", form, "-o", str(root / form)], check=True)
 
 
-def _read(root: Path, forms: Sequence[str]) -> Iterator[Found]:
-    os.environ["YOLO_CONFIG_DIR"] = str(root / "settings")
-    os.environ["YOLO_OFFLINE"] = "true"
-    readers: tuple[Callable[[Path], Iterator[Found]], ...] = (
-        _ultralytics,
-        _supervision,
-        partial(_datumaro, forms=forms),
+def _read_again(python: str, root: Path, folder: Path) -> Boxes:
+    """The boxes that Unghost reads in a folder which another program wrote."""
+    again = root / "again" / folder.parent.name / folder.name
+    convert = [python, "-m", "unghost.cli", "convert", str(folder), "--to", "coco"]
+    subprocess.run([*convert, "-o", str(again), "-O", "images=none"], check=True)
+    boxes = _boxes_of(again)
+    return {_key(f"{key}.png"): rows for key, rows in boxes.items()}
+
+
+def _expected(root: Path) -> Boxes:
+    """The boxes that our COCO files have, by the keys of the frames."""
+    return _boxes_of(root / "coco")
+
+
+def _boxes_of(folder: Path) -> Boxes:
+    found: Boxes = {}
+    for part in PARTS:
+        path = folder / "annotations" / f"instances_{part}.json"
+        document = json.loads(path.read_text("utf-8"))
+        names = {one["id"]: one["name"] for one in document["categories"]}
+        for image in document["images"]:
+            found[image["key"]] = _rows_of(document, image["id"], names)
+    return found
+
+
+def _rows_of(
+    document: Mapping[str, list[dict[str, Any]]], image: int, names: Mapping[int, str]
+) -> list[Row]:
+    """The boxes of one image of a COCO file."""
+    return [
+        (names[one["category_id"]], x, y, x + width, y + height)
+        for one in document["annotations"]
+        if one["image_id"] == image
+        for x, y, width, height in [one["bbox"]]
+    ]
+
+
+def _key(path: str) -> str:
+    """The key of a frame by a path of its image in an export."""
+    stem = path.rpartition(".")[0] if path.endswith((".png", ".xml")) else path
+    folders = ("images/", "JPEGImages/", "Annotations/")
+    of_parts = [each for part in PARTS for each in (f"obj_{part}_data/", f"{part}/")]
+    for folder in (*folders, *of_parts):
+        stem = stem.rpartition(folder)[2]
+    return stem.replace("__", "/")
+
+
+def _keys_of_kitti(root: Path) -> dict[str, str]:
+    """The key of each numbered frame."""
+    lines = (root / "kitti" / "frames.jsonl").read_text("utf-8").splitlines()
+    listed = map(json.loads, lines)
+    return {Path(line["file"]).stem: line["key"] for line in listed}
+
+
+def _faults(who: str, form: str, found: Boxes, expected: Boxes) -> Iterator[str]:
+    """How what was found differs, in words."""
+    if found.keys() != expected.keys():
+        yield f"frames {sorted(found)[:3]}, expected {sorted(expected)[:3]}"
+        return
+    tolerance = TOLERANCES.get(form, TOLERANCE) + max(
+        OF_READERS.get(who, 0), OF_READERS.get(f"{who} {form}", 0)
     )
-    for reader in readers:
-        for found in reader(root):
-            print(*found, sep="\t")
-            yield found
+    for name, rows in expected.items():
+        if len(found[name]) != len(rows):
+            yield f"{name}: {len(found[name])} boxes, expected {len(rows)}"
+            continue
+        # Rectangles that differ by less than the tolerance may be in another order.
+        left = list(found[name])
+        for row in rows:
+            alike = [one for one in left if _is_alike(one, row, tolerance)]
+            if not alike:
+                yield f"{name}: no {row}"
+                break
+            left.remove(alike[0])
 
 
-def _ultralytics(root: Path) -> Iterator[Found]:
+def _is_alike(one: Row, other: Row, tolerance: float) -> bool:
+    names = (one[0].replace(" ", "_"), other[0].replace(" ", "_"))  # KITTI's types
+    edges = zip(one[1:], other[1:], strict=True)
+    return names[0] == names[1] and all(abs(a - b) <= tolerance for a, b in edges)
+
+
+def _ultralytics(root: Path) -> Iterator[tuple[str, str, Boxes]]:
     from ultralytics.data.dataset import YOLODataset
     from ultralytics.data.utils import check_det_dataset
 
     data: Any = check_det_dataset(str(root / "yolo" / "data.yaml"), autodownload=False)
-    sets = [
-        YOLODataset(img_path=data[part], data=data, task="detect") for part in PARTS
-    ]
-    boxes = sum(len(label["cls"]) for one in sets for label in one.labels)
-    yield "ultralytics yolo", sum(map(len, sets)), boxes
+    found: Boxes = {}
+    for part in PARTS:
+        for label in YOLODataset(
+            img_path=data[part], data=data, task="detect", augment=False
+        ).labels:
+            height, width = label["shape"]
+            rows = zip(label["cls"].ravel(), label["bboxes"].tolist(), strict=True)
+            found[_key(label["im_file"])] = [
+                (data["names"][int(number)], *_corners(shares, width, height))
+                for number, shares in rows
+            ]
+    yield "ultralytics", "yolo", found
 
 
-def _supervision(root: Path) -> Iterator[Found]:
+def _corners(
+    shares: list[float], width: int, height: int
+) -> tuple[float, float, float, float]:
+    x, y, w, h = shares
+    return (
+        (x - w / 2) * width,
+        (y - h / 2) * height,
+        (x + w / 2) * width,
+        (y + h / 2) * height,
+    )
+
+
+def _supervision(root: Path) -> Iterator[tuple[str, str, Boxes]]:
     from supervision import DetectionDataset
 
     sets = {
@@ -114,24 +228,204 @@ def _supervision(root: Path) -> Iterator[Found]:
         ],
     }
     for form, parts in sets.items():
-        boxes = sum(len(one) for part in parts for one in part.annotations.values())
-        yield f"supervision {form}", sum(map(len, parts)), boxes
+        # It takes VOC's corners as they are but for one pixel of the first.
+        yield (
+            "supervision",
+            form,
+            {
+                _key(image): [
+                    (part.classes[number], *xyxy)
+                    for number, xyxy in zip(
+                        boxes.class_id.tolist(), boxes.xyxy.tolist(), strict=True
+                    )
+                ]
+                for part in parts
+                for image, boxes in part.annotations.items()
+            },
+        )
 
 
-def _datumaro(root: Path, forms: Sequence[str]) -> Iterator[Found]:
+def _datumaro(root: Path) -> Iterator[tuple[str, str, Boxes]]:
     import datumaro
 
-    # It calls these formats as we do.
-    for form in forms:
+    kind, numbers = datumaro.AnnotationType.bbox, _keys_of_kitti(root)
+    for form in FORMS:
+        if form in NOT_OF_DATUMARO:
+            continue
+        # It calls these formats as we do.
         dataset = datumaro.Dataset.import_from(str(root / form), form)
-        items = list(dataset)
-        kind = datumaro.AnnotationType.bbox
-        boxes = [one for item in items for one in item.annotations if one.type == kind]
-        yield f"datumaro {form}", len(items), len(boxes)
+        names = dataset.categories()[datumaro.AnnotationType.label]
+        yield (
+            "datumaro",
+            form,
+            {
+                (numbers[item.id] if form == "kitti" else _key(item.id)): [
+                    (names[one.label].name, *map(float, one.points))
+                    for one in item.annotations
+                    if one.type == kind
+                ]
+                for item in dataset
+            },
+        )
 
 
-def _is_right(found: Found, expected: tuple[int, int]) -> bool:
-    return found[1:] == expected
+def _torchvision(root: Path) -> Iterator[tuple[str, str, Boxes]]:
+    from torchvision.datasets import CocoDetection, VOCDetection
+    from torchvision.datasets.voc import ET_parse
+
+    found: Boxes = {}
+    for part in PARTS:
+        file = root / "coco" / "annotations" / f"instances_{part}.json"
+        dataset = CocoDetection(str(root / "coco" / "images" / part), str(file))
+        for number, (_, target) in zip(dataset.ids, dataset, strict=True):
+            names = {key: one["name"] for key, one in dataset.coco.cats.items()}
+            key = _key(dataset.coco.imgs[number]["file_name"])
+            found[key] = _rows_of({"annotations": target}, number, names)
+    yield "torchvision", "coco", found
+    # It looks for a year's folder, and for .jpg, so that only its labels are read.
+    years = root / "torchvision" / "VOCdevkit"
+    years.mkdir(parents=True)
+    (years / "VOC2012").symlink_to(root / "voc")
+    found = {}
+    for part in PARTS:
+        listed = VOCDetection(str(years.parent), "2012", part)
+        for path in listed.annotations:
+            tree = ET_parse(path).getroot()
+            objects = listed.parse_voc_xml(tree)["annotation"].get("object", [])
+            found[_key(path)] = [_voc_row(one) for one in objects]
+    yield "torchvision", "voc", found
+
+
+def _voc_row(one: Mapping[str, Any]) -> Row:
+    """An object of VOC, whose first pixel is number 1, with both ends included."""
+    x_min, y_min, x_max, y_max = (
+        float(one["bndbox"][key]) for key in ("xmin", "ymin", "xmax", "ymax")
+    )
+    return one["name"], x_min - 1, y_min - 1, x_max, y_max
+
+
+def _label_studio(root: Path) -> Iterator[tuple[str, str, Boxes]]:
+    """What Label Studio itself would export as COCO and as YOLO."""
+    from label_studio_sdk.converter import Converter
+
+    folder, out = root / "label-studio", root / "label-studio-out"
+    config = (folder / "label_config.xml").read_text("utf-8")
+    converter = Converter(config, str(folder), download_resources=False)
+    converter.convert_to_coco(
+        str(folder / "tasks.json"), str(out), output_image_dir=None, is_dir=False
+    )
+    document = json.loads((out / "result.json").read_text("utf-8"))
+    names = {one["id"]: one["name"] for one in document["categories"]}
+    yield (
+        "label-studio-sdk",
+        "label-studio",
+        {
+            _key(unquote(image["file_name"])): _rows_of(document, image["id"], names)
+            for image in document["images"]
+        },
+    )
+
+
+def _fiftyone(root: Path) -> Iterator[tuple[str, str, Boxes]]:
+    """By its importers, which need no database, as FiftyOne itself does.
+
+    It cannot read our files of CVAT: it takes their attribute ``id`` for its own.
+    """
+    from fiftyone.utils.coco import COCODetectionDatasetImporter
+    from fiftyone.utils.kitti import KITTIDetectionDatasetImporter
+    from fiftyone.utils.voc import VOCDetectionDatasetImporter
+    from fiftyone.utils.yolo import YOLOv5DatasetImporter
+
+    coco, yolo, voc = root / "coco", str(root / "yolo"), root / "voc"
+    kitti, numbers = root / "kitti" / "training", _keys_of_kitti(root)
+    importers = {
+        "coco": [
+            COCODetectionDatasetImporter(
+                data_path=str(coco / "images" / part),
+                labels_path=str(coco / "annotations" / f"instances_{part}.json"),
+                label_types="detections",
+                extra_attrs=False,  # `instance_id` is a name of its own
+            )
+            for part in PARTS
+        ],
+        "yolo": [
+            YOLOv5DatasetImporter(dataset_dir=yolo, yaml_path="data.yaml", split=part)
+            for part in PARTS
+        ],
+        "voc": [
+            VOCDetectionDatasetImporter(
+                data_path=str(voc / "JPEGImages"), labels_path=str(voc / "Annotations")
+            )
+        ],
+        "kitti": [
+            KITTIDetectionDatasetImporter(
+                data_path=str(kitti / "image_2"), labels_path=str(kitti / "label_2")
+            )
+        ],
+    }
+    for form, parts in importers.items():
+        found: Boxes = {}
+        for part in parts:
+            with part:
+                for image, _, labels in part:
+                    key = numbers[Path(image).stem] if form == "kitti" else _key(image)
+                    found[key] = [
+                        (one.label, *_edges(one.bounding_box, (WIDTH, HEIGHT)))
+                        for one in (labels.detections if labels else ())
+                    ]
+        yield "fiftyone", form, found
+
+
+def _edges(
+    shares: list[float], wh: tuple[int, int]
+) -> tuple[float, float, float, float]:
+    """The corners of a rectangle whose corner and extent are shares of the image."""
+    (x, y, w, h), (width, height) = shares, wh
+    return x * width, y * height, (x + w) * width, (y + h) * height
+
+
+READERS: Final[tuple[Reader, ...]] = (
+    _ultralytics,
+    _supervision,
+    _datumaro,
+    _torchvision,
+    _label_studio,
+    _fiftyone,
+)
+
+
+def _datumaro_again(root: Path) -> Iterator[tuple[str, str]]:
+    import datumaro
+
+    dataset = datumaro.Dataset.import_from(str(root / "coco"), "coco")
+    forms = {"yolo": "yolo_ultralytics", "coco": "coco_instances", "cvat": "cvat"}
+    forms |= {"voc": "voc_detection", "darknet": "yolo", "kitti": "kitti_detection"}
+    for form, name in forms.items():
+        folder = root / "datumaro" / form
+        dataset.export(str(folder), name, save_media=True)
+        yield "datumaro", form
+
+
+def _supervision_again(root: Path) -> Iterator[tuple[str, str]]:
+    from supervision import DetectionDataset
+
+    own, there = root / "yolo", root / "supervision"
+    dataset = DetectionDataset.from_yolo(
+        *(str(own / name / PARTS[0]) for name in ("images", "labels")),
+        str(own / "data.yaml"),
+    )
+    yolo, coco, voc = (str(there / name) for name in ("yolo", "coco", "voc"))
+    dataset.as_yolo(f"{yolo}/images", f"{yolo}/labels", f"{yolo}/data.yaml")
+    dataset.as_coco(f"{coco}/images", f"{coco}/labels.json")
+    dataset.as_pascal_voc(f"{voc}/images", f"{voc}/annotations")
+    for form in ("yolo", "coco", "voc"):
+        yield "supervision", form
+
+
+Writer = Callable[[Path], Iterator[tuple[str, str]]]
+"""Writes the street in formats, and gives its name and each format; see `main`."""
+
+WRITERS: Final[tuple[Writer, ...]] = (_datumaro_again, _supervision_again)
 
 
 if __name__ == "__main__":

@@ -28,6 +28,7 @@ from filter_core.types import ChannelNumbers, Evidence, number_columns
 from unghost.cli.program import LazyCommand
 from unghost.cli.program import app as program
 from unghost.cli.screen import EXIT_CODES
+from unghost.wire.codes import ERROR_CODES
 
 
 class Parameter(Protocol):
@@ -113,6 +114,14 @@ def route_table() -> Iterator[str]:
             yield f"| {method.upper()} | `{path}` | {first} |"
 
 
+def error_code_table() -> Iterator[str]:
+    """Every code of a problem."""
+    yield "| `code` | meaning |"
+    yield "|---|---|"
+    for code, meaning in ERROR_CODES.items():
+        yield f"| `{code}` | {meaning} |"
+
+
 def command_table() -> Iterator[str]:
     """Every command with its one-line help, groups spelled out."""
     yield "| command | what it does |"
@@ -187,6 +196,7 @@ PARTS: Final[dict[str, tuple[Path, Callable[[], Iterator[str]]]]] = {
     "commands": (DOCS / "commands.md", command_table),
     "exit codes": (DOCS / "commands.md", exit_code_table),
     "keys": (DOCS / "review.md", key_table),
+    "error codes": (DOCS / "api.md", error_code_table),
     "routes": (DOCS / "api.md", route_table),
     "formats": (DOCS / "formats.md", format_table),
     "formats of labels": (DOCS / "formats.md", label_formats),

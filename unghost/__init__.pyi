@@ -1,4 +1,11 @@
+from unghost.capture.live import (
+    Live as Live,
+    LiveFrame as LiveFrame,
+    LiveOptions as LiveOptions,
+    live as live,
+)
 from unghost.client.client import (
+    AsyncClient as AsyncClient,
     Client as Client,
 )
 from unghost.client.discovery import (
@@ -13,6 +20,7 @@ from unghost.client.errors import (
     Forbidden as Forbidden,
     Invalid as Invalid,
     InvalidName as InvalidName,
+    NoResponse as NoResponse,
     NotFound as NotFound,
     RunFailed as RunFailed,
     ServerFault as ServerFault,
@@ -73,10 +81,13 @@ from unghost.wire.datasets import (
     FrameProblem as FrameProblem,
     Histogram as Histogram,
     RefusedFrame as RefusedFrame,
+    MapCounts as MapCounts,
     Stats as Stats,
 )
 from unghost.wire.frames import (
+    DistanceBand as DistanceBand,
     Frame as Frame,
+    Report as Report,
     SegmentationReport as SegmentationReport,
     StoredFile as StoredFile,
     StoredFrame as StoredFrame,
@@ -88,6 +99,7 @@ from unghost.wire.runs import (
     ConfigVersion as ConfigVersion,
     Diff as Diff,
     Export as Export,
+    Parts as Parts,
     ExportOptions as ExportOptions,
     Failure as Failure,
     Flip as Flip,

@@ -35,6 +35,7 @@ class AuditAction(str, Enum):
     ANSWERS_UNDONE = "review_batch.undone"
     ANSWER_UNDONE = "review.undone"
     ANSWER_CLEARED = "review.cleared"
+    ANSWERS_IMPORTED = "reviews.imported"
     CONFIG_ACTIVATED = "config.activated"
     RUN_CANCELLED = "run.cancelled"
     EXPORT_CREATED = "export.created"

@@ -154,7 +154,7 @@ def list_tokens(
 
 @tokens_router.post("/tokens", status_code=201, response_model=NewToken)
 def create_token(body: TokenIn, audit: Audited) -> Response:
-    """Create a token; it expires in 90 days by default. Only this response has it."""
+    """Create a token; it lasts until revoked or expired. Only this response has it."""
     ends = body.ends(utc_now())
     made, secret = access.issue(audit, body.name, body.role, ends)
     token = Token.model_validate(made, from_attributes=True)

@@ -13,15 +13,16 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from sqlalchemy.orm import Session
 
-from app.boxes.current import TallyKey, TallyRepository
-from app.boxes.filter import BoxFilter, BoxProbes, selected
+from app.boxes.current import TallyRepository
+from app.boxes.filter import BoxFilter, BoxProbes, TallyKey, selected
 from app.context import ServiceContext
 from app.db.tables import Dataset
 from app.measuring.active import active_version, config_of
 from app.measuring.columns import ColumnCache, DatasetColumns
 from app.measuring.plan import active_measurement
-from app.verdicts import REVIEW_STATES, effective_verdict, in_conflict, needs_review
+from app.verdicts import REVIEW_STATES, effective_verdict, in_conflict
 from filter_core.config.filter import FilterConfig
+from filter_core.decisions.doubt import Bin
 from filter_core.types import Reason, Verdict
 
 
@@ -31,9 +32,11 @@ def count_boxes(
     """The exact number of boxes of a filter."""
     tallies = TallyRepository(session).of_dataset(wanted.dataset_id)
     upper_bound = count_in_tallies(tallies, wanted)
-    if not wanted.has_ranges or not upper_bound:
+    if not wanted.is_beyond_tallies or not upper_bound:
         return upper_bound
-    by_numbers = wanted.effective is None and wanted.conflict is None
+    by_numbers = (
+        wanted.effective is None and wanted.conflict is None and not wanted.has_places
+    )
     held = by_numbers and context.one(ColumnCache).fits(session, dataset.id)
     # Answered boxes are few, and are counted by their index. If the filter selects all
     # others, the answered ones are subtracted from all boxes.
@@ -53,33 +56,12 @@ def count_boxes(
 
 
 def _selected(numbers: DatasetColumns, config: FilterConfig, wanted: BoxFilter) -> int:
-    chosen = selected(numbers, numbers.decided(config), wanted)
-    return int(np.count_nonzero(chosen))
+    return int(np.count_nonzero(selected(numbers, config, wanted)))
 
 
 def count_in_tallies(tallies: Mapping[TallyKey, int], wanted: BoxFilter) -> int:
     """How many boxes the filter selects, ignoring its ranges: an upper bound."""
-    return sum(boxes for key, boxes in tallies.items() if selects(wanted, key))
-
-
-def selects(wanted: BoxFilter, key: TallyKey) -> bool:
-    """Whether a filter without ranges selects the boxes of this tally."""
-    return (
-        (not wanted.reasons or key.reason in wanted.reasons)
-        and (wanted.class_ids is None or key.class_id in wanted.class_ids)
-        and (wanted.toss_up is None or key.toss_up is wanted.toss_up)
-        and _fits_answer(wanted, key)
-    )
-
-
-def _fits_answer(wanted: BoxFilter, key: TallyKey) -> bool:
-    effective = effective_verdict(key.reason, key.review)
-    conflict = in_conflict(key.reason, key.review)
-    return (
-        (not wanted.review or key.review in REVIEW_STATES[wanted.review].answers)
-        and (wanted.effective is None or effective == wanted.effective.value)
-        and (wanted.conflict is None or conflict is wanted.conflict)
-    )
+    return sum(boxes for key, boxes in tallies.items() if wanted.selects(key))
 
 
 @dataclass
@@ -98,9 +80,10 @@ class Counts:
     reasons_by_class: dict[int, dict[str, int]] = field(default_factory=dict)
     reviewed: int = 0
     unsure: int = 0
-    to_review: int = 0
     conflicts: int = 0
     toss_ups: int = 0
+    bins: dict[str, int] = field(default_factory=lambda: {one.label: 0 for one in Bin})
+    """Boxes without a keep or reject, by their bin; those to ask are `to_review`."""
 
 
 def count(tallies: Mapping[TallyKey, int]) -> Counts:
@@ -130,8 +113,8 @@ def _add(counts: Counts, key: TallyKey, boxes: int) -> None:
         counts.conflicts += boxes if in_conflict(key.reason, key.review) else 0
     counts.unsure += boxes if key.review == "unsure" else 0
     counts.toss_ups += boxes if key.toss_up else 0
-    if needs_review(key.reason, key.toss_up, key.review):
-        counts.to_review += boxes
+    if key.review in REVIEW_STATES["undecided"].answers:
+        counts.bins[Bin(key.bin).label] += boxes
 
 
 def summary(counts: Counts) -> dict[str, int]:
@@ -140,16 +123,16 @@ def summary(counts: Counts) -> dict[str, int]:
         "boxes": counts.boxes,
         **counts.verdicts,
         "reviewed": counts.reviewed,
-        "to_review": counts.to_review,
+        "to_review": counts.bins[Bin.ASK.label],
     }
 
 
 def tallies_of(
-    rows: Iterable[tuple[int, int, bool, str | None]],
+    rows: Iterable[tuple[int, int, bool, int, str | None]],
 ) -> dict[TallyKey, int]:
-    """Tallies of single boxes: class, reason, toss-up and review of each."""
+    """Tallies of single boxes: class, reason, toss-up, doubt and review of each."""
     found: dict[TallyKey, int] = {}
-    for class_id, reason, toss_up, review in rows:
-        key = TallyKey(class_id, reason, toss_up, review or "")
+    for class_id, reason, toss_up, doubt, review in rows:
+        key = TallyKey(class_id, reason, toss_up, min(doubt, Bin.ASK), review or "")
         found[key] = found.get(key, 0) + 1
     return found

@@ -1,7 +1,7 @@
 """Current decisions and tallies: the only functions that change them.
 
 `decisions` has a row for each current box. `tallies` counts these rows by class,
-reason, toss-up flag and answer, so both tables have to change together:
+reason, toss-up flag, bin and answer, so both tables have to change together:
 
 - `copy_answers` and `copy_batch` (answers of people), `add` (new boxes) and `retire`
   (the boxes of a former frame) change both.
@@ -20,6 +20,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from functools import lru_cache
 from typing import Final, NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
 from sqlalchemy import (
     ColumnElement,
     Executable,
@@ -29,6 +31,7 @@ from sqlalchemy import (
     case,
     delete,
     func,
+    insert,
     null,
     select,
     union_all,
@@ -36,7 +39,7 @@ from sqlalchemy import (
 )
 from sqlalchemy.orm import Session
 
-from app.boxes.orders import DatasetContents
+from app.boxes.filter import TallyKey
 from app.boxes.queries import FrameRepository
 from app.db.bulk import (
     Written,
@@ -49,20 +52,15 @@ from app.db.bulk import (
     update_rows,
 )
 from app.db.tables import Decision, Frame, Review, Tally
-from filter_core.types import Decisions, Evidence, IntArray, floats_or_none
-
-
-class TallyKey(NamedTuple):
-    """The values that all boxes of a tally share; `review` is empty if unanswered."""
-
-    class_id: int
-    reason: int
-    toss_up: bool
-    review: str
-
+from app.verdicts import BIN
+from filter_core.decisions.doubt import Bin
+from filter_core.types import BoolArray, Decisions, Evidence, IntArray, floats_or_none
 
 _TALLY: Final = ("dataset_id", *TallyKey._fields)
 """Columns of `tallies`, apart from the number of boxes."""
+
+_ALIKE: Final = (Decision.class_id, Decision.reason, Decision.toss_up, BIN)
+"""The values of decisions by which tallies count, apart from the answer."""
 
 
 def copy_answers(session: Session, box_ids: Iterable[int]) -> None:
@@ -99,10 +97,7 @@ _OF_BATCH: Final = Review.batch_id == bindparam("batch")
 @lru_cache
 def _answers_into_tallies(dialect: str, which: ColumnElement[bool]) -> Executable:
     """Move answered boxes from the tallies of their old answers to those of the new."""
-    unchanged = (
-        *(Decision.dataset_id, Decision.class_id),
-        *(Decision.reason, Decision.toss_up),
-    )
+    unchanged = (Decision.dataset_id, *_ALIKE)
     old = func.coalesce(Decision.review, "").label("old")
     new = case((Review.verdict == "clear", ""), else_=Review.verdict).label("new")
     # How many boxes get the answer `new` instead of `old`, for each tally of `old`.
@@ -146,10 +141,13 @@ def add(
     `columns` are those of `decisions`, all equally long.
     """
     insert_columns(session, Decision, columns)
-    alike = Counter(
-        zip(columns["class_id"], columns["reason"], columns["toss_up"], strict=True)
+    alike = zip(
+        *(columns[name] for name in ("class_id", "reason", "toss_up", "doubt")),
+        strict=True,
     )
-    counts = {TallyKey._make([*key, ""]): boxes for key, boxes in alike.items()}
+    counts = Counter(
+        TallyKey._make([*same, min(doubt, Bin.ASK), ""]) for *same, doubt in alike
+    )
     dialect = session.connection().dialect.name
     run_each(session, _counted_in(dialect), _tally_rows(dataset_id, counts))
 
@@ -164,54 +162,73 @@ def retire(session: Session, frame: Frame) -> None:
 
 @lru_cache
 def _frame_out_of_tallies(dialect: str) -> Executable:
-    review = func.coalesce(Decision.review, "")
-    alike = (
-        Decision.dataset_id,
-        Decision.class_id,
-        Decision.reason,
-        Decision.toss_up,
-        review,
-    )
+    alike = (Decision.dataset_id, *_ALIKE, func.coalesce(Decision.review, ""))
     rows = select(*alike, -func.count()).group_by(*alike)
     return _counted_in(dialect, rows.where(Decision.frame_id == bindparam("frame_id")))
+
+
+class Decided(NamedTuple):
+    """The columns of N decisions that a configuration decides: (N,) arrays."""
+
+    reason: NDArray[np.uint8]
+    large: BoolArray
+    toss_up: BoolArray
+    doubt: NDArray[np.int16]
+
+    def differs(self, other: Decided) -> BoolArray:
+        """(N,): which boxes another configuration decides otherwise."""
+        found = np.zeros(len(self.reason), np.bool_)
+        for mine, others in zip(self, other, strict=True):
+            found |= mine != others
+        return found
+
+    def columns(self) -> dict[str, list[object]]:
+        """As columns of `decisions`."""
+        return {name: column.tolist() for name, column in self._asdict().items()}
+
+    @classmethod
+    def of(cls, decisions: Decisions, doubt: NDArray[np.int16]) -> Decided:
+        """Those of the library's decisions, with the doubt about them."""
+        return cls(decisions.reason, decisions.large, decisions.toss_up, doubt)
+
+
+def doubt_again(session: Session, box_ids: IntArray, doubt: NDArray[np.int16]) -> None:
+    """Replace the doubt about boxes, whatever it was.
+
+    The caller has to recount the tallies of the dataset too (`recount_tallies`).
+    """
+    columns = {"box_id": box_ids.tolist(), "doubt": doubt.tolist()}
+    update_rows(session, Decision, columns)
 
 
 def decided_again(
     session: Session,
     box_ids: IntArray,
-    before: Decisions,
-    after: Decisions,
+    before: Decided,
+    after: Decided,
     written: Written,
 ) -> None:
-    """Make these the current decisions; `before` are the ones they replace.
+    """Make `after` the current decisions of boxes where they differ from `before`.
 
     The caller has to replace the tallies of the dataset too (`replace_tallies`).
 
-    Most changes leave the flags alone. Updating only the reason then leaves the two
-    partial indexes alone, which saves a third of the time for a million rows.
+    Only the columns that have changed are written: to leave the indexes on the others
+    alone saves a third of the time for a million rows.
     """
-    flags = (before.large != after.large) | (before.toss_up != after.toss_up)
-    plain = ~flags
-    update_rows(
-        session,
-        Decision,
-        {
-            "box_id": box_ids[plain].tolist(),
-            "reason": after.reason[plain].tolist(),
-        },
-        written,
+    changed = np.array(
+        [mine != other for mine, other in zip(before, after, strict=True)]
     )
-    update_rows(
-        session,
-        Decision,
-        {
-            "box_id": box_ids[flags].tolist(),
-            "reason": after.reason[flags].tolist(),
-            "large": after.large[flags].tolist(),
-            "toss_up": after.toss_up[flags].tolist(),
-        },
-        written,
-    )
+    patterns = np.packbits(changed, axis=0, bitorder="little")[0]
+    for pattern in np.unique(patterns[patterns > 0]).tolist():
+        rows = np.flatnonzero(patterns == pattern)
+        columns = {
+            name: column[rows].tolist()
+            for place, (name, column) in enumerate(after._asdict().items())
+            if pattern >> place & 1
+        }
+        update_rows(
+            session, Decision, {"box_id": box_ids[rows].tolist(), **columns}, written
+        )
 
 
 def measured_again(
@@ -254,6 +271,15 @@ def replace_tallies(
     insert_rows(session, Tally, _tally_rows(dataset_id, counts))
 
 
+def recount_tallies(session: Session, dataset_id: int) -> None:
+    """Count a dataset's decisions anew, after all of them may have changed."""
+    session.execute(delete(Tally).where(Tally.dataset_id == dataset_id))
+    alike = (Decision.dataset_id, *_ALIKE, func.coalesce(Decision.review, ""))
+    rows = select(*alike, func.count()).group_by(*alike)
+    counted = rows.where(Decision.dataset_id == dataset_id)
+    session.execute(insert(Tally).from_select([*_TALLY, "boxes"], counted))
+
+
 def _tally_rows(
     dataset_id: int, counts: Mapping[TallyKey, int]
 ) -> list[dict[str, int | str]]:
@@ -283,17 +309,11 @@ class DecisionRepository:
 
     def per_frame(self, frame_ids: Sequence[int]) -> dict[int, dict[TallyKey, int]]:
         """The tallies of each frame: how many of its boxes share the same values."""
-        alike = (
-            Decision.frame_id,
-            Decision.class_id,
-            Decision.reason,
-            Decision.toss_up,
-            func.coalesce(Decision.review, ""),
-        )
+        alike = (Decision.frame_id, *_ALIKE, func.coalesce(Decision.review, ""))
         rows = select(*alike, func.count()).group_by(*alike)
         found: dict[int, dict[TallyKey, int]] = {key: {} for key in frame_ids}
         for row in self._session.execute(rows.where(Decision.frame_id.in_(frame_ids))):
-            found[row[0]][TallyKey(row[1], row[2], row[3], row[4])] = row[5]
+            found[row[0]][TallyKey._make(row[1:-1])] = row[-1]
         return found
 
     def reviewed(self, dataset_id: int) -> list[tuple[int, str]]:
@@ -314,23 +334,10 @@ class TallyRepository:
 
     def of_dataset(self, dataset_id: int) -> dict[TallyKey, int]:
         """All tallies of a dataset that are not zero."""
-        rows = select(
-            Tally.class_id, Tally.reason, Tally.toss_up, Tally.review, Tally.boxes
-        ).where(Tally.dataset_id == dataset_id, Tally.boxes > 0)
+        columns = (Tally.class_id, Tally.reason, Tally.toss_up, Tally.bin, Tally.review)
+        rows = select(*columns, Tally.boxes).where(
+            Tally.dataset_id == dataset_id, Tally.boxes > 0
+        )
         return {
-            TallyKey(row[0], row[1], row[2], row[3]): row[4]
-            for row in self._session.execute(rows)
+            TallyKey._make(row[:-1]): row[-1] for row in self._session.execute(rows)
         }
-
-    def contents(self, dataset_id: int) -> DatasetContents:
-        """The reasons, classes and flags that occur in a dataset."""
-        found = self.of_dataset(dataset_id)
-        has_large = select(Decision.box_id).where(
-            Decision.dataset_id == dataset_id, Decision.large.is_(True)
-        )
-        return DatasetContents(
-            reasons=tuple(sorted({key.reason for key in found})),
-            class_ids=frozenset(key.class_id for key in found),
-            kinds=frozenset((key.class_id, key.reason, key.toss_up) for key in found),
-            large=self._session.scalar(has_large.limit(1)) is not None,
-        )

@@ -10,58 +10,46 @@ from __future__ import annotations
 import math
 import threading
 from collections import OrderedDict
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
-from typing import Final, NamedTuple, TypeAlias
+from pathlib import Path
+from typing import Final
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from app.engine.children import PixelPool
+from filter_core.annotation.frame import FrameAnnotation, frame_boxes_2d
 from filter_core.errors import FilterError, ImageError
-from filter_core.images.decoding import decode_as_seen
+from filter_core.evidence.depth import (
+    DepthSlice,
+    depth_interval,
+    depth_slice,
+    read_depth,
+)
+from filter_core.formats.files import write_whole
+from filter_core.images.drawing import (
+    GREY,
+    DrawnBox,
+    Picture,
+    as_png,
+    as_webp,
+    decoded,
+    draw_boxes,
+)
 from filter_core.images.header import read_image_header
 from filter_core.segmentation.palettes import FAMILIES
 from filter_core.segmentation.reading import SegmentationOptions, read_segmentation
 from unghost.wire.words import LayerName
 
-Picture: TypeAlias = NDArray[np.uint8]
-"""(H, W, 3), B, G, R."""
-
-THUMBNAIL_WIDTH_PX: Final = 384
-MAX_THUMBNAIL_HEIGHT_PX: Final = 768
+MOST_PX: Final = 16_383
+"""Of the longer side of a WebP."""
+_TALLEST: Final = 2
+"""The most rows of a thumbnail for each of its columns."""
 MAX_CROP_WIDTH_PX: Final = 4096
 _MAX_ENLARGEMENT: Final = 8
-_JPEG_QUALITY: Final = 88
-_GREY: Final = 96
 _HALVED: Final = 2
-_AROUND_PX: Final = 16
-"""How far lines are drawn beyond the picture, so that no end shows at its border."""
-
-# Okabe and Ito's palette, which people of any colour vision can tell apart; as B, G, R.
-COLORS: Final[Mapping[str, tuple[int, int, int]]] = {
-    "kept": (115, 158, 0),
-    "rejected": (0, 94, 213),
-    "unmeasured": (153, 153, 153),
-}
-_DASHES: Final[Mapping[str, tuple[int, int]]] = {
-    "kept": (1, 0),
-    "rejected": (9, 8),
-    "unmeasured": (1, 7),
-}
-"""Pixels drawn and left out in turn; round ends take up to two on either side."""
-_SOLID: Final = (1, 0)
-_MOST_DASHES: Final = 100_000
-_HALO: Final = (20, 20, 20)
-
-
-class DrawnBox(NamedTuple):
-    """The parts of a box that are drawn: rectangle and edges of its 3D box, in px."""
-
-    verdict: str
-    xyxy: Sequence[float] | None
-    edges: Sequence[Sequence[float]] | None
 
 
 @dataclass(frozen=True)
@@ -70,17 +58,21 @@ class Layer:
 
     Attributes
     ----------
-    name : ``image``, ``segmentation`` in its palette's colours, or ``blend`` of both
+    name : ``image``, ``segmentation`` in its palette's colours, ``blend`` of both,
+        ``depth`` from near (warm) to far (cold), or ``instances``, each in a colour
     image, segmentation : bytes or None
         The files as they were sent. Without an image, the background is grey.
     reading : SegmentationOptions or None
         How the segmentation was read when it was measured.
+    measured : bytes or None
+        The depth or instance image, if that is the layer.
     """
 
     name: LayerName
     image: bytes | None
     segmentation: bytes | None
     reading: SegmentationOptions | None
+    measured: bytes | None = None
 
     def picture(self) -> Picture:
         """The background, decoded and painted.
@@ -92,10 +84,13 @@ class Layer:
         """
         if self.name == "segmentation":
             return self._painted()
+        if self.measured is not None:
+            paint = _painted_depth if self.name == "depth" else _painted_instances
+            return paint(self.measured)
         image = (
-            np.full_like(self._painted(), _GREY)
+            np.full_like(self._painted(), GREY)
             if self.image is None
-            else _decoded(self.image)
+            else decoded(self.image)
         )
         if self.name == "image":
             return image
@@ -110,8 +105,30 @@ class Layer:
         return np.ascontiguousarray(painted[:, :, ::-1])
 
 
-def thumbnail(image: bytes) -> bytes:
-    """A small JPEG of an image file, at most 384 x 768 px.
+_FARTHEST_M: Final = 200.0
+"""Depths from here on have the same colour."""
+
+
+def _painted_depth(content: bytes) -> Picture:
+    metres = read_depth(content).metres(np.s_[:, :])
+    share = np.log(np.clip(metres, 1.0, _FARTHEST_M)) / math.log(_FARTHEST_M)
+    shades = np.rint(255 * (1 - share)).astype(np.uint8)
+    return np.asarray(cv2.applyColorMap(shades, cv2.COLORMAP_TURBO), np.uint8)
+
+
+def _painted_instances(content: bytes) -> Picture:
+    """The same colour for the same object, and different ones for most others."""
+    pixels = decoded(content).astype(np.uint32)
+    packed = pixels[..., 0] | pixels[..., 1] << 8 | pixels[..., 2] << 16
+    mixed = packed * np.uint32(2654435761)
+    planes = [0x40 + (mixed >> shift & 0xBF) for shift in (8, 16, 24)]
+    return np.stack(planes, axis=-1).astype(np.uint8)
+
+
+def thumbnail(image: bytes, width: int) -> bytes:
+    """A WebP of an image file, at most `width` px wide and twice as high.
+
+    It is never larger than the image.
 
     Raises
     ------
@@ -120,37 +137,64 @@ def thumbnail(image: bytes) -> bytes:
     """
     # Decoding at half the size is three times faster. A single row or column of pixels
     # is decoded in full, because OpenCV would leave nothing of it.
-    is_thin = min(read_image_header(image).wh) < _HALVED
-    flags = cv2.IMREAD_COLOR if is_thin else cv2.IMREAD_REDUCED_COLOR_2
-    small = _decoded(image, flags)
-    width, height = _fitted(
-        small.shape[1], small.shape[0], THUMBNAIL_WIDTH_PX, MAX_THUMBNAIL_HEIGHT_PX
+    wh = read_image_header(image).wh
+    is_whole = min(wh) < _HALVED or max(wh) < _HALVED * width
+    flags = cv2.IMREAD_COLOR if is_whole else cv2.IMREAD_REDUCED_COLOR_2
+    read = decoded(image, flags)
+    size = _fitted(
+        read.shape[1], read.shape[0], width, min(width * _TALLEST, MOST_PX), 1.0
     )
-    return _as_jpeg(cv2.resize(small, (width, height), interpolation=cv2.INTER_AREA))
+    return as_webp(cv2.resize(read, size, interpolation=cv2.INTER_AREA))
 
 
-def crop(layer: Layer, xyxy: Sequence[float], pad: float, height: int) -> bytes:
-    """The part of a picture around a box as JPEG, at most 4096 px wide.
+def crop(
+    layer: Layer, xyxy: Sequence[float], pad: float, height: int, least: int = 0
+) -> bytes:
+    """The part of a picture around a box as WebP, at most 4096 px wide.
 
-    `pad` is the margin on every side, as a fraction of the box's longer side; `height`
-    is the maximum height in px.
+    `pad` is the margin on every side, as a fraction of the box's longer side; `least`
+    is the least width and height of the part in px of the frame; `height` is the
+    maximum height of the result in px.
     """
     picture = layer.picture()
     rows, columns = picture.shape[:2]
-    margin = pad * max(xyxy[2] - xyxy[0], xyxy[3] - xyxy[1], 1.0)
-    x0 = int(np.clip(np.floor(xyxy[0] - margin), 0, columns - 1))
-    y0 = int(np.clip(np.floor(xyxy[1] - margin), 0, rows - 1))
-    x1 = int(np.clip(np.ceil(xyxy[2] + margin), x0 + 1, columns))
-    y1 = int(np.clip(np.ceil(xyxy[3] + margin), y0 + 1, rows))
+    wide, high = xyxy[2] - xyxy[0], xyxy[3] - xyxy[1]
+    margin = pad * max(wide, high, 1.0)
+    across, down = max(margin, (least - wide) / 2), max(margin, (least - high) / 2)
+    x0 = int(np.clip(np.floor(xyxy[0] - across), 0, columns - 1))
+    y0 = int(np.clip(np.floor(xyxy[1] - down), 0, rows - 1))
+    x1 = int(np.clip(np.ceil(xyxy[2] + across), x0 + 1, columns))
+    y1 = int(np.clip(np.ceil(xyxy[3] + down), y0 + 1, rows))
     part = picture[y0:y1, x0:x1]
     size = _fitted(x1 - x0, y1 - y0, MAX_CROP_WIDTH_PX, height, _MAX_ENLARGEMENT)
     shrinks = size[1] < y1 - y0 or size[0] < x1 - x0
     interpolation = cv2.INTER_AREA if shrinks else cv2.INTER_CUBIC
-    return _as_jpeg(cv2.resize(part, size, interpolation=interpolation))
+    return as_webp(cv2.resize(part, size, interpolation=interpolation))
+
+
+def slice_of_box(
+    content: bytes, annotation: FrameAnnotation, position: int, xyxy: Sequence[float]
+) -> DepthSlice:
+    """Where a box and its pixels are on the axis of depth.
+
+    `position` is that of the box in the annotation; `xyxy` is its rectangle.
+
+    Raises
+    ------
+    ImageError
+        The depth image cannot be read.
+    """
+    depth = read_depth(content)
+    interval = np.full(2, np.nan)
+    if annotation.camera is not None:
+        vertices = frame_boxes_2d(annotation, depth.wh).vertices
+        rows = slice(position, position + 1)
+        interval = depth_interval(vertices[rows], annotation.camera, 0.0)[0]
+    return depth_slice(depth, xyxy, interval)
 
 
 def overlay(layer: Layer, boxes: Sequence[DrawnBox], edges: bool) -> bytes:
-    """A picture with boxes drawn on it as JPEG; without boxes, lossless PNG.
+    """A picture with boxes drawn on it as WebP; without boxes, lossless PNG.
 
     `edges` draws the edges of 3D boxes in place of rectangles, where there are any.
     """
@@ -158,7 +202,7 @@ def overlay(layer: Layer, boxes: Sequence[DrawnBox], edges: bool) -> bytes:
     if not boxes:
         return as_png(canvas)
     draw_boxes(canvas, boxes, edges=edges)
-    return _as_jpeg(canvas)
+    return as_webp(canvas)
 
 
 def _fitted(
@@ -172,142 +216,16 @@ def _fitted(
     )
 
 
-def draw_boxes(canvas: Picture, boxes: Sequence[DrawnBox], *, edges: bool) -> None:
-    """Draw on the picture itself: kept solid, rejected dashed, unmeasured dotted.
-
-    After `_MOST_DASHES` dashes in all, which nobody could tell apart, lines are solid.
-    """
-    left = _MOST_DASHES
-    for box in boxes:
-        lines = [
-            shown
-            for line in _lines(box, edges=edges)
-            if (shown := _within(line, canvas.shape[1], canvas.shape[0]))
-        ]
-        for line in lines:
-            _draw(canvas, line, _SOLID, _HALO, 3)
-        dash = _DASHES[box.verdict]
-        left -= int(sum(map(_length, lines)) / sum(dash))
-        if left < 0:
-            dash = _SOLID
-        for line in lines:
-            _draw(canvas, line, dash, COLORS[box.verdict], 2)
-
-
-_Line: TypeAlias = tuple[float, float, float, float]
-"""x and y of the start, then of the end, in px."""
-
-
-def _within(line: _Line, width: int, height: int) -> _Line | None:
-    """The visible part of a line; None if there is none, or an end is not finite.
-
-    References
-    ----------
-    .. [1] Liang and Barsky, "A new concept and method for line clipping", 1984.
-    """
-    if not np.isfinite(line).all():
-        return None
-    x0, y0, x1, y1 = line
-    first, last = 0.0, 1.0
-    for start, step, most in ((x0, x1 - x0, width), (y0, y1 - y0, height)):
-        low, high = -_AROUND_PX - start, most + _AROUND_PX - start
-        if step == 0:
-            if low > 0 or high < 0:
-                return None
-            continue
-        begin, end = sorted((low / step, high / step))
-        first, last = max(first, begin), min(last, end)
-    if first > last:
-        return None
-    if (first, last) == (0.0, 1.0):
-        return line
-    return (
-        x0 + first * (x1 - x0),
-        y0 + first * (y1 - y0),
-        x0 + last * (x1 - x0),
-        y0 + last * (y1 - y0),
-    )
-
-
-def _lines(box: DrawnBox, *, edges: bool) -> Iterator[_Line]:
-    if edges and box.edges:
-        for x0, y0, x1, y1 in box.edges:
-            yield x0, y0, x1, y1
-        return
-    if box.xyxy is None:
-        return
-    x0, y0, x1, y1 = box.xyxy
-    corners = [(x0, y0), (x1, y0), (x1, y1), (x0, y1)]
-    for start, end in zip(corners, [*corners[1:], corners[0]], strict=True):
-        yield (*start, *end)
-
-
-def _draw(
-    canvas: Picture,
-    line: _Line,
-    dash: tuple[int, int],
-    color: tuple[int, int, int],
-    width: int,
-) -> None:
-    start, end = np.array(line[:2]), np.array(line[2:])
-    length = _length(line)
-    on, off = dash
-    if off == 0 or length == 0:
-        cv2.line(canvas, _pixel(start), _pixel(end), color, width, cv2.LINE_AA)
-        return
-    along = (end - start) / length
-    for begin in np.arange(0.0, length, on + off):
-        stop = min(begin + on, length)
-        cv2.line(
-            canvas,
-            _pixel(start + along * begin),
-            _pixel(start + along * stop),
-            color,
-            width,
-            cv2.LINE_AA,
-        )
-
-
-def _length(line: _Line) -> float:
-    return math.hypot(line[2] - line[0], line[3] - line[1])
-
-
-def _pixel(point: NDArray[np.float64]) -> tuple[int, int]:
-    return round(float(point[0])), round(float(point[1]))
-
-
-def _decoded(image: bytes, flags: int = cv2.IMREAD_COLOR) -> Picture:
-    """An image file in the frame of reference of its boxes, and opaque.
-
-    Raises
-    ------
-    ImageError
-        It cannot be decoded, or the decoded picture does not match its header.
-    """
-    picture = decode_as_seen(image, read_image_header(image), flags)
-    if picture is None:
-        raise ImageError("the image cannot be decoded: it is damaged")
-    return picture
-
-
-def _as_jpeg(picture: Picture | cv2.typing.MatLike) -> bytes:
-    _, content = cv2.imencode(
-        ".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY]
-    )
-    return content.tobytes()
-
-
-def as_png(picture: Picture) -> bytes:
-    """A picture as PNG, with fast compression."""
-    _, content = cv2.imencode(".png", picture, [cv2.IMWRITE_PNG_COMPRESSION, 1])
-    return content.tobytes()
-
-
-JPEG: Final = "image/jpeg"
+WEBP: Final = "image/webp"
 PNG: Final = "image/png"
 MOST_REFUSED: Final = 1000
 KEPT_BYTES: Final = 64 * 1024**2
 """Size of the cache of drawn pictures: some 4,000 crops."""
+PICTURES: Final = "pictures"
+"""Folder in the data folder with pictures that were drawn once. It may be deleted."""
+STORED_BYTES: Final = 2 * 1024**3
+_LOOKED_THROUGH: Final = "00"
+"""How the tags begin of those pictures, one of 256, after which room is made."""
 
 
 @dataclass(frozen=True)
@@ -321,11 +239,49 @@ class Drawing:
     media_type : str
     draw : function of a PixelPool and the event that `PixelPool.run` takes
         Reads the files and returns the encoded picture.
+    is_lasting : bool
+        Whether it is kept in the data folder: a picture without verdicts, which change.
     """
 
     tag: str
     media_type: str
     draw: Callable[[PixelPool, threading.Event], bytes]
+    is_lasting: bool = False
+
+    def content(
+        self, pool: PixelPool, cancelled: threading.Event, folder: Path
+    ) -> bytes:
+        """The picture, from the folder of those drawn before, or drawn and kept there.
+
+        A folder that cannot be written to keeps nothing.
+        """
+        path = folder / self.tag[:2] / self.tag
+        if self.is_lasting:
+            with suppress(OSError):
+                return path.read_bytes()
+        content = self.draw(pool, cancelled)
+        if self.is_lasting:
+            with suppress(OSError):
+                path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+                write_whole(path, content)
+                if self.tag.startswith(_LOOKED_THROUGH):
+                    make_room_for_pictures(folder)
+        return content
+
+
+def make_room_for_pictures(folder: Path, most_bytes: int = STORED_BYTES) -> None:
+    """Delete the oldest of the kept pictures until they have at most so many bytes."""
+    found = sorted(
+        (state.st_mtime_ns, state.st_size, path)
+        for path in folder.glob("??/*")
+        for state in [path.stat()]
+    )
+    left = sum(size for _, size, _ in found)
+    for _, size, path in found:
+        if left <= most_bytes:
+            return
+        path.unlink(missing_ok=True)
+        left -= size
 
 
 class DrawnPictures:

@@ -13,6 +13,7 @@ from sqlalchemy import (
     ColumnElement,
     and_,
     case,
+    exists,
     false,
     func,
     literal,
@@ -23,19 +24,23 @@ from sqlalchemy import (
 from sqlalchemy.orm import Session
 
 from app.db.bulk import chunks
-from app.db.tables import Box, Dataset, Decision
+from app.db.tables import Box, Dataset, Decision, Frame, Review
 from app.errors import BadRequest
 from app.measuring.active import active_version, config_of
 from app.measuring.columns import DatasetColumns
 from app.measuring.queries import DatasetRepository
 from app.verdicts import (
     REVIEW_STATES,
+    effective_verdict,
+    in_bin,
+    in_conflict,
     is_effective,
     is_in_conflict,
     is_not_in_conflict,
     reasons_of,
 )
-from filter_core.config.filter import DecideConfig
+from filter_core.config.filter import DecideConfig, FilterConfig
+from filter_core.decisions.doubt import BIN_NAMED, Bin, bins_of
 from filter_core.decisions.rules import deciding_thresholds
 from filter_core.types import (
     BoolArray,
@@ -49,6 +54,16 @@ from unghost.wire.boxes import BoxSelection
 
 _WITHOUT_MATCH: Final = [int(reason) for reason in Reason if not reason.in_image]
 """Reasons of boxes without a pixel in the image; the database has 0 as their match."""
+
+
+class TallyKey(NamedTuple):
+    """The values that all boxes of a tally share; `review` is empty if unanswered."""
+
+    class_id: int
+    reason: int
+    toss_up: bool
+    bin: int
+    review: str
 
 
 class Side(NamedTuple):
@@ -108,7 +123,9 @@ def class_thresholds(
 class BoxFilter:
     """A selection of boxes; None or empty means any.
 
-    `match_min` and the fields after it are ranges of numbers, which are not in tallies.
+    `not_by` leaves out boxes that this person has answered; it is not in tallies.
+    `match_min` and the fields after it are not in tallies: ranges of numbers, then the
+    key of a frame, and what its annotation says of it.
     """
 
     dataset_id: int
@@ -117,13 +134,19 @@ class BoxFilter:
     review: str = ""
     effective: Verdict | None = None
     toss_up: bool | None = None
+    bin: Bin | None = None
     conflict: bool | None = None
     match_min: float | None = None
     match_max: float | None = None
     margin_max: float | None = None
     distance_min: float | None = None
     distance_max: float | None = None
+    frame: str | None = None
+    map: str | None = None
+    camera: str | None = None
+    sequence: str | None = None
     thresholds: tuple[ClassThresholds, ...] = ()
+    not_by: str = ""
 
     def conditions(self) -> list[ColumnElement[bool]]:
         """The selection as SQL."""
@@ -134,7 +157,7 @@ class BoxFilter:
         return [Decision.dataset_id + 0 == self.dataset_id, *self._conditions()]
 
     def _conditions(self) -> list[ColumnElement[bool]]:
-        found: list[ColumnElement[bool]] = []
+        found = [] if self.bin is None else [in_bin(self.bin)]
         if self.reasons:
             found.append(Decision.reason.in_(self.reasons))
         if self.class_ids is not None:
@@ -147,23 +170,49 @@ class BoxFilter:
             found.append(Decision.toss_up.is_(self.toss_up))
         if self.conflict is not None:
             found.append(is_in_conflict() if self.conflict else is_not_in_conflict())
+        if self.not_by:
+            own = (Review.box_id == Decision.box_id) & (Review.reviewer == self.not_by)
+            found.append(~exists().where(own, Review.undoes.is_(None)))
         return found + self._ranges()
 
-    def unanswered(self) -> list[ColumnElement[bool]]:
-        """A condition to add where the index of unanswered boxes should be read.
-
-        The database prefers that index even where another one leads to far fewer boxes.
-        """
-        return [Decision.review.is_(None)] if self.review == "none" else []
+    def frame_conditions(self) -> list[ColumnElement[bool]]:
+        """The frames that can have such boxes, as SQL: newest revisions alone."""
+        places = {Frame.key: self.frame, Frame.map: self.map}
+        places |= {Frame.camera: self.camera, Frame.sequence: self.sequence}
+        return [
+            Frame.dataset_id == self.dataset_id,
+            Frame.superseded_at.is_(None),
+            *(column == text for column, text in places.items() if text is not None),
+        ]
 
     @property
-    def has_ranges(self) -> bool:
-        """Whether it has ranges of numbers, which are not in tallies."""
+    def has_places(self) -> bool:
+        """Whether it selects boxes by their frames, which are not in tallies."""
+        places = (self.frame, self.map, self.camera, self.sequence)
+        return any(text is not None for text in places)
+
+    def selects(self, key: TallyKey) -> bool:
+        """Whether it selects the boxes of this tally, its ranges aside."""
+        effective = effective_verdict(key.reason, key.review)
+        conflict = in_conflict(key.reason, key.review)
+        return (
+            (not self.reasons or key.reason in self.reasons)
+            and (self.class_ids is None or key.class_id in self.class_ids)
+            and (self.toss_up is None or key.toss_up is self.toss_up)
+            and (self.bin is None or key.bin == self.bin)
+            and (not self.review or key.review in REVIEW_STATES[self.review].answers)
+            and (self.effective is None or effective == self.effective.value)
+            and (self.conflict is None or conflict is self.conflict)
+        )
+
+    @property
+    def is_beyond_tallies(self) -> bool:
+        """Whether it has ranges of numbers or frames, which are not in tallies."""
         ranges = (
             *(self.match_min, self.match_max, self.margin_max),
             *(self.distance_min, self.distance_max),
         )
-        return any(limit is not None for limit in ranges)
+        return self.has_places or any(limit is not None for limit in ranges)
 
     @property
     def is_found_by_match(self) -> bool:
@@ -183,6 +232,9 @@ class BoxFilter:
 
     def _ranges(self) -> list[ColumnElement[bool]]:
         found: list[ColumnElement[bool]] = []
+        if self.has_places:
+            frames = select(Frame.id).where(*self.frame_conditions())
+            found.append(Decision.frame_id.in_(frames))
         if self.has_match_range:
             found.append(Decision.reason.not_in(_WITHOUT_MATCH))
         if self.match_min is not None:
@@ -215,12 +267,17 @@ def to_filter(session: Session, dataset: Dataset, wanted: BoxSelection) -> BoxFi
         review=_review(wanted.review),
         effective=Verdict(wanted.effective) if wanted.effective else None,
         toss_up=wanted.toss_up,
+        bin=None if wanted.bin is None else BIN_NAMED[wanted.bin],
         conflict=wanted.conflict,
         match_min=wanted.match_min,
         match_max=wanted.match_max,
         margin_max=wanted.margin_max,
         distance_min=wanted.distance_min,
         distance_max=wanted.distance_max,
+        frame=wanted.frame,
+        map=wanted.map,
+        camera=wanted.camera,
+        sequence=wanted.sequence,
         thresholds=class_thresholds(config, classes),
     )
 
@@ -327,9 +384,7 @@ class BoxProbes:
 
     def every(self, wanted: BoxFilter) -> IntArray:
         """All boxes of the filter, in no order."""
-        # Toss-ups are far fewer than boxes without an answer.
-        unanswered = [] if wanted.toss_up else wanted.unanswered()
-        rows = select(Decision.box_id).where(*wanted.conditions(), *unanswered)
+        rows = select(Decision.box_id).where(*wanted.conditions())
         return np.fromiter(self._session.scalars(rows), np.int64)
 
 
@@ -370,14 +425,13 @@ def _review(wanted: str | None) -> str:
 
 
 def selected(
-    numbers: DatasetColumns, decisions: Decisions, wanted: BoxFilter
+    numbers: DatasetColumns, config: FilterConfig, wanted: BoxFilter
 ) -> BoolArray:
     """Which boxes the filter selects, as in SQL; filters by answers are not applied.
 
     NaN is in no range, and neither is the match of a box that is not in the image.
     """
-    evidence = numbers.evidence
-    match, distance = evidence.match_percent, evidence.distance
+    decisions = numbers.decided(config)
     chosen = np.ones(len(numbers), np.bool_)
     if wanted.reasons:
         chosen &= np.isin(decisions.reason, wanted.reasons)
@@ -385,6 +439,17 @@ def selected(
         chosen &= np.isin(numbers.class_ids, wanted.class_ids)
     if wanted.toss_up is not None:
         chosen &= decisions.toss_up == wanted.toss_up
+    if wanted.bin is not None:
+        chosen &= bins_of(numbers.doubt(config)) == wanted.bin
+    return chosen & _in_ranges(numbers, decisions, wanted)
+
+
+def _in_ranges(
+    numbers: DatasetColumns, decisions: Decisions, wanted: BoxFilter
+) -> BoolArray:
+    """Which boxes are in the filter's ranges of numbers."""
+    match, distance = numbers.evidence.match_percent, numbers.evidence.distance
+    chosen = np.ones(len(numbers), np.bool_)
     if wanted.margin_max is not None:
         threshold = _thresholds(numbers, decisions, wanted.thresholds)
         chosen &= match >= threshold - wanted.margin_max

@@ -4,38 +4,40 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 import threading
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Final
 
 from sqlalchemy.orm import Session
 
 from app.access.audit import AuditAction, AuditTrail
 from app.access.service import require_own
 from app.boxes.counts import count, summary
-from app.boxes.current import (
-    DecisionRepository,
-    TallyKey,
-    retire,
-)
+from app.boxes.current import DecisionRepository, retire
 from app.boxes.drawing import (
-    JPEG,
     PNG,
+    WEBP,
     Drawing,
-    DrawnBox,
     Layer,
     crop,
     overlay,
+    slice_of_box,
     thumbnail,
 )
+from app.boxes.filter import TallyKey
 from app.boxes.queries import (
+    BANDS_M,
     FileRow,
     FrameFilter,
     FrameRepository,
+    GhostRepository,
     LatestAnswers,
     PageRequest,
 )
 from app.boxes.reader import DecisionReader, StoredDecision, read_box
+from app.context import ServiceContext
 from app.db.base import filled
 from app.db.tables import Dataset, Frame
 from app.engine.children import PixelPool
@@ -47,10 +49,14 @@ from app.measuring.queries import (
 )
 from app.security import Principal
 from app.storage.base import BlobStore
+from app.verdicts import effective_verdict
+from filter_core.annotation.parsing import parse_annotation
+from filter_core.evidence.depth import DepthSlice
+from filter_core.images.drawing import DrawnBox
 from filter_core.pipeline import SegmentationReport
 from filter_core.segmentation.reading import SegmentationOptions
 from filter_core.types import VERDICTS
-from filter_core.values import JsonObject
+from filter_core.values import JsonObject, as_text
 from unghost.wire.frames import CropQuery, FrameDetails, OverlayQuery, StoredFile
 from unghost.wire.words import FileKind, LayerName
 
@@ -115,6 +121,30 @@ def _summary(
     }
 
 
+def report_of(session: Session, dataset: Dataset) -> dict[str, object]:
+    """A `wire.Report`: where the ghosts of a dataset are."""
+    ghosts = GhostRepository(session)
+    bands: dict[int | None, dict[str, int]] = {}
+    for (band, reason, answer), boxes in ghosts.by_distance(dataset.id).items():
+        counts = bands.setdefault(band, {one.value: 0 for one in VERDICTS})
+        counts[effective_verdict(reason, answer)] += boxes
+    ends: dict[int | None, int] = {end - 50: end for end in BANDS_M}
+    in_turn = sorted(bands, key=lambda band: math.inf if band is None else band)
+    ids = ghosts.worst_frames(dataset.id, WORST)
+    frames = [FrameRepository(session).with_id(one) for one in ids]
+    return {
+        "by_distance": [
+            {"distance_from": band, "distance_to": ends.get(band), **bands[band]}
+            for band in in_turn
+        ],
+        "worst_frames": frame_summaries(session, dataset, frames),
+    }
+
+
+WORST: Final = 12
+"""Frames in a report."""
+
+
 def describe_frame(session: Session, frame_id: int) -> dict[str, object]:
     """A `wire.Frame`; its decisions are dicts, since there may be thousands of them."""
     frame, details, decisions = _described(session, frame_id)
@@ -169,6 +199,8 @@ def frame_details(
         carla_version=frame.carla_version,
         captured_text=frame.captured_at,
         weather=frame.annotation.get("weather"),
+        sequence=as_text(frame.annotation.get("sequence")),
+        split=as_text(frame.annotation.get("split")),
         superseded=frame.superseded_at is not None,
         segmentation=report,
         files=_stored_files(frame.id, files),
@@ -229,29 +261,29 @@ class FramePictures:
     files: Mapping[str, FileRow]
     reading: SegmentationOptions | None
 
-    def thumbnail(self) -> Drawing:
-        """A small picture of the image; raises NotFound if there is none."""
+    def thumbnail(self, width: int) -> Drawing:
+        """A picture of the image, so wide at most; raises NotFound if there is none."""
         if "image" not in self.files:
             raise NotFound("image of frame", self.frame_id)
         digest = self.files["image"].sha256
 
         def draw(pool: PixelPool, cancelled: threading.Event) -> bytes:
             image = self.storage.read(digest)
-            return pool.run(thumbnail, image, cancelled=cancelled)
+            return pool.run(thumbnail, image, width, cancelled=cancelled)
 
-        return Drawing(f"{digest}-thumbnail", JPEG, draw)
+        return Drawing(f"{digest}-{width}", WEBP, draw, is_lasting=True)
 
-    def crop(
-        self, layer: LayerName, xyxy: Sequence[float], pad: float, height: int
-    ) -> Drawing:
+    def crop(self, xyxy: Sequence[float], wanted: CropQuery) -> Drawing:
         """The part of a layer around a rectangle; raises NotFound."""
+        layer, size = wanted.layer, (wanted.pad, wanted.height, wanted.least)
         self._require(layer)
 
         def draw(pool: PixelPool, cancelled: threading.Event) -> bytes:
             files = self._read(layer)
-            return pool.run(crop, files, xyxy, pad, height, cancelled=cancelled)
+            return pool.run(crop, files, xyxy, *size, cancelled=cancelled)
 
-        return Drawing(self._tag("crop", xyxy, layer, pad, height), JPEG, draw)
+        tag = self._tag("crop", xyxy, layer, *size)
+        return Drawing(tag, WEBP, draw, is_lasting=True)
 
     def overlay(
         self, layer: LayerName, boxes: Sequence[DrawnBox], *, edges: bool
@@ -264,7 +296,7 @@ class FramePictures:
             return pool.run(overlay, files, boxes, edges, cancelled=cancelled)
 
         tag = self._tag("overlay", layer, "3d" if edges else "2d", boxes)
-        return Drawing(tag, JPEG if boxes else PNG, draw)
+        return Drawing(tag, WEBP if boxes else PNG, draw)
 
     def _tag(self, *what: object) -> str:
         digests = [file.sha256 for _, file in sorted(self.files.items())]
@@ -272,6 +304,10 @@ class FramePictures:
         return hashlib.sha256(text.encode()).hexdigest()[:32]
 
     def _require(self, layer: LayerName) -> None:
+        if layer in _OF_ONE_FILE:
+            if layer not in self.files:
+                raise NoSuchFile(layer, self.frame_id)
+            return
         needs_segmentation = layer != "image" or "image" not in self.files
         if needs_segmentation and (
             "segmentation" not in self.files or self.reading is None
@@ -280,8 +316,8 @@ class FramePictures:
 
     def _read(self, layer: LayerName) -> Layer:
         needed = {"image", "segmentation"}
-        if layer == "segmentation":
-            needed = {"segmentation"}
+        if layer == "segmentation" or layer in _OF_ONE_FILE:
+            needed = {layer}
         elif layer == "image" and "image" in self.files:
             needed = {"image"}
         read = {
@@ -289,7 +325,13 @@ class FramePictures:
             for kind, file in self.files.items()
             if kind in needed
         }
-        return Layer(layer, read.get("image"), read.get("segmentation"), self.reading)
+        files = (read.get("image"), read.get("segmentation"))
+        measured = read[layer] if layer in _OF_ONE_FILE else None
+        return Layer(layer, *files, self.reading, measured)
+
+
+_OF_ONE_FILE: Final = ("depth", "instances")
+"""Layers that are painted from the file of this kind alone."""
 
 
 def frame_pictures(
@@ -336,7 +378,30 @@ def crop_of(
     (xyxy,) = boxes.rectangles()
     if xyxy is None:
         raise NotFound("rectangle in the image of box", box_id)
-    return pictures.crop(wanted.layer, xyxy, wanted.pad, wanted.height)
+    return pictures.crop(xyxy, wanted)
+
+
+def slice_of(context: ServiceContext, session: Session, box_id: int) -> DepthSlice:
+    """Where a box and its pixels are on the axis of depth.
+
+    Raises
+    ------
+    NotFound
+        The box is not in the image, or its frame has no depth image.
+    FilterError
+        The depth image cannot be read.
+    """
+    _, boxes = read_box(session, box_id)
+    (xyxy,) = boxes.rectangles()
+    if xyxy is None:
+        raise NotFound("rectangle in the image of box", box_id)
+    frame_id = boxes.rows.frame_ids[0]
+    frame = FrameRepository(session).with_id(frame_id, annotation=True)
+    content = context.storage.read(frame_file(session, frame_id, "depth").sha256)
+    annotation = replace(parse_annotation(frame.annotation, frame=frame.key), raw={})
+    position = box_id - filled(frame.first_box_id)
+    work = (slice_of_box, content, annotation, position, xyxy)
+    return context.drawers.run(*work)
 
 
 def overlay_of(

@@ -1,21 +1,18 @@
 """Pages of boxes in the orders of lists and the queue, read from indexes.
 
-Doubt orders boxes by the distance of their match to a threshold. That distance is not a
-column: when a threshold changes, a million rows would have to be rewritten. But the
-index on (dataset, class, match), read from a class's threshold on, is in the order of
-the distance: upwards for kept boxes, downwards for rejected ones. Each such index scan
-is a `Stream`; a page is merged from the streams of all classes. With hundreds of
-classes there would be thousands of streams: then the database computes the distance of
-each box and sorts (`MOST_KINDS`).
+Doubt is a column (`filter_core.decisions.doubt`). The boxes to ask about have an index
+that is in its order, for each kind of answer; those of the other bins follow, by id. If
+a filter selects few of the boxes to ask about, these are found by other indexes, and
+sorted.
 """
 
 from __future__ import annotations
 
 import base64
 import json
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Final, NamedTuple, TypeAlias
 
 from sqlalchemy import (
@@ -26,58 +23,56 @@ from sqlalchemy import (
     SQLColumnExpression,
     and_,
     bindparam,
-    case,
-    func,
-    literal,
-    not_,
     or_,
     select,
     union_all,
 )
 from sqlalchemy.orm import Session
 
-from app.boxes.filter import (
-    BoxFilter,
-    BoxProbes,
-    ClassThresholds,
-    Side,
-    is_near,
-    reasons_with_threshold,
-    thresholds_in_sql,
-)
+from app.boxes.filter import BoxFilter, BoxProbes, ClassThresholds, TallyKey
 from app.db.base import MAX_ID, Key
 from app.db.bulk import chunks
 from app.db.tables import Decision
 from app.errors import BadCursor
-from filter_core.types import Reason
+from app.verdicts import REVIEW_STATES, in_bin
+from filter_core.decisions.doubt import Bin
 
-NEAR_PERCENT: Final = 5.0
-"""Boxes with a margin up to this come right after the toss-ups."""
-CROWDED_PERCENT: Final = 50.0
-"""From this crowding on, the matched pixels may belong to another box."""
-
-MOST_KINDS: Final = 1000
-"""With more kinds of boxes (see `DatasetContents`), the database sorts by distance."""
+RARE: Final = 100
+"""If fewer than one in so many boxes to ask about is selected, it is faster to sort
+those that are selected than to read all in the order of doubt."""
 
 _EPSILON: Final = 1e-9
 
 
 @dataclass(frozen=True)
-class DatasetContents:
-    """What occurs in a dataset: streams for anything else would be empty.
+class Contents:
+    """What a filter may select: streams for anything else would be empty.
 
-    `kinds` are the combinations of class, reason and toss-up flag.
+    `is_rare`: it selects so few of the boxes to ask about, such as toss-ups, that a
+    page of them would be searched for among thousands of others.
     """
 
     reasons: tuple[int, ...]
     class_ids: frozenset[int]
-    kinds: frozenset[tuple[int, int, bool]]
-    large: bool
+    bins: frozenset[Bin]
+    is_rare: bool
 
-    def has(self, class_id: int, reason: Reason, toss_up: bool | None) -> bool:
-        """Whether boxes of this kind occur; None: toss-ups or others."""
-        flags = (True, False) if toss_up is None else (toss_up,)
-        return any((class_id, int(reason), flag) in self.kinds for flag in flags)
+    @classmethod
+    def of(
+        cls, tallies: Mapping[TallyKey, int], wanted: BoxFilter, most: int, rare: int
+    ) -> Contents:
+        """Those of a dataset's tallies; `most` boxes are selected at most."""
+        selected = {key: boxes for key, boxes in tallies.items() if wanted.selects(key)}
+        asked = sum(boxes for key, boxes in tallies.items() if key.bin == Bin.ASK)
+        wanted_of_them = sum(n for key, n in selected.items() if key.bin == Bin.ASK)
+        return cls(
+            tuple(sorted({key.reason for key in tallies})),
+            frozenset(key.class_id for key in tallies),
+            frozenset(Bin(key.bin) for key in selected),
+            wanted.toss_up is True
+            or wanted.has_places
+            or min(wanted_of_them, most) * rare < asked,
+        )
 
 
 @dataclass(frozen=True)
@@ -88,7 +83,7 @@ class BoxOrder:
     """
 
     wanted: BoxFilter
-    contents: DatasetContents
+    contents: Contents
 
     def by_id(self, *conditions: ColumnElement[bool]) -> list[Stream]:
         """The boxes that meet these conditions too, by id."""
@@ -109,104 +104,49 @@ class BoxOrder:
 
     def by_match(self, sign: int) -> list[Stream]:
         """Boxes with a match, by match: ascending if `sign` is 1, descending if -1."""
-        column, margin = self._column(Decision.match_percent), self.wanted.margin_max
-        known = Decision.match_percent.is_not(None)
-        if self.wanted.only_answered or (
-            margin is not None and self._has_too_many_sides
-        ):
-            parts = [[*self.wanted.conditions(), known]]
-        elif margin is not None:
-            parts = [conditions for _, conditions in self._sides(margin)]
-        else:
-            parts = [[*conditions, known] for conditions in self._by_class()]
-        return [Stream(column, conditions, sign=sign) for conditions in parts]
+        column, known = Decision.match_percent, Decision.match_percent.is_not(None)
+        if self.wanted.only_answered:
+            every = [*self.wanted.conditions(), known]
+            return [Stream(self._column(column), every, sign=sign)]
+        return [Stream(column, [*of, known], sign=sign) for of in self._by_class()]
 
     def unmatched(self) -> list[Stream]:
         """Boxes without a match, by id."""
         return self.by_id(Decision.match_percent.is_(None))
 
-    def by_crowding(self, *conditions: ColumnElement[bool]) -> list[Stream]:
-        """The boxes that meet these conditions too, the most crowded first."""
-        every = [*self.wanted.conditions(), *conditions]
-        return [Stream(self._column(Decision.crowding), every, sign=-1)]
+    def by_crowding(self) -> list[Stream]:
+        """The most crowded first."""
+        column = self._column(Decision.crowding)
+        return [Stream(column, self.wanted.conditions(), sign=-1)]
 
-    def toss_ups(self) -> list[Stream]:
-        """Toss-ups, the nearest to their threshold first."""
-        if self.wanted.toss_up is False:
+    def by_doubt(self, bin_: Bin) -> list[Stream]:
+        """The boxes of a bin, the most doubtful first."""
+        if bin_ not in self.contents.bins:
             return []
-        return self._around(toss_up=True)
-
-    def near(self) -> list[Stream]:
-        """Boxes near their threshold that are not toss-ups."""
-        if self.wanted.toss_up:
-            return []
-        return self._around(toss_up=False, within=NEAR_PERCENT)
-
-    def crowded(self) -> list[Stream]:
-        """Kept and crowded boxes in no tier above."""
-        if not self._goes_beyond_near():
-            return []
-        far = not_(is_near(self._thresholds(), NEAR_PERCENT))
-        return self.by_crowding(Decision.toss_up.is_(False), far, self._is_crowded())
-
-    def far(self) -> list[Stream]:
-        """All other boxes that a threshold decided."""
-        if not self._goes_beyond_near():
-            return []
-        not_crowded = not_(self._is_crowded())
-        return self._around(not_crowded, toss_up=False, beyond=NEAR_PERCENT)
-
-    def without_threshold(self) -> list[Stream]:
-        """Boxes that no threshold decided and boxes without a match, by id."""
-        if not self._goes_beyond_near():
-            return []
-        decided = reasons_with_threshold(self.wanted.thresholds)
-        others = [
-            reason
-            for reason in self.contents.reasons
-            if reason not in decided
-            and (not self.wanted.reasons or reason in self.wanted.reasons)
-        ]
-        every = replace(self.wanted, reasons=()).conditions()
-        parts = [[self._column(Decision.reason) == reason] for reason in others]
-        parts += self._kept_without_match()
-        return [Stream(Decision.box_id, [*every, *part]) for part in parts]
-
-    def _kept_without_match(self) -> list[list[ColumnElement[bool]]]:
-        """Conditions, by class, for boxes without a match that a channel kept."""
-        if self.wanted.reasons and int(Reason.VISIBLE) not in self.wanted.reasons:
-            return []
+        every = [*self.wanted.conditions(), in_bin(bin_)]
+        if bin_ is not Bin.ASK:  # all of its boxes have the same doubt
+            return self.by_id(in_bin(bin_))
+        if self.contents.is_rare:
+            # "+ 0" prevents the use of the index on this column.
+            return [Stream(Decision.doubt + 0, every, sign=-1)]
+        states = REVIEW_STATES[self.wanted.review].answers if self.wanted.review else ()
         return [
-            [
-                Decision.class_id == each.class_id,
-                Decision.reason == int(Reason.VISIBLE),
-                self._column(Decision.match_percent).is_(None),
-            ]
-            for each in self._thresholds()
-            if each.if_by_channel is not None
+            Stream(Decision.doubt, [*every, answered(state)], -1, Decision.review)
+            for state in states or ("", "keep", "reject", "unsure")
         ]
-
-    def _goes_beyond_near(self) -> bool:
-        """Whether there can be boxes that are neither toss-ups nor near."""
-        most = self.wanted.margin_max
-        return not self.wanted.toss_up and (most is None or most > NEAR_PERCENT)
 
     def _by_class(self) -> list[list[ColumnElement[bool]]]:
         """The conditions of the boxes of each class."""
         # A condition on margins compares only with the thresholds of that class.
+        margin = self.wanted.margin_max
         return [
             [
                 *replace(self.wanted, thresholds=(each,)).conditions(),
                 Decision.class_id == each.class_id,
+                *([] if margin is None else [_reach(each, margin)]),
             ]
             for each in self._thresholds()
         ]
-
-    def _is_crowded(self) -> ColumnElement[bool]:
-        return and_(
-            self._column(Decision.reason) == int(Reason.VISIBLE),
-            self._column(Decision.crowding) >= CROWDED_PERCENT,
-        )
 
     def _column(
         self, column: SQLColumnExpression[float | None]
@@ -214,97 +154,6 @@ class BoxOrder:
         # "+ 0" prevents the use of an index on this column: answered boxes are few, and
         # the index on answers finds them.
         return column + 0 if self.wanted.only_answered else column
-
-    def _around(
-        self,
-        *conditions: ColumnElement[bool],
-        toss_up: bool,
-        within: float | None = None,
-        beyond: float | None = None,
-    ) -> list[Stream]:
-        """Boxes that a threshold decided, the nearest to it first.
-
-        Those with a margin of up to `within`, or of more than `beyond`.
-        """
-        flag = Decision.toss_up.is_(toss_up)
-        if self.wanted.only_answered or self._has_too_many_sides:
-            return self._sorted_around(flag, *conditions, within=within, beyond=beyond)
-        margins = (within, self.wanted.margin_max)
-        within = min((each for each in margins if each is not None), default=None)
-        sides = self._sides(within, flag, *conditions, toss_up=toss_up, beyond=beyond)
-        return [
-            Stream(
-                Decision.match_percent,
-                # Toss-ups are rare, and so are large boxes.
-                [*each, *([] if toss_up or side.large else self.wanted.unanswered())],
-                side.threshold,
-                side.sign,
-            )
-            for side, each in sides
-        ]
-
-    def _sides(
-        self,
-        within: float | None,
-        *conditions: ColumnElement[bool],
-        toss_up: bool | None = None,
-        beyond: float | None = None,
-    ) -> Iterator[tuple[Side, list[ColumnElement[bool]]]]:
-        """Each side of each class's thresholds, and the conditions of its boxes.
-
-        For one side of one threshold, a margin is a range of the index. The filter's
-        own condition on margins would compare every row with all thresholds.
-        """
-        every = [*replace(self.wanted, margin_max=None).conditions(), *conditions]
-        for wanted in self._thresholds():
-            for side in wanted.sides:
-                if self._occurs(wanted.class_id, side, toss_up):
-                    yield (
-                        side,
-                        [
-                            *every,
-                            Decision.class_id == wanted.class_id,
-                            Decision.large.is_(side.large),
-                            Decision.reason == int(side.reason),
-                            *_bounds(side, within, beyond),
-                        ],
-                    )
-
-    def _sorted_around(
-        self,
-        *conditions: ColumnElement[bool],
-        within: float | None,
-        beyond: float | None,
-    ) -> list[Stream]:
-        # One stream, which the database sorts. Answered boxes are few: finding them by
-        # their answers and sorting them is faster than an index scan by match, which
-        # reads all others too.
-        thresholds = self._thresholds()
-        distances = [
-            (which, func.abs(Decision.match_percent - threshold))
-            for which, threshold in thresholds_in_sql(thresholds)
-        ]
-        if not distances:
-            return []
-        every = [*self.wanted.conditions(), *conditions]
-        if within is not None:
-            every.append(is_near(thresholds, within))
-        if beyond is not None:
-            every.append(not_(is_near(thresholds, beyond)))
-        distance = case(*distances)
-        return [Stream(distance, [*every, distance.is_not(None)])]
-
-    @property
-    def _has_too_many_sides(self) -> bool:
-        # Building and compiling a statement of so many streams would take seconds.
-        return len(self.contents.kinds) > MOST_KINDS
-
-    def _occurs(self, class_id: int, side: Side, toss_up: bool | None) -> bool:
-        if side.large and not self.contents.large:
-            return False
-        if self.wanted.reasons and side.reason not in self.wanted.reasons:
-            return False
-        return self.contents.has(class_id, side.reason, toss_up)
 
     def _thresholds(self) -> list[ClassThresholds]:
         wanted = self.wanted.class_ids
@@ -316,116 +165,89 @@ class BoxOrder:
         ]
 
 
-class Position(NamedTuple):
-    """Where a page ended: its last box, and the stream of that box.
+def _reach(of_class: ClassThresholds, margin: float) -> ColumnElement[bool]:
+    """The range of matches around all thresholds of a class, which an index reads."""
+    thresholds = [side.threshold for side in of_class.sides]
+    low, high = min(thresholds, default=0.0), max(thresholds, default=0.0)
+    return Decision.match_percent.between(low - margin, high + margin)
 
-    A cursor encodes these numbers. `tier` is an index into the tiers of the order,
-    `stream` into the streams of the tier; `score` is the sort key of the stream.
+
+def answered(state: str) -> ColumnElement[bool]:
+    """Condition: the latest answer is this one; empty: there is none."""
+    return Decision.review == state if state else Decision.review.is_(None)
+
+
+class Position(NamedTuple):
+    """Where a page ended: its last box, in which tier of the order, with its score.
+
+    A cursor encodes these numbers. The score is the sort key of the tier's streams.
     """
 
     tier: int
     score: float
-    stream: int
     box_id: int
 
 
 @dataclass(frozen=True)
 class Stream:
-    """Boxes in the order of an index: by ``(column - origin) * sign``, their score."""
+    """Boxes in the order of an index: by ``column * sign``, their score, and by id.
+
+    All streams of a tier have the same sign. `alike` is a column before it in the index
+    that all boxes of the stream share.
+    """
 
     column: SQLColumnExpression[float | None]
     conditions: Sequence[ColumnElement[bool]]
-    origin: float = 0.0
     sign: int = 1
+    alike: SQLColumnExpression[str | None] | None = None
 
-    def score(self) -> ColumnElement[float | None]:
-        """The score, which increases along the stream."""
-        return (self.column - self.origin) * self.sign
-
-    def beyond(self, number: int) -> list[ColumnElement[bool]]:
+    def beyond(self) -> list[ColumnElement[bool]]:
         """Conditions for the rows after a position, which `parameters` has.
 
         The index can use the first.
         """
-        bound = bindparam(f"bound_{number}", type_=Float)
-        in_reach = self.column >= bound if self.sign > 0 else self.column <= bound
-        score, last = self.score(), bindparam(f"last_{number}", type_=Key)
-        reached = bindparam("score", type_=Float)
-        later = Decision.box_id > last if self.sign > 0 else Decision.box_id < last
-        return [in_reach, or_(score > reached, and_(score == reached, later))]
-
-    def parameters(self, number: int, at: Position) -> dict[str, float | int]:
-        """The values of `beyond` for a position, besides its ``score``."""
-        bound = self.origin + self.sign * (at.score - _EPSILON)
-        return {f"bound_{number}": bound, f"last_{number}": self._last_id(number, at)}
-
-    def _last_id(self, number: int, at: Position) -> int:
-        """The id of the last box returned among the rows with the position's score.
-
-        Streams before the one where the page ended have returned all rows of that
-        score, streams after it none. Both cases are expressed by an id, so that all
-        pages have the same statement, which is built and compiled once.
-        """
-        if number == at.stream:
-            return at.box_id
-        has_all_to_come = number > at.stream
-        return -1 if has_all_to_come == (self.sign > 0) else MAX_ID
-
-    def rows(
-        self, number: int, limit: int, *, is_first: bool
-    ) -> Select[float | None, int, int]:
-        """The first rows of this stream alone, or the next."""
-        order = (
-            (self.column, Decision.box_id)
-            if self.sign > 0
-            else (self.column.desc(), Decision.box_id.desc())
-        )
-        beyond = [] if is_first else self.beyond(number)
-        inner = (
-            select(
-                self.score().label("score"),
-                literal(number).label("stream"),
-                Decision.box_id.label("box_id"),
+        column, bound = self.column, bindparam("bound", type_=Float)
+        reached, last = bindparam("reached", type_=Float), bindparam("last", type_=Key)
+        if self.sign > 0:
+            in_reach, further, later = (
+                column >= bound,
+                column > reached,
+                Decision.box_id > last,
             )
-            .where(*self.conditions, *beyond)
-            .order_by(*order)
+        else:
+            in_reach, further, later = (
+                column <= bound,
+                column < reached,
+                Decision.box_id < last,
+            )
+        return [in_reach, or_(further, and_(column == reached, later))]
+
+    def rows(self, limit: int, *, is_first: bool) -> Select[float | None, int]:
+        """The first rows of this stream alone, or the next."""
+        # PostgreSQL reads an index in order only if all its columns are named, also one
+        # that is NULL in all rows.
+        named = (self.column, Decision.box_id)
+        columns = named if self.alike is None else (self.alike, *named)
+        inner = (
+            select(self.column.label("number"), Decision.box_id.label("box_id"))
+            .where(*self.conditions, *([] if is_first else self.beyond()))
+            .order_by(*(each if self.sign > 0 else each.desc() for each in columns))
             .limit(limit)
             .subquery()
         )
-        return select(inner.c.score, inner.c.stream, inner.c.box_id)
-
-
-def _bounds(
-    side: Side, within: float | None, beyond: float | None
-) -> list[ColumnElement[bool]]:
-    """The range of matches on this side, up to `within` and from `beyond` on."""
-    column, threshold = Decision.match_percent, side.threshold
-    if beyond is not None:
-        limit = threshold + side.sign * beyond
-        inner = column > limit if side.sign > 0 else column < limit
-    elif side.sign > 0:
-        inner = column >= threshold
-    elif side.reason is Reason.VISIBLE:
-        inner = column < threshold
-    else:
-        inner = column <= threshold
-    if within is None:
-        return [inner]
-    limit = threshold + side.sign * within
-    return [inner, column <= limit if side.sign > 0 else column >= limit]
+        return select(inner.c.number, inner.c.box_id)
 
 
 Tier = Callable[[BoxOrder], list[Stream]]
 
+
+def _of_bin(bin_: Bin, order: BoxOrder) -> list[Stream]:
+    return order.by_doubt(bin_)
+
+
 TIERS: Final[Mapping[str, Sequence[Tier]]] = {
     "id": (BoxOrder.by_id,),
-    "doubt": (
-        BoxOrder.toss_ups,
-        BoxOrder.near,
-        BoxOrder.crowded,
-        BoxOrder.far,
-        BoxOrder.without_threshold,
-    ),
+    "doubt": tuple(partial(_of_bin, bin_) for bin_ in Bin),
     "match_percent": (lambda order: order.by_match(1), BoxOrder.unmatched),
     "-match_percent": (lambda order: order.by_match(-1), BoxOrder.unmatched),
     "crowding": (BoxOrder.by_crowding,),
@@ -436,21 +258,23 @@ ORDERS: Final = tuple(TIERS)
 WINDOW: Final = 1 << 14
 """How many ids are scanned in order before all boxes of a range are sorted instead."""
 
-_NO_STREAM: Final = 1 << 30
-"""A number above those of all streams, for boxes that no stream returned."""
-
-START: Final = Position(0, float("-inf"), -1, 0)
+START: Final = Position(0, float("-inf"), 0)
 
 
 class BoxPages:
     """Keyset pagination of current decisions: pages begin where the last one ended."""
 
     def __init__(
-        self, session: Session, wanted: BoxFilter, contents: DatasetContents
+        self,
+        session: Session,
+        wanted: BoxFilter,
+        tallies: Mapping[TallyKey, int],
+        most: int = MAX_ID,
+        rare: int = RARE,
     ) -> None:
         self._session = session
         self._wanted = wanted
-        self._streams = BoxOrder(wanted, contents)
+        self._streams = BoxOrder(wanted, Contents.of(tallies, wanted, most, rare))
 
     def page(
         self, order: str, cursor: str | None, limit: int
@@ -492,7 +316,7 @@ class BoxPages:
             .limit(asked.limit)
         )
         return [
-            Position(asked.tier, float(box_id), _NO_STREAM, box_id)
+            Position(asked.tier, float(box_id), box_id)
             for box_id in self._session.scalars(rows)
         ]
 
@@ -503,20 +327,20 @@ class BoxPages:
 
     def _merged(self, asked: _TierRequest, at: Position) -> list[Position]:
         plan = _plan(asked, is_first=at == START)
-        parameters: dict[str, float | int] = {"score": at.score}
-        for number, stream in enumerate(plan.streams):
-            parameters |= stream.parameters(number, at)
-        signs = [stream.sign for stream in plan.streams]
-        rows: list[tuple[float, int, int]] = []
+        sign = plan.sign
+        # The bound leaves room for a number that a database rounds.
+        bound = sign * (at.score - _EPSILON)
+        after = {"bound": bound, "reached": sign * at.score, "last": at.box_id}
+        rows: list[tuple[float, int]] = []
         for query in plan.queries:
             rows += [
-                (float(score), number, box_id)
-                for score, number, box_id in self._session.execute(query, parameters)
-                if score is not None
+                (sign * float(number), sign * box_id)
+                for number, box_id in self._session.execute(query, after)
+                if number is not None
             ]
-            rows.sort(key=lambda row: (row[0], row[1], row[2] * signs[row[1]]))
+            rows.sort()
             del rows[asked.limit :]
-        return [Position(asked.tier, *row) for row in rows]
+        return [Position(asked.tier, score, sign * place) for score, place in rows]
 
 
 class _TierRequest(NamedTuple):
@@ -528,41 +352,36 @@ class _TierRequest(NamedTuple):
     limit: int
 
 
-_Query: TypeAlias = (
-    "Select[float | None, int, int] | CompoundSelect[float | None, int, int]"
-)
+_Query: TypeAlias = "Select[float | None, int] | CompoundSelect[float | None, int]"
 
 STREAMS_TOGETHER: Final = 96
-"""How many streams one statement reads: enough for all of some thirty classes. The
+"""How many streams, of a class each, one statement reads. The
 time to compile a statement grows faster than its length, and SQLite allows 500."""
 
 
 class _Plan(NamedTuple):
-    """The statements that read part of a page, and the streams that they read."""
+    """The statements that read part of a page, and the sign of their streams."""
 
     queries: Sequence[_Query]
-    streams: Sequence[Stream]
+    sign: int
 
 
 def _plan(asked: _TierRequest, *, is_first: bool) -> _Plan:
-    # Building a statement of some sixty streams takes several times as long as
+    # Building a statement of a stream for each class takes several times as long as
     # executing it. Plans for many classes would take up too much memory.
-    if len(asked.streams.contents.kinds) > STREAMS_TOGETHER:
+    if len(asked.streams.contents.class_ids) > STREAMS_TOGETHER:
         return _new_plan(asked, is_first=is_first)
     return _known_plan(asked, is_first=is_first)
 
 
 def _new_plan(asked: _TierRequest, *, is_first: bool) -> _Plan:
     streams: Sequence[Stream] = TIERS[asked.order][asked.tier](asked.streams)
-    rows = [
-        stream.rows(number, asked.limit, is_first=is_first)
-        for number, stream in enumerate(streams)
-    ]
+    rows = [stream.rows(asked.limit, is_first=is_first) for stream in streams]
     queries = [
         union_all(*together) if len(together) > 1 else together[0]
         for together in chunks(rows, most=STREAMS_TOGETHER)
     ]
-    return _Plan(queries, streams)
+    return _Plan(queries, streams[0].sign if streams else 1)
 
 
 _known_plan: Final = lru_cache(maxsize=128)(_new_plan)
@@ -578,8 +397,8 @@ def decode(cursor: str) -> Position:
     """The position in a cursor; BadCursor for a text that `encode` cannot return."""
     try:
         padded = cursor + "=" * (-len(cursor) % 4)
-        tier, score, stream, box_id = json.loads(base64.urlsafe_b64decode(padded))
-        position = Position(int(tier), float(score), int(stream), int(box_id))
+        tier, score, box_id = json.loads(base64.urlsafe_b64decode(padded))
+        position = Position(int(tier), float(score), int(box_id))
         if not all(-MAX_ID <= number <= MAX_ID for number in position):
             raise ValueError(position)
         return position

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from datetime import datetime
 from functools import lru_cache
 from typing import Final, NamedTuple
 
@@ -18,6 +19,7 @@ from sqlalchemy import (
     delete,
     exists,
     func,
+    literal_column,
     select,
     type_coerce,
     update,
@@ -39,7 +41,8 @@ from app.db.pages import id_of_cursor, name_of_cursor
 from app.db.tables import Blob, Box, Decision, Frame, FrameFile, IdBlock, Review
 from app.errors import NotFound
 from app.measuring.queries import is_deleted, only_in
-from filter_core.types import IntArray
+from app.verdicts import REVIEW_STATES, is_effective
+from filter_core.types import IntArray, Verdict
 
 # Built once: every upload executes it, and building takes longer than executing.
 _TAKE_IDS: Final = (
@@ -73,6 +76,7 @@ class FrameHead(NamedTuple):
     width: int
     height: int
     map: str | None
+    content_digest: str
 
 
 @dataclass(frozen=True)
@@ -132,6 +136,26 @@ def _columns(rows: Iterable[Row[int, int, str, str | None, int]]) -> CurrentBoxe
     return CurrentBoxes(box_ids, frame_ids, source_ids, answers, revisions)
 
 
+class FrameOfPart(NamedTuple):
+    """What tells the part of a frame; the last two as its annotation says."""
+
+    key: str
+    map: str | None
+    sequence: str | None
+    split: str | None
+
+
+class FramePlace(NamedTuple):
+    """The columns of a frame that tables of boxes repeat for each box."""
+
+    id: int
+    key: str
+    map: str | None
+    camera: str | None
+    sequence: str | None
+    boxes: int
+
+
 class FrameRepository:
     """Rows of `frames`, `frame_files`, `blobs` and `boxes`."""
 
@@ -183,6 +207,41 @@ class FrameRepository:
         found = self._session.connection().execute(rows.order_by(Decision.box_id))
         return _columns(found)
 
+    def places_of(
+        self, wanted: BoxFilter, *, after: int, boxes: int
+    ) -> tuple[list[FramePlace], bool]:
+        """The next frames that can have such boxes, by id, and whether more follow.
+
+        As many as have `boxes` boxes together, at least one.
+        """
+        columns = (Frame.id, Frame.key, Frame.map, Frame.camera, Frame.sequence)
+        rows = (
+            select(*columns, Frame.box_count)
+            .where(*wanted.frame_conditions(), Frame.id > after)
+            .order_by(Frame.id)
+            .limit(boxes)
+        )
+        found: list[FramePlace] = []
+        total = 0
+        for row in self._session.execute(rows):
+            total += row[-1]
+            if found and total > boxes:
+                return found, True
+            found.append(FramePlace(*row))
+        return found, len(found) == boxes
+
+    def boxes_between(
+        self, wanted: BoxFilter, frames: Sequence[FramePlace]
+    ) -> CurrentBoxes:
+        """The boxes of a filter in consecutive frames, by frame and id."""
+        if not frames:
+            return CurrentBoxes()
+        rows = _CURRENT_BOXES.where(
+            Decision.frame_id.between(frames[0].id, frames[-1].id),
+            *wanted.conditions_by_id(),
+        ).order_by(Decision.frame_id, Decision.box_id)
+        return _columns(self._session.connection().execute(rows))
+
     def source_ids(self, box_ids: Iterable[int]) -> dict[int, str]:
         """The senders' own ids of boxes."""
         found: dict[int, str] = {}
@@ -224,7 +283,10 @@ class FrameRepository:
     ) -> list[FrameHead]:
         """Up to `limit` current frames whose keys come after `after`, by key."""
         rows = (
-            select(Frame.id, Frame.key, Frame.width, Frame.height, Frame.map)
+            select(
+                *(Frame.id, Frame.key, Frame.width, Frame.height, Frame.map),
+                Frame.content_digest,
+            )
             .where(
                 Frame.dataset_id == dataset_id,
                 Frame.superseded_at.is_(None),
@@ -234,6 +296,82 @@ class FrameRepository:
             .limit(limit)
         )
         return [FrameHead(*row) for row in self._session.execute(rows)]
+
+    def counts_by_map(self, dataset_id: int) -> dict[str, tuple[int, int]]:
+        """Current frames and their boxes by map, of the frames that name one."""
+        rows = (
+            select(Frame.map, func.count(), func.sum(Frame.box_count))
+            .where(
+                Frame.dataset_id == dataset_id,
+                Frame.superseded_at.is_(None),
+                Frame.map.is_not(None),
+            )
+            .group_by(Frame.map)
+            .order_by(Frame.map)
+        )
+        return {
+            str(name): (frames, int(boxes))
+            for name, frames, boxes in self._session.execute(rows)
+        }
+
+    def keys(self, dataset_id: int) -> set[str]:
+        """The keys of all current frames."""
+        rows = select(Frame.key).where(
+            Frame.dataset_id == dataset_id, Frame.superseded_at.is_(None)
+        )
+        return set(self._session.scalars(rows))
+
+    def parts_told(self, dataset_id: int) -> Iterator[FrameOfPart]:
+        """What tells the parts of the current frames, by key."""
+        said = (self._said("sequence"), self._said("split"))
+        rows = select(Frame.key, Frame.map, *said).where(
+            Frame.dataset_id == dataset_id, Frame.superseded_at.is_(None)
+        )
+        for row in self._session.execute(rows.order_by(Frame.key)):
+            yield FrameOfPart(*row)
+
+    def _said(self, key: str) -> ColumnElement[str | None]:
+        """The text that annotations have under a key."""
+        text = type_coerce(Frame.annotation, Text)
+        if self._session.connection().dialect.name == "postgresql":
+            return text.op("::")(literal_column("json")).op("->>")(key)
+        return func.json_extract(text, f"$.{key}")
+
+    def recorded_around(self, frame: Frame, most: int) -> dict[int, int]:
+        """Frames of the same recording around this one, by id: how much later they are.
+
+        At most `most` before it and `most` after it; 0 is the frame itself. They are in
+        its folder, and of its sequence if it has one.
+        """
+        folder = frame.key.rpartition("/")[0]
+        (sequence,) = self._session.execute(
+            select(self._said("sequence")).where(Frame.id == frame.id)
+        ).one()
+        rows = select(Frame.id, Frame.key).where(
+            Frame.dataset_id == frame.dataset_id, Frame.superseded_at.is_(None)
+        )
+        if sequence is not None:
+            rows = rows.where(self._said("sequence") == sequence)
+        offsets = {frame.id: 0}
+        for step, side, order in (
+            (-1, Frame.key < frame.key, Frame.key.desc()),
+            (1, Frame.key > frame.key, Frame.key),
+        ):
+            beside = self._session.execute(rows.where(side).order_by(order).limit(most))
+            for number, (frame_id, key) in enumerate(beside, 1):
+                if key.rpartition("/")[0] != folder:
+                    break
+                offsets[frame_id] = step * number
+        return offsets
+
+    def boxes_named(self, frame_ids: Iterable[int], like: Box) -> list[int]:
+        """Ids of the boxes of these frames with the id and the class of another one."""
+        rows = select(Box.id).where(
+            Box.frame_id.in_(list(frame_ids)),
+            Box.source_id == like.source_id,
+            Box.class_id == like.class_id,
+        )
+        return list(self._session.scalars(rows))
 
     def annotation_texts(self, frame_ids: Iterable[int]) -> dict[int, str]:
         """Annotations by frame as the stored JSON text, not decoded."""
@@ -393,6 +531,9 @@ class LatestReview(NamedTuple):
     reviewer: str
     batch_id: int | None
     undoes: int | None
+    created_at: datetime
+    imported_by: str | None
+    looked_ms: int | None
 
 
 class LatestAnswers:
@@ -423,11 +564,23 @@ class LatestAnswers:
             Review.reviewer,
             Review.batch_id,
             Review.undoes,
+            Review.created_at,
+            Review.imported_by,
+            Review.looked_ms,
         ).join(
             newest,
             (Review.box_id == newest.c.box_id) & (Review.revision == newest.c.revision),
         )
-        return {row[0]: LatestReview(*row) for row in self._session.execute(rows)}
+        return {row[0]: LatestReview._make(row) for row in self._session.execute(rows)}
+
+    def decided(self, dataset_id: int) -> dict[int, bool]:
+        """By box, ascending: whether it is kept, where that is the latest answer."""
+        keep = (Decision.review == "keep").label("keep")
+        rows = select(Decision.box_id, keep).where(
+            Decision.dataset_id == dataset_id, REVIEW_STATES["decided"].condition()
+        )
+        answers = self._session.execute(rows.order_by(Decision.box_id))
+        return {answer.box_id: answer.keep for answer in answers}
 
     def last_id(self, dataset_id: int) -> int:
         """The id of the newest answer in a dataset; 0 if there is none."""
@@ -458,3 +611,42 @@ class LatestAnswers:
             .group_by(Review.reviewer)
         )
         return {row[0]: row[1] for row in self._session.execute(rows)}
+
+
+BANDS_M: Final = (50, 100, 150, 200)
+"""Ends of the bands of distance of a report."""
+
+
+class GhostRepository:
+    """SQL about where the ghosts of a dataset are."""
+
+    def __init__(self, session: Session) -> None:
+        self._session = session
+
+    def by_distance(
+        self, dataset_id: int
+    ) -> dict[tuple[int | None, int, str | None], int]:
+        """How many boxes each band, reason and answer have together.
+
+        A band is the number of its first metre; None: without a distance.
+        """
+        ends = [(Decision.distance < end, end - 50) for end in BANDS_M]
+        band = case((Decision.distance.is_(None), None), *ends, else_=BANDS_M[-1])
+        key = band, Decision.reason, Decision.review
+        rows = (
+            select(*key, func.count())
+            .where(Decision.dataset_id == dataset_id)
+            .group_by(*key)
+        )
+        return {(row[0], row[1], row[2]): row[3] for row in self._session.execute(rows)}
+
+    def worst_frames(self, dataset_id: int, limit: int) -> list[int]:
+        """The ids of the frames with the most rejected boxes, the worst first."""
+        rows = (
+            select(Decision.frame_id)
+            .where(Decision.dataset_id == dataset_id, is_effective(Verdict.REJECTED))
+            .group_by(Decision.frame_id)
+            .order_by(func.count().desc(), Decision.frame_id)
+            .limit(limit)
+        )
+        return list(self._session.scalars(rows))

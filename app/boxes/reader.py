@@ -9,7 +9,7 @@ the fields of `stored_decision`.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from typing import Final, NamedTuple, TypedDict
@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from sqlalchemy.orm import Session
 
 from app.boxes.counts import tallies_of
-from app.boxes.current import TallyKey, TallyRepository
-from app.boxes.filter import BoxFilter
+from app.boxes.current import TallyRepository
+from app.boxes.filter import BoxFilter, TallyKey
 from app.boxes.orders import BoxPages
 from app.boxes.queries import (
     CurrentBoxes,
@@ -29,7 +29,8 @@ from app.boxes.queries import (
     LatestReview,
     PageRequest,
 )
-from app.db.base import filled
+from app.db.base import filled, rfc3339
+from app.db.pages import id_of_cursor
 from app.db.tables import Dataset
 from app.errors import NotFound
 from app.measuring.active import active_version, config_of
@@ -49,6 +50,14 @@ from app.measuring.queries import (
 from app.verdicts import with_answer
 from filter_core.classes import accepts
 from filter_core.config.filter import FilterConfig
+from filter_core.decisions.doubt import (
+    Bin,
+    Cause,
+    Doubts,
+    bins_of,
+    doubts,
+    questions,
+)
 from filter_core.decisions.explain import BoxName, FrameFacts
 from filter_core.decisions.record import (
     Decision,
@@ -57,6 +66,8 @@ from filter_core.decisions.record import (
     decision_dicts,
 )
 from filter_core.decisions.rules import decide
+from filter_core.evidence.crowding import most_covering
+from filter_core.formats.decisions import table_columns
 from filter_core.geometry.projection import BoxGeometry
 from filter_core.segmentation.palettes import FAMILIES
 from filter_core.types import (
@@ -70,6 +81,7 @@ from filter_core.types import (
     IntArray,
 )
 from unghost.wire import words
+from unghost.wire.boxes import BOX_COLUMNS
 
 _ANSWERS: Final = {
     None: Answer.NONE,
@@ -95,6 +107,7 @@ class CurrentReview(TypedDict):
     reviewer: str
     revision: int
     comment: str
+    created_at: str
 
 
 class ServerFields(TypedDict):
@@ -113,7 +126,19 @@ class ServerFields(TypedDict):
     accepted_tags: list[AcceptedTag]
 
 
-class StoredDecision(Decision, ServerFields):
+class Asked(TypedDict):
+    """The bin of a box, what an answer is worth, and why people are asked, if so."""
+
+    bin: words.Bin
+    doubt: int
+    question: str | None
+
+
+class AskedDecision(Decision, Asked):
+    """The library's decision on a box, with what is asked about it."""
+
+
+class StoredDecision(AskedDecision, ServerFields):
     """A decision of a stored box, as responses show it."""
 
 
@@ -130,8 +155,34 @@ class DecidedFrame(NamedTuple):
     family: str | None
 
 
+def asked_decisions(
+    decisions: Sequence[Decision],
+    found: Doubts,
+    sentences: Sequence[str | None],
+) -> list[AskedDecision]:
+    """Decisions with the bins of their boxes, and with the sentences of `questions`."""
+    doubt = np.maximum(found.doubt, 0).tolist()
+    bins = bins_of(found.doubt).tolist()
+    return [
+        {**decision, "bin": Bin(bin_).label, "doubt": worth, "question": sentence}
+        for decision, bin_, worth, sentence in zip(
+            decisions, bins, doubt, sentences, strict=True
+        )
+    ]
+
+
+def covering_words(name: BoxName, gap: float) -> str:
+    """A box that covers another one, for `questions`.
+
+    `gap` is how much farther from the camera it is than the other box, in metres; NaN:
+    unknown.
+    """
+    where = "nearer " if gap < 0 else "farther " if gap > 0 else ""
+    return f"the {where}{name.class_name} {name.box_id}"
+
+
 def stored_decision(
-    decision: Decision,
+    decision: AskedDecision,
     box_id: int,
     frame: DecidedFrame,
     accept_mask: int,
@@ -163,6 +214,7 @@ def _in_force(review: LatestReview | None) -> CurrentReview | None:
         "reviewer": review.reviewer,
         "revision": review.revision,
         "comment": review.comment,
+        "created_at": rfc3339(review.created_at),
     }
 
 
@@ -179,14 +231,64 @@ def _accepted_tags(family: str | None, mask: int) -> list[AcceptedTag]:
 
 
 def list_boxes(
-    session: Session, dataset: Dataset, wanted: BoxFilter, page: PageRequest
+    session: Session, reader: DecisionReader, wanted: BoxFilter, page: PageRequest
 ) -> tuple[list[StoredDecision], str | None]:
     """Decisions of one page, and the cursor of the next."""
-    contents = TallyRepository(session).contents(dataset.id)
-    pages = BoxPages(session, wanted, contents)
+    tallies = TallyRepository(session).of_dataset(wanted.dataset_id)
+    pages = BoxPages(session, wanted, tallies)
     ids, cursor = pages.page(page.sort, page.cursor, page.limit)
-    reader = DecisionReader(session, dataset)
     return reader.records(reader.read_boxes(ids)), cursor
+
+
+def table_of_boxes(
+    session: Session,
+    reader: DecisionReader,
+    wanted: BoxFilter,
+    names: Collection[str],
+    page: PageRequest,
+) -> tuple[dict[str, Sequence[object]], int, str | None]:
+    """Boxes of the frames after the one whose id is the cursor, as columns.
+
+    Returns
+    -------
+    columns : dict
+        Plain values in the order of `BOX_COLUMNS`, for up to `limit` boxes, or those of
+        one frame.
+    rows : int
+    cursor : str or None
+        The id of the last frame; None if there are no more.
+    """
+    repository = FrameRepository(session)
+    after = 0 if page.cursor is None else id_of_cursor(page.cursor)
+    frames, has_more = repository.places_of(wanted, after=after, boxes=page.limit)
+    boxes = reader.read(repository.boxes_between(wanted, frames))
+    places = {frame.id: frame for frame in frames}
+    of_box = [places[frame_id] for frame_id in boxes.rows.frame_ids]
+    columns: dict[str, Callable[[], Sequence[object]]] = {
+        "box_id": lambda: boxes.rows.box_ids,
+        "frame": lambda: [frame.key for frame in of_box],
+        "map": lambda: [frame.map for frame in of_box],
+        "camera": lambda: [frame.camera for frame in of_box],
+        "sequence": lambda: [frame.sequence for frame in of_box],
+        "revision": lambda: boxes.rows.revisions,
+        "bin": lambda: [_BINS[bin_] for bin_ in bins_of(boxes.doubts.doubt).tolist()],
+    }
+    if len(boxes):
+        more = reader.columns(
+            boxes,
+            tags="hidden_by" in names,
+            answers=not {"reviewer", "comment"}.isdisjoint(names),
+        )
+        columns |= table_columns(boxes.labels, more)
+    found = {
+        name: columns[name]() if len(boxes) else ()
+        for name in BOX_COLUMNS
+        if name in names
+    }
+    return found, len(boxes), str(frames[-1].id) if has_more else None
+
+
+_BINS: Final = {int(bin_): bin_.label for bin_ in Bin}
 
 
 def describe_box(session: Session, box_id: int) -> StoredDecision:
@@ -245,13 +347,21 @@ class DecisionReader:
         if not len(boxes):
             return []
         rows, facts = boxes.rows, self._facts(boxes)
-        decisions = decision_dicts(
+        composed = decision_dicts(
             [facts[frame_id] for frame_id in rows.frame_ids],
             rows.source_ids,
             boxes.evidence_with_tags(),
             boxes.decisions,
             boxes.projected(edges=True),
         )
+        sentences = questions(
+            boxes.doubts,
+            boxes.evidence,
+            self._config,
+            boxes.decisions,
+            self._covering(boxes),
+        )
+        decisions = asked_decisions(composed, boxes.doubts, sentences)
         reviews = self._reviews(boxes)
         run = filled(self._dataset.active_run_id)
         decided = {
@@ -268,20 +378,27 @@ class DecisionReader:
             )
         ]
 
-    def columns(self, boxes: StoredBoxes) -> DecisionColumns:
-        """The columns of tables of decisions in addition to `StoredBoxes.labels`."""
+    def columns(
+        self, boxes: StoredBoxes, *, tags: bool = True, answers: bool = True
+    ) -> DecisionColumns:
+        """The columns of tables of decisions in addition to `StoredBoxes.labels`.
+
+        Without `tags`, nothing hides a box; without `answers`, nobody has answered.
+        """
         rows, facts = boxes.rows, self._facts(boxes)
         found = decision_columns(
             [facts[frame_id] for frame_id in rows.frame_ids],
-            boxes.evidence_with_tags(),
+            boxes.evidence_with_tags() if tags else boxes.evidence,
             boxes.decisions,
         )
+        if not answers:
+            return replace(found, config=self._version.digest)
         reviews = self._reviews(boxes)
-        answers = [_in_force(reviews.get(box_id)) for box_id in rows.box_ids]
+        given = [_in_force(reviews.get(box_id)) for box_id in rows.box_ids]
         return replace(
             found,
-            reviewer=[one and one["reviewer"] for one in answers],
-            comment=[one and one["comment"] for one in answers],
+            reviewer=[one and one["reviewer"] for one in given],
+            comment=[one and one["comment"] for one in given],
             config=self._version.digest,
         )
 
@@ -311,19 +428,35 @@ class DecisionReader:
     def _names(self, boxes: StoredBoxes) -> dict[int, dict[int, BoxName]]:
         """Id and class of the boxes that explain these, by frame and position there."""
         explaining = boxes.explaining()
-        known = dict(zip(boxes.rows.box_ids, boxes.rows.source_ids, strict=True))
-        asked = {one.box_id for one in explaining} - known.keys()
-        if asked:
-            known |= FrameRepository(self._session).source_ids(asked)
         names: dict[int, dict[int, BoxName]] = {}
+        known = self._source_ids(boxes, (one.box_id for one in explaining))
         for one in explaining:
             of_frame = names.setdefault(one.frame_id, {})
             of_frame[one.position] = BoxName(known[one.box_id], one.class_name)
         return names
 
+    def _covering(self, boxes: StoredBoxes) -> dict[int, str]:
+        """The box that covers most of each box in doubt for it, by the latter's row."""
+        covering = boxes.covering()
+        known = self._source_ids(boxes, (one.box_id for one, _ in covering.values()))
+        return {
+            row: covering_words(BoxName(known[one.box_id], one.class_name), gap)
+            for row, (one, gap) in covering.items()
+        }
+
+    def _source_ids(
+        self, boxes: StoredBoxes, box_ids: Iterable[int]
+    ) -> Mapping[int, str]:
+        """The senders' ids of boxes of the same frames."""
+        known = dict(zip(boxes.rows.box_ids, boxes.rows.source_ids, strict=True))
+        asked = {*box_ids} - known.keys()
+        if asked:
+            known |= FrameRepository(self._session).source_ids(asked)
+        return known
+
 
 class ExplainingBox(NamedTuple):
-    """A box whose pixels explain another box of its frame, and its position there."""
+    """A box that explains or covers another one of its frame, and its position."""
 
     frame_id: int
     position: int
@@ -381,6 +514,11 @@ class StoredBoxes:
         return decide(self.evidence, self.config)
 
     @cached_property
+    def doubts(self) -> Doubts:
+        """The doubt about each box."""
+        return doubts(self.evidence, self.config, self.decisions)
+
+    @cached_property
     def evidence(self) -> Evidence:
         """The evidence, without `tag_counts`."""
         packed = [frame.channels for frame in self.frames.values()]
@@ -424,6 +562,7 @@ class StoredBoxes:
                 self._records["class_id"][self._place].tolist(),
                 self.decisions.reason.tolist(),
                 self.decisions.toss_up.tolist(),
+                self.doubts.doubt.tolist(),
                 self.rows.answers,
                 strict=True,
             )
@@ -445,18 +584,41 @@ class StoredBoxes:
         channels = self.evidence.channels
         if channels is None:
             return []
-        class_of = {number: name for name, number in self.classes.items()}
-        class_ids = self._records["class_id"]
+        rows = np.flatnonzero(channels.explained_by != NOT_MEASURED).tolist()
+        found = (self._beside(row, int(channels.explained_by[row])) for row in rows)
+        return list({one.box_id: one for one in found}.values())
+
+    def covering(self) -> dict[int, tuple[ExplainingBox, float]]:
+        """The box that covers most of each box in doubt for it, by the latter's row.
+
+        With how much farther from the camera it is, in metres; NaN: unknown.
+        """
         found = {}
-        for row in np.flatnonzero(channels.explained_by != NOT_MEASURED).tolist():
-            position = int(channels.explained_by[row])
-            frame_id = self.rows.frame_ids[row]
-            box_id = self.frames[frame_id].first_box_id + position
-            # A frame's boxes follow each other in `_records`, as their ids do.
-            place = self._place[row] + box_id - self.rows.box_ids[row]
-            class_name = class_of[int(class_ids[place])]
-            found[box_id] = ExplainingBox(frame_id, position, box_id, class_name)
-        return list(found.values())
+        for row in np.flatnonzero(self.doubts.cause == Cause.COVERED).tolist():
+            position = self.rows.box_ids[row] - self._first_of(row)
+            start = int(self._place[row]) - position
+            count = self.frames[self.rows.frame_ids[row]].box_count
+            frame = self._records[start : start + count]
+            at = most_covering(frame["xyxy"], frame["accept_mask"], position)
+            gap = float(frame["distance"][at] - frame["distance"][position])
+            found[row] = self._beside(row, at), gap
+        return found
+
+    def _first_of(self, row: int) -> int:
+        return self.frames[self.rows.frame_ids[row]].first_box_id
+
+    def _beside(self, row: int, position: int) -> ExplainingBox:
+        """A box of the same frame as the box of this row, by its position there."""
+        frame_id, box_id = self.rows.frame_ids[row], self._first_of(row) + position
+        # A frame's boxes follow each other in `_records`, as their ids do.
+        place = self._place[row] + box_id - self.rows.box_ids[row]
+        class_id = int(self._records["class_id"][place])
+        return ExplainingBox(frame_id, position, box_id, self._class_of[class_id])
+
+    @cached_property
+    def _class_of(self) -> dict[int, str]:
+        """The dataset's classes by the database's ids."""
+        return {number: name for name, number in self.classes.items()}
 
     @cached_property
     def _counts(self) -> list[int]:

@@ -13,13 +13,15 @@ from app.access.gate import Audited
 from app.boxes import frames
 from app.boxes import reader as boxes
 from app.boxes.counts import count_boxes
-from app.boxes.drawing import Drawing, DrawnPictures
+from app.boxes.drawing import PICTURES, Drawing, DrawnPictures
 from app.boxes.filter import filters_of, to_filter
 from app.boxes.queries import FrameFilter, PageRequest
+from app.boxes.related import boxes_alike, track_of
 from app.boxes.snapshot import take_snapshot
 from app.context import ServiceContext
 from app.db.engine import begin_as_work
 from app.engine.children import CallCancelled, PixelsRefused
+from app.errors import BadRequest
 from app.http.bodies import stopping
 from app.http.deps import (
     AppServices,
@@ -32,17 +34,18 @@ from app.http.deps import (
 )
 from app.http.files import (
     FILE,
-    JPEG,
+    IMMUTABLE,
     PICTURE,
     RESUMABLE,
     REVALIDATE,
     TAGGED,
+    WEBP,
     blob_headers,
     file_response,
     is_known,
     known_response,
 )
-from app.http.pages import json_response, page_response
+from app.http.pages import json_response, page_response, page_with_link
 from app.http.routing import (
     CLIENT_LEFT,
     ApiRouter,
@@ -52,22 +55,46 @@ from app.http.routing import (
     without_length,
 )
 from app.measuring.queries import DatasetRepository
-from unghost.wire.boxes import Box, BoxListQuery, BoxPage, FrameListQuery
-from unghost.wire.frames import CropQuery, Frame, FrameSummary, OverlayQuery
+from unghost.wire.boxes import (
+    BOX_COLUMNS,
+    USUAL_COLUMNS,
+    Alike,
+    Box,
+    BoxListQuery,
+    BoxPage,
+    BoxTable,
+    BoxTableQuery,
+    DepthBand,
+    DepthSlice,
+    FrameListQuery,
+    Track,
+)
+from unghost.wire.frames import (
+    CropQuery,
+    Frame,
+    FrameSummary,
+    OverlayQuery,
+    Report,
+    ThumbnailQuery,
+)
 from unghost.wire.model import Page
 from unghost.wire.words import FileKind
 
 
 async def drawn_response(
-    request: Request, services: ServiceContext, drawing: Drawing
+    request: Request, services: ServiceContext, drawing: Drawing, version: str = ""
 ) -> Response:
     """A picture, drawn unless the browser or the service has it cached.
+
+    With a `version` in its address, a browser may keep it without asking again.
 
     Each token gets all but one of the places for drawing; further requests wait without
     using a thread. Drawing is cancelled when the client disconnects or the service
     stops: the request can be repeated.
     """
-    headers = blob_headers(drawing.tag) | {"Cache-Control": REVALIDATE}
+    headers = blob_headers(drawing.tag) | {
+        "Cache-Control": IMMUTABLE if version else REVALIDATE
+    }
     if is_known(request, headers["ETag"]):
         return Response(status_code=304, headers=headers)
     if asks_for_head(request):  # drawing it just for its length would be a waste
@@ -123,7 +150,11 @@ async def _draw(
     places: CapacityLimiter = request.app.state.drawings
     async with of_token.of(request.state.principal.token_id):
         return await to_thread.run_sync(
-            drawing.draw, services.drawers, cancelled, limiter=places
+            drawing.content,
+            services.drawers,
+            cancelled,
+            services.settings.data / PICTURES,
+            limiter=places,
         )
 
 
@@ -141,14 +172,41 @@ def list_boxes(
 ) -> Response:
     """Boxes of a dataset, sorted by id, doubt, match or crowding."""
     dataset = DatasetRepository(session).named(query.dataset)
+    reader = boxes.DecisionReader(session, dataset)
     wanted = to_filter(session, dataset, query)
     page = PageRequest(query.sort, query.cursor, query.limit)
-    items, cursor = boxes.list_boxes(session, dataset, wanted, page)
+    items, cursor = boxes.list_boxes(session, reader, wanted, page)
     if not query.count:
         return page_response(request, items, cursor)
     total = count_boxes(services, session, dataset, wanted)
     snapshot = take_snapshot(session, dataset, query, total)
     return page_response(request, items, cursor, total=total, snapshot=snapshot)
+
+
+@router.get("/boxes/table", response_model=BoxTable)
+def get_table(
+    request: Request, session: ReadSession, query: Annotated[BoxTableQuery, Query()]
+) -> Response:
+    """Boxes of a dataset as columns, frame by frame: for data frames and tables."""
+    names = USUAL_COLUMNS if query.fields is None else query.fields.split(",")
+    unknown = [name for name in names if name not in BOX_COLUMNS]
+    if unknown:
+        raise BadRequest(
+            f"fields: expected some of {', '.join(BOX_COLUMNS)}; found {unknown[0]!r}",
+            code="unknown_field",
+        )
+    dataset = DatasetRepository(session).named(query.dataset)
+    reader = boxes.DecisionReader(session, dataset)
+    wanted = to_filter(session, dataset, query)
+    columns, rows, cursor = boxes.table_of_boxes(
+        session,
+        reader,
+        wanted,
+        names,
+        PageRequest("id", query.cursor, query.limit),
+    )
+    table = {"columns": columns, "rows": rows, "next_cursor": cursor}
+    return page_with_link(request, table, cursor)
 
 
 @router.get("/boxes/{box_id}", response_model=Box)
@@ -157,6 +215,28 @@ def get_box(box_id: RowId, session: ReadSession) -> Box:
     reader, found = boxes.read_box(session, box_id)
     (decision,) = reader.records(found)
     return Box.model_validate({**decision, "neighbours": found.neighbours(0)})
+
+
+@router.get("/boxes/{box_id}/alike", response_model=Alike)
+def get_alike(box_id: RowId, session: ReadSession) -> Response:
+    """Boxes without an answer of the same class, reason, cause, hider and band."""
+    return json_response(boxes_alike(session, box_id))
+
+
+@router.get("/boxes/{box_id}/track", response_model=Track)
+def get_track(box_id: RowId, session: ReadSession) -> Response:
+    """The same object in the frames of its recording before and after."""
+    return json_response({"items": track_of(session, box_id)})
+
+
+@router.get("/boxes/{box_id}/slice", response_model=DepthSlice)
+def get_slice(box_id: RowId, session: ReadSession, services: AppServices) -> DepthSlice:
+    """Where a box and the pixels in it are on the axis of depth."""
+    found = frames.slice_of(services, session, box_id)
+    bands = [DepthBand(near=a, far=b, percent=c) for a, b, c in found.bands]
+    return DepthSlice(
+        near=found.near, far=found.far, median=found.median, bands=tuple(bands)
+    )
 
 
 def _crop(
@@ -169,7 +249,7 @@ def _crop(
 @crops_router.get(
     "/boxes/{box_id}/crop",
     response_class=Response,
-    responses=JPEG,
+    responses=WEBP,
     openapi_extra=TAGGED,
 )
 async def get_crop(
@@ -177,22 +257,26 @@ async def get_crop(
     services: AppServices,
     drawing: Annotated[Drawing, Depends(_crop)],
 ) -> Response:
-    """The part of the frame around a box as JPEG."""
-    return await drawn_response(request, services, drawing)
+    """The part of the frame around a box as WebP."""
+    version = request.query_params.get("v", "")
+    return await drawn_response(request, services, drawing, version)
 
 
 pictures_router = ApiRouter(prefix="/api/v1", tag="frames")
 
 
-def _thumbnail(frame_id: RowId, services: AppServices) -> Drawing:
+def _thumbnail(
+    frame_id: RowId, services: AppServices, query: Annotated[ThumbnailQuery, Query()]
+) -> Drawing:
     with services.database.read() as session:
-        return frames.frame_pictures(services.storage, session, frame_id).thumbnail()
+        pictures = frames.frame_pictures(services.storage, session, frame_id)
+        return pictures.thumbnail(query.width)
 
 
 @pictures_router.get(
     "/frames/{frame_id}/thumbnail",
     response_class=Response,
-    responses=JPEG,
+    responses=WEBP,
     openapi_extra=TAGGED,
 )
 async def get_thumbnail(
@@ -200,8 +284,9 @@ async def get_thumbnail(
     services: AppServices,
     drawing: Annotated[Drawing, Depends(_thumbnail)],
 ) -> Response:
-    """A small JPEG of the image."""
-    return await drawn_response(request, services, drawing)
+    """The image as WebP, not wider than asked for."""
+    version = request.query_params.get("v", "")
+    return await drawn_response(request, services, drawing, version)
 
 
 def _overlay(
@@ -222,7 +307,7 @@ async def get_overlay(
     services: AppServices,
     drawing: Annotated[Drawing, Depends(_overlay)],
 ) -> Response:
-    """A layer of the frame with its boxes as JPEG; without boxes, lossless PNG."""
+    """A layer of the frame with its boxes as WebP; without boxes, lossless PNG."""
     return await drawn_response(request, services, drawing)
 
 
@@ -252,6 +337,13 @@ def get_file(
 
 
 frames_router = ApiRouter(prefix="/api/v1", tag="frames")
+
+
+@frames_router.get("/datasets/{dataset}/report", response_model=Report)
+def get_report(dataset: DatasetName, session: ReadSession) -> Response:
+    """Where the ghosts are: by distance, and the frames with the most of them."""
+    found = DatasetRepository(session).named(dataset)
+    return json_response(frames.report_of(session, found))
 
 
 @frames_router.get("/datasets/{dataset}/frames", response_model=Page[FrameSummary])

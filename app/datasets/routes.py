@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from base64 import b64decode
+from contextlib import suppress
 from typing import Annotated, NamedTuple
 
 from fastapi import Depends, Path, Query, Request, Response
@@ -14,6 +15,7 @@ from app.datasets import service as datasets
 from app.datasets.classes import ClassChange, merge_class, remove_class, rename_class
 from app.db.pages import name_of_cursor, newest
 from app.db.tables import Problem
+from app.errors import NotFound
 from app.http.deps import (
     ADMIN,
     AppServices,
@@ -22,7 +24,7 @@ from app.http.deps import (
     make_room,
     require_room_to_write,
 )
-from app.http.pages import Cursor, Limit, Newest, accepted, page_response
+from app.http.pages import Cursor, Limit, Newest, accepted, json_response, page_response
 from app.http.routing import ApiRouter
 from app.http.transaction import WriteSession
 from app.measuring.active import DefaultConfig
@@ -72,15 +74,30 @@ def list_datasets(
     return page_response(request, items, items[-1].name if len(found) > limit else None)
 
 
-@router.post("/datasets", status_code=201, response_model=wire.Dataset)
+@router.post(
+    "/datasets",
+    status_code=201,
+    response_model=wire.Dataset,
+    responses={200: {"model": wire.Dataset, "description": "It exists (`exist_ok`)."}},
+)
 def create_dataset(
     body: wire.DatasetIn,
-    response: Response,
     session: WriteSession,
     services: AppServices,
     audit: Audited,
-) -> wire.Dataset:
+    exist_ok: Annotated[
+        bool,
+        Query(
+            description="Return a dataset of this name as it is, whatever its settings "
+            "are, instead of refusing to create it (409)."
+        ),
+    ] = False,
+) -> Response:
     """Create a dataset, by default with the service's configuration."""
+    if exist_ok:
+        with suppress(NotFound):
+            known = DatasetRepository(session).named(body.name)
+            return json_response(datasets.describe_dataset(session, known))
     require_room_to_write(services, session)
     reading = DatasetReading(
         name=body.name,
@@ -94,12 +111,18 @@ def create_dataset(
     if body.config is not None:
         first = FilterConfig.from_mapping(body.config.root)
     wanted = datasets.NewDataset(
-        reading, body.description, body.classes, first, audit.name
+        reading,
+        body.description,
+        body.classes,
+        first,
+        audit.name,
+        None if body.recording is None else body.recording.root,
+        body.rule,
     )
     dataset = datasets.create_dataset(session, wanted)
     audit.note(AuditAction.DATASET_CREATED, dataset.name)
-    response.headers["Location"] = f"/api/v1/datasets/{dataset.name}"
-    return datasets.describe_dataset(session, dataset)
+    where = {"Location": f"/api/v1/datasets/{dataset.name}"}
+    return json_response(datasets.describe_dataset(session, dataset), 201, where)
 
 
 @router.get("/datasets/{dataset}", response_model=wire.Dataset)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
@@ -18,7 +18,7 @@ from app.db.tables import Dataset, Run
 from app.errors import BadRequest
 from app.jobs.kind import all_open_jobs
 from app.jobs.service import end_all, interrupt
-from app.measuring.active import active_version, add_version
+from app.measuring.active import active_config, active_version, add_version
 from app.measuring.plan import DatasetReading, measurement_of, plan_for
 from app.measuring.queries import (
     DatasetRepository,
@@ -29,6 +29,8 @@ from app.runs.queries import RunRepository
 from app.runs.service import RunRequest, coming_settings, request_run
 from app.storage.room import DeletionSignal
 from filter_core.config.filter import FilterConfig
+from filter_core.errors import ConfigError
+from filter_core.formats.recording import RecordingDescription, values_of
 from unghost.wire import datasets as wire
 
 CARLA_CLASSES: Final = (
@@ -53,6 +55,8 @@ class NewDataset:
     classes: Sequence[str] | None
     config: FilterConfig
     author: str
+    recording: Mapping[str, object] | None = None
+    rule: str = ""
 
 
 def create_dataset(session: Session, wanted: NewDataset) -> Dataset:
@@ -63,6 +67,8 @@ def create_dataset(session: Session, wanted: NewDataset) -> Dataset:
         Dataset(
             name=reading.name,
             description=wanted.description,
+            rule=wanted.rule,
+            recording=checked_recording(wanted.recording),
             created_by=author,
             **reading.as_columns(),
         ),
@@ -98,24 +104,49 @@ def change_dataset(
     changes: Mapping[str, Any],
     author: str,
 ) -> Run | None:
-    """Change the description at once, and settings of reading by the returned run.
+    """Change what only describes it at once; settings of reading, by the returned run.
 
     The run measures all frames again. The dataset's settings change when it is done, so
     that they always describe how the current numbers were read.
     """
-    if "description" in changes:
-        DatasetRepository(session).change(
-            dataset, {"description": changes["description"]}
-        )
+    about = {key: changes[key] for key in _DESCRIBING if key in changes}
+    if about.get("recording") is not None:
+        about["recording"] = checked_recording(about["recording"])
+    if about:
+        DatasetRepository(session).change(dataset, about)
     current, config = coming_settings(session, dataset)
     reading = replace(
-        current, **{key: changes[key] for key in changes if key != "description"}
+        current, **{key: changes[key] for key in changes if key not in _DESCRIBING}
     )
     if reading == current:
         return None
     return request_run(
         context, session, dataset, RunRequest(config, author, True, reading)
     )
+
+
+_DESCRIBING: Final = ("description", "rule", "recording")
+"""Changes of a dataset after which nothing is measured again."""
+
+
+def checked_recording(
+    document: Mapping[str, object] | None,
+) -> Mapping[str, object] | None:
+    """A description of a recording, as it is.
+
+    Raises
+    ------
+    ConfigError
+        It has an unknown key or a wrong value.
+    """
+    make: Callable[..., RecordingDescription] = RecordingDescription
+    try:
+        make(**values_of(document))
+    except ConfigError as exc:
+        raise ConfigError(
+            f"recording: {exc.detail}", pointer=f"/recording{exc.pointer}"
+        ) from exc
+    return document
 
 
 def remove_dataset(
@@ -159,9 +190,11 @@ def describe_dataset(session: Session, dataset: Dataset) -> wire.Dataset:
     """A dataset as responses show it."""
     counts = count(TallyRepository(session).of_dataset(dataset.id))
     frames = FrameRepository(session)
+    active = active_config(session, dataset)
     return wire.Dataset(
         name=dataset.name,
         description=dataset.description,
+        rule=dataset.rule,
         classes=tuple(DatasetRepository(session).listed_classes(dataset.id)),
         classes_frozen=dataset.classes_frozen_at is not None,
         renamed_classes=dataset.renamed_classes,
@@ -170,8 +203,10 @@ def describe_dataset(session: Session, dataset: Dataset) -> wire.Dataset:
         channel_order=dataset.channel_order,
         lossy_segmentation=dataset.lossy_segmentation,
         has_ignore_mask=dataset.has_ignore_mask,
+        recording=dataset.recording,
         created_at=dataset.created_at,
-        config=active_version(session, dataset).digest,
+        config=active.digest,
+        evidence=active.evidence,
         active_run=dataset.active_run_id,
         thumbnail_frame_id=frames.first_with_image(dataset.id),
         counts=wire.DatasetCounts(
@@ -190,12 +225,14 @@ def statistics(session: Session, dataset: Dataset) -> wire.Stats:
         for name, key in DatasetRepository(session).classes(dataset.id).items()
     }
     active = active_version(session, dataset)
+    frames = FrameRepository(session)
     return wire.Stats(
-        frames=FrameRepository(session).count(dataset.id),
+        frames=frames.count(dataset.id),
         **summary(counts),
         unsure=counts.unsure,
         conflicts=counts.conflicts,
         toss_ups=counts.toss_ups,
+        bins=counts.bins,
         lossy=EvidenceRepository(session).lossy_boxes(
             filled(dataset.active_measurement_id)
         ),
@@ -204,6 +241,10 @@ def statistics(session: Session, dataset: Dataset) -> wire.Stats:
         by_class={names[key]: of for key, of in counts.by_class.items()},
         reasons_by_class={
             names[key]: of for key, of in counts.reasons_by_class.items()
+        },
+        by_map={
+            name: wire.MapCounts(frames=count, boxes=boxes)
+            for name, (count, boxes) in frames.counts_by_map(dataset.id).items()
         },
         config=active.digest,
         run=dataset.active_run_id,

@@ -13,8 +13,10 @@ from sqlalchemy import Connection, Engine, event
 from sqlalchemy.exc import TimeoutError as WaitedTooLong
 from sqlalchemy.pool import ConnectionPoolEntry
 
-PEOPLE_IN_A_ROW: Final = 4
-"""After this many transactions of people in a row, another one gets its turn."""
+PEOPLE_IN_A_ROW: Final = 1
+"""After this many transactions of people in a row, another one gets its turn.
+
+A person then waits for one upload at most. More would let uploads wait for seconds."""
 LONGEST_WAIT_S: Final = 30.0
 _HELD: Final = "turn"
 

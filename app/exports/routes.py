@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Final
 
 from fastapi import Query, Request, Response
 from sqlalchemy.orm import Session
@@ -14,12 +14,14 @@ from app.context import ServiceContext
 from app.db import tables
 from app.db.pages import newest
 from app.exports import service as exports
+from app.exports.queries import VersionRepository
 from app.exports.service import (
     EXPORTS,
     MEDIA_TYPE,
     ExportRequest,
     describe_export,
     finished_file,
+    planned_parts,
     request_export,
 )
 from app.http.deps import (
@@ -39,7 +41,7 @@ from app.jobs.service import cancel
 from app.jobs.stream import LastEventId, events_of, watch
 from app.measuring.queries import DatasetRepository
 from unghost.wire.model import Page
-from unghost.wire.runs import DownloadLink, Export, ExportIn
+from unghost.wire.runs import DownloadLink, Export, ExportIn, Parts
 
 router = ApiRouter(prefix="/api/v1", tag="exports")
 # Every role that may download an export may also create a download link.
@@ -62,6 +64,16 @@ def list_exports(
     return wanted.response(rows, lambda export: describe_export(export, dataset))
 
 
+@router.get("/datasets/{dataset}/versions", response_model=Page[Export])
+def list_versions(
+    dataset: DatasetName, wanted: Newest, session: ReadSession
+) -> Response:
+    """Versions of a dataset, that is, exports with a name, newest first."""
+    found = DatasetRepository(session).named(dataset)
+    rows = VersionRepository(session, found).page(wanted.page)
+    return wanted.response(rows, lambda export: describe_export(export, dataset))
+
+
 @router.post("/datasets/{dataset}/exports", status_code=202, response_model=Export)
 def create_export(
     dataset: DatasetName,
@@ -72,12 +84,38 @@ def create_export(
 ) -> Response:
     """Start an export of labels; one with class numbers fixes the order of classes."""
     found = DatasetRepository(session).named(dataset)
-    wanted = ExportRequest(body.format, body.options.model_dump(), audit.name)
+    options = body.options.model_dump()
+    wanted = ExportRequest(body.format, options, audit.name, body.name, body.since)
     export = request_export(services, session, found, wanted)
     audit.note(
         AuditAction.EXPORT_CREATED, export.id, dataset=dataset, format=body.format
     )
     return accepted(describe_export(export, dataset))
+
+
+_SHARE: Final = r"(0|1|[01]?\.[0-9]{1,9})"
+
+
+@router.get("/datasets/{dataset}/parts")
+def get_parts(
+    dataset: DatasetName,
+    session: ReadSession,
+    split: Annotated[
+        str,
+        Query(
+            pattern=rf"^({_SHARE}(,{_SHARE}){{0,2}})?$",
+            description="Shares of train, val and test as `0.8,0.1,0.1`; as the option "
+            "of an export.",
+        ),
+    ] = "",
+) -> Parts:
+    """The frames and sequences of each part, as an export with this `split` has them.
+
+    Frames that an export leaves out, as those without an image, are counted here.
+    """
+    found = DatasetRepository(session).named(dataset)
+    shares = [float(share) for share in split.split(",") if share]
+    return planned_parts(session, found, shares)
 
 
 @router.post("/exports/{export_id}/cancel", status_code=202, response_model=Export)

@@ -14,6 +14,7 @@ from app.context import ServiceContext
 from app.db import tables
 from app.db.tables import Chunk, Dataset
 from app.errors import Conflict, TryLater
+from app.exports.queries import VersionRepository
 from app.exports.writer import write_archive
 from app.jobs.chunks import ChunkRepository, PlannedChunk
 from app.jobs.kind import Task
@@ -27,6 +28,8 @@ from app.storage.base import StoredBlob
 from app.storage.room import require_room
 from filter_core.formats.export import ExportOptions
 from filter_core.formats.registry import format_of
+from filter_core.formats.splits import in_order_of_roles
+from filter_core.formats.writing import Parts
 from unghost.wire import runs as wire
 
 MEDIA_TYPE: Final = "application/zip"
@@ -40,6 +43,8 @@ class ExportRequest:
     format: str
     options: Mapping[str, object]
     author: str
+    name: str | None = None
+    since: str | None = None
 
 
 def request_export(
@@ -54,7 +59,11 @@ def request_export(
     ------
     Conflict
         ``classes_change``: an open run renames classes, whose numbers it changes.
+        ``version_exists``: another export has the name.
+    NotFound
+        There is no version `since`.
     """
+    _check_versions(session, dataset, wanted)
     fmt = format_of(wanted.format, ExportOptions.from_mapping(wanted.options))
     require_room(context.settings, context.storage)
     if fmt.numbers_classes:
@@ -73,9 +82,44 @@ def request_export(
         total=FrameRepository(session).count(dataset.id),
         media_type=MEDIA_TYPE,
         created_by=wanted.author,
+        name=wanted.name,
+        since=wanted.since,
     )
     queue_job(context, session, export)
     return export
+
+
+def _check_versions(session: Session, dataset: Dataset, wanted: ExportRequest) -> None:
+    versions = VersionRepository(session, dataset)
+    if wanted.since is not None:
+        versions.named(wanted.since)
+    taken = None if wanted.name is None else versions.export_of(wanted.name)
+    if taken is not None:
+        raise Conflict(
+            f"dataset {dataset.name!r} has a version {wanted.name!r} already, export "
+            f"{taken}; choose another name, or delete that export",
+            code="version_exists",
+        )
+
+
+def planned_parts(
+    session: Session, dataset: Dataset, shares: Sequence[float]
+) -> wire.Parts:
+    """The parts that an export with these shares would make now.
+
+    Raises
+    ------
+    ExportError
+        They are no shares.
+    """
+    parts = Parts(ExportOptions.from_mapping({"split": list(shares)}))
+    for frame in FrameRepository(session).parts_told(dataset.id):
+        parts.of(frame)
+    return wire.Parts(
+        frames={name: parts.frames[name] for name in in_order_of_roles(parts.frames)},
+        sequences={name: len(some) for name, some in parts.sequences.items()},
+        split=dict(parts.told),
+    )
 
 
 def delete_export(audit: AuditTrail, context: ServiceContext, export_id: int) -> None:
@@ -154,6 +198,9 @@ def describe_export(export: tables.Export, dataset: str) -> wire.Export:
             "created_by": export.created_by,
             "created_at": export.created_at,
             "finished_at": export.finished_at,
+            "name": export.name,
+            "since": export.since,
+            "version": export.version,
             "download": f"/api/v1/exports/{export.id}/download" if has_file else None,
         }
     )

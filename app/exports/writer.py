@@ -7,10 +7,12 @@ export: the first to finish ends it.
 
 from __future__ import annotations
 
+import hashlib
 import json
 import secrets
 import shutil
 import zipfile
+import zlib
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, field, replace
@@ -26,23 +28,29 @@ from app.boxes.reader import DecisionReader, StoredDecision
 from app.context import ServiceContext
 from app.db.engine import once_committed
 from app.db.tables import Dataset, Export
+from app.engine.children import PixelPool
+from app.exports.queries import VersionRepository
 from app.jobs.kind import Task
 from app.measuring.active import active_version
 from app.measuring.queries import DatasetRepository, EvidenceRow
 from app.storage.base import BlobsUncertain
 from app.storage.room import DeletionSignal
 from filter_core.formats.export import (
+    ExportError,
     ExportFrame,
     ExportHead,
     ExportOptions,
     GivenAnnotation,
 )
 from filter_core.formats.format import Need
+from filter_core.formats.recording import COMPANIONS
 from filter_core.formats.registry import FORMATS, format_of, write_export
+from filter_core.formats.same import SOURCE_LABELS
 from filter_core.formats.tally import Counts
+from filter_core.images.drawing import DrawnBox, png_with_boxes
 from filter_core.pipeline import named_class
 from filter_core.types import DecidedBoxes, DecisionColumns
-from filter_core.values import JsonObject
+from filter_core.values import JsonObject, as_text
 
 _FRAMES_AT_A_TIME: Final = 200
 """Frames whose rows are read together."""
@@ -51,6 +59,8 @@ _NO_ROWS: Final = slice(0, 0)
 
 _CROWD: Final = '"iscrowd"'
 """The JSON key that marks a crowd in an annotation."""
+_PARTS: Final = ('"split"', '"sequence"')
+"""The JSON keys that say of which part or sequence a frame is."""
 _EPOCH: Final = (1980, 1, 1, 0, 0, 0)
 """The earliest time in a zip file, for all entries: exports contain no clock time."""
 _PACKED: Final = (".png", ".jpg")
@@ -66,11 +76,12 @@ def write_archive(task: Task[Export]) -> None:
         file = folder / "export.zip"
         with context.database.read() as session:
             export = task.row(session)
-            counts = _stream(task, session, export, file)
+            counts, frames = _stream(task, session, export, file)
+            version = frames.version()
         size_bytes = file.stat().st_size
         put = partial(context.storage.adopt, file)
         digest = task.retry_unavailable(put)
-    stored = StoredArchive(digest, size_bytes, counts)
+    stored = StoredArchive(digest, size_bytes, counts, version, frames.digests)
     try:
         _end(task, stored)
     except BlobsUncertain as uncertain:
@@ -82,11 +93,13 @@ def write_archive(task: Task[Export]) -> None:
 
 
 class StoredArchive(NamedTuple):
-    """The stored zip file of an export, and the counts of its content."""
+    """The stored zip file of an export, the counts of its content, and the digests."""
 
     digest: str
     size_bytes: int
     counts: Counts
+    version: str
+    frames: Mapping[str, str]
 
 
 def _end(task: Task[Export], stored: StoredArchive) -> None:
@@ -95,6 +108,9 @@ def _end(task: Task[Export], stored: StoredArchive) -> None:
         task.context.storage.require([stored.digest])
         export.sha256, export.size_bytes = stored.digest, stored.size_bytes
         export.counts, export.done = stored.counts, export.total
+        export.version = stored.version
+        if export.name is not None:
+            export.frames_state = pack_state(stored.frames)
         task.end_job(session)
         # Older files may have to make place for this one.
         once_committed(session, task.context.one(DeletionSignal).set)
@@ -120,16 +136,44 @@ def _clear(context: ServiceContext, export_id: int) -> None:
             shutil.rmtree(folder, ignore_errors=True)
 
 
-def _stream(task: Task[Export], session: Session, export: Export, file: Path) -> Counts:
+def _stream(
+    task: Task[Export], session: Session, export: Export, file: Path
+) -> tuple[Counts, ExportFrames]:
+    """Write the file; the counts of its content, and the frames that it was made of."""
     dataset = DatasetRepository(session).with_id(export.dataset_id)
     options = _options(export)
     needs = format_of(export.format, options).needs
-    read = partial(_read, task)
-    frames = ExportFrames(read, session, dataset, needs)
+    frames = ExportFrames(
+        partial(_read, task), session, dataset, needs, task.context.drawers
+    )
     head = replace(_head(session, dataset), temporary=file.parent)
+    expected = head.expected_boxes
+    if export.since is not None:
+        frames.known = unpack_state(
+            VersionRepository(session, dataset).named(export.since)
+        )
+        gone = sorted(frames.known.keys() - FrameRepository(session).keys(dataset.id))
+        facts = {**head.facts, "since": export.since, "removed": gone}
+        head = replace(head, facts=facts, expected_boxes=None)
     with closing(ReproducibleZip(file)) as archive:
         coming = _reporting(task, export.total, frames)
-        return write_export(export.format, coming, archive.add, head, options)
+        counts = write_export(export.format, coming, archive.add, head, options)
+    if frames.boxes != expected:
+        raise ExportError(
+            f"expected {expected} boxes, found {frames.boxes}", code="count_mismatch"
+        )
+    return counts, frames
+
+
+def pack_state(digests: Mapping[str, str]) -> bytes:
+    """The digests of frames by their keys, compressed."""
+    return zlib.compress(json.dumps(digests).encode())
+
+
+def unpack_state(version: Export) -> dict[str, str]:
+    """The digests of a version's frames by their keys."""
+    state: dict[str, str] = json.loads(zlib.decompress(version.frames_state or b""))
+    return state
 
 
 def _options(export: Export) -> ExportOptions:
@@ -149,6 +193,7 @@ def _read(task: Task[Export], digest: str) -> bytes:
 
 def _head(session: Session, dataset: Dataset) -> ExportHead:
     tallies = TallyRepository(session).of_dataset(dataset.id)
+    absent = (dataset.recording or {}).get(COMPANIONS)
     return ExportHead(
         classes=tuple(DatasetRepository(session).listed_classes(dataset.id)),
         facts={
@@ -157,6 +202,7 @@ def _head(session: Session, dataset: Dataset) -> ExportHead:
             "config": active_version(session, dataset).digest,
             "last_review": LatestAnswers(session).last_id(dataset.id),
             "frames": FrameRepository(session).count(dataset.id),
+            **({"companions_absent": absent} if absent else {}),
         },
         expected_boxes=sum(tallies.values()),
     )
@@ -175,7 +221,16 @@ def _reporting(
 class ExportFrames:
     """Iterates over all current frames in order of key, and reads only what is needed.
 
-    `needs` are the parts of a frame that the format uses.
+    `needs` are the parts of a frame that the format uses; child processes draw.
+
+    Attributes
+    ----------
+    known : mapping of str to str
+        Digests of frames by their keys: a frame that still has its digest is left out.
+    digests : dict of str to str
+        The digests of all frames so far: of their files, boxes, decisions and answers.
+    boxes : int
+        How many boxes these have, also those of frames that were left out.
     """
 
     def __init__(
@@ -184,12 +239,24 @@ class ExportFrames:
         session: Session,
         dataset: Dataset,
         needs: Collection[Need],
+        drawers: PixelPool,
     ) -> None:
         self._read = read
+        self._drawers = drawers
         self._session = session
         self._dataset = dataset
         self._needs = needs
         self._reader = DecisionReader(session, dataset)
+        self.known: Mapping[str, str] = {}
+        self.digests: dict[str, str] = {}
+        self.boxes = 0
+
+    def version(self) -> str:
+        """Digest of the configuration and of all frames, after they were read."""
+        version = active_version(self._session, self._dataset).digest
+        lines = [f"version 1 {version}"]
+        lines += [f"{digest} {key}" for key, digest in self.digests.items()]
+        return hashlib.sha256("\n".join(lines).encode()).hexdigest()
 
     def __iter__(self) -> Iterator[ExportFrame]:
         frames = FrameRepository(self._session)
@@ -199,7 +266,12 @@ class ExportFrames:
         ):
             content = self._content(heads)
             for head in heads:
-                yield self._frame(head, content)
+                rows = content.rows.get(head.id, _NO_ROWS)
+                digest = _digest_of(head, content.labels[rows])
+                self.digests[head.key] = digest
+                self.boxes += rows.stop - rows.start
+                if self.known.get(head.key) != digest:
+                    yield self._frame(head, content)
             after = heads[-1].key
 
     def _content(self, heads: Sequence[FrameHead]) -> _Content:
@@ -217,29 +289,56 @@ class ExportFrames:
             content.columns = self._reader.columns(boxes)
         return content
 
+    def _draw(self, digest: str, boxes: Sequence[DrawnBox]) -> bytes:
+        return self._drawers.run(png_with_boxes, self._read(digest), boxes)
+
     def _frame(self, frame: FrameHead, content: _Content) -> ExportFrame:
         wh = (frame.width, frame.height)
         text = content.annotations.get(frame.id, "{}")
-        image = content.files.get(frame.id, {}).get("image")
+        files = content.files.get(frame.id, {})
+        image, segmentation = files.get("image"), files.get("segmentation")
         evidence = content.evidence.get(frame.id)
         rows = content.rows.get(frame.id, _NO_ROWS)
         columns = content.columns
+        given = GivenAnnotation(
+            partial(_annotation, text, self._dataset.renamed_classes),
+            wh,
+            crowds=_CROWD in text,
+            may_be_of=partial(_may_be_of, text),
+        )
+        said = given.frame if any(key in text for key in _PARTS) else {}
         return ExportFrame(
             key=frame.key,
             wh=wh,
             boxes=content.labels[rows],
-            given=GivenAnnotation(
-                partial(_annotation, text, self._dataset.renamed_classes),
-                wh,
-                crowds=_CROWD in text,
-            ),
+            given=given,
             map=frame.map,
+            sequence=as_text(said.get("sequence")),
+            split=as_text(said.get("split")),
             media_type=image.media_type if image else "image/png",
             read_image=partial(self._read, image.sha256) if image else None,
+            read_segmentation=(
+                partial(self._read, segmentation.sha256) if segmentation else None
+            ),
+            draw=partial(self._draw, image.sha256) if image else None,
             palette=None if evidence is None else evidence.palette,
             decisions=content.decisions[rows],
             columns=None if columns is None else columns[rows],
         )
+
+
+def _digest_of(frame: FrameHead, boxes: DecidedBoxes) -> str:
+    """Digest of a frame's files and annotation, of its decisions, and of answers."""
+    names = [boxes.class_names[index] for index in boxes.class_index.tolist()]
+    found = hashlib.sha256(frame.content_digest.encode())
+    found.update(json.dumps([*boxes.ids, *names]).encode())
+    found.update(boxes.reason.tobytes() + boxes.answer.tobytes())
+    return found.hexdigest()
+
+
+def _may_be_of(text: str, name: str) -> bool:
+    """Whether an annotation may have the labels of a format of this name."""
+    return f'"{SOURCE_LABELS}"' in text and f'"{name}"' in text
 
 
 def _annotation(text: str, renamed: Mapping[str, str]) -> JsonObject:

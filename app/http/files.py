@@ -174,6 +174,6 @@ RESUMABLE: Final = _headers(
     Range="One range of bytes; a header with several is ignored.",
     If_Range="Entity tag of the version of which the client has a part.",
 )
-JPEG: Final = picture_of("image/jpeg")
-PICTURE: Final = picture_of("image/jpeg", "image/png")
+WEBP: Final = picture_of("image/webp")
+PICTURE: Final = picture_of("image/webp", "image/png")
 FILE: Final = file_of(*_FILE_TYPES)

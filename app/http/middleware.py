@@ -1,12 +1,14 @@
 """Middleware for all requests, as plain ASGI, so that streams are not buffered.
 
-From the outside in: RequestId, AccessLog, SecurityHeaders, Problems, NoNewWork,
-KnownHosts, BodyLimit. Errors of the last three become problem documents as well.
+From the outside in: RequestId, AccessLog, SecurityHeaders, Compression, Problems,
+NoNewWork, KnownHosts, BodyLimit. Errors of the last three become problem documents,
+too.
 """
 
 from __future__ import annotations
 
 import asyncio
+import gzip
 import math
 import re
 import time
@@ -14,9 +16,10 @@ import uuid
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Final
 
-from anyio import fail_after
+from anyio import fail_after, to_thread
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
@@ -172,6 +175,75 @@ class SecurityHeaders(HttpMiddleware):
             await send(message)
 
         await self._app(scope, receive, send_with_headers)
+
+
+class Compression(HttpMiddleware):
+    """Compresses whole texts, such as JSON, for clients that take gzip; no streams."""
+
+    async def handle(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """One request."""
+        accepted = Headers(scope=scope).get("accept-encoding", "").lower()
+        if not _GZIP.search(accepted):
+            await self._app(scope, receive, send)
+            return
+        start: Message | None = None
+
+        async def send_compressed(message: Message) -> None:
+            nonlocal start
+            if message["type"] == "http.response.start":
+                headers = Headers(raw=message["headers"])
+                kind = headers.get("content-type", "").partition(";")[0]
+                if kind in _COMPRESSED and "content-encoding" not in headers:
+                    start = message
+                else:
+                    await send(message)
+                return
+            if start is not None:
+                begun, start = start, None
+                body = message.get("body", b"")
+                if not message.get("more_body") and len(body) >= _LEAST_BYTES:
+                    headers = MutableHeaders(scope=begun)
+                    body = await _compressed(body, headers["content-type"])
+                    headers["Content-Encoding"] = "gzip"
+                    headers["Content-Length"] = str(len(body))
+                    if etag := headers.get("etag"):  # another representation
+                        headers["ETag"] = f"W/{etag.removeprefix('W/')}"
+                    message = {**message, "body": body}
+                MutableHeaders(scope=begun).add_vary_header("Accept-Encoding")
+                await send(begun)
+            await send(message)
+
+        await self._app(scope, receive, send_compressed)
+
+
+_COMPRESSED: Final = frozenset(
+    {
+        "application/json",
+        "image/svg+xml",
+        "text/css",
+        "text/html",
+        "text/javascript",
+    }
+)
+_GZIP: Final = re.compile(r"\bgzip\b(?!\s*;\s*q=0(\.0*)?\s*(,|$))")
+_LEAST_BYTES: Final = 1400
+"""What is shorter fits into one packet anyway."""
+_AT_ONCE: Final = 100_000
+"""Bytes that are compressed within a few ms, and so in the event loop."""
+
+
+async def _compressed(body: bytes, media_type: str) -> bytes:
+    if not media_type.startswith("application/json"):
+        return _compressed_file(body)
+    if len(body) <= _AT_ONCE:
+        return gzip.compress(body, compresslevel=1, mtime=0)
+    return await to_thread.run_sync(gzip.compress, body, 1)
+
+
+@lru_cache(maxsize=128)
+def _compressed_file(body: bytes) -> bytes:
+    """A file of the page, compressed once."""
+    return gzip.compress(body, mtime=0)
 
 
 class Problems(HttpMiddleware):

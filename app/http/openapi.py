@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import threading
 from collections.abc import Iterable, Iterator
 from html import escape
@@ -13,8 +14,12 @@ from pydantic.json_schema import models_json_schema
 
 from app.http.problems import PROBLEM_TYPE
 from filter_core.config.filter import FilterConfig, schema_of
+from filter_core.formats.recording import description_schema
 from filter_core.formats.registry import EXPORT_FORMATS, FORMATS
-from unghost.wire.datasets import FilterConfigIn
+from unghost.wire.annotation import Annotation
+from unghost.wire.codes import ERROR_CODES
+from unghost.wire.datasets import FilterConfigIn, RecordingIn
+from unghost.wire.descriptions import Described, described
 from unghost.wire.folders import FolderEnd, FolderFrame, FolderHead, UnmatchedFile
 from unghost.wire.frames import BatchEnd, BatchLine
 from unghost.wire.model import Problem
@@ -47,8 +52,55 @@ def docs_page(schema: _Object) -> str:
         '<link rel="stylesheet" href="/static/css/docs.css">'
         f"</head><body><main><h1>{title}: API</h1>"
         '<p>For machines: <a href="/openapi.json">openapi.json</a>. Every error is '
-        f"<code>application/problem+json</code>.</p>{body}</main></body></html>"
+        f"<code>application/problem+json</code>.</p>{body}"
+        f"<h2>Objects</h2>{_objects(schema)}</main></body></html>"
     )
+
+
+def _objects(schema: _Object) -> str:
+    """Each object of bodies and responses, with its fields and an example of each."""
+    return "".join(
+        f'<details id="{escape(name)}"><summary><code>{escape(name)}</code> '
+        f'<span class="brief">{escape(one.get("description", ""))}</span></summary>'
+        + _table(
+            (
+                field if field in one.get("required", ()) else f"{field}, optional",
+                _type_of(of_field),
+                _with_example(of_field),
+            )
+            for field, of_field in one["properties"].items()
+        )
+        + "</details>"
+        for name, one in sorted(schema["components"]["schemas"].items())
+        if one.get("properties")
+    )
+
+
+def _type_of(schema: _Object) -> str:
+    """The type of a value in a few words: ``list of Decision or null``."""
+    if "$ref" in schema:
+        return str(schema["$ref"]).rpartition("/")[2]
+    for several in ("anyOf", "allOf", "oneOf"):
+        if several in schema:
+            kinds = map(_type_of, schema[several])
+            return " or ".join(dict.fromkeys(kinds))
+    if "enum" in schema:
+        return ", ".join("null" if one is None else str(one) for one in schema["enum"])
+    if "const" in schema:
+        return str(schema["const"])
+    kind = schema.get("type", "any")
+    if kind == "array" and "items" in schema:
+        return f"list of {_type_of(schema['items'])}"
+    return " or ".join(kind) if isinstance(kind, list) else str(kind)
+
+
+def _with_example(schema: _Object) -> str:
+    text = str(schema.get("description", ""))
+    if _DEFAULT in schema:
+        text += f" Default: {json.dumps(schema[_DEFAULT])}."
+    if "examples" in schema:
+        text += f" Example: {json.dumps(schema['examples'][0])}"
+    return text
 
 
 def _route(method: str, path: str, operation: _Object) -> str:
@@ -63,20 +115,30 @@ def _route(method: str, path: str, operation: _Object) -> str:
 
 def _parameters(operation: _Object) -> str:
     rows = [
-        (one["name"], one["in"], one.get("description", ""))
+        (one["name"], one["in"], _with_example({**one["schema"], **one}))
         for one in operation.get("parameters", ())
     ]
-    rows += [("body", kind, "") for kind in _body_types(operation)]
+    for kind, body in operation.get("requestBody", {}).get("content", {}).items():
+        schema = body["schema"]
+        fields = schema.get("properties", {})
+        rows += [("body", kind, "" if fields else _type_of(schema))]
+        rows += [
+            (name, _type_of(one), _with_example(one)) for name, one in fields.items()
+        ]
     return _table(rows)
-
-
-def _body_types(operation: _Object) -> list[str]:
-    return list(operation.get("requestBody", {}).get("content", {}))
 
 
 def _responses(operation: _Object) -> str:
     return _table(
-        (status, response.get("description", "problem"), "")
+        (
+            status,
+            response.get("description", "problem"),
+            ", ".join(
+                _type_of(one["schema"])
+                for one in response.get("content", {}).values()
+                if "schema" in one
+            ),
+        )
         for status, response in operation["responses"].items()
     )
 
@@ -109,6 +171,9 @@ IDEMPOTENCY_PARAMETER: Final = {
     "schema": {"type": "string", "pattern": "^[!-~]{1,200}$"},
 }
 _LARGEST: Final = 2**63 - 1
+_DEFAULT: Final = "x-default"
+"""In place of `default`, from which generators of clients make required fields, or
+fields that are sent although nobody has set them."""
 
 
 _MAKING: Final = threading.Lock()
@@ -129,6 +194,8 @@ def _document(app: FastAPI) -> _Object:
         _add_components(schema)
         for method, operation in _operations(schema):
             _add_problems(method, operation)
+            for parameter in operation.get("parameters", ()):
+                _describe(parameter, described(parameter["name"], "BoxSelection"))
             if method == "post":
                 operation.setdefault("parameters", []).append(IDEMPOTENCY_PARAMETER)
         _make_bounds_whole(schema)
@@ -146,14 +213,18 @@ def _add_components(schema: _Object) -> None:
     schemas = components.setdefault("schemas", {})
     for name in _FOREIGN_SCHEMAS:
         schemas.pop(name, None)
-    _, described = models_json_schema(
-        [(model, "serialization") for model in _NO_ROUTE_RETURNS],
+    _, others = models_json_schema(
+        [
+            (Annotation, "validation"),
+            *((model, "serialization") for model in _NO_ROUTE_RETURNS),
+        ],
         ref_template="#/components/schemas/{model}",
     )
-    for name, schema_of_model in described["$defs"].items():
+    for name, schema_of_model in others["$defs"].items():
         schemas.setdefault(name, schema_of_model)
     # The wire declares it as an object only; the library declares its keys.
     schemas[FilterConfigIn.__name__] = schema_of(FilterConfig)
+    schemas[RecordingIn.__name__] = description_schema()
     stored = schemas[ConfigVersion.__name__]["properties"]
     stored["config"] = {"$ref": f"#/components/schemas/{FilterConfigIn.__name__}"}
     # As for formats: the wire has only their names.
@@ -163,6 +234,12 @@ def _add_components(schema: _Object) -> None:
     asked["x-options"] = {
         name: sorted(FORMATS[name].options) for name in EXPORT_FORMATS
     }
+    schemas["Problem"]["properties"]["code"]["enum"] = [*ERROR_CODES]
+    for name, one in schemas.items():
+        for field, of_field in one.get("properties", {}).items():
+            _describe(of_field, described(field, name))
+            if "default" in of_field:
+                of_field[_DEFAULT] = of_field.pop("default")
     content = {PROBLEM_TYPE: {"schema": {"$ref": "#/components/schemas/Problem"}}}
     statuses = sorted({*_EVERYWHERE, *_WITH_TOKEN, *_WITH_BODY, *_OF_SOME})
     components["responses"] = {
@@ -172,6 +249,18 @@ def _add_components(schema: _Object) -> None:
         }
         for status in statuses
     }
+
+
+def _describe(schema: _Object, said: Described | None) -> None:
+    """Add the description and the example, unless the field has them."""
+    if said is None:
+        return
+    schema.setdefault("description", said.text)
+    if said.example is not None and not {"example", "examples"} & schema.keys():
+        if "in" in schema:  # of a parameter it is another key
+            schema["example"] = said.example
+        else:
+            schema["examples"] = [said.example]
 
 
 def _add_problems(method: str, operation: _Object) -> None:

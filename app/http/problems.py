@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import errno
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from http import HTTPStatus
-from typing import Final, TypedDict
+from typing import Final, TypedDict, get_args
 
 from fastapi import FastAPI, Request
 from fastapi.encoders import jsonable_encoder
 from fastapi.exceptions import RequestValidationError
+from pydantic import BaseModel
 from sqlalchemy import exc as sql
 from starlette.exceptions import HTTPException
 from starlette.requests import ClientDisconnect
@@ -21,8 +22,8 @@ from starlette.routing import Match
 from app import errors
 from app.errors import AppError
 from app.logs import current_request_id, error_log
-from filter_core.errors import FilterError, problem_of
-from filter_core.values import pointer_token
+from filter_core.errors import FilterError, NotAvailable, problem_of
+from filter_core.values import pointer_token, similar
 from unghost.wire.model import MAX_FAULTS, Fault, Problem
 
 PROBLEM_TYPE: Final = "application/problem+json"
@@ -120,7 +121,11 @@ def install(app: FastAPI) -> None:
 
 
 async def _respond(request: Request, exc: Exception) -> Response:
-    refusal = refusal_of(exc)
+    body = getattr(request.scope.get("route"), "body_field", None)
+    if isinstance(exc, RequestValidationError) and body is not None:
+        refusal = _invalid_request(exc, body.field_info.annotation)
+    else:
+        refusal = refusal_of(exc)
     errors.forget_frames(exc)
     path = request.url.path
     if refusal.status == HTTPStatus.METHOD_NOT_ALLOWED:
@@ -243,7 +248,10 @@ def _refusal_by_filter(exc: FilterError) -> Refusal:
     problem = problem_of(exc)
     faults = tuple(Fault(**one) for one in problem["errors"])
     more = _more_errors(problem.get("more_errors", 0))
-    return Refusal(422, problem["code"], problem["detail"], faults, extensions=more)
+    detail = problem["detail"]
+    if isinstance(exc, NotAvailable):  # it says which package to install
+        detail = f"{detail} on the machine of the server"
+    return Refusal(422, problem["code"], detail, faults, extensions=more)
 
 
 def _more_errors(more: int) -> dict[str, int]:
@@ -257,9 +265,10 @@ def _refusal_by_http(exc: HTTPException) -> Refusal:
     return Refusal(exc.status_code, code, str(exc.detail), headers=exc.headers or {})
 
 
-def _invalid_request(exc: RequestValidationError) -> Refusal:
+def _invalid_request(exc: RequestValidationError, body: object = None) -> Refusal:
+    """`body`: the annotation of the route's body, by which unknown keys are told."""
     errors = exc.errors()
-    faults = tuple(_fault_of(error) for error in errors[:MAX_FAULTS])
+    faults = tuple(_fault_of(error, body) for error in errors[:MAX_FAULTS])
     more = f" (and {len(errors) - 1} more)" if len(errors) > 1 else ""
     at = faults[0].pointer if errors[0]["loc"][0] == "body" else ""
     detail = f"{at}{': ' if at else ''}{faults[0].detail}{more}"
@@ -280,16 +289,45 @@ class InvalidValue(_Context):
     input: object
 
 
-def _fault_of(error: InvalidValue) -> Fault:
+def _fault_of(error: InvalidValue, body: object) -> Fault:
     # Never the input itself: it may be a token.
     where, *path = error["loc"]
     detail = in_words(error)
+    if error["type"] == "extra_forbidden" and path:
+        meant = similar(path[-1], _keys_at(body, path[:-1]))
+        detail = f"unknown name; did you mean {meant!r}?" if meant else detail
     if error["type"] == "missing" and not path:
         detail = "expected a body of JSON, found none"
     if where != "body":
         detail = f"{where} parameter {path[0]!r}: {detail}"
         path = [where, *path]
     return Fault(pointer=_json_pointer(path), code=error["type"], detail=detail)
+
+
+def _keys_at(body: object, path: Sequence[int | str]) -> set[str]:
+    """The keys of the objects at a place in a body, by its annotation."""
+    models = list(_models_in(body))
+    for step in path:
+        if isinstance(step, str):
+            fields = [pair for one in models for pair in one.model_fields.items()]
+            models = [
+                inner
+                for name, one in fields
+                if step in (name, one.alias)
+                for inner in _models_in(one.annotation)
+            ]
+    return {
+        one.alias or name
+        for model in models
+        for name, one in model.model_fields.items()
+    }
+
+
+def _models_in(annotation: object) -> Iterator[type[BaseModel]]:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        yield annotation
+    for inner in get_args(annotation):
+        yield from _models_in(inner)
 
 
 def _json_pointer(path: list[str | int]) -> str:
@@ -337,8 +375,8 @@ _EXPECTED: Final[Mapping[str, str]] = {
     "too_long": "at most {max_length} items, found {actual_length}",
 }
 _PATTERNS: Final[Mapping[str, str]] = {
-    r"^[a-z0-9](?:[a-z0-9._-]{0,98}[a-z0-9])?$": "1 to 100 of a-z, 0-9, dot, dash and "
-    "underscore, with a letter or a digit at both ends",
+    r"^[A-Za-z0-9](?:[A-Za-z0-9._-]{0,98}[A-Za-z0-9])?$": "1 to 100 of "
+    "a-z, A-Z, 0-9, dot, dash and underscore, with a letter or a digit at both ends",
     r"^[0-9a-f]{64}$": "a digest of 64 hexadecimal digits",
     r"^[^\x00-\x1f\x7f-\x9f\u2028\u2029]*[^\s\x00-\x1f\x7f-\x9f]$": "printable "
     "characters, and no space at the end",
@@ -347,8 +385,12 @@ _PATTERNS: Final[Mapping[str, str]] = {
     r"^((kept|rejected|unmeasured)(,(kept|rejected|unmeasured))*)?$": "kept, rejected "
     "and unmeasured, separated by commas",
     r"^[0-9]+$": "digits",
+    r"^((0|1|[01]?\.[0-9]{1,9})(,(0|1|[01]?\.[0-9]{1,9})){0,2})?$": "up to three "
+    "shares from 0 to 1, separated by commas",
     r"^[a-z0-9-]{1,40}$": "1 to 40 of a-z, 0-9 and dash",
 }
+_WORD: Final = re.compile(r"(?!u[gscd]_)[\w.-]{1,40}")
+"""What may be quoted where one of a few words is expected: no secret of ours."""
 _NUMBER: Final = re.compile(r"[+-]?\d{1,20}(\.\d{1,20})?")
 
 
@@ -368,10 +410,15 @@ def in_words(error: InvalidValue, *, show: bool = False) -> str:
     if expected is None:
         return str(error["msg"])
     # For a text, the expectation is enough: "found a text" would add nothing.
-    about_words = kind in ("string_pattern_mismatch", "literal_error", "enum")
-    is_text = about_words and isinstance(error.get("input"), str)
-    if (is_text and not show) or "found" in expected:
+    is_text = isinstance(error.get("input"), str)
+    if (kind == "string_pattern_mismatch" and is_text and not show) or (
+        "found" in expected
+    ):
         return f"expected {expected}"
+    if kind in ("literal_error", "enum") and is_text:
+        show = show or _WORD.fullmatch(str(error["input"])) is not None
+        if not show:
+            return f"expected {expected}"
     return f"expected {expected}, found {_found(error.get('input'), show)}"
 
 

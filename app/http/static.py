@@ -19,12 +19,12 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Final
 
-from fastapi import APIRouter, Request, Response
+from fastapi import APIRouter, FastAPI, Request, Response
 
 from app.errors import NotFound
 from app.http.files import IMMUTABLE, is_known
 from app.http.openapi import docs_page
-from app.http.routing import ApiRouter, HeadRoute, OpenRouter
+from app.http.routing import HeadRoute, OpenRouter
 from app.package import static_dir
 from app.security import FORMER_COOKIE
 
@@ -163,8 +163,8 @@ def _etag(content: bytes) -> str:
 def content_security_policy(index: Path) -> str:
     """The Content-Security-Policy: own files only, and the page's import map.
 
-    Trusted Types forbid turning text into elements or code, except by the policy
-    "api-docs" of `docs.js`. An API-only installation has no page and so no import map.
+    Trusted Types forbid turning text into elements or code. An API-only installation
+    has no page and so no import map.
     """
     page = index.read_bytes() if index.is_file() else b""
     maps = (hashlib.sha256(text).digest() for text in _INLINE_MAP.findall(page))
@@ -174,13 +174,13 @@ def content_security_policy(index: Path) -> str:
         f"script-src 'self'{hashes}; "
         "style-src 'self'; img-src 'self' blob: data:; connect-src 'self'; "
         "frame-ancestors 'none'; base-uri 'none'; form-action 'none'; "
-        "require-trusted-types-for 'script'; trusted-types api-docs"
+        "require-trusted-types-for 'script'; trusted-types 'none'"
     )
 
 
 router = APIRouter(redirect_slashes=False, route_class=HeadRoute)
 files_router = OpenRouter()
-description_router = ApiRouter()
+description_router = OpenRouter()
 
 
 @router.get("/", include_in_schema=False)
@@ -209,23 +209,28 @@ async def static_file(name: str, request: Request) -> Response:
 @description_router.get("/openapi.json", include_in_schema=False)
 def openapi(request: Request) -> Response:
     """The OpenAPI document; in a thread, since generating it the first time is slow."""
-    content = json.dumps(request.app.openapi(), ensure_ascii=False).encode()
-    return _file_response(
-        request, PageFile(content, MEDIA_TYPES[".json"], _etag(content))
-    )
+    return _file_response(request, _description(request.app)[0])
 
 
-@files_router.get("/docs", include_in_schema=False)
-async def docs(request: Request) -> Response:
-    """The page that shows `/docs/content` to people who are logged in."""
-    return _file_response(request, page_file(static_dir(), "docs.html"))
-
-
-@description_router.get("/docs/content", include_in_schema=False)
-def docs_content(request: Request) -> Response:
+@description_router.get("/docs", include_in_schema=False)
+def docs(request: Request) -> Response:
     """The API as HTML; in a thread, as `openapi`."""
-    page = docs_page(request.app.openapi())
-    return Response(page, media_type="text/html; charset=utf-8")
+    return _file_response(request, _description(request.app)[1])
+
+
+@lru_cache(maxsize=1)
+def _description(app: FastAPI) -> tuple[PageFile, PageFile]:
+    """The OpenAPI document and the page of it, kept, since anybody may ask for them."""
+    document = app.openapi()
+    files = {
+        ".json": json.dumps(document, ensure_ascii=False).encode(),
+        ".html": docs_page(document).encode(),
+    }
+    machines, people = (
+        PageFile(content, MEDIA_TYPES[suffix], _etag(content))
+        for suffix, content in files.items()
+    )
+    return machines, people
 
 
 def _file_response(

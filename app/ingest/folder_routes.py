@@ -67,7 +67,7 @@ router = ApiRouter(prefix="/api/v1", tag="frames")
         UnmatchedFile,
         FolderEnd,
         description="A line about the folder, one per frame, one per file that belongs "
-        "to no frame, and a last line.",
+        "to no frame, and a last line with the inspection.",
     ),
     openapi_extra={**streamed_up_to("max_folder_bytes"), **ARCHIVE_BODY},
 )
@@ -80,11 +80,13 @@ async def read_folder(
         Query(description="How the files of the folder are arranged."),
     ] = "auto",
 ) -> Response:
-    """List the frames in a folder, without storing them.
+    """List the frames in a folder and inspect it, without storing them.
 
-    The body is a tar of its files: text files as they are, the others without content,
-    but for images in a folder `image_2` (KITTI): of these, the first 24 bytes of a PNG
-    or 64 KiB of a JPEG, which have the size of the image.
+    The body is a tar of its files: labels and lists as they are; of each kind of image
+    some whole, for evenly spread frames, which are looked at; the others without
+    content, or, where the size matters (KITTI's `image_2`), with the first 24 bytes of
+    a PNG or 64 KiB of a JPEG. A `recording.yaml` in the folder says how it is read; as
+    JSON, too. A folder that cannot be read has no frames, and its inspection says why.
     """
     expect_archive(request)
     settings, token_id = services.settings, request.state.principal.token_id
@@ -98,6 +100,7 @@ async def read_folder(
             response=sent.response,
             layout=layout,
             refused=tuple(sent.refused),
+            absent=tuple(sent.absent),
             most_bytes=MOST_LONGER * int(settings.max_folder_bytes),
         )
         size = await _in_child(request, services, task)

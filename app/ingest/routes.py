@@ -265,14 +265,20 @@ FrameParts = Annotated[dict[str, bytes], Depends(frame_parts)]
 def described_body() -> dict[str, object]:
     """The body for the OpenAPI document, which FastAPI cannot derive here."""
     binary = {"type": "string", "format": "binary"}
-    properties: dict[str, object] = dict.fromkeys(KINDS, binary)
-    properties[ANNOTATION] = {
-        "type": "string",
-        "contentMediaType": "application/json",
-        "description": "Boxes, camera and more; see the guide to formats.",
+    properties: dict[str, object] = {
+        kind: {**binary, "description": f"The frame's file {kind!r}."} for kind in KINDS
     }
-    schema = {"type": "object", "properties": properties, "required": [ANNOTATION]}
-    content = {_MEDIA_TYPE: {"schema": schema}}
+    properties[ANNOTATION] = {
+        "$ref": "#/components/schemas/Annotation",
+        "description": "Boxes, camera and more, as JSON.",
+    }
+    schema = {
+        "type": "object",
+        "properties": properties,
+        "required": [ANNOTATION],
+    }
+    encoding = {ANNOTATION: {"contentType": "application/json"}}
+    content = {_MEDIA_TYPE: {"schema": schema, "encoding": encoding}}
     body = {"requestBody": {"required": True, "content": content}}
     return {**body, **body_up_to("max_body_bytes")}
 

@@ -26,6 +26,8 @@ from app.boxes.queries import FrameRepository, LatestAnswers, LatestReview
 from app.boxes.reader import (
     DecidedFrame,
     StoredDecision,
+    asked_decisions,
+    covering_words,
     rounded_edges,
     stored_decision,
 )
@@ -44,9 +46,12 @@ from app.measuring.queries import (
 from app.review.queries import ReviewRepository
 from app.security import Principal
 from filter_core.annotation.frame import FORMS_3D, GEOMETRIES
+from filter_core.decisions.doubt import Cause, Doubts, doubts, questions
+from filter_core.decisions.explain import BoxName
 from filter_core.decisions.record import decision_dicts
 from filter_core.decisions.rules import decide
 from filter_core.errors import error_context
+from filter_core.evidence.crowding import most_covering
 from filter_core.types import (
     VERDICT_OF_REASON,
     VERDICTS,
@@ -71,6 +76,7 @@ class NewFrame(StoredFrame):
     created_by: str
     created_at: datetime
     decisions: Decisions
+    doubts: Doubts
     carried: Sequence[LatestReview] = ()
 
     @property
@@ -145,7 +151,8 @@ def _numbered(
     new = []
     for ready, size in zip(frames, sizes, strict=True):
         former = formers.get(ready.key)
-        decisions = decide(ready.measured.evidence, active.config)
+        evidence = ready.measured.evidence
+        decisions = decide(evidence, active.config)
         new.append(
             NewFrame(
                 ready.key,
@@ -158,6 +165,7 @@ def _numbered(
                 created_by=sender.name,
                 created_at=utc_now(),
                 decisions=decisions,
+                doubts=doubts(evidence, active.config, decisions),
             )
         )
         frame_id, box_id = frame_id + 1, box_id + size
@@ -205,8 +213,8 @@ def _insert(
         columns = _box_columns(frame, ids_of_classes)
         for name, values in columns.items():
             boxes[name] += values
-        for name, values in _decision_columns(frame, columns).items():
-            decisions[name] += values
+        for name, numbers in _decision_columns(frame, columns).items():
+            decisions[name] += numbers
         evidence.append(
             {
                 "frame_id": frame.frame_id,
@@ -242,6 +250,8 @@ def _frame_row(frame: NewFrame) -> dict[str, object]:
         "carla_version": annotation.carla_version,
         "map": annotation.map,
         "captured_at": annotation.captured_at,
+        "camera": annotation.camera_name,
+        "sequence": annotation.sequence,
         "annotation": annotation.raw,
         "created_by": frame.created_by,
         "created_at": frame.created_at,
@@ -260,7 +270,7 @@ def _box_columns(frame: NewFrame, class_ids: Sequence[int]) -> dict[str, list[ob
 
 def _decision_columns(
     frame: NewFrame, boxes: Mapping[str, list[object]]
-) -> dict[str, list[object]]:
+) -> dict[str, Sequence[object]]:
     evidence, decisions = frame.ready.measured.evidence, frame.decisions
     return {
         "box_id": boxes["id"],
@@ -268,9 +278,7 @@ def _decision_columns(
         "frame_id": boxes["frame_id"],
         "class_id": boxes["class_id"],
         **current.numbers_of_lists(evidence),
-        "reason": decisions.reason.tolist(),
-        "large": decisions.large.tolist(),
-        "toss_up": decisions.toss_up.tolist(),
+        **current.Decided.of(decisions, frame.doubts.doubt).columns(),
         "revision": [0] * frame.boxes,
     }
 
@@ -342,8 +350,13 @@ def _carry_answers(
         if review.undoes is not None:  # it repeats one that may be another person's
             review = review._replace(reviewer=reviews.author(old_id, review.revision))
         new_id = frame.first_box_id + index
-        review = review._replace(box_id=new_id, revision=1, batch_id=None, undoes=None)
-        carried[old_id] = review
+        carried[old_id] = review._replace(
+            box_id=new_id,
+            revision=1,
+            batch_id=None,
+            undoes=None,
+            created_at=utc_now(),
+        )
     if carried:
         reviews.carry_over(carried)
     answers = reviews.answers_in_force(dropped)
@@ -381,6 +394,7 @@ def _details(frame: NewFrame) -> FrameDetails:
             measured.evidence.class_index.tolist(),
             frame.decisions.reason.tolist(),
             frame.decisions.toss_up.tolist(),
+            frame.doubts.doubt.tolist(),
             map(answers.get, frame.box_ids),
             strict=True,
         )
@@ -407,7 +421,29 @@ def _decisions(frame: NewFrame) -> list[StoredDecision]:
     decided = DecidedFrame(frame.frame_id, row.run_id, row.config_digest, facts.family)
     carried = {answer.box_id: answer for answer in frame.carried}
     masks = measured.evidence.accept_mask.tolist()
+    sentences = questions(
+        frame.doubts,
+        measured.evidence,
+        frame.active.config,
+        frame.decisions,
+        _covering(frame),
+    )
+    decisions = asked_decisions(composed, frame.doubts, sentences)
     return [
         stored_decision(decision, box_id, decided, mask, carried.get(box_id))
-        for decision, box_id, mask in zip(composed, frame.box_ids, masks, strict=True)
+        for decision, box_id, mask in zip(decisions, frame.box_ids, masks, strict=True)
     ]
+
+
+def _covering(frame: NewFrame) -> dict[int, str]:
+    """The box that covers most of each box in doubt for it, by the latter's row."""
+    evidence, ids = frame.ready.measured.evidence, frame.ready.measured.ids
+    xyxy = evidence.xyxy
+    assert xyxy is not None, "a frame that was just measured has its rectangles"
+    found: dict[int, str] = {}
+    for row in np.flatnonzero(frame.doubts.cause == Cause.COVERED).tolist():
+        at = most_covering(xyxy, evidence.accept_mask, row)
+        name = evidence.class_names[evidence.class_index[at]]
+        gap = float(evidence.distance[at] - evidence.distance[row])
+        found[row] = covering_words(BoxName(ids[at], name), gap)
+    return found

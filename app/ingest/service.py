@@ -145,7 +145,7 @@ def _stored_already(
         return None
     raise FrameConflict(
         f"dataset {request.dataset!r} has another frame {checked.key!r}; "
-        "send ?replace=true to store this one as its next revision"
+        "?replace=true stores this one as its next revision"
     )
 
 

@@ -14,6 +14,7 @@ from sqlalchemy.orm import Session
 
 from app.db.tables import Blob, Dataset, Decision, Export, FrameFile, Review, Tally
 from app.db.tables.access import AuditEntry
+from app.verdicts import BIN
 
 
 class WantedFile(NamedTuple):
@@ -164,12 +165,13 @@ class RowChecks:
         """By dataset, how many of its tallies are not what its decisions add up to."""
         alike = (
             *(Decision.dataset_id, Decision.class_id, Decision.reason),
-            *(Decision.toss_up, func.coalesce(Decision.review, "").label("review")),
+            *(Decision.toss_up, BIN),
+            func.coalesce(Decision.review, "").label("review"),
         )
         counted = select(*alike, func.count().label("boxes")).group_by(*alike)
         stored = select(
             *(Tally.dataset_id, Tally.class_id, Tally.reason),
-            *(Tally.toss_up, Tally.review, -Tally.boxes),
+            *(Tally.toss_up, Tally.bin, Tally.review, -Tally.boxes),
         )
         both = union_all(counted, stored).subquery()
         *key, boxes = both.c

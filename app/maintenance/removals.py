@@ -188,6 +188,7 @@ def overdue_exports(session: Session, settings: Settings) -> dict[int, str]:
     rows = (
         select(Export.id, Export.finished_at, Export.sha256, Export.size_bytes)
         .where(Export.state == "done", Export.sha256.is_not(None))
+        .where(Export.name.is_(None))  # versions are kept
         .order_by(Export.finished_at.desc(), Export.id.desc())
     )
     counted: set[str | None] = set()

@@ -156,6 +156,11 @@ def active_version(session: Session, dataset: Dataset) -> tables.ConfigVersion:
     return ConfigRepository(session).with_id(filled(dataset.active_config_id))
 
 
+def active_config(session: Session, dataset: Dataset) -> FilterConfig:
+    """The configuration by which current verdicts were decided."""
+    return config_of(active_version(session, dataset))
+
+
 _PARSED: Final[dict[str, FilterConfig]] = {}
 """Configurations by digest; cleared when there are `MAX_PLANS` of them."""
 
@@ -175,7 +180,8 @@ def describe_version(dataset: Dataset, version: tables.ConfigVersion) -> ConfigV
     """A version as responses show it."""
     return ConfigVersion(
         digest=version.digest,
-        config=version.body,
+        # With the keys that the version is older than.
+        config=config_of(version).as_dict(),
         unused_keys=tuple(version.unused_keys),
         created_by=version.created_by,
         created_at=version.created_at,

@@ -24,8 +24,16 @@ from app.measuring.queries import (
     frame_ranges,
     frames_state,
 )
-from filter_core.config.filter import FilterConfig
+from filter_core.config.filter import DecideConfig, FilterConfig
+from filter_core.decisions.channel_rules import (
+    decides,
+    own_percent,
+    own_pixels,
+    pixels_needed,
+)
+from filter_core.decisions.doubt import doubts
 from filter_core.decisions.rules import decide
+from filter_core.evidence_kinds import ChannelName
 from filter_core.types import (
     VERDICT_OF_REASON,
     VERDICTS,
@@ -70,14 +78,36 @@ def _by_label(counts: IntArray) -> dict[str, int]:
     return {label: boxes for label, boxes in labels.items() if boxes}
 
 
-def match_counts(evidence: Evidence, bins: int) -> IntArray:
-    """(classes, bins): measured boxes by match_percent, in equal bins from 0 to 100."""
-    match = evidence.match_percent[evidence.measured]
-    # Boxes without a match (outside, degenerate) are not in a histogram of matches.
-    known = match == match
-    scaled = match[known] * (bins / _MAX_PERCENT)
+def share_counts(
+    evidence: Evidence,
+    channels: tuple[ChannelName, ...],
+    bins: int,
+    needed: IntArray,
+) -> IntArray:
+    """(2, classes, bins): boxes by what is compared, in equal bins from 0 to 100.
+
+    Boxes with fewer visible pixels than `needed`, of each box, but some, are left out:
+    they are rejected whatever their share is.
+
+    First those that tags decide, by match_percent; then those that one of the channels
+    decides, by the share of their pixels that are their object's own (`own_percent`).
+    """
+    by_tags = evidence.measured & ~decides(evidence, channels)
+    few, few_own = (
+        (pixels > 0) & (pixels < needed)
+        for pixels in (evidence.matched_pixels, own_pixels(evidence, channels))
+    )
+    match = np.where(by_tags & ~few, evidence.match_percent, np.nan)
+    own = np.where(few_own, np.nan, own_percent(evidence, channels))
+    return np.stack([_binned(evidence, shares, bins) for shares in (match, own)])
+
+
+def _binned(evidence: Evidence, shares: FloatArray, bins: int) -> IntArray:
+    # Boxes without a share (outside, degenerate) are in no histogram.
+    known = shares == shares
+    scaled = shares[known] * (bins / _MAX_PERCENT)
     bin_of = np.minimum(scaled.astype(np.int32), bins - 1)
-    packed = evidence.class_index[evidence.measured][known] * np.int32(bins) + bin_of
+    packed = evidence.class_index[known] * np.int32(bins) + bin_of
     counts = np.bincount(packed, minlength=len(evidence.class_names) * bins)
     table: IntArray = counts.reshape(-1, bins)
     return table
@@ -97,13 +127,13 @@ def unknown_pixels(evidence: Evidence) -> FloatArray:
 
 
 def histogram(
-    names: Sequence[str], counts: IntArray, pixels: FloatArray, config: FilterConfig
+    names: Sequence[str], counts: IntArray, pixels: FloatArray, limits: FloatArray
 ) -> Histogram:
-    """The counts of classes that occur, with the thresholds of a configuration.
+    """The counts of classes that occur, with their thresholds.
 
-    `counts` are those of `match_counts`, `pixels` those of `unknown_pixels`.
+    `counts` are one of those of `share_counts`, `pixels` those of `unknown_pixels`,
+    `limits` (classes,) in percent.
     """
-    limits = config.limits_by_class(names).threshold_small_box
     occurs = np.flatnonzero(counts.sum(axis=1)).tolist()
     return Histogram(
         edges=np.linspace(0.0, _MAX_PERCENT, counts.shape[1] + 1).tolist(),
@@ -136,8 +166,9 @@ class _Known:
     """Cached results computed from a dataset's numbers, each with its key."""
 
     decided: tuple[str, Decisions] | None = None
+    doubted: tuple[str, NDArray[np.int16]] | None = None
     counts: OrderedDict[Hashable, int] = field(default_factory=OrderedDict)
-    match_counts: tuple[int, IntArray] | None = None
+    share_counts: tuple[Hashable, IntArray] | None = None
     unknown_pixels: FloatArray | None = None
 
 
@@ -173,6 +204,14 @@ class DatasetColumns:
             self._known.decided = held
         return held[1]
 
+    def doubt(self, config: FilterConfig) -> NDArray[np.int16]:
+        """(N,): the doubt about each box (`doubts`); that of the last one is cached."""
+        held = self._known.doubted
+        if held is None or held[0] != config.digest:
+            found = doubts(self.evidence, config, self.decided(config)).doubt
+            held = self._known.doubted = (config.digest, found)
+        return held[1]
+
     def counted(self, what: Hashable, count: Callable[[], int]) -> int:
         """The result of `count`, cached under the key `what`."""
         held = self._known.counts
@@ -183,12 +222,20 @@ class DatasetColumns:
                 held.popitem(last=False)
         return found
 
-    def match_counts(self, bins: int) -> IntArray:
-        """`match_counts` of these boxes, cached; independent of thresholds."""
-        held = self._known.match_counts
-        if held is None or held[0] != bins:
-            held = (bins, match_counts(self.evidence, bins))
-            self._known.match_counts = held
+    def share_counts(
+        self, channels: tuple[ChannelName, ...], bins: int, config: DecideConfig
+    ) -> IntArray:
+        """`share_counts` of these boxes, cached; independent of thresholds.
+
+        Of `config` only `min_visible_pixels` counts.
+        """
+        held = self._known.share_counts
+        limits = config.limits_by_class(self.names).min_visible_pixels
+        key = (channels, bins, limits.tobytes())
+        if held is None or held[0] != key:
+            needed = pixels_needed(self.evidence, config)
+            held = (key, share_counts(self.evidence, channels, bins, needed))
+            self._known.share_counts = held
         return held[1]
 
     def unknown_pixels(self) -> FloatArray:

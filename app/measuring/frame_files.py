@@ -21,6 +21,7 @@ from filter_core.annotation.frame import FrameAnnotation
 from filter_core.config.measure import MeasureConfig
 from filter_core.errors import FilterError, error_context, problem_of
 from filter_core.evidence_kinds import CHANNELS, files_for
+from filter_core.geometry.boxes import FORMS
 from filter_core.images.ignore_mask import read_ignore_mask
 from filter_core.images.png import SIGNATURE, read_png
 from filter_core.pipeline import FrameOptions, MeasuredFrame, measure_frame
@@ -101,9 +102,9 @@ def is_simple(
 
     True for a PNG of eight bits per channel that is not interlaced, has no chunk
     between its header and its pixels, and at most `SIMPLE_PIXELS`, with at most
-    `SIMPLE_BOXES` boxes and no other picture to be read: as CARLA and OpenCV write
-    segmentations. Its pixels are inflated to the size in the header; a file with more
-    is refused (`filter_core.images.decoding`).
+    `SIMPLE_BOXES` boxes that have no order, and no other picture to be read: as CARLA
+    and OpenCV write segmentations. Its pixels are inflated to the size in the header; a
+    file with more is refused (`filter_core.images.decoding`).
 
     Raises
     ------
@@ -111,7 +112,12 @@ def is_simple(
         The PNG is damaged.
     """
     content = files.segmentation
-    is_alone = not (config.channels or config.ignored or files.ignore_mask)
+    others = {*config.files} & files.sensors.keys()
+    is_alone = not (others or config.ignored or files.ignore_mask)
+    if "ordered" in config.channels:
+        is_alone &= all(
+            box.distance is None and box.form in FORMS for box in annotation.boxes
+        )
     if content is None or not is_alone or len(annotation.boxes) > SIMPLE_BOXES:
         return False
     if content[:8] != SIGNATURE or content[_SECOND_KIND] != b"IDAT":

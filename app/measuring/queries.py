@@ -42,6 +42,7 @@ from app.db.tables import (
 from app.errors import Conflict, NotFound, Unprocessable
 from app.measuring.frame_files import described
 from app.metrics import REFUSED
+from filter_core.decisions.doubt import DOUBT_VERSION
 from filter_core.errors import AnnotationError, FilterError
 from filter_core.pipeline import SegmentationReport
 from unghost.wire.datasets import MAX_CLASSES
@@ -135,6 +136,15 @@ class DatasetRepository:
             raise NotFound("dataset", dataset_id)
         return found
 
+    def with_other_doubt(self) -> list[Dataset]:
+        """Those whose stored doubt another version of this code has computed."""
+        rows = select(Dataset).where(Dataset.doubt_version != DOUBT_VERSION, is_there())
+        return list(self._session.scalars(rows))
+
+    def has_this_doubt(self, dataset: Dataset) -> None:
+        """Note that this version of the code has computed the doubt about all boxes."""
+        dataset.doubt_version = DOUBT_VERSION
+
     def page(self, *, after: str, limit: int) -> list[Dataset]:
         """The next datasets by name."""
         rows = (
@@ -146,14 +156,14 @@ class DatasetRepository:
         return list(self._session.scalars(rows))
 
     def add(self, dataset: Dataset, classes: Sequence[str]) -> Dataset:
-        """Insert; Conflict if the name is taken."""
+        """Insert; Conflict if the name is taken, in upper or lower case."""
+        # Only one transaction writes at a time, so nobody takes the name meanwhile.
+        alike = func.lower(Dataset.name) == dataset.name.lower()
+        taken = self._session.scalar(select(Dataset.name).where(alike, is_there()))
+        if taken is not None:
+            raise Conflict(f"a dataset {taken!r} exists already", code="dataset_exists")
         self._session.add(dataset)
-        try:
-            self._session.flush()
-        except IntegrityError as error:
-            raise Conflict(
-                f"a dataset {dataset.name!r} exists already", code="dataset_exists"
-            ) from error
+        self._session.flush()
         self._append_classes(dataset.id, classes, start=0)
         return dataset
 

@@ -39,6 +39,7 @@ from app.maintenance.sqlite_check import checking_for_damage
 from app.measuring.active import DefaultConfig
 from app.memory import LOOK_EVERY_S, IdleTrim
 from app.package import migrations_dir
+from app.runs.activate import refresh_doubt
 from app.runs.service import RUNS
 from app.settings import Settings
 from app.storage import open_store
@@ -84,6 +85,7 @@ def running(settings: Settings) -> Iterator[ServiceContext]:
                 int(settings.max_open_body_bytes_per_token),
             )
         )
+        refresh_doubt(services)
         purpose = "return freed memory to the system"
         trimming = Task("memory", purpose, IdleTrim().look, LOOK_EVERY_S)
         try:
@@ -168,5 +170,6 @@ def folder_pool(settings: Settings) -> PixelPool:
         MAX_FOLDERS,
         seconds=settings.max_folder_seconds,
         memory_bytes=int(settings.max_pixel_memory_bytes),
+        preload=("app.ingest.folder",),
         subject=Subject("the folder", "UNGHOST_MAX_FOLDER_SECONDS"),
     )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from sqlalchemy import select
+from sqlalchemy import ColumnElement, select
 from sqlalchemy.orm import Session
 
 from app.boxes.filter import BoxProbes
@@ -14,15 +14,20 @@ from app.verdicts import REVIEW_STATES
 
 
 class AnsweredBox(NamedTuple):
-    """A current decision that a person confirmed or overruled."""
+    """A box with the latest answer on it: what it says, and its id."""
 
     box_id: int
-    class_id: int
-    reason: int
-    large: bool
-    match_percent: float | None
-    distance: float | None
     review: str | None
+    answer_id: int
+
+
+class DrawnBox(NamedTuple):
+    """An answer on a box of the random order: its id, and how the queue chose it."""
+
+    answer_id: int
+    box_id: int
+    chosen_from: str | None
+    probability: float | None
 
 
 class StoredAnswer(NamedTuple):
@@ -42,18 +47,26 @@ class AnswerRepository:
     def __init__(self, session: Session) -> None:
         self._session = session
 
-    def decided(self, dataset_id: int) -> list[AnsweredBox]:
-        """Boxes whose latest answer is keep or reject."""
-        rows = select(
-            Decision.box_id,
-            Decision.class_id,
-            Decision.reason,
-            Decision.large,
-            Decision.match_percent,
-            Decision.distance,
-            Decision.review,
-        ).where(Decision.dataset_id == dataset_id, REVIEW_STATES["decided"].condition())
+    def answered(self, dataset_id: int) -> list[AnsweredBox]:
+        """Boxes with an answer that was not cleared, and the latest of each."""
+        latest = (Review.box_id == Decision.box_id) & (
+            Review.revision == Decision.revision
+        )
+        rows = (
+            select(Decision.box_id, Decision.review, Review.id)
+            .join(Review, latest)
+            .where(Decision.dataset_id == dataset_id, REVIEW_STATES["any"].condition())
+        )
         return [AnsweredBox(*row) for row in self._session.execute(rows)]
+
+    def drawn(self, dataset_id: int) -> list[DrawnBox]:
+        """All answers, also earlier ones, on boxes that came by the random order."""
+        rows = (
+            select(Review.id, Review.box_id, Review.chosen_from, Review.probability)
+            .join(Decision, Decision.box_id == Review.box_id)
+            .where(*self._of_dataset(dataset_id), Review.probability.is_not(None))
+        )
+        return [DrawnBox(*row) for row in self._session.execute(rows)]
 
     def answers(self, dataset_id: int) -> list[StoredAnswer]:
         """All answers on the boxes of a dataset, by box, newest first.
@@ -61,22 +74,24 @@ class AnswerRepository:
         Also on boxes without an answer now: that somebody has cleared a box's answer
         does not change the answers of others.
         """
-        class_ids = DatasetRepository(self._session).classes(dataset_id).values()
-        span = BoxProbes(self._session).span(dataset_id, class_ids)
-        if span is None:
-            return []
         rows = (
             select(
                 *(Review.box_id, Review.revision, Review.reviewer),
                 *(Review.verdict, Review.batch_id, Review.undoes),
             )
             .join(Decision, Decision.box_id == Review.box_id)
-            # By the answers, not by the index of the dataset's boxes (`+ 0`), most of
-            # which have no answer.
-            .where(Review.box_id.between(*span), Decision.dataset_id + 0 == dataset_id)
+            .where(*self._of_dataset(dataset_id))
             .order_by(Review.box_id, Review.revision.desc())
         )
         return [StoredAnswer(*row) for row in self._session.execute(rows)]
+
+    def _of_dataset(self, dataset_id: int) -> tuple[ColumnElement[bool], ...]:
+        """Conditions: an answer, joined with its box, is on a box of the dataset."""
+        class_ids = DatasetRepository(self._session).classes(dataset_id).values()
+        span = BoxProbes(self._session).span(dataset_id, class_ids) or (0, 0)
+        # By the answers, not by the index of the dataset's boxes (`+ 0`), most of which
+        # have no answer.
+        return Review.box_id.between(*span), Decision.dataset_id + 0 == dataset_id
 
     def undone_batches(self, dataset_id: int) -> set[int]:
         """Batches that were undone, and those that undid them."""

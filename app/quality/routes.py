@@ -6,11 +6,15 @@ from typing import Annotated
 
 from fastapi import Query, Response
 
+from app.access.audit import AuditAction
+from app.access.gate import Audited
+from app.errors import NotFound
 from app.http.deps import (
     AppServices,
     CurrentPrincipal,
     DatasetName,
     ReadSession,
+    require_room_to_write,
 )
 from app.http.pages import accepted
 from app.http.routing import ApiRouter
@@ -19,7 +23,14 @@ from app.measuring.queries import DatasetRepository
 from app.quality.service import evaluation, quality, request_evaluation
 from app.runs.service import described_run
 from filter_core.evaluation.thresholds import Goal
-from unghost.wire.quality import Evaluation, EvaluationQuery, Quality, QualityQuery
+from unghost.wire.quality import (
+    Evaluation,
+    EvaluationQuery,
+    Experiment,
+    ExperimentIn,
+    Quality,
+    QualityQuery,
+)
 from unghost.wire.runs import Run
 
 evaluations_router = ApiRouter(prefix="/api/v1", tag="evaluations")
@@ -50,6 +61,32 @@ def get_evaluation(
     """Precision, recall and F1 of every measured channel, from stored numbers."""
     found = DatasetRepository(session).named(dataset)
     return evaluation(services, session, found, query.truth)
+
+
+@evaluations_router.put("/datasets/{dataset}/experiment")
+def put_experiment(
+    dataset: DatasetName,
+    body: ExperimentIn,
+    session: WriteSession,
+    services: AppServices,
+    audit: Audited,
+) -> Experiment:
+    """Keep a report of `unghost worth-it` with the dataset, in place of the last."""
+    require_room_to_write(services, session)
+    repository = DatasetRepository(session)
+    report = body.model_dump(mode="json")
+    repository.change(repository.named(dataset), {"experiment": report})
+    audit.note(AuditAction.DATASET_CHANGED, dataset, changed=["experiment"])
+    return Experiment.model_validate(report)
+
+
+@evaluations_router.get("/datasets/{dataset}/experiment")
+def get_experiment(dataset: DatasetName, session: ReadSession) -> Experiment:
+    """The report that is kept with the dataset; 404 if there is none."""
+    report = DatasetRepository(session).named(dataset).experiment
+    if report is None:
+        raise NotFound("experiment of dataset", dataset)
+    return Experiment.model_validate(report)
 
 
 router = ApiRouter(prefix="/api/v1", tag="quality")

@@ -3,39 +3,37 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from sqlalchemy.orm import Session
 
 from app.boxes.counts import count
 from app.boxes.current import TallyRepository
+from app.boxes.truth import KnownTruth, described
 from app.context import ServiceContext
 from app.db.tables import Dataset, Run
-from app.measuring.active import active_version, config_of
+from app.measuring.active import active_config
 from app.measuring.columns import ColumnCache, DatasetColumns
 from app.measuring.plan import active_measurement
 from app.measuring.queries import DatasetRepository
-from app.quality.queries import AnsweredBox, AnswerRepository
+from app.quality.queries import AnswerRepository
+from app.quality.sample import RandomSample
 from app.runs.service import RunRequest, coming_settings, request_run
 from app.verdicts import verdict_of
-from filter_core.config.filter import FilterConfig
 from filter_core.evaluation import comparison
 from filter_core.evaluation.agreement import agreement
-from filter_core.evaluation.comparison import truth_from_instances
+from filter_core.evaluation.sampling import WIDEST, half_width
 from filter_core.evaluation.scores import BANDS, Measured, band_index
 from filter_core.evaluation.thresholds import (
     Goal,
     Judged,
-    is_by_threshold,
     suggest_per_class,
 )
 from filter_core.evidence_kinds import CHANNELS, SEMANTIC
 from filter_core.types import (
-    KEPT,
-    UNMEASURED,
-    VERDICT_OF_REASON,
     BoolArray,
     IntArray,
     Verdict,
@@ -45,6 +43,7 @@ from unghost.wire.quality import (
     Band,
     Confusion,
     Evaluation,
+    Measure,
     Pair,
     Quality,
     Reviewer,
@@ -74,14 +73,10 @@ def evaluation(
     stored = measurement.options.get("channels") or {}
     channels = tuple(name for name in CHANNELS if name in stored.get("names", ()))
     compared = comparison.Evaluation(
-        config_of(active_version(session, dataset)), (SEMANTIC, *channels)
+        active_config(session, dataset), (SEMANTIC, *channels)
     )
-    truth_of = (
-        _truth_by_people(session, dataset) if truth == "people" else _truth_by_instances
-    )
-    cache = context.one(ColumnCache)
-    for (numbers,) in cache.parts(session, dataset.id, measurement.id):
-        _compare(compared, numbers, *truth_of(numbers))
+    for numbers, rows, visible in _with_truth(context, session, dataset, truth):
+        _compare(compared, numbers, rows, visible)
     missing = [name for name in CHANNELS if name not in channels]
     return Evaluation.model_validate(
         {"truth": truth, "not_measured": missing, **compared.as_dict()}
@@ -106,30 +101,26 @@ def _compare(
     compared.add(evidence, visible, len(np.unique(frames)), name_of)
 
 
-def _truth_by_instances(numbers: DatasetColumns) -> tuple[IntArray, BoolArray]:
-    return truth_from_instances(numbers.evidence)
+def _with_truth(
+    context: ServiceContext, session: Session, dataset: Dataset, truth: Truth
+) -> Iterator[tuple[DatasetColumns, IntArray, BoolArray]]:
+    """The parts of a dataset, each with its boxes whose truth is known.
 
-
-def _truth_by_people(
-    session: Session, dataset: Dataset
-) -> Callable[[DatasetColumns], tuple[IntArray, BoolArray]]:
-    """A function that finds the boxes which people decided.
-
-    It takes the numbers of a dataset, and returns the rows of these boxes in them, and
-    for each row whether the latest answer is keep.
+    Yields
+    ------
+    numbers : DatasetColumns
+        Of all boxes of the part.
+    rows : (N,) int64
+        Of the boxes whose truth is known.
+    visible : (N,) bool
+        Whether the object is visible: by its instance, or by the latest answer of a
+        person.
     """
-    answered = AnswerRepository(session).decided(dataset.id)
-    box_ids = np.array([box.box_id for box in answered], np.int64)
-    keep = np.array([_is_kept(box.review) for box in answered], np.bool_)
-
-    def truth_of(numbers: DatasetColumns) -> tuple[IntArray, BoolArray]:
-        rows = np.searchsorted(numbers.box_ids, box_ids)
-        # Other boxes are in another part, or were stored after the numbers were read.
-        known = rows < len(numbers)
-        known[known] = numbers.box_ids[rows[known]] == box_ids[known]
-        return rows[known].astype(np.int64), keep[known]
-
-    return truth_of
+    known = KnownTruth.of(session, dataset, truth)
+    measurement = active_measurement(session, dataset)
+    cache = context.one(ColumnCache)
+    for (numbers,) in cache.parts(session, dataset.id, measurement.id):
+        yield numbers, *known.rows(numbers)
 
 
 def quality(
@@ -140,15 +131,11 @@ def quality(
 ) -> Quality:
     """The filter compared with the truth, and people compared with each other."""
     truth, goal = asked
-    config = config_of(active_version(session, dataset))
-    if truth == "people":
-        boxes = AnswerRepository(session).decided(dataset.id)
-        total, judged = len(boxes), _by_people(boxes)
-        classes = DatasetRepository(session).classes(dataset.id)
-    else:
-        total, judged = _by_instances(context, session, dataset, config)
-        names = DatasetRepository(session).classes(dataset.id)
-        classes = {name: index for index, name in enumerate(names)}
+    config = active_config(session, dataset)
+    total, judged = _judged(context, session, dataset, truth)
+    names = DatasetRepository(session).classes(dataset.id)
+    classes = {name: index for index, name in enumerate(names)}
+    sample = RandomSample.of(context, session, dataset) if truth == "people" else None
     counts = count(TallyRepository(session).of_dataset(dataset.id))
     panel = Panel.of(session, dataset.id)
     return Quality(
@@ -156,9 +143,11 @@ def quality(
         reviewed=counts.reviewed,
         unsure=counts.unsure,
         unmeasured=total - len(judged),
-        confusion=Confusion(**_counted(judged)),
-        by_class=_by_class(judged, classes),
-        by_distance=_by_distance(judged),
+        sample=sample and sample.described(),
+        plan=sample and sample.plan(),
+        confusion=_counted(judged, sample),
+        by_class=_by_class(judged, classes, sample),
+        by_distance=_by_distance(judged, sample),
         reviewers=panel.reviewers(),
         agreement=panel.agreement(),
         suggested=tuple(
@@ -168,63 +157,75 @@ def quality(
     )
 
 
-def _by_people(boxes: Sequence[AnsweredBox]) -> Judged:
-    """The boxes that people decided, except those that the filter did not measure."""
-    columns = list(zip(*boxes, strict=True)) or [()] * len(AnsweredBox._fields)
-    _, class_id, reason, large, match, distance, review = columns
-    reasons = np.array(reason, np.int64)
-    verdict = VERDICT_OF_REASON[reasons]
-    return Judged(
-        np.array(class_id, np.int64),
-        np.array(distance, np.float64),
-        np.array(match, np.float64),
-        is_by_threshold(reasons, np.array(large, np.bool_)),
-        verdict == KEPT,
-        np.array([_is_kept(answer) for answer in review], np.bool_),
-    ).where(verdict != UNMEASURED)
-
-
-def _by_instances(
-    context: ServiceContext, session: Session, dataset: Dataset, config: FilterConfig
+def _judged(
+    context: ServiceContext,
+    session: Session,
+    dataset: Dataset,
+    truth: Truth,
 ) -> tuple[int, Judged]:
     """How many boxes have a truth, and the boxes that can be judged."""
-    measurement = active_measurement(session, dataset)
+    config = active_config(session, dataset)
     total, judged = 0, []
-    cache = context.one(ColumnCache)
-    for (numbers,) in cache.parts(session, dataset.id, measurement.id):
-        rows, visible = truth_from_instances(numbers.evidence)
+    for numbers, rows, visible in _with_truth(context, session, dataset, truth):
         total += len(rows)
         judged.append(Judged.of(numbers.evidence.take(rows), config, visible))
     return total, Judged.joined(judged)
 
 
-def _counted(judged: Judged) -> dict[str, object]:
-    """Counts, with the names of the wire: those for answers as the truth."""
-    scores = judged.confusion.as_dict()
-    return {
-        "kept_keep": scores["kept_visible"],
-        "kept_reject": scores["kept_hidden"],
-        "rejected_keep": scores["rejected_visible"],
-        "rejected_reject": scores["rejected_hidden"],
-        **{name: scores[name] for name in ("precision", "recall", "f1")},
-    }
+_ALL: Final = slice(None)
+_SCORES: Final = ("precision", "recall", "f1")
 
 
-def _by_class(judged: Judged, classes: Mapping[str, int]) -> dict[str, Confusion]:
+def _counted(
+    judged: Judged,
+    sample: RandomSample | None,
+    classes: slice = _ALL,
+    bands: slice = _ALL,
+) -> Confusion:
+    """Counts of boxes whose truth is known, and scores: estimates, with a sample.
+
+    Without a sample the counted boxes are all that there are, and so are the scores.
+    """
+    counted = described(judged.confusion)
+    if sample is None:
+        return counted
+    estimate = sample.estimate(classes, bands)
+    told: dict[str, Measure | None] = {}
+    for name in _SCORES:
+        score: Measured | None = getattr(estimate, name)
+        can_tell = score is not None and half_width(score) <= WIDEST
+        told[name] = Measure(**score.as_dict()) if score and can_tell else None
+    refused = None
+    if None in told.values():
+        has_some = sample.has_answers(classes, bands)
+        refused = "too_few_random_answers" if has_some else "no_random_answers"
+    return counted.model_copy(update={**told, "refused": refused})
+
+
+def _by_class(
+    judged: Judged, classes: Mapping[str, int], sample: RandomSample | None
+) -> dict[str, Confusion]:
     rows = {name: judged.class_key == key for name, key in classes.items()}
     return {
-        name: Confusion(**_counted(judged.where(mine)))
+        name: _counted(judged.where(mine), sample, _only(classes[name]), _ALL)
         for name, mine in rows.items()
         if mine.any()
     }
 
 
-def _by_distance(judged: Judged) -> tuple[Band, ...]:
+def _by_distance(judged: Judged, sample: RandomSample | None) -> tuple[Band, ...]:
     index = band_index(judged.distance)
     return tuple(
-        Band(band=name, **_counted(judged.where(index == place)))
+        Band(
+            band=name,
+            **dict(_counted(judged.where(index == place), sample, _ALL, _only(place))),
+        )
         for place, name in enumerate(BANDS)
     )
+
+
+def _only(place: int) -> slice:
+    return slice(place, place + 1)
 
 
 @dataclass(frozen=True)

@@ -36,6 +36,9 @@ def review_many(
 ) -> ReviewBatch:
     """Store one answer on many boxes; the transaction of `audit` must not have begun.
 
+    If it is the caller's latest answer on each of the boxes already, no box gets
+    another one, and the bulk answer has none.
+
     Raises
     ------
     NotFound
@@ -80,6 +83,8 @@ def review_many(
             current={"total": chosen.number, "snapshot": given.snapshot},
         )
     attempt.commit()
+    if chosen.repeated:
+        return stored
     audit.note(
         AuditAction.ANSWERS_GIVEN,
         stored.id,
@@ -87,6 +92,7 @@ def review_many(
         verdict=given.verdict,
         answers=stored.count,
         skipped=left,
+        **({} if given.looked_at is None else {"looked_at": given.looked_at}),
         **({"of_others": chosen.of_others} if given.verdict == "clear" else {}),
     )
     return stored
@@ -110,6 +116,8 @@ class _ChosenBoxes:
     `boxes` are answered if they still have their revision when it is the turn to write.
     `stale` were answered since they were seen, `skipped` do not exist or are of another
     dataset. `of_others` are the answers of others that the bulk answer clears.
+    `repeated` is the number of boxes if all have the answer already: then `boxes` is
+    empty.
     """
 
     run_id: int | None
@@ -117,6 +125,7 @@ class _ChosenBoxes:
     stale: list[int]
     skipped: list[int]
     of_others: int = 0
+    repeated: int = 0
 
     @property
     def to_answer(self) -> int:
@@ -126,7 +135,8 @@ class _ChosenBoxes:
     @property
     def number(self) -> int:
         """How many boxes the request selects."""
-        return self.to_answer + len(self.stale) + len(self.skipped)
+        left = len(self.stale) + len(self.skipped)
+        return self.to_answer + self.repeated + left
 
 
 def _choose(services: ServiceContext, given: BulkIn, by: Principal) -> _ChosenBoxes:
@@ -147,10 +157,12 @@ def _choose(services: ServiceContext, given: BulkIn, by: Principal) -> _ChosenBo
         expected = given.expected_count
         if expected is not None and expected != chosen.number:
             raise CountChanged(what, found=chosen.number, expected=expected)
+        reviews, action = ReviewRepository(session), f"clearing {chosen.number} boxes"
+        if reviews.repeats(chosen.boxes, given.verdict, given.comment, by.name):
+            return replace(chosen, boxes=[], repeated=chosen.to_answer)
         if given.verdict != "clear":
             return chosen
         # Boxes that others answer from here on have another revision, and are left out.
-        reviews, action = ReviewRepository(session), f"clearing {chosen.number} boxes"
         of_others = require_own_cleared(reviews, chosen.boxes, by, action)
     return replace(chosen, of_others=of_others)
 
@@ -236,7 +248,7 @@ def _store(
     """Store the answer on those of the chosen boxes that have not changed meanwhile."""
     session, verdict = audit.session, given.verdict
     batches, reviews = ReviewBatches(session), ReviewRepository(session)
-    batch = batches.add(dataset.id, verdict, audit.name)
+    batch = batches.add(dataset.id, verdict, audit.name, looked_at=given.looked_at)
     answered = reviews.answer_boxes(batch, given.comment, chosen.boxes)
     once_committed(session, lambda: REVIEWS.labels(verdict).inc(answered))
     gone: set[int] = set()

@@ -6,6 +6,7 @@ measurement and the version of a configuration never change, and deciding is pur
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from datetime import datetime
 from typing import Final
@@ -27,7 +28,7 @@ from app.measuring.queries import (
     EvidenceRepository,
     EvidenceRow,
 )
-from app.review.queries import ReviewRepository
+from app.review.queries import ReviewBatches, ReviewRepository
 from app.runs.queries import RunRepository
 from filter_core.decisions.rules import decide
 from filter_core.types import Evidence, Reason, floats_or_none
@@ -81,7 +82,7 @@ def _entry(
     if row is None:
         return _first_decision(session, box, frame)
     if isinstance(row, Review):
-        return _answer(row)
+        return _answer(session, row)
     at = row.finished_at or row.created_at
     by = (row.id, row.config_id)
     return _decision(session, box, frame, by, at, activated=row.activate)
@@ -137,7 +138,12 @@ def _evidence(row: EvidenceRow, classes: Mapping[str, int]) -> Evidence:
     return to_evidence(numbers, classes, channels=channels)
 
 
-def _answer(review: Review) -> HistoryEntry:
+def _answer(session: Session, review: Review) -> HistoryEntry:
+    size, looked_at = None, None
+    if review.batch_id is not None:
+        batches = ReviewBatches(session)
+        size = batches.size(review.batch_id)
+        looked_at = batches.with_id(review.batch_id).looked_at
     return HistoryEntry(
         kind="review",
         at=review.created_at,
@@ -146,6 +152,13 @@ def _answer(review: Review) -> HistoryEntry:
         verdict=review.verdict,
         comment=review.comment,
         batch=review.batch_id,
+        batch_size=size,
+        looked_at=looked_at,
         undoes=review.undoes,
         carried_from=review.carried_from,
+        imported_by=review.imported_by,
+        looked_ms=review.looked_ms,
+        chosen_by=review.chosen_by,
+        chosen_from=json.loads(review.chosen_from or "null"),
+        probability=review.probability,
     )

@@ -20,23 +20,27 @@ from sqlalchemy import (
     CTE,
     BindParameter,
     ColumnElement,
+    Double,
     Integer,
     Row,
     Select,
+    String,
+    Text,
     bindparam,
     delete,
     exists,
     func,
     literal,
     select,
+    update,
 )
 from sqlalchemy.orm import Session, aliased
 
 from app.boxes.current import copy_answers, copy_batch
 from app.boxes.queries import LatestReview
-from app.db.base import Key, UtcDateTime, utc_now
+from app.db.base import Key, UtcDateTime
 from app.db.bulk import chunks, insert_into, insert_rows
-from app.db.tables import Box, Claim, Dataset, Decision, Review, ReviewBatch, Run
+from app.db.tables import Box, Claim, Dataset, Decision, Frame, Review, ReviewBatch, Run
 from app.errors import NotFound
 from app.measuring.queries import is_deleted, is_there
 
@@ -67,6 +71,20 @@ class NewAnswer(NamedTuple):
     created_at: datetime
     batch_id: int | None = None
     undoes: int | None = None
+    imported_by: str | None = None
+    looked_ms: int | None = None
+
+
+class Choice(NamedTuple):
+    """How the queue chose a box: its order, its filters as JSON, and a probability.
+
+    The probability is that of being among the boxes of the random order up to this one.
+    It is None in other orders, and if filters leave out some boxes of their classes.
+    """
+
+    order: str
+    filters: str
+    probability: float | None
 
 
 class SeenBoxes(NamedTuple):
@@ -89,12 +107,14 @@ class UndoableBoxes(NamedTuple):
 
 
 _Answers: TypeAlias = (
-    "Select[int, int, str, str, str, int | None, int | None, datetime]"
+    "Select[int, int, str, str, str, int | None, int | None, datetime, str | None, "
+    "int | None, str | None, str | None, float | None]"
 )
 """Answers to be inserted; `_COLUMNS` names their columns."""
 _COLUMNS: Final = (
     *("box_id", "revision", "verdict", "comment"),
-    *("reviewer", "batch_id", "undoes", "created_at"),
+    *("reviewer", "batch_id", "undoes", "created_at", "imported_by"),
+    *("looked_ms", "chosen_by", "chosen_from", "probability"),
 )
 """Columns of `reviews`, in the order in which `_next_answers` selects them."""
 _UNIQUE: Final = ("box_id", "revision")
@@ -117,12 +137,21 @@ def _next_answers(
     """A SELECT that gives the next answer on each of these boxes.
 
     Boxes at another revision are left out: they were answered meanwhile.
-    `content` is verdict and comment, if they differ from box to box.
+    `content` is verdict and comment, if they differ from box to box. An answer on one
+    box keeps how the queue chose the box for its author, who has a claim on it then.
     """
     verdict, comment = content or (literal(answer.verdict), literal(answer.comment))
     batch: BindParameter[int | None] = literal(answer.batch_id, Key)
     undoes: BindParameter[int | None] = literal(answer.undoes, Integer())
-    return select(
+    imported_by: BindParameter[str | None] = literal(answer.imported_by, String())
+    looked_ms: BindParameter[int | None] = literal(answer.looked_ms, Integer())
+    is_chosen = (answer.batch_id, answer.undoes, answer.imported_by) == (None,) * 3
+    choice = (
+        (Claim.chosen_by, Claim.chosen_from, Claim.probability)
+        if is_chosen
+        else (literal(None, String()), literal(None, Text()), literal(None, Double()))
+    )
+    rows = select(
         Decision.box_id,
         Decision.revision + 1,
         verdict,
@@ -131,11 +160,16 @@ def _next_answers(
         batch,
         undoes,
         literal(answer.created_at, UtcDateTime()),
+        imported_by,
+        looked_ms,
+        *choice,
     ).where(
         Decision.box_id.in_(box_ids),
         _of(answer.dataset_id),
         Decision.revision == revision,
     )
+    claimed = (Claim.box_id == Decision.box_id) & (Claim.reviewer == answer.reviewer)
+    return rows.outerjoin(Claim, claimed) if is_chosen else rows
 
 
 def _of(dataset_id: int) -> ColumnElement[bool]:
@@ -172,6 +206,22 @@ class ReviewRepository:
         copy_answers(self._session, [box_id])
         return True
 
+    def boxes_of(
+        self, dataset_id: int, frames: Collection[str], boxes: Collection[str]
+    ) -> dict[tuple[str, str], int]:
+        """Current boxes by the key of their frame and their id in it."""
+        rows = (
+            select(Frame.key, Box.source_id, Box.id)
+            .join(Box, Box.frame_id == Frame.id)
+            .where(
+                Frame.dataset_id == dataset_id,
+                Frame.superseded_at.is_(None),
+                Frame.key.in_(frames),
+                Box.source_id.in_(boxes),
+            )
+        )
+        return {(key, box): box_id for key, box, box_id in self._session.execute(rows)}
+
     def end_claim(self, box_id: int) -> None:
         """Let the queue give a box to others again."""
         self._session.connection().execute(_END_CLAIM, {"box": box_id})
@@ -185,6 +235,26 @@ class ReviewRepository:
             return None
         is_same = (latest.reviewer, latest.comment) == (answer.reviewer, answer.comment)
         return latest if is_same else None
+
+    def repeats(
+        self, boxes: Iterable[SeenBoxes], verdict: str, comment: str, reviewer: str
+    ) -> bool:
+        """Whether the latest answer on each of these boxes is this one of this person.
+
+        Not if there are no boxes, nor if it is an undo that has repeated the answer.
+        """
+        number = 0
+        for seen in boxes:
+            for chunk in chunks(seen.box_ids):
+                rows = select(func.count()).where(
+                    *(Review.box_id.in_(chunk), Review.revision == seen.revision),
+                    *(Review.verdict == verdict, Review.comment == comment),
+                    *(Review.reviewer == reviewer, Review.undoes.is_(None)),
+                )
+                if self._session.scalar(rows) != len(chunk):
+                    return False
+                number += len(chunk)
+        return number > 0
 
     def full_box(self, box_ids: Sequence[int], reviewer: str, most: int) -> int | None:
         """The first of these boxes on which a person has so many answers."""
@@ -279,7 +349,7 @@ class ReviewRepository:
         The keys are the boxes of the former frame whose answers these are.
         """
         rows = [
-            {**answer._asdict(), "carried_from": former, "created_at": utc_now()}
+            {**answer._asdict(), "carried_from": former}
             for former, answer in answers.items()
         ]
         insert_rows(self._session, Review, rows)
@@ -415,6 +485,7 @@ class ReviewBatches:
         verdict: str,
         reviewer: str,
         *,
+        looked_at: int | None = None,
         undoes_id: int | None = None,
     ) -> ReviewBatch:
         """Insert a bulk answer, or with `undoes_id` the undo of one."""
@@ -422,6 +493,7 @@ class ReviewBatches:
             dataset_id=dataset_id,
             verdict=verdict,
             reviewer=reviewer,
+            looked_at=looked_at,
             undoes_id=undoes_id,
         )
         self._session.add(batch)
@@ -521,15 +593,20 @@ class ClaimRepository:
             rows = delete(Claim).where(Claim.box_id.in_(box_ids))
             self._session.execute(rows)
 
+    def renew(self, box_ids: Collection[int], expires_at: datetime) -> None:
+        """Extend the claims on boxes, which stay chosen as they were."""
+        rows = update(Claim).where(Claim.box_id.in_(box_ids))
+        self._session.execute(rows.values(expires_at=expires_at))
+
     def hold(
         self,
         dataset_id: int,
-        box_ids: Collection[int],
         reviewer: str,
         expires_at: datetime,
+        choices: Mapping[int, Choice],
     ) -> None:
-        """Claim boxes, or extend their claims."""
-        if not box_ids:
+        """Claim boxes, or extend their claims, as they were chosen now."""
+        if not choices:
             return
         insert = insert_into(self._session, Claim)
         claims = [
@@ -538,14 +615,16 @@ class ClaimRepository:
                 "dataset_id": dataset_id,
                 "reviewer": reviewer,
                 "expires_at": expires_at,
+                "chosen_by": choice.order,
+                "chosen_from": choice.filters,
+                "probability": choice.probability,
             }
-            for box_id in box_ids
+            for box_id, choice in sorted(choices.items())
         ]
         statement = insert.on_conflict_do_update(
             index_elements=["box_id"],
             set_={
-                name: insert.excluded[name]
-                for name in ("dataset_id", "reviewer", "expires_at")
+                name: insert.excluded[name] for name in claims[0] if name != "box_id"
             },
         )
         self._session.connection().execute(statement, claims)

@@ -1,8 +1,6 @@
 """The queue: which boxes a reviewer gets next, claimed so that nobody else gets them.
 
-The random orders come from a Feistel network (`Shuffle`), a one-to-one mapping from
-positions to box ids and back that needs no list. The number of positions is a power of
-four; ids beyond the range of a dataset are left out.
+A claim keeps how its box was chosen; the answer that ends the claim takes this over.
 """
 
 from __future__ import annotations
@@ -10,35 +8,31 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import timedelta
-from hashlib import blake2b
 from itertools import islice
-from typing import Final, TypedDict
+from typing import Final, TypeAlias, TypedDict
 
 import numpy as np
-from numpy.typing import NDArray
 from sqlalchemy.orm import Session
 
 from app.boxes.counts import count_boxes, count_in_tallies
 from app.boxes.current import TallyRepository
-from app.boxes.filter import BoxFilter, BoxProbes, to_filter
-from app.boxes.orders import BoxPages, DatasetContents
-from app.boxes.queries import LatestAnswers
+from app.boxes.filter import BoxFilter, BoxProbes, TallyKey, filters_of, to_filter
+from app.boxes.orders import BoxPages
 from app.boxes.reader import DecisionReader
+from app.boxes.shuffle import HALF_BITS, Shuffle, shuffle_of
 from app.context import ServiceContext
 from app.db.base import rfc3339, utc_now
 from app.db.tables import Dataset
 from app.measuring.queries import DatasetRepository
-from app.review.queries import ClaimRepository
-from filter_core.types import IntArray
+from app.review.queries import Choice, ClaimRepository
+from filter_core.decisions.doubt import Bin
+from filter_core.types import Reason
 from unghost.wire.boxes import BoxSelection
 
 CLAIM: Final = timedelta(minutes=5)
 MOST_CLAIMS: Final = 100
 """Claims of one reviewer in a dataset, so that others get boxes, too. A page has about
 a dozen boxes that nobody has answered."""
-ANSWERS_PER_SHUFFLE: Final = 64
-"""The random order changes after this many answers: otherwise the search for the next
-box would begin with all boxes that are answered already."""
 
 
 @dataclass(frozen=True)
@@ -77,7 +71,11 @@ def remaining_boxes(
     with context.database.read() as session:
         dataset = DatasetRepository(session).named(name)
         parts = _in_turn(to_filter(session, dataset, _of_queue(wanted)))
-        counts = [count_boxes(context, session, dataset, part) for part in parts]
+        if wanted.order == "audit":
+            parts = [replace(part, not_by=wanted.reviewer) for part in parts]
+            counts = [BoxProbes(session).count(part) for part in parts]
+        else:
+            counts = [count_boxes(context, session, dataset, part) for part in parts]
     return RemainingBoxes(parts, counts)
 
 
@@ -95,6 +93,7 @@ def next_boxes(
     held = claims.of_dataset(dataset.id)
     theirs = [box_id for box_id, who in held.items() if who != wanted.reviewer]
     ids = _take(session, dataset, wanted, queue, {*wanted.exclude, *theirs})
+    chosen = _choices(session, dataset, wanted, queue, ids)
     mine = held.keys() - theirs
     in_hand = [box_id for box_id in reversed(wanted.exclude) if box_id in mine]
     renewed = list(dict.fromkeys([*ids, *in_hand]))[:MOST_CLAIMS]
@@ -102,7 +101,8 @@ def next_boxes(
     newest_first = [box_id for box_id in held if box_id in left]
     claims.end(newest_first[MOST_CLAIMS - len(renewed) :])
     expires_at = now + CLAIM
-    claims.hold(dataset.id, sorted(renewed), wanted.reviewer, expires_at)
+    claims.renew(renewed, expires_at)
+    claims.hold(dataset.id, wanted.reviewer, expires_at, chosen)
     claim = {"expires_at": rfc3339(expires_at)}
     probes, reader = BoxProbes(session), DecisionReader(session, dataset)
     return {
@@ -119,12 +119,54 @@ def next_boxes(
 
 
 def _of_queue(wanted: QueueRequest) -> BoxSelection:
-    """The filter of the queue: undecided boxes, or decided ones for an audit."""
+    """The filter of the queue: undecided boxes, or decided ones for an audit.
+
+    Without any filter, orders that are not samples have the boxes to ask about.
+    """
     selection = wanted.selection
     if selection.review or selection.conflict:
         return selection
     review = "decided" if wanted.order == "audit" else "undecided"
-    return selection.model_copy(update={"review": review})
+    asks = wanted.order in ("doubt", "class") and not filters_of(selection)
+    bin_ = Bin.ASK.label if asks else selection.bin
+    return selection.model_copy(update={"review": review, "bin": bin_})
+
+
+def _choices(
+    session: Session,
+    dataset: Dataset,
+    wanted: QueueRequest,
+    queue: RemainingBoxes,
+    box_ids: Sequence[int],
+) -> dict[int, Choice]:
+    """How each of these boxes of the queue was chosen."""
+    filters = wanted.selection.model_dump_json(exclude_none=True, by_alias=True)
+    choice = Choice(wanted.order, filters, None)
+    if wanted.order != "random" or wanted.seed is not None or not _has_all(queue):
+        return dict.fromkeys(box_ids, choice)
+    shuffle = shuffle_of(session, dataset.id)
+    shares = shuffle.shares_of(np.array(box_ids, np.int64)).tolist() if shuffle else []
+    return {
+        box_id: choice._replace(probability=share)
+        for box_id, share in zip(box_ids, shares, strict=True)
+    }
+
+
+def _has_all(queue: RemainingBoxes) -> bool:
+    """Whether it has every unanswered box of its classes that people can judge.
+
+    Then those that come up to any place of the random order are a sample of these.
+    """
+    part = queue.parts[0]
+    of_classes = BoxFilter(
+        part.dataset_id,
+        reasons=part.reasons,
+        class_ids=part.class_ids,
+        review="none",
+        thresholds=part.thresholds,
+    )
+    judged = {int(reason) for reason in Reason if reason.in_image}
+    return part == of_classes and (not part.reasons or judged.issubset(part.reasons))
 
 
 def _in_turn(wanted: BoxFilter) -> list[BoxFilter]:
@@ -141,20 +183,18 @@ def _take(
     queue: RemainingBoxes,
     blocked: set[int],
 ) -> list[int]:
-    tallies = TallyRepository(session)
-    alike, contents = tallies.of_dataset(dataset.id), tallies.contents(dataset.id)
+    tallies = TallyRepository(session).of_dataset(dataset.id)
     seed = dataset.id if wanted.seed is None else wanted.seed
-    answers = LatestAnswers(session).newest_id() // ANSWERS_PER_SHUFFLE
     found: list[int] = []
-    for part in queue.parts:
+    for part, boxes in zip(queue.parts, queue.counts, strict=True):
         order = QueueOrder(
             name=wanted.order,
-            seed=f"{seed} {answers}",
+            seed=str(seed),
             limit=wanted.limit - len(found),
             blocked=blocked,
-            expected=count_in_tallies(alike, part),
+            expected=min(boxes, count_in_tallies(tallies, part)),
         )
-        found += boxes_in_order(session, part, contents, order)
+        found += boxes_in_order(session, part, tallies, order)
     return found
 
 
@@ -162,13 +202,18 @@ MAX_PROBES: Final = 1 << 14
 """Boxes that are looked up in random order before all boxes are read instead."""
 FIRST_SLICE: Final = 256
 MAX_SLICE: Final = 4096
+MAX_PLACES: Final = 1 << 23
+PLACES_PER_BOX: Final = 64
+"""Places of the random order that are searched: reading a box from the database takes
+as long as computing the ids at about so many."""
 
 
 @dataclass(frozen=True)
 class QueueOrder:
     """The order in which boxes are claimed; `seed` is for random orders.
 
-    `expected` is an upper bound of the number of boxes.
+    `expected` is about how many boxes there are, at most; `half_bits` is a lower bound
+    of half the bits of a place in random orders.
     """
 
     name: str
@@ -176,40 +221,44 @@ class QueueOrder:
     limit: int
     blocked: Collection[int]
     expected: int
-    max_probes: int = MAX_PROBES
+    half_bits: int = HALF_BITS
+
+
+_Tallies: TypeAlias = Mapping[TallyKey, int]
 
 
 def boxes_in_order(
-    session: Session, wanted: BoxFilter, contents: DatasetContents, order: QueueOrder
+    session: Session, wanted: BoxFilter, tallies: _Tallies, order: QueueOrder
 ) -> list[int]:
     """The first boxes of the filter that are not blocked."""
     if not order.limit or not order.expected:
         return []
     if order.name in ("random", "audit"):
-        return _shuffled(session, wanted, contents, order)
-    parts = _by_class(wanted, contents) if order.name == "class" else iter([wanted])
+        return _shuffled(session, wanted, tallies, order)
+    parts = _by_class(wanted, tallies) if order.name == "class" else iter([wanted])
     free = (
         box_id
         for part in parts
-        for box_id in _by_doubt(session, part, contents, order)
+        for box_id in _by_doubt(session, part, tallies, order)
         if box_id not in order.blocked
     )
     return list(islice(free, order.limit))
 
 
-def _by_class(wanted: BoxFilter, contents: DatasetContents) -> Iterator[BoxFilter]:
+def _by_class(wanted: BoxFilter, tallies: _Tallies) -> Iterator[BoxFilter]:
+    occurring = {key.class_id for key in tallies}
     for each in wanted.thresholds:
         chosen = wanted.class_ids is None or each.class_id in wanted.class_ids
-        if chosen and each.class_id in contents.class_ids:
+        if chosen and each.class_id in occurring:
             yield replace(wanted, class_ids=(each.class_id,))
 
 
 def _by_doubt(
-    session: Session, wanted: BoxFilter, contents: DatasetContents, order: QueueOrder
+    session: Session, wanted: BoxFilter, tallies: _Tallies, order: QueueOrder
 ) -> Iterator[int]:
     # Boxes answered `unsure` are rare, and have an index of their own, by id.
     sort = "id" if wanted.review == "unsure" else "doubt"
-    pages, cursor = BoxPages(session, wanted, contents), ""
+    pages, cursor = BoxPages(session, wanted, tallies, order.expected), ""
     while True:
         ids, following = pages.page(sort, cursor, order.limit + 10)
         yield from ids
@@ -219,17 +268,16 @@ def _by_doubt(
 
 
 def _shuffled(
-    session: Session, wanted: BoxFilter, contents: DatasetContents, order: QueueOrder
+    session: Session, wanted: BoxFilter, tallies: _Tallies, order: QueueOrder
 ) -> list[int]:
     probes = BoxProbes(session)
-    span = probes.span(wanted.dataset_id, contents.class_ids)
+    span = probes.span(wanted.dataset_id, {key.class_id for key in tallies})
     if span is None:
         return []
-    shuffle = Shuffle(*span, order.seed)
-    likely = order.limit * (span[1] - span[0] + 1) // order.expected
-    # Toss-ups are few and have an index: reading all of them is soon faster.
-    most = min(order.max_probes, order.expected) if wanted.toss_up else order.max_probes
-    found = [] if likely > most else _probed(probes, wanted, shuffle, order)
+    shuffle = Shuffle(*span, order.seed, order.half_bits)
+    most = min(MAX_PLACES, PLACES_PER_BOX * order.expected)
+    likely = order.limit * shuffle.places // order.expected
+    found = [] if likely > most else _probed(probes, wanted, shuffle, order, most)
     if len(found) >= order.limit:
         return found[: order.limit]
     # The filter selects so few boxes that reading all of them is faster.
@@ -240,85 +288,19 @@ def _shuffled(
 
 
 def _probed(
-    probes: BoxProbes, wanted: BoxFilter, shuffle: Shuffle, order: QueueOrder
+    probes: BoxProbes,
+    wanted: BoxFilter,
+    shuffle: Shuffle,
+    order: QueueOrder,
+    places: int,
 ) -> list[int]:
     """Boxes found by looking up one slice after the other, in random order."""
     found: list[int] = []
     asked = 0
-    for part in shuffle.slices(FIRST_SLICE, 4, MAX_SLICE):
+    for part in shuffle.slices(FIRST_SLICE, 4, MAX_SLICE, places):
         free = [box_id for box_id in part if box_id not in order.blocked]
         found += probes.selected(wanted, free)
         asked += len(free)
-        if len(found) >= order.limit or asked > order.max_probes:
+        if len(found) >= order.limit or asked > MAX_PROBES:
             break
     return found
-
-
-_ROUNDS: Final = 4
-_Words = NDArray[np.uint64]
-
-
-@dataclass(frozen=True)
-class Shuffle:
-    """The numbers from `low` to `high` in a pseudo-random order of the seed."""
-
-    low: int
-    high: int
-    seed: str
-
-    @property
-    def half_bits(self) -> int:
-        """Half the number of bits of a position, which is even."""
-        return max(1, ((self.high - self.low).bit_length() + 1) // 2)
-
-    @property
-    def places(self) -> int:
-        """The number of positions, less than four times that of numbers."""
-        return 1 << 2 * self.half_bits
-
-    def slices(self, first: int, growth: int, most: int) -> Iterator[list[int]]:
-        """All numbers in order, in slices that grow to `most` positions."""
-        start, size = 0, first
-        while start < self.places:
-            stop = min(start + size, self.places)
-            yield self.numbers(np.arange(start, stop, dtype=np.uint64)).tolist()
-            start, size = stop, min(size * growth, most)
-
-    def numbers(self, places: _Words) -> IntArray:
-        """The numbers at these positions; those beyond `high` are left out."""
-        left, right = places >> self._shift, places & self._mask
-        for key in self._keys():
-            left, right = right, left ^ self._mixed(right, key)
-        found = (left << self._shift | right).astype(np.int64) + self.low
-        inside: IntArray = found[found <= self.high]
-        return inside
-
-    def places_of(self, numbers: IntArray) -> _Words:
-        """The positions of these numbers; the inverse of `numbers`."""
-        words = (numbers - self.low).astype(np.uint64)
-        left, right = words >> self._shift, words & self._mask
-        for key in reversed(self._keys()):
-            left, right = right ^ self._mixed(left, key), left
-        return left << self._shift | right
-
-    @property
-    def _shift(self) -> np.uint64:
-        shift: np.uint64 = np.uint64(self.half_bits)
-        return shift
-
-    @property
-    def _mask(self) -> np.uint64:
-        mask: np.uint64 = np.uint64((1 << self.half_bits) - 1)
-        return mask
-
-    def _keys(self) -> list[np.uint64]:
-        digest = blake2b(self.seed.encode(), digest_size=8 * _ROUNDS).digest()
-        return list(np.frombuffer(digest, "<u8"))
-
-    def _mixed(self, half: _Words, key: np.uint64) -> _Words:
-        # The finaliser of splitmix64: every bit of the key and the half reaches all.
-        word = half + key
-        word = (word ^ word >> np.uint64(30)) * np.uint64(0xBF58476D1CE4E5B9)
-        word = (word ^ word >> np.uint64(27)) * np.uint64(0x94D049BB133111EB)
-        mixed: _Words = (word ^ word >> np.uint64(31)) & self._mask
-        return mixed

@@ -21,10 +21,12 @@ from app.measuring.queries import DatasetRepository
 from app.review.bulk import review_many, undo_batch
 from app.review.history import history
 from app.review.queue import QueueRequest, next_boxes, remaining_boxes
-from app.review.service import review_box, undo_answer
+from app.review.service import import_answers, review_box, undo_answer
 from unghost.wire.boxes import (
+    AnswersIn,
     BulkIn,
     History,
+    ImportedAnswers,
     Queue,
     QueueIn,
     Review,
@@ -124,7 +126,8 @@ def create_bulk_review(
 ) -> Response:
     """Give many boxes one answer; a single undo takes it back on all of them.
 
-    Only admins may clear answers of others.
+    If each of the boxes has it already as the caller's own latest answer, it is not
+    stored again, and `count` is 0. Only admins may clear answers of others.
     """
     batch = review_many(services, audit, body, principal)
     response = _json(batch.model_dump_json(), 201)
@@ -142,6 +145,25 @@ def undo_bulk_review(
     """
     undone = undo_batch(services, audit, batch_id, principal)
     return commit_and_respond(audit.session, _json(undone.model_dump_json()))
+
+
+import_router = ApiRouter(prefix="/api/v1", tag="reviews", read="admin", write="admin")
+
+
+@import_router.post(
+    "/datasets/{dataset}/reviews/import", response_model=ImportedAnswers
+)
+def import_reviews(
+    dataset: DatasetName, body: AnswersIn, services: AppServices, audit: Audited
+) -> Response:
+    """Store answers given elsewhere, with reviewer and time, unless newer ones exist.
+
+    They are marked as imported by the caller.
+    """
+    require_room_to_answer(services, audit.session)
+    found = DatasetRepository(audit.session).named(dataset)
+    outcome = import_answers(audit, found, body)
+    return commit_and_respond(audit.session, _json(outcome.model_dump_json()))
 
 
 def _json(content: str, status: int = 200) -> Response:

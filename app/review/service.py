@@ -14,6 +14,8 @@
 5. `commit_and_respond` (`app.http.transaction`) commits, and only then is the stored
    answer sent back.
 
+`import_answers` stores answers that were given somewhere else, as they are in a file.
+
 `undo_answer` undoes an answer in the same way: the answer before it is stored once
 more. Answers on many boxes at once, and their undo, are in `bulk`.
 """
@@ -22,14 +24,17 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable
+from datetime import datetime
 from itertools import chain
+from typing import Literal
 
 from app.access.audit import AuditAction, AuditTrail
 from app.access.service import require_own
-from app.boxes.queries import LatestAnswers
+from app.boxes.queries import LatestAnswers, LatestReview
 from app.boxes.reader import describe_box
 from app.db.base import utc_now
 from app.db.engine import once_committed
+from app.db.tables import Dataset
 from app.errors import Conflict, NotFound, StaleReview
 from app.measuring.queries import DatasetRepository
 from app.metrics import REVIEWS
@@ -42,7 +47,14 @@ from app.review.queries import (
 )
 from app.security import Principal
 from app.verdicts import effective_verdict
-from unghost.wire.boxes import Review, ReviewIn
+from unghost.wire.boxes import (
+    MOST_UNKNOWN,
+    AnswersIn,
+    ImportedAnswer,
+    ImportedAnswers,
+    Review,
+    ReviewIn,
+)
 
 
 def review_box(
@@ -68,7 +80,10 @@ def review_box(
     session, of_others = audit.session, 0
     reviews = ReviewRepository(session)
     box = reviews.state(box_id)
-    answer = NewAnswer(box.dataset_id, given.verdict, given.comment, by.name, utc_now())
+    answer = NewAnswer(
+        *(box.dataset_id, given.verdict, given.comment, by.name, utc_now()),
+        looked_ms=given.looked_ms,
+    )
     if box.revision == given.seen_revision:
         same = reviews.same_answer(box, answer)
         if same is not None:
@@ -146,6 +161,71 @@ def undo_answer(
         )
     once_committed(session, lambda: REVIEWS.labels("undo").inc())
     return _stored(box, answer, box.revision + 1)
+
+
+def import_answers(
+    audit: AuditTrail, dataset: Dataset, body: AnswersIn
+) -> ImportedAnswers:
+    """Store answers that were given somewhere else, with their reviewers and times.
+
+    They are marked as imported, in the order of their times. An answer on a box that
+    has a newer one is not stored, and neither is one that the box has already. A time
+    in the future becomes the present one.
+    """
+    session, reviews = audit.session, ReviewRepository(audit.session)
+    answers = sorted(body.answers, key=lambda answer: answer.created_at)
+    boxes = reviews.boxes_of(
+        dataset.id,
+        {answer.frame for answer in answers},
+        {answer.box for answer in answers},
+    )
+    outcomes: Counter[str] = Counter()
+    unknown = []
+    now = utc_now()
+    for answer in answers:
+        box_id = boxes.get((answer.frame, answer.box))
+        if box_id is None:
+            outcomes["unknown"] += 1
+            unknown.append(f"{answer.frame} {answer.box}")
+            continue
+        latest = LatestAnswers(session).of([box_id]).get(box_id)
+        at = min(answer.created_at, now)
+        outcome = _outcome(answer, at, latest)
+        if outcome == "imported":
+            review = NewAnswer(
+                *(dataset.id, answer.verdict, answer.comment, answer.reviewer, at),
+                imported_by=audit.name,
+            )
+            revision = 0 if latest is None else latest.revision
+            stored = reviews.answer_box(box_id, revision, review)
+            assert stored, "no other transaction writes"
+        outcomes[outcome] += 1
+    if outcomes["imported"]:
+        audit.note(
+            AuditAction.ANSWERS_IMPORTED,
+            dataset.name,
+            answers=outcomes["imported"],
+            skipped=outcomes.total() - outcomes["imported"],
+            reviewers=sorted({answer.reviewer for answer in answers})[:MOST_UNKNOWN],
+        )
+    return ImportedAnswers(
+        imported=outcomes["imported"],
+        already=outcomes["already"],
+        newer=outcomes["newer"],
+        unknown=outcomes["unknown"],
+        unknown_boxes=tuple(unknown[:MOST_UNKNOWN]),
+    )
+
+
+def _outcome(
+    answer: ImportedAnswer, at: datetime, latest: LatestReview | None
+) -> Literal["imported", "already", "newer"]:
+    """What becomes of an answer from this time, after the latest one on its box."""
+    if latest is None or latest.created_at < at:
+        return "imported"
+    stored = (latest.verdict, latest.reviewer, latest.comment, latest.created_at)
+    is_stored = stored == (answer.verdict, answer.reviewer, answer.comment, at)
+    return "already" if is_stored else "newer"
 
 
 def require_own_cleared(

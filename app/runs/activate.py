@@ -10,7 +10,7 @@ ended and changes nothing.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -18,13 +18,16 @@ import numpy as np
 from sqlalchemy.orm import Session
 
 from app.boxes.current import (
+    Decided,
     DecisionRepository,
-    TallyKey,
     classified_again,
     decided_again,
+    doubt_again,
     measured_again,
+    recount_tallies,
     replace_tallies,
 )
+from app.boxes.filter import TallyKey
 from app.boxes.queries import LatestAnswers
 from app.context import ServiceContext
 from app.db.base import filled
@@ -37,12 +40,12 @@ from app.runs.flips import FlipTable
 from app.runs.measure import RunScope, is_measured
 from app.runs.queries import RunRepository
 from filter_core.config.filter import FilterConfig
+from filter_core.decisions.doubt import Bin, bins_of, doubts
 from filter_core.decisions.rules import decide
-from filter_core.types import BoolArray, Decisions, IntArray
+from filter_core.types import IntArray
 
 _REASONS: Final = 32
-"""Greater than each `Reason`: `_count_unreviewed` packs class, reason and flag into one
-number."""
+"""Greater than each `Reason`: `_count_unreviewed` packs all keys into one number."""
 
 
 @dataclass(frozen=True)
@@ -120,6 +123,25 @@ def _decide_and_store(
     run.last_review_id = LatestAnswers(session).newest_id()
 
 
+def refresh_doubt(context: ServiceContext) -> None:
+    """Compute stored doubt again where another version of this code has computed it.
+
+    After an upgrade, before the first request. Each dataset is a transaction.
+    """
+    with context.database.read() as session:
+        names = [one.name for one in DatasetRepository(session).with_other_doubt()]
+    for name in names:
+        with context.database.write() as session:
+            dataset = DatasetRepository(session).named(name)
+            config = config_of(active_version(session, dataset))
+            measurement = filled(dataset.active_measurement_id)
+            cache = context.one(ColumnCache)
+            for (numbers,) in cache.parts(session, dataset.id, measurement):
+                doubt_again(session, numbers.box_ids, numbers.doubt(config))
+            recount_tallies(session, dataset.id)
+            DatasetRepository(session).has_this_doubt(dataset)
+
+
 class Activation:
     """Counts the changes of a run part by part, in memory of a constant size."""
 
@@ -136,31 +158,27 @@ class Activation:
         self, numbers: BeforeAndAfter, active: FilterConfig, config: FilterConfig
     ) -> None:
         """Decide a part by both configurations, and store the differences."""
-        before = numbers.before.decided(active)
-        after = decide(numbers.after.evidence, config)
+        evidence = numbers.after.evidence
+        before, after = numbers.before.decided(active), decide(evidence, config)
         ids, flipped = numbers.after.box_ids, before.reason != after.reason
         RunRepository(self._session).record_flips(
             self._run.id, ids[flipped], before.reason[flipped], after.reason[flipped]
         )
-        self.flips.add(numbers.after.evidence, before.reason, after.reason)
+        self.flips.add(evidence, before.reason, after.reason)
         if self._run.activate:
-            self._refresh(numbers, before, after)
-            self._tally(numbers.after, after)
+            then = Decided.of(before, numbers.before.doubt(active))
+            now = Decided.of(after, doubts(evidence, config, after).doubt)
+            self._refresh(numbers, then, now)
+            self._tally(numbers.after, now)
 
     def _refresh(
-        self, numbers: BeforeAndAfter, before: Decisions, after: Decisions
+        self, numbers: BeforeAndAfter, before: Decided, after: Decided
     ) -> None:
         ids = numbers.after.box_ids
-        changed = _differs(before, after)
-        rows = int(changed.sum()) + (len(ids) if numbers.are_measured_anew else 0)
+        rows = int(before.differs(after).sum())
+        rows += len(ids) if numbers.are_measured_anew else 0
         self._progress.begin(len(ids), rows)
-        decided_again(
-            self._session,
-            ids[changed],
-            before[changed],
-            after[changed],
-            self._progress,
-        )
+        decided_again(self._session, ids, before, after, self._progress)
         if numbers.are_measured_anew:
             evidence = numbers.after.evidence
             measured_again(self._session, ids, evidence, self._progress)
@@ -168,7 +186,7 @@ class Activation:
             of_classes = numbers.after.class_ids[moved]
             classified_again(self._session, ids[moved], of_classes)
 
-    def _tally(self, numbers: DatasetColumns, decisions: Decisions) -> None:
+    def _tally(self, numbers: DatasetColumns, decided: Decided) -> None:
         """Count all boxes, which is cheaper and safer than counting changes."""
         if not len(numbers):
             return
@@ -179,16 +197,17 @@ class Activation:
         rows = np.searchsorted(numbers.box_ids, self._reviewed[here])
         others = np.ones(len(numbers), np.bool_)
         others[rows] = False
-        counts = _count_unreviewed(numbers.class_ids[others], decisions[others])
-        self.tallies.update(counts)
-        for review, row in zip(self._reviews[here], rows.tolist(), strict=True):
-            key = TallyKey(
-                int(numbers.class_ids[row]),
-                int(decisions.reason[row]),
-                bool(decisions.toss_up[row]),
-                review,
-            )
-            self.tallies[key] += 1
+        keys = np.stack(
+            [
+                numbers.class_ids,
+                decided.reason,
+                decided.toss_up,
+                bins_of(decided.doubt),
+            ]
+        )
+        self.tallies.update(_count_unreviewed(keys[:, others]))
+        for review, key in zip(self._reviews[here], keys.T[rows].tolist(), strict=True):
+            self.tallies[_tally_key(key, review)] += 1
 
 
 @dataclass
@@ -233,19 +252,18 @@ def _activate(session: Session, dataset: Dataset, run: Run) -> None:
     )
 
 
-def _differs(before: Decisions, after: Decisions) -> BoolArray:
-    different: BoolArray = (
-        (before.reason != after.reason)
-        | (before.toss_up != after.toss_up)
-        | (before.large != after.large)
-    )
-    return different
-
-
-def _count_unreviewed(class_ids: IntArray, decisions: Decisions) -> dict[TallyKey, int]:
-    packed = (class_ids * _REASONS + decisions.reason) * 2 + decisions.toss_up
-    keys, counts = np.unique(packed, return_counts=True)
+def _count_unreviewed(keys: IntArray) -> dict[TallyKey, int]:
+    """Boxes by class, reason, flag and bin, the rows of `keys` (4, N)."""
+    class_ids, reason, toss_up, bin_ = keys
+    packed = ((class_ids * _REASONS + reason) * 2 + toss_up) * len(Bin) - bin_
+    _, first, counts = np.unique(packed, return_index=True, return_counts=True)
+    found = keys.T[first].tolist()
     return {
-        TallyKey(key // 2 // _REASONS, key // 2 % _REASONS, bool(key % 2), ""): boxes
-        for key, boxes in zip(keys.tolist(), counts.tolist(), strict=True)
+        _tally_key(key, ""): boxes
+        for key, boxes in zip(found, counts.tolist(), strict=True)
     }
+
+
+def _tally_key(key: Sequence[int], review: str) -> TallyKey:
+    class_id, reason, toss_up, bin_ = key
+    return TallyKey(class_id, reason, bool(toss_up), bin_, review)

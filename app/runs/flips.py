@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from sqlalchemy.orm import Session
 
+from app.boxes.truth import KnownTruth, described, places_in
 from app.context import ServiceContext
 from app.db.base import filled
 from app.db.pages import cursor_after, number_and_id_of_cursor
@@ -27,8 +28,8 @@ from app.measuring.columns import (
     ColumnCache,
     DatasetColumns,
     histogram,
-    match_counts,
     outcome,
+    share_counts,
 )
 from app.measuring.evidence import recount, unpack_numbers
 from app.measuring.plan import (
@@ -46,10 +47,18 @@ from app.measuring.queries import (
 )
 from filter_core.config.filter import FilterConfig
 from filter_core.config.measure import MeasureConfig
+from filter_core.decisions.channel_rules import (
+    compared_by_channels,
+    own_percent,
+    pixels_needed,
+)
 from filter_core.decisions.rules import decide
+from filter_core.evaluation.scores import Confusion
+from filter_core.evidence_kinds import CHANNELS, EvidenceName
 from filter_core.types import (
     KEPT,
     REJECTED,
+    UNMEASURED,
     VERDICT_OF_REASON,
     VERDICTS,
     BoolArray,
@@ -59,11 +68,20 @@ from filter_core.types import (
     IntArray,
     Reason,
     floats_or_none,
+    rows_of,
 )
 from unghost.wire.boxes import XYXY
 from unghost.wire.datasets import Histogram
-from unghost.wire.runs import Diff, Flip, FlipCounts, Flips, FlipSide, Preview
-from unghost.wire.words import FlipCause
+from unghost.wire.runs import (
+    Diff,
+    Flip,
+    FlipCounts,
+    Flips,
+    FlipSide,
+    Preview,
+    TruthScores,
+)
+from unghost.wire.words import FlipCause, Truth
 
 _REASONS: Final = len(VERDICT_OF_REASON)
 _FLIPS: Final = VERDICT_OF_REASON[:, None] != VERDICT_OF_REASON
@@ -82,6 +100,8 @@ _SIDES: Final = {
     "rejected_to_kept": _from_to(REJECTED, KEPT),
 }
 FARTHEST: Final = float("inf")
+_KINDS: Final[tuple[EvidenceName, ...]] = ("semantic", *CHANNELS)
+"""The kinds of evidence by the number of `Decisions.channel`."""
 
 
 class FlipTable:
@@ -194,8 +214,7 @@ class _Nearest:
         if not self._limit:
             return
         rows = after.rows_of(flips)
-        margins = np.abs(after.decisions.margin[rows])
-        distances: FloatArray = np.nan_to_num(margins, nan=FARTHEST)
+        distances: FloatArray = np.nan_to_num(after.margins(rows), nan=FARTHEST)
         ids = after.numbers.box_ids[rows]
         # Boxes come in the order of their ids.
         order = np.argsort(distances, kind="stable")
@@ -218,12 +237,13 @@ class _Nearest:
 class _Decided:
     """Boxes of a part of a dataset, and the decisions on all boxes of the part.
 
-    `rows` selects boxes of the part; None selects all. `version` is the one in which
-    they were measured (`MeasureConfig.version`).
+    They were decided by `config`. `rows` selects boxes of the part; None selects all.
+    `version` is the one in which they were measured (`MeasureConfig.version`).
     """
 
     numbers: DatasetColumns
     evidence: Evidence
+    config: FilterConfig
     decisions: Decisions
     rows: IntArray | None = None
     version: int = 1
@@ -237,6 +257,22 @@ class _Decided:
     def rows_of(self, places: IntArray) -> IntArray:
         """The rows in the part of boxes with these indexes."""
         return places if self.rows is None else self.rows[places]
+
+    def margins(self, rows: IntArray) -> FloatArray:
+        """How far the boxes of these rows are from the threshold that decides them.
+
+        In percent of a box's pixels; NaN where none decides. Of those that other
+        evidence than tags decides, from what that needs.
+        """
+        evidence = self.evidence.take(rows)
+        decisions = rows_of(self.decisions, rows)
+        own, needed = compared_by_channels(evidence, self.config, decisions)
+        away = 100 * (own - needed) / np.maximum(evidence.box_pixels, 1)
+        is_counted = ~np.isnan(own_percent(evidence, self.config.channels))
+        by_channel = np.where(is_counted, away, np.nan)
+        margins = np.where(decisions.channel > 0, by_channel, decisions.margin)
+        distances: FloatArray = np.abs(margins)
+        return distances
 
     def sides(self, places: IntArray) -> list[FlipSide]:
         """The decisions on boxes with these indexes."""
@@ -292,6 +328,7 @@ def _flips(before: _Decided, after: _Decided, places: IntArray) -> list[Flip]:
             frame_id=frame_id,
             class_name=names[class_index],
             xyxy=None,
+            visible=None,
             match_percent=now.match_percent,
             before=then,
             after=now,
@@ -333,10 +370,11 @@ def _with_rectangles(
 
 @dataclass(frozen=True)
 class PreviewLimits:
-    """The number of flips to list, and the number of bins of histograms."""
+    """The number of flips to list, the number of bins of histograms, and the truth."""
 
     flips: int
     bins: int
+    truth: Truth | None = None
 
 
 def preview(
@@ -359,57 +397,100 @@ def preview(
             by_class=None,
             reasons_by_class=None,
             histograms=None,
+            own_histograms=None,
+            decided_by=None,
             flips=None,
+            scores=None,
         )
     is_recounted = not plan.is_covered_by(measurement.options)
     names = tuple(DatasetRepository(session).classes(dataset.id))
     table, nearest = FlipTable(names), _Nearest(limits.flips)
-    matches: IntArray = np.zeros((len(names), limits.bins), np.int64)
+    shares: IntArray = np.zeros((2, len(names), limits.bins), np.int64)
     pixels: FloatArray = np.zeros((2, len(names)))
+    kinds: Counter[EvidenceName] = Counter()
     active = config_of(active_version(session, dataset))
+    truth = limits.truth and KnownTruth.of(session, dataset, limits.truth)
+    scores = [Confusion(), Confusion()]
+    visible: dict[int, bool] = {}
     cache = context.one(ColumnCache)
     for (numbers,) in cache.parts(session, dataset.id, measurement.id):
         evidence = numbers.evidence
         if is_recounted:
             evidence = _recounted(session, dataset, numbers, plan)
-            matches += match_counts(evidence, limits.bins)
+            needed = pixels_needed(evidence, config)
+            shares += share_counts(evidence, config.channels, limits.bins, needed)
         else:
-            matches += numbers.match_counts(limits.bins)
+            shares += numbers.share_counts(config.channels, limits.bins, config)
         pixels += numbers.unknown_pixels()
-        before = _Decided(numbers, numbers.evidence, numbers.decided(active))
-        after = _Decided(numbers, evidence, decide(evidence, config))
+        before = _Decided(numbers, numbers.evidence, active, numbers.decided(active))
+        after = _Decided(numbers, evidence, config, decide(evidence, config))
+        counts = np.bincount(after.decisions.channel, minlength=len(_KINDS))
+        kinds.update(dict(zip(_KINDS, counts.tolist(), strict=True)))
         flips = table.add(evidence, before.reasons, after.reasons)
         nearest.add(before, after, flips)
+        if truth:
+            rows, is_visible = truth.rows(numbers)
+            for side, decided in enumerate((before, after)):
+                verdicts = VERDICT_OF_REASON[decided.reasons[rows]]
+                judged = verdicts != UNMEASURED
+                scores[side] += Confusion.of(
+                    verdicts[judged] == KEPT, is_visible[judged]
+                )
+            listed = np.array([box_id for _, box_id, _ in nearest.found], np.int64)
+            places, is_known = places_in(numbers.box_ids[rows], listed)
+            known = listed[is_known].tolist(), is_visible[places].tolist()
+            visible.update(zip(*known, strict=True))
+    by_class = config.limits_by_class(names)
     return Preview(
         config=config.digest,
         needs_pixels=False,
         **outcome(names, table.after),
-        histograms=histogram(names, matches, pixels, config),
+        histograms=histogram(names, shares[0], pixels, by_class.threshold_small_box),
+        own_histograms=histogram(
+            names, shares[1], pixels, by_class.min_visible_percent
+        ),
+        decided_by={name: boxes for name, boxes in kinds.items() if boxes},
         flips=Flips(
             total=sum(table.flips().values()),
             **table.totals(),
             by_class=table.sides(),
             items=_with_rectangles(
-                session, (flip for _, _, flip in nearest.found), measurement.id
+                session,
+                (
+                    flip.model_copy(update={"visible": visible.get(box_id)})
+                    for _, box_id, flip in nearest.found
+                ),
+                measurement.id,
             ),
         ),
+        scores=TruthScores(
+            boxes=scores[1].boxes,
+            before=described(scores[0]),
+            after=described(scores[1]),
+        )
+        if truth
+        else None,
     )
 
 
 def current_histogram(
     context: ServiceContext, session: Session, dataset: Dataset, bins: int
 ) -> Histogram:
-    """Current matches per class, with the active configuration's thresholds."""
+    """Current matches per class, with the active configuration's thresholds.
+
+    Of all measured boxes, also of those that other evidence decides.
+    """
     measurement = active_measurement(session, dataset)
     names = tuple(DatasetRepository(session).classes(dataset.id))
     counts: IntArray = np.zeros((len(names), bins), np.int64)
     pixels: FloatArray = np.zeros((2, len(names)))
     cache = context.one(ColumnCache)
-    for (numbers,) in cache.parts(session, dataset.id, measurement.id):
-        counts += numbers.match_counts(bins)
-        pixels += numbers.unknown_pixels()
     config = config_of(active_version(session, dataset))
-    return histogram(names, counts, pixels, config)
+    for (numbers,) in cache.parts(session, dataset.id, measurement.id):
+        counts += numbers.share_counts((), bins, config)[0]
+        pixels += numbers.unknown_pixels()
+    limits = config.limits_by_class(names).threshold_small_box
+    return histogram(names, counts, pixels, limits)
 
 
 def _recounted(
@@ -465,11 +546,7 @@ def run_diff(
     nearest = _Nearest(page.limit + 1, place)
     cache = context.one(ColumnCache)
     for numbers in cache.parts(session, runs[1].dataset_id, *measurements):
-        decisions = [
-            decide(part.evidence, config)
-            for part, config in zip(numbers, configs, strict=True)
-        ]
-        before, after = _compared(numbers, decisions, versions)
+        before, after = _compared(numbers, configs, versions)
         reasons = before.reasons, after.reasons
         flips = table.add(after.evidence, *reasons, after.rows)
         nearest.add(before, after, flips)
@@ -531,10 +608,15 @@ def compared_runs(
 
 def _compared(
     numbers: Sequence[DatasetColumns],
-    decisions: Sequence[Decisions],
+    configs: Sequence[FilterConfig],
     versions: Sequence[int],
 ) -> tuple[_Decided, _Decided]:
+    """The boxes that both have, as each configuration decides them."""
     before, after = numbers
+    was, now = (
+        decide(part.evidence, config)
+        for part, config in zip(numbers, configs, strict=True)
+    )
     if before is after:
         rows = [np.arange(len(after))] * 2
     else:
@@ -543,6 +625,6 @@ def _compared(
             before.box_ids, after.box_ids, assume_unique=True, return_indices=True
         )
     return (
-        _Decided(before, before.evidence, decisions[0], rows[0], versions[0]),
-        _Decided(after, after.evidence, decisions[1], rows[1], versions[1]),
+        _Decided(before, before.evidence, configs[0], was, rows[0], versions[0]),
+        _Decided(after, after.evidence, configs[1], now, rows[1], versions[1]),
     )

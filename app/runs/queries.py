@@ -8,8 +8,10 @@ import numpy as np
 from sqlalchemy import insert, select
 from sqlalchemy.orm import Session
 
-from app.db.tables import Flips, Run
+from app.db.pages import NewestPage
+from app.db.tables import Dataset, Flips, Run
 from app.jobs.queries import OPEN
+from app.measuring.queries import is_there
 from filter_core.types import IntArray
 
 FLIP: Final = np.dtype([("box_id", "<i8"), ("before", "u1"), ("after", "u1")])
@@ -44,6 +46,20 @@ class RunRepository:
         self._session.add(run)
         self._session.flush()
         return run
+
+    def page(
+        self, page: NewestPage, state: str | None, dataset_id: int | None = None
+    ) -> list[Run]:
+        """The runs of a page, newest first, and one more if there is a next page."""
+        rows = select(Run).join(Dataset, Dataset.id == Run.dataset_id).where(is_there())
+        if dataset_id is not None:
+            rows = rows.where(Run.dataset_id == dataset_id)
+        if state is not None:
+            rows = rows.where(Run.state == state)
+        if page.before_id is not None:
+            rows = rows.where(Run.id < page.before_id)
+        rows = rows.order_by(Run.id.desc()).limit(page.limit + 1)
+        return list(self._session.scalars(rows))
 
     def last_to_activate(self, dataset_id: int) -> Run | None:
         """The last open run that will activate its configuration, if there is one."""

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Annotated, Final
 
-from fastapi import Depends, Path, Query, Request, Response
+from fastapi import Depends, Header, Path, Query, Request, Response
+from sqlalchemy.orm import Session
 
 from app.access.audit import AuditAction
 from app.access.gate import Audited
 from app.db import tables
 from app.db.base import MAX_ID
 from app.db.pages import newest
-from app.errors import UnsupportedMedia
+from app.errors import StaleConfig, UnsupportedMedia
 from app.http.bodies import run_off_loop
 from app.http.deps import (
     AppServices,
@@ -34,19 +36,25 @@ from app.http.transaction import WriteSession
 from app.jobs.queries import job_with_id
 from app.jobs.service import cancel
 from app.jobs.stream import LastEventId, events_of, watch
-from app.measuring.active import active_version, add_version, describe_version
+from app.measuring.active import (
+    active_config,
+    active_version,
+    add_version,
+    describe_version,
+)
 from app.measuring.queries import ConfigRepository, DatasetRepository
 from app.runs.flips import DiffPage, PreviewLimits, compared_runs, preview, run_diff
+from app.runs.queries import RunRepository
 from app.runs.service import (
     RUNS,
     RunRequest,
-    describe_run,
+    coming_version,
     described_run,
+    describing_runs,
     request_run,
     run_activating,
 )
 from filter_core.config.file import CARLASIMU_ROOT, LoadedConfig, load_config
-from filter_core.config.filter import FilterConfig
 from unghost.wire.datasets import FilterConfigIn
 from unghost.wire.model import Page
 from unghost.wire.runs import (
@@ -58,6 +66,7 @@ from unghost.wire.runs import (
     Run,
     RunIn,
 )
+from unghost.wire.words import JobState
 
 _MEDIA_TYPES: Final = (
     "application/json",
@@ -135,7 +144,7 @@ def create_config(
     version, created = add_version(
         session,
         found,
-        body.config,
+        body.after(active_config(session, found)),
         author=principal.name,
         unused_keys=body.unused_keys,
     )
@@ -156,16 +165,34 @@ def get_config(
 
 
 @configs_router.get("/datasets/{dataset}/config")
-def get_active_config(dataset: DatasetName, session: ReadSession) -> ConfigVersion:
-    """The active version, by which boxes are decided now."""
+def get_active_config(
+    dataset: DatasetName, session: ReadSession, response: Response
+) -> ConfigVersion:
+    """The active version, by which boxes are decided now; its `ETag` is the digest."""
     found = DatasetRepository(session).named(dataset)
-    return describe_version(found, active_version(session, found))
+    version = describe_version(found, active_version(session, found))
+    response.headers["ETag"] = f'"{version.digest}"'
+    return version
+
+
+@dataclass(frozen=True)
+class Activation:
+    """The version to activate, and the one that the caller takes for the active one."""
+
+    body: ActivateIn
+    if_match: Annotated[
+        str | None,
+        Header(
+            description="`ETag` of the active version: refused with 412 if another is "
+            "or becomes active."
+        ),
+    ] = None
 
 
 @configs_router.put("/datasets/{dataset}/config", status_code=202, response_model=Run)
 def activate_config(
     dataset: DatasetName,
-    body: ActivateIn,
+    activation: Annotated[Activation, Depends()],
     session: WriteSession,
     services: AppServices,
     audit: Audited,
@@ -175,13 +202,37 @@ def activate_config(
     If the last open run will do that already, this returns it.
     """
     found = DatasetRepository(session).named(dataset)
-    run = run_activating(session, found, body.digest)
+    digest = activation.body.digest
+    if digest is None:
+        given = activation.body.config
+        source = given.root if isinstance(given, FilterConfigIn) else given
+        loaded = load_config(source or "")
+        config = loaded.after(active_config(session, found))
+        author, unused = audit.name, loaded.unused_keys
+        version, _ = add_version(
+            session, found, config, author=author, unused_keys=unused
+        )
+        digest = version.digest
+    run = run_activating(session, found, digest)
     if run is None:
-        wanted = RunRequest(body.digest, audit.name, activate=True)
+        if activation.if_match is not None:
+            _require_match(session, found, activation.if_match)
+        wanted = RunRequest(digest, audit.name, activate=True)
         run = request_run(services, session, found, wanted)
-        made = {"config": body.digest, "run": run.id}
+        made = {"config": digest, "run": run.id}
         audit.note(AuditAction.CONFIG_ACTIVATED, dataset, **made)
     return accepted(described_run(services, session, run))
+
+
+def _require_match(session: Session, dataset: tables.Dataset, if_match: str) -> None:
+    version = coming_version(session, dataset)
+    tags = [tag.strip() for tag in if_match.split(",")]
+    if if_match.strip() != "*" and f'"{version.digest}"' not in tags:
+        raise StaleConfig(
+            f"configuration {version.digest[:12]} of {version.created_by!r} is or "
+            f"becomes the active one of dataset {dataset.name!r}, expected {if_match}",
+            current=describe_version(dataset, version).model_dump(mode="json"),
+        )
 
 
 @configs_router.post("/datasets/{dataset}/preview")
@@ -190,27 +241,40 @@ def preview_config(
 ) -> Preview:
     """What a configuration would decide; writes nothing and reads no pixel."""
     found = DatasetRepository(session).named(dataset)
-    config = FilterConfig.from_mapping(body.config.root)
-    limits = PreviewLimits(flips=body.limit, bins=body.bins)
+    config = load_config(body.config.root).after(active_config(session, found))
+    limits = PreviewLimits(body.limit, body.bins, body.truth)
     return preview(services, session, found, config, limits)
 
 
 router = ApiRouter(prefix="/api/v1", tag="runs")
 
 
+State = Annotated[
+    JobState | None, Query(description="Only runs in this state.", examples=["running"])
+]
+
+
 @router.get("/datasets/{dataset}/runs", response_model=Page[Run])
 def list_runs(
-    dataset: DatasetName, wanted: Newest, session: ReadSession, services: AppServices
+    dataset: DatasetName,
+    wanted: Newest,
+    session: ReadSession,
+    services: AppServices,
+    state: State = None,
 ) -> Response:
     """Runs of a dataset, newest first."""
     found = DatasetRepository(session).named(dataset)
-    rows = newest(session, tables.Run, found.id, wanted.page)
-    digests = ConfigRepository(session).digests(row.config_id for row in rows)
+    rows = RunRepository(session).page(wanted.page, state, found.id)
+    return wanted.response(rows, describing_runs(services, session, rows))
 
-    def describe(run: tables.Run) -> Run:
-        return describe_run(services, run, dataset, digests[run.config_id])
 
-    return wanted.response(rows, describe)
+@router.get("/runs", response_model=Page[Run])
+def list_all_runs(
+    wanted: Newest, session: ReadSession, services: AppServices, state: State = None
+) -> Response:
+    """Runs of all datasets, newest first."""
+    rows = RunRepository(session).page(wanted.page, state)
+    return wanted.response(rows, describing_runs(services, session, rows))
 
 
 @router.post("/datasets/{dataset}/runs", status_code=202, response_model=Run)
@@ -225,7 +289,9 @@ def create_run(
     found = DatasetRepository(session).named(dataset)
     config = body.config
     wanted = RunRequest(
-        config if isinstance(config, str) else FilterConfig.from_mapping(config.root),
+        config
+        if isinstance(config, str)
+        else load_config(config.root).after(active_config(session, found)),
         audit.name,
         activate=body.activate,
         measure_again=body.measure_again,

@@ -7,7 +7,7 @@ nobody ever sees a dataset that is half decided.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -97,6 +97,14 @@ def run_activating(session: Session, dataset: Dataset, digest: str) -> Run | Non
     return run
 
 
+def coming_version(session: Session, dataset: Dataset) -> ConfigVersion:
+    """The configuration that is active when all open runs are done."""
+    run = RunRepository(session).last_to_activate(dataset.id)
+    if run is None:
+        return active_version(session, dataset)
+    return ConfigRepository(session).with_id(run.config_id)
+
+
 def coming_settings(
     session: Session, dataset: Dataset
 ) -> tuple[DatasetReading, FilterConfig]:
@@ -161,6 +169,21 @@ def describe_run(
             "finished_at": run.finished_at,
         }
     )
+
+
+def describing_runs(
+    context: ServiceContext, session: Session, runs: Sequence[Run]
+) -> Callable[[Run], wire.Run]:
+    """Describes each of these runs; what they share is read once."""
+    digests = ConfigRepository(session).digests(run.config_id for run in runs)
+    named = DatasetRepository(session).with_id
+    datasets = {key: named(key).name for key in {run.dataset_id for run in runs}}
+
+    def describe(run: Run) -> wire.Run:
+        dataset, digest = datasets[run.dataset_id], digests[run.config_id]
+        return describe_run(context, run, dataset, digest)
+
+    return describe
 
 
 def described_run(context: ServiceContext, session: Session, run: Run) -> wire.Run:

@@ -7,11 +7,10 @@ from pathlib import Path
 
 from filter_core.errors import LayoutError
 from filter_core.formats.format import Format, Recognition, Source
+from filter_core.formats.matching import frame_of, match
 from filter_core.formats.reading import (
     FrameSet,
     annotated,
-    frame_of,
-    match,
     read_label_text,
     walk,
 )
@@ -24,7 +23,7 @@ CORNERS = Format(
     title="Corner files",
     docs_row="`corners/NAME.txt` for each image: `CORNERS`, then a box per line",
     recognised_by="corners/ with files that begin with CORNERS",
-    read_options=frozenset({"segmentation"}),
+    read_options=frozenset({"segmentation", "files"}),
 )
 
 
@@ -42,7 +41,7 @@ def has_head(path: Path) -> bool:
 @CORNERS.reader
 def read(root: Path, options: RecordingDescription) -> FrameSet:
     folder = root / "corners"
-    streams = Streams(root, options.segmentation)
+    streams = Streams(root, options)
     frames, unmatched = match(walk(folder, (".txt",)), streams.images)
     frames, left_over = streams.complete(frames, "corner file")
     return FrameSet(

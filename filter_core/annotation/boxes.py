@@ -40,7 +40,8 @@ from filter_core.values import (
 )
 
 KNOWN_BOX_KEYS: Final = frozenset(
-    {"id", "class", "type_id", "base_type", "distance", "instance_id", "extra"}
+    {"id", "class", "type_id", "base_type", "instance_id", "extra"}
+    | {"distance", "distance_range"}
     | set(GEOMETRIES)
 )
 """The keys of a box that have a meaning; all others are only kept."""
@@ -105,6 +106,7 @@ def _read_box(
         distance=_read_distance(raw, at, faults),
         instance_id=_read_instance(raw, at, faults),
         raw=raw,
+        distance_range=_read_distance_range(raw, at, faults),
     )
     check_extra(raw, KNOWN_BOX_KEYS, at, faults)
     return box if len(faults) == before else None
@@ -136,6 +138,23 @@ def _read_distance(
         place = at / "distance"
         faults.add(place, "negative_distance", "metres from 0", shown(value))
     return distance
+
+
+def _read_distance_range(
+    raw: Mapping[str, object], at: Place, faults: Faults
+) -> tuple[float, float] | None:
+    value = raw.get("distance_range")
+    if value is None:
+        return None
+    place = at / "distance_range"
+    numbers = read_numbers(value, 2, place, faults)
+    if numbers is None:
+        return None
+    low, high = numbers
+    if not 0 <= low <= high:
+        expected = "two distances, from 0, the nearer one first"
+        faults.add(place, "bad_distance_range", expected, shown(value))
+    return low, high
 
 
 def _read_instance(raw: Mapping[str, object], at: Place, faults: Faults) -> int | None:

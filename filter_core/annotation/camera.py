@@ -25,6 +25,7 @@ from filter_core.values import (
     read_list,
     read_number,
     read_numbers,
+    read_text,
     shown,
 )
 
@@ -36,7 +37,14 @@ _OPTICS: Final = ("fov", "intrinsic")
 
 _POSES: Final = ("transform", "world_to_camera")
 
-_KNOWN_KEYS: Final = frozenset({"width", "height", *_OPTICS, *_POSES})
+_KNOWN_KEYS: Final = frozenset({"name", "width", "height", *_OPTICS, *_POSES})
+
+
+def camera_name(value: object, faults: Faults, longest: int) -> str | None:
+    """What an annotation calls its camera, such as ``front``; None without a name."""
+    if not isinstance(value, Mapping):
+        return None
+    return read_text(value.get("name"), Place() / "camera" / "name", faults, longest)
 
 
 def read_camera(value: object, faults: Faults) -> tuple[Camera | None, _Size | None]:

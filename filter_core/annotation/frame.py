@@ -89,6 +89,9 @@ class BoxAnnotation:
     instance_id : int or None
     raw : mapping
         The box as given, with unknown keys.
+    distance_range : (low, high) or None, metres
+        What is known of the distance where it is not given: above `low` (or from 0) and
+        up to `high`.
     """
 
     id: str
@@ -101,6 +104,7 @@ class BoxAnnotation:
     distance: float | None
     instance_id: int | None
     raw: Mapping[str, object]
+    distance_range: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True)
@@ -117,8 +121,12 @@ class FrameAnnotation:
         The image's size by the annotation; known also where the camera is incomplete.
     carla_version, captured_at, map : str or None
         `captured_at` is an RFC 3339 time, as given.
+    camera_name : str or None
+        What the annotation calls its camera.
     sensors : dict of str to Transform or None
         Where each sensor besides the camera stands in the world, if that is given.
+    sequence, split : str or None
+        The drive that the frame is of, and the part of its data set, such as ``val``.
     raw : mapping
         The annotation as given, with the weather and unknown keys.
     """
@@ -129,7 +137,10 @@ class FrameAnnotation:
     carla_version: str | None = None
     captured_at: str | None = None
     map: str | None = None
+    camera_name: str | None = None
     sensors: dict[str, Transform | None] = field(default_factory=dict)
+    sequence: str | None = None
+    split: str | None = None
     raw: Mapping[str, object] = field(default_factory=dict)
 
 

@@ -14,7 +14,12 @@ from functools import partial
 from typing import Final
 
 from filter_core.annotation.boxes import box_place, check_extra, read_boxes
-from filter_core.annotation.camera import read_camera, read_sensors, require_camera
+from filter_core.annotation.camera import (
+    camera_name,
+    read_camera,
+    read_sensors,
+    require_camera,
+)
 from filter_core.annotation.frame import AnnotationLimits, FrameAnnotation
 from filter_core.errors import JsonError
 from filter_core.json_text import JsonLimits, read_json
@@ -37,6 +42,8 @@ KNOWN_FRAME_KEYS: Final = frozenset(
         "extra",
         "map",
         "sensors",
+        "sequence",
+        "split",
         "weather",
     }
 )
@@ -118,9 +125,9 @@ def _read_frame(
     before = len(faults)
     camera, camera_wh = read_camera(raw.get("camera"), faults)
     camera_faults = len(faults) - before
-    version, town = (
+    version, town, sequence, split = (
         read_text(raw.get(key), at / key, faults, limits.max_text)
-        for key in ("carla_version", "map")
+        for key in ("carla_version", "map", "sequence", "split")
     )
     captured_at = read_time(raw.get("captured_at"), at / "captured_at", faults, 64)
     boxes = read_boxes(raw.get("boxes"), faults, limits)
@@ -136,7 +143,10 @@ def _read_frame(
         carla_version=version,
         captured_at=captured_at,
         map=town,
+        camera_name=camera_name(raw.get("camera"), faults, limits.max_text),
         sensors=sensors,
+        sequence=sequence,
+        split=split,
         raw=raw,
     )
 

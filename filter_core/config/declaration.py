@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from filter_core.classes import (
     MAX_ACCEPT,
     MAX_CHANGED_TAGS,
+    MEASURED_CLASSES,
     PASS,
     canonical_accept,
     canonical_tags,
@@ -259,8 +260,13 @@ class ClassName:
         return measured_class(value)
 
     def schema(self) -> dict[str, object]:
-        """See `Allowed.schema`."""
-        return {"type": "string", "minLength": 1, "maxLength": MAX_CLASS_NAME}
+        """See `Allowed.schema`; the examples are the classes that need no others."""
+        return {
+            "type": "string",
+            "minLength": 1,
+            "maxLength": MAX_CLASS_NAME,
+            "examples": [*MEASURED_CLASSES, PASS],
+        }
 
 
 class Key(NamedTuple):

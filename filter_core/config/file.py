@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import islice
 from types import MappingProxyType
 from typing import Final, Protocol
@@ -15,10 +15,11 @@ from typing import Final, Protocol
 import yaml
 
 from filter_core.class_names import canonical_class
+from filter_core.classes import MEASURED_CLASSES, PASS
 from filter_core.config.filter import FilterConfig
 from filter_core.errors import ConfigError, JsonError
 from filter_core.json_text import JsonLimits, read_json, repeated_key
-from filter_core.values import JsonObject
+from filter_core.values import JsonObject, shown
 
 _MAX_CHARACTERS: Final = 64 * 1024
 
@@ -52,10 +53,17 @@ _BY_PATH: Final = {
     f"{CARLASIMU_ROOT}.threshold_small_box": "threshold_small_box",
     f"{CARLASIMU_ROOT}.size_big_box": "size_big_box",
     f"{CARLASIMU_ROOT}.threshold_big_box": "threshold_big_box",
-    f"{CARLASIMU_ROOT}.cam_rgb.min_distance": "min_distance",
-    f"{CARLASIMU_ROOT}.cam_rgb.max_distance": "max_distance",
+    f"{CARLASIMU_ROOT}.cam_rgb.min_distance": "min_forward",
+    f"{CARLASIMU_ROOT}.cam_rgb.filter": "classes",
 }
-"""Our keys, by their paths in carlasimu's file."""
+"""Our keys, by their paths in carlasimu's file.
+
+Its ``min_distance`` is not a distance from the camera, but forward along its axis; its
+``max_distance`` only limits what it draws. ``filter: False`` leaves every class as it
+is (`_UNFILTERED`).
+"""
+
+_UNFILTERED: Final = dict.fromkeys(MEASURED_CLASSES, PASS)
 
 
 @dataclass(frozen=True)
@@ -67,10 +75,23 @@ class LoadedConfig:
     config : FilterConfig
     unused_keys : tuple of str
         The keys of its file that it does not use.
+    keys : mapping
+        The keys that were given; those of carlasimu's file by our names.
     """
 
     config: FilterConfig
     unused_keys: tuple[str, ...] = ()
+    keys: Mapping[str, object] = field(default_factory=dict)
+
+    def after(self, active: FilterConfig) -> FilterConfig:
+        """The configuration of a dataset that has had another one, `active`.
+
+        A file that names neither evidence nor a profile leaves the dataset's evidence
+        as it is.
+        """
+        if not self.keys.keys().isdisjoint(("evidence", "profile")):
+            return self.config
+        return FilterConfig.from_mapping({**self.keys, "evidence": active.evidence})
 
 
 def load_config(
@@ -84,7 +105,8 @@ def load_config(
     ----------
     source : str, bytes (UTF-8) or mapping
         Our own keys (`FilterConfig`), every one optional; or the paper's published
-        ``boundingBox.yaml`` (root key ``sitting``), which gives profile ``carlasimu``.
+        ``boundingBox.yaml`` (root key ``sitting``), which gives profile ``carlasimu``
+        with its projection.
     below : mapping, optional
         Values of keys that `source` does not have; of ``classes``, entries of classes
         that it does not have.
@@ -110,7 +132,8 @@ def load_config(
         return _from_carlasimu(raw, below)
     if not isinstance(raw, Mapping):
         return LoadedConfig(FilterConfig.from_mapping(raw))
-    return LoadedConfig(FilterConfig.from_mapping(merged_keys(below, raw)))
+    keys = merged_keys(below, raw)
+    return LoadedConfig(FilterConfig.from_mapping(keys), keys=keys)
 
 
 def merged_keys(below: Mapping[str, object], given: Mapping[str, object]) -> JsonObject:
@@ -281,10 +304,11 @@ def _from_carlasimu(
     given = _our_keys(raw)
     if not given:
         raise _nothing_used(content)
-    config = FilterConfig.from_mapping({**below, "profile": "carlasimu", **given})
+    published = {"profile": "carlasimu", "projection": "naive"}
+    keys = merged_keys(below, {**published, **given})
     paths = _leaf_paths(content, CARLASIMU_ROOT)
     unused = islice((path for path in paths if path not in _BY_PATH), _MAX_UNUSED)
-    return LoadedConfig(config, tuple(unused))
+    return LoadedConfig(FilterConfig.from_mapping(keys), tuple(unused), keys)
 
 
 def _nothing_used(content: Mapping[object, object]) -> ConfigError:
@@ -310,6 +334,15 @@ def _our_keys(raw: Mapping[str, object]) -> dict[str, object]:
             section = section.get(key) if isinstance(section, Mapping) else None
         if isinstance(section, Mapping) and last in section:
             given[name] = section[last]
+    if "classes" in given:
+        is_filtering = given.pop("classes")
+        if not isinstance(is_filtering, bool):
+            raise ConfigError(
+                f"expected true or false, found {shown(is_filtering)}",
+                pointer=f"/{CARLASIMU_ROOT}/cam_rgb/filter",
+            )
+        if not is_filtering:
+            given["classes"] = _UNFILTERED
     return given
 
 

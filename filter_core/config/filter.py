@@ -152,12 +152,20 @@ class DecideConfig(DecidingKeys, ClassLimits):
     classes: Mapping[str, ClassConfig] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
+        given: dict[str, object] = {
+            name: getattr(self, name) for name in keys_of(type(self))
+        }
+        # Two defaults depend on other keys: who names a profile has the paper's filter,
+        # and only `auto` keeps small remainders that thresholds would have cut.
+        if given["evidence"] is INHERIT and given["profile"] is not INHERIT:
+            given["evidence"] = SEMANTIC
+        if given["min_visible_pixels"] is INHERIT:
+            chooses = given["evidence"] not in (INHERIT, AUTO)
+            given["min_visible_pixels"] = 1 if chooses else INHERIT
         for name, key in keys_of(type(self)).items():
-            given = getattr(self, name)
             # The canonical form of the value: 10.0 becomes 10.
-            value = (
-                key.default if given is INHERIT else key.allowed.checked(name, given)
-            )
+            is_given = given[name] is not INHERIT
+            value = key.allowed.checked(name, given[name]) if is_given else key.default
             object.__setattr__(self, name, value)
         object.__setattr__(self, "classes", _canonical_classes(self.classes))
         _refuse_crossed_distances(self, "")
@@ -307,6 +315,7 @@ class FilterConfig(ReadingKeys, DecideConfig):
         return MeasureConfig(
             profile=self.profile,
             projection=self.projection,
+            min_forward=None if self.min_forward is None else float(self.min_forward),
             own_reading=own,
             reading=SegmentationOptions.agreed(layers),
             accept={
@@ -466,7 +475,7 @@ def schema_of(config_class: type[DecideConfig]) -> dict[str, object]:
         "additionalProperties": {
             "anyOf": [
                 keys_of(ClassConfig)["measures_as"].allowed.schema(),
-                _object_schema(
+                object_schema(
                     {name: key.schema() for name, key in keys_of(ClassConfig).items()}
                 ),
             ]
@@ -476,11 +485,12 @@ def schema_of(config_class: type[DecideConfig]) -> dict[str, object]:
     return {
         "title": config_class.__name__,
         "description": "What verdicts depend on; every key is optional.",
-        **_object_schema(properties),
+        **object_schema(properties),
     }
 
 
-def _object_schema(properties: dict[str, dict[str, object]]) -> dict[str, object]:
+def object_schema(properties: Mapping[str, object]) -> dict[str, object]:
+    """The JSON schema of a mapping with these keys and no others."""
     return {
         "type": "object",
         "properties": properties,

@@ -42,7 +42,7 @@ from filter_core.config.declaration import (
     declared_keys,
     key,
 )
-from filter_core.evidence_kinds import SEMANTIC, EvidenceChoice
+from filter_core.evidence_kinds import AUTO, SEMANTIC, EvidenceChoice
 from filter_core.segmentation.reading import (
     PALETTES,
     Encoding,
@@ -116,10 +116,17 @@ class ClassKeys(Generic[NumberT, WholeNumberT, NumberOrNullT]):
     )
     min_visible_pixels: WholeNumberT = key(
         counted("pixels"),
-        1,
+        10,
         "Fewest pixels that must be seen of a box: with a tag of its class, or of its "
-        "instance.",
+        "instance. Where another `evidence` than auto is chosen, the default is 1.",
         evidence=(SEMANTIC, "ordered", "depth", "instance"),
+    )
+    min_visible_percent: NumberT = key(
+        PERCENT,
+        0,
+        "Share of a box's pixels that must be its object's own, where order, depth or "
+        "instances tell which are.",
+        evidence=("ordered", "depth", "instance"),
     )
     min_distance: NumberOrNullT = key(
         NEAREST_METRES,
@@ -176,8 +183,10 @@ class DecidingKeys:
     )
     evidence: EvidenceChoice = key(
         AllowedWords(get_args(EvidenceChoice)),
-        SEMANTIC,
-        "By what boxes are judged: the segmentation, or a channel besides it.",
+        AUTO,
+        "By what boxes are judged: the segmentation, a channel besides it, or auto, "
+        "the strongest that a frame allows. Where a profile is named, the default is "
+        "semantic.",
         needs_pixels=True,
     )
     depth_tolerance: Number = key(
@@ -199,6 +208,12 @@ class DecidingKeys:
         "Fewest LiDAR points with a tag of its class that must lie inside a box.",
         evidence=("lidar",),
     )
+    review_min_side: int = key(
+        counted("pixels"),
+        4,
+        "Shorter side from which on people are asked about a box: an eye cannot decide "
+        "about smaller ones. It changes no verdict.",
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -209,6 +224,14 @@ class ReadingKeys:
         AllowedWords(get_args(ProjectionMode)),
         "clipped",
         "How 3D boxes become rectangles: cut exactly at the image, or as in the paper.",
+        needs_pixels=True,
+    )
+    min_forward: Number | None = key(
+        NEAREST_METRES,
+        None,
+        "3D boxes are out of range unless their centres are farther ahead of the "
+        "camera than this, along its axis; null: no limit. carlasimu skips such boxes "
+        "before it projects them.",
         needs_pixels=True,
     )
     palette: str = key(

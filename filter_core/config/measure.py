@@ -43,6 +43,8 @@ class MeasureConfig:
     ----------
     profile : ``paper`` or ``carlasimu``
     projection : ``clipped`` or ``naive``
+    min_forward : float, metres, or None
+        See the key of that name.
     own_reading : SegmentationOptions
         The configuration's own options for segmentations.
     reading : SegmentationOptions
@@ -70,6 +72,7 @@ class MeasureConfig:
 
     profile: Profile = "paper"
     projection: ProjectionMode = "clipped"
+    min_forward: float | None = None
     own_reading: SegmentationOptions = field(default_factory=SegmentationOptions)
     reading: SegmentationOptions = field(default_factory=SegmentationOptions)
     accept: Mapping[str, tuple[str | int, ...]] = field(default_factory=dict)
@@ -108,9 +111,9 @@ class MeasureConfig:
     def as_dict(self) -> dict[str, object]:
         """The stored form, ready for JSON.
 
-        ``channels``, ``class_map``, ``renamed``, ``tags`` and ``tag_scale`` only where
-        there are any, ``version`` only where it makes a difference and is not the
-        first.
+        ``channels``, ``class_map``, ``min_forward``, ``renamed``, ``tags`` and
+        ``tag_scale`` only where there are any, ``version`` only where it makes a
+        difference and is not the first.
         """
         own = [getattr(self.own_reading, name) for name in _READING]
         by_name: list[object] = [self.profile, *own, self.projection]
@@ -132,6 +135,8 @@ class MeasureConfig:
             "renamed": dict(self.renamed),
         }
         plain |= {name: one for name, one in optional.items() if one not in ({}, 1)}
+        if self.min_forward is not None:
+            plain["min_forward"] = self.min_forward
         if not self.channels:
             return plain
         tolerance = self.depth_tolerance if "depth" in self.channels else None
@@ -188,7 +193,9 @@ class MeasureConfig:
         """
         channels, tolerance, encoding = _channels_of(stored)
         plain = self.as_dict()
-        optional = {"class_map", "renamed", "version", "tags", "tag_scale"}
+        optional = {
+            *("class_map", "renamed", "version", "tags", "tag_scale", "min_forward"),
+        }
         compared = {*plain, *optional} - {"channels"}
         return (
             set(self.channels) <= set(channels)
@@ -202,14 +209,13 @@ class MeasureConfig:
         """The kinds of files that its channels read, besides the segmentation."""
         return files_for(self.channels)
 
-    @property
-    def depth_required(self) -> bool:
-        """Whether a frame is refused if its depth image is too coarse to be measured.
+    def requires(self, kind: str) -> bool:
+        """Whether a frame is refused if its file of this kind is no evidence.
 
-        Only if depth alone is measured. With other channels besides it, boxes can be
+        Only if nothing else is measured. With other channels besides it, boxes can be
         judged by those instead. It follows from `channels`, which the digest covers.
         """
-        return self.files == ("depth",) and "ordered" not in self.channels
+        return self.files == (kind,) and "ordered" not in self.channels
 
     def measured_class(self, name: str) -> str:
         """The class as which boxes of this name are measured, or `PASS`."""

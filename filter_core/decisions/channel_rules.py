@@ -11,7 +11,7 @@ are in `explain`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
@@ -57,9 +57,9 @@ def apply_channels(
         rows = np.flatnonzero(open_to_channels & has_number(evidence, name))
         open_to_channels[rows] = False
         channel = _CHANNELS[name]
-        number, needed = channel.number(boxes.numbers), channel.needed(boxes)
-        keeps = number <= needed if channel.at_most else number >= needed
-        reasons = np.where(keeps, Reason.VISIBLE, channel.rejected(boxes))
+        reasons = np.where(
+            channel.keeps(boxes), Reason.VISIBLE, channel.rejected(boxes)
+        )
         decisions.reason[rows] = reasons[rows]
         decisions.threshold[rows] = np.nan
         decisions.margin[rows] = np.nan
@@ -78,10 +78,7 @@ def with_more_pixels(
     """
     if numbers is None:
         return None
-    counts = {
-        name: getattr(numbers, name)
-        for name in ("owned_pixels", "depth_pixels", "instance_pixels")
-    }
+    counts = {name: getattr(numbers, name) for name in _PIXEL_COLUMNS}
     return replace(
         numbers,
         **{
@@ -121,6 +118,19 @@ def compared_by_channels(
     return number, needed
 
 
+def keeps(evidence: Evidence, config: DecideConfig, channel: ChannelName) -> BoolArray:
+    """(N,) bool: which boxes a channel alone would keep, of those it has a number for.
+
+    Raises
+    ------
+    ValueError
+        No channel was measured.
+    """
+    if evidence.channels is None:
+        raise ValueError(f"expected numbers of {channel}, found no channel's")
+    return _CHANNELS[channel].keeps(_boxes_of(evidence, evidence.channels, config))
+
+
 def channel_names(decisions: Decisions) -> list[ChannelName | None]:
     """The channel that decided each of N boxes; None: the rules of the segmentation."""
     names = (None, *CHANNELS)
@@ -146,6 +156,47 @@ def has_number(evidence: Evidence, channel: EvidenceName) -> BoolArray:
     return np.asarray(number != NOT_MEASURED)
 
 
+def own_percent(evidence: Evidence, channels: Sequence[ChannelName]) -> FloatArray:
+    """(N,) float64, percent: the share of each box's pixels that are its object's own.
+
+    As the first of `channels` that has a number for the box counts them; it is compared
+    with `min_visible_percent`. NaN: there is none, or it does not count pixels.
+    """
+    share: FloatArray = 100 * own_pixels(evidence, channels)
+    return share / np.maximum(_pixels_of(evidence), 1)
+
+
+def own_pixels(evidence: Evidence, channels: Sequence[ChannelName]) -> FloatArray:
+    """(N,) float64: the pixels of `own_percent`, compared with `min_visible_pixels`."""
+    pixels = np.full(len(evidence), np.nan)
+    if evidence.channels is None:
+        return pixels
+    for name in reversed(channels):
+        rows = has_number(evidence, name)
+        is_counted = _CHANNELS[name].column in _PIXEL_COLUMNS
+        own = _CHANNELS[name].number(evidence.channels)
+        pixels[rows] = own[rows] if is_counted else np.nan
+    return pixels
+
+
+def decides(evidence: Evidence, channels: Sequence[ChannelName]) -> BoolArray:
+    """(N,) bool: which boxes some channel has a number for."""
+    some = np.zeros(len(evidence), np.bool_)
+    for name in channels:
+        some |= has_number(evidence, name)
+    return some
+
+
+def _pixels_of(evidence: Evidence) -> FloatArray:
+    """(N,) float64: the pixels of each box, without ignored ones if it was measured."""
+    area = np.nan_to_num(evidence.area_percent * evidence.image_pixels / 100)
+    return np.where(evidence.measured, evidence.box_pixels, area)
+
+
+_PIXEL_COLUMNS: Final = ("owned_pixels", "depth_pixels", "instance_pixels")
+"""The fields of `ChannelNumbers` that count pixels of a box."""
+
+
 class _Boxes(NamedTuple):
     """What the rules of channels read of N boxes.
 
@@ -153,19 +204,30 @@ class _Boxes(NamedTuple):
     ----------
     numbers : ChannelNumbers of N boxes
     config : DecideConfig
-    min_visible_pixels : (N,) int64
-        See `pixels_needed`.
+    own_pixels_needed : (N,) int64
+        The fewest pixels of its own that keep a box: `min_visible_pixels`, and
+        `min_visible_percent` of its pixels.
     """
 
     numbers: ChannelNumbers
     config: DecideConfig
-    min_visible_pixels: IntArray
+    own_pixels_needed: IntArray
+
+
+_ROUNDING: Final = 1e-9
+"""Of a pixel: 10 % of 30 pixels are 3, whatever floating-point numbers say."""
 
 
 def _boxes_of(
     evidence: Evidence, numbers: ChannelNumbers, config: DecideConfig
 ) -> _Boxes:
-    return _Boxes(numbers, config, pixels_needed(evidence, config))
+    limits = config.limits_by_class(evidence.class_names)
+    needed = pixels_needed(evidence, config)
+    if limits.min_visible_percent.any():
+        share = limits.min_visible_percent[evidence.class_index] / 100
+        share = share * _pixels_of(evidence)
+        needed = np.maximum(needed, np.ceil(share - _ROUNDING).astype(np.int64))
+    return _Boxes(numbers, config, needed)
 
 
 @dataclass(frozen=True)
@@ -194,13 +256,17 @@ class _Channel:
         column: FloatArray | IntArray = getattr(numbers, self.column)
         return column
 
+    def keeps(self, boxes: _Boxes) -> BoolArray:
+        """(N,) bool: whether the number of each box is one that keeps it."""
+        number, needed = self.number(boxes.numbers), self.needed(boxes)
+        return np.asarray(number <= needed if self.at_most else number >= needed)
+
 
 def _ordered_needed(boxes: _Boxes) -> IntArray:
     # A box that has lost pixels to a nearer one (`filter_core.evidence.ordered`) needs
-    # `ordered_min_pixels`. All others need `min_visible_pixels`, as without this
-    # channel, but at least 1.
-    if_lost, if_whole = boxes.config.ordered_min_pixels, boxes.min_visible_pixels
-    return np.where(_has_lost_pixels(boxes), if_lost, np.maximum(if_whole, 1))
+    # `ordered_min_pixels`, too; all others at least 1.
+    least = np.where(_has_lost_pixels(boxes), boxes.config.ordered_min_pixels, 1)
+    return np.maximum(boxes.own_pixels_needed, least)
 
 
 def _ordered_rejected(boxes: _Boxes) -> IntArray:
@@ -222,7 +288,7 @@ _CHANNELS: Final[Mapping[ChannelName, _Channel]] = {
     ),
     "depth": _Channel(
         column="depth_pixels",
-        needed=lambda boxes: boxes.min_visible_pixels,
+        needed=lambda boxes: boxes.own_pixels_needed,
         rejected=lambda _: Reason.HIDDEN_BY_DEPTH,
     ),
     "depth_center": _Channel(
@@ -234,7 +300,7 @@ _CHANNELS: Final[Mapping[ChannelName, _Channel]] = {
     "instance": _Channel(
         column="instance_pixels",
         # At least 1: 0 pixels mean that no instance was assigned to the box.
-        needed=lambda boxes: np.maximum(boxes.min_visible_pixels, 1),
+        needed=lambda boxes: np.maximum(boxes.own_pixels_needed, 1),
         rejected=lambda _: Reason.HIDDEN_BY_INSTANCE,
     ),
     "lidar": _Channel(

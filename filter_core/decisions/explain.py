@@ -56,6 +56,8 @@ class ExplainedBox(NamedTuple):
     unknown_pixels, box_pixels : int
         The pixels whose tag or colour is not known, and all that count.
     distance : float or None, metres
+    distance_range : (low, high) or None, metres
+        Between which distances it is, where its distance is not known.
     accepted : tuple of str
         Names of the tags that count.
     hidden_by : sequence of HiddenBy
@@ -88,6 +90,7 @@ class ExplainedBox(NamedTuple):
     unknown_pixels: int = 0
     box_pixels: int = 0
     distance: float | None = None
+    distance_range: Sequence[float] | None = None
     accepted: tuple[str, ...] = ()
     hidden_by: Sequence[HiddenBy] = ()
     as_carlasimu: bool = False
@@ -128,15 +131,20 @@ def _degenerate(_: ExplainedBox) -> str:
 
 
 def _out_of_range(box: ExplainedBox) -> str:
-    distance = box.distance if box.distance is not None else float("nan")
+    distance = float("nan") if box.distance is None else box.distance
+    nearest, farthest = distance, distance
+    if box.distance is None and box.distance_range is not None:
+        nearest, farthest = box.distance_range
     low, high = box.limits.min_distance, box.limits.max_distance
-    if low is not None and distance < low:
+    if low is not None and farthest < low:
         limit, words = low, "at least {} m are needed"
-    elif high is not None and distance > high:
+    elif high is not None and nearest >= high:
         limit, words = high, "at most {} m are allowed"
     else:
-        return "its distance is outside the allowed range"
+        return "its centre is not far enough ahead of the camera"
     needed = words.format(f"{limit:.15g}")
+    if box.distance is None:
+        return f"it is {nearest:.15g} to {farthest:.15g} m away, {needed}"
     return f"it is {_metres(distance, limit)} away, {needed}"
 
 
@@ -431,6 +439,7 @@ def _explained(
         "unknown_pixels": evidence.unknown_pixels.tolist(),
         "box_pixels": evidence.box_pixels.tolist(),
         "distance": floats_or_none(evidence.distance),
+        "distance_range": _ranges(evidence, count),
         "accepted": [
             accepted_names(mask, frame.family) if frame.family else ()
             for frame, mask in zip(frames, evidence.accept_mask.tolist(), strict=True)
@@ -445,6 +454,14 @@ def _explained(
     }
     rows = zip(*(columns[name] for name in ExplainedBox._fields), strict=True)
     return map(ExplainedBox._make, rows)
+
+
+def _ranges(evidence: Evidence, count: int) -> list[list[float] | None]:
+    if evidence.distance_range is None:
+        return [None] * count
+    return [
+        None if row[0] != row[0] else row for row in evidence.distance_range.tolist()
+    ]
 
 
 def nearer_boxes(

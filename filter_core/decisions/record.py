@@ -76,6 +76,7 @@ Decision = TypedDict(
         "hidden_by": list[HiddenBy],
         "lossy": bool,
         "distance": float | None,  # metres
+        "distance_range": list[float] | None,  # metres; where no distance is known
         "xyxy": list[float] | None,  # px, like the rectangles that follow
         "amodal_xyxy": list[float] | None,
         "visible_xyxy": list[float] | None,
@@ -158,6 +159,9 @@ def decided_boxes(
         visible_xyxy=geometry.visible_xyxy,
         tight_xyxy=absent if channels is None else channels.tight_xyxy,
         distance=evidence.distance,
+        distance_range=np.full((count, 2), np.nan)
+        if evidence.distance_range is None
+        else evidence.distance_range,
         match_percent=evidence.shown_match(),
         occlusion=np.full(count, UNKNOWN_OCCLUSION)
         if channels is None
@@ -247,6 +251,7 @@ def _composed(
         "hidden_by": hidden,
         "lossy": [frame.lossy for frame in frames],
         "distance": floats_or_none(evidence.distance),
+        "distance_range": _rectangles(evidence.distance_range, count),
         "xyxy": _rectangles(evidence.xyxy, count),
         "amodal_xyxy": amodal,
         "visible_xyxy": visible,

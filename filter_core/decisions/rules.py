@@ -211,6 +211,7 @@ def _rules(
         (Reason.OUTSIDE_IMAGE, state == BoxState.OUTSIDE_IMAGE.value),
         (Reason.COVERS_IMAGE, state == BoxState.COVERS_IMAGE.value),
         (Reason.DEGENERATE, state == BoxState.DEGENERATE.value),
+        (Reason.OUT_OF_RANGE, state == BoxState.NOT_AHEAD.value),
         (Reason.OUT_OF_RANGE, _is_out_of_range(evidence, rows, limits)),
         (Reason.PASSED, limits.passed[class_index]),
         (unmapped, evidence.accept_mask[rows] == 0),
@@ -281,12 +282,15 @@ def _is_out_of_range(
 ) -> BoolArray:
     # Without limits, `nearest` is -inf and `farthest` is inf.
     nearest, farthest = limits.min_distance, limits.max_distance
-    distance, class_index = evidence.distance[rows], evidence.class_index[rows]
+    class_index = evidence.class_index[rows]
     if np.isinf(nearest).all() and np.isinf(farthest).all():
-        return np.zeros(len(distance), np.bool_)
-    # An unknown distance (NaN) is never out of range.
-    out_of_range = distance < _per_box(nearest, class_index)
-    out_of_range |= distance > _per_box(farthest, class_index)
+        return np.zeros(len(class_index), np.bool_)
+    low, high = evidence.distance_bounds(rows)
+    # An unknown distance (NaN) is never out of range. A box that is between two
+    # distances is farther than the lower one, unless this is the same.
+    limit = _per_box(farthest, class_index)
+    out_of_range = high < _per_box(nearest, class_index)
+    out_of_range |= (low > limit) | ((low == limit) & (low < high))
     return out_of_range
 
 

@@ -8,11 +8,12 @@ answers, `truth_from_instances` takes the ground truth from instance images.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Final, Literal, TypeAlias, TypedDict
+from typing import Final, Literal, Protocol, TypeAlias, TypedDict
 
 import numpy as np
+from numpy.typing import NDArray
 
 from filter_core.config.filter import FilterConfig
 from filter_core.decisions.channel_rules import has_number
@@ -30,6 +31,7 @@ from filter_core.types import (
     VERDICT_OF_REASON,
     BoolArray,
     Evidence,
+    FloatArray,
     IntArray,
     Reason,
 )
@@ -57,20 +59,30 @@ class BandObject(ConfusionObject):
     band: str
 
 
-class ScoreObject(ConfusionObject):
-    """A `ChannelScore` as JSON: all boxes together, then parts of them."""
+class PartsObject(ConfusionObject):
+    """`PartCounts` as JSON: all boxes together, then parts of them."""
 
-    judged: int
     by_class: dict[str, ConfusionObject]
     by_distance: list[BandObject]
+
+
+class ScoreObject(PartsObject):
+    """A `ChannelScore` as JSON."""
+
+    judged: int
     worst: list[dict[str, object]]
 
 
 class EvaluationObject(TypedDict):
-    """An `Evaluation` as JSON; `channels` are the scores by kind of evidence."""
+    """An `Evaluation` as JSON.
+
+    `unfiltered` is the score if every box were kept, `channels` are those by kind of
+    evidence.
+    """
 
     frames: int
     boxes: int
+    unfiltered: ConfusionObject
     channels: dict[EvidenceName, ScoreObject]
 
 
@@ -90,7 +102,7 @@ class Evaluation:
     ) -> None:
         self.configs = {name: replace(config, evidence=name) for name in channels}
         self.scores = {name: ChannelScore() for name in channels}
-        self.boxes = 0
+        self.unfiltered = Confusion()
         self.frames = 0
 
     def add(
@@ -113,17 +125,13 @@ class Evaluation:
             Gives the name of a box that is listed as an error, from its row.
         """
         self.frames += frames
-        self.boxes += len(evidence)
-        bands = band_index(evidence.distance)
+        self.unfiltered += Confusion.of(np.ones_like(visible), visible)
         for channel, config in self.configs.items():
             reason = decide(evidence, config).reason
             judged = VERDICT_OF_REASON[reason] != UNMEASURED
             kept = reason == Reason.VISIBLE
-            outcomes = _Outcomes(kept[judged], visible[judged])
             score = self.scores[channel]
-            classes = evidence.class_index[judged].astype(np.int64)
-            outcomes.count(classes, evidence.class_names, score.by_class)
-            outcomes.count(bands[judged], BANDS, score.by_band)
+            score.count(evidence, kept, visible, judged)
             own = has_number(evidence, channel)
             score.judged += int(np.count_nonzero(own & judged))
             score.worst.add(evidence, kept, np.where(judged, visible, kept), name_of)
@@ -132,7 +140,8 @@ class Evaluation:
         """The whole comparison, ready for JSON."""
         return {
             "frames": self.frames,
-            "boxes": self.boxes,
+            "boxes": self.unfiltered.boxes,
+            "unfiltered": self.unfiltered.as_dict(),
             "channels": {name: one.as_dict() for name, one in self.scores.items()},
         }
 
@@ -200,62 +209,91 @@ def _wrong_pixels(evidence: Evidence, kept: BoolArray) -> IntArray:
     return pixels
 
 
-@dataclass
-class ChannelScore:
-    """The right and wrong verdicts of one kind of evidence so far.
+class WithClasses(Protocol):
+    """N boxes with classes and distances, such as `Evidence`."""
 
-    Attributes
-    ----------
-    by_class, by_band : dict of Confusion
-    judged : int
-        Boxes that it had a number for; the segmentation judged the others.
-    worst : LargestErrors
-        The largest errors.
-    """
+    @property
+    def class_names(self) -> tuple[str, ...]:
+        """What `class_index` points into."""
+
+    @property
+    def class_index(self) -> NDArray[np.int32]:
+        """(N,)."""
+
+    @property
+    def distance(self) -> FloatArray:
+        """(N,) metres, NaN where unknown."""
+
+
+@dataclass
+class PartCounts:
+    """Right and wrong verdicts so far, by class and by band of distance."""
 
     by_class: dict[str, Confusion] = field(default_factory=dict)
     by_band: dict[str, Confusion] = field(default_factory=dict)
-    judged: int = 0
-    worst: LargestErrors = field(default_factory=LargestErrors)
+
+    def count(
+        self, boxes: WithClasses, kept: BoolArray, visible: BoolArray, rows: BoolArray
+    ) -> None:
+        """Count those of N boxes for which `rows` (N,) is True."""
+        code = kept[rows] * 2 + visible[rows]
+        for group, names, into in (
+            (boxes.class_index.astype(np.int64), boxes.class_names, self.by_class),
+            (band_index(boxes.distance), BANDS, self.by_band),
+        ):
+            counts = np.bincount(group[rows] * 4 + code, minlength=4 * len(names))
+            for name, (hidden, lost, ghosts, found) in zip(
+                names, counts.reshape(-1, 4).tolist(), strict=True
+            ):
+                if hidden + lost + ghosts + found:
+                    counted = Confusion(found, ghosts, lost, hidden)
+                    into[name] = into.get(name, Confusion()) + counted
 
     @property
     def total(self) -> Confusion:
         """All boxes together."""
         return sum(self.by_band.values(), start=Confusion())
 
-    def as_dict(self) -> ScoreObject:
+    def parts(self) -> PartsObject:
         """Ready for JSON; classes by name, bands from near to far."""
-        bands = [name for name in BANDS if name in self.by_band]
         return {
             **self.total.as_dict(),
-            "judged": self.judged,
             "by_class": {
                 name: one.as_dict() for name, one in sorted(self.by_class.items())
             },
             "by_distance": [
-                {"band": name, **self.by_band[name].as_dict()} for name in bands
+                {"band": name, **self.by_band[name].as_dict()}
+                for name in BANDS
+                if name in self.by_band
             ],
-            "worst": [box.as_dict() for box in self.worst.boxes],
         }
 
 
-@dataclass(frozen=True, eq=False)
-class _Outcomes:
-    """Whether each of N boxes was kept, and whether it is visible."""
+@dataclass
+class ChannelScore(PartCounts):
+    """The right and wrong verdicts of one kind of evidence so far.
 
-    kept: BoolArray
-    visible: BoolArray
+    Attributes
+    ----------
+    judged : int
+        Boxes that it had a number for; the segmentation judged the others.
+    worst : LargestErrors
+        The largest errors.
+    """
 
-    def count(
-        self, group: IntArray, names: Sequence[str], into: dict[str, Confusion]
-    ) -> None:
-        """Add the counts of each group to `into`; `group` (N,) indexes `names`."""
-        code = group * 4 + self.kept * 2 + self.visible
-        counts = np.bincount(code, minlength=4 * len(names)).reshape(-1, 4).tolist()
-        for name, (hidden, lost, ghosts, found) in zip(names, counts, strict=True):
-            if hidden + lost + ghosts + found:
-                counted = Confusion(found, ghosts, lost, hidden)
-                into[name] = into.get(name, Confusion()) + counted
+    judged: int = 0
+    worst: LargestErrors = field(default_factory=LargestErrors)
+
+    def as_dict(self) -> ScoreObject:
+        """Ready for JSON."""
+        parts = self.parts()
+        return {
+            **self.total.as_dict(),
+            "judged": self.judged,
+            "by_class": parts["by_class"],
+            "by_distance": parts["by_distance"],
+            "worst": [box.as_dict() for box in self.worst.boxes],
+        }
 
 
 def truth_from_instances(evidence: Evidence) -> tuple[IntArray, BoolArray]:

@@ -8,7 +8,7 @@ frame.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import astuple, dataclass, field, fields, replace
 from typing import Final, Literal, TypeAlias
 
@@ -16,7 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from filter_core.class_names import canonical_class
-from filter_core.config.filter import FilterConfig
+from filter_core.config.declaration import INHERIT
+from filter_core.config.filter import ClassConfig, FilterConfig
+from filter_core.decisions.channel_rules import own_percent
 from filter_core.decisions.rules import decide
 from filter_core.evaluation.scores import Confusion
 from filter_core.types import (
@@ -295,9 +297,13 @@ class Judged:
     class_key : (N,) int64
         The number of each box's class, in any numbering.
     distance : (N,) float64, metres, NaN where unknown
-    match : (N,) float64, percent
-    by_threshold : (N,) bool
-        The threshold for small boxes decided, and no other rule.
+    share : (N,) float64, percent
+        What a threshold compares: `Evidence.match_percent` where tags decide, or the
+        share of pixels that are the object's own, where a channel does.
+    by_tags : (N,) bool
+        `threshold_small_box` decided, and no other rule.
+    by_own : (N,) bool
+        `min_visible_percent` decided, and no other rule.
     kept : (N,) bool
     visible : (N,) bool
         Whether the object is visible: the truth.
@@ -305,8 +311,9 @@ class Judged:
 
     class_key: IntArray
     distance: FloatArray
-    match: FloatArray
-    by_threshold: BoolArray
+    share: FloatArray
+    by_tags: BoolArray
+    by_own: BoolArray
     kept: BoolArray
     visible: BoolArray
 
@@ -315,13 +322,19 @@ class Judged:
         """Decide N boxes, of truth `visible` (N,); unmeasured ones are left out."""
         decisions = decide(evidence, config)
         known = VERDICT_OF_REASON[decisions.reason] != UNMEASURED
+        by_channel = decisions.channel > 0
+        own = own_percent(evidence, config.channels)
+        passes = decide(evidence, _without_share(config)).reason == Reason.VISIBLE
         return cls(
-            evidence.class_index.astype(np.int64),
-            evidence.distance,
-            evidence.match_percent,
-            is_by_threshold(decisions.reason, decisions.large),
-            decisions.reason == Reason.VISIBLE,
-            visible,
+            class_key=evidence.class_index.astype(np.int64),
+            distance=evidence.distance,
+            share=np.where(by_channel, own, evidence.match_percent),
+            by_tags=~by_channel
+            & ~decisions.large
+            & np.isin(decisions.reason, _BY_THRESHOLD),
+            by_own=by_channel & passes & ~np.isnan(own),
+            kept=decisions.reason == Reason.VISIBLE,
+            visible=visible,
         ).where(known)
 
     @classmethod
@@ -348,13 +361,13 @@ class Judged:
         return len(self.kept)
 
 
-def is_by_threshold(reason: NDArray[np.integer], large: BoolArray) -> BoolArray:
-    """(N,) bool: whether the threshold for small boxes decided.
-
-    `reason` (N,) and `large` (N,) are those of `Decisions`.
-    """
-    decided: BoolArray = np.isin(reason, _BY_THRESHOLD) & ~large
-    return decided
+def _without_share(config: FilterConfig) -> FilterConfig:
+    """The configuration without `min_visible_percent`."""
+    classes = {
+        name: replace(one, min_visible_percent=INHERIT)
+        for name, one in config.classes.items()
+    }
+    return replace(config, min_visible_percent=0, classes=classes)
 
 
 @dataclass(frozen=True)
@@ -364,6 +377,9 @@ class ClassSuggestion:
     Attributes
     ----------
     class_name : str
+    key : str
+        The key of a configuration that it is for: ``threshold_small_box`` of boxes that
+        tags decide, ``min_visible_percent`` of those that a channel decides.
     current : float, percent
         The threshold in use.
     boxes : int
@@ -372,6 +388,7 @@ class ClassSuggestion:
     """
 
     class_name: str
+    key: str
     current: float
     boxes: int
     found: Suggestion
@@ -380,6 +397,7 @@ class ClassSuggestion:
         """Ready for JSON."""
         return {
             "class": self.class_name,
+            "key": self.key,
             "current": self.current,
             "suggested": self.found.threshold,
             "interval": list(self.found.interval),
@@ -407,25 +425,26 @@ def suggest_per_class(
     Returns
     -------
     list of ClassSuggestion
-        Empty if the key ``evidence`` is not ``semantic``: thresholds do not decide
-        then.
+        Two of a class if tags decide some of its boxes, and a channel others.
     """
-    if config.evidence != "semantic":
-        return []
-    present = config.limits_by_class(list(classes)).threshold_small_box.tolist()
     suggestions = []
-    for (name, key), current in zip(classes.items(), present, strict=True):
-        mine = judged.where(judged.class_key == key)
-        free, others = mine.where(mine.by_threshold), mine.where(~mine.by_threshold)
-        answers = Answers(
-            free.match,
-            free.visible,
-            others.confusion,
-            strict=config.profile == "carlasimu",
-        )
-        found = suggest(answers, current, goal)
-        if found is not None:
-            suggestions.append(ClassSuggestion(name, current, len(answers), found))
+    for name, number in classes.items():
+        mine = judged.where(judged.class_key == number)
+        limits = config.limits_of(name)
+        for key, is_free in (
+            ("threshold_small_box", mine.by_tags),
+            ("min_visible_percent", mine.by_own),
+        ):
+            free = mine.where(is_free)
+            strict = config.profile == "carlasimu" and key == "threshold_small_box"
+            others = mine.where(~is_free).confusion
+            answers = Answers(free.share, free.visible, others, strict=strict)
+            current = float(getattr(limits, key))
+            found = suggest(answers, current, goal)
+            if found is not None:
+                suggestions.append(
+                    ClassSuggestion(name, key, current, len(answers), found)
+                )
     return suggestions
 
 
@@ -433,13 +452,12 @@ def with_thresholds(
     config: FilterConfig, suggestions: Iterable[ClassSuggestion]
 ) -> FilterConfig:
     """The configuration with the suggested threshold of each class."""
-    classes = dict(config.classes)
+    change: Callable[..., ClassConfig] = replace
     for one in suggestions:
-        key = canonical_class(one.class_name)
-        classes[key] = replace(
-            config.of_class(key), threshold_small_box=one.found.threshold
-        )
-    return replace(config, classes=classes)
+        name = canonical_class(one.class_name)
+        changed = change(config.of_class(name), **{one.key: one.found.threshold})
+        config = replace(config, classes={**config.classes, name: changed})
+    return config
 
 
 @dataclass

@@ -8,7 +8,8 @@ are not requested, or whose input is missing, stay "not measured".
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from typing import Final
 
@@ -116,13 +117,15 @@ def measure_evidence(
     ------
     FilterError
         What `filter_core.evidence.semantic.measure` raises; or a file cannot be used. A
-        depth image that is too coarse or not understood is refused only if nothing but
-        depth is to be measured (`MeasureConfig.depth_required`); else depth stays
-        unmeasured, and a note says why.
+        depth or instance image that is too coarse or not understood is refused only if
+        nothing else is to be measured (`MeasureConfig.requires`); else its channels
+        stay unmeasured, and a note says why.
     """
     options = MeasureOptions(config.profile, config.version)
     evidence = measure(sensors.segmentation, boxes, options, ignore=sensors.ignore)
     channels = sensors.measurable_channels(config)
+    if np.isnan(boxes.distance).all():  # then nothing is nearer than something else
+        channels = tuple(name for name in channels if name != "ordered")
     if not channels:
         return evidence, ()
     # Equal to `evidence.xyxy`, whose type allows None for evidence that was loaded.
@@ -151,7 +154,10 @@ def _measure_channels(
     wh, camera, segmentation = boxes.image_wh, sensors.camera, sensors.segmentation
     # A file is read by its kind, since two channels share the depth image.
     kinds = files_for(channels)
-    instances = _read_instances(sensors, wh) if "instances" in kinds else None
+    instances = None
+    if "instances" in kinds:
+        with _noting("instances", "instances are", config, notes):
+            instances = _read_instances(sensors, wh)
     points = _read_points(sensors) if "lidar" in kinds else None
 
     silhouettes = frame_silhouettes(
@@ -190,7 +196,8 @@ def _measure_depth(
 ) -> tuple[str, ...]:
     """Fill the columns that the depth image measures; the notes on how it was read."""
     camera = sensors.camera
-    try:
+    notes: list[str] = []
+    with _noting("depth", "depth is", config, notes):
         with error_context(pointer="/depth"):
             depth = read_depth(
                 sensors.contents["depth"],
@@ -202,19 +209,32 @@ def _measure_depth(
                 return ()
             interval = depth_interval(boxes.vertices, camera, config.depth_tolerance)
             depth = settled_depth(depth, accepted, interval)
+        if "depth" in config.channels:
+            fill_depth(numbers, accepted, depth, interval)
+        if "depth_center" in config.channels:
+            numbers.center_gap[:] = center_gaps(boxes.vertices, camera, depth)
+        notes.extend(depth.notes)
+    return tuple(notes)
+
+
+_NO_EVIDENCE: Final = (
+    *("depth_too_coarse", "lossy_depth", "unknown_depth"),
+    *("bad_instances", "lossy_instances"),
+)
+"""Errors of an image that is not damaged, but from which nothing follows."""
+
+
+@contextmanager
+def _noting(
+    kind: str, subject: str, config: MeasureConfig, notes: list[str]
+) -> Iterator[None]:
+    """Turn the error of a file that is no evidence into a note, if others may be."""
+    try:
+        yield
     except ImageError as error:
-        if error.kind not in _NO_EVIDENCE or config.depth_required:
+        if error.kind not in _NO_EVIDENCE or config.requires(kind):
             raise
-        return (f"depth is not used as evidence: {error.detail}",)
-    if "depth" in config.channels:
-        fill_depth(numbers, accepted, depth, interval)
-    if "depth_center" in config.channels:
-        numbers.center_gap[:] = center_gaps(boxes.vertices, camera, depth)
-    return depth.notes
-
-
-_NO_EVIDENCE: Final = ("depth_too_coarse", "lossy_depth", "unknown_depth")
-"""Errors of a depth image that is not damaged, but from which nothing follows."""
+        notes.append(f"{subject} not used as evidence: {error.detail}")
 
 
 def _read_points(sensors: Sensors) -> LidarPoints:

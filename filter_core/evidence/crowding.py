@@ -76,6 +76,22 @@ def crowding_percent(
     return percent
 
 
+def most_covering(xyxy: BoxesXYXY, accept_mask: IntArray, row: int) -> int:
+    """The row of the box that covers most of one box, as `crowding_percent` says.
+
+    Raises
+    ------
+    ValueError
+        No other box that is alike overlaps it.
+    """
+    common = np.nan_to_num(_common_areas(xyxy[row : row + 1].T, xyxy.T)[0])
+    common[(accept_mask & accept_mask[row]) == 0] = 0.0
+    common[row] = 0.0
+    if not common.any():
+        raise ValueError(f"expected a box that overlaps box {row}, found none")
+    return int(common.argmax())
+
+
 def _covered_among_few(boxes: BoxesXYXY, masks: IntArray) -> FloatArray:
     alike = (masks[:, None] & masks[None, :]) != 0
     np.fill_diagonal(alike, False)

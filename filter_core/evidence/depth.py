@@ -8,9 +8,10 @@ box's accepted pixels with the depths that the box takes up (`depth_interval`).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Final, NamedTuple
 
 import cv2
 import numpy as np
@@ -574,3 +575,62 @@ def center_gaps(vertices: FloatArray, camera: Camera, depth: DepthImage) -> Floa
             if depth.can_tell(depth.steps(pixel), farthest[row]):
                 gaps[row] = interval[row, 0] - depth.metres(pixel)[0, 0]
     return gaps
+
+
+class DepthSlice(NamedTuple):
+    """Where a box and the pixels in its rectangle are on the axis of depth, in metres.
+
+    Attributes
+    ----------
+    near, far : float or None
+        Nearest and farthest depth of a 3D box.
+    median : float or None
+        Of the pixels; None if all are sky.
+    bands : list of (from, to, percent of the rectangle's pixels)
+        From near to far; the sky is in none.
+    """
+
+    near: float | None
+    far: float | None
+    median: float | None
+    bands: list[tuple[float, float, float]]
+
+
+_BANDS: Final = 32
+
+
+def depth_slice(
+    depth: DepthImage, xyxy: Sequence[float], interval: FloatArray
+) -> DepthSlice:
+    """The depths in a rectangle, with those that a 3D box takes up.
+
+    Parameters
+    ----------
+    depth : DepthImage
+    xyxy : rectangle that overlaps the image, px
+    interval : (2,) float64, metres
+        As `depth_interval` gives it; NaN: the box is not 3D.
+    """
+    width, height = depth.wh
+    left, top = (
+        max(0, min(int(xyxy[0]), width - 1)),
+        max(0, min(int(xyxy[1]), height - 1)),
+    )
+    right = min(width, max(left + 1, math.ceil(xyxy[2])))
+    bottom = min(height, max(top + 1, math.ceil(xyxy[3])))
+    metres = depth.metres(np.s_[top:bottom, left:right])
+    seen = metres[(metres > 0) & (metres < DEPTH_RANGE - 1)]
+    near, far = (None if at != at else round(float(at), 2) for at in interval)
+    if not seen.size:
+        return DepthSlice(near, far, None, [])
+    low, high = max(0.1, float(seen.min()) * 0.98), float(seen.max()) * 1.02
+    edges = np.geomspace(low, high, _BANDS + 1)
+    counts, _ = np.histogram(seen, edges)
+    bands = [
+        (round(start, 2), round(end, 2), round(100 * count / metres.size, 2))
+        for start, end, count in zip(
+            edges[:-1].tolist(), edges[1:].tolist(), counts.tolist(), strict=True
+        )
+        if count
+    ]
+    return DepthSlice(near, far, round(float(np.median(seen)), 2), bands)

@@ -112,6 +112,8 @@ def measure(
     corrected, state = correct_xyxy(
         boxes.xyxy, wh, options.profile, rounded_edges=options.version > 1
     )
+    is_inside = (state == BoxState.MEASURABLE) | (state == BoxState.COVERS_IMAGE)
+    state[boxes.not_ahead & is_inside] = BoxState.NOT_AHEAD
     live = state == BoxState.MEASURABLE
     areas = _areas(corrected)
     bounds = _bounds(corrected, wh, options.profile)
@@ -140,6 +142,7 @@ def measure(
         distance=boxes.distance,
         unknown_pixels=_unknown_pixels(counts.tag_counts, len(boxes), options),
         xyxy=corrected,
+        distance_range=boxes.distance_range,
         tag_counts=counts.tag_counts,
     )
 

@@ -11,15 +11,17 @@ from filter_core.formats.fields import (
     FORMS_BY_FIELDS,
     FRAMES,
     GEOMETRY_FIELDS,
+    ROTATION,
     USUAL_LISTS,
     BoxFields,
     Path,
-    geometry_of,
+    forms_of,
     recognised_fields,
+    transform_of,
     value_at,
+    vector_of,
 )
 from filter_core.formats.rows import Row
-from filter_core.formats.vectors import ROTATION, transform_of, vector_of
 from filter_core.geometry.projection import image_corners_xyxy
 from filter_core.values import shown
 
@@ -53,6 +55,26 @@ class BoxReader:
         self._fields, self._classes = fields, classes
         self._default_class, self._corners = default_class, corners
         self.left_out = 0
+
+    def check_columns(self, columns: Sequence[str], at: str) -> None:
+        """Refuse a table that lacks columns which were named.
+
+        Raises
+        ------
+        LayoutError
+            Names all of them.
+        """
+        row = dict.fromkeys(columns, "")
+        lacking = [
+            f"{path.text} ({name})"
+            for name, path in self._fields.paths.items()
+            if not path.begins_in(row)
+        ]
+        if lacking:
+            raise LayoutError(
+                f"{at}: expected the columns that `boxes.fields` names, found none "
+                f"called {', '.join(lacking)}, only {', '.join(columns)[:200]}"
+            )
 
     def value(self, name: str, row: object) -> object:
         """The value of a field; None if a row has none."""
@@ -174,7 +196,7 @@ class BoxReader:
     def _columns(self, document: Mapping[str, object], at: str) -> list[object] | None:
         """Rows from lists that have one value of each box, such as NPZ's arrays."""
         names = {**recognised_fields(document), **self._fields.paths}
-        if geometry_of(self._geometry_names(names)) is None:
+        if not forms_of(self._geometry_names(names)):
             return None
         columns = {
             name: column
@@ -211,15 +233,16 @@ class BoxReader:
         if isinstance(row.value, _Cells):
             names = row.value
         names = {**names, **self._fields.paths}
-        form = geometry_of(self._geometry_names(names))
-        if form is None:
+        forms = forms_of(self._geometry_names(names))
+        if not forms:
             raise LayoutError(
                 f"{row.at}: expected a rectangle or a 3D box, found "
                 f"{_keys_of(row.value)}; `boxes: {{fields: ...}}` in recording.yaml "
                 "says which column or path is what"
             )
         cells = _Row(self, row, names, self._corners)
-        geometry = cells.geometry(form)
+        with_values = (form for form in forms if cells.has_values(form))
+        geometry = cells.geometry(next(with_values, forms[0]))
         if geometry is None:
             self.left_out += 1
             return None
@@ -229,6 +252,10 @@ class BoxReader:
         """The value of a field in a row; None if it is empty."""
         value = row.get(name) if isinstance(row, _Cells) else self.value(name, row)
         return _filled(value)
+
+    def is_region(self, row: object) -> bool:
+        """Whether a row is a region to be ignored, and no object."""
+        return self.cell("region", row) in (True, 1, "1", "true", "True")
 
     def _about(self, cells: _Row, class_name: str) -> dict[str, object]:
         box: dict[str, object] = {}
@@ -328,10 +355,14 @@ class _Row:
             raise self.error(name, value, "a finite number")
         return value
 
+    def has_values(self, form: str) -> bool:
+        """Whether a field of a form of boxes has a value."""
+        return any(self.value(name) is not None for name in FORMS_BY_FIELDS[form])
+
     def geometry(self, form: str) -> dict[str, object] | None:
         """The rectangle or the 3D box under its key in an annotation."""
         values = [self.value(name) for name in FORMS_BY_FIELDS[form]]
-        if all(value is None for value in values):
+        if not self.has_values(form):
             self._refuse_absent(form)
             return None
         if form == "box3d":
@@ -364,12 +395,12 @@ class _Row:
         if name != "rectangle" or is_points:
             return "xyxy" if is_points else name
         if self.corners != "auto":
-            return self.corners
+            return "xyxy" if self.corners == "inclusive" else self.corners
         raise self.error(
             name,
             value,
-            "a rectangle whose notation is known; say it in recording.yaml: `boxes: "
-            "{corners: xyxy}`, `xywh` or `cxcywh` (--corners)",
+            "a rectangle whose notation is known: `boxes: {corners: xyxy}` in "
+            "recording.yaml says it, or `xywh` or `cxcywh` in its place",
         )
 
     def _rectangle(self, name: str, value: object) -> list[float]:

@@ -19,15 +19,24 @@ import numpy as np
 from filter_core.config.declaration import refuse_unknown_keys
 from filter_core.errors import ConfigError, LayoutError
 from filter_core.formats.box_rows import BoxReader
-from filter_core.formats.fields import BoxFields, Path, checked_path
+from filter_core.formats.fields import (
+    BoxFields,
+    Path,
+    as_number,
+    checked_path,
+    transform_of,
+)
 from filter_core.formats.patterns import CAMERA, FRAME, FilePattern, Values, plain
 from filter_core.formats.rows import MAX_BYTES, Lines, read_document, table_suffix
-from filter_core.formats.vectors import as_number, transform_of
 from filter_core.geometry.pose import Transform
 from filter_core.types import FloatArray
 from filter_core.values import place_of, shown
 
-KEYS: Final = ("width", "height", "fov", "intrinsic", "pose", "mount")
+WORLD_TO_CAMERA: Final = "world_to_camera"
+
+KEYS: Final = (
+    *("width", "height", "fov", "intrinsic", "pose", "mount", WORLD_TO_CAMERA),
+)
 
 _FILE_KEYS: Final = ("file", "path", "negated")
 
@@ -147,7 +156,8 @@ def _where(key: str, value: object, at: str) -> Where:
     if isinstance(value, str):
         if table_suffix(value):
             return InFile(_file(key, value, at))
-        return checked_path(key, value, at)
+        checked_path(key, _NAME.sub("x", value), at)
+        return Path(value)
     if isinstance(value, int | float) and not isinstance(value, bool):
         return float(value)
     expected = "a value, a path in the labels, or {file, path}"
@@ -225,16 +235,22 @@ class Cameras:
         for key in ("fov", "intrinsic"):
             if (value := self._value(key, values, labels)) is not None:
                 camera[key] = as_number(value) if isinstance(value, str) else value
-        pose = self._pose("pose", values, labels)
-        mount = self._pose("mount", values, labels)
-        if pose is not None or mount is not None:
-            both = [one for one in (pose, mount) if one is not None]
-            matrix = np.linalg.multi_dot(both) if len(both) > 1 else both[0]
-            try:
-                camera["world_to_camera"] = np.linalg.inv(matrix).tolist()
-            except np.linalg.LinAlgError as exc:
-                raise _error("pose", matrix.tolist(), "a rigid motion") from exc
-        return camera
+        matrix = self._world_to_camera(values, labels)
+        return (
+            camera if matrix is None else {**camera, WORLD_TO_CAMERA: matrix.tolist()}
+        )
+
+    def _world_to_camera(self, values: Values, labels: object) -> FloatArray | None:
+        matrix = self._pose(WORLD_TO_CAMERA, values, labels)
+        poses = (self._pose(key, values, labels) for key in ("pose", "mount"))
+        both = [one for one in poses if one is not None]
+        if matrix is not None or not both:
+            return matrix
+        pose = np.linalg.multi_dot(both) if len(both) > 1 else both[0]
+        try:
+            return np.linalg.inv(pose)
+        except np.linalg.LinAlgError as exc:
+            raise _error("pose", pose.tolist(), "a rigid motion") from exc
 
     def _pose(self, key: str, values: Values, labels: object) -> FloatArray | None:
         value = self._value(key, values, labels)
@@ -262,6 +278,7 @@ class Cameras:
         if isinstance(where, InFile):
             return self._in_file(key, where, values)
         if isinstance(where, Path):
+            where = Path(_NAME.sub(lambda one: _quoted(one, values), where.text))
             if (found := where.of(labels)) is None:
                 raise _error(key, None, f"a value in the labels, at {where.text}")
             return found
@@ -300,8 +317,14 @@ _MOST_FILES: Final = 16
 
 
 def _quoted(name: re.Match[str], values: Values) -> str:
-    """The value of a name in a path, if it cannot be taken for a part of the path."""
-    value = values.get(name[1], name[0])
+    """The value of a name in a path, if it cannot be taken for a part of the path.
+
+    That of a name in capitals is in capitals, too.
+    """
+    value = values.get(name[1])
+    if value is None:
+        value = values.get(name[1].lower(), name[0])
+        value = value.upper() if name[1].isupper() else value
     if not {*"'\"`\\"}.isdisjoint(value):
         raise LayoutError(f"cameras: expected no quotes in {name[1]}, found {value!r}")
     return value

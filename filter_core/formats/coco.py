@@ -11,20 +11,21 @@ References
 from __future__ import annotations
 
 import math
-import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import chain
 from pathlib import Path, PurePosixPath
-from typing import ClassVar, Final
-from urllib.parse import unquote
+from typing import BinaryIO, ClassVar, Final
 
 from filter_core.annotation.boxes import KNOWN_BOX_KEYS
 from filter_core.annotation.frame import FORMS_3D
 from filter_core.annotation.parsing import KNOWN_FRAME_KEYS
 from filter_core.errors import FilterError, LayoutError
 from filter_core.formats.coco_index import (
+    LISTS,
+    CocoId,
     CocoIndex,
     coco_id,
     index_coco,
@@ -40,23 +41,38 @@ from filter_core.formats.format import (
     Recognition,
     Source,
 )
-from filter_core.formats.outside import OUTSIDE_FILES_HINT, allowed_folders
-from filter_core.formats.reading import (
+from filter_core.formats.matching import (
     FileIndex,
     FrameFileNames,
+    frame_of,
+)
+from filter_core.formats.outside import OUTSIDE_FILES_HINT, allowed_folders
+from filter_core.formats.patterns import FilePatterns
+from filter_core.formats.reading import (
+    BoxOrigin,
     FrameSet,
     FrameSource,
     Unmatched,
     annotated,
     frame_key,
-    frame_of,
     is_inside,
     last_name,
+    missing_image,
+    relative_path,
 )
 from filter_core.formats.recording import RecordingDescription
-from filter_core.formats.streams import Streams
+from filter_core.formats.same import (
+    BESIDE,
+    SOURCE_LABELS,
+    BoxSpan,
+    joined_beside,
+    spans_of_items,
+    stored_labels,
+)
+from filter_core.formats.splits import completed_parts, part_of_labels
+from filter_core.formats.streams import Streams, listing_files
 from filter_core.formats.writing import (
-    PARTS,
+    EVERY_KEY,
     ExportContext,
     LabelBox,
     OutFrame,
@@ -87,16 +103,17 @@ COCO: Final = Format(
 def _recognise(source: Source) -> Recognition:
     if source.path.is_file():
         return "certain" if source.path.suffix.lower() == ".json" else "none"
-    return "possible" if _coco_files(source.path) else "none"
+    return "possible" if _coco_files(source.path, source.files) else "none"
 
 
-def _coco_files(root: Path) -> list[Path]:
+def _coco_files(root: Path, files: FilePatterns) -> list[Path]:
     """The files with boxes: the one given, or those at the usual places in a folder."""
-    if root.is_file():
-        return [root]
-    found = [*root.glob("*.json"), *(root / "annotations").glob("*.json")]
-    return [path for path in sorted(found) if looks_like_coco(path)]
+    paths = files.glob(root, "*.json", "annotations/*.json", f"*/{_ROBOFLOW}")
+    return [path for path in paths if path == root or looks_like_coco(path)]
 
+
+_ROBOFLOW: Final = "_annotations.coco.json"
+"""Roboflow's file beside the images of each part."""
 
 _INSTANCES: Final = "instances"
 
@@ -140,16 +157,19 @@ def read_coco(root: Path, options: RecordingDescription) -> FrameSet:
     LayoutError
         No such file, or one that is not COCO.
     """
-    paths = [options.labels] if options.labels else _coco_files(root)
-    if not paths:
-        raise LayoutError(
-            "expected a .json file with images, annotations and categories, here or in "
-            "annotations/, found none"
-        )
+    expected = (
+        "a .json file with images, annotations and categories, here, in annotations/, "
+        f"or as {_ROBOFLOW} beside images"
+    )
+    paths = listing_files(root, options, _coco_files, expected)
     folder = root.parent if root.is_file() else root
     repeating = _repeating(paths)
-    indices = [index_coco(path, path.name) for path in paths if path not in repeating]
-    streams = Streams(folder, options.segmentation)
+    indices = [
+        index_coco(path, _name_in(path, folder))
+        for path in paths
+        if path not in repeating
+    ]
+    streams = Streams(folder, options)
     rows, unmatched = _match(folder, indices, streams)
     rows = [
         (_with_outside_image(frame, one, folder, options), one) for frame, one in rows
@@ -159,9 +179,11 @@ def read_coco(root: Path, options: RecordingDescription) -> FrameSet:
         for path, boxes in repeating.items()
     )
     notes = (*streams.notes, *repeated, *_without_picture(rows))
+    tell_parts = options.split in ("auto", "labels")
+    parts = {one.name: part_of_labels(one.name) for one in indices if tell_parts}
     return FrameSet(
         layout="coco",
-        frames=lambda: (_read(frame, image) for frame, image in rows),
+        frames=lambda: _frames(rows, parts),
         classes=tuple(options.classes or _classes(indices)),
         count=len(rows),
         unmatched=(*unmatched, *_unused(indices)),
@@ -170,6 +192,12 @@ def read_coco(root: Path, options: RecordingDescription) -> FrameSet:
         texts=lambda: [path for path in paths if path not in repeating],
         parts=Counter(one.index.name for _, one in rows),
     )
+
+
+def _name_in(path: Path, folder: Path) -> str:
+    """The name of a COCO file in its folder; Roboflow's with the folder of its part."""
+    is_beside = path.name == _ROBOFLOW and path.parent != folder
+    return f"{path.parent.name}/{path.name}" if is_beside else path.name
 
 
 def _with_outside_image(
@@ -194,10 +222,6 @@ def _with_outside_image(
     return replace(frame, problem=frame.problem or problem)
 
 
-_SPLITS: Final = ("train", "val", "test")
-"""The parts of a split in which the name of a COCO file may end."""
-
-
 def _match(
     folder: Path, indices: Sequence[CocoIndex], streams: Streams
 ) -> tuple[list[tuple[FrameSource, _Name]], tuple[Unmatched, ...]]:
@@ -213,11 +237,11 @@ def _match(
                 nameless.append(Unmatched(index.name, exc.detail))
     named = _with_images(listed, images)
     seen = Counter(one.key for one in named)
-    files = []
-    for one in named:
-        files.append(FrameFileNames(one.key, f"{frame_key(one.path)}.", one.image))
-    files, left_over = streams.complete(files, "image of a COCO file")
-    files, shared = _of_one_frame_each(files, folder)
+    names = (
+        FrameFileNames(one.key, f"{frame_key(one.path)}.", one.image) for one in named
+    )
+    completed, left_over = streams.complete(names, "image of a COCO file")
+    files, shared = _of_one_frame_each([*completed], folder)
     rows = [
         (replace(frame_of(file, folder), label=None, problem=problem), one)
         for file, one in zip(files, named, strict=True)
@@ -243,7 +267,7 @@ class _Name:
     key : str
         Of its frame.
     path : str
-        As the file gives it, but relative; see `_relative`.
+        As the file gives it, but relative; see `relative_path`.
     part : str
         The part of a split that the name of the COCO file ends in, or "".
     is_ours : bool
@@ -275,35 +299,18 @@ def _name(index: CocoIndex, row: int) -> _Name:
     image = index.image(row)
     key, name = image.get("key"), image.get("file_name")
     is_ours = isinstance(key, str) and key != ""
-    path, is_elsewhere = _relative(name) if isinstance(name, str) else ("", False)
+    path, is_elsewhere = relative_path(name) if isinstance(name, str) else ("", False)
     if not path:
         raise LayoutError(f"images[{row}]: expected a file_name, found {shown(name)}")
     own = frame_key(path)
-    stem = Path(index.name).stem.lower()
-    part = next((one for one in _SPLITS if stem.endswith(one)), "")
+    part = part_of_labels(index.name) or ""
+    beside = index.name.rpartition("/")[0]
+    if beside and not is_ours:  # Roboflow's names are those in the folder of the file
+        path = f"{beside}/{path}"
+        own = frame_key(path)
     return _Name(
         index, row, str(key) if is_ours else own, path, part, is_ours, is_elsewhere
     )
-
-
-_LOCAL_FILES: Final = "/data/local-files/?d="
-"""How Label Studio begins the address of a file of its machine."""
-
-_ADDRESS: Final = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*:/*|/+")
-"""The beginning of an address, of a path on a drive, or of an absolute path."""
-
-
-def _relative(name: str) -> tuple[str, bool]:
-    """A path without root, drive, address and ``..``; whether it had any of these."""
-    path = name
-    if _LOCAL_FILES in path:
-        path = unquote(path.partition(_LOCAL_FILES)[2])
-    path = path.replace("\\", "/")
-    begins = _ADDRESS.match(path)
-    parts = path[begins.end() if begins else 0 :].split("/")
-    kept = [part for part in parts if part not in ("", ".", "..")]
-    is_elsewhere = path != name.replace("\\", "/") or bool(begins) or ".." in parts
-    return "/".join(kept), is_elsewhere
 
 
 def _of_one_frame_each(
@@ -445,9 +452,44 @@ def _first(nameless: Sequence[Unmatched]) -> Iterator[Unmatched]:
         yield Unmatched(nameless[0].path, f"{more:,} more images without a file_name")
 
 
-def _read(frame: FrameSource, image: _Name) -> FrameSource:
+def _frames(
+    rows: Sequence[tuple[FrameSource, _Name]], parts: Mapping[str, str | None]
+) -> Iterator[FrameSource]:
+    """The frames; the first of each file says what the file says of them all."""
+    told: set[Path] = set()
+    for row, image in rows:
+        frame, path = _read(row, image, parts), image.index.path
+        can_tell = not (image.is_ours or frame.problem or path in told)
+        if can_tell and frame.origin and not missing_image(frame):
+            told.add(path)
+            origin = frame.origin._replace(beside=image.index.beside)
+            frame = replace(frame, origin=origin)
+        yield frame
+
+
+def _read(
+    frame: FrameSource, image: _Name, parts: Mapping[str, str | None]
+) -> FrameSource:
     # Boxes are not read if it is not known to which image they belong.
-    return frame if frame.problem else annotated(frame, partial(_annotation, image))
+    if frame.problem:
+        return frame
+    if part := parts.get(image.index.name):
+        frame = replace(frame, annotation={**(frame.annotation or {}), "split": part})
+    index = image.index
+    origin = BoxOrigin(
+        index.path,
+        index.places_of_boxes(image.row),
+        # Boxes of our own files are called by other ids than their annotations.
+        image_id=None if image.is_ours else index.ids[image.row],
+        categories=index.categories,
+    )
+    return annotated(replace(frame, origin=origin), partial(_annotation, image))
+
+
+@COCO.spans
+def _spans(file: BinaryIO) -> Iterator[BoxSpan]:
+    """All annotations of a file."""
+    return spans_of_items(file, "annotations")
 
 
 _IMAGE_KEYS: Final = frozenset({"id", "file_name", "width", "height", "key"})
@@ -533,54 +575,163 @@ def _beside(given: dict[str, object], known: frozenset[str]) -> dict[str, object
 class CocoWriter:
     """Writes ``annotations/instances_PART.json`` and ``images/PART/STEM.png``.
 
-    Ids of images, categories and annotations are whole numbers from 1, unique in their
-    file: with an annotation id of 0 pycocotools counts a perfect detection as wrong.
+    Ids of images, categories and annotations that came with a COCO file are kept.
+    Others are whole numbers from 1, unique in their file: with an annotation id of 0
+    pycocotools counts a perfect detection as wrong.
     Values without a key in COCO are under ``attributes``: the box's own id, its
     distance and its 3D box. Regions to ignore are crowds.
     """
 
     traits: ClassVar[Traits] = Traits(
-        image="images/{part}/{stem}{suffix}", can_hold_crowds=True
+        image="images/{part}/{stem}{suffix}",
+        can_hold_crowds=True,
+        box_keys=EVERY_KEY,
+        keeps_rectangles=True,
     )
 
     def __init__(self, context: ExportContext) -> None:
         self._context = context
-        bands = ("", *map(band_name, context.options.bands))
-        is_tight = context.options.boxes == "tight"
-        self._files = {
-            (band, part): _CocoFile(context.spool(), context.spool(), is_tight)
-            for band in bands
-            for part in PARTS
-        }
+        self._bands = ("", *map(band_name, context.options.bands))
+        self._categories = _Categories(context.head.classes)
+        self._files: dict[str, dict[str, _CocoFile]] = {}
+        self._beside: dict[str, list[object]] = {}
 
     def labels(self, band: str, out: OutFrame) -> None:
         """One image, and its annotations."""
-        self._files[band, out.part].add(out)
+        stored = stored_labels(out.frame.given, COCO.name)
+        self._categories.add(stored.get("categories"))
+        if stored:
+            self._context.note_own(band)
+        if BESIDE in stored:
+            self._beside.setdefault(out.part, []).append(stored[BESIDE])
+        if out.part not in self._files:
+            self._files[out.part] = self._new_files()
+        self._files[out.part][band].add(out, stored)
 
     def finish(self) -> None:
         """The files, now that they are complete."""
-        for (band, part), file in self._files.items():
+        files = {
+            part: self._files.get(part) or self._new_files()
+            for part in completed_parts(self._files)
+        }
+        for band in self._bands:
             folder = f"annotations/{band}" if band else "annotations"
-            pieces = file.pieces(self._context.head.classes)
-            self._context.sink(f"{folder}/instances_{part}.json", pieces)
+            for part, of_part in files.items():
+                name = f"{folder}/{_file_name(part)}"
+                # Where parts are others than those of the files, each is of them all.
+                beside = self._beside.get(part) or chain(*self._beside.values())
+                self._context.sink(name, of_part[band].pieces(joined_beside(beside)))
+
+    def _new_files(self) -> dict[str, _CocoFile]:
+        """The files of one part by band."""
+        spool, rectangle = self._context.spool, self._context.options.boxes
+        return {
+            band: _CocoFile(spool(), spool(), self._categories, rectangle=rectangle)
+            for band in self._bands
+        }
+
+
+_WRITTEN_KEYS: Final = KNOWN_FRAME_KEYS - {"boxes", "extra", "camera", "split"}
+"""The keys of a frame that its image has as they are."""
+
+
+def _file_name(part: str) -> str:
+    return f"{_INSTANCES}_{part}.json"
+
+
+class _Categories:
+    """The classes of an export, and what COCO files have said of them."""
+
+    def __init__(self, classes: Sequence[str]) -> None:
+        self._classes = classes
+        self._ids = _Ids()
+        self._own: dict[str, dict[str, object]] = {}
+        self._numbers: dict[str, CocoId] = {}
+
+    def add(self, categories: object) -> None:
+        """Note the categories of a frame by name; the first of a name counts."""
+        if not isinstance(categories, Mapping):
+            return
+        for name, own in categories.items():
+            if name not in self._numbers and isinstance(own, Mapping):
+                self._own[name] = dict(own)
+                self._numbers[name] = self._ids.take(own.get("id"))
+
+    def number(self, place: int) -> CocoId:
+        """The id of the class at this place of the list."""
+        number = self._numbers.get(name := self._classes[place])
+        if number is None:
+            number = self._numbers[name] = self._ids.take(place + 1)
+        return number
+
+    def listed(self) -> list[dict[str, object]]:
+        """The categories as COCO has them."""
+        return [
+            {
+                **self._own.get(name, {"supercategory": "none"}),
+                "id": self.number(place),
+                "name": name,
+            }
+            for place, name in enumerate(self._classes)
+        ]
+
+
+class _Ids:
+    """Ids that are different: those that came, else the next number from 1."""
+
+    def __init__(self) -> None:
+        self._taken: set[CocoId] = set()
+        self._next = 1
+
+    def take(self, own: object) -> CocoId:
+        """An id that no other has; its own if possible."""
+        number = coco_id(own)
+        if number is None or number in self._taken or self._is_past(number):
+            return self.new()
+        self._taken.add(number)
+        return number
+
+    def new(self) -> int:
+        """The next number."""
+        while self._next in self._taken:
+            self._next += 1
+        self._next += 1
+        return self._next - 1
+
+    def _is_past(self, number: CocoId) -> bool:
+        """Whether it may have been given to one without an own."""
+        return isinstance(number, int) and 0 < number < self._next
 
 
 class _CocoFile:
-    def __init__(self, images: Spool, annotations: Spool, is_tight: bool) -> None:
+    def __init__(
+        self,
+        images: Spool,
+        annotations: Spool,
+        categories: _Categories,
+        *,
+        rectangle: str,
+    ) -> None:
         self._images, self._annotations = images, annotations
-        self._is_tight = is_tight
+        self._categories = categories
+        self._is_tight = rectangle == "tight"
+        self._is_given = rectangle == "visible"
+        self._image_ids, self._ids = _Ids(), _Ids()
 
-    def add(self, out: OutFrame) -> None:
-        frame, number = out.frame, self._images.count + 1
+    def add(self, out: OutFrame, stored: Mapping[str, object]) -> None:
+        frame = out.frame
+        number = self._image_ids.take(stored.get("image_id"))
         known = {
             key: value
             for key, value in frame.given.frame.items()
-            if key in KNOWN_FRAME_KEYS and key not in ("boxes", "extra", "camera")
+            if key in _WRITTEN_KEYS
         }
+        if frame.split and frame.split != part_of_labels(_file_name(out.part)):
+            known["split"] = frame.split
         if frame.given.camera is not None:
             known["camera"] = frame.given.frame["camera"]
         image = {
-            **frame.given.frame_extra(),
+            **_without_labels(frame.given.frame_extra()),
             **known,
             **({"map": frame.map} if frame.map is not None else {}),
             "id": number,
@@ -590,22 +741,24 @@ class _CocoFile:
             "key": frame.key,
         }
         self._images.add(image, by_key=True)
+        ids = self._ids
         for one in out.boxes:
-            annotation = {
-                **_described(one, frame, is_tight=self._is_tight),
-                "id": self._annotations.count + 1,
-                "image_id": number,
-            }
-            self._annotations.add(annotation, by_key=True)
+            described = _described(one, frame, is_tight=self._is_tight)
+            if stored:
+                given = frame.given.boxes[one.row]
+                described = _as_came(described, given, is_given=self._is_given)
+            own = ids.take(_number_of(frame, one.row)) if stored else ids.new()
+            described["category_id"] = self._categories.number(one.class_number)
+            described["id"] = own
+            described["image_id"] = number
+            self._annotations.add(described, by_key=True)
 
-    def pieces(self, classes: tuple[str, ...]) -> Iterator[bytes]:
-        categories = [
-            {"id": number, "name": name, "supercategory": "none"}
-            for number, name in enumerate(classes, start=1)
-        ]
-        yield b'{"info":{"description":"written by Unghost"},"licenses":[],'
-        yield b'"categories":'
-        yield json_bytes(categories)
+    def pieces(self, beside: Mapping[str, object]) -> Iterator[bytes]:
+        own = {"info": {"description": "written by Unghost"}, "licenses": []}
+        others = {key: beside[key] for key in beside if key not in LISTS}
+        yield json_bytes({**own, **others})[:-1]
+        yield b',"categories":'
+        yield json_bytes(self._categories.listed(), by_key=True)
         for key, spool in (
             ("images", self._images),
             ("annotations", self._annotations),
@@ -614,6 +767,11 @@ class _CocoFile:
             yield from spool.pieces()
             yield b"]"
         yield b"}\n"
+
+
+def _without_labels(extra: Mapping[str, object]) -> dict[str, object]:
+    """The keys of a frame but its label file in another format."""
+    return {key: value for key, value in extra.items() if key != SOURCE_LABELS}
 
 
 def _described(
@@ -637,10 +795,44 @@ def _described(
         "iscrowd": 0,
         **kept,
         **({"iscrowd": 1} if one.ignored else {}),
-        "category_id": one.class_number + 1,
         "bbox": bbox,
         "attributes": _attributes(one.row, frame),
     }
+
+
+_COMPOSED: Final = ("segmentation", "iscrowd", "area", "attributes")
+"""Keys that an annotation is given if it has none."""
+
+
+def _as_came(
+    described: dict[str, object], given: Mapping[str, object], *, is_given: bool
+) -> dict[str, object]:
+    """An annotation with only the keys that it came with, and its own numbers."""
+    attributes = described["attributes"]
+    is_rejected = isinstance(attributes, dict) and "verdict" in attributes
+    own = {
+        key: value
+        for key, value in described.items()
+        if key not in _COMPOSED
+        or key in given
+        or (key == "iscrowd" and value)
+        or (key == "attributes" and is_rejected)
+    }
+    if "attributes" in own and not is_rejected:
+        own["attributes"] = given["attributes"]
+    if is_given and "xywh" in given:
+        own["bbox"] = given["xywh"]
+    return own
+
+
+def _number_of(frame: ExportFrame, row: int) -> CocoId | None:
+    """The annotation's own id, if it has one: a number, unless it is other text."""
+    if "id" not in frame.given.boxes[row]:
+        return None
+    text = frame.boxes.ids[row]
+    digits = text.removeprefix("-")
+    is_number = digits.isascii() and digits.isdigit() and str(int(digits)) == digits
+    return int(text) if is_number else text
 
 
 _ATTRIBUTES: Final = ("type_id", "base_type", "instance_id", *FORMS_3D)

@@ -33,6 +33,7 @@ from filter_core.formats.reading import (
 )
 from filter_core.formats.recording import READER_KEYS, RecordingDescription, describe
 from filter_core.formats.registry import FORMATS, declared_format
+from filter_core.formats.same import BoxSpans
 
 _NAME: Final = re.compile(r"[a-z0-9][a-z0-9-]{0,39}")
 
@@ -69,72 +70,76 @@ _DAMAGES: Final[dict[str, Callable[[bytes], bytes]]] = {
 }
 
 
-def faults_of(found: Format, example: Path) -> Iterator[str]:
+def faults_of(candidate: Format, example: Path) -> Iterator[str]:
     """What is wrong with a format, as sentences; none if it conforms.
 
     Parameters
     ----------
-    found : Format
+    candidate : Format
     example : Path
         A small recording in this format, a few frames with boxes.
     """
-    yield from _faults_of_declaration(found)
-    if found.recognise is None or found.read is None:
+    yield from _faults_of_declaration(candidate)
+    if candidate.recognise is None or candidate.read is None:
         return
-    yield from _faults_of_recogniser(found, example)
+    yield from _faults_of_recogniser(candidate, example)
     try:
         description = _description(example)
-        frames = found.read(example, description)
+        frames = candidate.read(example, description)
         first, second = list(frames), list(frames)
-        again = list(found.read(example, description))
+        again = list(candidate.read(example, description))
     except Exception as error:  # of a foreign reader, which may do anything
         yield f"The reader fails with the example: {_in_words(error)}."
         return
-    yield from _faults_of_frames(found, frames, first)
-    yield from _faults_of_options(found, example)
+    yield from _faults_of_frames(candidate, frames, first)
+    yield from _faults_of_options(candidate, example)
+    if candidate.box_spans is not None:
+        yield from _faults_of_spans(candidate.box_spans, first)
     if first != second or first != again:
         yield (
             "The example's frames differ when they are read again; `frames` begins to "
             "read anew each time that it is called, in a fixed order."
         )
-    yield from _faults_with_damage(found, example, first)
+    yield from _faults_with_damage(candidate, example, first)
 
 
-def _faults_of_declaration(found: Format) -> Iterator[str]:
-    if not _NAME.fullmatch(found.name):
+def _faults_of_declaration(candidate: Format) -> Iterator[str]:
+    if not _NAME.fullmatch(candidate.name):
         yield (
-            f"name: expected 1 to 40 of a-z, 0-9 and dash, found {found.name!r}, which "
-            "--layout and addresses cannot have."
+            "name: expected 1 to 40 of a-z, 0-9 and dash, found "
+            f"{candidate.name!r}, which --layout and addresses cannot have."
         )
-    if FORMATS.get(found.name, found) is not found:
-        yield f"name: Unghost has a format {found.name!r}; choose another name."
-    if found.recognise is None:
+    if FORMATS.get(candidate.name, candidate) is not candidate:
+        yield f"name: Unghost has a format {candidate.name!r}; choose another name."
+    if candidate.recognise is None:
         yield "The format has no function with the decorator `recogniser`."
-    if found.read is None:
+    if candidate.read is None:
         yield "The format has no function with the decorator `reader`."
-    yield from _faults_of_texts(found)
+    yield from _faults_of_texts(candidate)
 
 
-def _faults_of_texts(found: Format) -> Iterator[str]:
-    packages = {package_of(one) for one in plugin_entries() if one.name == found.name}
+def _faults_of_texts(candidate: Format) -> Iterator[str]:
+    packages = {
+        package_of(one) for one in plugin_entries() if one.name == candidate.name
+    }
     if len(packages) > 1:
-        yield f"name: {' and '.join(sorted(packages))} both have {found.name!r}."
+        yield f"name: {' and '.join(sorted(packages))} both have {candidate.name!r}."
     for attribute in ("title", "docs_row", "recognised_by"):
-        text = getattr(found, attribute)
+        text = getattr(candidate, attribute)
         if not text.strip() or "|" in text or "\n" in text:
             yield (
                 f"{attribute}: expected a text of one line without '|', which "
                 f"documents and messages show, found {text!r}."
             )
-    for option in sorted(found.read_options - READER_KEYS):
+    for option in sorted(candidate.read_options - READER_KEYS):
         yield (
             f"read_options: {option!r} is no option of readers; these are "
             f"{', '.join(sorted(READER_KEYS))}."
         )
 
 
-def _faults_of_recogniser(found: Format, example: Path) -> Iterator[str]:
-    answer = _recognition(found, example)
+def _faults_of_recogniser(candidate: Format, example: Path) -> Iterator[str]:
+    answer = _recognition(candidate, example)
     if answer not in get_args(Recognition):
         yield f"The recogniser answers {answer} for the example; {_ANSWERS}."
     elif answer == "none":
@@ -142,15 +147,15 @@ def _faults_of_recogniser(found: Format, example: Path) -> Iterator[str]:
     with tempfile.TemporaryDirectory() as name:
         empty = Path(name, "empty")
         empty.mkdir()
-        if (answer := _recognition(found, empty)) != "none":
+        if (answer := _recognition(candidate, empty)) != "none":
             yield f"The recogniser answers {answer!r} for an empty folder; {_NONE}."
         note = Path(name, "note.txt")
         note.write_text("A note.\n", encoding="utf-8")
-        if (answer := _recognition(found, note)) != "none":
+        if (answer := _recognition(candidate, note)) != "none":
             yield f"The recogniser answers {answer!r} for a note in a file; {_NONE}."
         for owner, files in _FOREIGN.items():
-            answer = _recognition(found, _folder(Path(name, owner), files))
-            if owner != found.name and answer not in ("none", "fallback"):
+            answer = _recognition(candidate, _folder(Path(name, owner), files))
+            if owner != candidate.name and answer not in ("none", "fallback"):
                 yield (
                     f"The recogniser answers {answer!r} for a folder of {owner}, with "
                     f"{', '.join(files)}; {_NONE}."
@@ -162,10 +167,10 @@ _NONE: Final = "expected 'none', since other folders would be taken for this for
 _ANSWERS: Final = f"expected one of {', '.join(get_args(Recognition))}"
 
 
-def _recognition(found: Format, source: Path) -> str:
-    assert found.recognise is not None, "asked for without a recogniser"
+def _recognition(candidate: Format, source: Path) -> str:
+    assert candidate.recognise is not None, "asked for without a recogniser"
     try:
-        return found.recognise(Source(source))
+        return candidate.recognise(Source(source))
     except Exception as error:  # of a foreign recogniser
         return f"with the error {_in_words(error)}"
 
@@ -185,10 +190,10 @@ def _description(example: Path) -> RecordingDescription:
 
 
 def _faults_of_frames(
-    found: Format, frames: FrameSet, read: list[FrameSource]
+    candidate: Format, frames: FrameSet, read: list[FrameSource]
 ) -> Iterator[str]:
-    if frames.layout != found.name:
-        yield f"FrameSet.layout: expected {found.name!r}, found {frames.layout!r}."
+    if frames.layout != candidate.name:
+        yield f"FrameSet.layout: expected {candidate.name!r}, found {frames.layout!r}."
     if frames.count not in (None, len(read)):
         yield f"FrameSet.count is {frames.count}, but {len(read)} frames are read."
     for key, times in Counter(one.key for one in read).items():
@@ -202,6 +207,30 @@ def _faults_of_frames(
         yield "The example has no box, so that reading boxes is not checked."
 
 
+def _faults_of_spans(box_spans: BoxSpans, read: list[FrameSource]) -> Iterator[str]:
+    """Boxes of the example that are not found in their label file."""
+    for one in read:
+        boxes = (one.annotation or {}).get("boxes")
+        rows = range(len(boxes)) if isinstance(boxes, list) else range(0)
+        if not rows:
+            continue
+        if one.origin is None:
+            yield f"Frame {one.key!r} of the example has no origin, which spans need."
+            continue
+        try:
+            with one.origin.file.open("rb") as file:
+                spans = list(box_spans(file))
+        except Exception as error:  # of a foreign function
+            yield f"box_spans fails with the example: {_in_words(error)}."
+            continue
+        there = {span.place for span in spans if span.start < span.end}
+        if not there.issuperset(map(one.origin.place, rows)):
+            yield (
+                f"Frame {one.key!r} of the example: box_spans does not have the places "
+                f"of all {len(rows)} boxes; it has {len(there)}."
+            )
+
+
 class _Watched(RecordingDescription):
     """A description that notes which of its keys a reader looks at."""
 
@@ -213,15 +242,15 @@ class _Watched(RecordingDescription):
         return super().__getattribute__(name)
 
 
-def _faults_of_options(found: Format, example: Path) -> Iterator[str]:
+def _faults_of_options(candidate: Format, example: Path) -> Iterator[str]:
     """Keys that the reader uses, and that `read_source` would refuse before it does."""
-    assert found.read is not None, "asked for without a reader"
+    assert candidate.read is not None, "asked for without a reader"
     watched = _Watched()
     _Watched.looked_at.clear()
     with suppress(LayoutError):  # it may need what the example's description says
-        list(found.read(example, watched))
+        list(candidate.read(example, watched))
     # The folders are looked at by what readers share, too.
-    used = _Watched.looked_at - found.read_options - FOLDER_OPTIONS
+    used = _Watched.looked_at - candidate.read_options - FOLDER_OPTIONS
     for option in sorted(used):
         yield f"The reader uses the option {option!r}; read_options does not list it."
 
@@ -243,7 +272,7 @@ def _faults_of(frame: FrameSource) -> Iterator[str]:
 
 
 def _faults_with_damage(
-    found: Format, example: Path, first: list[FrameSource]
+    candidate: Format, example: Path, first: list[FrameSource]
 ) -> Iterator[str]:
     """Each text of the example damaged in turn.
 
@@ -267,15 +296,15 @@ def _faults_with_damage(
             is_of_frame = any(f"/{name}".endswith(f"/{label}") for label in own)
             for damage, change in _DAMAGES.items():
                 (damaged / name).write_bytes(change(content))
-                if (fault := _fault_with(found, damaged, is_of_frame)) is not None:
+                if (fault := _fault_with(candidate, damaged, is_of_frame)) is not None:
                     yield f"With {name} {damage}, {fault}."
             (damaged / name).write_bytes(content)
 
 
-def _fault_with(found: Format, source: Path, is_of_frame: bool) -> str | None:
-    assert found.read is not None, "asked for without a reader"
+def _fault_with(candidate: Format, source: Path, is_of_frame: bool) -> str | None:
+    assert candidate.read is not None, "asked for without a reader"
     try:
-        frames = found.read(source, _description(source))
+        frames = candidate.read(source, _description(source))
     except Exception as error:  # of a foreign reader
         # That of a file which belongs to all frames, such as a list of classes.
         if isinstance(error, LayoutError) and not is_of_frame:
@@ -321,19 +350,19 @@ def main(words: list[str] | None = None) -> int:
 def _faults_of_module(name: str, attribute: str, example: Path | None) -> Iterator[str]:
     try:
         module = importlib.import_module(name)
-        found = declared_format(getattr(module, attribute) if attribute else module)
+        candidate = declared_format(getattr(module, attribute) if attribute else module)
     except Exception as error:  # of a foreign module
         yield f"{name} declares no format that can be used: {_in_words(error)}."
         return
     place = example or getattr(module, "EXAMPLE", None)
     if place is None or not Path(place).exists():
-        yield from _faults_of_declaration(found)
+        yield from _faults_of_declaration(candidate)
         yield (
             f"There is no example {place or ''}: expected a small recording in this "
             f"format, named by --example DIR or by EXAMPLE in {name}."
         )
         return
-    yield from faults_of(found, Path(place))
+    yield from faults_of(candidate, Path(place))
 
 
 if __name__ == "__main__":

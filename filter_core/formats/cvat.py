@@ -1,17 +1,53 @@
 """CVAT for images 1.1: one XML file for all images.
 
+Files are not trusted, so they are read with defusedxml, image by image.
+
 References
 ----------
-.. [1] CVAT, "CVAT for image", https://docs.cvat.ai/docs/dataset_management/formats/
+.. [1] CVAT, "CVAT for image",
+   https://docs.cvat.ai/docs/dataset_management/formats/format-cvat/
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import ClassVar, Final
+import math
+import re
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+from pathlib import Path
+from typing import ClassVar, Final, Protocol
 
-from filter_core.formats.files import attributes, element, escaped, number_text
-from filter_core.formats.format import LABEL_NEEDS, LABEL_OPTIONS, Format
+from defusedxml.common import DefusedXmlException
+from defusedxml.ElementTree import ParseError, iterparse
+
+from filter_core.errors import LayoutError
+from filter_core.formats.files import attributes, element, escaped
+from filter_core.formats.format import (
+    FOLDER_OPTIONS,
+    LABEL_NEEDS,
+    LABEL_OPTIONS,
+    Format,
+    Recognition,
+    Source,
+)
+from filter_core.formats.patterns import FilePatterns
+from filter_core.formats.reading import (
+    FrameSet,
+    FrameSource,
+    Labelled,
+    annotated,
+    counted_notes,
+    open_regular,
+    opening_file,
+    read_columns,
+    relative_path,
+    time_of,
+)
+from filter_core.formats.recording import RecordingDescription
+from filter_core.formats.splits import completed_parts
+from filter_core.formats.streams import listed_frames, listing_files
 from filter_core.formats.writing import (
     ExportContext,
     LabelBox,
@@ -25,35 +61,326 @@ CVAT: Final = Format(
     title="CVAT for images 1.1",
     docs_row="`annotations.xml` with id, verdict and reason of each box as attributes",
     brief="XML for CVAT's images task",
+    recognised_by="CVAT's .xml file",
+    read_options=FOLDER_OPTIONS | {"classes"},
     needs=LABEL_NEEDS,
-    options=LABEL_OPTIONS - {"split"},
+    options=LABEL_OPTIONS,
 )
+
+_HEAD: Final = 4096
+"""Bytes by which a file is recognised."""
+
+
+@CVAT.recogniser
+def _recognise(source: Source) -> Recognition:
+    return "certain" if _cvat_files(source.path, source.files) else "none"
+
+
+def _cvat_files(root: Path, files: FilePatterns) -> list[Path]:
+    return [path for path in files.glob(root, "*.xml") if _is_cvat(path)]
+
+
+def _is_cvat(path: Path) -> bool:
+    """Whether a file begins with CVAT's root element; never raises."""
+    if path.suffix.lower() != ".xml":
+        return False
+    try:
+        with open_regular(path) as file:
+            head = file.read(_HEAD)
+    except OSError:
+        return False
+    return b"<annotations>" in head and any(
+        word in head for word in (b"<version>", b"<meta>", b"<image ")
+    )
+
+
+class _Element(Protocol):
+    """The used members of an XML element."""
+
+    tag: str
+    attrib: dict[str, str]
+    text: str | None
+
+    def findtext(self, path: str, /) -> str | None:
+        """The text of the first child of this name."""
+
+    def iter(self, tag: str, /) -> Iterator[_Element]:
+        """All elements of this name below this one."""
+
+    def clear(self) -> None:
+        """Remove what is in it."""
+
+
+_MAX_ELEMENTS: Final = 500_000
+"""Of one image."""
+
+_OUTSIDE_IMAGES: Final = ("label", "track", "meta")
+
+
+def _elements(path: Path) -> Iterator[_Element]:
+    """Images, declared labels, tracks and the head of a file, one by one.
+
+    Raises
+    ------
+    LayoutError
+        It is not XML, XML with a DTD, entities or namespaces, or beyond the limits.
+    """
+    try:
+        with opening_file(path, "labels"), open_regular(path) as file:
+            count = 0
+            for event, one in iterparse(
+                _WithoutNamespaces(file.read, path.name),
+                ("start", "end"),
+                forbid_dtd=True,
+            ):
+                if event == "start":
+                    count += 1
+                    if count > _MAX_ELEMENTS:
+                        raise LayoutError(
+                            f"{path.name}: at most {_MAX_ELEMENTS} elements of one "
+                            "image are read"
+                        )
+                elif one.tag in ("image", *_OUTSIDE_IMAGES):
+                    yield one
+                    one.clear()
+                    count = 0
+    except ParseError as exc:
+        raise LayoutError(f"{path.name}: cannot be read as XML: {exc}") from exc
+    except DefusedXmlException as exc:
+        raise LayoutError(
+            f"{path.name}: XML with a DTD or entities is refused"
+        ) from exc
+    except (ValueError, LookupError) as exc:
+        raise LayoutError(f"{path.name}: cannot be read as XML: {exc}") from exc
+
+
+class _WithoutNamespaces:
+    """Reads a file; refuses namespaces, which a parser puts before each name."""
+
+    def __init__(self, read: Callable[[int], bytes], name: str) -> None:
+        self._read, self._name, self._end = read, name, b""
+
+    def read(self, size: int = -1, /) -> bytes:
+        """The next bytes."""
+        piece = self._read(size)
+        # UTF-16 has a NUL beside each letter.
+        text = (self._end + piece).replace(b"\0", b"")
+        if b"xmlns" in text:
+            raise LayoutError(f"{self._name}: expected no namespaces (xmlns)")
+        self._end = text[-len(b"xmln") :]
+        return piece
+
+
+def _listed(paths: Sequence[Path]) -> tuple[dict[str, None], list[str]]:
+    """The declared labels, and the paths of all images."""
+    classes: dict[str, None] = {}
+    names = []
+    for path in paths:
+        for one in _elements(path):
+            if one.tag == "track":
+                raise LayoutError(
+                    f"{path.name}: expected CVAT for images 1.1, found tracks of CVAT "
+                    "for video; export the task as CVAT for images"
+                )
+            if one.tag == "label":
+                if name := one.findtext("name"):
+                    classes[name] = None
+            elif one.tag == "image":
+                names.append(relative_path(one.attrib.get("name", ""))[0] or "?")
+    return classes, names
+
+
+@CVAT.reader
+def read_cvat(root: Path, options: RecordingDescription) -> FrameSet:
+    """The frames of files of CVAT for images, in their order.
+
+    Of other shapes than boxes, outlines are read as the rectangles around them, and
+    others are left out; both are counted. The part of an image (``subset``) is kept.
+
+    Raises
+    ------
+    LayoutError
+        No such file, one that cannot be read, or one of CVAT for video.
+    """
+    paths = listing_files(root, options, _cvat_files, "an .xml file of CVAT for images")
+    folder = root.parent if root.is_file() else root
+    classes, names = _listed(paths)
+    listed = listed_frames(
+        folder, options, [(None, name) for name in names], "CVAT file"
+    )
+    reading = _Reading()
+
+    def frames() -> Iterator[FrameSource]:
+        reading.counts.clear()
+        coming = iter(listed.frames)
+        for path in paths:
+            labelled = Labelled()
+            for one in _elements(path):
+                if one.tag == "meta":
+                    labelled = _labelled(one)
+                elif one.tag == "image":
+                    frame = replace(next(coming), labelled=labelled)
+                    read = partial(reading.annotation, one, path.name)
+                    yield frame if frame.problem else annotated(frame, read)
+
+    return FrameSet(
+        layout="cvat",
+        frames=frames,
+        classes=tuple(options.classes or classes) or None,
+        count=len(names),
+        unmatched=listed.unmatched,
+        notes=lambda: (*listed.notes, *counted_notes(reading.counts, _NOTES)),
+        streams=listed.facts,
+        texts=lambda: paths,
+    )
+
+
+def _labelled(meta: _Element) -> Labelled:
+    """Whom a task was given to, or else who owns it, and when it was changed last."""
+    people = (
+        name.strip()
+        for tag in ("assignee", "owner")
+        for one in meta.iter(tag)
+        if (name := one.findtext("username") or one.text or "").strip()
+    )
+    times = (
+        time_of(one.text) for tag in ("updated", "dumped") for one in meta.iter(tag)
+    )
+    return Labelled(next(people, None), next(filter(None, times), None))
+
+
+_OURS: Final = frozenset({"id", "verdict", "reason"})
+"""The attributes that `CvatWriter` writes with each box."""
+
+_OUTLINES: Final = ("polygon", "polyline")
+
+_SIDE: Final = re.compile(r"\d{1,9}")
+"""Pixels of an image's side."""
+
+_OTHERS: Final = ("points", "mask", "ellipse", "cuboid", "skeleton", "tag")
+
+
+@dataclass
+class _Reading:
+    """Reads images of a file, and counts what is no plain box.
+
+    Attributes
+    ----------
+    counts : Counter of str
+    """
+
+    counts: Counter[str] = field(default_factory=Counter)
+
+    def annotation(self, image: _Element, name: str) -> dict[str, object]:
+        """The boxes of one image; `name` is that of the file.
+
+        Raises
+        ------
+        LayoutError
+            A box has no label, or no numbers.
+        """
+        at = f"{name}, image {image.attrib.get('name', '')[:80]!r}"
+        boxes = [self._box(one, at) for one in image.iter("box")]
+        for kind in _OUTLINES:
+            boxes += [self._outline(one, at) for one in image.iter(kind)]
+        self.counts["other"] += sum(1 for kind in _OTHERS for _ in image.iter(kind))
+        annotation: dict[str, object] = {"boxes": boxes}
+        sides = [image.attrib.get(key, "") for key in ("width", "height")]
+        if all(_SIDE.fullmatch(side) and int(side) for side in sides):
+            width, height = map(int, sides)
+            annotation["camera"] = {"width": width, "height": height}
+        if subset := image.attrib.get("subset"):
+            annotation["split"] = subset
+        return annotation
+
+    def _box(self, one: _Element, at: str) -> dict[str, object]:
+        keys = ("xtl", "ytl", "xbr", "ybr", "rotation")
+        words = [one.attrib.get(key, "" if key != "rotation" else "0") for key in keys]
+        *corners, angle = read_columns(words, at)
+        if angle:
+            self.counts["rotated"] += 1
+            corners = _around(corners, angle)
+        return _described(one, corners, at)
+
+    def _outline(self, one: _Element, at: str) -> dict[str, object]:
+        points = one.attrib.get("points", "").replace(",", ";").split(";")
+        numbers = read_columns(points, at)
+        if len(numbers) % 2:
+            raise LayoutError(
+                f"{at}: expected points as x,y;x,y..., found {len(numbers)} numbers"
+            )
+        self.counts["outline"] += 1
+        xs, ys = numbers[::2], numbers[1::2]
+        return _described(one, [min(xs), min(ys), max(xs), max(ys)], at)
+
+
+_NOTES: Final = {
+    "rotated": "{:,} rotated boxes were read as the rectangles around them",
+    "outline": "{:,} outlines were read as the rectangles around them",
+    "other": "{:,} points, masks, tags and other shapes were left out",
+}
+
+
+def _around(corners: Sequence[float], angle: float) -> list[float]:
+    """The rectangle around one that is turned about its centre by `angle` degrees."""
+    x_min, y_min, x_max, y_max = corners
+    width, height = x_max - x_min, y_max - y_min
+    cos, sin = (abs(of(math.radians(angle))) for of in (math.cos, math.sin))
+    halves = (width * cos + height * sin) / 2, (width * sin + height * cos) / 2
+    centre = (x_min + x_max) / 2, (y_min + y_max) / 2
+    sides = list(zip(centre, halves, strict=True))
+    return [*(c - half for c, half in sides), *(c + half for c, half in sides)]
+
+
+def _described(one: _Element, xyxy: Sequence[float], at: str) -> dict[str, object]:
+    """A box with what its element says; other attributes are kept as they are."""
+    label = one.attrib.get("label", "")
+    if not label:
+        raise LayoutError(f"{at}: expected the label of a {one.tag}, found none")
+    texts = {
+        each.attrib.get("name", ""): each.text or "" for each in one.iter("attribute")
+    }
+    box: dict[str, object] = {"class": label, "xyxy": list(xyxy)}
+    if texts.keys() >= _OURS:
+        box["id"] = texts["id"]
+        texts = {name: text for name, text in texts.items() if name not in _OURS}
+    elif one.attrib.get("occluded") in ("0", "1"):
+        box["occluded"] = int(one.attrib["occluded"])
+    if texts:
+        box["attributes"] = texts
+    return box
 
 
 @CVAT.label_writer
 class CvatWriter:
     """Writes ``annotations.xml`` and ``images/STEM.png``.
 
-    Corners are pixels from 0. Each box has the attributes ``id``, ``verdict`` and
+    It is the file of a project, whose tasks are the parts. Corners are pixels from 0.
+    Each box has the attributes ``id``, ``verdict`` and
     ``reason``; the head of the file declares them, so that a CVAT task can be made with
     the same labels. Where rejected boxes are exported too, they are marked as occluded.
     """
 
-    traits: ClassVar[Traits] = Traits(image="images/{stem}{suffix}")
+    traits: ClassVar[Traits] = Traits(
+        image="images/{stem}{suffix}", needs_key_list=True
+    )
 
     def __init__(self, context: ExportContext) -> None:
         self._context = context
         self._images = context.spool()  # a temporary file
+        self._parts: dict[str, None] = {}
 
     def labels(self, band: str, out: OutFrame) -> None:
         """One image with its boxes.
 
         `band` is always empty: only some formats can be exported in bands of distance.
         """
+        self._parts[out.part] = None
         width, height = out.frame.wh
         image = attributes(
             id=out.number,
             name=f"{out.stem}{out.suffix}",
+            subset=out.part,
             width=width,
             height=height,
         )
@@ -67,10 +394,13 @@ class CvatWriter:
 
     def _pieces(self) -> Iterator[bytes]:
         yield b'<?xml version="1.0" encoding="utf-8"?>\n<annotations>\n'
-        yield b"  <version>1.1</version>\n  <meta>\n    <task>\n      <labels>\n"
+        yield b"  <version>1.1</version>\n  <meta>\n    <project>\n      <tasks>\n"
+        for part in completed_parts(self._parts):
+            yield f"        <task>{element('subset', part)}</task>\n".encode()
+        yield b"      </tasks>\n      <labels>\n"
         for name in self._context.head.classes:
             yield _label(name).encode("utf-8", "replace")
-        yield b"      </labels>\n    </task>\n  </meta>\n"
+        yield b"      </labels>\n    </project>\n  </meta>\n"
         yield from self._images.pieces()
         yield b"</annotations>\n"
 
@@ -102,7 +432,7 @@ def _box(one: LabelBox, boxes: DecidedBoxes) -> str:
         label=boxes.class_name(one.row),
         source="auto",
         occluded=int(verdict == "rejected"),
-        **{key: number_text(value) for key, value in corners},
+        **{key: _number_text(value) for key, value in corners},
         z_order=0,
     )
     details = {
@@ -114,6 +444,18 @@ def _box(one: LabelBox, boxes: DecidedBoxes) -> str:
         f"      {_attribute(key, value)}\n" for key, value in details.items()
     )
     return f"    <box{box}>\n{lines}    </box>\n"
+
+
+_DECIMALS: Final = 9
+
+_FEWEST_DECIMALS: Final = 2
+
+
+def _number_text(value: float) -> str:
+    """A number with two decimals, as CVAT has it, or as many as it needs up to nine."""
+    text = f"{round(value, _DECIMALS) + 0.0:.{_DECIMALS}f}"
+    point = text.index(".")
+    return text.rstrip("0").ljust(point + 1 + _FEWEST_DECIMALS, "0")
 
 
 def _attribute(name: str, value: object) -> str:

@@ -22,6 +22,7 @@ from filter_core.annotation.frame import FORMS_3D, frame_vertices, given_rectang
 from filter_core.annotation.parsing import KNOWN_FRAME_KEYS, parse_annotation
 from filter_core.errors import FilterError
 from filter_core.geometry.camera import Camera
+from filter_core.images.drawing import DrawnBox
 from filter_core.types import (
     BoolArray,
     BoxesXYXY,
@@ -42,14 +43,25 @@ Boxes = Literal["visible", "amodal", "tight"]
 
 Images = Literal["copy", "none"]
 
+SplitBy = Literal["sequence", "map"]
+
 _CHOICES: Final = {
     "include": get_args(Include),
     "rejected": get_args(Rejected),
     "boxes": get_args(Boxes),
     "images": get_args(Images),
+    "split_by": get_args(SplitBy),
 }
 
+PARTS: Final = ("train", "val", "test")
+"""How the parts are called that shares are for."""
+
+_SUM_TOLERANCE: Final = 1e-6
+
 MAX_BANDS: Final = 16
+
+MAX_PICTURES: Final = 1000
+"""Frames that an export has pictures of, at most."""
 
 MAX_BAND: Final = 100_000
 """The largest distance that a band can have, metres."""
@@ -71,11 +83,16 @@ class ExportFrame:
     boxes : DecidedBoxes
     given : GivenAnnotation
         Of the same boxes in the same order.
-    map : str or None
+    map, sequence, split : str or None
+        As its annotation says; `split` is the part that it has by itself.
     media_type : str
         Of the image: ``image/png`` or ``image/jpeg``.
     read_image : callable or None
         Gives the image's bytes; called only if images are copied.
+    read_segmentation : callable or None
+        Likewise, of the segmentation.
+    draw : callable or None
+        Gives the image with boxes drawn on it, as PNG.
     palette : str or None
     decisions : sequence of mapping
         The dictionary of each decision, as made by
@@ -90,8 +107,12 @@ class ExportFrame:
     boxes: DecidedBoxes
     given: GivenAnnotation
     map: str | None = None
+    sequence: str | None = None
+    split: str | None = None
     media_type: str = "image/png"
     read_image: Callable[[], bytes] | None = None
+    read_segmentation: Callable[[], bytes] | None = None
+    draw: Callable[[Sequence[DrawnBox]], bytes] | None = None
     palette: str | None = None
     decisions: Sequence[Mapping[str, object]] = ()
     columns: DecisionColumns | None = None
@@ -149,9 +170,21 @@ class ExportOptions:
     allow_missing_images : bool
         Also frames without an image. They are left out otherwise, if images are copied,
         since programs refuse labels whose image is missing, and all others with them.
-    split : share of the frames that are for training, 0..1
+    split : tuple of float
+        Shares of the parts train, val and test, 0..1, made by whole sequences
+        (`part_by_shares`); of one number the rest is that of val. Empty: every frame
+        keeps the part that it has, and those without one are split by `split_of`.
+    split_by : ``sequence``, or ``map``: exactly the shares of `split` of each map,
+        frame by frame, whatever the sequences
+    val_maps : str
+        Names of maps, separated by commas: all their frames are the part val, all
+        others the part train.
     bands : tuple of int, metres
         Labels once more for each, with the boxes up to that distance.
+    pictures : int
+        The first frames of which pictures are written, before and after the filter.
+    drawn : bool
+        Also pictures of each frame with its boxes, before and after the filter.
     """
 
     include: Include = "effective"
@@ -160,8 +193,12 @@ class ExportOptions:
     boxes: Boxes = "visible"
     images: Images = "copy"
     allow_missing_images: bool = False
-    split: float = 0.8
+    split: tuple[float, ...] = ()
+    split_by: SplitBy = "sequence"
+    val_maps: str = ""
     bands: tuple[int, ...] = ()
+    pictures: int = 0
+    drawn: bool = False
 
     def __post_init__(self) -> None:
         for name, choices in _CHOICES.items():
@@ -169,20 +206,38 @@ class ExportOptions:
                 found = repr(getattr(self, name))[:40]
                 raise _bad(name, f"one of {', '.join(choices)}", found)
         self._check_types()
-        if not 0 <= self.split <= 1:
-            raise _bad("split", "a share from 0 to 1", f"{self.split}")
+        if not 0 <= self.pictures <= MAX_PICTURES:
+            raise _bad("pictures", f"0 to {MAX_PICTURES} frames", f"{self.pictures}")
+        self._check_split()
         if len(self.bands) > MAX_BANDS:
             raise _bad("bands", f"at most {MAX_BANDS} distances", f"{len(self.bands)}")
         for band in self.bands:
             if not 0 < band <= MAX_BAND or band != int(band):
                 raise _bad("bands", f"whole metres from 1 to {MAX_BAND}", f"{band}")
 
+    def _check_split(self) -> None:
+        shares = self.split
+        for share in shares:
+            if not 0 <= share <= 1:
+                raise _bad("split", "a share from 0 to 1", f"{share}")
+        if not isinstance(self.val_maps, str):
+            raise _bad("val_maps", "names of maps", repr(self.val_maps)[:40])
+        if self.val_maps and (shares or self.split_by != "sequence"):
+            raise _bad("val_maps", "neither split nor split_by beside it", "one")
+        if self.split_by == "map" and not shares:
+            raise _bad("split_by", "split, the shares of each map", "none")
+        if len(shares) > len(PARTS):
+            raise _bad("split", f"shares of {', '.join(PARTS)}", f"{len(shares)}")
+        if len(shares) > 1 and abs(sum(shares) - 1) > _SUM_TOLERANCE:
+            raise _bad("split", "shares whose sum is 1", f"{round(sum(shares), 6)}")
+
     def _check_types(self) -> None:
-        for name in ("include_unmeasured", "allow_missing_images"):
+        for name in ("include_unmeasured", "allow_missing_images", "drawn"):
             if not isinstance(getattr(self, name), bool):
                 found = repr(getattr(self, name))[:40]
                 raise _bad(name, "true or false", found)
-        numbers = {"split": (self.split,), "bands": self.bands}
+        pictures = (self.pictures,)
+        numbers = {"split": self.split, "bands": self.bands, "pictures": pictures}
         for name, values in numbers.items():
             for value in values:
                 if isinstance(value, bool) or not isinstance(value, Real):
@@ -200,10 +255,13 @@ class ExportOptions:
         names = [field.name for field in fields(cls)]
         for name in given.keys() - set(names):
             raise _bad("options", f"only {', '.join(names)}", repr(name)[:40])
-        bands = given.get("bands", ())
-        distances = tuple(bands) if isinstance(bands, (list, tuple)) else (bands,)
-        made = cls(**{**given, "bands": distances})
+        several = {name: _several(given.get(name, ())) for name in ("split", "bands")}
+        made = cls(**{**given, **several})
         return replace(made, bands=tuple(sorted(set(made.bands))))
+
+
+def _several(given: object) -> tuple[object, ...]:
+    return tuple(given) if isinstance(given, (list, tuple)) else (given,)
 
 
 def changed_options(options: Dataclass) -> frozenset[str]:
@@ -231,6 +289,8 @@ class GivenAnnotation:
     wh : (width, height) of the image, px
     crowds : bool
         Whether boxes of it may be crowds. If False, it need not be read to find out.
+    may_be_of : callable
+        Whether its labels may have come in the format of this name; likewise.
     """
 
     def __init__(
@@ -239,10 +299,12 @@ class GivenAnnotation:
         wh: tuple[int, int],
         *,
         crowds: bool = True,
+        may_be_of: Callable[[str], bool] = lambda _: True,
     ) -> None:
         self._read = read
         self._wh = wh
         self.may_have_crowds = crowds
+        self.may_be_of = may_be_of
 
     @cached_property
     def frame(self) -> JsonObject:

@@ -1,7 +1,8 @@
 """Which column of a row, or which path in a JSON value, is what of a box.
 
 A description says it under ``boxes.fields``; columns and keys under their usual names
-(``xmin``, ``label``) are recognised without it. A path is a JMESPath.
+(``xmin``, ``label``) are recognised without it. A path is a JMESPath. Vectors and poses
+are read in the forms in which people's files have them.
 
 References
 ----------
@@ -10,8 +11,9 @@ References
 
 from __future__ import annotations
 
+import math
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Final, NamedTuple
@@ -39,15 +41,24 @@ _USUAL: Final[Mapping[str, str]] = {
     "distance": "distance dist distancem",
     "frame": "frame frameid framenumber frameno frameindex image imagename imageid "
     "imagefile imagepath filename file img imgname imageidx",
+    "map": "map mapname town townname",
     "camera": "camera cameraname cameraid cam sensor sensorname",
-    "x1": "x1 xmin minx left bboxx1 bboxxmin bboxleft xtl",
-    "y1": "y1 ymin miny top bboxy1 bboxymin bboxtop ytl",
-    "x2": "x2 xmax maxx right bboxx2 bboxxmax bboxright xbr",
-    "y2": "y2 ymax maxy bottom bboxy2 bboxymax bboxbottom ybr",
+    "x1": "x1 xmin minx left bboxx1 bboxxmin bboxleft xtl xleft leftx umin u1 "
+    "tlx xtl xtopleft topleftx bbleft "
+    "startx xstart",
+    "y1": "y1 ymin miny top bboxy1 bboxymin bboxtop ytl ytop topy vmin v1 "
+    "tly ytl ytopleft toplefty bbtop "
+    "starty ystart",
+    "x2": "x2 xmax maxx right bboxx2 bboxxmax bboxright xbr xright rightx umax u2 "
+    "brx xbottomright bottomrightx "
+    "endx xend",
+    "y2": "y2 ymax maxy bottom bboxy2 bboxymax bboxbottom ybr ybottom bottomy vmax "
+    "bry ybottomright bottomrighty "
+    "v2 endy yend",
     "cx": "cx xcenter xcentre centerx centrex xc",
     "cy": "cy ycenter ycentre centery centrey yc",
-    "width": "width w bboxwidth bboxw boxwidth",
-    "height": "height h bboxheight bboxh boxheight",
+    "width": "width w bboxwidth bboxw boxwidth bbwidth",
+    "height": "height h bboxheight bboxh boxheight bbheight",
     "rectangle": "bbox box boundingbox rect rectangle bbox2d box2d boundingbox2d",
     "xyxy": "xyxy bboxxyxy",
     "xywh": "xywh bboxxywh",
@@ -58,6 +69,7 @@ _USUAL: Final[Mapping[str, str]] = {
     "actor": "actortransform",
     "world_corners": "worldcorners worldvertices vertices",
     "image_corners": "imagecorners",
+    "region": "",
 }
 """By field: its usual names in lower case, without what separates words."""
 
@@ -84,7 +96,7 @@ FORMS_BY_FIELDS: Final[Mapping[str, tuple[str, ...]]] = {
     "vertices": ("world_corners",),
     "box3d": ("centre", "extent"),
 }
-"""Forms of a box by the fields that they need; the first that is there is taken."""
+"""Forms of a box by the fields that they need; the first that has values is taken."""
 
 _OF_BOX3D: Final = ("rotation", "actor")
 
@@ -96,6 +108,9 @@ GEOMETRY_FIELDS: Final = {
 _MAX_PATH: Final = 500
 
 _SEPARATORS: Final = re.compile(r"[\W_]+")
+
+_UNIT: Final = re.compile(r"[\W_]*\b(?:px|pixels?)\W*$|_px$", re.IGNORECASE)
+"""What a name of a column may end with: ``x_min (px)``."""
 
 
 class Path(NamedTuple):
@@ -118,7 +133,9 @@ class Path(NamedTuple):
         if not isinstance(row, Mapping):
             return False
         begin = _IDENTIFIER.match(self.text)
-        return self.text in row or begin is None or begin[0] in row
+        if begin is None or self.text[begin.end() :].startswith("("):
+            return True  # an expression, which may use any key
+        return self.text in row or begin[0] in row
 
 
 _IDENTIFIER: Final = re.compile(r"[A-Za-z_]\w*")
@@ -227,14 +244,13 @@ class AllowedFields:
 
 
 def _check_geometry(paths: Mapping[str, Path], at: str) -> None:
-    """Fields of a geometry must be those of one, and all that it needs."""
+    """Fields of a geometry must be all that it needs; several geometries may be said,
+    if boxes of one file have different ones.
+    """
     named = GEOMETRY_FIELDS & paths.keys()
-    if not named:
+    whole = {one for form in forms_of(named) for one in FORMS_BY_FIELDS[form]}
+    if named <= {*whole, *(_OF_BOX3D if "centre" in whole else ())}:
         return
-    for needed in FORMS_BY_FIELDS.values():
-        allowed = {*needed, *(_OF_BOX3D if "centre" in needed else ())}
-        if named <= allowed and named >= {*needed}:
-            return
     raise ConfigError(
         f"{place_of(at)}expected the fields of one form of boxes "
         f"({'; '.join(', '.join(of) for of in FORMS_BY_FIELDS.values())}), found "
@@ -259,13 +275,22 @@ def _recognised(keys: tuple[Keys, ...]) -> Mapping[str, Keys]:
     """The fields that are there under their usual names."""
     by_name: dict[str, Keys] = {}
     for where in keys:
-        by_name.setdefault(_SEPARATORS.sub("", where[-1]).lower(), where)
+        name = _SEPARATORS.sub("", _UNIT.sub("", where[-1])).lower()
+        by_name.setdefault(name, where)
     fields = {
         name: by_name[one]
         for name, words in _USUAL.items()
         for one in reversed(words.split())
         if one in by_name
     }
+    if {"x0", "y0", "x1", "y1"} <= by_name.keys() and not {"x2", "y2"} & fields.keys():
+        # The corners are counted from 0.
+        fields |= {
+            corner: by_name[name]
+            for corner, name in zip(
+                ("x1", "y1", "x2", "y2"), ("x0", "y0", "x1", "y1"), strict=True
+            )
+        }
     if {"width", "height"} <= fields.keys():
         for name, words in _LEFT.items():
             found = next((one for one in words.split() if one in by_name), None)
@@ -298,12 +323,10 @@ def recognised_fields(row: object) -> Mapping[str, Keys]:
 _RECTANGLES: Final = frozenset(_USUAL["rectangle"].split())
 
 
-def geometry_of(names: Iterable[str]) -> str | None:
-    """The form of boxes that is given by fields of these names."""
+def forms_of(names: Iterable[str]) -> list[str]:
+    """The forms of boxes that are given by fields of these names."""
     own = {*names}
-    return next(
-        (one for one, of in FORMS_BY_FIELDS.items() if own.issuperset(of)), None
-    )
+    return [one for one, of in FORMS_BY_FIELDS.items() if own.issuperset(of)]
 
 
 def value_at(row: object, where: Keys) -> object:
@@ -311,3 +334,72 @@ def value_at(row: object, where: Keys) -> object:
     for key in where:
         row = row[key] if isinstance(row, dict) else None
     return row
+
+
+ROTATION: Final = ("pitch", "yaw", "roll")
+
+
+def vector_of(value: object, keys: Sequence[str]) -> dict[str, float]:
+    """An object with these keys, in any case, or a list, as an object of numbers.
+
+    Of a rotation, keys may be missing, and a number alone is its yaw.
+
+    Raises
+    ------
+    ValueError
+        It is none; says what was expected.
+    """
+    is_rotation = tuple(keys) == ROTATION
+    expected = f"{{{', '.join(keys)}}} or a list of {len(keys)} numbers"
+    if is_rotation and _is_plain_number(value):
+        value = {"yaw": value}
+    if isinstance(value, Mapping):
+        own = {str(key).lower(): item for key, item in value.items()}
+        items = [own.get(key, 0.0 if is_rotation else None) for key in keys]
+        if is_rotation and not own.keys() & {*keys} and own:
+            raise ValueError(expected)
+    else:
+        items = value if isinstance(value, list) else []
+    if len(items) != len(keys):
+        raise ValueError(expected)
+    numbers = [as_number(item) for item in items]
+    if not all(map(math.isfinite, numbers)):
+        raise ValueError(expected)
+    return dict(zip(keys, numbers, strict=True))
+
+
+_LOCATIONS: Final = ("location", "translation", "position")
+
+
+def transform_of(value: object) -> dict[str, float]:
+    """Where something stands: x, y, z, pitch, yaw and roll.
+
+    From an object with these keys, or with a location (``translation``, ``position``)
+    and a rotation, in any case.
+
+    Raises
+    ------
+    ValueError
+        It is none; says what was expected.
+    """
+    if not isinstance(value, Mapping):
+        raise ValueError("an object with a location and a rotation")
+    own = {str(key).lower(): item for key, item in value.items()}
+    place = next((own[name] for name in _LOCATIONS if name in own), None)
+    if place is not None:
+        location, rotation = vector_of(place, "xyz"), own.get("rotation")
+        return {**location, **vector_of(rotation or {}, ROTATION)}
+    rotation = {name: own[name] for name in ROTATION if name in own}
+    return {**vector_of(own, "xyz"), **vector_of(rotation, ROTATION)}
+
+
+def as_number(value: object) -> float:
+    """A number, also one that is written as text; NaN if it is none."""
+    try:
+        return float(value) if isinstance(value, int | float | str) else math.nan
+    except ValueError:
+        return math.nan
+
+
+def _is_plain_number(value: object) -> bool:
+    return isinstance(value, int | float | str) and not isinstance(value, bool)

@@ -99,15 +99,27 @@ class FileNames:
 
 @contextmanager
 def folder_sink(folder: Path) -> Iterator[Sink]:
-    """A sink that writes files into a new folder.
-
-    The folder appears under its name when everything is written, and not if anything
-    fails.
+    """A sink that writes files into a `new_folder`.
 
     Raises
     ------
     ExportError
-        The folder exists already, or a file's path leads out of it.
+        As `new_folder`; or a file's path leads out of it.
+    """
+    with new_folder(folder) as partial:
+        yield _Folder(partial).write
+
+
+@contextmanager
+def new_folder(folder: Path) -> Iterator[Path]:
+    """A folder to be filled, which appears under its name when everything is written.
+
+    If anything fails, it does not appear.
+
+    Raises
+    ------
+    ExportError
+        The folder exists already.
     """
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise ExportError(f"{name_of(folder)}: expected a new or an empty folder")
@@ -117,7 +129,7 @@ def folder_sink(folder: Path) -> Iterator[Sink]:
     folder.parent.mkdir(parents=True, exist_ok=True)
     partial = Path(tempfile.mkdtemp(dir=folder.parent, prefix=f".{folder.name}-"))
     try:
-        yield _Folder(partial).write
+        yield partial
         partial.chmod(0o755)
         if folder.exists():
             folder.rmdir()

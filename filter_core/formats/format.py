@@ -5,7 +5,7 @@ Each format's module declares one `Format`; `filter_core.formats.registry` lists
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import dataclass, field
 from functools import cached_property, partial
 from itertools import islice
@@ -18,8 +18,10 @@ from filter_core.formats.export import (
     ExportOptions,
     Sink,
 )
-from filter_core.formats.reading import FrameSet, walk
+from filter_core.formats.patterns import FilePatterns
+from filter_core.formats.reading import FrameSet
 from filter_core.formats.recording import RecordingDescription
+from filter_core.formats.same import BoxSpans
 from filter_core.formats.tally import Counts
 from filter_core.formats.writing import NewWriter, write_labels
 
@@ -36,23 +38,29 @@ Formats are tried in a fixed order.
 - ``none``: it is not in this format.
 """
 
-FOLDER_OPTIONS: Final = frozenset({"segmentation", "labels"})
+FOLDER_OPTIONS: Final = frozenset({"segmentation", "labels", "files"})
 """The keys of a description that say where the files of a frame are."""
 
 SELECTION_OPTIONS: Final = frozenset({"include", "include_unmeasured", "images"})
 """The `ExportOptions` that select what is written: which boxes, and images or none."""
 
-LABEL_OPTIONS: Final = SELECTION_OPTIONS | {"boxes", "split", "allow_missing_images"}
+LABEL_OPTIONS: Final = SELECTION_OPTIONS | {
+    *("boxes", "allow_missing_images", "pictures"),
+    *("split", "split_by", "val_maps"),
+}
 """The `ExportOptions` of a format of labels; some have more, or not all of these."""
 
-Need: TypeAlias = Literal["annotation", "image", "decisions", "decision_columns"]
+Need: TypeAlias = Literal[
+    "annotation", "image", "segmentation", "decisions", "decision_columns"
+]
 """Data of a frame that only some formats need.
 
 Every format gets the columns that labels are written from (`DecidedBoxes`).
 ``annotation``: the annotation as given, which is parsed on first use
 (`ExportFrame.given`); ``image``: the image, and its type, which gives the suffix of
-its path; ``decisions``: a dictionary for each box, as in the API, which takes the
-most time; ``decision_columns``: the columns of tables (`ExportFrame.columns`).
+its path; ``segmentation``: that image; ``decisions``: a dictionary for each box, as in
+the API, which takes the most time; ``decision_columns``: the columns of tables
+(`ExportFrame.columns`).
 """
 
 LABEL_NEEDS: Final[frozenset[Need]] = frozenset({"annotation", "image"})
@@ -72,9 +80,12 @@ class Source:
     Attributes
     ----------
     path : Path
+    files : FilePatterns
+        Of the description: the files that it ignores are not looked at.
     """
 
     path: Path
+    files: FilePatterns = field(default_factory=FilePatterns)
 
     @cached_property
     def label_files(self) -> list[str]:
@@ -82,7 +93,11 @@ class Source:
 
         Cached, because several formats need the list.
         """
-        return list(islice(walk(self.path, (".txt", ".xml")), _FILES_LOOKED_AT))
+        return list(islice(self.names((".txt", ".xml")), _FILES_LOOKED_AT))
+
+    def names(self, suffixes: Collection[str] | None) -> Iterator[str]:
+        """The files with one of the suffixes, or all, relative to the folder."""
+        return self.files.walk(self.path, self.path, suffixes)
 
 
 class Write(Protocol):
@@ -106,6 +121,8 @@ _Writer = TypeVar("_Writer", bound=Write)
 
 _NewWriter = TypeVar("_NewWriter", bound=NewWriter)
 
+_BoxSpans = TypeVar("_BoxSpans", bound=BoxSpans)
+
 _Requirement = TypeVar("_Requirement", bound=Callable[[], object])
 
 
@@ -115,8 +132,9 @@ class Format:
 
     The functions of the format follow in the module. Each has a decorator that stores
     it in an attribute: `recogniser` in `recognise`, `reader` in `read`, `writer` in
-    `write`, `requirement` in `require`. If the format lacks one, the attribute stays
-    None. So a `Format` is complete once its module has been imported.
+    `write`, `spans` in `box_spans`, `requirement` in `require`. If the format lacks
+    one, the attribute stays None. So a `Format` is complete once its module has been
+    imported.
 
     Attributes
     ----------
@@ -146,6 +164,9 @@ class Format:
     read : callable or None
         Gives the frames of a folder or a file.
     write : callable or None
+    box_spans : callable or None
+        Gives the bytes of each box in a label file (`BoxSpans`), by which a recording
+        can be written again without some boxes, and with nothing else changed.
     require : callable or None
         Raises `NotAvailable` if a library that `write` needs is not installed.
     """
@@ -164,6 +185,7 @@ class Format:
         default=None, init=False
     )
     write: Write | None = field(default=None, init=False)
+    box_spans: BoxSpans | None = field(default=None, init=False)
     require: Callable[[], object] | None = field(default=None, init=False)
 
     def recogniser(self, recognise: _Recogniser) -> _Recogniser:
@@ -185,6 +207,11 @@ class Format:
         """Decorates its `LabelWriter`: `write` then calls `write_labels` with it."""
         self.write = partial(write_labels, new_writer=new_writer)
         return new_writer
+
+    def spans(self, box_spans: _BoxSpans) -> _BoxSpans:
+        """Takes the function that is `box_spans`, also as a decorator."""
+        self.box_spans = box_spans
+        return box_spans
 
     def requirement(self, require: _Requirement) -> _Requirement:
         """Decorates the function that is `require`."""

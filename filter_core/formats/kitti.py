@@ -15,17 +15,19 @@ References
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
+from itertools import chain
 from pathlib import Path
-from typing import ClassVar, Final
+from typing import BinaryIO, ClassVar, Final
 
 import numpy as np
 
+from filter_core.annotation.frame import FORMS_3D
 from filter_core.errors import FilterError, LayoutError
 from filter_core.formats.export import ExportFrame
-from filter_core.formats.files import number_text
+from filter_core.formats.files import Spool, number_text
 from filter_core.formats.format import (
     LABEL_NEEDS,
     LABEL_OPTIONS,
@@ -33,24 +35,36 @@ from filter_core.formats.format import (
     Recognition,
     Source,
 )
-from filter_core.formats.reading import (
+from filter_core.formats.matching import (
     FileIndex,
     FrameFileNames,
+    frame_of,
+    match,
+    with_keys,
+)
+from filter_core.formats.reading import (
+    BoxOrigin,
     FrameSet,
     FrameSource,
     annotated,
-    frame_of,
-    match,
     open_regular,
     read_columns,
     read_label_text,
-    walk,
-    with_keys,
 )
 from filter_core.formats.recording import RecordingDescription
+from filter_core.formats.same import (
+    SOURCE_LABELS,
+    BoxSpan,
+    OwnLabels,
+    OwnReading,
+    Rectangles,
+    spans_of_lines,
+    stored_labels,
+)
+from filter_core.formats.splits import completed_parts, part_of_folder
 from filter_core.formats.streams import Streams, auxiliary_folders
 from filter_core.formats.writing import (
-    PARTS,
+    RECTANGLE_KEYS,
     ExportContext,
     LabelBox,
     OutFrame,
@@ -66,10 +80,10 @@ KITTI: Final = Format(
     name="kitti",
     title="KITTI",
     docs_row=(
-        "KITTI's 15 columns (a sixteenth, the score, is read, but not written): "
-        "`training/label_2/`, `image_2/`, "
-        "`calib/`, `ImageSets/`; frames are numbered, and `frames.jsonl` says which "
-        "is which"
+        "KITTI's 15 columns (a sixteenth, the score, is read, and written only with a "
+        "line as it came): `training/label_2/`, `image_2/`, `calib/`, `ImageSets/`; "
+        "frames have KITTI's number or a new one, and `frames.jsonl` says which is "
+        "which"
     ),
     brief="label_2 with truncation and occlusion",
     recognised_by="KITTI's label_2/",
@@ -88,13 +102,23 @@ _PLACES: Final = ("", "training")
 
 @KITTI.recogniser
 def _recognise(source: Source) -> Recognition:
-    return "none" if _kitti_folder(source.path) is None else "certain"
+    return "certain" if _kitti_folders(source.path) else "none"
 
 
-def _kitti_folder(root: Path) -> Path | None:
-    """The folder that has ``label_2``: the one given, or ``training`` in it."""
-    places = (root / place for place in _PLACES)
-    return next((place for place in places if (place / _LABELS).is_dir()), None)
+def _kitti_folders(root: Path) -> list[Path]:
+    """The folders that have ``label_2``.
+
+    The one given, or ``training`` in it, or those of parts in it, as Datumaro has them.
+    """
+    for place in _PLACES:
+        if (root / place / _LABELS).is_dir():
+            return [root / place]
+    below = sorted(root.iterdir()) if root.is_dir() else []
+    return [
+        path
+        for path in below
+        if part_of_folder(path.name) and (path / _LABELS).is_dir()
+    ]
 
 
 @KITTI.reader
@@ -106,20 +130,40 @@ def read_kitti(root: Path, options: RecordingDescription) -> FrameSet:
     LayoutError
         There is no ``label_2``.
     """
-    home = _kitti_folder(root)
-    if home is None and options.labels is None:
+    homes = _kitti_folders(root)
+    if not homes and options.labels is None:
         raise LayoutError("expected label_2/ or training/label_2/, found neither")
-    home = home or root
+    if len(homes) < 2:
+        return _read_folder(root, [*homes, root][0], options)
+    parts = {home.name: _read_folder(root, home, options) for home in homes}
+    sets = parts.values()
+    return FrameSet(
+        layout="kitti",
+        frames=lambda: (
+            replace(frame, key=f"{name}/{frame.key}")
+            for name, one in parts.items()
+            for frame in one
+        ),
+        count=sum(one.count or 0 for one in sets),
+        unmatched=tuple(chain.from_iterable(one.unmatched for one in sets)),
+        notes=lambda: tuple(chain.from_iterable(one.notes() for one in sets)),
+        streams=tuple(chain.from_iterable(one.streams for one in sets)),
+        texts=lambda: chain.from_iterable(one.texts() for one in sets if one.texts),
+    )
+
+
+def _read_folder(root: Path, home: Path, options: RecordingDescription) -> FrameSet:
     folders = _KittiFolders(
         images=home / _IMAGES,
         labels=options.labels or home / _LABELS,
         calibrations=home / _CALIBRATIONS,
     )
     beside = auxiliary_folders(home, root)
-    streams = Streams(folders.images, options.segmentation, beside=beside)
-    frames, unmatched = match(walk(folders.labels, (".txt",)), streams.images)
+    streams = Streams(folders.images, options, root=root, beside=beside)
+    labels = options.files.walk(root, folders.labels, (".txt",))
+    frames, unmatched = match(labels, streams.images)
     frames, left_over = streams.complete(frames, "label file")
-    calibrations = FileIndex(walk(folders.calibrations, (".txt",)))
+    calibrations = FileIndex(options.files.walk(root, folders.calibrations, (".txt",)))
     taken = {files.label: calibrations.take(files.key) for files in frames}
     named = with_keys(root, frames, f"{home.relative_to(root).as_posix()}/{_IMAGES}/")
     left = calibrations.left_over("no label file for this calibration")
@@ -128,11 +172,11 @@ def read_kitti(root: Path, options: RecordingDescription) -> FrameSet:
         frames=lambda: _read_frames(folders, named, taken),
         count=len(frames),
         unmatched=(*unmatched, *left_over, *left),
-        notes=lambda: streams.notes,
+        notes=partial(tuple, streams.notes),
         streams=streams.facts,
-        texts=lambda: (
-            *(folders.labels / files.label for files in named),
-            *(folders.calibrations / name for name in taken.values() if name),
+        texts=lambda: chain(
+            (folders.labels / files.label for files in named),
+            (folders.calibrations / name for name in taken.values() if name),
         ),
     )
 
@@ -146,13 +190,18 @@ class _KittiFolders:
 
 def _read_frames(
     folders: _KittiFolders,
-    frames: Sequence[FrameFileNames],
+    frames: Iterable[FrameFileNames],
     calibrations: dict[str, str | None],
 ) -> Iterator[FrameSource]:
     for files in frames:
         read = partial(_annotation, folders, files, calibrations[files.label])
         frame = frame_of(files, folders.images)
-        yield annotated(frame, read)
+        calibration = calibrations[files.label]
+        origin = BoxOrigin(
+            folders.labels / files.label,
+            calibration=folders.calibrations / calibration if calibration else None,
+        )
+        yield annotated(replace(frame, origin=origin), read)
 
 
 def _annotation(
@@ -174,6 +223,14 @@ def _annotation(
             "world_to_camera": camera.world_to_camera.tolist(),
         }
     return annotation
+
+
+@KITTI.spans
+def _spans(file: BinaryIO) -> Iterator[BoxSpan]:
+    """The lines of a label file that are no regions to ignore."""
+    return spans_of_lines(
+        file, lambda columns: bool(columns) and not _is_region(columns[0])
+    )
 
 
 _COLUMNS: Final = (15, 16)
@@ -200,6 +257,11 @@ def _line(columns: Sequence[str], at: str) -> _KittiLine:
 _DONT_CARE: Final = "DontCare"
 """The type of a region that training and scoring ignore."""
 
+
+def _is_region(name: str) -> bool:
+    return name.lower() == _DONT_CARE.lower()
+
+
 _UNKNOWN: Final = -999.0
 """Metres; KITTI gives -1000 for the location of a 3D box that is not known."""
 
@@ -224,7 +286,7 @@ class _KittiLine:
     @property
     def is_region(self) -> bool:
         """Whether it is a region to ignore, and no object."""
-        return self.type.lower() == _DONT_CARE.lower()
+        return _is_region(self.type)
 
     @property
     def has_rectangle(self) -> bool:
@@ -357,12 +419,18 @@ def _read_calibration(text: str, name: str, wh: tuple[int, int]) -> Camera:
         raise LayoutError(f"{name}, P2: not a valid camera: {exc}") from exc
 
 
+def _rectangles(own: OwnLabels) -> list[Rectangles]:
+    lines = _read_kitti_lines(own.text, own.file)
+    return [{"xyxy": [line.xyxy]} for line in lines if not line.is_region]
+
+
 @KITTI.label_writer
 class KittiWriter:
     """Writes ``training/label_2/NNNNNN.txt`` and what belongs to it.
 
-    Frames are numbered in the order of the export; ``frames.jsonl`` gives their keys.
-    Boxes to ignore are written as ``DontCare``.
+    Frames that came from a KITTI file keep its number, others are numbered in the order
+    of the export; ``frames.jsonl`` gives their keys. Boxes to ignore are written as
+    ``DontCare``.
 
     Truncation and occlusion are those of the KITTI file that a box came from. For any
     other box truncation is its share beyond the image, and occlusion is the level that
@@ -372,36 +440,64 @@ class KittiWriter:
     """
 
     traits: ClassVar[Traits] = Traits(
-        image="training/image_2/{number:06}{suffix}", needs_key_list=True
+        image="training/image_2/{numbered}{suffix}",
+        needs_key_list=True,
+        own=OwnReading(_spans, _rectangles),
+        box_keys=RECTANGLE_KEYS | {"kitti", "occluded", "distance", *FORMS_3D},
+        frame_keys=frozenset(
+            {"boxes", "map", "split", "camera", "dontcare", SOURCE_LABELS}
+        ),
     )
 
     def __init__(self, context: ExportContext) -> None:
         self._context = context
         self._types = kitti_types(context.head.classes)
-        self._parts = {part: context.spool() for part in PARTS}
+        self._parts: dict[str, Spool] = {}
         changed = {name: word for name, word in self._types.items() if name != word}
         if changed:
             context.facts["kitti_types"] = changed
 
     def labels(self, band: str, out: OutFrame) -> None:
         """One label file; that of all distances comes with calibration and split."""
-        name = f"{out.number:06}.txt"
-        lines = [self._line(one, out.frame) for one in out.boxes]
-        lines += [_ignored(xyxy) for xyxy in _regions(out)]
-        text = "".join(f"{line}\n" for line in lines)
-        self._context.sink(f"training/{band or 'label_2'}/{name}", [text.encode()])
+        name = f"{out.numbered}.txt"
+        labels = f"training/{band or 'label_2'}/{name}"
+        text = self._composed(out) if out.own is None else self._own(out, band)
+        self._context.sink(labels, [text.encode()])
         if band:
             return
-        self._parts[out.part].write(f"{out.number:06}\n".encode())
+        if out.part not in self._parts:
+            self._parts[out.part] = self._context.spool()
+        self._parts[out.part].write(f"{out.numbered}\n".encode())
         camera = out.frame.given.camera
         if camera is not None:
-            calibration = _calibration(camera)
-            self._context.sink(f"training/calib/{name}", [calibration.encode()])
+            text = _own_calibration(out.frame, camera) or _calibration(camera)
+            self._context.sink(f"training/calib/{name}", [text.encode()])
+
+    def _own(self, out: OutFrame, band: str) -> str:
+        """The frame's own label file without the boxes that are not written."""
+        assert out.own is not None, "asked for without one"
+        self._context.note_own(band)
+        types = {
+            one.row: self._types[out.frame.boxes.class_name(one.row)]
+            for one in out.boxes
+            if not one.ignored
+        }
+        ignored = [_ignored(one.xyxy) for one in out.boxes if one.ignored]
+        text = out.own.with_words(types)
+        end = "" if text.endswith("\n") or not text else "\n"
+        return text + end * bool(ignored) + "".join(f"{line}\n" for line in ignored)
+
+    def _composed(self, out: OutFrame) -> str:
+        lines = [self._line(one, out.frame) for one in out.boxes]
+        lines += [_ignored(xyxy) for xyxy in _regions(out)]
+        return "".join(f"{line}\n" for line in lines)
 
     def finish(self) -> None:
         """Which frames are for training."""
-        for part, spool in self._parts.items():
-            self._context.sink(f"ImageSets/{part}.txt", spool.pieces())
+        for part in completed_parts(self._parts):
+            spool = self._parts.get(part)
+            names = spool.pieces() if spool else []
+            self._context.sink(f"ImageSets/{part}.txt", names)
 
     def _line(self, one: LabelBox, frame: ExportFrame) -> str:
         if one.ignored:
@@ -422,6 +518,21 @@ class KittiWriter:
             str(occluded),
         )
         return " ".join([*first, *map(number_text, columns)])
+
+
+def _own_calibration(frame: ExportFrame, camera: Camera) -> str | None:
+    """The calibration that the frame's camera was read from, if it is still that."""
+    text = stored_labels(frame.given, KITTI.name).get("calibration")
+    if not isinstance(text, str):
+        return None
+    try:
+        read = _read_calibration(text, "calibration", frame.wh)
+    except LayoutError:
+        return None
+    same = np.array_equal(read.intrinsic, camera.intrinsic) and np.array_equal(
+        read.world_to_camera, camera.world_to_camera
+    )
+    return text if same else None
 
 
 def kitti_types(classes: Sequence[str]) -> dict[str, str]:

@@ -1,4 +1,4 @@
-"""The boxes of a recording in the unit, notation and names that its description says.
+"""The labels of a recording as its description says: unit, notation, names, map.
 
 A format fixes how a rectangle is written, and people write others into it: percent into
 COCO's ``bbox``, corners into YOLO's columns. Each of these would be the rectangle of
@@ -7,12 +7,13 @@ other pixels, and mostly of none of the object's. One frame seldom shows it; man
 
 from __future__ import annotations
 
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import replace
 from functools import cached_property
 from itertools import islice
+from pathlib import Path
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -20,10 +21,11 @@ import numpy as np
 from filter_core.annotation.parsing import parse_annotation
 from filter_core.annotation.units import MAX_SHARE, PERCENT, unit_of_shares
 from filter_core.errors import FilterError, LayoutError
-from filter_core.formats.reading import FrameSet, FrameSource, frame_size
+from filter_core.formats.reading import KEYS_NAME, FrameSet, FrameSource, frame_size
 from filter_core.formats.recording import RecordingDescription
+from filter_core.formats.words import map_in
 from filter_core.geometry.boxes import FORMS, to_xyxy
-from filter_core.types import FloatArray
+from filter_core.types import BoolArray, FloatArray
 
 _SAMPLE: Final = 200
 """Frames whose labels are looked at, the first of a recording."""
@@ -125,11 +127,61 @@ def _rectangle(
     corners = form.removesuffix("n")
     corners = corners if description.corners == "auto" else description.corners
     numbers = numbers * _SCALE[unit]
+    if corners == "inclusive":
+        corners, numbers = "xyxy", np.add(numbers, (0, 0, 1, 1))
     if unit == "pixels":
         return corners, numbers.tolist()
     if corners == "xywh":
         corners, (numbers,) = "xyxy", to_xyxy("xywh", [numbers], (1, 1))
     return f"{corners}n", numbers.tolist()
+
+
+def with_maps(
+    frames: FrameSet, description: RecordingDescription, source: Path
+) -> FrameSet:
+    """The frames with the maps that the description, or else their paths, say.
+
+    Parameters
+    ----------
+    frames : FrameSet
+        What a path says counts only for frames whose annotations name no map; a note
+        says which.
+    description : RecordingDescription
+    source : Path
+        Its name, and those of folders and files below, may be those of maps. Not
+        looked at if a manifest or the list in an export names the maps.
+    """
+    root = source if source.is_dir() else source.parent
+    is_said = frames.layout == "manifest" or (root / KEYS_NAME).is_file()
+    if description.map == "none" or (description.map == "auto" and is_said):
+        return frames
+    named = None if description.map == "auto" else description.map
+    told: Counter[str] = Counter()
+
+    def mapped() -> Iterator[FrameSource]:
+        told.clear()
+        for frame in frames.frames():
+            annotation = frame.annotation
+            name = named
+            if annotation is not None and named is None and "map" not in annotation:
+                name = _map_of(frame, root)
+                told.update([name] if name else [])
+            if annotation is not None and name is not None:
+                frame = replace(frame, annotation={**annotation, "map": name})
+            yield frame
+
+    def notes() -> tuple[str, ...]:
+        counts = (f"{name} ({count})" for name, count in sorted(told.items()))
+        words = "maps of frames by names of folders and files"
+        return (*frames.notes(), *([f"{words}: {', '.join(counts)}"] if told else []))
+
+    return replace(frames, frames=mapped, notes=notes)
+
+
+def _map_of(frame: FrameSource, root: Path) -> str | None:
+    """The map that the path of a frame's image names, or the frame's key."""
+    path = str(frame.image or frame.segmentation or frame.others.get("instances") or "")
+    return map_in(path.removeprefix(str(root.parent))) or map_in(frame.key)
 
 
 class OtherNotation(NamedTuple):
@@ -214,6 +266,11 @@ class _Sizes:
         }
         return np.array([known[frame.key] for frame in self._frames], np.float64)
 
+    @property
+    def is_known(self) -> BoolArray:
+        """(N,): the images of which the size is known."""
+        return np.asarray(~np.isnan(self.wh).any(axis=1), np.bool_)
+
 
 def _other_unit(form: str, values: FloatArray, sizes: _Sizes) -> str | None:
     """The unit that the numbers of all boxes of a form have, if not the form's own."""
@@ -228,8 +285,10 @@ def _other_unit(form: str, values: FloatArray, sizes: _Sizes) -> str | None:
     are_many = len(values) >= _FEWEST_WHOLE
     if is_whole and not are_many:
         return None
-    least = sizes.wh.min()
-    is_percent = are_many if np.isnan(least) else least >= _LEAST_SIDES[are_many]
+    known = sizes.wh[sizes.is_known]
+    is_percent = are_many
+    if known.size:
+        is_percent = bool(known.min() >= _LEAST_SIDES[are_many])
     return "percent" if is_percent else None
 
 
@@ -243,7 +302,12 @@ def _other_corners(form: str, values: FloatArray, sizes: _Sizes) -> str | None:
         return "xywh" if is_size else None
     if (last < first).any():
         return None
-    wh = np.ones((1, 2)) if form.endswith("n") else sizes.wh
+    wh = np.ones((1, 2))
+    if not form.endswith("n"):
+        values, wh = values[sizes.is_known], sizes.wh[sizes.is_known]
+        if len(np.unique(values, axis=0)) < _FEWEST:
+            return None
+        first, last = values[:, :2], values[:, 2:]
     margin = wh / 100
     xyxy = to_xyxy(form.removesuffix("n"), values, (1, 1))
     reaches_out = (xyxy[:, :2] < -margin) | (xyxy[:, 2:] > wh + margin)
@@ -263,8 +327,8 @@ def _error(
     return LayoutError(
         f"the boxes look like {_MEANINGS[word]}, and layout {frames.layout} expects "
         f"{_MEANINGS[own[key]]}: {len(values)} boxes were looked at together, such as "
-        f"[{example}]; say which it is in recording.yaml: {' or '.join(remedies)} or "
-        f"`boxes: {{{key}: {own[key]}}}` (--{key})",
+        f"[{example}]; {' or '.join(remedies)} or "
+        f"`boxes: {{{key}: {own[key]}}}` in recording.yaml says which it is",
         code=f"wrong_{key}",
     )
 
@@ -275,6 +339,7 @@ _MEANINGS: Final = {
     "percent": "percent of the image's width and height",
     "pixels or percent": "pixels or percent of the image's width and height",
     "xyxy": "the first and the last corner (xyxy)",
+    "inclusive": "the first corner and the last pixel (inclusive)",
     "xywh": "the first corner, width and height (xywh)",
     "cxcywh": "the centre, width and height (cxcywh)",
 }

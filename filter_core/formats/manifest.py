@@ -7,7 +7,9 @@ export leaves out the boxes that are rejected, and changes nothing else.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from io import BytesIO
 from pathlib import Path
 from typing import BinaryIO, ClassVar, Final
 
@@ -28,6 +30,7 @@ from filter_core.formats.reading import (
     MANIFEST_NAME,
     MAX_KEY,
     MAX_LABEL_BYTES,
+    BoxOrigin,
     FrameSet,
     FrameSource,
     is_inside,
@@ -38,7 +41,8 @@ from filter_core.formats.reading import (
     walk,
 )
 from filter_core.formats.recording import RecordingDescription
-from filter_core.formats.writing import ExportContext, OutFrame, Traits
+from filter_core.formats.same import BoxSpan, spans_of_items
+from filter_core.formats.writing import EVERY_KEY, ExportContext, OutFrame, Traits
 from filter_core.json_text import read_json
 from filter_core.values import shown
 
@@ -187,7 +191,23 @@ def _read_lines(path: Path, options: RecordingDescription) -> Iterator[FrameSour
                 _skip_rest_of_line(file, line)
                 yield _problem(at, f"at most {MAX_LABEL_BYTES} bytes", "more")
             elif line.strip():
-                yield _read_line(line, at, folders)
+                frame = _read_line(line, at, folders)
+                boxes = (frame.annotation or {}).get("boxes")
+                count = len(boxes) if isinstance(boxes, list) else 0
+                places = tuple((number - 1, box) for box in range(count))
+                yield replace(frame, origin=BoxOrigin(path, places))
+
+
+@MANIFEST.spans
+def _spans(file: BinaryIO) -> Iterator[BoxSpan]:
+    """The boxes of all lines that are objects."""
+    begin = 0
+    for number, line in enumerate(file):
+        with suppress(LayoutError):  # the line is no frame
+            spans = list(spans_of_items(BytesIO(line), "boxes", number))
+            for place, start, end in spans:
+                yield BoxSpan(place, begin + start, begin + end)
+        begin += len(line)
 
 
 def _skip_rest_of_line(file: BinaryIO, piece: bytes) -> None:
@@ -252,6 +272,7 @@ class ManifestWriter:
         image="images/{stem}{suffix}",
         can_hold_crowds=True,
         can_hold_unplaced=True,
+        box_keys=EVERY_KEY,
         names_images=False,
     )
 

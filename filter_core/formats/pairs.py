@@ -12,27 +12,30 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Final
+from typing import BinaryIO, Final
 
 from filter_core.errors import JsonError, LayoutError
 from filter_core.formats.format import FOLDER_OPTIONS, Format, Recognition, Source
-from filter_core.formats.patterns import described_frames
-from filter_core.formats.reading import (
-    IMAGE_SUFFIXES,
+from filter_core.formats.matching import (
     FileIndex,
     FrameFileNames,
+    frame_of,
+)
+from filter_core.formats.patterns import LABELS, described_frames
+from filter_core.formats.reading import (
+    IMAGE_SUFFIXES,
+    BoxOrigin,
     FrameSet,
     FrameSource,
     Unmatched,
     annotated,
     frame_key,
-    frame_of,
     is_label,
     manifests_below,
     read_label_bytes,
-    walk,
 )
 from filter_core.formats.recording import RecordingDescription
+from filter_core.formats.same import BoxSpan, spans_of_items
 from filter_core.formats.streams import Streams
 from filter_core.json_text import read_json
 from filter_core.values import shown
@@ -46,7 +49,7 @@ PAIRS: Final = Format(
         "there is one"
     ),
     recognised_by="images, in a folder of no other layout",
-    read_options=FOLDER_OPTIONS | {"files", "key"},
+    read_options=FOLDER_OPTIONS | {"key"},
 )
 
 
@@ -58,7 +61,7 @@ def _recognise(source: Source) -> Recognition:
         return "none"
     if manifests_below(root):
         return "none"
-    return "fallback" if any(True for _ in walk(root, IMAGE_SUFFIXES)) else "none"
+    return "fallback" if any(True for _ in source.names(IMAGE_SUFFIXES)) else "none"
 
 
 @PAIRS.reader
@@ -68,12 +71,13 @@ def read_pairs(root: Path, options: RecordingDescription) -> FrameSet:
     Label files of other layouts, and images in a folder of another sensor, are listed
     as unmatched.
     """
-    if options.files.roles:
+    if options.key or LABELS in options.files.roles:
         return _by_patterns(root, options)
     labels = options.labels or root
-    streams = Streams(root, options.segmentation)
+    streams = Streams(root, options)
     images = FileIndex(streams.images)
-    annotations = FileIndex(walk(labels, (".json",)))
+    names = partial(options.files.walk, root, labels)
+    annotations = FileIndex(names((".json",)))
     pictures = [FrameFileNames(key, "", image) for key, image in images]
     files, left_over = streams.complete(
         pictures or sorted(streams.without_pictures(), key=lambda one: one.key), "image"
@@ -86,45 +90,49 @@ def read_pairs(root: Path, options: RecordingDescription) -> FrameSet:
             annotation = annotations.take(frame_key(one.label))
         frame = replace(frame_of(one, root), label=None)
         if annotation is None:
-            frame = replace(frame, annotation={"boxes": []})
+            frame = replace(frame, annotation={**(frame.annotation or {}), "boxes": []})
         frames.append((frame, annotation))
     unmatched = (
         *images.unmatched,
         *left_over,
         *annotations.left_over("no image of this name"),
-        *_foreign_labels(labels),
+        *(
+            Unmatched(name, "labels of another layout are not read with images")
+            for name in names((".txt", ".xml", ".csv", ".tsv", ".npz"))
+            if is_label(labels, name)
+        ),
     )
     return FrameSet(
         layout="pairs",
         frames=lambda: _read_frames(labels, frames),
         count=len(frames),
         unmatched=unmatched,
-        notes=lambda: streams.notes,
+        notes=partial(tuple, streams.notes),
         streams=streams.facts,
         texts=lambda: (labels / name for _, name in frames if name),
     )
 
 
 def _by_patterns(root: Path, options: RecordingDescription) -> FrameSet:
+    """Of annotations no pattern need speak: ``1.json`` is that of ``1.png``."""
     matched, unmatched = described_frames(root, options.files, options.key)
+    is_described = LABELS in options.files.roles
+    names = options.files.walk(root, root, (".json",))
+    annotations = FileIndex(() if is_described else names)
     frames = []
     for files, _ in matched:
+        label = files.label or annotations.take(frame_key(files.image or ""))
         frame = replace(frame_of(files, root), label=None)
-        if not files.label:
-            frame = replace(frame, annotation={"boxes": []})
-        frames.append((frame, files.label or None))
+        if not label:
+            frame = replace(frame, annotation={**(frame.annotation or {}), "boxes": []})
+        frames.append((frame, label or None))
+    used = {label for _, label in frames}
     return FrameSet(
         layout="pairs",
         frames=lambda: _read_frames(root, frames),
         count=len(frames),
-        unmatched=unmatched,
+        unmatched=tuple(one for one in unmatched if one.path not in used),
     )
-
-
-def _foreign_labels(root: Path) -> Iterator[Unmatched]:
-    for name in walk(root, (".txt", ".xml", ".csv", ".tsv", ".npz")):
-        if is_label(root, name):
-            yield Unmatched(name, "labels of another layout are not read with images")
 
 
 def _read_frames(
@@ -135,7 +143,14 @@ def _read_frames(
         if name is None:
             yield frame
         else:
+            frame = replace(frame, origin=BoxOrigin(labels / name))
             yield annotated(frame, partial(_annotation, labels / name, name))
+
+
+@PAIRS.spans
+def _spans(file: BinaryIO) -> Iterator[BoxSpan]:
+    """The boxes of an annotation."""
+    return spans_of_items(file, "boxes")
 
 
 def _annotation(path: Path, name: str) -> dict[str, object]:

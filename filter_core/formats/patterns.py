@@ -8,9 +8,11 @@ matter.
 
 from __future__ import annotations
 
+import os
 import re
 import unicodedata
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -18,21 +20,27 @@ from typing import Final, NamedTuple, TypeAlias
 
 from filter_core.config.declaration import refuse_unknown_keys
 from filter_core.errors import ConfigError, LayoutError
+from filter_core.formats.matching import (
+    FrameFileNames,
+)
 from filter_core.formats.reading import (
     IMAGE_SUFFIXES,
     MAX_KEY,
     RECORDING_NAME,
     TEXT_SUFFIXES,
-    FrameFileNames,
     Unmatched,
     walk,
 )
+from filter_core.formats.words import VIEW_WORD
 from filter_core.values import place_of, shown
 
 FRAME: Final = "frame"
 """The name in braces that each pattern has, except that of labels of many frames."""
 
 CAMERA: Final = "camera"
+
+MAP: Final = "map"
+"""The name in braces that stands for the map of CARLA."""
 
 LABELS: Final = "labels"
 
@@ -150,17 +158,80 @@ class FilePatterns:
         By `ROLES`.
     ignored : tuple of FilePattern
         Files that belong to no frame.
+    more : mapping of str to tuple of FilePattern
+        Further patterns of a role, with the same names in braces as its first.
     """
 
     roles: Mapping[str, FilePattern] = field(default_factory=dict)
     ignored: tuple[FilePattern, ...] = ()
+    more: Mapping[str, tuple[FilePattern, ...]] = field(default_factory=dict)
 
     @property
     def document(self) -> dict[str, object]:
         """What a description says."""
         roles: dict[str, object] = {role: one.text for role, one in self.roles.items()}
+        for role, others in self.more.items():
+            roles[role] = [roles[role], *(one.text for one in others)]
         ignored = [one.text for one in self.ignored]
         return {**roles, IGNORE: ignored} if ignored else roles
+
+    @cached_property
+    def _by_length(self) -> list[tuple[str, FilePattern]]:
+        more = ((role, one) for role, others in self.more.items() for one in others)
+        every = (*self.roles.items(), *more)
+        return sorted(every, key=lambda each: -each[1].fixed)
+
+    def role_of(self, path: str) -> tuple[str, dict[str, str]] | None:
+        """The role of a file, and what the names in its pattern stand for.
+
+        Of several patterns that fit, the most specific one says it. None: no pattern
+        fits, or the file is ignored.
+        """
+        if self.ignores(path):
+            return None
+        for role, pattern in self._by_length:
+            if (values := pattern.match(path)) is not None:
+                return role, values
+        return None
+
+    def ignores(self, path: str) -> bool:
+        """Whether a file, by its path below the folder, is left out."""
+        return any(each.match(path) is not None for each in self.ignored)
+
+    def walk(
+        self,
+        root: Path,
+        folder: Path,
+        suffixes: Collection[str] | None,
+        skip: Collection[Path] = (),
+    ) -> Iterator[str]:
+        """The files of a folder that are not ignored, relative to it.
+
+        Parameters
+        ----------
+        root : Path
+            The recording's folder, to which patterns are relative.
+        folder : Path
+            It, or one below it. Elsewhere, nothing is ignored.
+        suffixes, skip
+            As in `walk`.
+        """
+        names = walk(folder, suffixes, skip)
+        prefix = prefix_of(root, folder) if self.ignored else None
+        if prefix is None:
+            return names
+        return (name for name in names if not self.ignores(f"{prefix}{name}"))
+
+    def glob(self, source: Path, *patterns: str) -> list[Path]:
+        """The files of a folder that match and are not ignored; of a file, itself."""
+        if source.is_file():
+            return [source]
+        paths = sorted(path for pattern in patterns for path in source.glob(pattern))
+        return [
+            path
+            for path in paths
+            if not self.ignores(path.relative_to(source).as_posix())
+        ]
 
     @cached_property
     def lead(self) -> str:
@@ -170,7 +241,20 @@ class FilePatterns:
     def below(self, folder: str) -> FilePatterns:
         """The same in a folder, which may be a name in braces itself."""
         roles = {role: one.below(folder) for role, one in self.roles.items()}
-        return FilePatterns(roles, tuple(one.below(folder) for one in self.ignored))
+        ignored = tuple(one.below(folder) for one in self.ignored)
+        more = {
+            role: tuple(one.below(folder) for one in others)
+            for role, others in self.more.items()
+        }
+        return FilePatterns(roles, ignored, more)
+
+
+def prefix_of(root: Path, folder: Path) -> str | None:
+    """What comes before a name in a folder, relative to `root`; None: elsewhere."""
+    path = os.path.relpath(folder, root).replace(os.sep, "/")
+    if path == ".":
+        return ""
+    return None if path.startswith("../") or path == ".." else f"{path}/"
 
 
 class AllowedFiles:
@@ -187,16 +271,20 @@ class AllowedFiles:
             raise _refused(name, value, str(self), at)
         place = f"{at}/{name}"
         refuse_unknown_keys(value, (*ROLES, IGNORE), at=place)
-        roles = {
-            role: _pattern(role, text, place)
-            for role, text in value.items()
-            if text is not None and role != IGNORE
+        several = {
+            role: _patterns(role, texts, place)
+            for role, texts in value.items()
+            if texts is not None and role != IGNORE
         }
+        roles = {role: patterns[0] for role, patterns in several.items()}
+        more = {role: rest for role, (_, *rest) in several.items() if rest}
         ignored = value.get(IGNORE) or []
         if not isinstance(ignored, list) or len(ignored) > _MAX_IGNORED:
             raise _refused(IGNORE, ignored, "a list of patterns of paths", place)
         files = FilePatterns(
-            roles, tuple(_pattern(IGNORE, text, place) for text in ignored)
+            roles,
+            tuple(_pattern(IGNORE, text, place) for text in ignored),
+            {role: tuple(rest) for role, rest in more.items()},
         )
         _check_names(files, place)
         return files
@@ -204,7 +292,8 @@ class AllowedFiles:
     def schema(self) -> dict[str, object]:
         """See `Allowed.schema`."""
         text: dict[str, object] = {"type": "string", "minLength": 1}
-        patterns: dict[str, object] = dict.fromkeys(ROLES, text)
+        several = {"type": "array", "items": text, "minItems": 1}
+        patterns = {role: {"anyOf": [text, several]} for role in ROLES}
         return {
             "type": "object",
             "properties": {**patterns, IGNORE: {"type": "array", "items": text}},
@@ -239,6 +328,20 @@ def _pattern(name: str, text: object, at: str) -> FilePattern:
         return FilePattern(text)
     except ValueError as exc:
         raise _refused(name, text, str(exc), at) from exc
+
+
+def _patterns(role: str, texts: object, at: str) -> list[FilePattern]:
+    """The pattern of a role, or several of them with the same names in braces."""
+    if not isinstance(texts, list):
+        return [_pattern(role, texts, at)]
+    patterns = [_pattern(role, text, at) for text in texts]
+    alike = {frozenset(pattern.names) for pattern in patterns}
+    if len(alike) != 1 or role == LABELS or len(patterns) > _MAX_IGNORED:
+        expected = "a pattern, or a list of patterns that have the same names in braces"
+        if role == LABELS:
+            expected = "one pattern"
+        raise _refused(role, texts, expected, at)
+    return patterns
 
 
 def _check_names(files: FilePatterns, at: str) -> None:
@@ -282,8 +385,19 @@ def plain(value: str) -> str:
     return (value.lstrip("0") or "0") if value.isdecimal() else value
 
 
-class _Files:
-    """The files of one role by what the names in their pattern stand for."""
+class FilesByValues:
+    """The files of one role by what the names in their pattern stand for.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Those in the pattern.
+
+    Attributes
+    ----------
+    unused : dict of str to str
+        Files that no frame has, each with the reason, or an empty text.
+    """
 
     def __init__(self, names: Sequence[str]) -> None:
         self._names = names
@@ -292,6 +406,7 @@ class _Files:
         self.unused: dict[str, str] = {}
 
     def add(self, path: str, values: Values) -> None:
+        """One more file."""
         exact = tuple(values[name] for name in self._names)
         first = self._exact.setdefault(exact, path)
         self.unused[path] = "" if first == path else f"same frame as {first}"
@@ -341,30 +456,27 @@ class PatternFiles:
         self.labels: dict[str, dict[str, str]] = {}
         self._lead: list[tuple[str, dict[str, str]]] = []
         self._others = {
-            role: _Files(pattern.names)
+            role: FilesByValues(pattern.names)
             for role, pattern in files.roles.items()
             if role != files.lead
         }
-        by_length = sorted(files.roles.items(), key=lambda one: -one[1].fixed)
         for path in walk(root, None) if paths is None else paths:
-            is_ignored = any(one.match(path) is not None for one in files.ignored)
-            if not is_ignored and path != RECORDING_NAME:
-                self._add(path, by_length)
+            if not files.ignores(path) and path != RECORDING_NAME:
+                self._add(path)
 
-    def _add(self, path: str, patterns: Sequence[tuple[str, FilePattern]]) -> None:
-        for role, pattern in patterns:
-            values = pattern.match(path)
-            if values is None:
-                continue
-            if role == LABELS:
-                self.labels[path] = values
-            if role == self._files.lead:
-                self._lead.append((path, values))
-            else:
-                self._others[role].add(path, values)
+    def _add(self, path: str) -> None:
+        matched = self._files.role_of(path)
+        if matched is None:
+            if path.lower().endswith((*IMAGE_SUFFIXES, *TEXT_SUFFIXES)):
+                self._strange.append(Unmatched(path, "no pattern of `files` fits it"))
             return
-        if path.lower().endswith((*IMAGE_SUFFIXES, *TEXT_SUFFIXES)):
-            self._strange.append(Unmatched(path, "no pattern of `files` fits it"))
+        role, values = matched
+        if role == LABELS:
+            self.labels[path] = values
+        if role == self._files.lead:
+            self._lead.append((path, values))
+        else:
+            self._others[role].add(path, values)
 
     def frames(self, key: FilePattern | None) -> list[PatternFrame]:
         """The frames in the order of their keys.
@@ -403,7 +515,7 @@ class PatternFiles:
         }
         label, image = own.pop(LABELS, ""), own.pop("image", None)
         others = {role: self._root / file for role, file in own.items()}
-        return FrameFileNames(key, label, image, files=others)
+        return FrameFileNames(key, label, image, values.get(MAP), files=others)
 
     def left_over(self, *, labels: bool = True) -> Iterator[Unmatched]:
         """The files that belong to no frame; without labels if those are read whole."""
@@ -415,3 +527,122 @@ class PatternFiles:
             noun = "label file" if role == LABELS else role
             for path, why in files.unused.items():
                 yield Unmatched(path, why or f"no {lead} for this {noun}")
+
+
+class NamedFiles(NamedTuple):
+    """Files of one kind: they differ in the frame's part of their names, and by folder.
+
+    Attributes
+    ----------
+    paths : sequence of str
+        Below the folder.
+    before, behind : str
+        What the name of each has around the frame's part.
+    """
+
+    paths: Sequence[str]
+    before: str
+    behind: str
+
+
+class PatternFinder:
+    """Finds patterns that match the files of some kinds, and no others.
+
+    Of others it may match those whose own patterns are more specific.
+
+    Parameters
+    ----------
+    kinds : sequence of NamedFiles
+        All files of a folder.
+    frame_part : callable
+        Gives what the name of a folder has besides words that say what files are; it
+        is in braces where folders differ.
+    """
+
+    def __init__(
+        self, kinds: Sequence[NamedFiles], frame_part: Callable[[str], str]
+    ) -> None:
+        self._kinds, self._frame_part = kinds, frame_part
+        self._by_folder: dict[str, dict[int, list[str]]] = {}
+        for number, kind in enumerate(kinds):
+            for path in kind.paths:
+                folder = path.rpartition("/")[0]
+                kinds_there = self._by_folder.setdefault(folder, {})
+                kinds_there.setdefault(number, []).append(path)
+
+    def pattern_of(self, numbers: Collection[int]) -> FilePattern | None:
+        """The pattern of the files of these kinds; None if there is none."""
+        first = self._kinds[min(numbers)]
+        name = f"{first.before}{{{FRAME}}}{first.behind}"
+        folders = {
+            folder: None
+            for folder, kinds in self._by_folder.items()
+            if not kinds.keys().isdisjoint(numbers)
+        }
+        for place in _folder_patterns([*folders], self._frame_part):
+            try:
+                pattern = FilePattern(f"{place}{name}")
+            except ValueError:  # names with braces or colons
+                continue
+            if self._fits(pattern, place, numbers):
+                return pattern
+        return None
+
+    def _fits(self, pattern: FilePattern, place: str, numbers: Collection[int]) -> bool:
+        """Whether a pattern is that of just the files of these kinds."""
+        folder_fits = FilePattern(f"{place}{{{FRAME}}}").match
+        for folder, kinds in self._by_folder.items():
+            if folder_fits(f"{folder}/0".removeprefix("/")) is None:
+                if not kinds.keys().isdisjoint(numbers):
+                    return False
+                continue
+            for number, paths in kinds.items():
+                is_ours = number in numbers
+                if not is_ours and self._fixed(number) > self._fixed(min(numbers)):
+                    continue
+                if any((pattern.match(path) is None) is is_ours for path in paths):
+                    return False
+        return True
+
+    def _fixed(self, number: int) -> int:
+        """How many characters of the names of a kind are always the same."""
+        return len(self._kinds[number].before) + len(self._kinds[number].behind)
+
+
+def _folder_patterns(
+    folders: Sequence[str], frame_part: Callable[[str], str]
+) -> Iterator[str]:
+    """Beginnings of patterns for folders at one depth, each with a slash at its end."""
+    levels = [folder.split("/") for folder in folders]
+    if len({len(parts) for parts in levels}) != 1:
+        return
+    names = [list(dict.fromkeys(each)) for each in zip(*levels, strict=True)]
+    if names == [[""]]:
+        yield ""
+        return
+    yield "".join(_level_patterns(names, frame_part))
+    if any(len(each) > 1 for each in names):
+        yield "".join(_level_patterns(names, lambda name: name))
+
+
+def _level_patterns(
+    names: Sequence[Sequence[str]], frame_part: Callable[[str], str]
+) -> Iterator[str]:
+    """The pattern of each level of folders, of which these are the names."""
+    words: Counter[str] = Counter()
+    for of_level in names:
+        if len(of_level) == 1:
+            yield f"{of_level[0]}/"
+            continue
+        rests = [frame_part(name) for name in of_level]
+        around = {
+            name.partition(rest)[::2] if rest else ("", "")
+            for name, rest in zip(of_level, rests, strict=True)
+        }
+        before, behind = around.pop()
+        if around or "" in rests:
+            rests, before, behind = [*of_level], "", ""
+        word = CAMERA if all(map(VIEW_WORD.search, rests)) else "part"
+        words[word] += 1
+        number = words[word] if words[word] > 1 else ""
+        yield f"{before}{{{word}{number}}}{behind}/"

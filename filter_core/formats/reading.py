@@ -14,14 +14,17 @@ import re
 import stat
 import unicodedata
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from datetime import datetime, timezone
 from functools import lru_cache
 from pathlib import Path, PurePosixPath
-from typing import BinaryIO, Final, NamedTuple
+from typing import BinaryIO, Final, NamedTuple, TypeAlias
+from urllib.parse import unquote
 
-from filter_core.errors import FilterError, JsonError, LayoutError
+from filter_core.errors import FilterError, LayoutError
+from filter_core.formats.words import FOLDER_WORDS, holds_boxes, is_band
 from filter_core.images.header import read_image_size
-from filter_core.json_text import read_json
 
 MAX_LABEL_BYTES: Final = 16 * 1024 * 1024
 """Larger files are refused: ten thousand boxes take under a megabyte."""
@@ -54,12 +57,86 @@ TEXT_SUFFIXES: Final = (*NOTES_SUFFIXES, ".csv", ".tsv", ".npz", GZIP)
 """Files of labels that some reader opens. The page has these, too (`TEXT` in
 folder.js)."""
 
-IMAGE_FOLDER_WORDS: Final = ("images", "image", "img", "jpegimages")
 
-FOLDER_WORDS: Final = frozenset({*IMAGE_FOLDER_WORDS, "labels", "label", "annotations"})
-"""Names of folders that describe the kind of files, and are not part of a key."""
+class GivenAnswer(NamedTuple):
+    """A person's answer on a box, as a file has it.
 
-_BAND: Final = re.compile(r"label\d+", re.IGNORECASE)
+    Attributes
+    ----------
+    box : str
+        The id of the box in its frame.
+    verdict : ``keep``, ``reject`` or ``unsure``
+    reviewer : str
+    comment : str
+    created_at : str
+        When it was given (RFC 3339).
+    """
+
+    box: str
+    verdict: str
+    reviewer: str
+    comment: str
+    created_at: str
+
+
+class Labelled(NamedTuple):
+    """Who labelled a frame in another program, and when, as far as its file says.
+
+    Attributes
+    ----------
+    by : str or None
+    at : datetime or None
+    """
+
+    by: str | None = None
+    at: datetime | None = None
+
+
+def time_of(text: object) -> datetime | None:
+    """A time as other programs write it, without a zone in UTC; None if it is none."""
+    try:
+        time = datetime.fromisoformat(str(text).strip().replace("Z", "+00:00"))
+    except ValueError:
+        return None
+    return time if time.tzinfo else time.replace(tzinfo=timezone.utc)
+
+
+Place: TypeAlias = int | tuple[int, int]
+"""Where a box is in a label file: its number, or those of its line and of the box in
+it. The reader of a format and its `box_spans` count alike, from 0."""
+
+
+class BoxOrigin(NamedTuple):
+    """Where the boxes of a frame were read from.
+
+    Attributes
+    ----------
+    file : Path
+        The label file.
+    places : tuple of Place, or None
+        Of each box of the annotation; None: the file has no other boxes, and they are
+        in its order.
+    calibration : Path or None
+        The file that says how the labels' 3D boxes are seen.
+    image_id : int, str or None
+        The frame's id in the file.
+    categories : mapping of str to mapping, or None
+        What the file says of classes, by name, if it says anything.
+    beside : mapping or None
+        What the file, or the folder's list of classes, says beside frames and boxes:
+        of the first frame of each only.
+    """
+
+    file: Path
+    places: tuple[Place, ...] | None = None
+    calibration: Path | None = None
+    image_id: int | str | None = None
+    categories: Mapping[str, Mapping[str, object]] | None = None
+    beside: Mapping[str, object] | None = None
+
+    def place(self, row: int) -> Place:
+        """The place of the box in this row of the annotation."""
+        return row if self.places is None else self.places[row]
 
 
 @dataclass(frozen=True)
@@ -80,9 +157,15 @@ class FrameSource:
     label : str or None
         The label file that belongs to an image of the same name, relative to the folder
         of the labels; None where the layout names images otherwise.
+    origin : BoxOrigin or None
+        Where its boxes are, in formats that tell it; None also if it has no label file.
     shown : mapping of str to str
         Keys of a configuration, such as ``palette``, with the values that the images of
         the whole recording show; a configuration's own values win.
+    answers : sequence of GivenAnswer
+        Those of people on its boxes.
+    labelled : Labelled or None
+        None if no person is known to have labelled it in another program.
     """
 
     key: str
@@ -92,7 +175,10 @@ class FrameSource:
     others: Mapping[str, Path] = field(default_factory=dict)
     problem: FilterError | None = None
     label: str | None = None
+    origin: BoxOrigin | None = None
     shown: Mapping[str, str] = field(default_factory=dict)
+    answers: Sequence[GivenAnswer] = ()
+    labelled: Labelled | None = None
 
 
 def missing_image(frame: FrameSource) -> LayoutError | None:
@@ -154,26 +240,43 @@ def kind_of_reason(why: str) -> str:
     return _NAME.sub("...", why)
 
 
+def counted_notes(
+    counts: Mapping[str, int], sentences: Mapping[str, str]
+) -> Iterator[str]:
+    """The sentences with their counts, of those that are not 0."""
+    for kind, sentence in sentences.items():
+        if count := counts.get(kind):
+            yield sentence.format(count)
+
+
 class StreamFacts(NamedTuple):
-    """Images of one stream that have one role.
+    """Images that differ in the frame's part of their paths only, and have one role.
+
+    Where several folders hold such images, as of cameras, they are one if one pattern
+    names them.
 
     Attributes
     ----------
     role : str
-        ``image`` for the camera's pictures.
+        ``image`` for the camera's pictures; ``unclear``: names and pixels do not say.
     images : int
         How many there are.
     example : str
-        The first of them, relative to the folder in which it was found.
+        The first of them, relative to the folder of the recording.
     told_by : tuple of str
         What told the role: ``name``, ``pixels``, ``description``, ``manifest``; empty
         for pictures of which nothing says that they are anything else.
+    pattern : str or None
+        Their paths below the folder of the recording, as ``files`` of a description
+        names them: of all patterns that match an image, that of its stream is the most
+        specific. None: no pattern does.
     """
 
     role: str
     images: int
     example: str
     told_by: tuple[str, ...]
+    pattern: str | None = None
 
 
 @dataclass(frozen=True)
@@ -216,33 +319,11 @@ class FrameSet:
         return self.frames()
 
 
-@dataclass(frozen=True)
-class FrameFileNames:
-    """The names of one frame's files, each relative to the folder it was found in.
-
-    Attributes
-    ----------
-    key : str
-    label : str
-    image : str or None
-    map : str or None
-        The town, where a list of the frames' keys says so.
-    files : mapping of str to Path
-        The auxiliary images, such as ``segmentation``, by role.
-    """
-
-    key: str
-    label: str
-    image: str | None = None
-    map: str | None = None
-    files: Mapping[str, Path] = field(default_factory=dict)
-
-
 def band_folders(root: Path) -> list[Path]:
     """Labels of distance bands next to ``labels``, which hold the same boxes again."""
     if not any((root / name).is_dir() for name in ("labels", "Annotations")):
         return []
-    return [path for path in root.iterdir() if _BAND.fullmatch(path.name)]
+    return [path for path in root.iterdir() if is_band(path.name)]
 
 
 def manifests_below(folder: Path) -> list[str]:
@@ -290,130 +371,33 @@ def is_inside(path: Path, folders: Iterable[Path]) -> bool:
     return any(real.is_relative_to(folder) for folder in folders)
 
 
-def match(
-    labels: Iterable[str],
-    images: Iterable[str],
-    image_named: Callable[[str], str | None] | None = None,
-) -> tuple[list[FrameFileNames], tuple[Unmatched, ...]]:
-    """One entry per label file, in the order of the keys, and all that is left over.
-
-    `image_named` gives the path of the image that a label file itself names, or None;
-    it is asked about labels that no image is called like.
-    """
-    label_index = FileIndex(labels)
-    image_index = FileIndex(images)
-    frames = []
-    for key, label in label_index:
-        # Images may be in a flat folder although labels have sub-folders, but only a
-        # name that occurs once on both sides identifies a frame.
-        alone = label_index.is_only_base(key)
-        image = image_index.take(key, by_base=alone)
-        if image is None and image_named and (name := image_named(label)):
-            image = image_index.take_named(name)
-        frames.append(FrameFileNames(key, label, image))
-    unmatched = (
-        *label_index.unmatched,
-        *image_index.left_over("no label file for this image"),
-    )
-    return frames, unmatched
-
-
-class FileIndex:
-    """Files by frame key; a second file of the same key is used only if it is named.
-
-    `key_of` returns the key of a file; by default `frame_key`.
-    """
-
-    def __init__(
-        self, files: Iterable[str], key_of: Callable[[str], str] | None = None
-    ) -> None:
-        key_of = key_of or frame_key
-        self._by_key: dict[str, str] = {}
-        self._alike: dict[str, list[str]] = {}
-        for file in files:
-            key = key_of(file)
-            first = self._by_key.setdefault(key, file)
-            if first != file:
-                self._alike.setdefault(key, [first]).append(file)
-        self._unused = dict.fromkeys(self._by_key.values())
-        self._later = {
-            file: first for first, *later in self._alike.values() for file in later
-        }
-        self._by_base: dict[str, list[str]] = {}
-        for key in self._by_key:
-            self._by_base.setdefault(last_name(key), []).append(key)
-
-    def __iter__(self) -> Iterator[tuple[str, str]]:
-        return iter(sorted(self._by_key.items()))
-
-    def __len__(self) -> int:
-        return len(self._by_key)
-
-    @property
-    def unmatched(self) -> list[Unmatched]:
-        """Files that share the key of another, which is used."""
-        return [
-            Unmatched(file, f"same frame as {first}, which is used")
-            for file, first in self._later.items()
-        ]
-
-    def is_only_base(self, key: str) -> bool:
-        """Whether no other key ends in the same name."""
-        return len(self._by_base.get(last_name(key), ())) == 1
-
-    def take(self, key: str, *, by_base: bool = False) -> str | None:
-        """The file of a frame; `by_base`: else the only one with its last name."""
-        if key not in self._by_key and by_base and self.is_only_base(key):
-            (key,) = self._by_base[last_name(key)]
-        return self._use(self._by_key.get(key))
-
-    def take_named(
-        self, name: str, *, least: int = 1, same_suffix: bool = False
-    ) -> str | None:
-        """The file whose path has the longest end in common with `name`.
-
-        None if several have, or none has at least its `least` last parts. Of files that
-        differ in nothing but the suffix it is the one with that of `name`, or the first
-        if none has it; with `same_suffix` only the former.
-        """
-        key = frame_key(name)
-        keys = self._by_base.get(last_name(key), [])
-        if key not in self._by_key and keys:
-            parts = key.split("/")
-            common = [_common_end(one.split("/"), parts) for one in keys]
-            longest = max(common)
-            keys = [one for one, n in zip(keys, common, strict=True) if n == longest]
-            if len(keys) > 1 or longest < least:
-                return None
-            (key,) = keys
-        if key not in self._by_key:
-            return None
-        files = self._alike.get(key, [self._by_key[key]])
-        suffix = PurePosixPath(name).suffix.lower()
-        alike = [file for file in files if file.lower().endswith(suffix)]
-        if not alike:
-            return None if same_suffix else self._use(files[0])
-        return self._use(alike[0])
-
-    def _use(self, file: str | None) -> str | None:
-        if file is not None:
-            self._unused.pop(file, None)
-            self._later.pop(file, None)
-        return file
-
-    def left_over(self, why: str) -> list[Unmatched]:
-        """Files that belong to no frame, and those that share a key."""
-        unused = [Unmatched(file, why) for file in self._unused]
-        return [*self.unmatched, *unused]
-
-
-def _common_end(some: Sequence[str], others: Sequence[str]) -> int:
+def common_end(some: Sequence[str], others: Sequence[str]) -> int:
     """How many names at the end of two paths are the same."""
     pairs = zip(reversed(some), reversed(others), strict=False)
     return next(
         (place for place, (one, other) in enumerate(pairs) if one != other),
         min(len(some), len(others)),
     )
+
+
+LOCAL_FILES: Final = "/data/local-files/?d="
+"""How Label Studio begins the address of a file of its machine."""
+
+_ADDRESS: Final = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*:/*|/+")
+"""The beginning of an address, of a path on a drive, or of an absolute path."""
+
+
+def relative_path(name: str) -> tuple[str, bool]:
+    """A path without root, drive, address and ``..``; whether it had any of these."""
+    path = name
+    if LOCAL_FILES in path:
+        path = unquote(path.partition(LOCAL_FILES)[2])
+    path = path.replace("\\", "/")
+    begins = _ADDRESS.match(path)
+    parts = path[begins.end() if begins else 0 :].split("/")
+    kept = [part for part in parts if part not in ("", ".", "..")]
+    is_elsewhere = path != name.replace("\\", "/") or bool(begins) or ".." in parts
+    return "/".join(kept), is_elsewhere
 
 
 def name_of(source: Path) -> str:
@@ -457,33 +441,6 @@ def key_of_folders(folders: str) -> str:
     parts = PurePosixPath(folders).parts
     kept = [part for part in parts if part.lower() not in FOLDER_WORDS]
     return "".join(f"{part}/" for part in kept)
-
-
-_CLASS_LISTS: Final = frozenset({"classes.txt", "labels.txt"})
-
-_TEXTS_AT_THE_TOP: Final = frozenset(
-    {
-        "labelmap.txt",
-        "readme.txt",
-        "requirements.txt",
-        "train.txt",
-        "val.txt",
-        "test.txt",
-    }
-)
-"""Lists of files and notes in a dataset's top folder; in sub-folders such a file is a
-frame's."""
-
-
-def holds_boxes(name: str) -> bool:
-    """Whether a label file, relative to its dataset, holds boxes, by its name.
-
-    Lists of classes, lists of files and notes hold none.
-    """
-    folder, _, base = name.lower().rpartition("/")
-    if folder.split("/")[0] == "imagesets":
-        return False
-    return base not in _CLASS_LISTS and (folder or base) not in _TEXTS_AT_THE_TOP
 
 
 _LOOKED_AT: Final = 4096
@@ -534,55 +491,6 @@ def last_name(key: str) -> str:
     return key.rpartition("/")[2]
 
 
-def with_keys(
-    root: Path, frames: Sequence[FrameFileNames], images: str = ""
-) -> Sequence[FrameFileNames]:
-    """Frames under the keys that ``frames.jsonl`` gives them, with their maps.
-
-    Parameters
-    ----------
-    root : Path
-        The folder that may have the list.
-    frames : sequence of FrameFileNames
-    images : str
-        The folder of the images, where the keys of `frames` are relative to it.
-
-    Returns
-    -------
-    sequence of FrameFileNames
-        In the order of the keys; as they were if there is no list.
-
-    Raises
-    ------
-    LayoutError
-        The list names a file or a key twice, or a line of it cannot be read.
-    """
-    path = root / KEYS_NAME
-    if not path.is_file():
-        return frames
-    named = _read(path)
-    renamed = (
-        replace(one, key=found[0], map=found[1]) if found else one
-        for one in frames
-        for found in [named.get(f"{images}{one.key}")]
-    )
-    return sorted(renamed, key=lambda one: one.key)
-
-
-def frame_of(files: FrameFileNames, images: Path) -> FrameSource:
-    """A frame from the names of its files; its label file is not read yet."""
-    others = dict(files.files)
-    segmentation = others.pop("segmentation", None)
-    return FrameSource(
-        key=files.key,
-        annotation=None if files.map is None else {"map": files.map},
-        image=images / files.image if files.image else None,
-        segmentation=segmentation,
-        others=others,
-        label=files.label,
-    )
-
-
 def annotated(
     frame: FrameSource, read: Callable[[], Mapping[str, object]]
 ) -> FrameSource:
@@ -627,6 +535,29 @@ def open_regular(path: Path) -> BinaryIO:
         os.close(descriptor)
         raise
     return os.fdopen(descriptor, "rb")
+
+
+@contextmanager
+def opening_file(path: Path, what: str) -> Iterator[None]:
+    """Makes a failure to open or read a file of a frame a `LayoutError` about it."""
+    try:
+        yield
+    except OSError as exc:
+        raise LayoutError(
+            f"{what}: {path.name} cannot be read: {exc.strerror}"
+        ) from exc
+
+
+def read_file(path: Path, what: str) -> bytes:
+    """The content of a file of a frame; `what` is its role, for errors.
+
+    Raises
+    ------
+    LayoutError
+        It cannot be read; names the file, never its folder.
+    """
+    with opening_file(path, what), open_regular(path) as file:
+        return file.read()
 
 
 def read_label_text(path: Path, name: str) -> str:
@@ -692,37 +623,3 @@ def is_hidden(name: str) -> bool:
     These names begin with a dot, or are those that macOS puts into archives.
     """
     return name.startswith(".") or name == "__MACOSX"
-
-
-def _read(path: Path) -> dict[str, tuple[str, str | None]]:
-    named: dict[str, tuple[str, str | None]] = {}
-    keys: set[str] = set()
-    for at, line in _lines(path):
-        file, key, town = line.get("file"), line.get("key"), line.get("map")
-        if not isinstance(file, str) or not isinstance(key, str):
-            raise LayoutError(f"{at}: expected file and key, found {str(line)[:60]}")
-        if not 0 < len(key) <= MAX_KEY or not isinstance(town, (str, type(None))):
-            raise LayoutError(f"{at}: expected a key and a map, found {str(line)[:60]}")
-        name = frame_key(file)
-        if name in named or key in keys:
-            raise LayoutError(
-                f"{at}: expected each file and key once, found {str(line)[:60]} again"
-            )
-        keys.add(key)
-        named[name] = key, town
-    return named
-
-
-def _lines(path: Path) -> Iterator[tuple[str, dict[str, object]]]:
-    with open_regular(path) as file:
-        for number, line in enumerate(
-            iter(lambda: file.readline(MAX_LABEL_BYTES), b"")
-        ):
-            at = f"{path.name}, line {number + 1}"
-            try:
-                value = read_json(line)
-            except JsonError as exc:
-                raise LayoutError(f"{at}: {exc.detail}") from exc
-            if not isinstance(value, dict):
-                raise LayoutError(f"{at}: expected an object")
-            yield at, value

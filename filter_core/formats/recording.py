@@ -28,7 +28,7 @@ from filter_core.config.declaration import (
     refuse_unknown_keys,
 )
 from filter_core.config.file import merged_classes, parse_yaml
-from filter_core.config.filter import DecideConfig
+from filter_core.config.filter import DecideConfig, object_schema
 from filter_core.config.keys import ReadingKeys
 from filter_core.errors import ConfigError, LayoutError
 from filter_core.formats.cameras import AllowedCameras, CameraPlaces
@@ -47,6 +47,7 @@ from filter_core.formats.reading import (
     read_label_bytes,
     real_paths,
 )
+from filter_core.formats.splits import SplitSource
 from filter_core.segmentation.reading import (
     Encoding,
     Lossy,
@@ -62,8 +63,12 @@ LAYOUTS: Final = (
     "coco",
     "kitti",
     "voc",
+    "cvat",
+    "label-studio",
     "manifest",
+    "decisions-jsonl",
     "carlasimu",
+    "nuscenes",
     "table",
     "pairs",
 )
@@ -76,7 +81,7 @@ Origin: TypeAlias = Literal["auto", "0", "1"]
 
 Unit: TypeAlias = Literal["auto", "pixels", "shares", "percent"]
 
-Corners: TypeAlias = Literal["auto", "xyxy", "xywh", "cxcywh"]
+Corners: TypeAlias = Literal["auto", "xyxy", "inclusive", "xywh", "cxcywh"]
 
 _MAX_NAMES: Final = 100_000
 
@@ -145,6 +150,9 @@ class ClassNames:
         return {"anyOf": [{"type": "array", "items": text, "minItems": 1}, named]}
 
 
+COMPANIONS: Final = "companions"
+"""The key for the files of a recording that are of no frame."""
+
 NAME: Final = "name"
 """The option of a class that is joined to another one, whose name it is."""
 
@@ -188,6 +196,35 @@ class ClassMap:
         return {"type": "object"}
 
 
+class AllowedCounts:
+    """Numbers of files by folder."""
+
+    def __str__(self) -> str:
+        return "numbers of files by the path of their folder"
+
+    def checked(self, name: str, value: object, at: str = "") -> dict[str, int]:
+        """See `Allowed.checked`."""
+        given = value.items() if isinstance(value, Mapping) else [("", value)]
+        counts = {
+            str(folder): count
+            for folder, count in given
+            if isinstance(count, int) and not isinstance(count, bool) and count > 0
+        }
+        if len(counts) < len(given) or not all(
+            0 < len(one) <= _MAX_NAME for one in counts
+        ):
+            raise ConfigError(
+                f"{place_of(at)}{name}: expected {self}, found {shown(value)}",
+                pointer=f"{at}/{name}",
+            )
+        return counts
+
+    def schema(self) -> dict[str, object]:
+        """See `Allowed.schema`."""
+        number = {"type": "integer", "minimum": 1}
+        return {"type": "object", "additionalProperties": number}
+
+
 class AllowedOrigin:
     """Whether pixels are counted from 0 or from 1."""
 
@@ -202,7 +239,8 @@ class AllowedOrigin:
 
     def schema(self) -> dict[str, object]:
         """See `Allowed.schema`."""
-        return {"enum": ["auto", 0, 1]}
+        # Not one `enum`: some generators of clients take only values of one type.
+        return {"anyOf": [{"const": "auto"}, {"enum": [0, 1]}]}
 
 
 def known_layouts(word: object) -> tuple[str, ...]:
@@ -322,7 +360,8 @@ class RecordingDescription:
             AllowedWords(get_args(Corners)),
             "auto",
             "What the four numbers of a rectangle are, if not what the format says: "
-            "two corners, a corner and the size, or the centre and the size.",
+            "two corners, two corners of which the last is a pixel of the box, a "
+            "corner and the size, or the centre and the size.",
         ),
     )
     files: FilePatterns = key(
@@ -360,6 +399,33 @@ class RecordingDescription:
             "configuration; `name` among them joins it to a class of that name.",
         ),
     )
+    map: str = placed(
+        "map",
+        Key(
+            AllowedName("the name of a map, auto or none"),
+            "auto",
+            "The map of CARLA that frames were recorded in; by default what labels, or "
+            "names of folders and files, say.",
+        ),
+    )
+    split: SplitSource = placed(
+        "split",
+        Key(
+            AllowedWords(get_args(SplitSource)),
+            "auto",
+            "What tells the parts of the recording, such as train and val: lists of "
+            "names, the names of COCO's files, names of folders; `none`: nothing.",
+        ),
+    )
+    companions: Mapping[str, int] = placed(
+        COMPANIONS,
+        Key(
+            AllowedCounts(),
+            MappingProxyType({}),
+            "How many files of no frame each folder has, which a server does not get; "
+            "counted by an upload.",
+        ),
+    )
     outside_files: bool | None = False
     roots: tuple[Path, ...] = ()
     recorder: str = ""
@@ -380,8 +446,11 @@ class RecordingDescription:
         """The layout, or the only one that can use what is described; else ``auto``."""
         if self.layout != "auto" or not {*_OF_TABLE} & self.changed.keys():
             return self.layout
-        are_images = self.changed.keys() & {*_OF_TABLE} <= {"files", "key"}
-        return "pairs" if are_images and LABELS not in self.files.roles else "table"
+        changed = self.changed.keys() & {*_OF_TABLE}
+        if changed <= {"files"} and LABELS not in self.files.roles:
+            return "auto"  # roles of images, which every layout uses
+        are_images = changed <= {"files", "key"} and LABELS not in self.files.roles
+        return "pairs" if are_images else "table"
 
     @property
     def changed(self) -> dict[str, object]:
@@ -440,12 +509,6 @@ def place_in_file(name: str) -> str:
     return declared_keys(RecordingDescription)[name].place or name
 
 
-_NOT_YET: Final = frozenset(
-    {
-        "split",
-        "map",
-    }
-)
 """Keys with a meaning that no reader carries out."""
 
 
@@ -497,8 +560,37 @@ def values_of(document: object) -> dict[str, object]:
     return dict(_checked(document))
 
 
+def description_schema() -> dict[str, object]:
+    """The JSON schema of what a description's file holds."""
+    sections: dict[str, dict[str, object]] = {"": {}}
+    for name, one in declared_keys(RecordingDescription).items():
+        section, _, last = (one.place or name).rpartition(".")
+        schema = {**one.allowed.schema(), "description": one.sentence}
+        sections.setdefault(section, {})[last] = schema
+    top = sections.pop("")
+    below = {name: object_schema(keys) for name, keys in sections.items()}
+    return {
+        "title": RecordingDescription.__name__,
+        "description": "How a folder of frames is read; every key is optional.",
+        **object_schema({**top, **below}),
+    }
+
+
 def description_text(description: RecordingDescription, folder: Path) -> str:
-    """A description as YAML, which `describe` reads back.
+    """A description as YAML, which `describe` reads back; see `description_document`.
+
+    It is empty if all is recognised.
+    """
+    document = description_document(description, folder)
+    if not document:
+        return ""
+    return yaml.safe_dump(document, sort_keys=False, allow_unicode=True)
+
+
+def description_document(
+    description: RecordingDescription, folder: Path
+) -> dict[str, object]:
+    """What the file of a description holds.
 
     Parameters
     ----------
@@ -517,9 +609,7 @@ def description_text(description: RecordingDescription, folder: Path) -> str:
             assert isinstance(below, dict), "a section is no key itself"
             place = below
         place[last] = _plain(value, folder)
-    if not document:
-        return ""
-    return yaml.safe_dump(document, sort_keys=False, allow_unicode=True)
+    return document
 
 
 def _plain(value: object, folder: Path) -> object:
@@ -608,12 +698,6 @@ def _section(
     inside = (place for place in by_place if place.startswith(prefix))
     valid = dict.fromkeys(place.removeprefix(prefix).split(".")[0] for place in inside)
     for word, value in section.items():
-        if f"{prefix}{word}" in _NOT_YET:
-            raise ConfigError(
-                f"{prefix}{word} is not supported yet",
-                pointer=f"{at}/{pointer_token(word)}",
-                code="not_supported_yet",
-            )
         refuse_unknown_keys([word], valid, at=at)
         if value is not None:
             yield f"{prefix}{word}", value

@@ -43,10 +43,12 @@ from filter_core.formats.export import (
 from filter_core.formats.format import Format, Source
 from filter_core.formats.kitti import KITTI
 from filter_core.formats.label_studio import LABEL_STUDIO
-from filter_core.formats.labels import described_labels
+from filter_core.formats.labels import described_labels, with_maps
 from filter_core.formats.manifest import MANIFEST
+from filter_core.formats.nuscenes import NUSCENES
 from filter_core.formats.outside import check_links, files_inside
 from filter_core.formats.pairs import PAIRS
+from filter_core.formats.patterns import LABELS
 from filter_core.formats.plugins import package_of, plugin_entries
 from filter_core.formats.reading import (
     MANIFEST_NAME,
@@ -63,6 +65,7 @@ from filter_core.formats.recording import (
     describe,
     place_in_file,
 )
+from filter_core.formats.splits import with_splits
 from filter_core.formats.table import TABLE
 from filter_core.formats.tally import Counts
 from filter_core.formats.voc import VOC
@@ -83,6 +86,7 @@ FORMATS: Final[Mapping[str, Format]] = {
         DECISIONS_CSV,
         DECISIONS_PARQUET,
         CARLASIMU,
+        NUSCENES,
         TABLE,
         PAIRS,
     )
@@ -95,7 +99,10 @@ EXPORT_FORMATS: Final = tuple(name for name, one in FORMATS.items() if one.write
 UNUSED_OPTION: Final = "unused_option"
 """Code of the error about an option that a layout does not have."""
 
-_TRIED_FIRST: Final = (MANIFEST, KITTI, CARLASIMU, VOC)
+_TRIED_FIRST: Final = (
+    *(LABEL_STUDIO, CVAT, DECISIONS_JSONL),
+    *(MANIFEST, KITTI, CARLASIMU, NUSCENES, VOC),
+)
 """Layouts that are tried before the others, which follow as in `FORMATS`."""
 
 _IN_ORDER_OF_TRIAL: Final = dict.fromkeys((*_TRIED_FIRST, *FORMATS.values()))
@@ -132,13 +139,13 @@ def plugins() -> Plugins:
         try:
             if owner is not None:
                 raise LayoutError(f"{owner} has a format of this name")
-            found = declared_format(entry.load())
-            if found.name != entry.name:
+            plugin = declared_format(entry.load())
+            if plugin.name != entry.name:
                 raise LayoutError(
-                    f"its format is called {found.name!r}; expected the name of the "
+                    f"its format is called {plugin.name!r}; expected the name of the "
                     "entry point"
                 )
-            if found.read is None or found.recognise is None:
+            if plugin.read is None or plugin.recognise is None:
                 raise LayoutError("its format lacks a reader or a recogniser")
         except Exception as exc:  # of a foreign module, which may do anything
             why = _as_words(exc)
@@ -150,7 +157,7 @@ def plugins() -> Plugins:
                 )
             )
         else:
-            formats[found.name], packages[found.name] = found, package
+            formats[plugin.name], packages[plugin.name] = plugin, package
     return Plugins(formats, packages, tuple(faults))
 
 
@@ -164,12 +171,12 @@ def declared_format(declared: object) -> Format:
     """
     if isinstance(declared, ModuleType):
         named = vars(declared).values()
-        found = list(dict.fromkeys(one for one in named if isinstance(one, Format)))
-        if len(found) == 1:
-            return found[0]
+        formats = list(dict.fromkeys(one for one in named if isinstance(one, Format)))
+        if len(formats) == 1:
+            return formats[0]
         raise LayoutError(
-            f"{declared.__name__}: expected one Format, found {len(found)}"
-            + ("; MODULE:NAME names one of them" if found else "")
+            f"{declared.__name__}: expected one Format, found {len(formats)}"
+            + ("; MODULE:NAME names one of them" if formats else "")
         )
     if not isinstance(declared, Format):
         raise LayoutError(f"expected a Format, found {type(declared).__name__}")
@@ -184,9 +191,9 @@ def layout_format(name: str) -> Format:
     LayoutError
         There is none, or its plug-in cannot be used.
     """
-    found = FORMATS.get(name) or plugins().formats.get(name)
-    if found is not None and found.read is not None:
-        return found
+    layout = FORMATS.get(name) or plugins().formats.get(name)
+    if layout is not None and layout.read is not None:
+        return layout
     for plugin, fault in plugins().faults:
         if plugin == name:
             raise LayoutError(fault)
@@ -209,7 +216,7 @@ def _blaming_plugin(one: Format) -> Iterator[None]:
         package = plugins().packages[one.name]
         raise LayoutError(
             f"the plug-in {one.name!r} of the package {package} fails with "
-            f"{_as_words(exc)}; --layout names another layout"
+            f"{_as_words(exc)}; `layout` in recording.yaml names another layout"
         ) from exc
 
 
@@ -259,31 +266,47 @@ def read_source(
         )
     options = describe_source(source) if options is None else options
     layout = options.own_layout if layout == "auto" else layout
-    name = detect_layout(source) if layout == "auto" else layout
-    found = layout_format(name)
-    for option in sorted(READER_KEYS & set(options.changed) - found.read_options):
-        place = place_in_file(option)
-        allowed = ", ".join(sorted(found.read_options))
-        raise LayoutError(
-            f"layout {name!r} has no option {option!r} ({place} of a description); it "
-            f"has {allowed}",
-            code=UNUSED_OPTION,
-        )
-    if source.is_dir() and found is not MANIFEST:  # which checks each file it names
+    name = detect_layout(source, options) if layout == "auto" else layout
+    source_format = layout_format(name)
+    _check_options(options, source_format)
+    # A manifest's reader checks each file that it names.
+    if source.is_dir() and source_format is not MANIFEST:
         check_links(source, options)
-    with _blaming_plugin(found):
-        assert found.read is not None, "layout_format returned one that cannot be read"
-        frames = replace(found.read(source, options), layout=found.name)
-    if (source.is_file() or options.files.roles) and found is not MANIFEST:
+    with _blaming_plugin(source_format):
+        assert source_format.read is not None, (
+            "layout_format returned one that cannot be read"
+        )
+        frames = replace(source_format.read(source, options), layout=source_format.name)
+    if (source.is_file() or options.files.roles) and source_format is not MANIFEST:
         frames = files_inside(frames, source, options)
-    if options.recorder and found.name == options.layout:
+    if options.recorder and source_format.name == options.layout:
         frames = _with_note(frames, f"recognised as a recording of {options.recorder}")
     if options.own_layout == "auto":
         for _, fault in plugins().faults:
             frames = _with_note(frames, fault)
     # CarlaSimu's own labels are taken as its published code takes them.
-    recognise = recognise and found is not CARLASIMU
-    return described_labels(frames, options, recognise=recognise)
+    recognise = recognise and source_format is not CARLASIMU
+    described = described_labels(frames, options, recognise=recognise)
+    located = with_maps(described, options, source)
+    return with_splits(located, source, options.split)
+
+
+def _check_options(options: RecordingDescription, layout: Format) -> None:
+    """Refuse options that a format does not have."""
+    for option in sorted(READER_KEYS & set(options.changed) - layout.read_options):
+        place = place_in_file(option)
+        allowed = ", ".join(sorted(layout.read_options))
+        raise LayoutError(
+            f"layout {layout.name!r} has no option {option!r} ({place} of a "
+            f"description); it has {allowed}",
+            code=UNUSED_OPTION,
+        )
+    if LABELS in options.files.roles and "key" not in layout.read_options:
+        raise LayoutError(
+            f"layout {layout.name!r} has no pattern of labels (files.labels of a "
+            "description); boxes.labels names their folder",
+            code=UNUSED_OPTION,
+        )
 
 
 def _with_note(frames: FrameSet, note: str) -> FrameSet:
@@ -313,19 +336,21 @@ def describe_source(
     recorder = recorder_of(source)
     if recorder is None:
         return description
-    found, fallbacks = _recognised(source)
-    if found or MANIFEST.name in fallbacks:
+    candidates, fallbacks = _recognised(source, description)
+    if candidates or MANIFEST.name in fallbacks:
         return description
     values = {**recorder.values, "recorder": recorder.name}
     return describe(source, options={**values, **(options or {})})
 
 
-def detect_layout(source: Path) -> str:
+def detect_layout(source: Path, description: RecordingDescription | None = None) -> str:
     """The name of the one layout that a folder or a file has.
 
     Parameters
     ----------
     source : Path
+    description : RecordingDescription, optional
+        Files that it ignores are not looked at.
 
     Returns
     -------
@@ -337,12 +362,12 @@ def detect_layout(source: Path) -> str:
     LayoutError
         None or several; names what was looked for or found.
     """
-    found = possible_layouts(source)
-    if len(found) == 1:
-        return found[0]
-    if found:
+    candidates = possible_layouts(source, description)
+    if len(candidates) == 1:
+        return candidates[0]
+    if candidates:
         raise LayoutError(
-            f"{name_of(source)}: could be {' or '.join(found)}; name the layout"
+            f"{name_of(source)}: could be {' or '.join(candidates)}; name the layout"
         )
     if several := manifests_below(source):
         raise LayoutError(
@@ -356,26 +381,32 @@ def detect_layout(source: Path) -> str:
         )
     tried = (one for one in _in_order_of_trial() if one.recognise)
     *first, last = (one.recognised_by for one in tried)
-    lacking = lacking_class_list(Source(source))
+    examined = Source(source, (description or RecordingDescription()).files)
+    lacking = lacking_class_list(examined)
     problem = f"no layout recognised; expected {', '.join(first)}, or {last}"
     if lacking:
         raise NoClassList(f"{name_of(source)}: {problem}; {lacking}")
     raise LayoutError(f"{name_of(source)}: {problem}")
 
 
-def possible_layouts(source: Path) -> tuple[str, ...]:
+def possible_layouts(
+    source: Path, description: RecordingDescription | None = None
+) -> tuple[str, ...]:
     """The names of the layouts that a folder or a file may have, the likeliest first.
 
-    No format is tried after one that is certain.
+    No format is tried after one that is certain. Parameters are those of
+    `detect_layout`.
     """
-    found, fallbacks = _recognised(source)
-    return tuple(found or fallbacks[:1])
+    candidates, fallbacks = _recognised(source, description or RecordingDescription())
+    return tuple(candidates or fallbacks[:1])
 
 
-def _recognised(source: Path) -> tuple[list[str], list[str]]:
+def _recognised(
+    source: Path, description: RecordingDescription
+) -> tuple[list[str], list[str]]:
     """The layouts that a source may have, and those that it can be read in at least."""
-    examined = Source(source)
-    found: list[str] = []
+    examined = Source(source, description.files)
+    candidates: list[str] = []
     fallbacks: list[str] = []
     for one in _in_order_of_trial():
         with _blaming_plugin(one):
@@ -383,10 +414,10 @@ def _recognised(source: Path) -> tuple[list[str], list[str]]:
         if recognition == "fallback":
             fallbacks.append(one.name)
         elif recognition != "none":
-            found.append(one.name)
+            candidates.append(one.name)
         if recognition == "certain":
             break
-    return found, fallbacks
+    return candidates, fallbacks
 
 
 def _in_order_of_trial() -> Iterator[Format]:
@@ -446,13 +477,13 @@ def format_of(name: str, options: ExportOptions) -> Format:
             f"{nearest(name, EXPORT_FORMATS)!r}",
             pointer="/format",
         )
-    found = FORMATS[name]
-    for option in sorted(changed_options(options) - found.options):
-        allowed = ", ".join(sorted(found.options)) or "none"
+    export_format = FORMATS[name]
+    for option in sorted(changed_options(options) - export_format.options):
+        allowed = ", ".join(sorted(export_format.options)) or "none"
         raise ExportError(
             f"format {name!r} has no option {option!r}; it has {allowed}",
             pointer=f"/options/{option}",
         )
-    if found.require is not None:
-        found.require()
-    return found
+    if export_format.require is not None:
+        export_format.require()
+    return export_format

@@ -11,7 +11,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from itertools import islice
+from itertools import compress, islice
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -22,10 +22,15 @@ from filter_core.formats.cameras import Cameras
 from filter_core.formats.fields import (
     BOXES,
     BoxFields,
-    geometry_of,
+    forms_of,
     recognised_fields,
 )
 from filter_core.formats.format import FOLDER_OPTIONS, Format, Recognition, Source
+from filter_core.formats.matching import (
+    FileIndex,
+    FrameFileNames,
+    frame_of,
+)
 from filter_core.formats.patterns import (
     CAMERA,
     FRAME,
@@ -39,18 +44,15 @@ from filter_core.formats.reading import (
     GZIP,
     IMAGE_SUFFIXES,
     KEYS_NAME,
-    FileIndex,
-    FrameFileNames,
     FrameSet,
     FrameSource,
+    StreamFacts,
     Unmatched,
     annotated,
     frame_key,
-    frame_of,
     frame_size,
     last_name,
     split_name,
-    walk,
 )
 from filter_core.formats.recording import RecordingDescription
 from filter_core.formats.rows import (
@@ -74,7 +76,7 @@ TABLE: Final = Format(
     ),
     recognised_by="files of boxes (.csv, .tsv, .json, .jsonl or .npz)",
     read_options=FOLDER_OPTIONS
-    | {"files", "key", "fields", "cameras", "classes", "default_class"},
+    | {"key", "fields", "cameras", "classes", "default_class"},
 )
 
 _LOOKED_AT: Final = 64
@@ -86,9 +88,9 @@ def _recognise(source: Source) -> Recognition:
     root = source.path
     if root.is_file():
         return "possible" if _is_of_boxes(root) else "none"
-    if not any(True for _ in walk(root, IMAGE_SUFFIXES)):
+    if not any(True for _ in source.names(IMAGE_SUFFIXES)):
         return "none"
-    names = (name for name in walk(root, None) if table_suffix(name))
+    names = (name for name in source.names(None) if table_suffix(name))
     looked_at = islice(names, _LOOKED_AT)
     return "fallback" if any(_is_of_boxes(root / one) for one in looked_at) else "none"
 
@@ -104,7 +106,7 @@ def _is_of_boxes(path: Path) -> bool:
         row = next(_first_rows(document, BoxReader(BoxFields())), None)
     except LayoutError:
         return False
-    return row is not None and geometry_of(recognised_fields(row)) is not None
+    return row is not None and bool(forms_of(recognised_fields(row)))
 
 
 def _first_rows(document: object, reader: BoxReader) -> Iterator[object]:
@@ -135,8 +137,9 @@ def read_table(source: Path, options: RecordingDescription) -> FrameSet:
         options.default_class,
         options.corners,
     )
-    found = _by_patterns(root, options) if options.files.roles else None
-    if found is None:
+    if options.key or LABELS in options.files.roles:
+        found = _by_patterns(root, options)
+    else:
         found = _by_names(root, source, options)
     names = _FrameNames(found.frames)
     tables, strange = _tables(found, reader, names)
@@ -158,6 +161,7 @@ def read_table(source: Path, options: RecordingDescription) -> FrameSet:
         count=len(found.frames),
         unmatched=unmatched,
         notes=lambda: (*found.notes, *_left_out(reader)),
+        streams=found.streams,
     )
 
 
@@ -205,6 +209,7 @@ class _Found:
         frames share.
     unmatched : tuple of Unmatched
     notes : tuple of str
+    streams : tuple of StreamFacts
     """
 
     frames: list[_Frame]
@@ -212,6 +217,7 @@ class _Found:
     tables: Mapping[str, Values] = field(default_factory=dict)
     unmatched: tuple[Unmatched, ...] = ()
     notes: tuple[str, ...] = ()
+    streams: tuple[StreamFacts, ...] = ()
 
 
 def _by_patterns(root: Path, options: RecordingDescription) -> _Found:
@@ -224,28 +230,33 @@ def _by_patterns(root: Path, options: RecordingDescription) -> _Found:
     is_of_many = LABELS in roles and FRAME not in roles[LABELS].names
     frames = [_Frame(*one) for one in matched.frames(options.key)]
     unmatched = [*matched.left_over(labels=not is_of_many)]
-    if is_of_many:
-        frames = [one._replace(files=replace(one.files, label="")) for one in frames]
-    elif LABELS in roles:
-        unlabelled = [one for one in frames if not one.files.label]
-        frames = [one for one in frames if one.files.label]
+    tables = matched.labels if is_of_many else {}
+    if LABELS in roles:
+        has_labels = [
+            bool(one.files.label)
+            or any(values.items() <= one.values.items() for values in tables.values())
+            for one in frames
+        ]
         unmatched += (
             Unmatched(one.files.image or one.files.key, "no label file for this image")
-            for one in unlabelled
+            for one, has in zip(frames, has_labels, strict=True)
+            if not has
         )
-    tables = matched.labels if is_of_many else {}
+        frames = [*compress(frames, has_labels)]
+    if is_of_many:
+        frames = [one._replace(files=replace(one.files, label="")) for one in frames]
     return _Found(frames, root, tables, tuple(unmatched))
 
 
 def _by_names(root: Path, source: Path, options: RecordingDescription) -> _Found:
     """Images by their streams; labels that are called like them, or all in one file."""
     folder = options.labels or root
-    streams = Streams(root, options.segmentation)
+    streams = Streams(root, options)
     images = FileIndex(streams.images)
     cameras = options.cameras.files
     tables = [
         name
-        for name in walk(folder, None)
+        for name in options.files.walk(root, folder, None)
         if table_suffix(name)
         and last_name(name) != KEYS_NAME
         and not any(one.match(name) is not None for one in cameras)
@@ -272,11 +283,15 @@ def _by_names(root: Path, source: Path, options: RecordingDescription) -> _Found
             if not label_of[key]
         )
     return _Found(
-        [_Frame(one, {FRAME: last_name(one.key)}) for one in completed],
+        [
+            _Frame(one, {FRAME: last_name(one.key), **streams.values_of(one.image)})
+            for one in completed
+        ],
         folder,
         {name: {} for name in tables} if are_of_many else {},
         tuple(unmatched),
         streams.notes,
+        streams.facts,
     )
 
 
@@ -316,7 +331,13 @@ class _FrameNames:
         if not found and _NUMBER.fullmatch(stem):
             found = self._numbers.get(int(stem), [])
         same = [one for one in found if self._fits(one, values)]
+        if len(same) > 1 and path != last:
+            same = [one for one in same if self._ends_in(one, path)] or same
         return [one for one in same if self.is_of(one, camera)] if camera else same
+
+    def _ends_in(self, index: int, path: str) -> bool:
+        files = self._frames[index].files
+        return any(f"/{one}".endswith(f"/{path}") for one in (files.image, files.key))
 
     def _fits(self, index: int, values: Values) -> bool:
         own = self._frames[index].values
@@ -354,6 +375,8 @@ class _Table:
         self._lost: dict[str, list[str]] = {}
         document = read_document(path, name, MAX_BYTES)
         if isinstance(document, Lines):
+            if document.columns is not None:
+                reader.check_columns(document.columns, name)
             self._lines = document
             self._note_spans(document)
         else:
@@ -439,28 +462,40 @@ class _Labels:
         """The boxes of a frame and its camera."""
         labels: object = None
         boxes: list[dict[str, object]] = []
+        regions: list[object] = []
         if name := frame.files.label:
             document = read_document(folder / name, name)
             if (annotation := self._annotation_in(document)) is not None:
                 return annotation
             labels = document
             if isinstance(document, Lines):
+                if document.columns is not None:
+                    self.reader.check_columns(document.columns, name)
                 rows = [row for _, row in document]
                 labels = [row.value for row in rows]
                 found = self._in_rows(rows)
             else:
                 found = self.reader.boxes_in(document, name)
-            boxes = self._boxes(found, frame, self.shares[name])
+            boxes = self._boxes(found, frame, self.shares[name], regions)
         for table in self.tables:
             for row in table.rows(index):
                 labels = row.value if labels is None else labels
-                boxes += self._boxes(self._in_rows([row]), frame, table.shares(row))
+                found = self._in_rows([row])
+                boxes += self._boxes(found, frame, table.shares(row), regions)
         wh = frame_size(source) if self.options.cameras.places else None
         camera = self.cameras.of(frame.values, labels, wh)
         return {
             "boxes": self._with_ids(boxes),
             **({"camera": camera} if camera else {}),
+            **({"dontcare": regions} if regions else {}),
+            **self._map_in(labels),
         }
+
+    def _map_in(self, labels: object) -> dict[str, object]:
+        """The map that labels, or the first of their rows, say."""
+        row = labels[0] if isinstance(labels, list) and labels else labels
+        name = self.reader.cell("map", row)
+        return {"map": name} if isinstance(name, str) else {}
 
     def _annotation_in(self, document: object) -> dict[str, object] | None:
         """What a file holds if it is an annotation of the API, with camera and all."""
@@ -482,9 +517,16 @@ class _Labels:
                 yield "", row
 
     def _boxes(
-        self, rows: Iterable[tuple[str, Row]], frame: _Frame, shares: int
+        self,
+        rows: Iterable[tuple[str, Row]],
+        frame: _Frame,
+        shares: int,
+        regions: list[object],
     ) -> list[dict[str, object]]:
-        """The boxes of rows that are not those of another camera."""
+        """The boxes of rows that are not those of another camera.
+
+        Rectangles that are to be ignored are added to `regions`.
+        """
         boxes = []
         own = frame.values.get(CAMERA)
         for class_name, row in rows:
@@ -501,7 +543,10 @@ class _Labels:
                     f"{shares}, such as {frame.files.key}; `boxes: {{fields: {{camera: "
                     "...}}` in recording.yaml says which column or path is the camera"
                 )
-            boxes.append(box)
+            if self.reader.is_region(row.value):
+                regions.append(box.get("xyxy"))
+            else:
+                boxes.append(box)
         return boxes
 
     def _with_ids(self, boxes: list[dict[str, object]]) -> list[dict[str, object]]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import Final, Literal, NamedTuple, TypeAlias
 
 import numpy as np
@@ -57,6 +57,8 @@ class ExportTally:
         self._rectangles: Counter[str] = Counter()
         self._bands: Counter[str] = Counter()
         self._unmeasured: Counter[str] = Counter()
+        self._split: Counter[str] = Counter()
+        self._sequences: Counter[str] = Counter()
         self._changed = Spool(head.temporary, head.buffer_bytes)
         self._renamed = Spool(head.temporary, head.buffer_bytes)
 
@@ -74,6 +76,13 @@ class ExportTally:
             self._frames[part] += 1
         if not len(frame.boxes):
             self._frames["without_boxes"] += 1
+
+    def split(
+        self, told: Mapping[str, int], sequences: Mapping[str, Collection[str]]
+    ) -> None:
+        """Note the frames by what told their parts, and the sequences of each part."""
+        self._split.update(told)
+        self._sequences.update({part: len(some) for part, some in sequences.items()})
 
     def left_out(self, frame: ExportFrame, unmeasured: int) -> None:
         """Note a frame that is left out because of so many unmeasured boxes."""
@@ -182,6 +191,8 @@ class ExportTally:
             "rectangles": self._rectangles,
             "bands": self._bands,
             "unmeasured": self._unmeasured,
+            "split": self._split,
+            "sequences": self._sequences,
         }
         used = {name: dict(count) for name, count in more.items() if count.total()}
         return {**counts, **used}

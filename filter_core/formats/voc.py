@@ -18,14 +18,14 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import ClassVar, Final, Protocol
+from typing import BinaryIO, ClassVar, Final, Protocol
 
 from defusedxml.common import DefusedXmlException
 from defusedxml.ElementTree import DefusedXMLParser, ParseError
 
 from filter_core.errors import LayoutError
 from filter_core.formats.export import ExportFrame
-from filter_core.formats.files import element
+from filter_core.formats.files import Spool, element
 from filter_core.formats.format import (
     FOLDER_OPTIONS,
     LABEL_NEEDS,
@@ -34,21 +34,25 @@ from filter_core.formats.format import (
     Recognition,
     Source,
 )
-from filter_core.formats.reading import (
+from filter_core.formats.matching import (
     FrameFileNames,
+    frame_of,
+    match,
+    with_keys,
+)
+from filter_core.formats.reading import (
     FrameSet,
     annotated,
     band_folders,
-    frame_of,
-    match,
+    last_name,
     read_label_bytes,
-    walk,
-    with_keys,
 )
 from filter_core.formats.recording import RecordingDescription
+from filter_core.formats.same import BoxSpan, OwnLabels, OwnReading, Rectangles
+from filter_core.formats.splits import completed_parts
 from filter_core.formats.streams import Streams
 from filter_core.formats.writing import (
-    PARTS,
+    RECTANGLE_KEYS,
     ExportContext,
     LabelBox,
     OutFrame,
@@ -86,8 +90,8 @@ def read_voc_folder(root: Path, options: RecordingDescription) -> FrameSet:
     """
     labels = options.labels or root
     skip = band_folders(root)
-    names = list(walk(labels, (".xml",), skip))
-    streams = Streams(root, options.segmentation, skip)
+    names = list(options.files.walk(root, labels, (".xml",), skip))
+    streams = Streams(root, options, skip=skip)
     frames, unmatched = match(
         names,
         streams.images,
@@ -95,7 +99,7 @@ def read_voc_folder(root: Path, options: RecordingDescription) -> FrameSet:
     )
     frames, left_over = streams.complete(frames, "label file")
     named = with_keys(root, frames)
-    counting = _Counting()
+    notes, counting = streams.notes, _Counting()
     if options.origin == "auto":
         for name in names:
             counting.add(_content(labels, name), name)
@@ -104,11 +108,11 @@ def read_voc_folder(root: Path, options: RecordingDescription) -> FrameSet:
     return FrameSet(
         layout="voc",
         frames=lambda: (
-            annotated(frame_of(one, root), partial(read, one)) for one in named
+            annotated(frame_of(one, root, labels), partial(read, one)) for one in named
         ),
         count=len(frames),
         unmatched=(*unmatched, *left_over),
-        notes=lambda: (*streams.notes, *counting.notes()),
+        notes=lambda: (*notes, *counting.notes()),
         streams=streams.facts,
         texts=lambda: (labels / one.label for one in named),
     )
@@ -196,8 +200,8 @@ class _Counting:
         else:
             why = "from 1, both ends included: no corner is 0"
         yield (
-            f"pixels are counted {why}; if that is wrong, --origin {other} or "
-            f"`boxes: {{origin: {other}}}` in recording.yaml says so"
+            f"pixels are counted {why}; if that is wrong, `boxes: {{origin: {other}}}` "
+            "in recording.yaml says so"
         )
 
 
@@ -256,6 +260,23 @@ def read_voc(content: bytes, name: str, origin: int = 1) -> dict[str, object]:
     return annotation
 
 
+@VOC.spans
+def _spans(file: BinaryIO) -> Iterator[BoxSpan]:
+    """The objects of a file, each with the space before it."""
+    content = file.read()
+    tree = _parse(content, "labels")
+    for place, one in enumerate(tree.root.iter("object")):
+        start, end = tree.tags[one]
+        # UTF-16 has a NUL beside each sign, and is cut from sign to sign.
+        end = content.index(b">", end) + (
+            2 if content[start:].startswith(b"<\0") else 1
+        )
+        space = len(content[:start].rstrip(b" \t\r\n"))
+        if content[:space].endswith(b">"):
+            start = space
+        yield BoxSpan(place, start, end)
+
+
 class _Element(Protocol):
     """The used members of an XML element."""
 
@@ -273,11 +294,22 @@ class _Element(Protocol):
 
 @dataclass(frozen=True)
 class _Tree:
-    """A parsed file: its root, its name, and the line that each element starts on."""
+    """A parsed file.
+
+    Attributes
+    ----------
+    name : str
+    root : _Element
+    lines : dict
+        The line that each element starts on.
+    tags : dict
+        The bytes at which each element's first and last tag begin.
+    """
 
     name: str
     root: _Element
     lines: dict[_Element, int]
+    tags: dict[_Element, tuple[int, int]]
 
     def error(self, at: _Element, expected: str, found: str) -> LayoutError:
         return LayoutError(
@@ -323,7 +355,7 @@ def _parse(content: bytes, name: str) -> _Tree:
         raise LayoutError(f"{name}: XML with a DTD or entities is refused") from exc
     except (ValueError, LookupError) as exc:
         raise LayoutError(f"{name}: cannot be read as XML: {exc}") from exc
-    return _Tree(name, root, parser.lines)
+    return _Tree(name, root, parser.lines, parser.tags)
 
 
 class _TooMuchXml(ValueError):
@@ -331,11 +363,12 @@ class _TooMuchXml(ValueError):
 
 
 class _LineParser(DefusedXMLParser):
-    """Notes the line of each element, which errors are to name."""
+    """Notes the line of each element, which errors are to name, and its bytes."""
 
     def __init__(self) -> None:
         super().__init__(forbid_dtd=True)
         self.lines: dict[_Element, int] = {}
+        self.tags: dict[_Element, tuple[int, int]] = {}
         self._depth = 0
 
     def _start(self, tag: str, attributes: list[str]) -> _Element:
@@ -346,11 +379,13 @@ class _LineParser(DefusedXMLParser):
             )
         started: _Element = super()._start(tag, attributes)  # type: ignore[misc]  # stubs
         self.lines[started] = self.parser.CurrentLineNumber
+        self.tags[started] = self.parser.CurrentByteIndex, -1
         return started
 
     def _end(self, tag: str) -> _Element:
         self._depth -= 1
         ended: _Element = super()._end(tag)  # type: ignore[misc]  # stubs
+        self.tags[ended] = self.tags[ended][0], self.parser.CurrentByteIndex
         return ended
 
 
@@ -404,6 +439,45 @@ def _side(tree: _Tree, size: _Element, key: str) -> int:
     return int(number)
 
 
+def _rectangles(own: OwnLabels) -> Iterator[Rectangles]:
+    """Of each object what it may be: pixels may be counted from 1 or from 0."""
+    tree = _parse(own.content, own.file)
+    for one in tree.root.iter("object"):
+        x_min, y_min, x_max, y_max = _corners(tree, one)
+        yield {
+            "xyxy": [
+                [x_min - origin, y_min - origin, x_max, y_max] for origin in (1, 0)
+            ]
+        }
+
+
+def _own(out: OutFrame) -> bytes | None:
+    """The frame's own file without the objects that are not written.
+
+    Its image gets the name that it has in the export. None if it names other classes.
+    """
+    if out.own is None or any(one.ignored for one in out.boxes):
+        return None
+    tree = _parse(out.own.content, out.own.file)
+    objects = tree.root.iter("object")
+    names = [(one.findtext("name") or "").strip() for one in objects]
+    is_own = all(
+        names[one.row] == out.frame.boxes.class_name(one.row) for one in out.boxes
+    )
+    content = out.own.with_rows({one.row for one in out.boxes}) if is_own else None
+    image = (tree.root.findtext("filename") or "").strip().replace("\\", "/")
+    name = f"{out.stem}{out.suffix}"
+    # Without a name of an image it is that of the file.
+    if content is None or last_name(image) in ("", name):
+        return content
+    there = f"<filename>{html.escape(name, quote=False)}</filename>".encode()
+    named, count = _FILE_NAME.subn(lambda _: there, content, count=1)
+    return named if count else None
+
+
+_FILE_NAME: Final = re.compile(rb"<filename>[^<]*</filename>")
+
+
 @VOC.label_writer
 class VocWriter:
     """Writes ``Annotations/STEM.xml``, ``JPEGImages/STEM.png`` and ``ImageSets/Main``.
@@ -415,25 +489,36 @@ class VocWriter:
     """
 
     traits: ClassVar[Traits] = Traits(
-        image="JPEGImages/{stem}{suffix}", needs_key_list=True, needs_flat_names=True
+        image="JPEGImages/{stem}{suffix}",
+        needs_key_list=True,
+        needs_flat_names=True,
+        box_keys=RECTANGLE_KEYS | frozenset(_KEPT),
+        own=OwnReading(_spans, _rectangles),
     )
 
     def __init__(self, context: ExportContext) -> None:
         self._context = context
-        self._parts = {part: context.spool() for part in PARTS}
+        self._parts: dict[str, Spool] = {}
 
     def labels(self, band: str, out: OutFrame) -> None:
         """One XML file."""
-        text = "\n".join(_lines(out)) + "\n"
-        content = text.encode("utf-8", "replace")
+        content = _own(out)
+        if content is not None:
+            self._context.note_own(band)
+        else:
+            content = ("\n".join(_lines(out)) + "\n").encode("utf-8", "replace")
         self._context.sink(f"{band or 'Annotations'}/{out.stem}.xml", [content])
         if not band:
+            if out.part not in self._parts:
+                self._parts[out.part] = self._context.spool()
             self._parts[out.part].write(f"{out.stem}\n".encode())
 
     def finish(self) -> None:
         """Which frames are for training, and which classes there are."""
-        for part, spool in self._parts.items():
-            self._context.sink(f"ImageSets/Main/{part}.txt", spool.pieces())
+        for part in completed_parts(self._parts):
+            spool = self._parts.get(part)
+            names = spool.pieces() if spool else []
+            self._context.sink(f"ImageSets/Main/{part}.txt", names)
         self._context.sink("labelmap.txt", [_label_map(self._context.head.classes)])
 
 

@@ -8,6 +8,8 @@ result.
 from __future__ import annotations
 
 import hashlib
+import re
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
@@ -18,6 +20,7 @@ from numpy.typing import NDArray
 
 from filter_core.formats.export import (
     IMAGE_SUFFIX,
+    ExportError,
     ExportFrame,
     ExportHead,
     ExportOptions,
@@ -25,8 +28,24 @@ from filter_core.formats.export import (
     changed_options,
 )
 from filter_core.formats.files import FileNames, Spool, json_bytes
+from filter_core.formats.pictures import ExportPictures
 from filter_core.formats.reading import KEYS_NAME
+from filter_core.formats.same import (
+    SOURCE_LABELS,
+    OwnLabels,
+    OwnReading,
+    own_labels,
+    stored_labels,
+)
+from filter_core.formats.splits import (
+    next_part,
+    part_by_shares,
+    sequence_of,
+    shares_of,
+    without_part,
+)
 from filter_core.formats.tally import Change, Counts, ExportTally
+from filter_core.geometry.boxes import FORMS
 from filter_core.types import (
     KEPT,
     REJECTED,
@@ -39,7 +58,15 @@ from filter_core.types import (
     rows_of,
 )
 
-PARTS: Final = ("train", "val")
+_USUAL_SHARE: Final = 0.8
+"""That of training, of frames that have no part."""
+
+_NO_PARTS: Final = ("in", "without_boxes", "without_image", "left_out")
+"""What else is counted beside the frames of each part."""
+
+_AS_THEY_CAME: Final = "frames_as_they_came"
+
+_NUMBER: Final = re.compile("[0-9]{6,12}")
 
 _LEAST_SIDE: Final = 0.01
 """Pixels; a thinner box would vanish when a format rounds it."""
@@ -102,6 +129,19 @@ class LabelBoxes:
         return map(LabelBox, *lists)
 
 
+EVERY_KEY: Final = frozenset({"*"})
+"""The `Traits.box_keys` of a format that can hold any."""
+
+RECTANGLE_KEYS: Final = frozenset({"class", *FORMS})
+"""Those of a format that holds classes and rectangles."""
+
+_NOT_READ: Final = (
+    "whatever is no class and no rectangle, such as 3D boxes, cameras and unknown "
+    "keys; it was not counted"
+)
+"""What has no place in a format that reads no key of annotations."""
+
+
 @dataclass(frozen=True)
 class Traits:
     """What a format of labels can represent, and what programs that read it need.
@@ -110,7 +150,7 @@ class Traits:
     ----------
     image : str
         The path of a frame's image in the export, with ``{stem}``, ``{suffix}``,
-        ``{number}`` and ``{part}`` in place of these attributes of its `OutFrame`.
+        ``{numbered}`` and ``{part}`` in place of these attributes of its `OutFrame`.
     can_hold_crowds : bool
         It can say that a box stands for many objects at once. From other formats
         crowds are left out, since a model would learn each as one object.
@@ -124,6 +164,15 @@ class Traits:
         become part of the file's name.
     names_images : bool
         Its labels name the image of each frame, so they are of no use without it.
+    box_keys, frame_keys : frozenset of str, or None
+        The keys of boxes and frames that it can hold; None: it does not read them, and
+        holds no more than classes and rectangles. `EVERY_KEY`: all.
+    own : OwnReading or None
+        How labels that came in this format are written again.
+    keeps_rectangles : bool
+        Rectangles that came in this format are not cut to the image.
+    bands : tuple of int, metres
+        Its distance bands, unless others are asked for.
     """
 
     image: str
@@ -132,6 +181,11 @@ class Traits:
     needs_key_list: bool = False
     needs_flat_names: bool = False
     names_images: bool = True
+    box_keys: frozenset[str] | None = None
+    frame_keys: frozenset[str] = frozenset({"boxes", "map", "split", SOURCE_LABELS})
+    own: OwnReading | None = None
+    keeps_rectangles: bool = False
+    bands: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,15 +197,22 @@ class OutFrame:
     frame : ExportFrame
     number : int
         The frame's place in the export; the first is 0.
-    part : ``train`` or ``val``
+    part : str
+        The name of its part, as a file's name: ``train``.
     stem : str
-        A path without suffix, different for every frame of the export.
+        A path without suffix, different for every frame of the export, or of its part
+        where parts are folders.
     suffix : str
         The suffix of its image.
     image : str
         The path that its image has in the export, or would have if copied.
+    numbered : str
+        Where `Traits.image` has it, the frame's own number or a new one, as text.
     boxes : LabelBoxes
         The boxes to write: those of `frame.boxes` that were chosen.
+    own : OwnLabels or None
+        The label file that its boxes came from, if that is in the same format and
+        still has these boxes.
     """
 
     frame: ExportFrame
@@ -160,7 +221,9 @@ class OutFrame:
     stem: str
     suffix: str
     image: str
+    numbered: str
     boxes: LabelBoxes
+    own: OwnLabels | None = None
 
 
 @dataclass(frozen=True)
@@ -185,6 +248,13 @@ class ExportContext:
     options: ExportOptions
     stack: ExitStack
     facts: dict[str, object] = field(default_factory=dict)
+
+    def note_own(self, band: str) -> None:
+        """Count a frame whose labels of all distances are written as they came."""
+        if not band:
+            count = self.facts.get(_AS_THEY_CAME, 0)
+            assert isinstance(count, int), "counted here"
+            self.facts[_AS_THEY_CAME] = count + 1
 
     def spool(self) -> Spool:
         """A place for pieces that are written at the end."""
@@ -291,9 +361,18 @@ class _LabelExport:
     ) -> None:
         self.context, self.writer, self.tally = context, writer, tally
         self.chooser = _BoxChooser(context.options, tally, writer.traits)
-        self.names = FileNames(flat=writer.traits.needs_flat_names)
+        # Where parts are folders, they tell frames of one name apart.
+        self.has_folders = "{part}" in writer.traits.image
+        self.names: dict[str, FileNames] = {}
+        self.parts = Parts(context.options)
         self.key_list = context.spool()
+        self.pictures = ExportPictures(context.sink, int(context.options.pictures))
         self.count = 0
+        self.is_numbered = "{numbered}" in writer.traits.image
+        self.next_number = 0
+        self.numbers: set[str] = set()  # of frames that have their own
+        self.box_keys: Counter[tuple[str, ...]] = Counter()
+        self.frame_keys: Counter[str] = Counter()
 
     def write(self, frame: ExportFrame) -> None:
         if self._lacks_image(frame):
@@ -301,20 +380,61 @@ class _LabelExport:
             return
         if self.chooser.leaves_out(frame):
             return
-        part = split_of(frame.key, frame.map, self.context.options.split)
+        part = self.parts.of(frame)
         self.tally.frame(frame, part)
-        stem, suffix = self.names.stem(frame.key), IMAGE_SUFFIX[frame.media_type]
+        name = frame.key
+        if self.has_folders and part == frame.split:
+            name = without_part(frame.key, part)
+        stem, suffix = self._names(part).stem(name), IMAGE_SUFFIX[frame.media_type]
+        own = self._own(frame)
+        numbered = self._numbered(own) if self.is_numbered else ""
         image = self.writer.traits.image.format(
-            number=self.count, part=part, stem=stem, suffix=suffix
+            numbered=numbered, part=part, stem=stem, suffix=suffix
         )
-        boxes = self.chooser.choose(frame)
-        out = OutFrame(frame, self.count, part, stem, suffix, image, boxes)
+        is_whole = own is not None or self._keeps_rectangles(frame)
+        boxes = self.chooser.choose(frame, is_whole=is_whole)
+        out = OutFrame(
+            frame, self.count, part, stem, suffix, image, numbered, boxes, own
+        )
         self.count += 1
-        self._note_name(out)
+        self._note_name(out, name)
+        if self.writer.traits.box_keys not in (None, EVERY_KEY):
+            given = frame.given.frame
+            # A camera of which only the size is known is the size of the image.
+            size = dict(zip(("width", "height"), frame.wh, strict=True))
+            self.frame_keys.update(key for key in given if given[key] != size)
+            # Mostly the same for all boxes, so that this is faster than key by key.
+            self.box_keys.update(map(tuple, frame.given.boxes))
         self.writer.labels("", out)
-        for band in self.context.options.bands:
+        for band in self.context.options.bands or self.writer.traits.bands:
             self._write_band(band, out)
         self._copy_image(out)
+        self.pictures.add(frame, stem, set(boxes.row.tolist()))
+
+    def _own(self, frame: ExportFrame) -> OwnLabels | None:
+        """The label file that the frame came from, if it can be written again."""
+        reading, options = self.writer.traits.own, self.context.options
+        if reading is None or options.boxes != "visible":
+            return None
+        return own_labels(frame.given, self.context.head.format, reading)
+
+    def _keeps_rectangles(self, frame: ExportFrame) -> bool:
+        if not self.writer.traits.keeps_rectangles:
+            return False
+        is_given = self.context.options.boxes == "visible"
+        return is_given and bool(stored_labels(frame.given, self.context.head.format))
+
+    def _numbered(self, own: OwnLabels | None) -> str:
+        """The frame's own number, or the next that no other has had."""
+        name = "" if own is None else own.file.rpartition(".")[0]
+        is_number = _NUMBER.fullmatch(name) is not None
+        if is_number and name not in self.numbers and int(name) >= self.next_number:
+            self.numbers.add(name)
+            return name
+        while (name := f"{self.next_number:06}") in self.numbers:
+            self.next_number += 1
+        self.next_number += 1
+        return name
 
     def _lacks_image(self, frame: ExportFrame) -> bool:
         """Whether the frame's labels would name an image that is not there."""
@@ -330,6 +450,9 @@ class _LabelExport:
         self.tally.changed(frame, number, changes)
 
     def finish(self) -> Counts:
+        self.parts.require_maps()
+        self.pictures.finish(str(self.context.head.facts.get("dataset", "export")))
+        self.tally.split(self.parts.told, self.parts.sequences)
         if self.writer.traits.needs_key_list:
             self.context.sink(KEYS_NAME, self.key_list.pieces())
         manifest = self.tally.manifest(self._facts())
@@ -340,11 +463,42 @@ class _LabelExport:
         options = self.context.options
         names = sorted(changed_options(options))
         chosen = {name: getattr(options, name) for name in names}
-        return {"options": chosen, **self.context.facts}
+        return {"options": chosen, **self.context.facts, **self._without_place()}
 
-    def _note_name(self, out: OutFrame) -> None:
+    def _without_place(self) -> Mapping[str, object]:
+        """The keys of annotations that the format cannot hold, with their number."""
+        traits = self.writer.traits
+        if traits.box_keys is None:
+            return {"without_place": _NOT_READ}
+        of_boxes: Counter[str] = Counter()
+        for keys, count in self.box_keys.items():
+            of_boxes.update(dict.fromkeys(keys, count))
+        left = {
+            "boxes": {
+                key: count
+                for key, count in sorted(of_boxes.items())
+                if key not in traits.box_keys
+            },
+            "frames": {
+                key: count
+                for key, count in sorted(self.frame_keys.items())
+                if key not in traits.frame_keys
+            },
+        }
+        there = {name: keys for name, keys in left.items() if keys}
+        return {"without_place": there} if there else {}
+
+    def _names(self, part: str) -> FileNames:
+        """The names of files in a part, or in all parts where these are no folders."""
+        folder = part if self.has_folders else ""
+        if folder not in self.names:
+            flat = self.writer.traits.needs_flat_names
+            self.names[folder] = FileNames(flat=flat)
+        return self.names[folder]
+
+    def _note_name(self, out: OutFrame, name: str) -> None:
         frame, file = out.frame, out.image
-        if out.stem != frame.key:
+        if out.stem != name:
             self.tally.renamed(frame.key, file)
         if self.writer.traits.needs_key_list:
             line = {"file": file, "key": frame.key, "map": frame.map, "part": out.part}
@@ -353,9 +507,11 @@ class _LabelExport:
     def _write_band(self, band: int, out: OutFrame) -> None:
         """Write the labels of boxes that are at most `band` metres away."""
         name = band_name(band)
-        distance = out.frame.boxes.distance[out.boxes.row]
-        # One of unknown distance is in every band.
-        near = out.boxes[~(distance > band)]
+        boxes, rows = out.frame.boxes, out.boxes.row
+        distance, high = boxes.distance[rows], boxes.distance_range[rows, 1]
+        farthest = np.where(np.isnan(distance), high, distance)
+        # One of which nothing is known is in every band.
+        near = out.boxes[~(farthest > band)]
         self.tally.banded(name, len(near))
         self.writer.labels(name, replace(out, boxes=near))
 
@@ -367,6 +523,98 @@ class _LabelExport:
             self.tally.image_missing()
         else:
             self.context.sink(out.image, [read()])
+
+
+class PartOfFrame(Protocol):
+    """What tells the part of a frame."""
+
+    @property
+    def key(self) -> str:
+        """Its key."""
+
+    @property
+    def map(self) -> str | None:
+        """Of CARLA."""
+
+    @property
+    def sequence(self) -> str | None:
+        """The drive that it is of."""
+
+    @property
+    def split(self) -> str | None:
+        """The part that it has by itself."""
+
+
+class Parts:
+    """Gives each frame its part, and counts how it was found.
+
+    Attributes
+    ----------
+    frames : Counter of str
+        Those in each part.
+    told : Counter of str
+        Frames by what told their part: ``as_it_came``, ``by_sequence``, by the key of
+        the frame (``without_sequence``), ``by_map``, or ``by_frame``, where no shares
+        were asked.
+    sequences : mapping of str to set of str
+        Those that were put into each part.
+    """
+
+    def __init__(self, options: ExportOptions) -> None:
+        self.frames: Counter[str] = Counter()
+        self.told: Counter[str] = Counter()
+        self.sequences: dict[str, set[str]] = {}
+        self._shares = shares_of(options.split)
+        self._by_map = options.split_by == "map"
+        names = (name.strip() for name in options.val_maps.split(","))
+        self._val_maps = list(filter(None, names))
+        self._maps: dict[str, list[int]] = {}
+        self._names = FileNames(flat=True)
+        for name in _NO_PARTS:
+            self._names.stem(name)
+        self._by_name: dict[str, str] = {}
+
+    def of(self, frame: PartOfFrame) -> str:
+        """The part of a frame, as the name of a folder."""
+        if self._val_maps:
+            self._maps[frame.map or ""] = []
+            name = "val" if frame.map in self._val_maps else "train"
+        elif self._by_map:
+            counts = self._maps.setdefault(frame.map or "", [0] * len(self._shares))
+            name = next_part(self._shares, counts)
+        elif self._shares:
+            name = part_by_shares(frame.key, frame.map, frame.sequence, self._shares)
+        else:
+            name = frame.split or split_of(frame.key, frame.map, _USUAL_SHARE)
+        if name not in self._by_name:
+            self._by_name[name] = self._names.stem(name)
+        part = self._by_name[name]
+        self.frames[part] += 1
+        self._count(frame, part)
+        return part
+
+    def require_maps(self) -> None:
+        """Raise `ExportError` if no frame was of one of the maps that are asked for."""
+        for name in self._val_maps:
+            if name not in self._maps:
+                there = ", ".join(sorted(filter(None, self._maps))) or "none"
+                raise ExportError(
+                    f"val_maps: no frame is of the map {name[:40]!r}; there are "
+                    f"{there}",
+                    pointer="/options/val_maps",
+                )
+
+    def _count(self, frame: PartOfFrame, part: str) -> None:
+        if self._val_maps or self._by_map:
+            self.told["by_map"] += 1
+            return
+        if not self._shares:
+            self.told["as_it_came" if frame.split else "by_frame"] += 1
+            return
+        sequence = sequence_of(frame.key, frame.sequence)
+        if sequence is not None:
+            self.sequences.setdefault(part, set()).add(f"{frame.map}\0{sequence}")
+        self.told["without_sequence" if sequence is None else "by_sequence"] += 1
 
 
 class _BoxChooser:
@@ -409,8 +657,11 @@ class _BoxChooser:
         self._tally.changed(frame, class_number.tolist(), changes)
         return True
 
-    def choose(self, frame: ExportFrame) -> LabelBoxes:
-        """The boxes of one frame that are written, in the order of the frame."""
+    def choose(self, frame: ExportFrame, *, is_whole: bool = False) -> LabelBoxes:
+        """The boxes of one frame that are written, in the order of the frame.
+
+        `is_whole`: they are not cut to the image.
+        """
         boxes, options = frame.boxes, self._options
         class_number = self._tally.count_boxes(frame)
         crowd = self._crowd(frame)
@@ -426,7 +677,7 @@ class _BoxChooser:
             row=row,
             class_number=class_number[row],
             xyxy=inside[row],
-            cut=_cut(frame, row),
+            cut=np.zeros(len(row)) if is_whole else _cut(frame, row),
             ignored=ignored[row],
         )
         self._tally.written(class_number[written], used[written].tolist())
@@ -484,7 +735,7 @@ class _BoxChooser:
             if np.isnan(rectangle).any():  # it has none; its reason says why
                 return boxes.reason_label(row)
             return "degenerate"  # it has one without extent
-        by_person = self._options.include == "effective" and boxes.is_reviewed[row]
+        by_person = self._options.include == "effective" and boxes.is_reviewed(row)
         return "rejected_by_person" if by_person else boxes.reason_label(row)
 
 

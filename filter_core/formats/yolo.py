@@ -12,12 +12,14 @@ References
 
 from __future__ import annotations
 
+import json
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
+from itertools import chain
 from pathlib import Path
-from typing import ClassVar, Final
+from typing import BinaryIO, ClassVar, Final
 
 import numpy as np
 import yaml
@@ -32,29 +34,42 @@ from filter_core.formats.format import (
     Recognition,
     Source,
 )
+from filter_core.formats.matching import (
+    FrameFileNames,
+    frame_of,
+    match,
+    with_keys,
+)
 from filter_core.formats.reading import (
     IMAGE_SUFFIXES,
-    FrameFileNames,
     FrameSet,
     FrameSource,
     Unmatched,
     annotated,
     band_folders,
-    frame_of,
     has_rows,
-    holds_boxes,
     is_label,
     is_number,
-    match,
+    key_of_folders,
+    missing_image,
     read_columns,
     read_label_text,
-    walk,
-    with_keys,
 )
 from filter_core.formats.recording import RecordingDescription
+from filter_core.formats.same import (
+    BESIDE,
+    BoxSpan,
+    OwnLabels,
+    OwnReading,
+    Rectangles,
+    joined_beside,
+    spans_of_lines,
+    stored_labels,
+)
+from filter_core.formats.splits import completed_parts, role_of_part
 from filter_core.formats.streams import Streams
+from filter_core.formats.words import TEXT_LISTS, YAML_LISTS, holds_boxes
 from filter_core.formats.writing import (
-    PARTS,
     ExportContext,
     LabelBoxes,
     OutFrame,
@@ -78,11 +93,6 @@ YOLO: Final = Format(
 )
 
 
-_YAML_LISTS: Final = ("data.yaml", "data.yml", "dataset.yaml")
-
-_TEXT_LISTS: Final = ("classes.txt", "labels.txt", "obj.names")
-
-
 @YOLO.recogniser
 def _recognise(source: Source) -> Recognition:
     label = _first_label(source)
@@ -103,7 +113,7 @@ def lacking_class_list(source: Source) -> str:
     label = _first_label(source)
     if label is None or _class_list(source.path):
         return ""
-    *first, last = (*_YAML_LISTS, *_TEXT_LISTS)
+    *first, last = (*YAML_LISTS, *TEXT_LISTS)
     return (
         f"found {label}, which may be a label of YOLO, but no list of its "
         f"classes in {', '.join(first)} or {last}"
@@ -115,7 +125,7 @@ def _class_list(root: Path) -> str | None:
 
     Some tools put it among the labels.
     """
-    names = (*_YAML_LISTS, *_TEXT_LISTS)
+    names = (*YAML_LISTS, *TEXT_LISTS)
     places = (*names, *(f"labels/{name}" for name in names))
     return next((name for name in places if (root / name).is_file()), None)
 
@@ -133,22 +143,24 @@ def read_yolo(root: Path, options: RecordingDescription) -> FrameSet:
     classes = tuple(options.classes or described.classes)
     if not classes:
         raise NoClassList(
-            f"expected the class names in one of {', '.join(_YAML_LISTS)} or "
-            f"{', '.join(_TEXT_LISTS)}, found none of them"
+            f"expected the class names in one of {', '.join(YAML_LISTS)} or "
+            f"{', '.join(TEXT_LISTS)}, found none of them"
         )
     skip = band_folders(root)
     folders = LabelFolders(
         images=root,
         labels=options.labels or root,
-        streams=Streams(root, options.segmentation, skip),
         classes=classes,
         default_class=options.default_class,
         keypoint_columns=described.keypoint_columns,
+        beside=described.beside,
     )
     labels = (
-        name for name in walk(folders.labels, (".txt",), skip) if holds_boxes(name)
+        name
+        for name in options.files.walk(root, folders.labels, (".txt",), skip)
+        if holds_boxes(name)
     )
-    return frame_set("yolo", folders, labels)
+    return frame_set("yolo", folders, Streams(root, options, skip=skip), labels)
 
 
 @dataclass(frozen=True)
@@ -162,10 +174,25 @@ class _Described:
     keypoint_columns : int or None
         How many columns follow each rectangle, for the points of a pose; None if
         nothing says it.
+    beside : dict
+        The other keys of ``data.yaml`` with values that JSON has.
     """
 
     classes: tuple[str, ...] = ()
     keypoint_columns: int | None = None
+    beside: Mapping[str, object] = field(default_factory=dict)
+
+
+_COMPOSED: Final = ("path", "train", "val", "valid", "validation", "test", "names")
+"""Keys of ``data.yaml`` that say where an export's files are, and its classes."""
+
+
+def _is_json(value: object) -> bool:
+    """Whether a value of YAML is written in JSON as it is; a date is not."""
+    try:
+        return bool(json.loads(json.dumps(value, allow_nan=False)) == value)
+    except (TypeError, ValueError):
+        return False
 
 
 def _described(root: Path) -> _Described:
@@ -180,7 +207,7 @@ def _described(root: Path) -> _Described:
     if name is None:
         return _Described()
     text = read_label_text(root / name, name)
-    if name.endswith(_TEXT_LISTS):
+    if name.endswith(TEXT_LISTS):
         lines = map(str.strip, text.splitlines())
         return _Described(tuple(filter(None, lines)))
     try:
@@ -192,7 +219,13 @@ def _described(root: Path) -> _Described:
     columns = None
     if isinstance(shape, list) and [type(number) for number in shape] == [int, int]:
         columns = max(shape[0] * shape[1], 0)
-    return _Described(ordered_names(known.get("names"), f"{name}, names"), columns)
+    beside = {
+        key: value
+        for key, value in known.items()
+        if key not in _COMPOSED and isinstance(key, str) and _is_json(value)
+    }
+    names = ordered_names(known.get("names"), f"{name}, names")
+    return _Described(names, columns, beside)
 
 
 def ordered_names(names: object, at: str) -> tuple[str, ...]:
@@ -229,8 +262,6 @@ class LabelFolders:
     ----------
     images, labels : Path
         Folders.
-    streams : Streams
-        The images.
     classes : tuple of str
         Class names by their numbers.
     default_class : str
@@ -238,39 +269,58 @@ class LabelFolders:
     keypoint_columns : int or None
         How many columns follow each rectangle, for the points of a pose; None if
         nothing says it.
+    beside : mapping
+        What the list of classes says else.
+    export : Path or None
+        The top folder of an export, with its list of keys; default: `images`.
     """
 
     images: Path
     labels: Path
-    streams: Streams
     classes: tuple[str, ...]
     default_class: str = "unknown"
     keypoint_columns: int | None = None
+    beside: Mapping[str, object] = field(default_factory=dict)
+    export: Path | None = None
 
 
-def frame_set(layout: str, folders: LabelFolders, labels: Iterator[str]) -> FrameSet:
+def frame_set(
+    layout: str, folders: LabelFolders, streams: Streams, labels: Iterator[str]
+) -> FrameSet:
     """Frames of label files in YOLO's or carlasimu's form.
 
     `labels` are text files, relative to the folder of the labels. One that no image is
     called like is a label only if it looks like one (`has_rows`); among labels it is
     listed unless it is a note or a list (`_may_be_damaged`).
     """
-    matched, unmatched = match(labels, folders.streams.images)
-    frames, no_labels = [], []
-    for one in matched:
-        if one.image or has_rows(folders.labels / one.label):
-            frames.append(one)
-        elif _may_be_damaged(one.label, folders):
-            no_labels.append(Unmatched(one.label, _NO_LABEL))
-    frames, left_over = folders.streams.complete(frames, "label file")
-    named = with_keys(folders.images, frames)
-    outlines = _Outlines(folders, [one.label for one in named])
+    matched, unmatched = match(labels, streams.images)
+    no_labels = []
+
+    def with_labels() -> Iterator[FrameFileNames]:
+        for one in matched:
+            if one.image or has_rows(folders.labels / one.label):
+                yield one
+            elif _may_be_damaged(one.label, folders):
+                no_labels.append(Unmatched(one.label, _NO_LABEL))
+
+    frames, left_over = streams.complete(with_labels(), "label file")
+    top = folders.export or folders.images
+    below = key_of_folders(folders.images.relative_to(top).as_posix())
+    named = with_keys(top, frames, below)
+    outlines = _Outlines(folders, named)
+    notes = streams.notes
 
     def read() -> Iterator[FrameSource]:
         outlines.counts.clear()
+        beside: Mapping[str, object] | None = folders.beside
         for one in named:
             annotation = partial(_annotation, folders, one, outlines)
-            yield annotated(frame_of(one, folders.images), annotation)
+            frame = frame_of(one, folders.images, folders.labels)
+            frame = annotated(frame, annotation)
+            if beside and frame.origin and not (frame.problem or missing_image(frame)):
+                origin = frame.origin._replace(beside=beside)
+                frame, beside = replace(frame, origin=origin), None
+            yield frame
 
     return FrameSet(
         layout=layout,
@@ -278,11 +328,11 @@ def frame_set(layout: str, folders: LabelFolders, labels: Iterator[str]) -> Fram
         classes=folders.classes,
         count=len(frames),
         unmatched=(*unmatched, *no_labels, *left_over),
-        notes=lambda: (*folders.streams.notes, *outlines.notes()),
-        streams=folders.streams.facts,
-        texts=lambda: (
-            *(folders.labels / one.label for one in named),
-            *(root / name for root in [folders.images] if (name := _class_list(root))),
+        notes=lambda: (*notes, *outlines.notes()),
+        streams=streams.facts,
+        texts=lambda: chain(
+            (folders.labels / one.label for one in named),
+            (root / name for root in [folders.images] if (name := _class_list(root))),
         ),
     )
 
@@ -337,10 +387,10 @@ class _Outlines:
         How many were read, by label file.
     """
 
-    def __init__(self, folders: LabelFolders, labels: Sequence[str]) -> None:
+    def __init__(self, folders: LabelFolders, frames: Iterable[FrameFileNames]) -> None:
         self.counts: Counter[str] = Counter()
         self._folders = folders
-        self._labels = labels
+        self._frames = frames
 
     @cached_property
     def are_certain(self) -> bool:
@@ -354,7 +404,8 @@ class _Outlines:
             return True
         seen: set[int] = set()
         lines = corners = 0
-        for label in self._labels:
+        for files in self._frames:
+            label = files.label
             try:
                 text = read_label_text(self._folders.labels / label, label)
                 for columns in map(str.split, text.splitlines()):
@@ -425,9 +476,15 @@ def _annotation(
     return {"boxes": boxes}
 
 
+@YOLO.spans
+def line_spans(file: BinaryIO) -> Iterator[BoxSpan]:
+    """The lines of a label file that are not empty."""
+    return spans_of_lines(file, bool)
+
+
 _WITH_CONFIDENCE: Final = 6
 
-_RAW_COLUMNS: Final = 4
+RAW_COLUMNS: Final = 4
 
 _LEAST_OUTLINE: Final = 7
 """A class and three corners."""
@@ -462,9 +519,9 @@ def _is_outline(columns: int, folders: LabelFolders) -> bool:
 
 def _read_line(columns: list[str], at: str, folders: LabelFolders) -> dict[str, object]:
     count, points = len(columns), folders.keypoint_columns or 0
-    if count == _RAW_COLUMNS:
+    if count == RAW_COLUMNS:
         return {"class": folders.default_class, "cxcywh": read_columns(columns, at)}
-    if count < _RAW_COLUMNS:
+    if count < RAW_COLUMNS:
         raise LayoutError(
             f"{at}: expected 'class cx cy w h' (5 columns) or 'cx cy w h' in pixels "
             f"(4 columns), found {count} columns"
@@ -510,6 +567,19 @@ def _class_name(word: str, at: str, classes: Sequence[str]) -> str:
     )
 
 
+def line_rectangles(own: OwnLabels) -> Iterator[Rectangles]:
+    """Of each line what it may be: columns do not tell a pose from an outline."""
+    for columns in filter(None, map(str.split, own.text.splitlines())):
+        numbers = read_columns(columns, own.file)
+        if len(numbers) == RAW_COLUMNS:
+            yield {"cxcywh": [numbers]}
+            continue
+        corners = numbers[1 : 1 + (len(numbers) - 1) // 2 * 2]
+        is_long = len(numbers) >= _LEAST_OUTLINE
+        outline = [_around(corners, own.file)] if is_long else []
+        yield {"cxcywhn": [numbers[1:5], *outline]}
+
+
 @YOLO.label_writer
 class YoloWriter:
     """Writes ``images/PART/STEM.png``, ``labels/PART/STEM.txt`` and ``data.yaml``.
@@ -525,23 +595,36 @@ class YoloWriter:
     """
 
     traits: ClassVar[Traits] = Traits(
-        image="images/{part}/{stem}{suffix}", needs_key_list=True, needs_flat_names=True
+        image="images/{part}/{stem}{suffix}",
+        needs_key_list=True,
+        needs_flat_names=True,
+        own=OwnReading(line_spans, line_rectangles),
     )
 
     def __init__(self, context: ExportContext) -> None:
         self._context = context
-        self._parts: set[str] = set()
+        self._parts: dict[str, None] = {}
+        self._beside: list[object] = []
 
     def labels(self, band: str, out: OutFrame) -> None:
         """One label file."""
-        self._parts.add(out.part)
-        lines = "".join(_lines(out.boxes, out.frame.wh))
+        self._parts[out.part] = None
+        stored = stored_labels(out.frame.given, YOLO.name)
+        if BESIDE in stored and not band:
+            self._beside.append(stored[BESIDE])
+        if out.own is None:
+            text = "".join(label_lines(out.boxes, out.frame.wh))
+        else:
+            self._context.note_own(band)
+            numbers = {one.row: str(one.class_number) for one in out.boxes}
+            text = out.own.with_words(numbers, fewest_columns=RAW_COLUMNS + 1)
         folder = band or "labels"
-        self._context.sink(f"{folder}/{out.part}/{out.stem}.txt", [lines.encode()])
+        self._context.sink(f"{folder}/{out.part}/{out.stem}.txt", [text.encode()])
 
     def finish(self) -> None:
         """The list of classes and where the images are."""
-        text = _data_yaml(self._context.head.classes, self._parts)
+        beside = joined_beside(self._beside)
+        text = _data_yaml(self._context.head.classes, self._parts, beside)
         self._context.sink("data.yaml", [text])
 
 
@@ -554,7 +637,7 @@ _HALF_UNITS: Final = 10**_DECIMALS // 2
 _LINE: Final = f"%d {' '.join([f'%.{_DECIMALS}f'] * 4)}\n"
 
 
-def _lines(boxes: LabelBoxes, wh: tuple[int, int]) -> Iterator[str]:
+def label_lines(boxes: LabelBoxes, wh: tuple[int, int]) -> Iterator[str]:
     """Centres and extents as shares of the sides, so rounded that edges are exact.
 
     If centre and extent were rounded each by itself, their edges could lie beyond the
@@ -568,11 +651,27 @@ def _lines(boxes: LabelBoxes, wh: tuple[int, int]) -> Iterator[str]:
     return (_LINE % (number, *share) for number, share in numbered)
 
 
-def _data_yaml(classes: Sequence[str], parts: set[str]) -> bytes:
-    # Ultralytics needs both folders; a part without frames would have none.
-    only = next(iter(parts)) if len(parts) == 1 else None
-    document = {
-        **{part: f"images/{only or part}" for part in PARTS},
+def _data_yaml(
+    classes: Sequence[str], parts: Iterable[str], beside: Mapping[str, object]
+) -> bytes:
+    """The folders of each part by what it is for, the classes, and what came beside.
+
+    Ultralytics needs a folder for train and for val: without frames of the one, it is
+    that of the other. It does not read parts whose names say nothing.
+    """
+    folders: dict[str, list[str]] = {"train": [], "val": []}
+    there = list(parts) or completed_parts(())
+    for part in there:
+        if role := role_of_part(part):
+            folders.setdefault(role, []).append(f"images/{part}")
+    everything = [f"images/{part}" for part in there]
+    for role, other in (("train", "val"), ("val", "train")):
+        folders[role] = folders[role] or folders[other] or everything
+    document: dict[str, object] = {
+        **{role: some[0] if len(some) == 1 else some for role, some in folders.items()},
         "names": dict(enumerate(classes)),
+        **({"nc": len(classes)} if "nc" in beside else {}),
     }
-    return yaml.safe_dump(document, sort_keys=False, allow_unicode=True).encode()
+    document |= {key: beside[key] for key in beside if key not in document}
+    text = yaml.safe_dump(document, sort_keys=False, allow_unicode=True)
+    return text.encode("utf-8", "replace")

@@ -285,6 +285,16 @@ def image_corners_xyxy(corners: ArrayLike) -> BoxesXYXY:
     return amodal
 
 
+def forward_distances(vertices: FloatArray, camera: Camera) -> FloatArray:
+    """(N,) float64, metres: how far ahead the centres of 3D boxes are, along the axis.
+
+    `vertices` is (N, 8, 3), in metres; a row of NaN gives NaN. Negative is behind it.
+    """
+    centres = vertices.mean(axis=1, keepdims=True)
+    forward: FloatArray = to_image_points(centres, camera)[:, 0, 2]
+    return forward
+
+
 def to_image_points(boxes: FloatArray, camera: Camera) -> FloatArray:
     """(N, P, 3) float64: ``u depth, v depth, depth`` of (N, P, 3) world points.
 

@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import os
-import re
 import zlib
+from array import array
+from bisect import bisect_left
 from collections import Counter
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Final, NamedTuple
 
+import numpy as np
+
+from filter_core.formats.patterns import FilePatterns
 from filter_core.formats.reading import (
     IMAGE_SUFFIXES,
     KEYS_NAME,
@@ -23,38 +28,20 @@ from filter_core.formats.reading import (
     open_regular,
     split_name,
 )
-from filter_core.inspection.listing import Listed, Listing
-
-_SPLIT: Final = re.compile(
-    r"(train(ing|val)?|val(id|idation)?|dev|test(ing)?)(set)?\d{0,4}", re.IGNORECASE
+from filter_core.formats.splits import (
+    Split,
+    folders_of_parts,
+    lists_below,
+    part_of_folder,
 )
-
-_SEPARATORS: Final = re.compile(r"[ _.-]+")
+from filter_core.formats.words import is_band
+from filter_core.inspection.listing import Listed, Listing
 
 _ALIKE: Final = 0.5
 """Share of names that two folders have in common, at least, if they are of cameras."""
 
 _MOST_FOLDERS: Final = 4096
 """Folders of pictures that are compared."""
-
-
-class Split(NamedTuple):
-    """A part of a recording.
-
-    Attributes
-    ----------
-    name : str
-        Its folder, or the file that lists it.
-    told_by : ``folder``, ``list`` or ``labels``
-        Whether the name is that of a folder, of a list of names, or of a file of
-        labels such as COCO's.
-    frames : int
-        Of a list: its lines.
-    """
-
-    name: str
-    told_by: str
-    frames: int
 
 
 class Cameras(NamedTuple):
@@ -80,7 +67,8 @@ class FileUse:
     Attributes
     ----------
     root : Path
-    used : set of str
+    files : FilePatterns
+        Of the description: those that it ignores are not read.
     outside : int
         Files of frames that are not in the folder.
     splits : Counter of str
@@ -88,10 +76,11 @@ class FileUse:
     """
 
     root: Path
-    used: set[str] = field(default_factory=set)
+    files: FilePatterns = field(default_factory=FilePatterns)
     outside: int = 0
     splits: Counter[str] = field(default_factory=Counter)
-    _by_folder: dict[str, set[int]] = field(default_factory=dict)
+    _used: array[int] = field(default_factory=partial(array, "q"))
+    _by_folder: dict[str, array[int]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self._prefix = f"{str(self.root).rstrip(os.sep)}{os.sep}"
@@ -114,13 +103,13 @@ class FileUse:
         if name is None:
             return
         folder, _, last = name.rpartition("/")
-        if part := _part_of(folder):
+        if part := part_of_folder(folder):
             self.splits[part] += 1
         names = self._by_folder.get(folder)
         if names is None and len(self._by_folder) < _MOST_FOLDERS:
-            names = self._by_folder[folder] = set()
+            names = self._by_folder[folder] = array("I")
         if names is not None:
-            names.add(zlib.crc32(split_name(last)[0].encode("utf-8", "replace")))
+            names.append(zlib.crc32(split_name(last)[0].encode("utf-8", "replace")))
 
     def add_file(self, path: Path) -> None:
         """One more file that is read."""
@@ -128,7 +117,17 @@ class FileUse:
         if name is None:
             self.outside += 1
         else:
-            self.used.add(name)
+            self._used.append(hash(name))
+
+    def is_used(self) -> Callable[[str], bool]:
+        """Tells of a file whether it is used, by the hash of its name."""
+        used = array("q", np.unique(np.array(self._used)).tobytes())
+
+        def tells(name: str) -> bool:
+            place = bisect_left(used, hash(name))
+            return place < len(used) and used[place] == hash(name)
+
+        return tells
 
     def cameras(self) -> tuple[Cameras, ...]:
         """Folders that hold pictures of the same names."""
@@ -137,58 +136,39 @@ class FileUse:
             # Folders with most of their names in common share the smallest number.
             groups.setdefault(min(names), []).append(folder)
         return tuple(
-            Cameras(alike, len(self._by_folder[alike[0]]))
+            Cameras(alike, len(set(self._by_folder[alike[0]])))
             for folders in groups.values()
             if len(alike := self._alike(folders)) > 1
         )
 
     def _alike(self, folders: list[str]) -> tuple[str, ...]:
-        first = self._by_folder[folders[0]]
-        parts = {_part_of(folder) for folder in folders}
+        first = set(self._by_folder[folders[0]])
+        parts = {part_of_folder(folder) for folder in folders}
         return tuple(
             folder
             for folder in folders
             if len(parts) == 1
-            and len(first & self._by_folder[folder])
-            >= _ALIKE * len(first | self._by_folder[folder])
+            and len(first.intersection(self._by_folder[folder]))
+            >= _ALIKE * len(first.union(self._by_folder[folder]))
         )
-
-
-def _part_of(folder: str) -> str | None:
-    """The name of a part of a split in the path of a folder."""
-    for name in folder.split("/"):
-        if _SPLIT.fullmatch(name):
-            return name
-        ends = _SEPARATORS.split(name)
-        if len(ends) > 1 and (_SPLIT.fullmatch(ends[0]) or _SPLIT.fullmatch(ends[-1])):
-            return name
-    return None
 
 
 def found_splits(frames: FrameSet, use: FileUse) -> tuple[Split, ...]:
     """The parts of a recording, as its folders, lists and files of labels say."""
-    folders = [Split(name, "folder", count) for name, count in use.splits.items()]
-    if len(folders) == 1 and not _SPLIT.fullmatch(folders[0].name):
-        folders = []  # such as depth_test/
+    are_parts = folders_of_parts(use.splits)
+    folders = [
+        Split(name, "folder", count)
+        for name, count in use.splits.items()
+        if name in are_parts
+    ]
+    is_used = use.is_used()
     labels = [Split(name, "labels", count) for name, count in frames.parts.items()]
     lists = (
         Split(name, "list", _count_lines(use.root / name))
-        for name in _lists(use.root)
-        if name not in use.used
+        for name in lists_below(use.root)
+        if not is_used(name)
     )
     return (*folders, *(labels if len(labels) > 1 else ()), *lists)
-
-
-def _lists(root: Path) -> Iterator[str]:
-    """Lists of the frames of a part: in ImageSets/, or train.txt in the top folder."""
-    if not root.is_dir():
-        return
-    for path in sorted((root / "ImageSets").rglob("*.txt")):
-        yield path.relative_to(root).as_posix()
-    for path in sorted(root.glob("*.txt")):
-        words = _SEPARATORS.split(path.stem)
-        if any(map(_SPLIT.fullmatch, words)):
-            yield path.name
 
 
 def _count_lines(path: Path) -> int:
@@ -228,15 +208,18 @@ def unused_files(
     known = {RECORDING_NAME, KEYS_NAME, *(split.name for split in splits)}
     ends = {one.path.rpartition("/")[2] for one in frames.unmatched}
     unmatched = _Ends(one.path for one in frames.unmatched)
+    is_used = use.is_used()
     for name in _all_files(use.root):
-        if name in use.used or name in known:
+        is_listed = name.rpartition("/")[2] in ends and name in unmatched
+        if is_listed or is_used(name) or name in known:
             continue
-        if name.rpartition("/")[2] in ends and name in unmatched:
-            continue
-        why = _why_not_read(name, frames)
+        why = _IGNORED if use.files.ignores(name) else _why_not_read(name, frames)
         if why is not None:
             not_read.add(why, name, why)
     return left_over.listed(), not_read.listed()
+
+
+_IGNORED: Final = "`files.ignore` of the description leaves it out"
 
 
 class _Ends:
@@ -266,9 +249,6 @@ def _all_files(root: Path) -> Iterator[str]:
         yield from (f"{prefix}{name}" for name in sorted(files))
 
 
-_BAND: Final = re.compile(r"(^|/)label\d+/", re.IGNORECASE)
-
-
 def _why_not_read(name: str, frames: FrameSet) -> str | None:
     """Why no reader opens a file; None if it is not known whether one does."""
     *folders, last = name.split("/")
@@ -286,6 +266,6 @@ def _why_not_read(name: str, frames: FrameSet) -> str | None:
         return f"no reader opens {ending}"
     if frames.texts is None:
         return None
-    if _BAND.search(name):
+    if any(map(is_band, folders)):
         return "labels of a narrower distance band, whose boxes the widest has, too"
     return f"neither a label nor a list that layout {frames.layout} reads"

@@ -7,7 +7,10 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterator
+from collections.abc import Set as AbstractSet
+from contextlib import suppress
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Final, Generic, TypeVar
 
 import numpy as np
@@ -15,7 +18,7 @@ import numpy as np
 from filter_core.annotation.frame import BoxAnnotation, FrameAnnotation
 from filter_core.annotation.parsing import parse_annotation
 from filter_core.annotation.units import check_units
-from filter_core.errors import FilterError, problem_of
+from filter_core.errors import FilterError, LayoutError, problem_of
 from filter_core.formats.reading import (
     FrameSet,
     FrameSource,
@@ -83,10 +86,15 @@ class LabelSurvey:
         ``inverted``; ``empty``, without extent.
     use : FileUse
         The files of the frames.
+    pictures : int
+        How many frames are to be looked at.
+    absent : set of str
+        Paths of images whose content is not here.
     """
 
     use: FileUse
     pictures: int
+    absent: AbstractSet[str] = frozenset()
     frames: int = 0
     boxes: int = 0
     boxes_3d: int = 0
@@ -123,13 +131,21 @@ class LabelSurvey:
 
     def _add(self, frame: FrameSource) -> None:
         self.use.add(frame)
-        files = {"image": frame.image, "segmentation": frame.segmentation}
-        for role, path in (*files.items(), *frame.others.items()):
+        files: dict[str, Path | None] = {
+            "image": frame.image,
+            "segmentation": frame.segmentation,
+            **frame.others,
+        }
+        for role, path in files.items():
             if path is not None:
                 self.roles[role] += 1
                 self.examples.setdefault(role, self.use.relative(path) or str(path))
         try:
-            if problem := frame.problem or missing_image(frame):
+            if (
+                problem := frame.problem
+                or missing_image(frame)
+                or self._empty_file(frame)
+            ):
                 raise problem
             annotation = parse_annotation(frame.annotation or {}, frame=frame.key)
             self._check(frame, annotation)
@@ -140,11 +156,23 @@ class LabelSurvey:
         names = Counter(map(box_class, annotation.boxes))
         self.by_class.update(names)
         self.boxes += len(annotation.boxes)
+        if self.absent and not self.absent.isdisjoint(map(str, files.values())):
+            return
         place = (self.frames, frame)
         (self._with_boxes if names else self._empty).add(place)
         for name in names:
             if len(self._of_class) < _MOST_CLASSES:
                 self._of_class.setdefault(name, place)
+
+    def _empty_file(self, frame: FrameSource) -> LayoutError | None:
+        """The error about a picture of 0 bytes, unless its content is elsewhere."""
+        path = frame.image
+        if path is None or str(path) in self.absent:
+            return None
+        with suppress(OSError):  # said when it is used
+            if path.stat().st_size == 0:
+                return LayoutError(f"{path.name} has 0 bytes", code="empty_file")
+        return None
 
     def _check(self, frame: FrameSource, annotation: FrameAnnotation) -> None:
         """Note rectangles that can hardly be right.
@@ -180,6 +208,9 @@ class LabelSurvey:
         xyxy: FloatArray,
         wh: tuple[int, int],
     ) -> None:
+        first, last = xyxy[:, :2], xyxy[:, 2:]
+        if (first >= 0).all() and (last <= wh).all() and (last > first).all():
+            return  # as in nearly all frames
         for kind, applies in _faults(xyxy, wh):
             for row in np.flatnonzero(applies).tolist():
                 box = boxes[row]

@@ -24,15 +24,13 @@ from filter_core.images.header import read_image_header
 from filter_core.inspection.listing import Counted, Listed, Listing, counted
 from filter_core.local import (
     ClassCount,
-    Shown,
     count_by_class,
-    depth_images,
     in_order,
     measure_source,
     measuring_of,
-    recognise_recording,
 )
 from filter_core.pipeline import FrameResult, MeasuredFrame
+from filter_core.recognition import Shown, depth_images, recognise_recording
 from filter_core.segmentation.codes import Segmentation
 from filter_core.segmentation.palettes import (
     FAMILIES,
@@ -94,12 +92,15 @@ class DrawnFrame:
         The picture, smaller; without one the segmentation in its colours. None: there
         is neither.
     boxes : tuple of DrawnBox
+    outside : int
+        Boxes that cannot be drawn, because no part of them is in the image.
     """
 
     key: str
     wh: tuple[int, int]
     jpeg: bytes | None
     boxes: tuple[DrawnBox, ...]
+    outside: int = 0
 
 
 @dataclass(frozen=True)
@@ -220,13 +221,17 @@ class _Look:
     unknown: Mapping[tuple[str, str], int] = field(default_factory=dict)
 
 
-def look_at(frames: Sequence[FrameSource], config: FilterConfig) -> PictureSurvey:
+def look_at(
+    frames: Sequence[FrameSource], config: FilterConfig, workers: int | None = None
+) -> PictureSurvey:
     """Measure and decide some frames, as the filter does.
 
     Parameters
     ----------
     frames : sequence of FrameSource
     config : FilterConfig
+    workers : int, optional
+        Threads; one more than there are cores.
     """
     survey = PictureSurvey(frames=len(frames))
     shown = Shown()
@@ -235,7 +240,7 @@ def look_at(frames: Sequence[FrameSource], config: FilterConfig) -> PictureSurve
     except LayoutError as several_families:
         survey.problem = several_families
     read = [shown.of_frame(frame) for frame in frames]
-    looks = list(in_order(partial(_look, config), read))
+    looks = list(in_order(partial(_look, config), read, workers))
     for look in looks:
         size = frame_size(look.source)
         if size is not None:
@@ -478,7 +483,8 @@ def _drawn(look: _Look) -> DrawnFrame:
         jpeg = _jpeg(_background(look.source, result.measured, result.config))
     except FilterError:  # a damaged picture; its frame is shown without it
         jpeg = None
-    return DrawnFrame(look.source.key, result.measured.wh, jpeg, boxes)
+    outside = len(result.decisions) - len(boxes)
+    return DrawnFrame(look.source.key, result.measured.wh, jpeg, boxes, outside)
 
 
 def _background(

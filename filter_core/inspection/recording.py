@@ -8,6 +8,7 @@ error: the files are listed all the same.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Set as AbstractSet
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -31,12 +32,12 @@ from filter_core.formats.registry import (
     possible_layouts,
     read_source,
 )
+from filter_core.formats.splits import Split
 from filter_core.formats.streams import Streams
 from filter_core.formats.yolo import NoClassList
 from filter_core.inspection.files import (
     Cameras,
     FileUse,
-    Split,
     found_splits,
     unused_files,
 )
@@ -199,6 +200,26 @@ class Inspection:
     drawn: tuple[DrawnFrame, ...]
 
 
+@dataclass(frozen=True)
+class Sampling:
+    """Which frames are looked at, besides reading all labels.
+
+    Attributes
+    ----------
+    pictures : int
+        How many, evenly spread, besides one of each class.
+    absent : set of str
+        Paths of images whose content is not here, and says nothing: frames that have
+        one are not looked at.
+    workers : int or None
+        Threads; one more than there are cores.
+    """
+
+    pictures: int = PICTURES
+    absent: AbstractSet[str] = frozenset()
+    workers: int | None = None
+
+
 def inspect_recording(
     source: Path,
     description: RecordingDescription | None = None,
@@ -227,12 +248,32 @@ def inspect_recording(
     if not source.exists():
         raise LayoutError(f"{name_of(source)}: expected a folder or a file, found none")
     given = describe_source(source) if description is None else description
-    opened = _open(source, given)
+    opened = open_recording(source, given)
+    return inspect_opened(source, opened, Sampling(pictures), progress)
+
+
+def inspect_opened(
+    source: Path,
+    opened: OpenedRecording,
+    sampling: Sampling,
+    progress: Callable[[int, int | None], None] = lambda _done, _of: None,
+) -> Inspection:
+    """How a recording that was opened is understood: see `inspect_recording`.
+
+    Parameters
+    ----------
+    source : Path
+    opened : OpenedRecording
+        Its frames are read once.
+    sampling : Sampling
+    progress : callable
+    """
     root = source if source.is_dir() else source.parent
-    labels = LabelSurvey(FileUse(root), pictures)
+    files = FileUse(root, opened.description.files)
+    labels = LabelSurvey(files, sampling.pictures, sampling.absent)
     labels.read(opened.frames, progress)
     config = FilterConfig.from_mapping(opened.description.config_keys())
-    looked = look_at(labels.sample(), config)
+    looked = look_at(labels.sample(), config, sampling.workers)
     splits = found_splits(opened.frames, labels.use)
     is_folder = source.is_dir()
     left_over, not_read = unused_files(opened.frames, labels.use, splits)
@@ -265,8 +306,22 @@ def inspect_recording(
 
 
 @dataclass(frozen=True)
-class _Opened:
-    """A folder with what was recognised; without frames if it cannot be read."""
+class OpenedRecording:
+    """A folder with what was recognised; without frames if it cannot be read.
+
+    Attributes
+    ----------
+    frames : FrameSet
+        With their boxes as they look like, whatever the format says.
+    layout : str or None
+    layouts : tuple of str
+    why : str
+    description : RecordingDescription
+        It says what the boxes look like.
+    problems : tuple of Problem
+    others : tuple of OtherNotation
+        What a person has to say about the boxes before they are used.
+    """
 
     frames: FrameSet
     layout: str | None
@@ -274,15 +329,27 @@ class _Opened:
     why: str
     description: RecordingDescription
     problems: tuple[Problem, ...]
+    others: tuple[OtherNotation, ...] = ()
 
 
-def _open(source: Path, given: RecordingDescription) -> _Opened:
-    """The frames, in the layout and notation that they are recognised to have."""
-    layouts = (given.layout,) if given.layout != "auto" else possible_layouts(source)
+def open_recording(source: Path, given: RecordingDescription) -> OpenedRecording:
+    """The frames, in the layout and notation that they are recognised to have.
+
+    Parameters
+    ----------
+    source : Path
+    given : RecordingDescription
+        What it says is not recognised.
+    """
+    layout = given.own_layout
+    layouts = (layout,) if layout != "auto" else possible_layouts(source, given)
     problems = []
     if len(layouts) > 1:
-        names, first = " or ".join(layouts), layouts[0]
-        problems.append(Problem("several_layouts", _SEVERAL.format(names, first)))
+        names = " or ".join(layouts)
+        remedies = [f"`layout: {name}`" for name in layouts]
+        which = f"{', '.join(remedies[:-1])} or {remedies[-1]}"
+        text = _SEVERAL.format(names, layouts[0], which)
+        problems.append(Problem("several_layouts", text))
     try:
         frames, described, others = _read(source, layouts[0] if layouts else "", given)
     except LayoutError as exc:
@@ -290,16 +357,24 @@ def _open(source: Path, given: RecordingDescription) -> _Opened:
         if isinstance(exc, NoClassList):
             remedy = _NAME_CLASSES
         problems.append(Problem(exc.kind, f"{exc.detail}{remedy}"))
-        streams = Streams(source).facts if source.is_dir() else ()
+        streams = () if not source.is_dir() else _streams_of(source, given)
         frames = FrameSet("", lambda: iter(()), streams=streams)
-        return _Opened(frames, None, layouts, "", given, tuple(problems))
+        return OpenedRecording(frames, None, layouts, "", given, tuple(problems))
     problems += [Problem(other.error.kind, other.error.detail) for other in others]
     if frames.count == 0:
         problems.append(Problem("no_frames", _NO_FRAMES.format(frames.layout)))
     why = "as the description says"
-    if given.layout == "auto":
+    if layout == "auto":
         why = f"recognised by {layout_format(frames.layout).recognised_by}"
-    return _Opened(frames, frames.layout, layouts, why, described, tuple(problems))
+    return OpenedRecording(
+        frames, frames.layout, layouts, why, described, tuple(problems), others
+    )
+
+
+def _streams_of(source: Path, given: RecordingDescription) -> tuple[StreamFacts, ...]:
+    with suppress(LayoutError):  # of a description that contradicts itself
+        return Streams(source, given).facts
+    return ()
 
 
 def _read(
@@ -331,27 +406,32 @@ def _read(
 
 
 _SEVERAL: Final = (
-    "the files could be {0}, and are read as {1}; `layout: {1}` in recording.yaml says "
-    "so (--layout)"
+    "the files could be {0}, and are read as {1}; {2} in recording.yaml says which "
+    "labels are meant"
 )
 
-_NAME_LAYOUT: Final = "; `layout` in recording.yaml names it (--layout)"
+_NAME_LAYOUT: Final = "; `layout` in recording.yaml names it"
 
 _NAME_CLASSES: Final = (
     "; `layout: yolo` and `boxes: {classes: [car, bus]}` in recording.yaml name them "
-    "in their order (--layout yolo --classes car,bus)"
+    "in their order"
 )
 
 _NO_FRAMES: Final = (
     "no frames in layout {}: its files are not used; `layout` in recording.yaml names "
-    "another one (--layout)"
+    "another one"
 )
 
 
-def _named_streams(opened: _Opened, labels: LabelSurvey) -> Iterator[StreamFacts]:
-    """The files by role where the layout names each."""
+def _named_streams(
+    opened: OpenedRecording, labels: LabelSurvey
+) -> Iterator[StreamFacts]:
+    """The files by role where the layout or the description names each."""
+    patterns = opened.description.files.roles
     for role, count in labels.roles.items():
-        yield StreamFacts(role, count, labels.examples[role], (str(opened.layout),))
+        told_by = "description" if role in patterns else str(opened.layout)
+        pattern = patterns[role].text if role in patterns else None
+        yield StreamFacts(role, count, labels.examples[role], (told_by,), pattern)
 
 
 def _several_families(looked: PictureSurvey) -> Iterator[Problem]:
@@ -393,7 +473,7 @@ def _classes(
         )
 
 
-def _described(opened: _Opened, looked: PictureSurvey) -> RecordingDescription:
+def _described(opened: OpenedRecording, looked: PictureSurvey) -> RecordingDescription:
     """The description with what was recognised for certain."""
     found: dict[str, object] = {}
     given = opened.description

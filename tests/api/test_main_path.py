@@ -43,7 +43,9 @@ def stats(api, name):
 
 
 def take_from_queue(api, name, limit):
-    answer = api.post(f"/datasets/{name}/queue", {"limit": limit})
+    answer = api.post(
+        f"/datasets/{name}/queue", {"limit": limit, "filters": {"review": "undecided"}}
+    )
     assert answer.status_code == 200, answer.text
     return answer.json()
 

@@ -16,6 +16,7 @@ from playwright.sync_api import (
 )
 
 from tests.support import plain_http
+from tests.support.api import BY_TAGS
 from tests.support.page import scenes
 from tests.support.page.scenes import MakeScene, Scene
 from tests.support.page.tuning import car_at
@@ -59,11 +60,19 @@ def http(server: RunningServer) -> Iterator[httpx.Client]:
 
 @pytest.fixture
 def make_scene(http: httpx.Client) -> MakeScene:
-    """Makes a new dataset with one frame: `make_scene(form="raw", boxes=[...])`."""
+    """Makes a new dataset with one frame: `make_scene(form="raw", boxes=[...])`.
 
-    def make(form: str = "palette", boxes: list[dict[str, Any]] | None = None) -> Scene:
+    By default it is decided by tags, as in the paper.
+    """
+
+    def make(
+        form: str = "palette",
+        boxes: list[dict[str, Any]] | None = None,
+        config: dict[str, str] | None = None,
+    ) -> Scene:
         dataset = f"scene-{next(_numbers)}"
-        made = http.post("/datasets", json={"name": dataset, "palette": scenes.FAMILY})
+        by_tags = {"palette": scenes.FAMILY, "config": config or BY_TAGS}
+        made = http.post("/datasets", json={"name": dataset, **by_tags})
         assert made.status_code == 201, made.text
         frame = scenes.push(http, dataset, "run/000001", boxes, form)
         return Scene(http, dataset, frame)

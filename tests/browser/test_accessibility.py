@@ -17,6 +17,8 @@ def test_frame_can_be_reviewed_by_keyboard_only(scene, user: Visitor):
     page = user.open("#/datasets")
     page.get_by_role("link", name=scene.dataset).focus()
     user.press("Enter")
+    page.get_by_role("link", name="Look at the frames").focus()
+    user.press("Enter")
     page.get_by_role("link", name="run/000001").focus()
     user.press("Enter")
     user.wait_until_drawn()

@@ -29,7 +29,7 @@ from tests.support.sensors import ANNOTATION, sensors
 
 pytestmark = pytest.mark.browser
 
-CHANNELS = 6
+EVIDENCE_ROWS = 7
 
 
 @dataclass(frozen=True)
@@ -55,6 +55,11 @@ def lists_and_menus(tools: Tools) -> Iterator[str]:
     user.open("#/datasets")
     expect(page.get_by_role("heading", name=scene.dataset)).to_be_visible()
     yield "datasets"
+
+    user.open(f"#/datasets/{scene.dataset}")
+    expect(page.locator(".compare__box--kept")).to_have_count(2)
+    expect(page.get_by_role("table")).to_have_count(3)
+    yield "home of a dataset"
 
     user.open(f"#/datasets/{scene.dataset}/frames?verdict=rejected")
     expect(page.locator("a.thumb")).to_have_count(1)
@@ -82,16 +87,24 @@ def lists_and_menus(tools: Tools) -> Iterator[str]:
 
 def upload(tools: Tools) -> Iterator[str]:
     root = tools.folder / f"town-{tools.folder.name.strip('_').lower()}"
-    for folder in ("images", "labels"):
+    for folder in ("images", "labels", "seg"):
         (root / folder).mkdir(parents=True)
-    (root / "data.yaml").write_text("names: [car, walker]\n")
+    (root / "data.yaml").write_text("names: [car, wlker]\n")
     for name in ("1", "stray"):
         (root / "images" / f"{name}.png").write_bytes(scenes.picture())
-    (root / "labels" / "1.txt").write_text("0 0.25 0.694444 0.25 0.277778\n")
+    (root / "seg" / "1.png").write_bytes(scenes.segmentation("palette"))
+    boxes = "0 0.25 0.694444 0.25 0.277778\n1 0.5 0.2 0.05 0.25\n"
+    (root / "labels" / "1.txt").write_text(boxes)
     page = tools.user.open("#/datasets")
     page.get_by_label("Upload a folder").last.set_input_files(root)
     page.get_by_text("Did not match 1").click()
+    page.locator(".pbox").first.focus()
     yield "what will be sent"
+
+    page.get_by_role("button", name="Is it walker?").click()
+    expect(page.get_by_text("Classes: wlker measured as walker")).to_be_visible()
+    expect(page.locator("[aria-busy=true]")).to_have_count(0)
+    yield "what was corrected"
 
     page.get_by_role("button", name=re.compile(r"^Upload \d+ frame")).click()
     page.get_by_role("button", name="Close the upload").wait_for()
@@ -198,7 +211,7 @@ def channels(tools: Tools) -> Iterator[str]:
     yield "not measured"
 
     measure.click()
-    expect(panel.locator("tbody tr")).to_have_count(CHANNELS, timeout=20_000)
+    expect(panel.locator("tbody tr")).to_have_count(EVIDENCE_ROWS, timeout=20_000)
     yield "measured"
 
     page.get_by_role("button", name="Compare with instances").click()

@@ -7,13 +7,13 @@ import signal
 import socket
 import sys
 
-import httpx
 import pytest
 import yaml
 from typer.testing import CliRunner
 
 from tests.support.fake_carla.scenarios import SMALL
 from unghost.cli.program import app
+from unghost.client.errors import NoResponse
 
 
 def write_scenario(folder, **changes):
@@ -117,9 +117,17 @@ def test_unreachable_service_fails_before_recording(as_carla, tmp_path, monkeypa
             "UNGHOST_SERVER", f"http://127.0.0.1:{taken.getsockname()[1]}"
         )
         monkeypatch.setenv("UNGHOST_TOKEN", "ugt_of_nobody")
-        done = run(write_scenario(tmp_path), "-o", tmp_path / "out", "--push", "street")
+        done = run(
+            write_scenario(tmp_path),
+            "-o",
+            tmp_path / "out",
+            "--push",
+            "street",
+            "--retry-for",
+            0,
+        )
 
-    assert isinstance(done.exception, httpx.TransportError)
+    assert isinstance(done.exception, NoResponse)
     assert as_carla.simulator.spawned == ["traffic.traffic_light"]
     assert not (tmp_path / "out").exists()
 
@@ -189,10 +197,13 @@ def test_capture_prints_a_json_summary(as_carla, tmp_path):
     assert as_carla.left_behind() == {}
 
 
-def test_captured_folder_can_be_filtered_directly(bare_unghost, stage):
+def test_captured_folder_can_be_filtered_directly(bare_unghost, stage, tmp_path):
     stage.capture(frames=2)
+    config = tmp_path / "filter.yaml"
+    config.write_text("profile: paper")
+    output = ("--output", "decisions.jsonl", "--json")
 
-    said = bare_unghost("filter", stage.folder, "--output", "decisions.jsonl", "--json")
+    said = bare_unghost("filter", stage.folder, "--config", config, *output)
 
     assert said.code == 0, said.err
     told = said.records[0]

@@ -6,10 +6,13 @@ import json
 import os
 import signal
 import sys
+import time
+from collections import Counter
 
 import pytest
 import yaml
 
+from tests.support.api import BY_TAGS
 from tests.support.command_line import CommandLine
 from tests.support.fake_carla.scenarios import SMALL
 from tests.support.processes import start
@@ -66,6 +69,8 @@ def test_100_captured_frames_are_pushed_to_a_live_service(
     )
     scenario = line.scenario(frames=100, interval_s=0.05, sensors=ALL_SENSORS)
 
+    with Client(server.url, server.token) as client:
+        client.create_dataset("captured-street", config=BY_TAGS)
     command = ("capture", scenario, "--push", "captured-street", "--output", "out")
     code, out, err = wait_for_exit(line.start(*command))
 
@@ -89,6 +94,57 @@ def test_100_captured_frames_are_pushed_to_a_live_service(
         for kind in ("lidar", "radar", "depth", "instances"):
             content = client.frame_file(stored.id, kind)
             assert content == (tmp_path / "out" / first[kind]).read_bytes()
+
+
+TOWNS = [*(f"Town{number:02}" for number in range(1, 8)), "Town10HD"]
+
+
+def test_campaign_killed_twice_has_every_frame_of_every_map_once(
+    tmp_path, server: RunningServer
+):
+    line = CaptureLine(
+        tmp_path, {"UNGHOST_SERVER": server.url, "UNGHOST_TOKEN": server.token}
+    )
+    weather = {"presets": ["ClearNoon", "WetSunset"], "frames_per_preset": 10}
+    scenario = line.scenario(maps=TOWNS, frames=20, interval_s=0.05, weather=weather)
+    command = ("capture", scenario, "--push", "campaign", "--output", "out")
+    manifest = tmp_path / "out" / "manifest.jsonl"
+
+    def count():
+        return manifest.read_text().count("\n") if manifest.exists() else 0
+
+    for least in (25, 90):
+        process = line.start(*command)
+        while count() < least:
+            assert process.poll() is None, "it ended too early"
+            time.sleep(0.02)
+        process.kill()
+        process.communicate()
+    code, out, err = wait_for_exit(line.start(*command))
+
+    assert code == 0, err
+    frames = [json.loads(one) for one in manifest.read_text().splitlines()]
+    assert Counter(one["map"] for one in frames) == dict.fromkeys(TOWNS, 20)
+    assert len({one["key"] for one in frames}) == len(frames)
+    assert list(dict.fromkeys(one["map"] for one in frames)) == TOWNS
+    counts = [line.split("\t") for line in out.splitlines() if "count\t" in line]
+    assert {row[2]: row[3] for row in counts if row[1] == "map"} == dict.fromkeys(
+        TOWNS, "20"
+    )
+    assert {row[2]: row[3] for row in counts if row[1] == "weather"} == {
+        "ClearNoon": "80",
+        "WetSunset": "80",
+    }
+    with Client(server.url, server.token) as client:
+        stored = [one.key for one in client.frames("campaign")]
+        by_map = client.stats("campaign").by_map
+        assert {name: of.frames for name, of in by_map.items()} == dict.fromkeys(
+            TOWNS, 20
+        )
+        assert sum(of.boxes for of in by_map.values()) == sum(
+            len(one["boxes"]) for one in frames
+        )
+    assert sorted(stored) == sorted(one["key"] for one in frames)
 
 
 def test_ctrl_c_exits_with_130_and_the_capture_can_be_resumed(line):

@@ -40,8 +40,9 @@ def keys(count, **changes):
 
 
 def verdicts(stage, **config):
-    """The filter's verdict on each box of the first frame, by the box's id."""
-    found = filter_source(read_source(stage.folder), FilterConfig(**config), workers=1)
+    """The paper's verdict on each box of the first frame, by the box's id."""
+    by_tags = FilterConfig(profile="paper", **config)
+    found = filter_source(read_source(stage.folder), by_tags, workers=1)
     first = next(iter(found))
     assert first.decisions is not None
     return {box["id"]: box["verdict"] for box in first.decisions}

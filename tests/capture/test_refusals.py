@@ -13,6 +13,7 @@ SHORT_SCENARIO = {"frames": 3, "camera": {"width": 48, "height": 32}}
 
 
 WRONG = [
+    ({"maps": ["Town01", "Town8"]}, "maps: .*no 'Town8'; the nearest is 'Town0"),
     ({"map": "Town10HDD"}, "map: .*the nearest is 'Town10HD'"),
     (
         {"ego": {"blueprint": "vehicle.tesla.modl3"}},

@@ -148,6 +148,7 @@ def test_run_completes_after_a_worker_process_is_killed(running_cluster, long_st
     running_cluster.workers[0].wait_for_log("starting another")
     until(lambda: has_joined(running_cluster.workers[0]), "no other process")
     assert working_process(running_cluster.workers[0]) != killed
+    assert running_cluster.workers[0].log_text.count("starting another") == 1
 
 
 def test_cancelled_run_stops_measuring_within_a_second(running_cluster, long_street):

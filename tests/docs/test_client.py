@@ -30,11 +30,13 @@ def test_client_examples_run_in_order_and_print_the_expected_output(capsys):
         printed.append(capsys.readouterr().out.splitlines())
     namespace["client"].close()
 
-    connect, push, put, look, runs, review, quality, export = printed
+    connect, push, put, look, tables, awaited, runs, review, quality, export = printed
     assert connect == ["admin"]
     assert sorted(push) == ["000000 stored", "000001 stored"]
     assert put[0].startswith("rejected: none of its pixels are ")
     assert look == ["1", "000000 7 100.0", "000001 7 100.0"]
+    assert tables == ["3 ['kept', 'kept', 'rejected']", "['7', '7', '8']"]
+    assert awaited == ["['8']"]
     assert (runs[0], runs[-4]) == ("2", "done")
     assert runs[-3:] == ["{'car': 2}", *["kept -> rejected"] * 2]
     assert review == ["1"]

@@ -25,6 +25,7 @@ NOT_IN_TABLES = {
     "id",  # the column is called box
     "explanation",
     "evidence",
+    "distance_range",
     "xyxy",
     "amodal_xyxy",
     "visible_xyxy",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from typing import get_args
 
@@ -9,7 +10,9 @@ import pytest
 
 from filter_core.formats.recording import LAYOUTS
 from filter_core.formats.registry import EXPORT_FORMATS, FORMATS
+from filter_core.formats.same import STORED
 from tests.support.documents import read
+from tests.support.exporting import box, export, frame
 from tools.reference import part_pattern
 from unghost.wire.runs import ExportIn, ExportOptions
 
@@ -60,7 +63,8 @@ def test_every_export_option_is_described_with_its_default(option):
     row = re.search(rf"^\| `{option}` \| (.*?) \|", GOING_OUT, re.MULTILINE)
 
     assert row is not None
-    assert f"`{str(default).lower()}`" in row[1]
+    shown = str(default).lower() if default != "" else '""'
+    assert f"`{shown}`" in row[1]
     for choice in get_args(ExportOptions.model_fields[option].annotation):
         assert not isinstance(choice, str) or f"`{choice}`" in row[1]
 
@@ -72,6 +76,75 @@ def test_every_export_option_lists_the_formats_that_support_it(option):
     assert row is not None
     has_it = {name for name in EXPORT_FORMATS if option in FORMATS[name].options}
     assert named(row[1]) == has_it
+
+
+def rows_of_the_same_format():
+    """The rows of the table of what is read, kept and lost."""
+    head = "\n| format | what is read | in the same format |"
+    _, _, table = GOING_OUT.partition(head)
+    lines = table.split("\n\n")[0].splitlines()[2:]
+    cells = [[cell.strip() for cell in line.strip("| ").split(" | ")] for line in lines]
+    return {row[0].strip("`"): row[1:] for row in cells}
+
+
+def test_the_table_of_what_is_kept_says_which_formats_are_written_as_they_came():
+    able = {
+        name: "as it came" if one.box_spans else "no"
+        for name, one in FORMATS.items()
+        if one.read
+    }
+
+    assert {name: row[1] for name, row in rows_of_the_same_format().items()} == able
+
+
+def test_every_format_whose_labels_are_stored_is_one_of_these():
+    written = {name for name, one in FORMATS.items() if one.write and one.box_spans}
+    assert written - {"manifest"} == STORED
+
+
+RICH = frame(
+    "a",
+    box(
+        0,
+        given={
+            "id": "7",
+            "instance_id": 9,
+            "vertices": [[x, y, z] for x in (5, 9) for y in (0, 2) for z in (0, 2)],
+            "distance": 7.5,
+            "kitti": {"truncated": 0.5},
+            "occluded": 1,
+            "pose": "Left",
+            "truncated": 1,
+            "difficult": 1,
+            "track": 3,
+        },
+    ),
+    annotation={
+        "map": "Town01",
+        "camera": {"width": 100, "height": 80, "fov": 90},
+        "dontcare": [[1, 2, 3, 4]],
+        "weather": {"rain": 1.5},
+        "captured_at": "2026-11-30T01:00:00Z",
+    },
+)
+
+
+@pytest.mark.parametrize("name", sorted(rows_of_the_same_format()))
+def test_the_table_of_what_is_kept_lists_what_has_no_place(name):
+    without_place = rows_of_the_same_format()[name][2]
+    if name not in EXPORT_FORMATS:
+        assert without_place == "not written"
+        return
+
+    manifest = json.loads(export(name, [RICH])["manifest.json"])
+
+    found = manifest.get("without_place", {})
+    if isinstance(found, str):
+        assert without_place == "all but class and rectangle"
+        return
+    keys = [*found.get("boxes", {}), *found.get("frames", {})]
+    assert set(re.findall("`(.*?)`", without_place)) == set(keys)
+    assert keys or without_place == "nothing"
 
 
 def named(text: str) -> set[str]:

@@ -33,6 +33,7 @@ def demo(tmp_path_factory):
     with unghost.running("demo", "--frames", 1, "--port", 0, "--json") as process:
         assert process.stdout is not None
         link = json.loads(process.stdout.readline())["login_link"]
+        assert json.loads(process.stdout.readline())["dataset"] == "demo"
         token = token_of(data)
         assert list(rendered.parent.iterdir()) == [rendered]
         yield {"UNGHOST_SERVER": link.partition("/#")[0], "UNGHOST_TOKEN": token}
@@ -73,7 +74,7 @@ def test_client_notebook_runs(demo, tmp_path):
     said = run(CHECKOUT / "docs" / "notebooks" / "client.ipynb", tmp_path, demo)
 
     assert "1 frames, " in said
-    assert said.count("image/jpeg") == 3
+    assert said.count("image/webp") == 3
     assert "5 answers, 5 undone" in said
     assert "files, such as " in said
 

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
 import subprocess
+import sys
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -68,8 +71,14 @@ def test_the_curl_example_uploads_a_frame(tmp_path):
 
     with running_server(tmp_path / "unghost-data") as server:
         script = example.replace("http://127.0.0.1:8000", server.url)
-        curl = ["sh", "-euc", script]
-        answers = subprocess.run(curl, check=True, capture_output=True, text=True)
+        programs = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+        answers = subprocess.run(
+            ["sh", "-euc", script],
+            check=True,
+            capture_output=True,
+            text=True,
+            env={**os.environ, "PATH": programs, "UNGHOST_SERVER": server.url},
+        )
 
     dataset, frame = json_documents(answers.stdout)
     assert dataset["name"] == "town11"

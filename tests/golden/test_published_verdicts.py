@@ -9,8 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from filter_core.config.file import load_config
 from filter_core.config.filter import FilterConfig
 from filter_core.pipeline import filter_frame
+from tests.support.pictures import png
 from tests.support.shared_data import shared
 from tests.support.sources import CHECKOUT
 
@@ -59,6 +61,37 @@ def test_all_published_verdicts_and_corrections_agree():
 
 def test_selected_verdicts_at_exact_thresholds_agree():
     assert check_cases(SMALL) >= 40
+
+
+# Metres ahead of the camera and beside it; its `min_distance` is 1 m ahead.
+PLACES = {
+    (50.1, 0): "visible", (80, 0): "visible", (150, 0): "visible", (200, 0): "visible",
+    (4, 3): "visible", (0.9, 3): "out_of_range", (0.9, 40): "out_of_range",
+}  # fmt: skip
+
+
+def test_authors_own_configuration_skips_boxes_by_their_distance_ahead():
+    config = load_config(
+        shared("oracles/carlasimu_yaml/boundingBox.yaml").read_bytes()
+    ).config
+    boxes = [
+        {
+            "class": "car",
+            "box3d": {"transform": {"x": x, "y": y, "z": 0}, "extent": [2, 1, 1]},
+        }
+        for x, y in PLACES
+    ]
+    camera: dict[str, object] = {"width": 320, "height": 180, "fov": 90}
+    camera["transform"] = {"x": 0, "y": 0, "z": 1}
+    cars = png(np.full((180, 320, 3), (0, 0, 142), np.uint8))
+
+    result = filter_frame({"camera": camera, "boxes": boxes}, cars, config)
+
+    reasons = [one["reason"] for one in result.decisions]
+    assert dict(zip(PLACES, reasons, strict=True)) == PLACES
+    assert result.decisions[-1]["explanation"] == (
+        "rejected: its centre is not far enough ahead of the camera"
+    )
 
 
 @pytest.mark.parametrize("kind", ["vehicle.tesla.model3", "walker.pedestrian.0001"])

@@ -262,6 +262,17 @@ def test_downgrade_that_would_empty_the_audit_log_is_refused(engine):
     assert "audit_log" not in inspect(engine).get_table_names()
 
 
+def test_a_downgrade_that_would_lose_how_folders_are_read_is_refused(engine):
+    migrate(engine, SCRIPTS)
+    with Session(engine) as session, session.begin():
+        add_dataset(session, "described").recording = {"layout": "yolo"}
+
+    with pytest.raises(WouldLose, match="how folders are read"):
+        migrate(engine, SCRIPTS, "0014")
+
+    migrate(engine, SCRIPTS, "0014", may_lose=True)
+
+
 def test_a_downgrade_that_would_lose_which_answers_were_undone_is_refused(engine):
     migrate(engine, SCRIPTS)
     fill(engine, revisions()[-1])

@@ -12,6 +12,7 @@ from tests.support.servers import (
     wait_for_link,
     wait_until_ready,
 )
+from tests.support.waiting import until
 
 
 @pytest.mark.parametrize(
@@ -31,7 +32,10 @@ def test_the_demo_renders_filters_and_serves(kind, request, tmp_path):
         with plain_http.Client(base_url=url, headers=headers, timeout=60) as client:
             wait_until_ready(url)
             page = client.get("/")
-            stats = client.get("/api/v1/datasets/demo/stats").json()
+            # It is rendered after the start.
+            demo = "/api/v1/datasets/demo/stats"
+            until(lambda: client.get(demo).json().get("frames") == 1)
+            stats = client.get(demo).json()
             quality = client.get("/api/v1/datasets/demo/quality")
             made = client.post("/api/v1/datasets", json={"name": "another"})
     finally:

@@ -1,7 +1,7 @@
-"""A pin of every format's export of the first frame that ``unghost demo`` renders.
+"""A pin of every format's export of a rendered frame: the first of the demo's towns.
 
-It is a crowded street: 166 boxes of eight classes, of which 75 are kept, where the
-frames of `street` are tiny and have a dozen.
+It has all actors: 166 boxes of eight classes, of which 75 are kept, where the frames of
+`street` are tiny and have a dozen. ``unghost demo`` leaves most of them out.
 """
 
 from __future__ import annotations

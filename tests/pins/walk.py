@@ -190,6 +190,7 @@ _READERS: Final[Mapping[str, Callable[[httpx.Response], Any]]] = {
     "application/x-ndjson": _lines,
     "application/zip": _files,
     "image/jpeg": _size,
+    "image/webp": _size,
     "text/event-stream": _last_event,
 }
 """What is recorded of a body, by media type; of other types, the SHA-256."""

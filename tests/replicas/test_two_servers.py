@@ -125,9 +125,13 @@ def test_of_two_concurrent_bulk_answers_each_box_counts_in_one(replicas, make_re
     for act in range(10):
         seen = [act] * len(boxes)
         which = {"dataset": name, "box_ids": boxes, "seen_revisions": seen}
+        # Nobody repeats an answer: that would be no new one.
+        verdicts = ("keep", "reject") if act % 2 else ("reject", "keep")
         answers = call_concurrently(
-            partial(ada.post, "/reviews/bulk", {"verdict": "keep", **which}),
-            partial(bob.post, "/reviews/bulk", {"verdict": "reject", **which}),
+            *(
+                partial(who.post, "/reviews/bulk", {"verdict": verdict, **which})
+                for who, verdict in zip((ada, bob), verdicts, strict=True)
+            )
         )
         assert [answer.status_code for answer in answers] == [201, 201]
         done = sorted((each.json() for each in answers), key=lambda one: one["count"])
@@ -148,12 +152,16 @@ def test_of_two_concurrent_bulk_answers_by_filter_the_later_is_stale(
     (ada, _), (_, bob) = make_reviewer(), make_reviewer()
     name = replicas.make_dataset(frames=5)
 
-    for _ in range(5):
+    for act in range(5):
         page = ada.json("/boxes", dataset=name, count="true")
         which = {"dataset": name, "filter": {}, "snapshot": page["snapshot"]}
+        # Nobody repeats an answer: that would be no new one.
+        verdicts = ("keep", "reject") if act % 2 else ("reject", "keep")
         answers = call_concurrently(
-            partial(ada.post, "/reviews/bulk", {"verdict": "keep", **which}),
-            partial(bob.post, "/reviews/bulk", {"verdict": "reject", **which}),
+            *(
+                partial(who.post, "/reviews/bulk", {"verdict": verdict, **which})
+                for who, verdict in zip((ada, bob), verdicts, strict=True)
+            )
         )
         assert sorted(answer.status_code for answer in answers) == [201, 412]
         (late,) = [answer.json() for answer in answers if answer.status_code == 412]
@@ -194,7 +202,13 @@ def test_queue_returns_no_box_to_two_people(replicas, make_reviewer):
     def take_from_queue(number: int) -> list[int]:
         taken: list[int] = []
         for order in ("doubt", "random", "class"):
-            wanted = {"limit": 2, "order": order, "exclude": taken}
+            filters = {"review": "undecided"}  # in doubt or not
+            wanted = {
+                "limit": 2,
+                "order": order,
+                "exclude": taken,
+                "filters": filters,
+            }
             answer = clients[number].post(f"/datasets/{name}/queue", wanted)
             assert answer.status_code == 200, answer.text
             taken += [item["box_id"] for item in answer.json()["items"]]

@@ -6,7 +6,7 @@ from app.db.tables import Export
 from app.exports.service import ExportRequest, request_export
 from app.jobs.queries import job_with_id
 from tests.support import frames as scene
-from tests.support.services import ServiceDataset, running_services
+from tests.support.services import ANSWERED_AT, ServiceDataset, running_services
 from tests.support.waiting import until
 
 FORMATS = {
@@ -24,7 +24,7 @@ def exports(folder, name, **chosen):
         for number in range(3):
             files = {"image": scene.image(number), "segmentation": scene.segmentation()}
             street.put(f"{number}", scene.annotation(), **files)
-        street.review(street.box_ids()[0], "reject")
+        street.review(street.box_ids()[0], "reject", at=ANSWERED_AT)
         return {form: export_state_and_digest(street, form) for form in FORMATS}
 
 

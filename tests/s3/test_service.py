@@ -103,7 +103,7 @@ def test_thumbnail_overlay_and_crop_are_drawn_from_the_bucket(on_s3, dataset):
     ):
         answer = on_s3.api.get(path)
         assert answer.status_code == 200, answer.text
-        assert answer.headers["content-type"] in ("image/jpeg", "image/png")
+        assert answer.headers["content-type"] in ("image/webp", "image/png")
 
 
 def test_run_measures_frames_from_the_bucket(on_s3):

@@ -18,6 +18,8 @@ from tests.support import frames as scene
 from tests.support import plain_http
 
 BASE = "/api/v1"
+BY_TAGS = {"profile": "paper"}
+"""The configuration of a dataset that is decided by tags, as in the paper."""
 FINISHED = ("done", "failed", "cancelled")
 MOST_LOOKS = 20_000
 LOOK_EVERY_S = 0.03
@@ -57,12 +59,14 @@ class Api:
         assert answer.status_code == 201, answer.text
         return name
 
-    def dataset_of_one_frame(self, *args: Any, **more: Any) -> str:
+    def dataset_of_one_frame(
+        self, *args: Any, config: Mapping[str, Any] | None = None, **more: Any
+    ) -> str:
         """Create a dataset with one frame, "a", and return the name of the dataset.
 
-        The arguments are those of `put` after the key.
+        The other arguments are those of `put` after the key.
         """
-        name = self.dataset()
+        name = self.dataset(config=config)
         self.upload_frame(name, "a", *args, **more)
         return name
 

@@ -1,4 +1,4 @@
-"""The first frame that ``unghost demo`` renders, rendered once for all tests.
+"""The first frame of the demo's towns, with all actors, rendered once for all tests.
 
 It is rendered into a folder in which somebody else has laid links before, and nothing
 in the folder may be changed.
@@ -13,7 +13,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Final
 
-from unghost.street.street import write_street
+from unghost.street.street import StreetScene, write_street
 
 SEED: Final = 0
 """The default seed of ``unghost demo``."""
@@ -57,5 +57,6 @@ def demo_street() -> DemoStreet:
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         (folder / name).symlink_to(linked)
     progress: list[tuple[int, int]] = []
-    manifest = write_street(folder, 1, SEED, lambda *step: progress.append(step))
+    scene = StreetScene(SEED)
+    manifest = write_street(folder, 1, scene, lambda *step: progress.append(step))
     return DemoStreet(manifest, progress, linked)

@@ -10,6 +10,7 @@ import numpy as np
 from filter_core.types import Evidence, number_columns
 
 ACCEPTS_CAR = 1 << 14
+NO_RECTANGLE = [np.nan] * 4
 
 
 def absent_evidence(class_names: tuple[str, ...], class_index: np.ndarray) -> Evidence:
@@ -27,6 +28,7 @@ def evidence_of(boxes, class_names=("car",)):
     def column(name, default, dtype):
         return np.array([box.get(name, default) for box in boxes], dtype=dtype)
 
+    has_xyxy = any("xyxy" in box for box in boxes)
     pixels = column("box_pixels", 1000, np.int64)
     percent = column("match_percent", 50.0, np.float64)
     matched = np.nan_to_num(percent * pixels / 100).astype(np.int64)
@@ -45,7 +47,7 @@ def evidence_of(boxes, class_names=("car",)):
         unknown_pixels=column("unknown_pixels", 0, np.int64),
         match_percent=percent,
         area_percent=column("area_percent", 1.0, np.float64),
-        crowding=np.zeros(len(boxes)),
+        crowding=column("crowding", 0.0, np.float64),
         distance=column("distance", np.nan, np.float64),
-        xyxy=None,
+        xyxy=column("xyxy", NO_RECTANGLE, np.float64) if has_xyxy else None,
     )

@@ -138,6 +138,9 @@ def columns(decisions):
         visible_xyxy=rectangles("visible_xyxy"),
         tight_xyxy=rectangles("tight_xyxy"),
         distance=column(decisions, "distance"),
+        distance_range=column(
+            decisions, "distance_range", absent=(np.nan,) * 2
+        ).reshape(-1, 2),
         match_percent=column(decisions, "match_percent"),
         occlusion=column(decisions, "occluded", np.int64, absent=3),
     )

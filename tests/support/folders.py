@@ -6,7 +6,8 @@ import json
 
 import numpy as np
 
-from tests.support.pictures import png
+from tests.support.nuscenes import nuscenes_files
+from tests.support.pictures import painted, png
 
 
 def write_files(root, files):
@@ -47,8 +48,133 @@ _COCO = {
 }
 _KITTI = b"Car 0.5 1 -1.57 10 20 30 40 1.5 1.6 4 1 2 20 0.1\n"
 _P2 = b"P2: 40 0 40 0 0 40 30 0 0 0 1 0\n"
+CVAT_FILE = b"""<?xml version="1.0" encoding="utf-8"?>
+<annotations><version>1.1</version><meta><task><labels>
+<label><name>car</name><attributes><attribute><name>colour</name></attribute>
+</attributes></label></labels></task></meta>
+<image id="0" name="a/1.png" subset="valid" width="80" height="60">
+<box label="car" source="manual" occluded="1" xtl="1.00" ytl="2.00" xbr="10.50"
+ ybr="20.00" z_order="0"><attribute name="colour">red</attribute></box>
+<box label="car" occluded="0" xtl="20" ytl="20" xbr="30" ybr="30" rotation="90.00"/>
+<polygon label="bus" occluded="0" points="1.5,2;10,2;5,8.25" z_order="1"/>
+<points label="car" points="1,2"/>
+</image></annotations>
+"""
+_REGION = {"type": "rectanglelabels", "from_name": "l", "to_name": "i", "id": "r1"}
+_SIZE = {"original_width": 80, "original_height": 60}
+TASK = {
+    "id": 12,
+    "data": {"image": "/data/upload/3/d2bf8f7a-1.png"},
+    "annotations": [
+        {
+            "id": 4,
+            "created_at": "2026-01-01T00:00:00Z",
+            "result": [{**_REGION, "value": {"x": 0, "y": 0, "width": 1, "height": 1}}],
+        },
+        {
+            "id": 5,
+            "created_at": "2026-01-02T00:00:00Z",
+            "result": [
+                {
+                    **_REGION,
+                    **_SIZE,
+                    "value": {
+                        "x": 12.5,
+                        "y": 50,
+                        "width": 25,
+                        "height": 10,
+                        "rotation": 0,
+                        "rectanglelabels": ["car"],
+                    },
+                },
+                {
+                    **_SIZE,
+                    "id": "p1",
+                    "type": "polygonlabels",
+                    "value": {
+                        "points": [[10, 10], [50, 10], [30, 90]],
+                        "polygonlabels": ["bus"],
+                    },
+                },
+                {"id": "c1", "type": "choices", "value": {"choices": ["rain"]}},
+            ],
+        },
+        {"id": 6, "was_cancelled": True, "created_at": "2026-01-03", "result": []},
+    ],
+    "predictions": [],
+}
+"""A task as Label Studio exports it: an older annotation, one in force, one skipped."""
+DECIDED = {
+    "key": "a/1",
+    "palette": None,
+    "split": "valid",
+    "camera": {"width": 80, "height": 60},
+    "decisions": [
+        {
+            "id": "7",
+            "class": "car",
+            "verdict": "kept",
+            "xyxy": [1, 2, 3, 4],
+            "review": {
+                "verdict": "reject",
+                "reviewer": "ann",
+                "comment": "no car",
+                "created_at": "2026-01-01T00:00:00Z",
+            },
+        },
+        {"id": "8", "class": "car", "verdict": "rejected", "xyxy": None},
+    ],
+}
 _MANIFEST = b'{"key": "a/0", "image": "rgb/0.png", "depth": "d.npy", "boxes": []}\n'
 _PICTURE = png(np.zeros((60, 80, 3), np.uint8))
+
+
+def write_carlasimu(folder, boxes, bands=(50, 100, 150, 200), *, separator="/"):
+    """One frame as carlasimu's script `boundingBox.py` writes it; returns its folder.
+
+    Parameters
+    ----------
+    boxes : sequence of (line of a label, metres)
+    bands : sequence of metres
+    separator : str
+        A backslash on Linux, where its paths become names of folders.
+    """
+    name = "00000993"
+    labels = {
+        f"cam/labels/label{band}/{name}.txt": "".join(
+            f"{line}\n" for line, metres in boxes if metres <= band
+        )
+        for band in bands
+    }
+    readme = {
+        "classes": dict(zip(("car", "bus", "truck", "van"), range(4), strict=True)),
+        "box": "[x_center,y_center,width,hight]",
+        "weather": "WeatherParameters(cloudiness=20.000000, fog_distance=0.750000)",
+        "img_size": {"width": 80, "hight": 60},
+        "distance": {"max_distance": [50, 100, 150, 200], "min_distance": 1},
+        "map": "Town10HD_Opt",
+    }
+    picture = png(np.zeros((60, 80, 3), np.uint8))
+    head = ["ply", "format ascii 1.0", "element vertex 1"]
+    columns = [f"property float {axis}" for axis in "xyz"]
+    points = "\n".join([*head, *columns, "end_header", "1 2 3\n"])
+    files = {
+        **labels,
+        "cam/Readme.txt": json.dumps(readme, indent=4),
+        f"seg/{name}.png": png(painted(street_tags())),
+        f"depth/{name}.png": picture,
+        f"radar/{name}.ply": points,
+        f"lidar/{name}.ply": points,
+        **{
+            f"cam/{kind}/{name}.png": picture
+            for kind in ("images", "images_bbox", "images_bbox_filter")
+        },
+    }
+    return write_files(
+        folder, {f"out{separator}{path}": content for path, content in files.items()}
+    )
+
+
 LAYOUT_FILES = {
     "yolo": {
         "data.yaml": b"names: [car]",
@@ -72,7 +198,17 @@ LAYOUT_FILES = {
         "annotations/instances_val.json": json.dumps(_COCO).encode(),
         "images/7.png": b"",
     },
+    "cvat": {"annotations.xml": CVAT_FILE, "images/a/1.png": b""},
+    "label-studio": {
+        "tasks.json": json.dumps([TASK]).encode(),
+        "images/1.png": b"",
+    },
+    "decisions-jsonl": {
+        "decisions.jsonl": json.dumps(DECIDED).encode(),
+        "images/a/1.png": b"",
+    },
     "manifest": {"manifest.jsonl": _MANIFEST, "rgb/0.png": b"", "d.npy": b""},
+    "nuscenes": nuscenes_files("front"),
     "table": {
         "1.png": b"",
         "boxes.csv": b"image,label,x1,y1,x2,y2\n1.png,car,1,2,3,4\n",

@@ -29,6 +29,7 @@ from app.process.lifespan import folder_pool, pixel_pool, register_kinds
 from app.settings import Settings
 from app.storage.folder import FolderStorage
 from filter_core.config.filter import FilterConfig
+from filter_core.decisions.doubt import doubts
 from filter_core.decisions.rules import decide
 from filter_core.types import Evidence
 from tests.support.evidence import absent_evidence
@@ -230,6 +231,7 @@ def _current(
     dataset_id: int, boxes: list[dict[str, Any]], evidence: Evidence
 ) -> list[dict[str, Any]]:
     decisions = decide(evidence, FilterConfig())
+    doubt = doubts(evidence, FilterConfig(), decisions).doubt
     return [
         {
             "box_id": box["id"],
@@ -242,6 +244,7 @@ def _current(
             "reason": int(decisions.reason[row]),
             "large": bool(decisions.large[row]),
             "toss_up": bool(decisions.toss_up[row]),
+            "doubt": int(doubt[row]),
             "revision": 0,
         }
         for row, box in enumerate(boxes)

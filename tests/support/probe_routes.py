@@ -142,9 +142,9 @@ async def hold() -> str:
     return "gone on"
 
 
-@open_router.get("/wait")
+@open_router.get("/wait", name="wait_openly")
 @router.get("/wait")
-@router.post("/wait")
+@router.post("/wait", name="wait_as_a_write")
 def wait() -> str:
     """Block a thread."""
     waiting.release()

@@ -24,18 +24,27 @@ REQUIRED_ROLES: dict[Operation, Role | None] = {
     ("GET", "/readyz"): NO_ROLE,
     ("POST", f"{V1}/session"): NO_ROLE,
     ("GET", "/docs"): NO_ROLE,
+    ("GET", "/openapi.json"): NO_ROLE,
     # Needs no token, but a key that is valid for one file.
     ("GET", f"{V1}/exports/{{export_id}}/file"): NO_ROLE,
 }
 _READING = {
-    *("/version", "/metrics", "/openapi.json", "/docs/content"),
+    *("/version", "/metrics"),
     *(f"{V1}/login-codes/{{code_id}}",),
     *(f"{V1}/session", f"{V1}/datasets", DATASET, f"{V1}/configs/{{digest}}"),
-    *(f"{DATASET}/{what}" for what in ("stats", "histogram", "problems", "quality")),
+    *(
+        f"{DATASET}/{what}"
+        for what in ("stats", "histogram", "problems", "quality", "report")
+    ),
     *(f"{DATASET}/{what}" for what in ("frames", "frames/{key:any}", "runs")),
     *(f"{DATASET}/{what}" for what in ("exports", "evaluations", "configs", "config")),
+    *(f"{DATASET}/parts", f"{DATASET}/experiment"),
+    f"{DATASET}/versions",
     *(f"{V1}/frames/{{frame_id}}", f"{V1}/boxes", f"{V1}/boxes/{{box_id}}"),
+    f"{V1}/boxes/table",
+    f"{V1}/runs",
     *(f"{V1}/boxes/{{box_id}}/{what}" for what in ("crop", "history")),
+    *(f"{V1}/boxes/{{box_id}}/{what}" for what in ("alike", "track", "slice")),
     *(f"{V1}/runs/{{run_id}}{what}" for what in ("", "/events", "/diff")),
     *(f"{V1}/exports/{{export_id}}{what}" for what in ("", "/events", "/download")),
     *(f"{V1}/frames/{{frame_id}}/{what}" for what in ("thumbnail", "overlay")),
@@ -50,7 +59,7 @@ _WRITING = {
     *(("POST", f"{DATASET}/runs"), ("POST", f"{V1}/runs/{{run_id}}/cancel")),
     *(("POST", f"{DATASET}/exports"), ("POST", f"{V1}/exports/{{export_id}}/cancel")),
     *(("DELETE", f"{V1}/exports/{{export_id}}"), ("POST", f"{DATASET}/preview")),
-    ("POST", f"{DATASET}/evaluations"),
+    *(("POST", f"{DATASET}/evaluations"), ("PUT", f"{DATASET}/experiment")),
     *(("POST", f"{V1}/boxes/{{box_id}}/reviews"), ("POST", f"{V1}/reviews/bulk")),
     *(("POST", f"{V1}/boxes/{{box_id}}/reviews/{{revision}}/undo"),),
     *(("POST", f"{V1}/review-batches/{{batch_id}}/undo"),),
@@ -58,6 +67,7 @@ _WRITING = {
 }
 _ADMINISTRATION = {
     *(("DELETE", DATASET), ("GET", f"{V1}/audit"), ("GET", f"{V1}/tokens")),
+    ("POST", f"{DATASET}/reviews/import"),
     *(("POST", f"{V1}/tokens"), ("DELETE", f"{V1}/tokens/{{token_id}}")),
 }
 REQUIRED_ROLES |= {("GET", path): "viewer" for path in _READING}

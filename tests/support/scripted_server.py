@@ -9,7 +9,11 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
 from unghost import RetryPolicy
 
-QUICK_RETRIES = RetryPolicy(attempts=3, base_s=0.001, longest_s=0.01)
+QUICK_RETRIES = RetryPolicy(base_s=0.001, longest_s=0.01)
+"""Of a client that gets its answer after some failures."""
+
+SHORT_RETRIES = RetryPolicy(for_s=0.1, base_s=0.001, longest_s=0.01)
+"""Of a client whose server stays away."""
 
 
 @dataclass(frozen=True)
@@ -46,6 +50,7 @@ class ScriptedServer:
 
     def __init__(self) -> None:
         self.replies: list[Reply] = []
+        self.fallback = Reply(501)
         self.received_requests: list[ReceivedRequest] = []
         self._http = ThreadingHTTPServer(("127.0.0.1", 0), self._handler())
         self.url = f"http://127.0.0.1:{self._http.server_port}"
@@ -59,6 +64,10 @@ class ScriptedServer:
 
     def answer(self, *replies: Reply) -> None:
         self.replies.extend(replies)
+
+    def answer_always(self, reply: Reply) -> None:
+        """Answer all requests that have no reply of their own with this one."""
+        self.fallback = reply
 
     def _handler(self) -> type[BaseHTTPRequestHandler]:
         server = self
@@ -76,7 +85,7 @@ class ScriptedServer:
                 server.received_requests.append(
                     ReceivedRequest(self.command, self.path, headers, body)
                 )
-                reply = server.replies.pop(0)
+                reply = server.replies.pop(0) if server.replies else server.fallback
                 self.send_response(reply.status)
                 for name, value in reply.headers.items():
                     self.send_header(name.replace("_", "-"), value)

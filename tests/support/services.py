@@ -9,18 +9,20 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from datetime import datetime, timezone
 from itertools import count
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
-from sqlalchemy import func, select
+from sqlalchemy import func, select, update
 
 from app.access.audit import AuditTrail
 from app.boxes import frames
-from app.boxes.current import TallyKey, TallyRepository
+from app.boxes.current import TallyRepository
+from app.boxes.filter import TallyKey
 from app.context import ServiceContext
 from app.datasets import service as datasets
-from app.db.tables import Dataset, Decision, Run
+from app.db.tables import Dataset, Decision, Review, Run
 from app.engine.chunk import Job
 from app.engine.local import LocalEngine
 from app.ingest.frame import StoredFrame, UploadedFrame, UploadRequest
@@ -28,7 +30,7 @@ from app.ingest.service import add_frame
 from app.jobs.driver import drive_job
 from app.jobs.queries import job_with_id
 from app.jobs.service import cancel
-from app.measuring.active import active_version, config_of
+from app.measuring.active import active_config, active_version, config_of
 from app.measuring.plan import DatasetReading
 from app.measuring.queries import DatasetRepository
 from app.process.lifespan import running
@@ -39,7 +41,9 @@ from app.runs.flips import PreviewLimits, preview
 from app.runs.service import RUNS, RunRequest, request_run
 from app.security import Principal
 from app.settings import Settings
+from filter_core.config.file import load_config
 from filter_core.config.filter import FilterConfig
+from filter_core.decisions.doubt import Bin
 from tests.support import frames as scene
 from tests.support.databases import give_tables, settings_of
 from tests.support.statements import interrupted_at
@@ -93,6 +97,10 @@ def run_job(run_id: int) -> Job:
     return Job("run", run_id)
 
 
+ANSWERED_AT: Final = datetime(2026, 1, 2, 3, 4, 5, tzinfo=timezone.utc)
+"""The time of answers whose exports are to have the same bytes everywhere."""
+
+
 @dataclass(frozen=True)
 class Services:
     """The context of a service, and an author for what tests do with it."""
@@ -100,11 +108,20 @@ class Services:
     context: ServiceContext
     author: str = "ada"
 
-    def dataset(self, name: str = "", **reading: Any) -> ServiceDataset:
-        """Create a dataset; without a name it gets an unused one."""
+    def dataset(
+        self, name: str = "", config: FilterConfig | None = None, **reading: Any
+    ) -> ServiceDataset:
+        """Create a dataset; without a name it gets an unused one.
+
+        By default it is decided by tags, as in the paper.
+        """
         name = name or f"street-{next(_numbers)}"
         wanted = datasets.NewDataset(
-            DatasetReading(name, **reading), "", None, FilterConfig(), self.author
+            DatasetReading(name, **reading),
+            "",
+            None,
+            config or FilterConfig(profile="paper"),
+            self.author,
         )
         with self.context.database.write() as session:
             dataset = datasets.create_dataset(session, wanted)
@@ -145,12 +162,16 @@ class ServiceDataset:
             audit = AuditTrail(session, self.by)
             frames.remove_frame(audit, self.by, self.row(session), key)
 
-    def review(self, box_id: int, verdict: str) -> None:
+    def review(self, box_id: int, verdict: str, *, at: datetime | None = None) -> None:
+        """Answer a box; `at` is the time of the answer, if it is not now."""
         seen = self.revisions([box_id]).get(box_id, 0)
         given = ReviewIn.model_validate({"verdict": verdict, "seen_revision": seen})
         with self.context.database.write() as session:
             audit = AuditTrail(session, self.by)
             review_box(audit, box_id, given, self.by, most=1_000)
+            if at is not None:
+                answer = update(Review).where(Review.box_id == box_id)
+                session.execute(answer.values(created_at=at))
 
     def bulk(self, box_ids: Sequence[int], verdict: str) -> int:
         """Give one answer on several boxes as they are now; the batch's id."""
@@ -188,15 +209,16 @@ class ServiceDataset:
         **reading: Any,
     ) -> int:
         """Queue a run that is not carried out yet; its id."""
-        wanted = RunRequest(
-            FilterConfig.from_mapping(config),
-            self.services.author,
-            activate,
-            DatasetReading(self.name, **reading) if reading else None,
-            measure_again=measure_again,
-        )
         with self.context.database.write() as session:
-            return request_run(self.idle_context, session, self.row(session), wanted).id
+            dataset = self.row(session)
+            wanted = RunRequest(
+                load_config(config).after(active_config(session, dataset)),
+                self.services.author,
+                activate,
+                DatasetReading(self.name, **reading) if reading else None,
+                measure_again=measure_again,
+            )
+            return request_run(self.idle_context, session, dataset, wanted).id
 
     def run(
         self, config: Mapping[str, Any], *, activate: bool = True, **more: Any
@@ -267,7 +289,7 @@ class ServiceDataset:
                 self.context,
                 session,
                 self.row(session),
-                FilterConfig.from_mapping(config),
+                load_config(config).after(active_config(session, self.row(session))),
                 PreviewLimits(flips=1000, bins=10),
             )
         return found.model_dump()
@@ -294,7 +316,11 @@ class ServiceDataset:
     def recounted(self) -> Counter[TallyKey]:
         """The tallies counted anew from all decisions, to compare with the stored."""
         review = func.coalesce(Decision.review, "")
-        rows = select(Decision.class_id, Decision.reason, Decision.toss_up, review)
+        columns = (Decision.class_id, Decision.reason, Decision.toss_up, Decision.doubt)
+        rows = select(*columns, review)
         with self.context.database.read() as session:
             found = session.execute(rows.where(Decision.dataset_id == self.id))
-            return Counter(TallyKey(*row) for row in found)
+            return Counter(
+                TallyKey(row[0], row[1], row[2], min(row[3], Bin.ASK), row[4])
+                for row in found
+            )

@@ -21,7 +21,7 @@ from unghost.capture.boxes import ActorBoxes, map_boxes, without_duplicates
 from unghost.capture.folder import MANIFEST_KEYS, FrameRecord
 from unghost.capture.objects import SeenObject
 from unghost.capture.rig import RunningSensor, main_camera
-from unghost.capture.session import CaptureSession
+from unghost.capture.session import Scene
 from unghost.capture.simulator import (
     Actor,
     Measurement,
@@ -62,7 +62,7 @@ class Annotator:
 
     Attributes
     ----------
-    session : CaptureSession
+    session : Scene
     ego : Actor
     sensors : sequence of RunningSensor
     left_out : Counter
@@ -71,7 +71,7 @@ class Annotator:
         Frames whose image had another camera pose than the snapshot.
     """
 
-    session: CaptureSession
+    session: Scene
     ego: Actor
     sensors: Sequence[RunningSensor]
     left_out: Counter[str] = field(default_factory=Counter)
@@ -87,7 +87,12 @@ class Annotator:
         self._static_centres = _centres(self._static)
 
     def annotate(
-        self, moment: Moment, *, captured_at: str, missed_before: int
+        self,
+        moment: Moment,
+        *,
+        captured_at: str,
+        missed_before: int,
+        preset: str | None = None,
     ) -> FrameRecord:
         """The frame's line in the manifest.
 
@@ -98,6 +103,8 @@ class Annotator:
             ISO 8601, UTC.
         missed_before : int
             Ticks of this capture that could not be recorded so far.
+        preset : str, optional
+            The name of the weather's preset.
         """
         session, camera = self.session, self.session.scenario.camera
         poses = self._poses(moment)
@@ -107,7 +114,10 @@ class Annotator:
         return {
             "carla_version": session.server_version,
             "map": session.map_name,
-            "weather": as_numbers(session.world.get_weather()),
+            "weather": {
+                **({"preset": preset} if preset else {}),
+                **as_numbers(session.world.get_weather()),
+            },
             "camera": {
                 "width": shown.width,
                 "height": shown.height,

@@ -45,16 +45,17 @@ _MANAGER: Final = {
 _VEHICLES: Final = {
     "number_of_vehicles": "count",
     "filterv": "filter",
-    "safe": "safe",
     "car_lights_on": "automatic_lights",
 }
 _WALKERS: Final = {"filterw": "filter", "seedw": "seed"}
 _GAITS: Final = {"stand": "standing", "walk": "walking", "run": "running"}
+_UNSAFE: Final = ("*carlacola", "*firetruck")
+"""The blueprints that its `safe` leaves out (`blueprints_safe` in its code)."""
 _WITHOUT_MEANING: Final = ("apply_settings", "hero", "physics_mode", "wait_for_tick")
 _DATA_KEYS: Final = frozenset(
     {
         *_PLAIN, *_MANAGER, *_VEHICLES, *_WALKERS, *_WITHOUT_MEANING,
-        "number_of_wheels", "generationv", "generationw", "number_of_walkers",
+        "safe", "number_of_wheels", "generationv", "generationw", "number_of_walkers",
         "light_state", "asynch", "synchronous", "no_rendering",
     }
 )  # fmt: skip
@@ -73,13 +74,16 @@ _BOX_KEYS: Final = frozenset(
         "threshold_big_box", "time_screen_shot",
     }
 )  # fmt: skip
-_BOX_DISTANCES: Final = {"min_distance": "min_distance", "max_distance": "max_distance"}
+_BOX_DISTANCES: Final = ("min_distance", "max_distance")
 _BOX_ACTORS: Final = {"vehicles": "vehicles", "walkers": "walkers"}
 _UNUSED_OF_PARTS: Final = ("save_dir", "figure_in_window")
-_UNUSED_OF_CAMERA: Final = (*_UNUSED_OF_PARTS, "bbox_dir", "path_save", "3D", "filter")
+_UNUSED_OF_CAMERA: Final = (*_UNUSED_OF_PARTS, "bbox_dir", "path_save", "3D")
 _PART_KEYS: Final = frozenset({"save_to_file", *_UNUSED_OF_PARTS})
 _CAMERA_KEYS: Final = frozenset(
-    {*_PART_KEYS, *_UNUSED_OF_CAMERA, *_BOX_DISTANCES, "actors", "num_image"}
+    {
+        *(*_PART_KEYS, *_UNUSED_OF_CAMERA, *_BOX_DISTANCES),
+        *("filter", "actors", "num_image"),
+    }
 )
 # Keys of sensors.yaml.
 _NAMES: Final = {
@@ -154,12 +158,16 @@ def _data(given: Mapping[str, object], result: Conversion) -> None:
     scenario.update(_taken(given, _PLAIN))
     scenario["traffic_manager"] = _taken(given, _MANAGER)
     vehicles = _taken(given, _VEHICLES)
+    if _truth(given, "safe", "data.yaml", default=False):
+        vehicles["exclude"] = list(_UNSAFE)
     for name, key in (("number_of_wheels", "wheels"), ("generationv", "generation")):
         if name in given:
             vehicles[key] = _number_or_all(given[name])
     lights = _mapping(given.get("light_state"), "data.yaml: light_state")
+    # It sets the lights of all vehicles, the ego vehicle's too.
     vehicles["lights"] = _lights(lights)
     scenario["vehicles"] = vehicles
+    scenario["ego"] = {"lights": vehicles["lights"]}
     scenario["walkers"] = _walkers(given)
     _note_unused(_WITHOUT_MEANING, [given], "data.yaml", result.notes)
     is_asynchronous = _truth(given, "asynch", "data.yaml", default=False)
@@ -210,7 +218,8 @@ def _camera_and_sensors(
     """`camera` and `sensors` of a scenario, from the content of sensors.yaml."""
     _refuse_unknown(given, frozenset(_NAMES), "sensors.yaml")
     sensors = {
-        name: _mapping(one, f"sensors.yaml: {name}") for name, one in given.items()
+        name: _set(_mapping(one, f"sensors.yaml: {name}"))
+        for name, one in given.items()
     }
     nothing: Mapping[str, object] = {}
     first = next((sensors[name] for name in _CAMERAS if name in sensors), nothing)
@@ -274,7 +283,8 @@ def _sensor(
 
 def _weather(given: Mapping[str, object], result: Conversion) -> None:
     numbers = {
-        name: _number(value, f"weather.yaml: {name}") for name, value in given.items()
+        name: _number(value, f"weather.yaml: {name}")
+        for name, value in _set(given).items()
     }
     result.scenario["weather"] = {"parameters": numbers}
 
@@ -304,11 +314,11 @@ def _boxes(given: Mapping[str, object], result: Conversion) -> None:
     at = "boundingBox.yaml: cam_rgb.actors"
     actors = _mapping(camera.get("actors"), at)
     _refuse_unknown(actors, frozenset(_BOX_ACTORS), at)
+    # It labels every traffic light, and boxes are as CARLA has them.
     scenario["boxes"] = {
-        **_taken(camera, _BOX_DISTANCES),
         **_taken(actors, _BOX_ACTORS),
         "parked_vehicles": False,
-        "traffic_lights": False,
+        "widen_walkers_m": 0.0,
     }
     scenario.update(_taken(camera, {"num_image": "frames"}))
     scenario.update(_taken(given, {"time_screen_shot": "interval_s"}))
@@ -319,6 +329,12 @@ def _boxes(given: Mapping[str, object], result: Conversion) -> None:
             parts[part], "save_to_file", f"boundingBox.yaml: {part}", default=default
         )
     ]
+    if "segmentation" in unwanted:
+        unwanted.remove("segmentation")
+        result.notes.append(
+            "boundingBox.yaml: the segmentation is recorded all the same: "
+            "the filter needs it"
+        )
     sensors = _mapping(scenario.get("sensors"), "sensors")
     if "semantic_lidar" in sensors:
         result.notes.append(
@@ -329,9 +345,15 @@ def _boxes(given: Mapping[str, object], result: Conversion) -> None:
         **dict.fromkeys([*unwanted, "semantic_lidar"], False),
     }
     _note_unused(_UNUSED_OF_CAMERA, parts.values(), "boundingBox.yaml", result.notes)
+    if not set(_BOX_DISTANCES).isdisjoint(camera):
+        result.notes.append(
+            "boundingBox.yaml: max_distance limits what carlasimu draws, and "
+            "min_distance is applied by the filter: boxes are recorded to 200 m, as "
+            "carlasimu's labels are"
+        )
     result.notes.append(
-        "the thresholds of boundingBox.yaml belong to the filter: "
-        "unghost filter --config boundingBox.yaml reads them"
+        "filter, min_distance and the thresholds of boundingBox.yaml belong to the "
+        "filter: unghost filter --config boundingBox.yaml reads them"
     )
 
 
@@ -367,6 +389,11 @@ def _taken(given: Mapping[str, object], names: Mapping[str, str]) -> dict[str, o
         for theirs, ours in names.items()
         if given.get(theirs) is not None
     }
+
+
+def _set(given: Mapping[str, object]) -> dict[str, object]:
+    """What is given without empty values, which leave the simulator's own as it is."""
+    return {name: value for name, value in given.items() if value is not None}
 
 
 def _mapping(value: object, at: str) -> Mapping[str, object]:

@@ -33,9 +33,11 @@ class Plan:
 def plan_of(scenario: Scenario, output: Path, dataset: str | None) -> Plan:
     """The plan of a scenario; needs no simulator."""
     sensors = wanted_sensors(scenario)
-    seconds = scenario.frames * scenario.ticks_per_frame * scenario.delta_s
-    ticks = scenario.warm_up_ticks + scenario.frames * scenario.ticks_per_frame
-    size = sum(_bytes_of(scenario, name) for name in sensors) * scenario.frames
+    frames = scenario.all_frames
+    seconds = frames * scenario.ticks_per_frame * scenario.delta_s
+    starts = len(scenario.of_each_map)
+    ticks = starts * scenario.warm_up_ticks + frames * scenario.ticks_per_frame
+    size = sum(_bytes_of(scenario, name) for name in sensors) * frames
     camera, people = scenario.camera, scenario.walkers
     rows = [
         ("simulator", f"{scenario.host}:{scenario.port}"),
@@ -54,8 +56,8 @@ def plan_of(scenario: Scenario, output: Path, dataset: str | None) -> Plan:
         ("boxes", _box_words(scenario)),
         (
             "frames",
-            f"{scenario.frames}, one every {scenario.ticks_per_frame} ticks of "
-            f"{scenario.delta_s:g} s: {seconds:g} s simulated",
+            f"{frames}{_of_each(scenario)}, one every {scenario.ticks_per_frame} ticks "
+            f"of {scenario.delta_s:g} s: {seconds:g} s simulated",
         ),
         ("size", f"about {max(1, round(size / 1e6)):,} MB"),
         ("output", str(output)),
@@ -77,7 +79,12 @@ def plan_of(scenario: Scenario, output: Path, dataset: str | None) -> Plan:
 def _map_words(scenario: Scenario) -> str:
     off = [name for name, wanted in scenario.map_layers.items() if not wanted]
     without = f" without {', '.join(off)}" if off else ""
-    return f"{scenario.map or 'the one that is loaded'}{without}"
+    maps = ", ".join(scenario.maps) or scenario.map or "the one that is loaded"
+    return f"{maps}{without}"
+
+
+def _of_each(scenario: Scenario) -> str:
+    return f" ({len(scenario.maps)} maps x {scenario.frames})" if scenario.maps else ""
 
 
 def _weather_words(weather: Weather) -> str:

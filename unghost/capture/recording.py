@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from datetime import datetime, timezone
 from importlib import metadata
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
+from filter_core.config.filter import FilterConfig
+from filter_core.errors import FilterError
+from filter_core.pipeline import FrameResult
 from unghost.capture.annotating import Annotator, Moment
-from unghost.capture.folder import CaptureFolder, encode
+from unghost.capture.folder import CaptureFolder, FrameRecord, encode
+from unghost.capture.live import decide_tick
 from unghost.capture.rig import (
     Missed,
     RunningSensor,
@@ -21,13 +25,14 @@ from unghost.capture.rig import (
     prepare_rig,
     start_rig,
 )
-from unghost.capture.scenario import Scenario
+from unghost.capture.scenario import Scenario, short_name
 from unghost.capture.session import (
     CaptureSession,
     Note,
     StopRequest,
     listening_for_stop,
     open_session,
+    require_maps,
 )
 from unghost.capture.simulator import (
     CaptureError,
@@ -40,7 +45,7 @@ from unghost.capture.simulator import (
     has_wrong_metadata,
 )
 from unghost.capture.traffic import choose_traffic, spawn
-from unghost.capture.weather import WeatherPlan
+from unghost.capture.weather import WeatherPlan, preset_of
 
 Advance = Callable[[int, "int | None"], None]
 
@@ -69,6 +74,12 @@ class Recorded:
         Spawned; fewer than asked for if the map had no room.
     poses_differ : int
         Frames whose image had another camera pose than the snapshot.
+    decided : Counter
+        Boxes of new frames by verdict.
+    undecided : int
+        New frames whose boxes could not be decided.
+    tally : dict
+        Of the whole folder, at the end; see `CaptureFolder.tally`.
     """
 
     frames: int = 0
@@ -78,21 +89,51 @@ class Recorded:
     vehicles: int = 0
     walkers: int = 0
     poses_differ: int = 0
+    decided: Counter[str] = field(default_factory=Counter)
+    undecided: int = 0
+    tally: dict[str, dict[str, dict[str, int]]] = field(default_factory=dict)
 
     def as_dict(self) -> dict[str, object]:
         """The counts as an object."""
         plain: dict[str, object] = {**vars(self)}
-        return {**plain, "missed": dict(self.missed), "left_out": dict(self.left_out)}
+        counters = {
+            name: dict(v) for name, v in plain.items() if isinstance(v, Counter)
+        }
+        return {**plain, **counters}
+
+
+class StoredTick(NamedTuple):
+    """A frame that was recorded.
+
+    Attributes
+    ----------
+    key : str
+    record : FrameRecord
+    files : mapping of str to Path
+        By their kind: ``image``, ``segmentation`` and so on.
+    result : FrameResult or None
+        Its boxes, decided; None if they could not be.
+    """
+
+    key: str
+    record: FrameRecord
+    files: Mapping[str, Path]
+    result: FrameResult | None
 
 
 @dataclass(frozen=True)
 class Request:
-    """The scenario, the folder to record to, and callbacks for progress."""
+    """The scenario, the folder to record to, and callbacks for progress.
+
+    `stored` is called with each frame, whose boxes are decided by `config`.
+    """
 
     scenario: Scenario
     output: Path
     note: Note
     advance: Advance
+    config: FilterConfig = field(default_factory=FilterConfig)
+    stored: Callable[[StoredTick], None] = lambda _: None
 
 
 def record(carla: Carla, request: Request) -> Recorded:
@@ -123,21 +164,35 @@ def record(carla: Carla, request: Request) -> Recorded:
 
 def _record(carla: Carla, client: Client, request: Request) -> Recorded:
     scenario = request.scenario
-    with (
-        listening_for_stop() as stop,
-        open_session(carla, client, scenario, request.note) as session,
-    ):
-        _compare_versions(session)
-        folder = CaptureFolder(request.output)
-        folder.open(_about(session))
-        recorded = Recorded(frames=len(folder.keys))
-        try:
-            if recorded.frames < scenario.frames:
-                _Recorder(session, folder, recorded, stop).run(request.advance)
-        finally:
-            folder.describe({**_about(session), "last": recorded.as_dict()})
-    # A signal after the last frame, while the simulator was restored, counts too.
-    stop.check()
+    recorded, folder = Recorded(), CaptureFolder(request.output)
+    if scenario.maps:
+        require_maps(client, scenario)
+        folder.open(_about(client, scenario, list(map(short_name, scenario.maps))))
+    with listening_for_stop() as stop:
+        for part in scenario.of_each_map:
+            stop.check()
+            if (
+                scenario.maps
+                and folder.count_of(short_name(str(part.map))) >= part.frames
+            ):
+                continue
+            with open_session(carla, client, part, request.note) as session:
+                about = _about(client, scenario, session.map_name)
+                if scenario.maps:
+                    about["map"] = list(map(short_name, scenario.maps))
+                else:
+                    folder.open(about)
+                _compare_versions(session)
+                recorded.frames = len(folder.keys)
+                try:
+                    recorder = _Recorder(session, folder, recorded, stop, request)
+                    recorder.run(request.advance, scenario.all_frames)
+                finally:
+                    folder.describe({**about, "last": recorded.as_dict()})
+            # A signal while the simulator was restored counts too.
+            stop.check()
+    recorded.frames = len(folder.keys)
+    recorded.tally = folder.tally()
     return recorded
 
 
@@ -149,14 +204,16 @@ def _compare_versions(session: CaptureSession) -> None:
         )
 
 
-def _about(session: CaptureSession) -> dict[str, object]:
+def _about(
+    client: Client, scenario: Scenario, maps: str | list[str]
+) -> dict[str, object]:
     return {
         "unghost": metadata.version("unghost"),
-        "carla_version": session.server_version,
-        "client_version": session.client_version,
-        "map": session.map_name,
-        "scenario_digest": session.scenario.digest,
-        "scenario": session.scenario.model_dump(mode="json"),
+        "carla_version": client.get_server_version(),
+        "client_version": client.get_client_version(),
+        "map": maps,
+        "scenario_digest": scenario.digest,
+        "scenario": scenario.model_dump(mode="json"),
     }
 
 
@@ -169,36 +226,50 @@ class _Recorder:
         folder: CaptureFolder,
         recorded: Recorded,
         stop: StopRequest,
+        request: Request,
     ) -> None:
+        self._request = request
         self._session, self._folder = session, folder
         self._recorded, self._stop = recorded, stop
+        self._take = f"{session.map_name}/{request.scenario.digest[:8]}"
+        self._of_map = folder.count_of(session.map_name)
         self._sensors: list[RunningSensor] = []
         self._last: WorldSnapshot | None = None
 
-    def run(self, advance: Advance) -> None:
-        """Do everything: choose, spawn, warm up, record."""
+    def run(self, advance: Advance, all_frames: int) -> None:
+        """Do everything: choose, spawn, warm up, record; unless it is all recorded.
+
+        `all_frames` are those of all maps.
+        """
         session, scenario = self._session, self._session.scenario
-        before = self._recorded.frames
-        session.seed += before
+        if self._of_map >= scenario.frames:
+            return
+        left = all_frames - self._recorded.frames + self._recorded.added
+        session.seed += self._of_map
         # All of it is checked before any of it is spawned.
         kinds, rig = choose_traffic(session), prepare_rig(session)
         weather = WeatherPlan(session)
-        weather.set(self._recorded.frames)
+        weather.set(self._of_map)
         spawned = spawn(session, kinds, self._stop)
-        self._recorded.vehicles = spawned.vehicles
-        self._recorded.walkers = spawned.walkers
+        self._recorded.vehicles += spawned.vehicles
+        self._recorded.walkers += spawned.walkers
         self._sensors = start_rig(session, rig, spawned.ego)
         self._wait(scenario.warm_up_ticks)
-        annotator = Annotator(session, spawned.ego, self._sensors)
-        self._recorded.left_out = annotator.left_out
-        advance(0, scenario.frames - before)
+        annotator = Annotator(
+            session,
+            spawned.ego,
+            self._sensors,
+            self._recorded.left_out,
+            self._recorded.poses_differ,
+        )
+        advance(self._recorded.added, left)
         with ThreadPoolExecutor(len(self._sensors)) as encoders:
-            while self._recorded.frames < scenario.frames:
+            while self._of_map < scenario.frames:
                 moment = self._shoot()
                 self._store(annotator, moment, encoders)
-                advance(self._recorded.added, scenario.frames - before)
-                if self._recorded.frames < scenario.frames:
-                    changed = weather.set(self._recorded.frames)
+                advance(self._recorded.added, left)
+                if self._of_map < scenario.frames:
+                    changed = weather.set(self._of_map)
                     least = _SETTLING_TICKS if changed else 0
                     self._wait(max(self._ticks_between, least))
 
@@ -255,13 +326,26 @@ class _Recorder:
             moment,
             captured_at=now.replace("+00:00", "Z"),
             missed_before=self._recorded.missed.total(),
+            preset=preset_of(self._session.scenario.weather, self._of_map),
         )
         measured = moment.measured
         encoded = encoders.map(encode, measured.keys(), measured.values())
         # The scenario is in it: captures of one map may go into one dataset.
-        take = f"{self._session.map_name}/{self._session.scenario.digest[:8]}"
-        key = f"{take}/{len(self._folder.keys):06d}"
-        self._folder.add(key, dict(zip(measured, encoded, strict=True)), frame)
+        key = f"{self._take}/{self._of_map:06d}"
+        files = dict(zip(measured, encoded, strict=True))
+        result = None
+        try:
+            contents = {name: content for name, (_, content) in files.items()}
+            config = self._request.config
+            result = decide_tick(config, key, frame, measured, contents)
+        except FilterError as error:
+            if not self._recorded.undecided:
+                self._session.note(f"{key}: its boxes are not decided: {error}")
+            self._recorded.undecided += 1
+        else:
+            self._recorded.decided.update(one["verdict"] for one in result.decisions)
+        paths = self._folder.add(key, files, frame)
+        self._request.stored(StoredTick(key, frame, paths, result))
         if annotator.poses_differ and not self._recorded.poses_differ:
             self._session.note(
                 "an image has another camera pose than the world; both are stored"
@@ -269,3 +353,4 @@ class _Recorder:
         self._recorded.poses_differ = annotator.poses_differ
         self._recorded.added += 1
         self._recorded.frames += 1
+        self._of_map += 1

@@ -122,6 +122,7 @@ class Vehicles(ScenarioSection):
     wheels: Wheels = "all"
     generation: Generation = "all"
     safe: bool = False
+    exclude: tuple[str, ...] = ()
     lights: tuple[VehicleLight, ...] = ()
     automatic_lights: bool = False
 
@@ -295,6 +296,7 @@ class Scenario(ScenarioSection):
     port: Port = 2000
     timeout_s: float = Field(default=30.0, ge=1, le=3600)
     map: str | None = None
+    maps: tuple[str, ...] = ()
     map_layers: dict[MapLayer, bool] = Field(default_factory=dict)
     seed: int = Field(default=0, ge=0, le=2**31 - 1)
     delta_s: float = Field(default=0.05, gt=0, le=0.1)
@@ -322,6 +324,29 @@ class Scenario(ScenarioSection):
             )
         return self
 
+    @model_validator(mode="after")
+    def _check_maps(self) -> Scenario:
+        if self.maps and self.map is not None:
+            raise ValueError("map and maps cannot be given together")
+        names = [short_name(name) for name in self.maps]
+        twice = [name for name in names if names.count(name) > 1]
+        if twice:
+            raise ValueError(f"maps: {twice[0]!r} occurs twice")
+        return self
+
+    @property
+    def of_each_map(self) -> tuple[Scenario, ...]:
+        """A scenario for each of `maps`, in their order; without them, this one."""
+        if not self.maps:
+            return (self,)
+        update = ({"map": name, "maps": ()} for name in self.maps)
+        return tuple(self.model_copy(update=one) for one in update)
+
+    @property
+    def all_frames(self) -> int:
+        """The frames of all maps; `frames` are those of each."""
+        return self.frames * max(1, len(self.maps))
+
     @property
     def ticks_per_frame(self) -> int:
         """Ticks from one recorded frame to the next: `interval_s`, rounded."""
@@ -344,8 +369,17 @@ class Scenario(ScenarioSection):
         content = self.model_dump(mode="json", exclude=set(_NOT_THE_CONTENT))
         # Not excluded: a capture that an earlier version began must keep its digest.
         content["sensor_wait_s"] = _USUAL_SENSOR_WAIT_S
+        if not self.maps:
+            del content["maps"]
+        if not self.vehicles.exclude:
+            del content["vehicles"]["exclude"]
         canonical = json.dumps(content, sort_keys=True, separators=(",", ":"))
         return hashlib.sha256(canonical.encode()).hexdigest()
+
+
+def short_name(map_name: str) -> str:
+    """A map without its folders: ``Town10HD``."""
+    return map_name.rsplit("/", 1)[-1]
 
 
 def read_scenario(path: Path) -> Scenario:

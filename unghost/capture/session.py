@@ -19,7 +19,7 @@ from types import FrameType
 from typing import Final
 
 from filter_core.values import nearest
-from unghost.capture.scenario import Scenario
+from unghost.capture.scenario import Scenario, short_name
 from unghost.capture.simulator import (
     Actor,
     Carla,
@@ -70,7 +70,7 @@ def open_session(
         note=note,
         server_version=client.get_server_version(),
         client_version=client.get_client_version(),
-        map_name=world.get_map().name.rsplit("/", 1)[-1],
+        map_name=short_name(world.get_map().name),
         seed=scenario.seed,
     )
     try:
@@ -82,17 +82,37 @@ def open_session(
         session.put_back()
 
 
-@dataclass(eq=False)
-class CaptureSession:
+@dataclass(eq=False, kw_only=True)
+class Scene:
+    """A world whose boxes are annotated.
+
+    Attributes
+    ----------
+    carla, world
+        Of CARLA's client library.
+    scenario : Scenario
+        Which sensors there are, and which objects get boxes.
+    server_version, client_version : str
+    map_name : str
+        Without folders: ``Town10HD``.
+    """
+
+    carla: Carla
+    world: World
+    scenario: Scenario
+    server_version: str
+    client_version: str
+    map_name: str
+
+
+@dataclass(eq=False, kw_only=True)
+class CaptureSession(Scene):
     """The simulator during one capture, and the changes to be undone.
 
     Attributes
     ----------
-    carla, client, world
+    client
         Of CARLA's client library.
-    server_version, client_version : str
-    map_name : str
-        Without folders: ``Town10HD``.
     seed : int
         The scenario's plus the number of frames that are recorded already, so that a
         continued capture does not show the same traffic again.
@@ -100,14 +120,8 @@ class CaptureSession:
         The world's last tick.
     """
 
-    carla: Carla
     client: Client
-    world: World
-    scenario: Scenario
     note: Note
-    server_version: str
-    client_version: str
-    map_name: str
     seed: int = 0
     frame: int = 0
     _undo: list[tuple[str, Callable[[], object]]] = field(default_factory=list)
@@ -172,19 +186,29 @@ class CaptureSession:
 
 def _world(client: Client, scenario: Scenario) -> World:
     world = client.get_world()
-    if scenario.map is None or _same_map(world.get_map().name, scenario.map):
+    there = short_name(world.get_map().name)
+    if scenario.map is None or there == short_name(scenario.map):
         return world
-    maps = list(client.get_available_maps())
-    if not any(_same_map(name, scenario.map) for name in maps):
-        short = nearest(scenario.map, [name.rsplit("/", 1)[-1] for name in maps])
-        raise ScenarioError(
-            f"map: the simulator has no {scenario.map!r}; the nearest is {short!r}"
-        )
+    require_maps(client, scenario)
     return client.load_world(scenario.map)
 
 
-def _same_map(there: str, wanted: str) -> bool:
-    return there == wanted or there.rsplit("/", 1)[-1] == wanted.rsplit("/", 1)[-1]
+def require_maps(client: Client, scenario: Scenario) -> None:
+    """Check that the simulator has the map of a scenario, or all its maps.
+
+    Raises
+    ------
+    ScenarioError
+        It lacks one; names the nearest.
+    """
+    there = [short_name(name) for name in client.get_available_maps()]
+    key = "maps" if scenario.maps else "map"
+    for name in scenario.maps or filter(None, [scenario.map]):
+        if short_name(name) not in there:
+            raise ScenarioError(
+                f"{key}: the simulator has no {name!r}; the nearest is "
+                f"{nearest(name, there)!r}"
+            )
 
 
 def _synchronise(session: CaptureSession) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import random
 from collections.abc import Sequence
 from dataclasses import dataclass
+from fnmatch import fnmatchcase
 from functools import reduce
 from typing import Final
 
@@ -99,6 +100,10 @@ def _vehicles(session: CaptureSession) -> list[Blueprint]:
         found = [each for each in found if _base_type(each) in _SAFE_BASE_TYPES]
         if not found:
             raise ScenarioError("vehicles.safe: no blueprint that is left is a car")
+    for pattern in wanted.exclude:
+        found = [each for each in found if not fnmatchcase(each.id, pattern)]
+    if not found:
+        raise ScenarioError("vehicles.exclude: it leaves no blueprint")
     return found
 
 

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import json
 import os
+import sys
 import tempfile
 import threading
 import webbrowser
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime, timedelta, timezone
 from html import escape
 from itertools import islice
@@ -17,8 +18,19 @@ from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
-from unghost.cli.options import DataFolder, ServerOptions, settings_of
-from unghost.cli.screen import Refused, refused_on
+from unghost.cli.options import (
+    DataFolder,
+    OutputOptions,
+    ServerOptions,
+    settings_of,
+)
+from unghost.cli.screen import (
+    Refused,
+    naming_options,
+    one_line,
+    partly_done,
+    refused_on,
+)
 from unghost.wire.words import Role
 
 if TYPE_CHECKING:
@@ -52,6 +64,22 @@ class LoginOptions(ServerOptions):
         ),
     ] = False
 
+    def connect(self) -> Client:
+        """A client of the server that is named, else of the one that runs here."""
+        from unghost.client.discovery import DEFAULT_URL, SERVER_VARIABLE, noted_servers
+
+        if self.server is None and not os.environ.get(SERVER_VARIABLE):
+            running = noted_servers(os.environ)
+            if len(running) == 1 and running[0] != DEFAULT_URL:
+                self.screen.note(f"the server at {running[0]} (--server: another)")
+                return replace(self, server=running[0]).connect()
+            if running and DEFAULT_URL not in running:
+                raise Refused(
+                    f"several servers run on this machine: {', '.join(running)}; "
+                    "--server URL selects one"
+                )
+        return super().connect()
+
 
 def login(options: LoginOptions) -> None:
     """Print a link that signs a browser in as you: once, within ten minutes.
@@ -77,6 +105,94 @@ def login(options: LoginOptions) -> None:
             raise Refused(
                 "no browser can be opened here; `unghost login` prints the link"
             )
+
+
+@dataclass(frozen=True, kw_only=True)
+class StoreTokenOptions(ServerOptions):
+    """Options of `unghost auth login`."""
+
+    with_token: Annotated[
+        bool,
+        typer.Option("--with-token", help="Read the token from the standard input."),
+    ] = False
+
+
+def store_token(options: StoreTokenOptions) -> None:
+    """Store a server and a token for it, which later commands use without asking.
+
+    The token is that of --token, of the standard input, or typed; it is checked first.
+    """
+    from unghost.client.discovery import StoredServers, store_servers, stored_servers
+
+    token = options.token
+    if token is None and options.with_token:
+        token = sys.stdin.readline().strip()
+    elif token is None and sys.stdin.isatty():
+        token = typer.prompt("Token", hide_input=True, err=True)
+    with replace(options, token=token).connect() as client:
+        if not client.token:
+            raise Refused(
+                "expected a token, found none: give it as --token or, with "
+                "--with-token, on the standard input"
+            )
+        session = client.session()
+        before = stored_servers(os.environ)
+        tokens = {**before.tokens, client.url: client.token}
+        file = store_servers(os.environ, StoredServers(client.url, tokens))
+        text = f"{client.url}: {session.name} ({session.role}), stored in {file}"
+        options.screen.record({**session.raw, "server": client.url}, text)
+
+
+def show_stored(options: OutputOptions) -> None:
+    """Show the stored servers, and as whom their tokens work; * is the default."""
+    from unghost.client.client import Client
+    from unghost.client.discovery import stored_servers
+    from unghost.client.errors import ApiError
+
+    stored = stored_servers(os.environ)
+    if not stored.tokens:
+        raise Refused("no server is stored: `unghost auth login` stores one")
+    rows, failed = [], 0
+    for url, token in stored.tokens.items():
+        try:
+            with Client(url, token, retry_for=0) as client:
+                session = client.session()
+            found: tuple[str, str, str] = (session.name, session.role, "works")
+        except ApiError as error:
+            found = ("", "", one_line(error.detail))
+            failed += 1
+        names = ("server", "name", "role", "state")
+        row = (f"{url} *" if url == stored.default else url, *found)
+        rows.append(row)
+        options.screen.record(dict(zip(names, (url, *found), strict=True)))
+    options.screen.table(("server", "name", "role", "state"), rows)
+    if failed:
+        raise partly_done(len(rows) - failed)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ForgetTokenOptions(OutputOptions):
+    """Options of `unghost auth logout`."""
+
+    server: Annotated[
+        str | None,
+        typer.Option(metavar="URL", help="Which server; default: the default one."),
+    ] = None
+
+
+def forget_token(options: ForgetTokenOptions) -> None:
+    """Forget a stored server and its token; the token itself stays valid."""
+    from unghost.client.discovery import StoredServers, store_servers, stored_servers
+
+    stored = stored_servers(os.environ)
+    url = (options.server or stored.default or "").rstrip("/")
+    if url not in stored.tokens:
+        known = ", ".join(stored.tokens) or "none"
+        raise Refused(f"expected a stored server ({known}), found {url or 'none'}")
+    tokens = {key: one for key, one in stored.tokens.items() if key != url}
+    default = next(iter(tokens), None) if url == stored.default else stored.default
+    store_servers(os.environ, StoredServers(default, tokens))
+    options.screen.note(f"{url} is forgotten; `unghost token revoke` ends its token")
 
 
 def show_login_page(
@@ -145,9 +261,11 @@ class CreateTokenOptions(ServerOptions):
     days: Annotated[
         int,
         typer.Option(
-            min=0, max=36500, help="Days until the token expires; 0 for never."
+            min=0,
+            max=36500,
+            help="Days until the token expires; 0: it lasts until it is revoked.",
         ),
-    ] = 90
+    ] = 0
     offline: Annotated[
         bool,
         typer.Option(
@@ -197,10 +315,9 @@ def _make_token(
     if options.offline:
         made = _make_token_offline(options, until)
         return made, "the address of the service"
-    with options.connect() as client:
-        made = client.create_token(
-            options.name, options.role, expires_at=until, expires_in_days=None
-        )
+    named = naming_options({"/name": "NAME"}, {"NAME": options.name})
+    with options.connect() as client, named:
+        made = client.create_token(options.name, options.role, expires_at=until)
         return made, client.url
 
 

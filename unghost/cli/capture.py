@@ -2,20 +2,29 @@
 
 from __future__ import annotations
 
+import queue
+import threading
+import time
+import webbrowser
+from collections import Counter
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
-from unghost.cli.options import ServerOptions
+from unghost.cli.options import ServerOptions, error_context
 from unghost.cli.push import PushOptions, PushReport, send
-from unghost.cli.screen import partly_done
+from unghost.cli.screen import Screen, partly_done
 from unghost.cli.target import NewDataset, ensure_dataset
 
 if TYPE_CHECKING:
-    from unghost.capture.recording import Recorded
+    from unghost.capture.recording import Recorded, StoredTick
     from unghost.capture.scenario import Scenario
+    from unghost.client.client import Client
+
+_SAY_EVERY_S: Final = 5.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,6 +61,22 @@ class CaptureOptions(ServerOptions):
             "exist.",
         ),
     ] = None
+    config: Annotated[
+        Path | None,
+        typer.Option(
+            help="The configuration (YAML) by which boxes are decided while recording; "
+            "default: the built-in one.",
+            exists=True,
+            dir_okay=False,
+        ),
+    ] = None
+    show: Annotated[
+        bool,
+        typer.Option(
+            "--show",
+            help="With --push: open the page, which follows the newest frame.",
+        ),
+    ] = False
     dry_run: Annotated[
         bool, typer.Option("--dry-run", help="Show the plan and do nothing.")
     ] = False
@@ -110,6 +135,8 @@ def _refuse_beside_conversion(options: CaptureOptions) -> None:
         "SCENARIO": options.scenario,
         "--output": options.output,
         "--push": options.push,
+        "--config": options.config,
+        "--show": options.show or None,
         "--dry-run": options.dry_run or None,
         "--server": options.server,
         "--token": options.token,
@@ -130,18 +157,122 @@ def _convert(folder: Path, options: CaptureOptions) -> None:
 
 
 def _record(scenario: Scenario, output: Path, options: CaptureOptions) -> Recorded:
+    from filter_core.config.file import load_config
     from unghost.capture.recording import Request, record
     from unghost.capture.simulator import load_carla
 
+    if options.show and options.push is None:
+        raise typer.BadParameter(
+            "--show shows what --push DATASET sends: give that, too"
+        )
     carla = load_carla()
     screen = options.screen
-    with screen.progress("capture", "frames") as advance:
+    with error_context(options.config):
+        config = load_config(options.config.read_bytes() if options.config else b"")
+    watch = _Watch(screen)
+    with ExitStack() as stack:
+        if options.push is not None:
+            client = stack.enter_context(
+                _pushing(output, options.push, options).connect()
+            )
+            watch.uploader = stack.enter_context(
+                _Uploader(client, options.push, screen, show=options.show)
+            )
+        advance = stack.enter_context(screen.progress("capture", "frames"))
+        request = Request(
+            scenario, output, screen.note, advance, config.config, watch.add
+        )
         try:
-            return record(carla, Request(scenario, output, screen.note, advance))
+            return record(carla, request)
         except KeyboardInterrupt:
             raise KeyboardInterrupt(
                 "interrupted; the same command continues the capture"
             ) from None
+
+
+class _Watch:
+    """Says while frames are recorded how many boxes are kept and rejected."""
+
+    def __init__(self, screen: Screen) -> None:
+        self.uploader: _Uploader | None = None
+        self._screen = screen
+        self._since = time.monotonic()
+        self._counts: Counter[str] = Counter()
+
+    def add(self, stored: StoredTick) -> None:
+        """Count a frame, and let it be sent."""
+        if self.uploader is not None:
+            self.uploader.add(stored)
+        if stored.result is not None:
+            decisions = stored.result.decisions
+            self._counts.update(one["verdict"] for one in decisions)
+        self._counts["frames"] += 1
+        passed = time.monotonic() - self._since
+        if passed >= _SAY_EVERY_S:
+            rates = (
+                f"{self._counts[name] / passed:.1f} {name}"
+                for name in ("frames", "kept", "rejected", "unmeasured")
+                if self._counts[name]
+            )
+            self._screen.note(f"per second: {', '.join(rates)}")
+            self._since, self._counts = time.monotonic(), Counter()
+
+
+class _Uploader:
+    """Sends frames in a thread while others are recorded.
+
+    What cannot be sent is left to the push at the end.
+    """
+
+    def __init__(
+        self, client: Client, dataset: str, screen: Screen, *, show: bool
+    ) -> None:
+        self._client, self._dataset, self._screen = client, dataset, screen
+        self._is_to_show = show
+        self._coming: queue.Queue[StoredTick | None] = queue.Queue()
+        self._thread = threading.Thread(target=self._send, daemon=True)
+
+    def __enter__(self) -> _Uploader:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._coming.put(None)
+        self._thread.join()
+
+    def add(self, stored: StoredTick) -> None:
+        """Send a frame as soon as those before it are sent."""
+        self._coming.put(stored)
+
+    def _send(self) -> None:
+        from unghost.client.errors import ApiError, Unavailable
+
+        failed = False
+        while (one := self._coming.get()) is not None:
+            if failed:
+                continue
+            try:
+                file = one.files.get
+                sent = self._client.put_frame(
+                    self._dataset,
+                    one.key,
+                    one.record,
+                    image=file("image"),
+                    segmentation=file("segmentation"),
+                    instances=file("instances"),
+                    depth=file("depth"),
+                    lidar=file("lidar"),
+                    radar=file("radar"),
+                )
+            except (ApiError, Unavailable, OSError) as error:
+                failed = True
+                self._screen.note(f"frames are sent at the end only: {error}")
+                continue
+            if self._is_to_show:
+                self._is_to_show = False
+                page = f"{self._client.url}/#/frames/{sent.frame.id}?follow=1"
+                self._screen.note(f"the newest frame is shown at {page}")
+                webbrowser.open(page)
 
 
 def _print_recorded(recorded: Recorded, output: Path, options: CaptureOptions) -> None:
@@ -150,10 +281,17 @@ def _print_recorded(recorded: Recorded, output: Path, options: CaptureOptions) -
         screen.note(f"ticks not recorded: {count}: {reason}")
     for reason, count in sorted(recorded.left_out.items()):
         screen.note(f"objects without a box: {count}: {reason.replace('_', ' ')}")
+    rows = [
+        (what, name, count["frames"], count["boxes"])
+        for what, names in recorded.tally.items()
+        for name, count in names.items()
+    ]
+    screen.table(("by", "name", "frames", "boxes"), rows, tag="count", headed=True)
     screen.record(
         {"output": str(output), **recorded.as_dict()},
         f"{recorded.frames} frames\t{recorded.added} new\t"
-        f"{recorded.missed.total()} ticks missed",
+        f"{recorded.missed.total()} ticks missed\t"
+        f"{recorded.decided['kept']} kept\t{recorded.decided['rejected']} rejected",
     )
 
 
@@ -163,6 +301,7 @@ def _pushing(folder: Path, dataset: str, options: CaptureOptions) -> PushOptions
         dataset=dataset,
         server=options.server,
         token=options.token,
+        retry_for=options.retry_for,
         json=options.json,
         layout="manifest",
     )

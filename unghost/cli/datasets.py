@@ -1,15 +1,27 @@
-"""`unghost datasets` lists the datasets, `unghost stats` counts the boxes of one."""
+"""Commands about datasets as a whole: `unghost dataset`, and the counts of one."""
 
 from __future__ import annotations
 
+import base64
+import html
+import sys
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Final
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Final
 
+import typer
+
+from unghost.cli.gates import GateOptions
 from unghost.cli.options import DatasetOptions, ServerOptions
-from unghost.cli.screen import Screen, most_first
+from unghost.cli.screen import Refused, Screen, most_first
+from unghost.wire.words import ChannelOrder, Encoding, LossyPolicy, Palette
 
 if TYPE_CHECKING:
+    from unghost.client.client import Client
+    from unghost.client.keywords import DatasetChanges
     from unghost.wire.datasets import Dataset, Stats
+    from unghost.wire.frames import FrameSummary, Report
 
 _DATASET_COLUMNS: Final = (
     "dataset",
@@ -19,6 +31,7 @@ _DATASET_COLUMNS: Final = (
     "rejected",
     "unmeasured",
     "to review",
+    "recording",
 )
 
 
@@ -56,18 +69,282 @@ def _row(dataset: Dataset) -> tuple[object, ...]:
         counts.rejected,
         counts.unmeasured,
         counts.to_review,
+        "described" if dataset.recording else None,
     )
 
 
-def stats(options: DatasetOptions) -> None:
-    """Count a dataset's boxes by verdict, reason and class.
+@dataclass(frozen=True, kw_only=True)
+class SettingsOptions(DatasetOptions):
+    """Settings of a dataset; what is not given is not changed, or has its default."""
+
+    description: Annotated[
+        str | None, typer.Option(help="Text for people about the dataset.")
+    ] = None
+    palette: Annotated[
+        Palette | None, typer.Option(help="Table of tags of the segmentations.")
+    ] = None
+    encoding: Annotated[
+        Encoding | None, typer.Option(help="How the segmentations encode tags.")
+    ] = None
+    channel_order: Annotated[
+        ChannelOrder | None,
+        typer.Option(help="Order of the colour channels in the segmentations."),
+    ] = None
+    lossy_segmentation: Annotated[
+        LossyPolicy | None,
+        typer.Option(help="What happens to segmentations whose colours are not exact."),
+    ] = None
+
+    @property
+    def settings(self) -> DatasetChanges:
+        """The settings that were given."""
+        found: DatasetChanges = {}
+        if self.description is not None:
+            found["description"] = self.description
+        if self.palette is not None:
+            found["palette"] = self.palette
+        if self.encoding is not None:
+            found["encoding"] = self.encoding
+        if self.channel_order is not None:
+            found["channel_order"] = self.channel_order
+        if self.lossy_segmentation is not None:
+            found["lossy_segmentation"] = self.lossy_segmentation
+        return found
+
+
+@dataclass(frozen=True, kw_only=True)
+class CreateOptions(SettingsOptions):
+    """Options of `unghost dataset create`."""
+
+    classes: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAMES",
+            help="Names of the classes in their order, separated by commas; default: "
+            "those of CARLA.",
+        ),
+    ] = None
+    config: Annotated[
+        Path | None,
+        typer.Option(
+            help="The first filter configuration (YAML); default: the server's.",
+            exists=True,
+            dir_okay=False,
+        ),
+    ] = None
+    exist_ok: Annotated[
+        bool,
+        typer.Option("--exist-ok", help="Leave a dataset of this name as it is."),
+    ] = False
+
+
+def create(options: CreateOptions) -> None:
+    """Create a dataset. `unghost push` does so too, from what a folder shows."""
+    from unghost.cli.target import GivenConfig
+
+    config = GivenConfig.of(options.config, {}).whole
+    classes = options.classes.split(",") if options.classes else None
+    with options.connect() as client:
+        dataset = client.create_dataset(
+            options.dataset,
+            exist_ok=options.exist_ok,
+            classes=classes,
+            config=config,
+            **options.settings,
+        )
+    options.screen.record(dataset.raw, f"{dataset.name}: {', '.join(dataset.classes)}")
+
+
+def show(options: DatasetOptions) -> None:
+    """Show the settings and the counts of a dataset."""
+    with options.connect() as client:
+        dataset = client.dataset(options.dataset)
+    options.screen.record(dataset.raw)
+    told = {name.replace("_", " "): getattr(dataset, name) for name in _SHOWN}
+    counts = zip(_DATASET_COLUMNS[1:-1], _row(dataset)[1:-1], strict=True)
+    rows = [*told.items(), ("classes", ", ".join(dataset.classes)), *counts]
+    options.screen.table(("dataset", dataset.name), rows)
+
+
+_SHOWN: Final = (
+    *("description", "palette", "encoding", "channel_order", "lossy_segmentation"),
+    *("classes_frozen", "active_run", "created_at"),
+)
+
+
+def edit(options: SettingsOptions) -> None:
+    """Change settings of a dataset; waits if images have to be measured again."""
+    from unghost.cli.runs import wait_for_run
+    from unghost.wire.runs import Run
+
+    if not options.settings:
+        raise Refused("expected a setting to change, such as --description; found none")
+    with options.connect() as client:
+        changed = client.change_dataset(options.dataset, **options.settings)
+        if isinstance(changed, Run):
+            wait_for_run(client, changed, options.screen)
+        dataset = client.dataset(options.dataset)
+    names = ", ".join(options.settings)
+    options.screen.record(dataset.raw, f"{dataset.name}: {names} changed")
+
+
+@dataclass(frozen=True, kw_only=True)
+class DeleteOptions(DatasetOptions):
+    """Options of `unghost dataset delete`."""
+
+    yes: Annotated[
+        bool, typer.Option("--yes", help="Delete it without asking for its name.")
+    ] = False
+
+
+def delete(options: DeleteOptions) -> None:
+    """Delete a dataset with its frames and people's answers; needs the role admin."""
+    with options.connect() as client:
+        counts = client.dataset(options.dataset).counts
+        what = (
+            f"{options.dataset}: {counts.frames:,} frames, {counts.boxes:,} boxes, "
+            f"{counts.reviewed:,} answers"
+        )
+        if not options.yes:
+            if not sys.stdin.isatty():
+                raise Refused(f"{what}; --yes deletes them without asking")
+            typed = typer.prompt(f"{what}. Type the name to delete it", err=True)
+            if typed != options.dataset:
+                raise Refused(f"expected {options.dataset!r}, found {typed!r}")
+        client.delete_dataset(options.dataset)
+    options.screen.note(f"{what}: deleted")
+
+
+@dataclass(frozen=True, kw_only=True)
+class StatsOptions(DatasetOptions, GateOptions):
+    """Options of `unghost stats`."""
+
+
+def stats(options: StatsOptions) -> None:
+    """Count a dataset's boxes by verdict, reason, class and map.
 
     Conflicts are boxes that the filter keeps and a person rejects, or the reverse.
+    Exit code 4 if a condition of --fail-if holds.
     """
     with options.connect() as client:
         numbers = client.stats(options.dataset)
+        refused = client.dataset(options.dataset).counts.problems
     options.screen.record(numbers.raw)
     _print_stats(numbers, options.screen)
+    counts = gate_counts(numbers, refused)
+    options.check(counts, options.screen, f"unghost stats {options.dataset}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReportOptions(DatasetOptions):
+    """Options of `unghost report`."""
+
+    output: Annotated[
+        Path,
+        typer.Option(
+            "--output", "-o", metavar="FILE", help="The HTML file.", dir_okay=False
+        ),
+    ]
+
+
+def report(options: ReportOptions) -> None:
+    """Write what is in a dataset as one HTML file: its ghosts, and what needs a person.
+
+    The file opens from the disk, and can be printed and sent.
+    """
+    from filter_core.formats.files import write_whole
+    from unghost.cli.inspect_page import document, section
+    from unghost.cli.worth_page import table_section
+    from unghost.cli.worth_tables import Table
+
+    with options.connect() as client:
+        dataset = client.dataset(options.dataset)
+        numbers = client.stats(options.dataset)
+        ghosts = client.report(options.dataset)
+        frames = ghosts.worst_frames[:_PICTURED]
+        pictures = "".join(_pictured(client, frame) for frame in frames)
+    kept = numbers.effective
+    said = (
+        f"{numbers.frames:,} frames, {numbers.boxes:,} boxes: {kept.kept:,} are "
+        f"kept, {kept.rejected:,} are rejected, {kept.unmeasured:,} are not measured.",
+        "A ghost is the box of an object that the camera cannot see. Decided by: "
+        f"{dataset.evidence}.",
+    )
+    header = "".join(f"<p>{html.escape(text)}</p>" for text in said)
+    left = [(_BINS[name], count) for name, count in numbers.bins.items()]
+    tables = (
+        Table("class", "By class", "", _CLASS_COLUMNS, list(_classes(numbers))),
+        Table("distance", "By distance", "", _BAND_COLUMNS, list(_bands(ghosts))),
+        Table("reason", "By cause", "", _REASON_COLUMNS, list(_reasons(numbers))),
+        Table("left", "What needs a person", "", _LEFT_COLUMNS, left),
+    )
+    page = document(
+        html.escape(dataset.name),
+        [
+            f"<header>\n<h1>{html.escape(dataset.name)}</h1>\n{header}</header>",
+            *map(table_section, tables),
+            section("The frames with the most ghosts", pictures),
+        ],
+    )
+    write_whole(options.output, page.encode())
+    options.screen.record(
+        {"output": str(options.output), "boxes": numbers.boxes},
+        f"{options.output}: {numbers.boxes:,} boxes",
+    )
+
+
+_PICTURED: Final = 6
+"""Frames whose pictures are in a report."""
+_REASON_COLUMNS: Final = ("reason", "boxes", "%")
+_LEFT_COLUMNS: Final = ("boxes without an answer", "number")
+_BAND_COLUMNS: Final = ("metres", "boxes", "kept", "rejected", "unmeasured", "% kept")
+_BINS: Final = {
+    "ask": "to review: the filter may be wrong, and an eye can decide",
+    "sure": "left to the filter, which is as good as certain",
+    "small": "too small to decide by eye",
+    "wall": "without a single pixel of their class",
+}
+
+
+def _bands(ghosts: Report) -> Iterator[tuple[object, ...]]:
+    for band in ghosts.by_distance:
+        boxes = band.kept + band.rejected + band.unmeasured
+        row = (boxes, band.kept, band.rejected, band.unmeasured)
+        if band.distance_from is None:
+            name = "not known"
+        elif band.distance_to is None:
+            name = f"from {band.distance_from:g}"
+        else:
+            name = f"{band.distance_from:g}-{band.distance_to:g}"
+        yield name, *row, _percent(band.kept, boxes)
+
+
+def _pictured(client: Client, frame: FrameSummary) -> str:
+    """A frame as it came and as it is now; nothing if it has no picture."""
+    if not frame.has_image:
+        return ""
+    name = html.escape(frame.key)
+    parts = [f"<h3>{name}: {frame.counts.rejected:,} ghosts</h3>"]
+    for boxes, words in (("kept,rejected,unmeasured", "before"), ("kept", "after")):
+        data = base64.b64encode(client.overlay(frame.id, boxes=boxes)).decode()
+        parts.append(
+            f'<img style="max-width:100%" alt="{name}, {words}" '
+            f'src="data:image/webp;base64,{data}">'
+        )
+    return "\n".join(parts)
+
+
+def gate_counts(numbers: Stats, refused: int) -> dict[str, int]:
+    """Frames and boxes of a dataset, for the conditions of `--fail-if`."""
+    return {
+        "frames": numbers.frames + refused,
+        "refused": refused,
+        "boxes": numbers.boxes,
+        "kept": numbers.kept,
+        "rejected": numbers.rejected,
+        "unmeasured": numbers.unmeasured,
+        "unmapped": numbers.by_reason.get("unmapped_class", 0),
+    }
 
 
 def _print_stats(numbers: Stats, screen: Screen) -> None:
@@ -75,6 +352,8 @@ def _print_stats(numbers: Stats, screen: Screen) -> None:
     screen.table(("dataset", "number"), totals)
     screen.table(("reason", "boxes", "%"), _reasons(numbers), tag="reason")
     screen.table(_CLASS_COLUMNS, _classes(numbers), tag="class")
+    maps = ((name, of.frames, of.boxes) for name, of in numbers.by_map.items())
+    screen.table(("map", "frames", "boxes"), maps, tag="map")
 
 
 def _reasons(numbers: Stats) -> Iterator[tuple[object, ...]]:

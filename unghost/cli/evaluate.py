@@ -9,6 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import islice
+from math import ceil
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final
 from xml.sax.saxutils import escape
@@ -69,7 +70,6 @@ _THRESHOLD_COLUMNS: Final = (
 )
 _WIDTH, _ROW, _TITLES = 640, 34, 220
 _TOP, _BOTTOM = 28, 46
-_TICKS: Final = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -183,13 +183,14 @@ def evaluate(options: EvaluateOptions) -> None:
     note_reading(screen, found)
     for line in (*left_out, *use.frames_without(done - len(unusable))):
         screen.note(line)
-    if not evaluation.boxes:
+    if not evaluation.unfiltered.boxes:
         raise Refused("nothing was compared: the ground truth of no box is known")
     result = evaluation.as_dict()
     _print_result(result, thresholds, screen)
     if options.plot is not None:
         scores = [(name, one["f1"]) for name, one in result["channels"].items()]
-        _write(options.plot, f1_plot(scores))
+        label = "F1 of each kind of evidence with its 95 % interval"
+        _write(options.plot, interval_plot(label, scores))
     if left_out:
         raise partly_done(evaluation.frames)
 
@@ -258,7 +259,9 @@ def _print_evaluation(result: EvaluationObject, screen: Screen) -> None:
     channels = result["channels"]
     columns = ("evidence", *_SCORE_COLUMNS, "measured")
     rows = [(name, *_score_row(one), one["judged"]) for name, one in channels.items()]
-    screen.table(columns, rows)
+    screen.table(
+        columns, [("no filter", *_score_row(result["unfiltered"]), None), *rows]
+    )
     by_distance = {
         name: {part["band"]: part for part in one["by_distance"]}
         for name, one in channels.items()
@@ -360,47 +363,45 @@ def _yaml(config: FilterConfig, found: list[ClassSuggestion]) -> str:
     return yaml.safe_dump(plain, sort_keys=False, allow_unicode=True)
 
 
-def f1_plot(scores: Sequence[tuple[str, MeasuredObject | None]]) -> str:
-    """F1 of each kind of evidence with its 95 % interval, as an SVG document."""
+def interval_plot(
+    label: str, scores: Sequence[tuple[str, MeasuredObject | None]], step: float = 0.1
+) -> str:
+    """Values of 0 to 1 with their intervals, as an SVG document.
+
+    `step` is between two ticks of the axis, which ends at the first tick above all
+    intervals.
+    """
     known = [(title, score) for title, score in scores if score is not None]
-    lowest = min((score["low"] for _, score in known), default=0.0)
-    ticks = [tick for tick in _TICKS if tick >= lowest - 0.1]
+    low = min((score["low"] for _, score in known), default=0.0)
+    high = max((score["high"] for _, score in known), default=1.0)
+    last = ceil(high / step)
+    ticks = [step * number for number in range(last + 1) if step * number >= low - step]
     height = _ROW * len(known) + _BOTTOM
+
+    def x(value: float) -> float:
+        share = (value - ticks[0]) / (ticks[-1] - ticks[0])
+        return _TITLES + share * (_WIDTH - _TITLES - 30)
+
     parts = [
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {_WIDTH} {height}" '
         'font-family="system-ui, sans-serif" font-size="13" role="img" '
-        'aria-label="F1 of each kind of evidence with its 95 % interval">',
+        f'aria-label="{escape(label)}">',
         f'<rect width="{_WIDTH}" height="{height}" fill="#ffffff"/>',
-        *(_plot_tick(tick, ticks[0], height) for tick in ticks),
-        *(
-            _plot_row(title, score, ticks[0], _TOP + _ROW * number)
-            for number, (title, score) in enumerate(known)
-        ),
     ]
+    for tick in ticks:
+        parts += [
+            f'<line x1="{x(tick):.1f}" x2="{x(tick):.1f}" y1="10" y2="{height - 30}" '
+            'stroke="#d9dee3"/>',
+            f'<text x="{x(tick):.1f}" y="{height - 12}" text-anchor="middle" '
+            f'fill="#4a5560">{tick:.2g}</text>',
+        ]
+    for number, (title, score) in enumerate(known):
+        y = _TOP + _ROW * number
+        parts += [
+            f'<text x="{_TITLES - 12}" y="{y + 4}" text-anchor="end" fill="#1d2429">'
+            f"{escape(title)}</text>",
+            f'<line x1="{x(score["low"]):.1f}" x2="{x(score["high"]):.1f}" y1="{y}" '
+            f'y2="{y}" stroke="#00735c" stroke-width="3"/>',
+            f'<circle cx="{x(score["value"]):.1f}" cy="{y}" r="5.5" fill="#00735c"/>',
+        ]
     return "\n".join([*parts, "</svg>\n"])
-
-
-def _plot_x(value: float, lowest: float) -> float:
-    share = (value - lowest) / (1 - lowest)
-    return _TITLES + share * (_WIDTH - _TITLES - 30)
-
-
-def _plot_tick(tick: float, lowest: float, height: int) -> str:
-    x = f"{_plot_x(tick, lowest):.1f}"
-    return (
-        f'<line x1="{x}" x2="{x}" y1="10" y2="{height - 30}" stroke="#d9dee3"/>'
-        f'<text x="{x}" y="{height - 12}" text-anchor="middle" fill="#4a5560">'
-        f"{tick:.1f}</text>"
-    )
-
-
-def _plot_row(title: str, score: MeasuredObject, lowest: float, y: int) -> str:
-    low, high = _plot_x(score["low"], lowest), _plot_x(score["high"], lowest)
-    return (
-        f'<text x="{_TITLES - 12}" y="{y + 4}" text-anchor="end" fill="#1d2429">'
-        f"{escape(title)}</text>"
-        f'<line x1="{low:.1f}" x2="{high:.1f}" y1="{y}" y2="{y}" stroke="#00735c" '
-        'stroke-width="3"/>'
-        f'<circle cx="{_plot_x(score["value"], lowest):.1f}" cy="{y}" r="5.5" '
-        'fill="#00735c"/>'
-    )

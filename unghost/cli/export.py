@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final
+from shutil import copyfileobj
+from typing import TYPE_CHECKING, Annotated, Any, Final
+from zipfile import ZipFile
 
 import typer
 
@@ -20,6 +22,7 @@ from unghost.cli.screen import (
     Refused,
     Screen,
     naming_options,
+    one_line,
     partly_done,
     refusal,
 )
@@ -27,7 +30,6 @@ from unghost.cli.sources import (
     FrameCheck,
     SourceOptions,
     default_class_of,
-    kind_of,
     naming_reading,
     open_source,
     read_config,
@@ -37,29 +39,41 @@ from unghost.cli.sources import (
 )
 from unghost.cli.summary import (
     LOOKED_AT,
-    Advice,
-    BoxSummary,
     UnmappedOptions,
+    note_boxes,
     summary_of,
     unmapped_names,
 )
-from unghost.wire.words import ExportFormat
+from unghost.wire.words import ConvertFormat, ExportFormat
 
 if TYPE_CHECKING:
     from filter_core.config.filter import FilterConfig
     from filter_core.formats.export import ExportFrame
     from filter_core.formats.export import ExportOptions as LabelOptions
     from filter_core.formats.reading import FrameSet
+    from filter_core.formats.same import BoxSpans, LeftBehind
     from filter_core.formats.tally import Counts
-    from filter_core.local import ClassCount, LeftOut
+    from filter_core.inspection.remarks import BoxSummary
+    from filter_core.local import ClassCount, FrameOutcome, LeftOut
     from unghost.client.client import Client
     from unghost.wire import Export
 
 
-_LISTS: Final = ("bands",)
+_LISTS: Final = ("bands", "split")
 """Options that take several values, separated by commas."""
 
-_OPTION_OF_FIELD: Final = {"/format": "--format", "/options/": "--option "}
+_TABLES: Final = {
+    "decisions-csv": "decisions.csv",
+    "decisions-jsonl": "decisions.jsonl",
+    "decisions-parquet": "decisions.parquet",
+}
+"""Of each format that is one table, its file in the archive of an export."""
+
+_OPTION_OF_FIELD: Final = {
+    "/format": "--format",
+    **{f"/options/split/{place}": "--option split" for place in range(3)},
+    "/options/": "--option ",
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,10 +86,18 @@ class FormatOptions:
             "--option",
             "-O",
             metavar="KEY=VALUE",
-            help="An option of the format, such as include=all, split=0.9 or "
-            "bands=50,100. split says about which share of the frames is "
-            "for training. A hash of a frame's key decides whether the frame is, which "
-            "does not change when others are added.",
+            help="An option of the format, such as include=all or bands=50,100.",
+        ),
+    ] = None
+    split: Annotated[
+        str | None,
+        typer.Option(
+            metavar="SHARES",
+            help="Make other parts: their shares for train, val and test, such as "
+            "0.8,0.1,0.1. Whole sequences (the drives that keys of frames begin with) "
+            "go into a part, which does not change when others are added. Default: "
+            "frames keep the parts they came with, and of those without one 80 % are "
+            "for training.",
         ),
     ] = None
     allow_missing_images: Annotated[
@@ -108,6 +130,10 @@ class FormatOptions:
             if key in found:
                 raise typer.BadParameter(f"--option {key} is given twice")
             found[key] = value
+        if self.split is not None:
+            if "split" in found:
+                raise typer.BadParameter("--option split is given twice")
+            found["split"] = _pair(f"split={self.split}")[1]
         if self.allow_missing_images:
             found["allow_missing_images"] = True
         return found
@@ -137,11 +163,39 @@ class ExportOptions(DatasetOptions, FormatOptions):
     """Options of `unghost export`."""
 
     format: Annotated[
-        ExportFormat,
+        ExportFormat | None,
         typer.Option("--format", metavar="FORMAT", help=f"{listed(ExportFormat)}."),
-    ]
+    ] = None
+    name: Annotated[
+        str | None,
+        typer.Option(
+            metavar="VERSION",
+            help="Name the export: it is kept as a version of the dataset.",
+        ),
+    ] = None
+    since: Annotated[
+        str | None,
+        typer.Option(
+            metavar="VERSION",
+            help="Write only frames that are new or have changed since this version.",
+        ),
+    ] = None
+    version: Annotated[
+        str | None,
+        typer.Option(
+            metavar="VERSION",
+            help="Write a version again, byte for byte, instead of a new export.",
+        ),
+    ] = None
     output: Annotated[
-        Path, typer.Option("--output", "-o", help="The file to write.", dir_okay=False)
+        Path,
+        typer.Option(
+            "--output",
+            "-o",
+            help="The file to write: a ZIP archive. Decisions are written as one file "
+            "(CSV, JSON lines, Parquet), unless the name ends in .zip.",
+            dir_okay=False,
+        ),
     ]
 
 
@@ -155,12 +209,32 @@ def export(options: ExportOptions) -> None:
     Exit code 3 if a class is unknown, or all boxes of a class are rejected.
     """
     screen = options.screen
+    if options.version is not None:
+        _write_again(options, options.version)
+        return
+    if options.format is None:
+        raise typer.BadParameter("expected --format, or --version of an earlier export")
     with options.connect() as client:
         given = {f"--option {name}": value for name, value in options.given.items()}
         before = client.dataset(options.dataset)
         with naming_options(_OPTION_OF_FIELD, given):
+            asked = options.given.get("split")
+            shares = asked if isinstance(asked, list) else []
+            # Others are refused as options of the export.
+            are_shares = all(
+                isinstance(one, int | float) and 0 <= one <= 1 for one in shares
+            )
+            by_map = options.given.get("split_by") == "map"
+            if shares and are_shares and not by_map:
+                parts = client.parts(options.dataset, shares)
+                screen.note(_planned_text(parts.frames, shares))
+            chosen: dict[str, Any] = options.given
             started = client.start_export(
-                options.dataset, options.format, **options.given
+                options.dataset,
+                options.format,
+                name=options.name,
+                since=options.since,
+                **chosen,
             )
         screen.note(f"export {started.id} of {options.dataset} ({options.format})")
         if client.dataset(options.dataset).classes_frozen > before.classes_frozen:
@@ -169,15 +243,54 @@ def export(options: ExportOptions) -> None:
                 "other classes are refused"
             )
         done = wait_for_export(client, started, screen)
-        _download(client, done, options)
+        _fetch(client, done, options)
         summary = summary_of(client, options.dataset)
     if counted := _boxes_written(done):
         screen.note(counted)
+    if of_parts := parts_text(done.counts or {}):
+        screen.note(of_parts)
     _left_out(done.counts or {}, screen)
-    is_doubtful = summary.note(screen)
+    is_doubtful = note_boxes(screen, summary)
     screen.record({**done.raw, "path": str(options.output)}, str(options.output))
     if is_doubtful:
         raise typer.Exit(PARTLY)
+
+
+def _write_again(options: ExportOptions, name: str) -> None:
+    """Download the file of a version."""
+    with options.connect() as client:
+        versions = client.versions(options.dataset)
+        known = {one.name: one for one in versions if one.state == "done"}
+        if name not in known:
+            listed = ", ".join(map(str, known)) or "none"
+            raise Refused(f"--version: expected one of {listed}; found {name!r}")
+        export = known[name]
+        if options.format not in (None, export.format):
+            raise Refused(
+                f"version {name!r} has the format {export.format}, found --format "
+                f"{options.format}: leave it out"
+            )
+        _fetch(client, export, replace(options, format=export.format))
+    options.screen.record(
+        {**export.raw, "path": str(options.output)}, str(options.output)
+    )
+
+
+def versions(options: DatasetOptions) -> None:
+    """List the versions of a dataset: exports that have a name, newest first."""
+    with options.connect() as client:
+        options.screen.listing(
+            ("version", "digest", "format", "frames", "made", "by", "since"),
+            client.versions(options.dataset),
+            _version_row,
+        )
+
+
+def _version_row(export: Export) -> tuple[object, ...]:
+    digest = (export.version or export.state)[:12]
+    made = export.created_at.isoformat(sep=" ", timespec="minutes")
+    about = (made, export.created_by, export.since)
+    return export.name, digest, export.format, export.total, *about
 
 
 def wait_for_export(client: Client, export: Export, screen: Screen) -> Export:
@@ -232,6 +345,71 @@ def _boxes_written(done: Export) -> str:
     return "; ".join(part for part in parts if part)
 
 
+_NO_PARTS: Final = ("in", "without_boxes", "without_image", "left_out")
+"""What is counted of frames besides those of each part."""
+
+_TOLD: Final = {
+    "as_it_came": "have the part they came with",
+    "by_sequence": "are split by whole sequences",
+    "by_map": "are split by their maps",
+    "without_sequence": "are split one by one, since nothing tells their sequence; "
+    "`sequence` in their annotations names it",
+    "by_frame": "are split one by one, since nothing tells their part; --split 0.8,0.2 "
+    "keeps sequences together",
+}
+
+
+def parts_text(counts: Mapping[str, object]) -> str:
+    """How many frames went to each part, and what told it; empty if that is unknown."""
+    frames, told, sequences = (
+        some if isinstance(some, Mapping) else {}
+        for some in map(counts.get, ("frames", "split", "sequences"))
+    )
+    parts = {name: n for name, n in frames.items() if name not in _NO_PARTS}
+    if not told or not parts:
+        return ""
+    total = sum(parts.values())
+    of_parts = [
+        f"{name} {count:,} ({count / total:.0%})" for name, count in parts.items()
+    ]
+    of_sequences = [f"{name} {count:,}" for name, count in sequences.items()]
+    said = [
+        f"parts: {', '.join(of_parts)}",
+        *([f"sequences: {', '.join(of_sequences)}"] if of_sequences else []),
+        *(f"{told[how]:,} frames {why}" for how, why in _TOLD.items() if how in told),
+    ]
+    return "; ".join(said)
+
+
+def _planned_parts(found: FrameSet, asked: Sequence[float]) -> str:
+    """The shares of parts that are asked for, and those that sequences give."""
+    from filter_core.formats.splits import part_by_shares, shares_of
+    from filter_core.values import as_text
+
+    shares = shares_of(asked)
+    parts: Counter[str] = Counter(
+        part_by_shares(
+            frame.key, as_text(said.get("map")), as_text(said.get("sequence")), shares
+        )
+        for frame in found
+        for said in [frame.annotation or {}]
+    )
+    return _planned_text(parts, asked)
+
+
+def _planned_text(frames: Mapping[str, int], asked: Sequence[float]) -> str:
+    """The shares of parts that are asked for, and the frames that they get."""
+    from filter_core.formats.splits import shares_of
+
+    total = max(1, sum(frames.values()))
+    of_parts = (
+        f"{part} {share:.0%}: {frames.get(part, 0):,} "
+        f"({frames.get(part, 0) / total:.0%})"
+        for part, share in shares_of(asked).items()
+    )
+    return f"asked for {', '.join(of_parts)} of the frames"
+
+
 def unmeasured_text(unmeasured: Mapping[str, object]) -> str:
     """What became of the unmeasured boxes, by their counts; empty without any."""
     if frames := unmeasured.get("frames_left_out"):
@@ -242,12 +420,33 @@ def unmeasured_text(unmeasured: Mapping[str, object]) -> str:
     return ""
 
 
-def _download(client: Client, done: Export, options: ExportOptions) -> None:
+def _fetch(client: Client, done: Export, options: ExportOptions) -> None:
+    """Download the archive, or of a format that is one table, this table."""
+    output, table = options.output, _TABLES.get(options.format or "")
+    if table is None or output.suffix.lower() == ".zip":
+        _download(client, done, options, output)
+        return
+    # Beside it and with the digest in its name, so that a repeated command continues.
+    archive = output.with_name(f".{output.name}.{(done.sha256 or '')[:12]}.zip")
+    partial = output.with_name(f"{output.name}.part")
+    _download(client, done, options, archive)
+    partial.unlink(missing_ok=True)
+    with (
+        ZipFile(archive) as opened,
+        opened.open(table) as source,
+        partial.open("xb") as target,
+    ):
+        copyfileobj(source, target)
+    partial.replace(output)
+    archive.unlink()
+
+
+def _download(client: Client, done: Export, options: ExportOptions, path: Path) -> None:
     try:
         with options.screen.progress("download", "kB") as advance:
             client.download(
                 done,
-                options.output,
+                path,
                 progress=lambda have, size: advance(_kb(have), size and _kb(size)),
             )
     except KeyboardInterrupt:
@@ -275,8 +474,12 @@ class ConvertOptions(OutputOptions, SourceOptions, FormatOptions, UnmappedOption
         ),
     ]
     to: Annotated[
-        ExportFormat,
-        typer.Option("--to", metavar="FORMAT", help=f"{listed(ExportFormat)}."),
+        ConvertFormat,
+        typer.Option(
+            "--to",
+            metavar="FORMAT",
+            help=f"{listed(ConvertFormat)}, which is that of SOURCE.",
+        ),
     ]
     output: Annotated[
         Path,
@@ -304,37 +507,47 @@ class ConvertOptions(OutputOptions, SourceOptions, FormatOptions, UnmappedOption
 
 @reads_archives
 def convert(options: ConvertOptions) -> None:
-    """Write the labels of a folder in another format, without a server.
+    """Write the labels of a folder in another format or the same, without a server.
 
     With --filter, the boxes that the filter keeps, and those that could not be measured
     as they came (-O include_unmeasured=false leaves out their frames). The new folder
     appears when it is complete; its manifest.json names every box that was left out or
     cut.
+    In the same format, the folder is copied as it is, and only the bytes of rejected
+    boxes are left out of its labels; images are linked where that is possible. Any -O
+    writes new labels instead.
     Exit code 3 if some frames could not be read or matched; they are listed. With
     --filter, also if a class or pixels in boxes are unknown, or all boxes of a class
     are rejected.
     """
+    from filter_core.formats.registry import format_of
+    from filter_core.inspection.remarks import BoxSummary, RecordingAdvice
+
     if not options.filter:
         given = ["config"] if options.config is not None else []
         if names := [*given, *options.reading]:
             option = names[0].replace("_", "-")
             raise typer.BadParameter(f"--{option} is for --filter")
     # Before the folder is read, which may take long: this refuses an unknown format.
-    labels = _label_options(options)
+    labels = None if options.to == "same" else _label_options(options)
     description = options.describe(options.source)
     found = open_source(options.source, options.layout, description)
     default_class = default_class_of(found, description)
-    progress = _Progress(
-        options.screen, BoxSummary(Advice(default_class, " and written as they came"))
-    )
+    advice = RecordingAdvice(default_class, " and written as they came")
+    progress = _Progress(options.screen, BoxSummary(advice))
     config = read_config(options.config, options, description, options.screen)
+    if labels is None or (options.to == found.layout and not options.option):
+        _convert_same(options, found, config, progress)
+        return
     counts = _write_labels(options, labels, found, config, progress)
     progress.notes.print(options.screen)
-    is_doubtful = options.filter and progress.summary.note(options.screen)
+    is_doubtful = options.filter and note_boxes(options.screen, progress.summary)
     progress.check.note(options.screen, found)
     for line in (*progress.refusals.more(), *unmatched_lines(found.unmatched)):
         options.screen.note(line)
     boxes = {name: counts["boxes"][name] for name in ("in", "out", "dropped")}
+    if "split" in format_of(options.to, labels).options:
+        options.screen.note(parts_text(counts))
     unmeasured = counts.get("unmeasured", {})
     if said := unmeasured_text(unmeasured):
         options.screen.note(said)
@@ -393,22 +606,14 @@ def _write_labels(
     from filter_core.formats.files import folder_sink
     from filter_core.formats.reading import name_of
     from filter_core.formats.registry import format_of, write_export
-    from filter_core.local import (
-        boxes_by_class,
-        export_sources,
-        in_class_order,
-    )
+    from filter_core.local import class_order, export_sources
 
-    boxes: Counter[str] = Counter()
-    may_be_unmapped = options.filter and unmapped_names(found.classes or (), config)
-    if not found.classes or may_be_unmapped:
-        boxes = boxes_by_class(found)
-    classes = found.classes or in_class_order(boxes)
+    classes = found.classes or class_order(found)
     if options.filter:
-        options.require_known(boxes, config, progress.summary.advice)
-        first = islice(found, LOOKED_AT)
-        found = shown_by(first, config, config.channels, options.screen).of(found)
+        found = _as_shown(options, found, config, progress)
     options.screen.note(f"classes in this order: {', '.join(classes)}")
+    if labels.split and labels.split_by == "sequence":
+        options.screen.note(_planned_parts(found, labels.split))
     decided = {"config": config.digest} if options.filter else {}
     facts = {"source": name_of(options.source), "layout": found.layout, **decided}
     needs = format_of(options.to, labels).needs
@@ -427,11 +632,158 @@ def _write_labels(
             ExportHead(classes, facts),
             labels,
         )
-        if not progress.written:  # and so the folder does not appear
-            for line in progress.refusals.more():
-                options.screen.note(line)
-            raise Refused(f"no frame can be read ({progress.failed} refused)")
+        progress.require_frames()  # else the folder does not appear
         return counts
+
+
+def _as_shown(
+    options: ConvertOptions, found: FrameSet, config: FilterConfig, progress: _Progress
+) -> FrameSet:
+    """The frames to be filtered, read as their images show; refuses unknown classes."""
+    from filter_core.local import boxes_by_class
+
+    boxes: Counter[str] = Counter()
+    if not found.classes or unmapped_names(found.classes, config):
+        boxes = boxes_by_class(found)
+    options.require_known(boxes, config, progress.summary.advice)
+    first = islice(found, LOOKED_AT)
+    return shown_by(first, config, config.channels, options.screen).of(found)
+
+
+def _convert_same(
+    options: ConvertOptions, found: FrameSet, config: FilterConfig, progress: _Progress
+) -> None:
+    """Copy the folder without the boxes that are rejected, and say which these are."""
+    from filter_core.formats.files import new_folder
+    from filter_core.formats.same import RecordingCopy
+    from filter_core.local import outcomes
+
+    screen = options.screen
+    copy = RecordingCopy(options.source, _box_spans(options, found))
+    _require_apart(options, copy.folder)
+    if options.filter:
+        found = _as_shown(options, found, config, progress)
+    removed: dict[str, Counter[str]] = defaultdict(Counter)
+    boxes: Counter[str] = Counter()
+    frames = progress.check.watch(found)
+    with new_folder(options.output) as folder:
+        with screen.progress("convert", "frames") as advance:
+            for frame, outcome in outcomes(frames, config if options.filter else None):
+                progress.add_outcome(outcome)
+                advance(progress.written + progress.failed, found.count)
+                if outcome.error is not None:
+                    copy.add(frame)
+                    continue
+                decisions = outcome.decisions or []
+                given = (frame.annotation or {}).get("boxes")
+                boxes["in"] += len(given) if isinstance(given, Sequence) else 0
+                verdicts = [one["verdict"] for one in decisions]
+                boxes["unmeasured"] += verdicts.count("unmeasured")
+                rows = [row for row, one in enumerate(verdicts) if one == "rejected"]
+                for one in map(decisions.__getitem__, rows):
+                    removed[one["class"]][one["reason"]] += 1
+                copy.add(frame, rows)
+        progress.require_frames()
+        left = copy.write(folder)
+    _note_copy(options, found, progress, left)
+    dropped = sum(map(Counter.total, removed.values()))
+    if dropped:
+        screen.note(one_line(f"taken away: {_listed_reasons(removed)}"))
+    if boxes["unmeasured"]:
+        screen.note(unmeasured_text({"written": boxes["unmeasured"]}))
+    is_doubtful = options.filter and note_boxes(screen, progress.summary)
+    out = boxes["in"] - dropped
+    counts = {"in": boxes["in"], "out": out, "dropped": dropped}
+    unmeasured = {"written": boxes["unmeasured"]} if boxes["unmeasured"] else {}
+    screen.record(
+        {
+            "output": str(options.output),
+            "frames": progress.written,
+            "failed": progress.failed,
+            "boxes": counts,
+            **({"unmeasured": unmeasured} if unmeasured else {}),
+            "taken_away": {name: dict(one) for name, one in sorted(removed.items())},
+        },
+        f"{options.output}\t{progress.written} frames\t{out} of {boxes['in']} boxes",
+    )
+    if progress.failed or found.unmatched or is_doubtful:
+        raise partly_done(progress.written)
+
+
+def _box_spans(options: ConvertOptions, found: FrameSet) -> BoxSpans:
+    """How boxes are left out of labels of this layout.
+
+    Raises
+    ------
+    typer.BadParameter
+        Labels are not composed, so that options for that have no effect.
+    Refused
+        The layout cannot be written again.
+    """
+    from filter_core.formats.registry import FORMATS, layout_format
+
+    if options.option:
+        raise typer.BadParameter(
+            f"--option {options.option[0].partition('=')[0]} is for labels that are "
+            "written anew; --to same takes boxes away, and changes nothing else"
+        )
+    spans = layout_format(found.layout).box_spans
+    if spans is None:
+        able = ", ".join(name for name, one in FORMATS.items() if one.box_spans)
+        raise Refused(
+            f"layout {found.layout} cannot be written as it came; those that can are "
+            f"{able}; --to FORMAT writes another format"
+        )
+    return spans
+
+
+def _require_apart(options: ConvertOptions, folder: Path) -> None:
+    """Refuse an output folder that is or lies in the source, or the reverse."""
+    source, output = folder.resolve(), options.output.resolve()
+    is_folder = options.source.is_dir()
+    if (is_folder and output.is_relative_to(source)) or source.is_relative_to(output):
+        raise Refused(
+            f"--output {options.output}: expected a folder outside of the recording, "
+            f"which is copied, found one in or around {options.source}"
+        )
+
+
+def _listed_reasons(removed: Mapping[str, Counter[str]]) -> str:
+    """Classes with the boxes that were taken away, and why."""
+    named = []
+    for name, reasons in sorted(removed.items(), key=lambda one: -one[1].total()):
+        why = ", ".join(f"{reason} {count}" for reason, count in reasons.most_common())
+        named.append(f"{name} {reasons.total()} ({why})")
+    return ", ".join(named)
+
+
+def _note_copy(
+    options: ConvertOptions, found: FrameSet, progress: _Progress, left: LeftBehind
+) -> None:
+    """Note how the folder was read, and what of it is not in the copy."""
+    screen = options.screen
+    progress.notes.print(screen)
+    progress.check.note(screen, found)
+    for line in (*progress.refusals.more(), *unmatched_lines(found.unmatched)):
+        screen.note(line)
+    if progress.failed:
+        screen.note(
+            f"the labels of {progress.failed} refused frames were copied as they are"
+        )
+    if left.outside:
+        screen.note(
+            one_line(
+                f"{len(left.outside)} files of frames lie outside of {options.source} "
+                f"and were not copied, the first is {left.outside[0]}"
+            )
+        )
+    if left.special:
+        screen.note(
+            one_line(
+                f"{len(left.special)} pipes or devices were not copied, the first is "
+                f"{left.special[0]}"
+            )
+        )
 
 
 class _Progress:
@@ -446,6 +798,27 @@ class _Progress:
         self.refusals = Kinds()
         self.check = FrameCheck()
 
+    def add_outcome(self, outcome: FrameOutcome) -> None:
+        """Count a frame; one that has an error is listed."""
+        if outcome.error is None:
+            self.written += 1
+            self.add(outcome.classes, outcome.notes)
+            return
+        first = outcome.error["errors"][0]
+        self._refuse(outcome.key, outcome.error["detail"], first["code"])
+
+    def require_frames(self) -> None:
+        """Refuse to go on if no frame could be read."""
+        if not self.written:
+            for line in self.refusals.more():
+                self.screen.note(line)
+            raise Refused(f"no frame can be read ({self.failed} refused)")
+
+    def _refuse(self, key: str, why: str, code: str) -> None:
+        self.failed += 1
+        if self.refusals.is_listed(f"refused ({code})"):
+            self.screen.note(refusal(key, naming_reading(why)))
+
     def add(self, classes: Mapping[str, ClassCount], notes: Iterable[str]) -> None:
         """The boxes of one frame by class, and how its images were read."""
         self.summary.add(classes)
@@ -455,6 +828,7 @@ class _Progress:
         self, frames: Iterable[ExportFrame | LeftOut], total: int | None
     ) -> Iterator[ExportFrame]:
         """The frames to be written, under a bar."""
+        from filter_core.errors import problem_of
         from filter_core.formats.export import ExportFrame
 
         with self.screen.progress("convert", "frames") as advance:
@@ -463,8 +837,7 @@ class _Progress:
                     self.written += 1
                     yield frame
                 else:
-                    self.failed += 1
-                    if self.refusals.is_listed(kind_of(frame.problem)):
-                        why = naming_reading(frame.problem.detail)
-                        self.screen.note(refusal(frame.key, why))
+                    fault = problem_of(frame.problem)
+                    code = fault["errors"][0]["code"]
+                    self._refuse(frame.key, frame.problem.detail, code)
                 advance(self.written + self.failed, total)

@@ -24,6 +24,7 @@ from typing import TYPE_CHECKING, Annotated, Final, NamedTuple, TypeAlias, get_a
 
 import typer
 
+from unghost.cli.gates import GateOptions
 from unghost.cli.options import OutputOptions, note_unknown_classes
 from unghost.cli.screen import (
     ImageNotes,
@@ -46,7 +47,7 @@ from unghost.cli.sources import (
     shown_by,
     unmatched_lines,
 )
-from unghost.cli.summary import LOOKED_AT, Advice, BoxSummary, UnmappedOptions
+from unghost.cli.summary import LOOKED_AT, UnmappedOptions, note_boxes
 from unghost.wire.words import Verdict
 
 if TYPE_CHECKING:
@@ -54,6 +55,7 @@ if TYPE_CHECKING:
 
     from filter_core.config.filter import FilterConfig
     from filter_core.formats.reading import FrameSet, FrameSource, Unmatched
+    from filter_core.inspection.remarks import BoxSummary
     from filter_core.local import ClassCount, FrameOutcome
 
 
@@ -73,7 +75,7 @@ _PARTS_AHEAD: Final = 4
 
 
 @dataclass(frozen=True, kw_only=True)
-class FilterOptions(OutputOptions, LocalFilterOptions, UnmappedOptions):
+class FilterOptions(OutputOptions, LocalFilterOptions, UnmappedOptions, GateOptions):
     """Options of `unghost filter`."""
 
     output: Annotated[
@@ -89,6 +91,7 @@ class FilterOptions(OutputOptions, LocalFilterOptions, UnmappedOptions):
 
     def __post_init__(self) -> None:
         """Decisions must not take the place of what they were made from."""
+        super().__post_init__()
         from filter_core.formats.reading import MANIFEST_NAME
 
         source = self.source
@@ -104,20 +107,22 @@ def filter_local(options: FilterOptions) -> None:
     Writes one line per frame, in the order of the frames. Exit code 3 if some frames
     could not be decided or matched; they are listed, and their lines say why. Also if
     a class or pixels in boxes are unknown, or all boxes of a class are rejected.
+    Exit code 4 if a condition of --fail-if holds.
     """
+    from filter_core.inspection.remarks import BoxSummary, RecordingAdvice
     from filter_core.local import boxes_by_class
 
     description = options.describe(options.source)
     config = read_config(options.config, options, description, options.screen)
     check = FrameCheck()
     frames = open_source(options.source, options.layout, description)
-    summary = BoxSummary(Advice(default_class_of(frames, description)))
+    summary = BoxSummary(RecordingAdvice(default_class_of(frames, description)))
     first = list(islice(frames, LOOKED_AT))
     options.require_known(boxes_by_class(first), config, summary.advice)
     shown = shown_by(first, config, config.channels, options.screen)
     found = check.watch(shown.of(frames))
     tally = _Tally(options.screen, summary)
-    with _output(options.output) as write:
+    with line_output(options.output) as write:
         decided = decided_lines(found, config, options.workers)
         for line in tally.watch(decided, found.count):
             write(line.content)
@@ -125,14 +130,16 @@ def filter_local(options: FilterOptions) -> None:
         options.screen.note(problem)
     check.note(options.screen, found)
     note_unknown_classes(options.screen, config.as_dict(), summary.boxes)
-    is_doubtful = summary.note(options.screen)
+    is_doubtful = note_boxes(options.screen, summary)
     tally.print_summary(options.output, found.unmatched)
+    title = f"unghost filter {options.source}"
+    options.check(tally.counts(), options.screen, title)
     if tally.failed or found.unmatched or is_doubtful:
         raise partly_done(tally.decided)
 
 
 @contextmanager
-def _output(path: Path) -> Iterator[Write]:
+def line_output(path: Path) -> Iterator[Write]:
     """Where lines go; a file appears when it is complete, not before."""
     if path == _STDOUT:
         yield _write_to_terminal if sys.stdout.isatty() else sys.stdout.buffer.write
@@ -163,7 +170,10 @@ class _Tally:
         self._notes = ImageNotes()
         self.refusals = Kinds()
         self._boxes: Counter[str] = Counter()
+        self._unmapped = 0
         self._unseen: list[str] = []
+        self._of_other_color: Counter[str] = Counter()
+        self._first_of_other_color = ""
 
     def watch(
         self, lines: Iterable[FrameLine], total: int | None
@@ -187,6 +197,20 @@ class _Tally:
         self._summary.add(line.classes)
         self._notes.add(line.notes)
         self._boxes.update(line.verdicts)
+        if line.of_other_color and not self._of_other_color:
+            self._first_of_other_color = line.key
+        self._of_other_color.update(line.of_other_color)
+        self._unmapped += sum(one.unmapped for one in line.classes.values())
+
+    def counts(self) -> dict[str, int]:
+        """Frames and boxes, for the conditions of `--fail-if`."""
+        return {
+            "frames": self.decided + self.failed,
+            "refused": self.failed,
+            "boxes": self._boxes.total(),
+            "unmapped": self._unmapped,
+            **{name: self._boxes[name] for name in get_args(Verdict)},
+        }
 
     def print_summary(self, output: Path, unmatched: Sequence[Unmatched]) -> None:
         """Print notes, and counts of frames and boxes; with `--json`, unused files."""
@@ -196,6 +220,18 @@ class _Tally:
             such = f"such as {self._unseen[0]}"
             self.screen.note(
                 one_line(f"unmeasured, without a segmentation: {count}, {such}")
+            )
+        if self._of_other_color:
+            named = ", ".join(
+                f"{name} ({count})"
+                for name, count in sorted(self._of_other_color.items())
+            )
+            self.screen.note(
+                one_line(
+                    f"profile carlasimu rejects boxes that tags of their class fill, "
+                    f"since it counts one colour for each class: {named}, such as in "
+                    f"{self._first_of_other_color}"
+                )
             )
         frames = {"decided": self.decided, "failed": self.failed}
         boxes = {name: self._boxes[name] for name in get_args(Verdict)}
@@ -214,6 +250,7 @@ class FrameLine:
     """A frame's line, its boxes counted by verdict and by class, or what is wrong.
 
     It is unseen if it has boxes and no segmentation, and none of them was measured.
+    `of_other_color` are the classes of the boxes that `other_colors` finds.
     """
 
     key: str
@@ -222,6 +259,7 @@ class FrameLine:
     classes: Mapping[str, ClassCount] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     is_unseen: bool = False
+    of_other_color: Counter[str] = field(default_factory=Counter)
     fault: str | None = None
     code: str = ""
 
@@ -360,8 +398,36 @@ def _line_of(config: FilterConfig, frame: FrameSource | FrameOutcome) -> FrameLi
     verdicts = Counter(str(each["verdict"]) for each in decisions)
     is_unseen = outcome.palette is None and set(verdicts) == {"unmeasured"}
     return FrameLine(
-        outcome.key, content, verdicts, outcome.classes, outcome.notes, is_unseen
+        outcome.key,
+        content,
+        verdicts,
+        outcome.classes,
+        outcome.notes,
+        is_unseen,
+        other_colors(outcome, config),
     )
+
+
+def other_colors(outcome: FrameOutcome, config: FilterConfig) -> Counter[str]:
+    """Boxes by class that profile carlasimu rejects though tags of their class fill it.
+
+    It counts one colour for each class, while CARLA has had several tags for some since
+    0.9.14: the pixels of most trucks are Truck, and it looks for Car.
+    """
+    from filter_core.classes import accept_mask_of, measured_class
+
+    found: Counter[str] = Counter()
+    if config.profile != "carlasimu" or outcome.palette is None:
+        return found
+    for one in outcome.decisions or ():
+        if one["verdict"] != "rejected" or not one["hidden_by"]:
+            continue
+        name = one["class"]
+        mask = accept_mask_of(measured_class(name), outcome.palette)
+        tags = (each for each in one["hidden_by"] if mask >> each["tag"] & 1)
+        filled = sum(each["percent"] for each in tags)
+        found[name] += filled > config.limits_of(name).threshold_small_box
+    return +found
 
 
 @cache

@@ -2,26 +2,22 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
-from unghost.cli.inspection import (
-    FAULTS,
-    ROLES,
-    by_role,
-    facts,
-    measured_as,
-    remarks_on,
-    told_by,
-)
 from unghost.cli.options import OutputOptions
 from unghost.cli.screen import PARTLY, Refused, Screen, one_line
-from unghost.cli.sources import SourceFolder, SourceOptions, reads_archives
+from unghost.cli.sources import (
+    SourceFolder,
+    SourceOptions,
+    reads_archives,
+    with_options,
+)
 
 if TYPE_CHECKING:
     from filter_core.inspection.listing import Listed
@@ -63,6 +59,7 @@ def inspect(options: InspectOptions) -> None:
     Exit code 3 if `filter` would end with another code than 0, with what helps.
     """
     from filter_core.inspection.recording import inspect_recording
+    from filter_core.inspection.remarks import recording_text, remarks_on
 
     if options.write is not None and options.write.exists():
         raise Refused(f"{options.write} exists already, and was not replaced")
@@ -71,8 +68,12 @@ def inspect(options: InspectOptions) -> None:
         description = replace(description, layout=options.layout)
     with options.screen.progress("inspect", "frames") as advance:
         inspection = inspect_recording(options.source, description, progress=advance)
-    remarks = list(remarks_on(inspection))
-    text = description_of(inspection, options.source)
+    remarks = [
+        one._replace(text=with_options(one.text)) for one in remarks_on(inspection)
+    ]
+    is_folder = options.source.is_dir()
+    folder = options.source if is_folder else options.source.parent
+    text = recording_text(inspection, folder)
     record = {key: plain(value) for key, value in _public(inspection)}
     said = [remark._asdict() for remark in remarks]
     options.screen.record({**record, "remarks": said, "description": text})
@@ -118,35 +119,12 @@ def plain(value: object) -> object:
     return value
 
 
-def description_of(inspection: Inspection, source: Path) -> str:
-    """The text of a ``recording.yaml`` with what was recognised.
-
-    What a person has to say about classes is in comments.
-    """
-    from filter_core.formats.recording import description_text
-
-    folder = source if source.is_dir() else source.parent
-    name = one_line(inspection.name)
-    head = (
-        f"# How {name} is read, as `unghost inspect` recognised it.\n"
-        "# Correct what is wrong; what is left out is recognised again.\n"
-    )
-    hints = [
-        f"#   {json.dumps(one.name, ensure_ascii=False)}: {one.nearest or 'pass'}\n"
-        for one in inspection.classes
-        if one.boxes and not one.measured_as
-    ]
-    unknown = (
-        "\n# Classes that are not known: say as what each is measured, or `pass`.\n"
-        f"# classes:\n{''.join(hints)}"
-    )
-    text = description_text(inspection.described, folder)
-    return f"{head}{text}{unknown if hints else ''}"
-
-
 def _print(inspection: Inspection, screen: Screen) -> None:
-    screen.table(("recording", "is"), facts(inspection), tag="recording")
-    screen.table(
+    from filter_core.inspection.remarks import FAULTS, ROLES, by_role, facts, told_by
+
+    table = partial(screen.table, headed=True)
+    table(("recording", "is"), facts(inspection), tag="recording")
+    table(
         ("role", "images", "told by", "such as"),
         [
             (ROLES.get(one.role, one.role), one.images, told_by(one), one.example)
@@ -154,7 +132,7 @@ def _print(inspection: Inspection, screen: Screen) -> None:
         ],
         tag="images",
     )
-    screen.table(
+    table(
         (
             *("class", "boxes", "measured as", "looked at"),
             *("kept", "rejected", "unmeasured", "% unknown", "unknown tags"),
@@ -162,7 +140,7 @@ def _print(inspection: Inspection, screen: Screen) -> None:
         map(_class_row, inspection.classes),
         tag="class",
     )
-    screen.table(
+    table(
         ("boxes", "number", "such as"),
         [
             (FAULTS[one.kind], one.count, f"{example.name}: {example.why}")
@@ -171,7 +149,7 @@ def _print(inspection: Inspection, screen: Screen) -> None:
         ],
         tag="boxes",
     )
-    screen.table(
+    table(
         ("frame", "kept", "rejected", "unmeasured"),
         [
             (
@@ -183,9 +161,9 @@ def _print(inspection: Inspection, screen: Screen) -> None:
         tag="frame",
     )
     refused = [*inspection.refused, *inspection.refused_pictures]
-    screen.table(("frame that cannot be used", "why"), _rows(refused), tag="refused")
+    table(("frame that cannot be used", "why"), _rows(refused), tag="refused")
     unused = [*inspection.left_over, *inspection.not_read]
-    screen.table(("file that is not used", "why"), _rows(unused), tag="file")
+    table(("file that is not used", "why"), _rows(unused), tag="file")
 
 
 _WORDS: Final = ("kept", "rejected", "unmeasured")
@@ -200,6 +178,8 @@ def _rows(kinds: Sequence[Listed]) -> Iterator[tuple[str, str]]:
 
 
 def _class_row(one: ClassFacts) -> tuple[object, ...]:
+    from filter_core.inspection.remarks import measured_as
+
     share = one.unknown_percent
     return (
         one.name,

@@ -9,27 +9,25 @@ import html
 import re
 from base64 import b64encode
 from collections.abc import Iterable, Iterator, Sequence
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
-from unghost.cli.inspection import (
+from filter_core.inspection.listing import Listed
+from filter_core.inspection.pictures import DrawnBox, DrawnFrame
+from filter_core.inspection.recording import ClassFacts, Inspection
+from filter_core.inspection.remarks import (
     FAULTS,
     MOST_IN_A_LINE,
     ROLES,
+    Remark,
     by_role,
     camera_text,
-    counted,
+    count_of,
     depth_text,
     facts,
     measured_as,
     segmentation_text,
     told_by,
 )
-
-if TYPE_CHECKING:
-    from filter_core.inspection.listing import Listed
-    from filter_core.inspection.pictures import DrawnBox, DrawnFrame
-    from filter_core.inspection.recording import ClassFacts, Inspection
-    from unghost.cli.summary import Remark
 
 _LIGHT: Final = """
   --bg: #f6f6f7; --surface: #ffffff; --sunken: #eeeff1; --line: #e3e5e8;
@@ -199,33 +197,38 @@ def page(inspection: Inspection, remarks: Sequence[Remark], description: str) ->
     name = html.escape(inspection.name)
     parts = (
         _header(inspection),
-        _section("What to look at", _remarks(inspection, remarks)),
-        _section("Three frames, as the filter decides them", _frames(inspection)),
-        _section("Classes", _classes(inspection)),
+        section("What to look at", _remarks(inspection, remarks)),
+        section("Three frames, as the filter decides them", _frames(inspection)),
+        section("Classes", _classes(inspection)),
         '<div class="pair">',
-        _section("Tags and depth", _tags(inspection)),
-        _section("Splits, sizes and cameras", _parts(inspection)),
+        section("Tags and depth", _tags(inspection)),
+        section("Splits, sizes and cameras", _parts(inspection)),
         "</div>",
-        _section("Images by role", _streams(inspection)),
+        section("Images by role", _streams(inspection)),
         '<div class="pair">',
-        _section("Boxes that can hardly be right", _faults(inspection)),
-        _section("Files that are not used", _unused(inspection)),
+        section("Boxes that can hardly be right", _faults(inspection)),
+        section("Files that are not used", _unused(inspection)),
         "</div>",
-        _section("Frames that cannot be used", _refused(inspection)),
-        _section("The description of this recording", _description(description)),
+        section("Frames that cannot be used", _refused(inspection)),
+        section("The description of this recording", _description(description)),
         f"<footer>Written by unghost inspect. All labels were read, and the pictures "
-        f"of {counted(inspection.pictures, 'frame')}.</footer>",
+        f"of {count_of(inspection.pictures, 'frame')}.</footer>",
     )
+    return document(f"{name} - unghost inspect", parts)
+
+
+def document(title: str, parts: Iterable[str]) -> str:
+    """A page in the colours of the review page; `title` and `parts` are HTML."""
     body = "\n".join(part for part in parts if part)
     return (
         '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"<title>{name} - unghost inspect</title>\n"
+        f"<title>{title}</title>\n"
         f"<style>{_THEMES}{_STYLE}</style>\n</head>\n<body>\n<main>\n{body}\n</main>\n</body>\n</html>\n"
     )
 
 
-def _section(title: str, content: str) -> str:
+def section(title: str, content: str) -> str:
     """A section; nothing if it has no content."""
     return f"<section>\n<h2>{title}</h2>\n{content}\n</section>" if content else ""
 
@@ -250,8 +253,9 @@ def _remarks(inspection: Inspection, remarks: Sequence[Remark]) -> str:
     ]
     can_decide = inspection.boxes.count and inspection.with_role.get("segmentation")
     if can_decide and not any(one.is_serious for one in remarks):
+        looked_at = count_of(inspection.pictures, "frame")
         fine = (
-            f"all labels, and the pictures of {counted(inspection.pictures, 'frame')}, "
+            f"all labels, and the pictures of {looked_at}, "
             "were understood: `unghost filter` can begin"
         )
         items.insert(0, _remark("fine", fine))
@@ -303,6 +307,8 @@ def _figure(frame: DrawnFrame) -> str:
         for word in _VERDICTS
         if (count := sum(box.verdict == word for box in frame.boxes))
     )
+    if frame.outside:
+        counts += f"{', ' if counts else ''}{frame.outside} outside of the image"
     return (
         f'<figure><svg viewBox="0 0 {width} {height}" role="img" '
         f'aria-label="{html.escape(frame.key)}: {counts or "no boxes"}">{image}{rects}'
@@ -436,7 +442,7 @@ def _tags(inspection: Inspection) -> str:
         text = html.escape(segmentation_text(inspection))
         rows.append(("segmentation", f'<span class="images">{squares}</span>{text}'))
         rows += [
-            ("", html.escape(f"{counted(one.number, 'image')}: {one.name}"))
+            ("", html.escape(f"{count_of(one.number, 'image')}: {one.name}"))
             for one in tags.notes[:5]
         ]
     if inspection.depth is not None:
@@ -472,7 +478,7 @@ def _parts(inspection: Inspection) -> str:
             )
     for one in inspection.sizes[:MOST_IN_A_LINE]:
         size = f"{one.width} x {one.height} px"
-        rows.append(("size of images", f"{size}, {counted(one.images, 'frame')}"))
+        rows.append(("size of images", f"{size}, {count_of(one.images, 'frame')}"))
     for cameras in inspection.cameras[:MOST_IN_A_LINE]:
         text = camera_text(cameras.folders, cameras.frames)
         rows.append(("cameras", html.escape(text)))

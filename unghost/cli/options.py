@@ -16,7 +16,7 @@ from __future__ import annotations
 import inspect
 import warnings
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import MISSING, dataclass, fields
 from enum import Enum, EnumMeta
 from functools import reduce
@@ -101,6 +101,14 @@ class ServerOptions(OutputOptions):
             "machine."
         ),
     ] = None
+    retry_for: Annotated[
+        float,
+        typer.Option(
+            metavar="SECONDS",
+            min=0,
+            help="How long to wait for a server that is away or busy; 0: not at all.",
+        ),
+    ] = 120
 
     def connect(self) -> Client:
         """A client of this server; notes the token files that were ignored."""
@@ -110,18 +118,32 @@ class ServerOptions(OutputOptions):
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always", IgnoredTokenFile)
             try:
-                return Client(self.server, self.token)
+                return Client(self.server, self.token, retry_for=self.retry_for)
             finally:
                 for one in caught:
                     if issubclass(one.category, IgnoredTokenFile):
                         self.screen.note(str(one.message))
 
 
+def dataset_names(incomplete: str) -> list[str]:
+    """The datasets whose names begin so, for a shell that completes one."""
+    from unghost.client.client import Client
+
+    with suppress(Exception), warnings.catch_warnings():  # a shell waits: no message
+        warnings.simplefilter("ignore")
+        with Client(retry_for=0, timeout=2) as client:
+            names = [dataset.name for dataset in client.datasets()]
+            return [name for name in names if name.startswith(incomplete)]
+    return []
+
+
 @dataclass(frozen=True, kw_only=True)
 class DatasetOptions(ServerOptions):
     """Which dataset, on which server, and how to print."""
 
-    dataset: Annotated[str, typer.Argument(help="Name of the dataset.")]
+    dataset: Annotated[
+        str, typer.Argument(help="Name of the dataset.", autocompletion=dataset_names)
+    ]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import inspect
+import logging
 import os
 import re
 import sys
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from importlib import import_module
-from typing import TYPE_CHECKING, Annotated, Any, Final, NoReturn, TypeAlias
+from typing import Annotated, Any, Final, NoReturn, TypeAlias
 
 import typer
 from typer.core import TyperCommand, TyperGroup
@@ -28,9 +29,6 @@ from unghost.cli.screen import (
     printable,
 )
 
-if TYPE_CHECKING:
-    import httpx
-
 COMMANDS: Final = {
     "serve": "serve:serve",
     "login": "access:login",
@@ -42,11 +40,19 @@ COMMANDS: Final = {
     "wait": "runs:wait",
     "cancel": "runs:cancel",
     "stats": "datasets:stats",
+    "report": "datasets:report",
     "diff": "runs:diff",
-    "datasets": "datasets:datasets",
+    "boxes": "lists:boxes",
+    "frames": "lists:frames",
+    "problems": "lists:problems",
+    "runs": "lists:runs",
     "export": "export:export",
+    "versions": "export:versions",
     "convert": "export:convert",
     "evaluate": "evaluate:evaluate",
+    "worth-it": "worth:worth_it",
+    "draw": "draw:draw",
+    "replay": "replay:replay",
     "audit": "access:audit",
     "capture": "capture:capture",
     "backup": "admin:backup",
@@ -69,6 +75,18 @@ CLASSES_COMMANDS: Final = {
     "rename": "classes:rename_class",
     "merge": "classes:merge_class",
     "remove": "classes:remove_class",
+}
+DATASET_COMMANDS: Final = {
+    "create": "datasets:create",
+    "list": "datasets:datasets",
+    "show": "datasets:show",
+    "edit": "datasets:edit",
+    "delete": "datasets:delete",
+}
+AUTH_COMMANDS: Final = {
+    "login": "access:store_token",
+    "status": "access:show_stored",
+    "logout": "access:forget_token",
 }
 TOKEN_COMMANDS: Final = {
     "create": "access:create_token",
@@ -169,33 +187,43 @@ def _lazily(functions: Mapping[str, str]) -> list[LazyCommand]:
     return [LazyCommand(name, function) for name, function in functions.items()]
 
 
+_GROUPS: Final = {
+    "dataset": ("Create, list, show, edit and delete datasets.", DATASET_COMMANDS),
+    "config": (
+        "Show, set or compare a dataset's configuration.",
+        CONFIG_COMMANDS,
+    ),
+    "classes": (
+        "Show, rename, merge or remove the classes of a dataset.",
+        CLASSES_COMMANDS,
+    ),
+    "auth": (
+        "Store a server with its token for later commands, or forget it.",
+        AUTH_COMMANDS,
+    ),
+    "token": (
+        "Create, list and revoke people's tokens; needs an admin's token.",
+        TOKEN_COMMANDS,
+    ),
+}
+
+
 class Program(LazyGroup):
-    """All commands, and three groups of commands."""
+    """All commands, and groups of commands."""
 
     def __init__(self, **given: Any) -> None:  # noqa: ANN401  # what typer passes on
         super().__init__(**given)
-        config = LazyGroup(
-            name="config",
-            help="Show, set or compare a dataset's configuration.",
-            commands=_lazily(CONFIG_COMMANDS),
-            no_args_is_help=True,
-            rich_markup_mode=None,
-        )
-        classes = LazyGroup(
-            name="classes",
-            help="Show, rename, merge or remove the classes of a dataset.",
-            commands=_lazily(CLASSES_COMMANDS),
-            no_args_is_help=True,
-            rich_markup_mode=None,
-        )
-        token = LazyGroup(
-            name="token",
-            help="Create, list and revoke people's tokens; needs an admin's token.",
-            commands=_lazily(TOKEN_COMMANDS),
-            no_args_is_help=True,
-            rich_markup_mode=None,
-        )
-        for command in (*_lazily(COMMANDS), config, classes, token):
+        groups = [
+            LazyGroup(
+                name=name,
+                help=text,
+                commands=_lazily(commands),
+                no_args_is_help=True,
+                rich_markup_mode=None,
+            )
+            for name, (text, commands) in _GROUPS.items()
+        ]
+        for command in (*_lazily(COMMANDS), *groups):
             self.add_command(command)
 
     def invoke(self, ctx: Context) -> object:
@@ -249,8 +277,12 @@ def unghost(
 
 def main() -> NoReturn:
     """Run the command line and exit with one of the documented codes."""
+    notes = logging.StreamHandler()
+    notes.setFormatter(_OneLine("unghost: %(message)s"))
+    # Not of "unghost": a server logs its own messages below it, in its own form.
+    logging.getLogger("unghost.client").addHandler(notes)
     try:
-        app()
+        app(prog_name="unghost")
     except KeyboardInterrupt:
         Screen().note("interrupted")
         sys.exit(INTERRUPTED)
@@ -268,17 +300,22 @@ def main() -> NoReturn:
     sys.exit(DONE)
 
 
+class _OneLine(logging.Formatter):
+    """Escapes what a server or a file may have put into a message."""
+
+    def format(self, record: logging.LogRecord) -> str:
+        return one_line(super().format(record))
+
+
 _TOKEN_HINT: Final = (
-    "The token comes from --token, UNGHOST_TOKEN, or the data folder of a server on "
-    "this machine (UNGHOST_DATA, else ./unghost-data)."
+    "The token comes from --token, UNGHOST_TOKEN, `unghost auth login`, or the data "
+    "folder of a server on this machine (UNGHOST_DATA, else ./unghost-data)."
 )
 
 
 def exit_code(error: Exception) -> int | None:
     """The exit code for an error that people can understand; None for a bug."""
     # Imported here, because a command that succeeds needs none of them.
-    import httpx
-
     from unghost.client.discovery import BadServerUrl, ForeignServer
     from unghost.client.errors import (
         ApiError,
@@ -288,7 +325,7 @@ def exit_code(error: Exception) -> int | None:
         Unavailable,
     )
 
-    if isinstance(error, httpx.TransportError | Unavailable):
+    if isinstance(error, Unavailable):
         return UNAVAILABLE
     if isinstance(error, BadServerUrl | InvalidName):
         return USAGE
@@ -306,18 +343,18 @@ def exit_code(error: Exception) -> int | None:
 
 def error_lines(error: Exception) -> Iterator[str]:
     """The error message: a sentence, then lines with details."""
-    import httpx
+    from unghost.client.discovery import noted_servers
+    from unghost.client.errors import ApiError, NoResponse, Unauthorized
 
-    from unghost.client.errors import ApiError, Unauthorized
-    from unghost.client.transport import NO_RESPONSE
-
-    if isinstance(error, httpx.TransportError):
-        why = str(error) or type(error).__name__
-        named = why.startswith(NO_RESPONSE)
-        yield why if named else f"{NO_RESPONSE} {_address(error)}: {why}"
-        origin = _origin(_address(error))
+    if isinstance(error, NoResponse):
+        yield one_line(error.detail)
+        origin = _origin(error.address)
         yield f"{origin}; --server URL or UNGHOST_SERVER selects another."
-        yield "Is the server running? `unghost serve` starts one."
+        others = set(noted_servers(os.environ)) - {error.address}
+        if others:
+            yield f"On this machine runs {' and '.join(sorted(others))}."
+        else:
+            yield "Is the server running? `unghost serve` starts one."
     elif isinstance(error, ApiError):
         yield one_line(f"{error.detail} ({error.code})")
         faults = error.errors
@@ -330,30 +367,28 @@ def error_lines(error: Exception) -> Iterator[str]:
         if error.status >= 500 and error.request_id:
             yield f"The server's log has details under request id {error.request_id}."
     else:
-        yield str(error) or type(error).__name__
+        from unghost.cli.sources import with_options
 
-
-def _address(error: httpx.TransportError) -> str:
-    from unghost.client.transport import address_of
-
-    try:
-        url = error.request.url
-    except RuntimeError:  # httpx: the error has no request
-        return "the server"
-    return address_of(url)
+        yield with_options(str(error)) or type(error).__name__
 
 
 def _origin(address: str) -> str:
     """Which setting an address is from: the beginning of a sentence."""
     import httpx
 
-    from unghost.client.discovery import DEFAULT_URL, SERVER_VARIABLE
+    from unghost.client.discovery import (
+        DEFAULT_URL,
+        SERVER_VARIABLE,
+        stored_servers,
+    )
     from unghost.client.transport import address_of
 
     variable = os.environ.get(SERVER_VARIABLE)
     with suppress(httpx.InvalidURL):  # not used, then
         if variable and address_of(httpx.URL(variable)) == address:
             return f"This address is from {SERVER_VARIABLE}"
-    if not variable and address == DEFAULT_URL:
-        return "This address is the default"
+    stored = stored_servers(os.environ)
+    if not variable and address == (stored.default or DEFAULT_URL):
+        origin = "from `unghost auth login`" if stored.default else "the default"
+        return f"This address is {origin}"
     return "This address is from --server"

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
-from contextlib import closing
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import closing, suppress
+from dataclasses import dataclass, replace
+from datetime import datetime, timezone
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, get_args
+from typing import TYPE_CHECKING, Annotated, Final, get_args
 
 import typer
 
-from unghost.cli.options import ServerOptions, note_unknown_classes
+from unghost.cli.datasets import gate_counts
+from unghost.cli.gates import GateOptions
+from unghost.cli.options import ServerOptions, dataset_names, note_unknown_classes
 from unghost.cli.screen import (
     MOST_OF_A_KIND,
     ImageNotes,
@@ -35,19 +38,21 @@ from unghost.cli.sources import (
     shown_by,
     unmatched_lines,
 )
-from unghost.cli.summary import LOOKED_AT, Advice, UnmappedOptions, summary_of
+from unghost.cli.summary import LOOKED_AT, UnmappedOptions, note_boxes, summary_of
 from unghost.cli.target import GivenConfig, NewDataset, coming_config, ensure_dataset
+from unghost.wire.boxes import MOST_IMPORTED
 from unghost.wire.frames import MOST_BOXES_SET_ASIDE
 from unghost.wire.words import UploadWord, Verdict
 
 if TYPE_CHECKING:
-    from filter_core.formats.reading import FrameSet, Unmatched
+    from filter_core.formats.reading import FrameSet, FrameSource, Unmatched
+    from filter_core.formats.recording import RecordingDescription
     from unghost.client.client import Client
     from unghost.client.outgoing import AlreadyThere, NotSent, Outcome, Sent
 
 
 @dataclass(frozen=True, kw_only=True)
-class PushOptions(ServerOptions, SourceOptions, UnmappedOptions):
+class PushOptions(ServerOptions, SourceOptions, UnmappedOptions, GateOptions):
     """Options of `unghost push`."""
 
     source: SourceFolder
@@ -56,6 +61,7 @@ class PushOptions(ServerOptions, SourceOptions, UnmappedOptions):
         typer.Option(
             "--dataset",
             help="Name of the dataset to upload to; created if it does not exist.",
+            autocompletion=dataset_names,
         ),
     ]
     workers: Annotated[
@@ -99,6 +105,26 @@ class PushOptions(ServerOptions, SourceOptions, UnmappedOptions):
         ),
     ] = False
 
+    dry_run: Annotated[
+        bool,
+        typer.Option(
+            "--dry-run",
+            help="Store nothing: read the folder, and say what would be sent.",
+        ),
+    ] = False
+
+    edited: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="The file that CVAT or Label Studio saved after people edited SOURCE, "
+            "an export of the dataset: boxes that they kept and deleted become their "
+            "answers, and no frame is sent. Needs the role admin.",
+            exists=True,
+            dir_okay=False,
+        ),
+    ] = None
+
     @property
     def outside(self) -> dict[str, object]:
         """Which files outside the folder may be read: those that were allowed."""
@@ -112,12 +138,18 @@ def push(options: PushOptions) -> None:
     Can be interrupted and repeated: frames that the server has are not sent again.
     Exit code 3 if some frames were refused or could not be matched; they are listed.
     Also if the dataset has boxes of unknown classes, or a class whose boxes are all
-    rejected.
+    rejected. Exit code 4 if a condition of --fail-if holds for the whole dataset.
     """
+    from filter_core.formats.same import companions
+    from filter_core.inspection.remarks import RecordingAdvice
     from filter_core.local import boxes_by_class
 
+    if options.edited is not None:
+        import_edited(options, options.edited)
+        return
     report = PushReport(options.screen)
     check = FrameCheck()
+    answers: list[dict[str, object]] = []
     description = options.describe(options.source)
     # How segmentations are read are settings of a dataset, not of its configuration.
     settings = description.segmentation_settings()
@@ -127,8 +159,9 @@ def push(options: PushOptions) -> None:
         if name not in settings
     }
     config = GivenConfig.of(options.config, described)
-    if config.unused_keys:
-        options.screen.note(f"keys that are not used: {', '.join(config.unused_keys)}")
+    if config.loaded and config.loaded.unused_keys:
+        unused = ", ".join(config.loaded.unused_keys)
+        options.screen.note(f"keys that are not used: {unused}")
     frames = open_source(options.source, options.layout, description)
     found = check.watch(frames)
     settings = {**settings, **options.reading}
@@ -137,20 +170,229 @@ def push(options: PushOptions) -> None:
         coming, renamed = coming_config(client, options.dataset, config, settings)
         first = list(islice(frames, LOOKED_AT))
         boxes: Counter[str] = Counter()
-        for name, count in boxes_by_class(first).items():
+        looked_at = frames if options.strict_classes else first
+        for name, count in boxes_by_class(looked_at).items():
             boxes[renamed.get(name, name)] += count
-        options.require_known(boxes, coming, Advice(default_class))
+        options.require_known(boxes, coming, RecordingAdvice(default_class))
         shown = shown_by(first, coming, (), options.screen).keys
-        new = NewDataset(settings, found.classes or (), config, shown)
+        read_with = told_recording(options.source, description, found.layout)
+        if options.dry_run:
+            _print_coming(client, options, found)
+            check.note(options.screen, found)
+            if found.unmatched:
+                raise partly_done(0)
+            return
+        new = NewDataset(settings, found.classes or (), config, shown, read_with)
         ensure_dataset(client, options.dataset, new, options.screen)
-        send(client, options, found, report)
+        used: Counter[str] = Counter()
+        noting = _noting(found, answers, used)
+        send(client, options, replace(found, frames=noting), report)
+        import_answers(client, options.dataset, answers, options.screen)
+        left = companions(options.source, found, used)
+        _keep_companions(client, options.dataset, read_with, left, options.screen)
         summary = summary_of(client, options.dataset, default_class)
+        numbers = client.stats(options.dataset)
     note_unknown_classes(options.screen, config.whole or config.keys, summary.boxes)
-    is_doubtful = report.succeeded > 0 and summary.note(options.screen)
+    is_doubtful = report.succeeded > 0 and note_boxes(options.screen, summary)
     check.note(options.screen, found)
     report.print_summary(found.unmatched, options.dataset)
+    counts = gate_counts(numbers, report.refused)
+    options.check(counts, options.screen, f"unghost push {options.dataset}")
     if report.refused or found.unmatched or is_doubtful:
         raise partly_done(report.succeeded)
+
+
+def _print_coming(client: Client, options: PushOptions, found: FrameSet) -> None:
+    """Say how many frames would be sent, and which cannot be; nothing is stored."""
+    from unghost.client.api import dataset_path, known_frames
+    from unghost.client.errors import NotFound
+    from unghost.client.outgoing import NotSent
+
+    screen, counts = options.screen, Counter[str]()
+    frames, path = outgoing(found), dataset_path(options.dataset)
+    with suppress(NotFound):
+        client.dataset(options.dataset)
+        counts["exists"] = 1
+    while some := list(islice(frames, _COMPARED)):
+        whole = [frame for frame in some if not isinstance(frame, NotSent)]
+        stored = {}
+        if counts["exists"] and whole:
+            stored = client._send(known_frames(path, [frame.key for frame in whole]))
+        for frame in some:
+            if isinstance(frame, NotSent):
+                counts["unreadable"] += 1
+                screen.note(_line(frame))
+            elif frame.key not in stored:
+                counts["new"] += 1
+            else:
+                same = stored[frame.key].digest == frame.digest()
+                counts["there" if same else "different"] += 1
+    record = {
+        name: counts[name] for name in ("new", "there", "different", "unreadable")
+    }
+    fate = "replaced" if options.replace else "refused, without --replace"
+    text = (
+        f"{options.dataset}{'' if counts['exists'] else ' (would be created)'}: "
+        f"{counts['new']:,} frames would be sent, {counts['there']:,} are there, "
+        f"{counts['different']:,} have another content there and would be {fate}, "
+        f"{counts['unreadable']:,} cannot be read; nothing was stored"
+    )
+    screen.record({"dataset": options.dataset, **record}, text)
+
+
+_COMPARED: Final = 250
+"""Frames whose digests are compared in one request."""
+
+
+def import_edited(options: PushOptions, edited: Path) -> None:
+    """Send what people did with the boxes of an export as their answers."""
+    from filter_core.errors import LayoutError
+    from filter_core.formats.edited import EditedExport
+    from filter_core.formats.registry import read_source
+
+    description = options.describe(options.source)
+    exported = open_source(options.source, options.layout, description)
+    if exported.layout not in _EDITABLE:
+        raise LayoutError(
+            f"--edited: expected an export in {' or '.join(_EDITABLE)}, found "
+            f"{exported.layout}"
+        )
+    again = replace(description, labels=edited)
+    export = EditedExport(
+        exported,
+        read_source(options.source, exported.layout, again),
+        by=exported.layout,
+        at=datetime.fromtimestamp(edited.stat().st_mtime, timezone.utc),
+    )
+    answers = [{"frame": key, **answer._asdict()} for key, answer in export.answers()]
+    for word, text in _OF_EDITED.items():
+        if count := export.counts[word]:
+            options.screen.note(f"{count:,} {text}")
+    with options.connect() as client:
+        import_answers(client, options.dataset, answers, options.screen)
+
+
+_EDITABLE: Final = ("cvat", "label-studio")
+
+_OF_EDITED: Final = {
+    "frames": "frames were labelled by people",
+    "untouched": "frames were not: no answers",
+    "elsewhere": "frames are not in the export; they were left out",
+    "faulty": "frames cannot be read; they were left out",
+    "new": "boxes are new, and were left out",
+    "changed": "boxes have another class or rectangle, which was not taken over",
+}
+
+
+def told_recording(
+    source: Path, description: RecordingDescription, layout: str
+) -> dict[str, object]:
+    """How a folder is read, as its dataset keeps it.
+
+    Without folders elsewhere, and without a layout that only a plug-in here reads.
+    """
+    from filter_core.formats.recording import LAYOUTS, description_document
+
+    folder = source if source.is_dir() else source.parent
+
+    def inside(place: Path | None) -> Path | None:
+        below = folder.absolute()
+        return place if place and place.absolute().is_relative_to(below) else None
+
+    told = replace(
+        description,
+        layout=layout if layout in LAYOUTS else "auto",
+        segmentation=inside(description.segmentation),
+        labels=inside(description.labels),
+    )
+    return description_document(told, folder)
+
+
+def _noting(
+    found: FrameSet, answers: list[dict[str, object]], used: Counter[str]
+) -> Callable[[], Iterator[FrameSource]]:
+    """The frames; adds the answers of people that they come with.
+
+    `used` counts their files by folder, but for those of labels.
+    """
+    from filter_core.formats.same import folder_of
+
+    def frames() -> Iterator[FrameSource]:
+        for frame in found:
+            files = (frame.image, frame.segmentation, *frame.others.values())
+            used.update(map(folder_of, filter(None, files)))
+            answers.extend(
+                {"frame": frame.key, **answer._asdict()} for answer in frame.answers
+            )
+            yield frame
+
+    return frames
+
+
+def _keep_companions(
+    client: Client,
+    dataset: str,
+    read_with: dict[str, object],
+    left: Mapping[str, int],
+    screen: Screen,
+) -> None:
+    """Say which files of the recording the server does not have, and let it keep that.
+
+    Its exports say it again. Of a recording that is sent again, the counts are new.
+    """
+    from filter_core.formats.recording import COMPANIONS
+
+    kept = client.dataset(dataset).recording or read_with
+    before = kept.get(COMPANIONS)
+    joined = {**(before if isinstance(before, dict) else {}), **left}
+    if joined and joined != before:
+        client.change_dataset(dataset, recording={**kept, COMPANIONS: joined})
+    of_folders = [f"{name} {count:,}" for name, count in left.items()]
+    more = len(of_folders) - MOST_OF_A_KIND
+    listed = ", ".join(of_folders[:MOST_OF_A_KIND])
+    also = f" and {more:,} more folders" if more > 0 else ""
+    total = f"{sum(left.values()):,} files belong to no frame and were not sent"
+    if left:
+        screen.note(f"{total}, by folder: {listed}{also}")
+
+
+def import_answers(
+    client: Client,
+    dataset: str,
+    answers: Sequence[Mapping[str, object]],
+    screen: Screen,
+) -> None:
+    """Send the answers of people that came with frames, and say what became of them.
+
+    Without the role admin they are left out, which is said.
+    """
+    from unghost.client.errors import Forbidden
+
+    if not answers:
+        return
+    outcomes: Counter[str] = Counter()
+    try:
+        for start in range(0, len(answers), MOST_IMPORTED):
+            some = answers[start : start + MOST_IMPORTED]
+            outcome = client.import_answers(dataset, some)
+            for word in _OF_ANSWERS:
+                outcomes[word] += getattr(outcome, word)
+    except Forbidden:
+        screen.note(
+            f"{len(answers):,} answers of people were not imported: that needs a token "
+            "with the role admin"
+        )
+        return
+    counts = (f"{outcomes[word]:,} {text}" for word, text in _OF_ANSWERS.items())
+    screen.note(f"answers of people: {', '.join(counts)}")
+
+
+_OF_ANSWERS: Final = {
+    "imported": "imported",
+    "already": "there already",
+    "newer": "left out, since the box has a newer one",
+    "unknown": "on boxes that are not there",
+}
 
 
 def send(
@@ -336,6 +578,7 @@ def _line(outcome: NotSent) -> str:
 
     error = outcome.error
     why = naming_reading(_detail(error), of_dataset=True)
+    why = why.replace("?replace=true", "--replace")  # the parameter of the API
     line = refusal(outcome.key, why)
     if not isinstance(error, ApiError):
         return line

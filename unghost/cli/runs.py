@@ -26,7 +26,8 @@ from unghost.cli.screen import Screen, most_first
 from unghost.cli.sources import SEGMENTATION_SETTINGS
 
 if TYPE_CHECKING:
-    from filter_core.config.filter import ConfigChange
+    from filter_core.config.file import LoadedConfig
+    from filter_core.config.filter import ConfigChange, FilterConfig
     from unghost.client.client import Client
     from unghost.wire import ConfigVersion, Dataset, Diff, FlipCounts, Preview, Run
 
@@ -155,8 +156,6 @@ def wait_for_run(
     RunFailed
         It did not succeed.
     """
-    import httpx
-
     from unghost.client.errors import Unavailable
 
     try:
@@ -170,7 +169,7 @@ def wait_for_run(
             outcome = cancel_interrupted(f"run {run.id}", lambda: client.cancel(run))
             message = f"interrupted; {outcome}"
         raise KeyboardInterrupt(message) from None
-    except (httpx.TransportError, Unavailable):
+    except Unavailable:
         screen.note(
             f"run {run.id} continues when the server does: `unghost wait {run.id}` "
             "waits for it"
@@ -200,15 +199,13 @@ def cancel_interrupted(job: str, cancel: Callable[[], object]) -> str:
     str
         What became of it; also if the server is away.
     """
-    import httpx
-
     from unghost.client.errors import ApiError, Conflict
 
     try:
         cancel()
     except Conflict:  # it was faster
         return f"{job} had ended already"
-    except (ApiError, httpx.TransportError):
+    except ApiError:
         return f"{job} could not be cancelled and continues on the server"
     return f"{job} was cancelled"
 
@@ -317,22 +314,81 @@ class ConfigSetOptions(DatasetOptions):
         bool,
         typer.Option("--wait/--no-wait", help="Wait until every frame is decided."),
     ] = True
+    merge: Annotated[
+        bool,
+        typer.Option(
+            "--merge",
+            help="Change only what FILE names, and of its classes only their keys that "
+            "it names; without it, everything else gets its default.",
+        ),
+    ] = False
 
 
 def set_config(options: ConfigSetOptions) -> None:
     """Store a configuration and make it the active one.
 
-    Every frame is decided again; until then the old verdicts stay current.
+    What FILE does not name gets its default, and is listed before; --merge keeps it.
+    Every frame is decided again; until then the old verdicts stay current. Refused if
+    somebody else makes another configuration active at the same time.
     """
+    from filter_core.config.file import load_config
+    from filter_core.config.filter import FilterConfig, diff_configs
+
     screen = options.screen
+    with error_context(options.config):
+        loaded = load_config(options.config.read_bytes())
     with options.connect() as client:
-        version = _add_config(client, options, options.config)
-        if version.unused_keys:
-            screen.note(f"keys that are not used: {', '.join(version.unused_keys)}")
-        run = client.set_config(options.dataset, version.digest)
+        active = client.active_config(options.dataset)
+        before = FilterConfig.from_mapping(active.config)
+        if options.merge:
+            with error_context(options.config):
+                merged = _merged(before, loaded)
+                version = client.add_config(options.dataset, merged.as_dict())
+            _note_unknown_classes(client, options, version.config)
+        else:
+            version = _add_config(client, options, options.config)
+            for change in diff_configs(before, loaded.after(before)):
+                if not _is_named(change.key, loaded.keys):
+                    screen.note(
+                        f"{change.key} is not in {options.config.name} and gets its "
+                        f"default: {json.dumps(change.before)} -> "
+                        f"{json.dumps(change.after)} (--merge keeps it)"
+                    )
+        if loaded.unused_keys:
+            screen.note(f"keys that are not used: {', '.join(loaded.unused_keys)}")
+        run = client.set_config(
+            options.dataset, version.digest, instead_of=active.digest
+        )
         if options.wait:
             run = wait_for_run(client, run, screen)
     screen.record(run.raw, f"config {version.digest[:12]}\t{run_line(run)}")
+
+
+def _merged(active: FilterConfig, loaded: LoadedConfig) -> FilterConfig:
+    """The active configuration with what a file names, class by class and key by key.
+
+    Raises
+    ------
+    ConfigError
+        The values contradict each other.
+    """
+    entries = {name: one.as_dict() for name, one in active.classes.items()}
+    for name, one in loaded.config.classes.items():
+        entries[name] = {**entries.get(name, {}), **one.as_dict()}
+    keys = {**active.as_dict(), **loaded.keys, "classes": entries}
+    return type(active).from_mapping(keys)
+
+
+def _is_named(key: str, given: Mapping[str, object]) -> bool:
+    """Whether a file with these keys says something about a key of `diff_configs`."""
+    classes = given.get("classes")
+    if key.startswith("classes.") and isinstance(classes, Mapping):
+        return any(
+            key.startswith(f"classes.{name}.")
+            and (not isinstance(own, Mapping) or key.rpartition(".")[2] in own)
+            for name, own in classes.items()
+        )
+    return key in given
 
 
 def _add_config(
@@ -375,10 +431,11 @@ def diff_config(options: ConfigDiffOptions) -> None:
     from filter_core.config.filter import FilterConfig, diff_configs
 
     with error_context(options.config):
-        new = load_config(options.config.read_bytes()).config
+        loaded = load_config(options.config.read_bytes())
     with options.connect() as client:
-        _note_unknown_classes(client, options, new.as_dict())
         old = client.active_config(options.dataset)
+        new = loaded.after(FilterConfig.from_mapping(old.config))
+        _note_unknown_classes(client, options, new.as_dict())
         preview = client.preview(options.dataset, new.as_dict())
     changes = diff_configs(FilterConfig.from_mapping(old.config), new)
     _print_config_diff(options, changes, preview)

@@ -24,6 +24,7 @@ DONE: Final = 0
 REFUSED: Final = 1
 USAGE: Final = 2
 PARTLY: Final = 3
+GATE: Final = 4
 UNAVAILABLE: Final = 69
 INTERRUPTED: Final = 130
 EXIT_CODES: Final = {
@@ -33,6 +34,7 @@ EXIT_CODES: Final = {
     USAGE: "the command line itself was wrong",
     PARTLY: "partly done: the frames that failed are listed, or classes, pixels or "
     "boxes that were probably not understood; `doctor`: something should be done",
+    GATE: "a condition of `--fail-if` holds",
     UNAVAILABLE: "the server did not answer, or was busy for too long",
     INTERRUPTED: "interrupted",
 }
@@ -154,14 +156,19 @@ class Screen:
         rows: Iterable[Sequence[object]],
         *,
         tag: str | None = None,
+        headed: bool = False,
     ) -> None:
         """Print a table for people; nothing with `--json`, where records have the data.
 
-        In plain text each line begins with `tag`, which identifies the table.
+        In plain text each line begins with `tag`, which identifies the table. With
+        `headed` the columns of a table with rows are named first, behind ``#``.
         """
         if self.as_json:
             return
         if not sys.stdout.isatty():
+            rows = list(rows)
+            if headed and rows:
+                _print("\t".join((f"# {tag}", *columns)))
             for row in rows:
                 cells = row if tag is None else (tag, *row)
                 _print("\t".join(_cell(value) for value in cells))

@@ -6,11 +6,12 @@ service runs.
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import threading
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final, TypeAlias
 
@@ -26,10 +27,13 @@ from unghost.cli.target import NewDataset, ensure_dataset
 if TYPE_CHECKING:
     from app import serve as startup
     from unghost.client.client import Client
+    from unghost.client.outgoing import OutgoingFrame
     from unghost.wire.datasets import Stats
 
 _DEMO_DATA: Final = Path("demo-data")
 _DEMO_DATASET: Final = "demo"
+_BY_TAGS_DATASET: Final = "demo-by-tags"
+"""The same street with segmentations only, decided as in the paper."""
 
 Port: TypeAlias = Annotated[
     int | None,
@@ -132,7 +136,8 @@ class DemoOptions(OutputOptions):
 def demo(options: DemoOptions) -> None:
     """Render a small street with ghost boxes, filter it, and serve the review page.
 
-    The street is rendered once and kept in the data folder. Serves until interrupted.
+    The page is there at once, and its frames appear while they are rendered, which is
+    done once: they stay in the data folder. Serves until interrupted.
     """
     from app import serve as startup
 
@@ -144,50 +149,63 @@ def demo(options: DemoOptions) -> None:
     quiet = None if "UNGHOST_LOG_LEVEL" in os.environ else "warning"
     settings = settings_of(data=folder, port=options.port, log_level=quiet)
     with refused_on(startup.CannotServe):
-        startup.check_free(settings)  # rendering takes long
-    street = rendered_street(settings.data, options, screen)
-    filling = _Filling(
-        street, screen, settings.token_file, stop_when_done=options.exit_when_ready
-    )
-    with refused_on(startup.CannotServe):
-        startup.serve(
-            settings, on_ready=lambda link: filling.start(link.url.partition("/#")[0])
-        )
+        filling = _Filling(options, settings.data, settings.token_file)
+
+        def ready(link: startup.LoginLink) -> None:
+            screen.record(
+                {"login_link": link.url, "data": str(settings.data)},
+                startup.ready_text(link.url),
+            )
+            filling.start(link.url.partition("/#")[0])
+
+        startup.serve(settings, on_ready=ready)
     filling.raise_if_failed()
     if filling.refused:
         raise typer.Exit(PARTLY)
 
 
-def rendered_street(data: Path, options: DemoOptions, screen: Screen) -> Path:
-    """The folder of the street's frames, rendered unless that was done before."""
-    from app.storage.durable import make_folder
-    from unghost.street.street import write_street
+def rendered_frames(data: Path, options: DemoOptions) -> Iterator[dict[str, object]]:
+    """Lines of the street's manifest, with absolute paths, as its frames get ready.
 
-    name = f"street-{options.seed}-{options.frames}"
-    folder = data / "demo" / name
-    if folder.exists():
-        return folder
+    The street is rendered unless that was done before.
+    """
+    from app.storage.durable import make_folder
+    from filter_core.formats.manifest import FRAME_FILES
+    from filter_core.formats.reading import MANIFEST_NAME
+    from unghost.street.street import render_street
+
+    folder = street_folder(data, options)
     # Renamed when complete, so that an interrupted rendering is never used.
-    partial = folder.with_name(f"{name}.part")
-    make_folder(partial)
-    with screen.progress("render the street", "frames") as advance:
-        write_street(
-            partial, frames=options.frames, seed=options.seed, progress=advance
-        )
-    partial.rename(folder)
-    return folder
+    partial = folder.with_name(f"{folder.name}.part")
+    lines: Iterable[dict[str, object]]
+    if folder.exists():
+        text = (folder / MANIFEST_NAME).read_text("utf-8")
+        place, lines = folder, map(json.loads, text.splitlines())
+    else:
+        make_folder(partial)
+        place, lines = partial, render_street(partial, options.frames, options.seed)
+    for line in lines:
+        files = {
+            kind: str(place / str(line[kind])) for kind in FRAME_FILES if kind in line
+        }
+        yield line | files
+    if place is partial:
+        partial.rename(folder)
+
+
+def street_folder(data: Path, options: DemoOptions) -> Path:
+    """Where the demo's street is kept in a data folder."""
+    return data / "demo" / f"street-{options.seed}-{options.frames}"
 
 
 class _Filling:
     """Uploads the street in a thread, because the main thread runs the server."""
 
-    def __init__(
-        self, street: Path, screen: Screen, token_file: Path, *, stop_when_done: bool
-    ) -> None:
-        self._street = street
-        self._screen = screen
+    def __init__(self, options: DemoOptions, data: Path, token_file: Path) -> None:
+        self._options = options
+        self._screen = options.screen
+        self._data = data
         self._token_file = token_file
-        self._stop_when_done = stop_when_done
         self._error: Exception | None = None
         self.refused = 0
 
@@ -206,7 +224,7 @@ class _Filling:
             self._fill(url)
         except Exception as error:  # raised again by the main thread
             self._error = error
-        if self._error is not None or self._stop_when_done:
+        if self._error is not None or self._options.exit_when_ready:
             # As for Ctrl-C, on which the server shuts down in order.
             signal.raise_signal(signal.SIGINT)
 
@@ -214,33 +232,48 @@ class _Filling:
         from unghost.client.client import Client
 
         token = self._token_file.read_text(encoding="utf-8").strip()
+        report = PushReport(Screen())
         with Client(url, token) as client:
-            report = self._push(client)
+            ensure_dataset(client, _DEMO_DATASET, NewDataset(), self._screen)
+            is_new = not street_folder(self._data, self._options).exists()
+            title = f"{'render and ' if is_new else ''}filter the street"
+            with self._screen.progress(title, "frames") as bar:
+                for line in rendered_frames(self._data, self._options):
+                    for outcome in client.push(_DEMO_DATASET, [_outgoing(line)]):
+                        report.add(outcome)
+                    bar(report.seen, self._options.frames)
+            self._push_by_tags(client)
             numbers = client.stats(_DEMO_DATASET)
-            # Created now: rendering and uploading may take longer than a link is valid.
-            login_link = f"{url}/#code={client.create_login_code().code}"
         self.refused = report.refused
         report.print_problems()
-        self._screen.record(
-            {"login_link": login_link, "dataset": _DEMO_DATASET, "stats": numbers.raw}
-        )
+        self._screen.record({"dataset": _DEMO_DATASET, "stats": numbers.raw})
         self._screen.table(("boxes", "verdict", "reason"), _reason_rows(numbers))
-        self._screen.text(
-            f"\nLog in with\n\n    {login_link}\n\n"
-            "The link works once, within ten minutes; `unghost login` prints another.\n"
-        )
 
-    def _push(self, client: Client) -> PushReport:
-        report = PushReport(Screen())
-        described = SourceOptions().describe(self._street)
-        found = open_source(self._street, "manifest", described)
-        new = NewDataset(classes=found.classes or ())
-        ensure_dataset(client, _DEMO_DATASET, new, self._screen)
-        with self._screen.progress("filter the street", "frames") as advance:
-            for outcome in client.push(_DEMO_DATASET, outgoing(found)):
-                report.add(outcome)
-                advance(report.seen, found.count)
-        return report
+    def _push_by_tags(self, client: Client) -> None:
+        if _BY_TAGS_DATASET in {dataset.name for dataset in client.datasets()}:
+            return
+        folder = street_folder(self._data, self._options)
+        frames = open_source(folder, "manifest", SourceOptions().describe(folder))
+        ensure_dataset(client, _BY_TAGS_DATASET, NewDataset(), self._screen)
+        plain = (replace(frame, others={}) for frame in frames)
+        sent = replace(frames, frames=lambda: plain)
+        for _ in client.push(_BY_TAGS_DATASET, outgoing(sent)):
+            pass
+        # What the order of boxes tells has been measured with the defaults.
+        version = client.add_config(_BY_TAGS_DATASET, {"profile": "paper"})
+        client.wait(client.set_config(_BY_TAGS_DATASET, version.digest))
+
+
+def _outgoing(line: dict[str, object]) -> OutgoingFrame:
+    """A frame to be sent, from its line of the manifest, which has absolute paths."""
+    from filter_core.formats.manifest import FRAME_FILES
+    from unghost.client.outgoing import OutgoingFrame
+
+    annotation = dict(line)
+    key = str(annotation.pop("key"))
+    found = {kind: annotation.pop(kind, None) for kind in FRAME_FILES}
+    files = {kind: Path(str(path)) for kind, path in found.items() if path}
+    return OutgoingFrame(key, annotation, files)
 
 
 def _reason_rows(numbers: Stats) -> Iterator[tuple[object, ...]]:

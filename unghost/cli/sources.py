@@ -29,8 +29,15 @@ if TYPE_CHECKING:
     from filter_core.errors import FilterError
     from filter_core.formats.reading import FrameSet, FrameSource, Unmatched
     from filter_core.formats.recording import RecordingDescription
-    from filter_core.local import Shown
+    from filter_core.recognition import Shown
     from unghost.client.outgoing import NotSent, OutgoingFrame
+
+_KEY: Final = re.compile(
+    r"`(?P<key>[a-z_.]+)"
+    r"(: (\{(?P<below>[^{}:]+): (?P<of>[^{}]+)\}|(?P<value>[^`{}]+)))?`"
+    r"(?P<file> in recording\.yaml)?"
+)
+"""A key of a description that a sentence names: `boxes: {unit: percent}`."""
 
 _MISSPELT: Final = 0.85
 """Likeness of a key to one with a meaning; other keys are kept on purpose."""
@@ -66,6 +73,11 @@ def _layout_name(word: str) -> str:
     return word
 
 
+def _layouts(incomplete: str) -> list[str]:
+    words: tuple[str, ...] = get_args(Layout)
+    return [word for word in words if word.startswith(incomplete)]
+
+
 @dataclass(frozen=True, kw_only=True)
 class SourceOptions:
     """How to read a folder of frames; what is not given is recognised or described."""
@@ -75,6 +87,7 @@ class SourceOptions:
         typer.Option(
             metavar="LAYOUT",
             parser=_layout_name,
+            autocompletion=_layouts,
             help=f"How the files of the folder are arranged: {listed(Layout)}. "
             "Installed plug-ins add names.",
         ),
@@ -83,18 +96,16 @@ class SourceOptions:
         Path | None,
         typer.Option(
             metavar="DIR",
-            help="Folder of the segmentations; default: the layout's own.",
-            exists=True,
-            file_okay=False,
+            help="Folder of the segmentations, in SOURCE or anywhere; default: the "
+            "layout's own.",
         ),
     ] = None
     labels: Annotated[
         Path | None,
         typer.Option(
             metavar="DIR",
-            help="Folder of the labels; default: the layout's own.",
-            exists=True,
-            file_okay=False,
+            help="Folder of the labels, in SOURCE or anywhere; default: the layout's "
+            "own.",
         ),
     ] = None
     classes: Annotated[
@@ -163,7 +174,7 @@ class SourceOptions:
         typer.Option(
             metavar="FORM",
             help="What the four numbers of a rectangle are, if not what the format "
-            "says: xyxy, xywh or cxcywh.",
+            "says: xyxy, inclusive, xywh or cxcywh.",
         ),
     ] = None
     class_map: Annotated[
@@ -223,6 +234,11 @@ class SourceOptions:
             for name in (*_DESCRIBING, *SEGMENTATION_SETTINGS)
             if getattr(self, name) is not None
         }
+        given |= {
+            name: _folder_of(source, given[name], name)
+            for name in ("segmentation", "labels")
+            if name in given
+        }
         if self.classes is not None:
             given["classes"] = _names(self.classes)
         if self.class_map is not None:
@@ -233,6 +249,18 @@ class SourceOptions:
             return describe_source(source, self.recording, given | self.outside)
         except ConfigError as exc:
             raise typer.BadParameter(_naming_option(exc.detail)) from exc
+
+
+def _folder_of(source: Path, folder: Path, option: str) -> Path:
+    """The folder that an option names: that in SOURCE, as in recording.yaml, else as
+    the shell has it."""
+    home = source if source.is_dir() else source.parent
+    for path in (home / folder, folder):
+        if path.is_dir():
+            return path
+    raise typer.BadParameter(
+        f"--{option}: expected a folder, found none named {folder} in {source} or here"
+    )
 
 
 _DESCRIBING: Final = (
@@ -347,7 +375,7 @@ def open_source(path: Path, layout: str, description: RecordingDescription) -> F
     from filter_core.formats.yolo import NoClassList
 
     chosen = layout if layout != "auto" else description.own_layout
-    possible = possible_layouts(path) if chosen == "auto" else ()
+    possible = possible_layouts(path, description) if chosen == "auto" else ()
     if len(possible) > 1:
         raise Refused(
             f"{name_of(path)}: could be {' or '.join(possible)}; choose one, for "
@@ -412,6 +440,11 @@ def read_config(
     with error_context(path):
         content = path.read_bytes() if path is not None else b""
         loaded = load_config(content, below=description.config_keys())
+    if loaded.config.profile == "carlasimu":
+        screen.note(
+            "profile carlasimu: boxes are decided as the paper's published code does, "
+            f"projection: {loaded.config.projection}"
+        )
     if loaded.unused_keys:
         screen.note(f"keys that are not used: {', '.join(loaded.unused_keys)}")
     return FilterConfig.from_mapping({**loaded.config.as_dict(), **options.reading})
@@ -430,7 +463,7 @@ def shown_by(
     LayoutError
         Its images are of several families of tags.
     """
-    from filter_core.local import recognise_recording
+    from filter_core.recognition import recognise_recording
 
     shown = recognise_recording(frames, config, channels)
     for note in shown.notes:
@@ -438,12 +471,13 @@ def shown_by(
     return shown
 
 
-def outgoing(frames: Iterable[FrameSource]) -> Iterator[OutgoingFrame | NotSent]:
+def outgoing(found: FrameSet) -> Iterator[OutgoingFrame | NotSent]:
     """Frames to be sent; one that cannot be read becomes `NotSent` with the reason."""
     from filter_core.formats.reading import missing_image
+    from filter_core.formats.same import with_labels
     from unghost.client.outgoing import NotSent, OutgoingFrame
 
-    for frame in frames:
+    for frame in found:
         # The server knows the names of no labels.
         if problem := frame.problem or missing_image(frame):
             yield NotSent(frame.key, problem)
@@ -451,7 +485,7 @@ def outgoing(frames: Iterable[FrameSource]) -> Iterator[OutgoingFrame | NotSent]
         files = {"image": frame.image, "segmentation": frame.segmentation}
         files |= frame.others
         there = {name: path for name, path in files.items() if path is not None}
-        yield OutgoingFrame(frame.key, frame.annotation or {}, there)
+        yield OutgoingFrame(frame.key, with_labels(frame, found.layout), there)
 
 
 class FrameCheck:
@@ -523,7 +557,7 @@ class FrameCheck:
 def note_reading(screen: Screen, found: FrameSet) -> None:
     """Note how the files were read, when all have been: what was recognised."""
     for sentence in found.notes():
-        screen.note(one_line(f"{found.layout}: {sentence}"))
+        screen.note(one_line(with_options(f"{found.layout}: {sentence}")))
 
 
 def default_class_of(found: FrameSet, description: RecordingDescription) -> str | None:
@@ -545,7 +579,40 @@ def naming_reading(detail: str, *, of_dataset: bool = False) -> str:
         name, value = found.groups()
         return f"--{name.replace('_', '-')} {value} ({found.group()}{where})"
 
-    return _READING_SETTING.sub(named, detail)
+    return with_options(_READING_SETTING.sub(named, detail))
+
+
+def with_options(text: str) -> str:
+    """A sentence with options for the keys of a description that it names.
+
+    An option stands in place of a key, or behind it where the file is named, too.
+    """
+
+    def named(found: re.Match[str]) -> str:
+        key, below, value = found["key"], found["below"], found["value"] or ""
+        option = _option_of(key, below)
+        if option is None:
+            return found.group()
+        if option == "--class-map" and below:
+            value = f"{below}={found['of']}"
+        elif below:
+            value = found["of"].strip("[]").replace(", ", ",")
+        words = f"{option} {value}".rstrip()
+        return f"{found.group()} ({words})" if found["file"] else words
+
+    return _KEY.sub(named, text)
+
+
+def _option_of(key: str, below: str | None) -> str | None:
+    """The option for a key of a description; None if there is none."""
+    from filter_core.formats.recording import place_in_file
+
+    if key == "classes":
+        return "--class-map"
+    place = f"{key}.{below}" if below else key
+    names = ("layout", "classes", *_DESCRIBING, *SEGMENTATION_SETTINGS)
+    option = next((one for one in names if place_in_file(one) == place), None)
+    return option and f"--{option.replace('_', '-')}"
 
 
 def kind_of(problem: FilterError) -> str:

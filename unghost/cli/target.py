@@ -6,12 +6,13 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
 from unghost.cli.options import error_context
 from unghost.cli.screen import Refused, Screen, naming_options, one_line
 
 if TYPE_CHECKING:
+    from filter_core.config.file import LoadedConfig
     from filter_core.config.filter import ConfigChange, FilterConfig
     from unghost.client.client import Client
     from unghost.wire.datasets import Dataset
@@ -34,16 +35,13 @@ class GivenConfig:
     keys : mapping
         Keys of the recording's description, under `classes` those of classes. Those of
         the file have priority.
-    whole : mapping or None
-        All keys of the file and the others; None without a file.
-    unused_keys : tuple of str
-        The keys of the file that are not used.
+    loaded : LoadedConfig or None
+        The file with these keys below its own; None without a file.
     """
 
     file: Path | None = None
     keys: Mapping[str, object] = field(default_factory=dict)
-    whole: Mapping[str, object] | None = None
-    unused_keys: tuple[str, ...] = ()
+    loaded: LoadedConfig | None = None
 
     @classmethod
     def of(cls, file: Path | None, keys: Mapping[str, object]) -> GivenConfig:
@@ -59,14 +57,21 @@ class GivenConfig:
         with error_context(file):
             content = b"" if file is None else file.read_bytes()
             loaded = load_config(content, below=keys)
-        whole = None if file is None else loaded.config.as_dict()
-        return cls(file, keys, whole, loaded.unused_keys)
+        return cls(file, keys, None if file is None else loaded)
+
+    @property
+    def whole(self) -> Mapping[str, object] | None:
+        """All keys of the file and the others; None without a file."""
+        return None if self.loaded is None else self.loaded.config.as_dict()
 
     def over(self, active: Mapping[str, object]) -> dict[str, object]:
         """All keys of a dataset whose active configuration has these."""
         from filter_core.config.file import merged_keys
+        from filter_core.config.filter import FilterConfig
 
-        return dict(self.whole or merged_keys(active, self.keys))
+        if self.loaded is None:
+            return dict(merged_keys(active, self.keys))
+        return self.loaded.after(FilterConfig.from_mapping(active)).as_dict()
 
     def refusal(self, dataset: str, changes: Sequence[ConfigChange]) -> str:
         """Why it cannot be that of a dataset with frames, and what can be done."""
@@ -96,6 +101,10 @@ def _as_json(value: object) -> str:
     return json.dumps(value, ensure_ascii=False)
 
 
+Settings: TypeAlias = Mapping[str, Any]
+"""Settings of a dataset by their names, as `DatasetChanges` has them."""
+
+
 @dataclass(frozen=True)
 class NewDataset:
     """What a dataset gets that does not exist, or has no frames.
@@ -109,12 +118,15 @@ class NewDataset:
     config : GivenConfig
     shown : mapping of str to str
         What the segmentations show about how they are read; its own options win.
+    recording : mapping or None
+        How its folder is read, kept by a dataset that did not exist.
     """
 
-    options: Mapping[str, str] = field(default_factory=dict)
+    options: Settings = field(default_factory=dict)
     classes: Sequence[str] = ()
     config: GivenConfig = field(default_factory=GivenConfig)
-    shown: Mapping[str, str] = field(default_factory=dict)
+    shown: Settings = field(default_factory=dict)
+    recording: Mapping[str, object] | None = None
 
 
 def ensure_dataset(
@@ -143,10 +155,11 @@ def ensure_dataset(
                     name,
                     classes=list(new.classes) or None,
                     config=new.config.whole,
+                    recording=new.recording,
                     **{**new.shown, **options},
                 )
-        except Conflict:  # another push made it just now
-            dataset = client.dataset(name)
+        except Conflict as taken:
+            dataset = _taken(client, name, taken)
     others = {
         option: value
         for option, value in options.items()
@@ -176,6 +189,16 @@ def ensure_dataset(
             )
     _ensure_config(client, dataset, new.config, screen)
     return dataset
+
+
+def _taken(client: Client, name: str, taken: Exception) -> Dataset:
+    """The dataset that another push has just made."""
+    from unghost.client.errors import NotFound
+
+    try:
+        return client.dataset(name)
+    except NotFound:  # the name of the other differs in upper and lower case
+        raise Refused(f"--dataset {name}: {taken}") from taken
 
 
 def coming_config(
@@ -224,7 +247,7 @@ def _ensure_config(
 
 
 def _changed(
-    client: Client, dataset: Dataset, options: Mapping[str, str], screen: Screen
+    client: Client, dataset: Dataset, options: Settings, screen: Screen
 ) -> Dataset:
     """The dataset as it is after a change of options and the run that this needs."""
     from unghost.client.errors import Conflict, RunFailed

@@ -11,15 +11,17 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from datetime import datetime
 from functools import partial
-from typing import TYPE_CHECKING, Final, TypeVar
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, TypeVar
 from urllib.parse import quote
 
 import httpx
 
 from unghost import wire
 from unghost.client.call import (
+    API,
     MAX_FILE_BYTES,
-    PATIENCE,
     Call,
     Listing,
     answer,
@@ -32,15 +34,33 @@ from unghost.client.call import (
     result,
 )
 from unghost.client.outgoing import OutgoingFrame, checked_file_name
+from unghost.client.tables import BoxListing, box_listing
 
 if TYPE_CHECKING:
-    from unghost.client.outgoing import FileContent
+    from typing_extensions import Unpack
+
+    from unghost.client.keywords import (
+        BoxFilters,
+        CropOptions,
+        DatasetChanges,
+        DatasetOptions,
+        ExportChoices,
+        FrameFiles,
+        FrameFilters,
+        OverlayOptions,
+    )
     from unghost.wire.model import Json
-    from unghost.wire.words import Answer, QueueOrder, Role, ThresholdTarget, Truth
+    from unghost.wire.words import (
+        Answer,
+        ExportFormat,
+        JobState,
+        QueueOrder,
+        Role,
+        ThresholdTarget,
+        Truth,
+    )
 
 T = TypeVar("T")
-
-API: Final = "/api/v1"
 
 
 def dataset_path(dataset: str, *rest: str) -> str:
@@ -89,17 +109,24 @@ class Api:
         return Call("GET", dataset_path(name), result(wire.Dataset))
 
     @endpoint
-    def create_dataset(self, /, name: str, **options: object) -> Call[wire.Dataset]:
-        """Make a dataset; `options` are classes, palette, encoding, channel_order,
-        lossy_segmentation, ignore_mask, description and config (a mapping of keys).
+    def create_dataset(
+        self, /, name: str, *, exist_ok: bool = False, **options: Unpack[DatasetOptions]
+    ) -> Call[wire.Dataset]:
+        """Make a dataset; `config` is a mapping of keys, `recording` what a
+        recording.yaml says.
+
+        With `exist_ok`, a dataset of this name is returned as it is, whatever its
+        options are; without, `Conflict` is raised.
         """
         given = {key: value for key, value in options.items() if value is not None}
         body = {"name": name, **given}
-        return Call("POST", f"{API}/datasets", result(wire.Dataset), json=body)
+        params = {"exist_ok": exist_ok or None}
+        read = result(wire.Dataset)
+        return Call("POST", f"{API}/datasets", read, json=body, params=params)
 
     @endpoint
     def change_dataset(
-        self, /, name: str, **options: object
+        self, /, name: str, **options: Unpack[DatasetChanges]
     ) -> Call[wire.Dataset | wire.Run]:
         """Change options, as in `create_dataset`.
 
@@ -139,6 +166,12 @@ class Api:
         return Call("GET", path, result(wire.Stats))
 
     @endpoint
+    def report(self, dataset: str) -> Call[wire.Report]:
+        """Where the ghosts are: by distance, and the frames with the most of them."""
+        path = dataset_path(dataset, "report")
+        return Call("GET", path, result(wire.Report))
+
+    @endpoint
     def histogram(self, dataset: str, *, bins: int = 50) -> Call[wire.Histogram]:
         """Boxes per bin of match percent, for each class."""
         path = dataset_path(dataset, "histogram")
@@ -170,22 +203,26 @@ class Api:
         annotation: Mapping[str, object] | None = None,
         *,
         replace: bool = False,
-        **files: FileContent | None,
+        **files: Unpack[FrameFiles],
     ) -> Call[wire.StoredFrame]:
         """Store a frame with its boxes and files, and decide about every box.
 
-        `files` are image, segmentation, depth, instances, lidar, radar, ignore_mask:
-        bytes or the path of a file. Sending the same frame again changes nothing
+        A file is bytes, the path of one, an array of numpy or an image of PIL (see
+        `OutgoingFrame`). Sending the same frame again changes nothing
         (`created` is False). Other content under the same key raises `Conflict`,
         unless `replace` is set.
         """
-        given = {name: one for name, one in files.items() if one is not None}
+        given: dict[str, Any] = {
+            name: one for name, one in files.items() if one is not None
+        }
         boxes = {"boxes": []} if annotation is None else annotation
         frame = OutgoingFrame(key, boxes, given)
         return frame_stored(dataset_path(dataset), frame, replace=replace)
 
     @listing
-    def frames(self, /, dataset: str, **filters: object) -> Listing[wire.FrameSummary]:
+    def frames(
+        self, /, dataset: str, **filters: Unpack[FrameFilters]
+    ) -> Listing[wire.FrameSummary]:
         """The frames of a dataset, without their boxes; filters as in the API.
 
         All of them: `limit` is how many one request fetches.
@@ -218,39 +255,46 @@ class Api:
 
     @endpoint
     def thumbnail(self, frame_id: int) -> Call[bytes]:
-        """A frame's image, small, as JPEG."""
+        """A frame's image, small, as WebP."""
         return Call("GET", f"{API}/frames/{frame_id}/thumbnail", content)
 
     @endpoint
-    def overlay(self, /, frame_id: int, **options: object) -> Call[bytes]:
+    def overlay(
+        self, /, frame_id: int, **options: Unpack[OverlayOptions]
+    ) -> Call[bytes]:
         """A frame with its boxes drawn; options `boxes`, `layer` and `edges`."""
         path = f"{API}/frames/{frame_id}/overlay"
         return Call("GET", path, content, params=options)
 
     @endpoint
-    def crop(self, /, box_id: int, **options: object) -> Call[bytes]:
-        """The part of the image around a box; options `pad`, `layer` and `height`."""
+    def crop(self, /, box_id: int, **options: Unpack[CropOptions]) -> Call[bytes]:
+        """The part of the image around a box: `pad`, `least`, `layer`, `height`."""
         return Call("GET", f"{API}/boxes/{box_id}/crop", content, params=options)
 
     # Boxes, their history, the review queue, and people's answers.
 
-    @listing
-    def boxes(self, /, dataset: str, **filters: object) -> Listing[wire.Decision]:
+    @box_listing
+    def boxes(
+        self, /, dataset: str, **filters: Unpack[BoxFilters]
+    ) -> BoxListing[wire.Decision]:
         """The boxes of a dataset; filters and `sort` as in the API, `class_name` for
         `class`. Several classes, reasons or ids may be given as a list.
 
-        All of them: `limit` is how many one request fetches.
+        All of them: `limit` is how many one request fetches. `to_pandas()`,
+        `to_polars()` and `to_arrow()` of the result read them as a table instead.
         """
         params = {"dataset": dataset, **_as_in_api(filters)}
-        return Listing(f"{API}/boxes", wire.Decision, params)
+        return BoxListing(f"{API}/boxes", wire.Decision, params)
 
     @endpoint
-    def count_boxes(self, /, dataset: str, **filters: object) -> Call[int]:
+    def count_boxes(self, /, dataset: str, **filters: Unpack[BoxFilters]) -> Call[int]:
         """How many boxes `boxes` would list."""
         return _counted(dataset, filters, lambda body: int(body["total"]))
 
     @endpoint
-    def select_boxes(self, /, dataset: str, **filters: object) -> Call[wire.Selection]:
+    def select_boxes(
+        self, /, dataset: str, **filters: Unpack[BoxFilters]
+    ) -> Call[wire.Selection]:
         """All boxes that match a filter, as they are now, for `bulk_review`."""
         given = _as_in_api(filters).items()
 
@@ -268,6 +312,21 @@ class Api:
     def box(self, box_id: int) -> Call[wire.Box]:
         """One box with its decision and its neighbours."""
         return Call("GET", f"{API}/boxes/{box_id}", result(wire.Box))
+
+    @endpoint
+    def alike(self, box_id: int) -> Call[wire.Alike]:
+        """Boxes without an answer of the same class, reason, cause, hider and band."""
+        return Call("GET", f"{API}/boxes/{box_id}/alike", result(wire.Alike))
+
+    @endpoint
+    def track(self, box_id: int) -> Call[wire.Track]:
+        """The same object in the frames of its recording before and after."""
+        return Call("GET", f"{API}/boxes/{box_id}/track", result(wire.Track))
+
+    @endpoint
+    def depth_slice(self, box_id: int) -> Call[wire.DepthSlice]:
+        """Where a box and the pixels in it are on the axis of depth."""
+        return Call("GET", f"{API}/boxes/{box_id}/slice", result(wire.DepthSlice))
 
     @listing
     def history(self, box_id: int) -> Listing[wire.HistoryEntry]:
@@ -363,6 +422,28 @@ class Api:
         return Call("POST", f"{API}/reviews/bulk", read, json=body | _which(boxes))
 
     @endpoint
+    def import_answers(
+        self, dataset: str, answers: Sequence[Mapping[str, object]]
+    ) -> Call[wire.ImportedAnswers]:
+        """Store answers that were given elsewhere, at most 200; needs the role admin.
+
+        Parameters
+        ----------
+        answers
+            Each with `frame` (its key), `box`, `verdict`, `reviewer`, `created_at`
+            (RFC 3339) and perhaps `comment`.
+
+        Returns
+        -------
+        ImportedAnswers
+            How many were stored, were there already, or were not stored because the
+            box has a newer answer or does not exist.
+        """
+        path = dataset_path(dataset, "reviews/import")
+        body = {"answers": [dict(one) for one in answers]}
+        return Call("POST", path, result(wire.ImportedAnswers), json=body)
+
+    @endpoint
     def undo(self, batch_id: int) -> Call[wire.UndoneBatch]:
         """Undo a batch of reviews, except where someone answered since."""
         path = f"{API}/review-batches/{batch_id}/undo"
@@ -400,17 +481,42 @@ class Api:
         return Call("GET", path, result(wire.ConfigVersion))
 
     @endpoint
-    def set_config(self, dataset: str, digest: str) -> Call[wire.Run]:
-        """Activate a version; the run that applies it is returned at once."""
+    def set_config(
+        self,
+        dataset: str,
+        config: str | Mapping[str, object] | PathLike[str],
+        *,
+        instead_of: str | None = None,
+    ) -> Call[wire.Run]:
+        """Activate a configuration; the run that applies it is returned at once.
+
+        `config` is a mapping of keys, the path of a YAML file, or the digest of a
+        stored version. Keys that are not named have their defaults.
+
+        With `instead_of`, the digest of the version that you have seen as the active
+        one, `StaleReview` is raised if another is or becomes active.
+        """
         path = dataset_path(dataset, "config")
-        return Call("PUT", path, result(wire.Run), json={"digest": digest})
+        headers = {} if instead_of is None else {"If-Match": f'"{instead_of}"'}
+        if isinstance(config, str):
+            body: dict[str, object] = {"digest": config}
+        elif isinstance(config, Mapping):
+            body = {"config": config}
+        else:
+            yaml = {**headers, "Content-Type": "application/yaml"}
+            text = Path(config).read_bytes()
+            return Call("PUT", path, result(wire.Run), content=text, headers=yaml)
+        return Call("PUT", path, result(wire.Run), json=body, headers=headers)
 
     # Runs: one configuration applied to a whole dataset.
 
     @listing
-    def runs(self, dataset: str) -> Listing[wire.Run]:
-        """The runs of a dataset, newest first."""
-        return Listing(dataset_path(dataset, "runs"), wire.Run)
+    def runs(
+        self, dataset: str | None = None, *, state: JobState | None = None
+    ) -> Listing[wire.Run]:
+        """The runs of a dataset or of all, newest first."""
+        path = f"{API}/runs" if dataset is None else dataset_path(dataset, "runs")
+        return Listing(path, wire.Run, {"state": state})
 
     @endpoint
     def start_run(
@@ -467,16 +573,41 @@ class Api:
         """The exports of a dataset, newest first."""
         return Listing(dataset_path(dataset, "exports"), wire.Export)
 
+    @listing
+    def versions(self, dataset: str) -> Listing[wire.Export]:
+        """The versions of a dataset, that is, exports with a name, newest first."""
+        return Listing(dataset_path(dataset, "versions"), wire.Export)
+
     @endpoint
     def start_export(
-        self, /, dataset: str, format: str, **options: object
+        self,
+        /,
+        dataset: str,
+        format: ExportFormat,
+        *,
+        name: str | None = None,
+        since: str | None = None,
+        **options: Unpack[ExportChoices],
     ) -> Call[wire.Export]:
         """Start writing the labels to a ZIP archive; docs/formats.md lists the formats
         and their options.
+
+        With a `name` it is a version, whose file is kept. With `since`, the name of a
+        version, only frames that are new or have changed are written.
         """
         path = dataset_path(dataset, "exports")
-        body = {"format": format, "options": options}
+        body: dict[str, object] = {"format": format, "options": options}
+        named = {"name": name, "since": since}
+        body |= {key: value for key, value in named.items() if value is not None}
         return Call("POST", path, result(wire.Export), json=body)
+
+    @endpoint
+    def parts(self, dataset: str, split: Sequence[float] = ()) -> Call[wire.Parts]:
+        """The parts that an export with these shares of train, val and test would have;
+        without shares those that the frames have.
+        """
+        path = dataset_path(dataset, "parts")
+        return Call("GET", path, result(wire.Parts), params={"split": split})
 
     @endpoint
     def cancel_export(self, export: wire.Export | int) -> Call[wire.Export]:
@@ -513,11 +644,11 @@ class Api:
         role: Role = "reviewer",
         *,
         expires_at: datetime | None = None,
-        expires_in_days: int | None = 90,
+        expires_in_days: int | None = None,
     ) -> Call[wire.NewToken]:
         """Create a token; its secret is in this response and nowhere else. For admins.
 
-        It expires at `expires_at`, else after so many days; None for never. If the
+        It lasts until it is revoked, unless a time or a number of days is given. If the
         response is lost, this is not retried: the token may exist, but without its
         secret.
         """
@@ -593,6 +724,20 @@ class Api:
         read = result(wire.Evaluation)
         return Call("GET", path, read, params={"truth": truth})
 
+    @endpoint
+    def set_experiment(
+        self, dataset: str, report: Mapping[str, object]
+    ) -> Call[wire.Experiment]:
+        """Keep a report of `unghost worth-it` with a dataset, in place of the last."""
+        path = dataset_path(dataset, "experiment")
+        return Call("PUT", path, result(wire.Experiment), json=report)
+
+    @endpoint
+    def experiment(self, dataset: str) -> Call[wire.Experiment]:
+        """The report that is kept with a dataset; `NotFound` if there is none."""
+        path = dataset_path(dataset, "experiment")
+        return Call("GET", path, result(wire.Experiment))
+
     # The server itself.
 
     @endpoint
@@ -634,7 +779,7 @@ def _stored_frame(response: httpx.Response) -> wire.StoredFrame:
 def known_frames(dataset: str, keys: Sequence[str]) -> Call[dict[str, wire.KnownFrame]]:
     """The stored frames with these keys (at most 1,000), by key."""
     path, read = f"{dataset}/known-frames", answer(_known_frames)
-    return Call("POST", path, read, json={"keys": keys}, patience=PATIENCE)
+    return Call("POST", path, read, json={"keys": keys})
 
 
 def _known_frames(body: Json) -> dict[str, wire.KnownFrame]:

@@ -11,16 +11,16 @@ import h11
 import httpx
 
 from unghost import wire
-from unghost.client.call import PATIENCE
 from unghost.client.duplex import Duplex, FileChanged
 from unghost.client.errors import (
+    NoResponse,
     Unavailable,
     UnexpectedAnswer,
     error_of_problem,
     unexpected,
 )
 from unghost.client.outgoing import END_OF_ARCHIVE, NotSent, Outcome, PackedFrame, Sent
-from unghost.client.transport import Attempts, Endpoint, RetryPolicy
+from unghost.client.transport import Attempts, Endpoint, RetryPolicy, no_response
 
 if TYPE_CHECKING:
     from unghost.wire.model import Json
@@ -54,19 +54,19 @@ class BatchSender:
         ------
         ApiError
             An error that concerns all frames: no access, no such dataset, a full disk.
-        httpx.TransportError
-            The server does not respond even after the retries. The count of retries
-            starts again after each outcome.
+        NoResponse
+            The server does not respond even after the retries. Their time starts again
+            after each outcome.
         """
         unreported = deque(frames)
-        attempts = Attempts(self._retry, PATIENCE)
+        attempts = Attempts(self._retry)
         while unreported:
             before = len(unreported)
             try:
                 self._send_once(unreported, report)
                 if len(unreported) == before:
                     raise self._unexpected("has no line for any frame")
-            except (Unavailable, httpx.TransportError) as error:
+            except Unavailable as error:
                 moved_on = len(unreported) < before
                 wait_s = attempts.failed(error, moved_on=moved_on)
                 if not self._pause(wait_s):
@@ -86,17 +86,16 @@ class BatchSender:
                     frame = unreported.popleft().frame
                     report(self._outcome(frame.key, result))
             if not ended:
-                raise self._cut("the response has no last line")
+                raise self._cut(EOFError("the response has no last line"))
         except _FrameChanged as changed:
             unreported.remove(changed.packed)
             key = changed.packed.frame.key
             report(NotSent(key, ValueError(str(changed))))
         except h11.RemoteProtocolError as error:
-            raise self._cut(
-                "the connection was closed before the response was complete"
-            ) from error
+            why = "the connection was closed before the response was complete"
+            raise self._cut(EOFError(why)) from error
         except OSError as error:
-            raise self._cut(error.strerror or str(error)) from error
+            raise self._cut(error) from error
         finally:
             lines.close()
 
@@ -144,13 +143,12 @@ class BatchSender:
             raise self._unexpected(why) from error
 
     def _unexpected(self, why: str) -> UnexpectedAnswer:
-        return unexpected(httpx.Response(200, request=self._request()), why)
+        request = httpx.Request("POST", self._endpoint.url)
+        return unexpected(httpx.Response(200, request=request), why)
 
-    def _cut(self, why: str) -> httpx.TransportError:
-        return httpx.ReadError(why, request=self._request())
-
-    def _request(self) -> httpx.Request:
-        return httpx.Request("POST", self._endpoint.url)
+    def _cut(self, error: Exception) -> NoResponse:
+        sent = not isinstance(error, ConnectionRefusedError)
+        return no_response(self._endpoint.url, error, sent=sent)
 
 
 class _FrameChanged(Exception):

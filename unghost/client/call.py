@@ -6,12 +6,11 @@ sends nothing.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator, Mapping
 from dataclasses import KW_ONLY, dataclass, field
 from functools import wraps
 from typing import (
     TYPE_CHECKING,
-    Any,
     Concatenate,
     Final,
     Generic,
@@ -19,6 +18,7 @@ from typing import (
     Protocol,
     TypeAlias,
     TypeVar,
+    overload,
 )
 from urllib.parse import unquote
 
@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from unghost.wire.model import Json
 
 T = TypeVar("T")
+S = TypeVar("S")
 T_co = TypeVar("T_co", covariant=True)
 P = ParamSpec("P")
 
@@ -42,13 +43,11 @@ Files: TypeAlias = Mapping[str, tuple[str, bytes, str]]
 Read: TypeAlias = Callable[[httpx.Response], T]
 """Reads the result from a successful response, or raises UnexpectedAnswer."""
 
+API: Final = "/api/v1"
+"""Where the paths of all calls begin."""
+
 PAGE_SIZE: Final = 500
 """Number of items that one request of a list fetches."""
-
-PATIENCE: Final = 2
-"""`Call.patience` of a call that is one step of a longer operation, such as waiting for
-a run: the server may be restarted in between."""
-
 
 MAX_JSON_BYTES: Final = 64 * 1024**2
 """Longer responses are refused: ten thousand boxes, explained, take half of it."""
@@ -84,8 +83,6 @@ class Call(Generic[T]):
         may have executed it.
     max_bytes
         A longer response is refused, unless it is streamed.
-    patience
-        A factor: multiplies the `RetryPolicy`'s number of attempts.
 
     Raises
     ------
@@ -106,7 +103,6 @@ class Call(Generic[T]):
     retried: bool = True
     repeatable: bool = True
     max_bytes: int = MAX_JSON_BYTES
-    patience: int = 1
 
     def __post_init__(self) -> None:
         parts = unquote(self.path).split("/")[1:]
@@ -156,39 +152,76 @@ class Sender(Protocol):
     def _pages(self, listing: Listing[T], /) -> Iterator[T]: ...
 
 
-def endpoint(
-    describe: Callable[Concatenate[Any, P], Call[T]],
-) -> Callable[Concatenate[Sender, P], T]:
-    """Make a method that sends a call, from a function that describes the call.
+class AsyncSender(Protocol):
+    """A client whose results are awaited."""
 
-    The function is written as a method of a class that clients inherit; it does not
-    use the client.
-    """
-
-    @wraps(describe)
-    def send(client: Sender, /, *args: P.args, **kwargs: P.kwargs) -> T:
-        return client._send(describe(client, *args, **kwargs))
-
-    described = describe.__annotations__["return"]
-    _annotate_result(describe, described.removeprefix("Call[").removesuffix("]"))
-    return send
+    def _send(self, call: Call[T], /) -> Awaitable[T]: ...
+    def _pages(self, listing: Listing[T], /) -> AsyncIterator[T]: ...
 
 
-def listing(
-    describe: Callable[Concatenate[Any, P], Listing[T]],
-) -> Callable[Concatenate[Sender, P], Iterator[T]]:
-    """Make a method that iterates over a list, from a function that describes it."""
+if TYPE_CHECKING:
+    # To type checkers the decorators are descriptors: what a method returns depends on
+    # the client. When the program runs they are the functions below, of the same names.
 
-    @wraps(describe)
-    def pages(client: Sender, /, *args: P.args, **kwargs: P.kwargs) -> Iterator[T]:
-        return client._pages(describe(client, *args, **kwargs))
+    class Endpoint(Generic[P, T]):
+        """A method that sends a call."""
 
-    described = describe.__annotations__["return"]
-    _annotate_result(describe, described.replace("Listing[", "Iterator[", 1))
-    return pages
+        def __init__(self, describe: Callable[Concatenate[S, P], Call[T]]) -> None: ...
+        @overload
+        def __get__(self, client: Sender, kind: object) -> Callable[P, T]: ...
+        @overload
+        def __get__(
+            self, client: AsyncSender, kind: object
+        ) -> Callable[P, Awaitable[T]]: ...
+        def __get__(self, client: object, kind: object) -> object: ...
+
+    class ListEndpoint(Generic[P, T]):
+        """A method that iterates over a list."""
+
+        def __init__(
+            self, describe: Callable[Concatenate[S, P], Listing[T]]
+        ) -> None: ...
+        @overload
+        def __get__(self, client: Sender, kind: object) -> Callable[P, Iterator[T]]: ...
+        @overload
+        def __get__(
+            self, client: AsyncSender, kind: object
+        ) -> Callable[P, AsyncIterator[T]]: ...
+        def __get__(self, client: object, kind: object) -> object: ...
+
+    endpoint, listing = Endpoint, ListEndpoint
+
+else:
+
+    def endpoint(describe: Callable[..., object]) -> Callable[..., object]:
+        """Make a method that sends a call, from a function that describes the call.
+
+        The function is written as a method of a class that clients inherit; it does not
+        use the client. The method of an `AsyncClient` returns an awaitable.
+        """
+
+        @wraps(describe)
+        def send(client: Sender, /, *args: object, **kwargs: object) -> object:
+            return client._send(describe(client, *args, **kwargs))
+
+        described = describe.__annotations__["return"]
+        annotate_result(describe, described.removeprefix("Call[").removesuffix("]"))
+        return send
+
+    def listing(describe: Callable[..., object]) -> Callable[..., object]:
+        """Make a method that iterates over a list, from its description."""
+
+        @wraps(describe)
+        def pages(client: Sender, /, *args: object, **kwargs: object) -> object:
+            return client._pages(describe(client, *args, **kwargs))
+
+        described = describe.__annotations__["return"]
+        annotate_result(describe, described.replace("Listing[", "Iterator[", 1))
+        return pages
 
 
-def _annotate_result(describe: Callable[..., object], result: str) -> None:
+def annotate_result(describe: Callable[..., object], result: str) -> None:
+    """Say what a method returns that is made of a description."""
     # `help` and `inspect.signature` read it from the function that `wraps` wraps.
     describe.__annotations__["return"] = result
 

@@ -17,13 +17,13 @@ import stat
 import sys
 import warnings
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
 import httpx
 
-from unghost.wire.note import DEFAULT_PORT, note_path
+from unghost.wire.note import DEFAULT_PORT, note_path, state_folder
 
 DEFAULT_URL: Final = "http://127.0.0.1:8000"
 
@@ -34,8 +34,8 @@ DEFAULT_DATA: Final = Path("unghost-data")
 
 _ROOT: Final = 0
 
-_MAX_TOKEN: Final = 4096
-"""Characters that are read of a token file; a token has fewer than a hundred."""
+_MAX_TOKEN: Final = 65_536
+"""Characters that are read of a file of tokens; one has fewer than a hundred."""
 
 
 @dataclass(frozen=True)
@@ -78,8 +78,10 @@ def find_server(
 ) -> Server:
     """The server to connect to, from the arguments, the environment and local files.
 
-    The token is the first of: the argument, `UNGHOST_TOKEN`, the `token` file in the
-    folder `UNGHOST_DATA`, the file that `unghost serve` noted for this address, the
+    The server is the first of: the argument, `UNGHOST_SERVER`, the one that `unghost
+    auth login` stored, `DEFAULT_URL`. The token is the first of: the argument,
+    `UNGHOST_TOKEN`, the `token` file in the folder `UNGHOST_DATA`, the token that was
+    stored for this server, the file that `unghost serve` noted for this address, the
     `token` file in `./unghost-data`.
 
     A file is ignored, with the warning IgnoredTokenFile, unless it belongs to the
@@ -92,9 +94,49 @@ def find_server(
     given = token or env.get("UNGHOST_TOKEN")
     if given:
         return Server(address, given.strip())
+    stored = stored_servers(env).tokens.get(address)
+    if stored and not env.get("UNGHOST_DATA"):
+        return Server(address, stored)
     server = _local_server(address, env)
     refuse_foreign(server)
     return server
+
+
+@dataclass(frozen=True)
+class StoredServers:
+    """Servers with tokens that `unghost auth login` stored, and the last of them."""
+
+    default: str | None = None
+    tokens: Mapping[str, str] = field(default_factory=dict)
+
+
+def stored_servers(environ: Mapping[str, str]) -> StoredServers:
+    """The servers that this user has stored; none if the file is another user's."""
+    file = _stored_file(environ)
+    text, owner = _token_in(file)
+    try:
+        stored = json.loads(text) if text and owner in (_caller(), None) else {}
+        tokens = {str(url): str(token) for url, token in stored["servers"].items()}
+        return StoredServers(stored["default"], tokens)
+    except (ValueError, LookupError, TypeError, AttributeError):
+        return StoredServers()
+
+
+def store_servers(environ: Mapping[str, str], stored: StoredServers) -> Path:
+    """Write the servers to a file that only this user can read; its path."""
+    file = _stored_file(environ)
+    file.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+    written = file.with_name(f"{file.name}.{os.getpid()}")
+    flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | getattr(os, "O_NOFOLLOW", 0)
+    content = {"default": stored.default, "servers": dict(stored.tokens)}
+    with os.fdopen(os.open(written, flags, 0o600), "w", encoding="utf-8") as opened:
+        json.dump(content, opened)
+    written.replace(file)
+    return file
+
+
+def _stored_file(environ: Mapping[str, str]) -> Path:
+    return state_folder(environ) / "auth.json"
 
 
 def refuse_foreign(server: Server) -> None:
@@ -130,7 +172,7 @@ def _caller() -> int | None:
 def _address(url: str | None, env: Mapping[str, str]) -> str:
     variable = env.get(SERVER_VARIABLE)
     if url or not variable:
-        return _checked(url or DEFAULT_URL)
+        return _checked(url or stored_servers(env).default or DEFAULT_URL)
     try:
         return _checked(variable)
     except BadServerUrl as exc:
@@ -171,6 +213,27 @@ def _local_server(url: str, env: Mapping[str, str]) -> Server:
                 stacklevel=2,
             )
     return Server(url, None)
+
+
+def noted_servers(environ: Mapping[str, str]) -> list[str]:
+    """The addresses of servers of this user that run on this machine, in order.
+
+    Only those that `unghost serve` or `demo` started and that have noted themselves.
+    """
+    running = []
+    for file in sorted(state_folder(environ).glob("servers/*.json")):
+        try:
+            noted = json.loads(_read(file) or "{}")
+            url, pid = noted["url"], noted["pid"]
+            if os.name == "posix":  # elsewhere this would end the process
+                os.kill(pid, 0)
+        except PermissionError:  # it runs, as another user
+            running.append(url)
+        except (ValueError, LookupError, TypeError, OSError):
+            continue  # no note, or of a server that was killed
+        else:
+            running.append(url)
+    return running
 
 
 def _is_trusted(owner: int, *, is_named: bool) -> bool:

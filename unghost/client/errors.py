@@ -10,13 +10,12 @@ ApiError                the server's response is not a success
 |-- TooLarge            413
 |-- Invalid             422 and 415: `errors` lists the faults
 |-- Unavailable         408, 429, 502, 503, 504: try again later
+|   `-- NoResponse      no response at all: refused, cut, or too late
 |-- ServerFault         500
 `-- UnexpectedAnswer    a response that is not Unghost's
 RunFailed               the run or export that was waited for failed or was cancelled
 DamagedDownload         the downloaded bytes do not have the expected digest
 InvalidName             a name or a key that no address can contain; nothing was sent
-
-If there is no response at all, `httpx.TransportError` is raised.
 """
 
 from __future__ import annotations
@@ -60,6 +59,11 @@ class ApiError(Exception):
         self.more_errors = more if isinstance(more, int) else 0
         super().__init__(self.detail)
 
+    def extend(self, text: str) -> None:
+        """Add to the message what the caller knows about the failed operation."""
+        self.detail = f"{self.detail}; {text}"
+        self.args = (self.detail,)
+
 
 class BadRequest(ApiError):
     """400: a malformed request or an unknown parameter."""
@@ -82,9 +86,10 @@ class Conflict(ApiError):
 
 
 class StaleReview(Conflict):
-    """412: someone else answered first; `current` is the present state.
+    """412: someone else was first; `current` is the present state.
 
-    For a box, this is its decision; for a selection of boxes, `total` and `snapshot`.
+    For a box, this is its decision; for a selection of boxes, `total` and `snapshot`;
+    for a configuration, the version.
     """
 
     @property
@@ -104,6 +109,24 @@ class Invalid(ApiError):
 
 class Unavailable(ApiError):
     """408, 429, 502, 503 or 504: the server cannot respond now."""
+
+
+class NoResponse(Unavailable):
+    """There is no response, or only a part of one; `status` is 0.
+
+    Attributes
+    ----------
+    address
+        The server's address, without a user and a password.
+    sent
+        Whether a connection was open, so that the server may have executed the request.
+    """
+
+    def __init__(self, address: str, why: str, *, sent: bool) -> None:
+        detail = f"no response from {address}: {why}"
+        super().__init__(0, {"code": "no_response", "detail": detail})
+        self.address = address
+        self.sent = sent
 
 
 class ServerFault(ApiError):

@@ -22,10 +22,11 @@ import httpx
 
 from unghost import wire
 from unghost.client.api import export_path, id_of, run_path
-from unghost.client.call import PATIENCE, Call, JsonReader, read_object, result
+from unghost.client.call import Call, JsonReader, read_object, result
 from unghost.client.errors import (
     BadRequest,
     DamagedDownload,
+    NoResponse,
     NotFound,
     Unavailable,
     run_failed,
@@ -166,7 +167,6 @@ class _Job(Generic[StateT]):
         last_id = ""
         while True:
             moved_on = False
-            error: Unavailable | httpx.TransportError
             try:
                 with self.transport.stream(self._stream(last_id)) as response:
                     if response.status_code == httpx.codes.NO_CONTENT:
@@ -177,12 +177,11 @@ class _Job(Generic[StateT]):
                         last_id, moved_on = event.id, True
                         state = json.loads(event.data)
                         yield read_object(self.kind.read, state, response)
-                error = httpx.RemoteProtocolError("the events have no end")
-            except (Unavailable, httpx.TransportError) as broken:
-                error = broken
-            wait_s = attempts.failed(error, moved_on=moved_on)
-            if not self.transport.pause(wait_s):
-                raise error
+                    raise httpx.RemoteProtocolError("the events have no end")
+            except Unavailable as error:
+                wait_s = attempts.failed(error, moved_on=moved_on)
+                if not self.transport.pause(wait_s):
+                    raise
 
     def _stream(self, last_id: str) -> Call[httpx.Response]:
         """The events after the one with this id; all if the id is empty."""
@@ -198,7 +197,9 @@ class _Job(Generic[StateT]):
                 progress(state)
                 if state.finished:
                     return state
-        except (BadRequest, NotFound, Unavailable, httpx.TransportError):
+        except (BadRequest, NotFound, Unavailable) as error:
+            if isinstance(error, NoResponse) and not error.sent:
+                raise  # the server is away, and has been waited for
             # No such stream, too many streams, or a proxy that buffers it: poll.
             return None
         return None
@@ -213,7 +214,7 @@ class _Job(Generic[StateT]):
         """
         deadline = None if timeout_s is None else time.monotonic() + timeout_s
         pause_s = _FIRST_POLL_S
-        call = Call("GET", self.path, result(self.kind), patience=PATIENCE)
+        call = Call("GET", self.path, result(self.kind))
         while True:
             state = self.transport.send(call)
             progress(state)
@@ -292,13 +293,13 @@ class _Download:
         brings no more bytes.
         """
         self.path.parent.mkdir(parents=True, exist_ok=True)
-        attempts = Attempts(self.transport.retry, PATIENCE)
+        attempts = Attempts(self.transport.retry)
         while True:
             before = self._bytes_there()
             try:
                 self._continue(progress)
                 break
-            except (httpx.TransportError, Unavailable) as error:
+            except Unavailable as error:
                 moved_on = self._bytes_there() > before
                 wait_s = attempts.failed(error, moved_on=moved_on)
                 if not self.transport.pause(wait_s):

@@ -11,23 +11,57 @@ import hashlib
 import json
 import os
 import stat
+import struct
+import zlib
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
-from io import FileIO
+from io import BytesIO, FileIO
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar, Final, TypeAlias, get_args
+from typing import (
+    IO,
+    TYPE_CHECKING,
+    ClassVar,
+    Final,
+    Protocol,
+    TypeAlias,
+    get_args,
+    runtime_checkable,
+)
 
 from unghost.client.call import Files
 from unghost.client.errors import ApiError
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
     from unghost.wire.datasets import VerdictCounts
     from unghost.wire.model import Json
     from unghost.wire.words import UploadWord
 
-FileContent: TypeAlias = bytes | str | PathLike[str]
-"""A frame's file: its bytes, or its path."""
+
+@runtime_checkable
+class Array(Protocol):
+    """An array of numpy, which is not imported here."""
+
+    @property
+    def shape(self) -> tuple[int, ...]: ...
+    @property
+    def dtype(self) -> object: ...
+
+
+@runtime_checkable
+class Picture(Protocol):
+    """An image of PIL, which is not imported here."""
+
+    def save(self, fp: IO[bytes], format: str | None = None) -> None: ...
+
+
+FileContent: TypeAlias = bytes | str | PathLike[str] | Array | Picture
+"""A frame's file: its bytes, its path, an array of numpy, or an image of PIL."""
+
+_Content: TypeAlias = bytes | str | PathLike[str]
 
 # The server recognises types by content, so no type is guessed here.
 _ANY_TYPE: Final = "application/octet-stream"
@@ -44,12 +78,16 @@ END_OF_ARCHIVE: Final = bytes(2 * _BLOCK)
 class OutgoingFrame:
     """A frame to be sent: its key, its annotation, and its files (paths or bytes).
 
-    The annotation may contain numpy's numbers and arrays.
+    The annotation may contain numpy's numbers and arrays. A file may also be an image
+    of PIL or an array: (H, W) or (H, W, 3 or 4) of uint8 in the order RGB(A), or (H, W)
+    of uint16, which become PNG; depth may also be metres. Others (points) are
+    sent as .npy.
     """
 
     key: str
     annotation: Json
     files: Mapping[str, FileContent] = field(default_factory=dict)
+    _contents: Mapping[str, _Content] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         if not isinstance(self.annotation, Mapping):
@@ -57,8 +95,11 @@ class OutgoingFrame:
                 f"frame {self.key!r}: expected a mapping as annotation, found "
                 f"{type(self.annotation).__name__}"
             )
-        for name in self.files:
-            checked_file_name(name)
+        contents = {
+            checked_file_name(name): _encoded(name, content)
+            for name, content in self.files.items()
+        }
+        object.__setattr__(self, "_contents", contents)
 
     def digest(self) -> str:
         """Digest of the content, as defined in docs/api.md.
@@ -71,7 +112,7 @@ class OutgoingFrame:
             The annotation cannot be written as JSON.
         """
         lines = [b"frame 1"]
-        for name, content in sorted(self.files.items()):
+        for name, content in sorted(self._contents.items()):
             lines.append(f"{name} {_sha256(content)}".encode())
         digest = hashlib.sha256(b"\n".join([*lines, canonical_json(self.annotation)]))
         return digest.hexdigest()
@@ -88,7 +129,7 @@ class OutgoingFrame:
         """
         annotation = canonical_json(self.annotation)
         form = {"annotation": ("annotation.json", annotation, "application/json")}
-        for name, content in self.files.items():
+        for name, content in self._contents.items():
             form[name] = (name, _bytes(content), _ANY_TYPE)
         return form
 
@@ -111,7 +152,7 @@ class OutgoingFrame:
             raise ValueError("the key is not text: its file's name is not UTF-8")
         annotation = canonical_json({**self.annotation, "key": self.key})
         pieces = list(_member(f"{name}.json", annotation))
-        for kind, content in self.files.items():
+        for kind, content in self._contents.items():
             pieces.extend(_member(f"{name}.{kind}", _piece(content)))
         joined = tuple(_joined(pieces))
         return PackedFrame(self, name, joined, sum(map(size_of, joined)))
@@ -188,6 +229,65 @@ Outcome: TypeAlias = Sent | AlreadyThere | NotSent
 """The outcome of a frame."""
 
 
+def _encoded(name: str, content: FileContent) -> _Content:
+    """A file as bytes or its path; arrays and images of PIL are encoded."""
+    if isinstance(content, bytes | str | PathLike):
+        return content
+    written = BytesIO()
+    if isinstance(content, Picture):
+        content.save(written, format="PNG")
+        return written.getvalue()
+    if not isinstance(content, Array):
+        raise TypeError(
+            f"{name}: expected bytes, a path, an array or an image of PIL, found "
+            f"{type(content).__name__}"
+        )
+    import numpy as np  # the array is numpy's: it is loaded already
+
+    array = np.asarray(content)
+    if name in _PICTURES and array.dtype in (np.uint8, np.uint16, np.bool_):
+        return _png(name, array)
+    if name == "depth":  # as CARLA's camera writes it, in 24 bits
+        code = np.rint(array.clip(0, _FARTHEST) * ((2**24 - 1) / _FARTHEST))
+        parts = code.astype("<u4").view(np.uint8).reshape(*array.shape, 4)
+        return _png(name, parts[..., :3])
+    np.save(written, array, allow_pickle=False)
+    return written.getvalue()
+
+
+_FARTHEST: Final = 1000.0
+"""Metres at which CARLA's depth ends."""
+_PICTURES: Final = ("image", "segmentation", "depth", "instances", "ignore_mask")
+_COLOURS: Final = {1: 0, 3: 2, 4: 6}
+"""PNG's colour type by the number of channels: grey, RGB, RGBA."""
+
+
+def _png(name: str, array: NDArray[np.generic]) -> bytes:
+    """An array of uint8, uint16 or bool as PNG, in the order of its channels."""
+    channels = array.shape[2] if array.ndim == 3 else 1
+    if array.ndim not in (2, 3) or channels not in _COLOURS or not array.size:
+        raise ValueError(
+            f"{name}: expected an array of (H, W), (H, W, 3) or (H, W, 4), found "
+            f"{array.shape}"
+        )
+    height, width = array.shape[:2]
+    bits = 8 * array.itemsize
+    pixels = array.astype(">u2" if bits == 16 else "u1").tobytes()
+    if array.dtype.kind == "b":
+        pixels = pixels.replace(b"\1", b"\xff")
+    row = len(pixels) // height
+    lines = b"".join(b"\0" + pixels[at : at + row] for at in range(0, len(pixels), row))
+    head = struct.pack(">IIBBBBB", width, height, bits, _COLOURS[channels], 0, 0, 0)
+    chunks = ((b"IHDR", head), (b"IDAT", zlib.compress(lines, 1)), (b"IEND", b""))
+    return b"\x89PNG\r\n\x1a\n" + b"".join(
+        struct.pack(">I", len(body))
+        + kind
+        + body
+        + struct.pack(">I", zlib.crc32(kind + body))
+        for kind, body in chunks
+    )
+
+
 def canonical_json(annotation: Json) -> bytes:
     """The annotation as canonical JSON: equal annotations give equal text.
 
@@ -260,14 +360,14 @@ def _not_blocking(path: str, flags: int) -> int:
     return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
 
 
-def _bytes(content: FileContent) -> bytes:
+def _bytes(content: _Content) -> bytes:
     if isinstance(content, bytes):
         return content
     with open_regular(Path(content)) as file:
         return file.readall()
 
 
-def _sha256(content: FileContent) -> str:
+def _sha256(content: _Content) -> str:
     if isinstance(content, bytes):
         return hashlib.sha256(content).hexdigest()
     digest = hashlib.sha256()
@@ -277,7 +377,7 @@ def _sha256(content: FileContent) -> str:
     return digest.hexdigest()
 
 
-def _piece(content: FileContent) -> Piece:
+def _piece(content: _Content) -> Piece:
     if isinstance(content, bytes):
         return content
     path = Path(content)

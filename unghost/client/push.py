@@ -78,14 +78,33 @@ class Upload:
         Errors that concern all frames (no access, no such dataset, no server) are
         raised; an error of one frame is its outcome.
         """
+        there = 0
+        try:
+            for outcome in self._outcomes(frames):
+                there += not isinstance(outcome, NotSent)
+                yield outcome
+        except Unavailable as error:
+            error.extend(
+                f"{there:,} frames are stored, and pushing the same frames again sends "
+                "only the others"
+            )
+            raise
+
+    def _outcomes(
+        self, frames: Iterable[OutgoingFrame | NotSent]
+    ) -> Generator[Outcome, None, None]:
         with _Senders(self) as senders:
-            for batch in _batches(self._packed(frames)):
-                if isinstance(batch, AlreadyThere | NotSent):
-                    yield batch
-                else:
-                    senders.submit(batch)
-                yield from senders.outcomes(self.connections)
-            yield from senders.outcomes(0)
+            try:
+                for batch in _batches(self._packed(frames)):
+                    if isinstance(batch, AlreadyThere | NotSent):
+                        yield batch
+                    else:
+                        senders.submit(batch)
+                    yield from senders.outcomes(self.connections)
+                yield from senders.outcomes(0)
+            except Unavailable:
+                yield from senders.reported()
+                raise
 
     def _packed(
         self, frames: Iterable[OutgoingFrame | NotSent]
@@ -191,6 +210,13 @@ class _Senders:
                 self._under_way -= 1
                 finished.result()
             else:
+                yield finished
+
+    def reported(self) -> Iterator[Outcome]:
+        """Outcomes that are known when another batch has failed."""
+        while not self._finished.empty():
+            finished = self._finished.get()
+            if not isinstance(finished, Future):
                 yield finished
 
     def _send(self, batch: Batch) -> None:

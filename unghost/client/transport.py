@@ -6,9 +6,12 @@ whether and when a failed call is retried; the loops that send only wait and ret
 
 from __future__ import annotations
 
+import asyncio
+import logging
 import random
 import ssl
 import threading
+import time
 import uuid
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
@@ -21,20 +24,28 @@ import httpx
 
 from unghost.client.call import Call, Params, query_of
 from unghost.client.discovery import Server, is_local, refuse_foreign
-from unghost.client.errors import NotFound, Unavailable, error_of, unexpected
+from unghost.client.errors import (
+    NoResponse,
+    NotFound,
+    Unavailable,
+    error_of,
+    unexpected,
+)
 
 T = TypeVar("T")
 
 DEFAULT_TIMEOUT: Final = httpx.Timeout(60.0, connect=5.0)
 """Long: the response to an upload comes when its frame, perhaps queued, is decided."""
 
-NO_RESPONSE: Final = "no response from"
-"""The beginning of the message of an error that names the server."""
-
 _PLAIN: Final = "identity"
 _NOTHING_DONE: Final = frozenset({429, 503})
 """Statuses of a server that is too busy to have done anything."""
 _NOT_SENT: Final = (httpx.ConnectError, httpx.ConnectTimeout, httpx.PoolTimeout)
+
+_QUIET_S: Final = 1.0
+"""A shorter outage is not worth a message."""
+
+_log: Final = logging.getLogger("unghost.client")
 
 
 def address_of(url: httpx.URL) -> str:
@@ -43,16 +54,27 @@ def address_of(url: httpx.URL) -> str:
     return str(bare).rstrip("/")
 
 
+def no_response(
+    url: httpx.URL, error: Exception, *, sent: bool | None = None
+) -> NoResponse:
+    """The exception for a connection that failed; httpx's own names no address."""
+    if sent is None:
+        sent = not isinstance(error, _NOT_SENT)
+    why = str(error) or type(error).__name__
+    return NoResponse(address_of(url), why, sent=sent)
+
+
 @dataclass(frozen=True)
 class RetryPolicy:
-    """How often a call is tried, and how long to wait in between.
+    """How long a failed call is tried again, and how long to wait in between.
 
-    Delays double from `base_s` up to `longest_s`, and each is a random part of that
-    ("full jitter"), so that clients that failed at the same moment do not retry at the
-    same moment.
+    `for_s` are the seconds from the first failure, or from the last progress of an
+    operation of many calls; 0 means one attempt. Delays double from `base_s` up to
+    `longest_s`, and each is a random part of that ("full jitter"), so that clients that
+    failed at the same moment do not retry at the same moment.
     """
 
-    attempts: int = 4
+    for_s: float = 120.0
     base_s: float = 0.2
     longest_s: float = 20.0
 
@@ -72,36 +94,160 @@ class RetryPolicy:
 class Attempts:
     """Counts failures, and computes how long to wait before the next attempt.
 
-    Parameters
-    ----------
-    policy
-        How often to try, and how long to wait.
-    patience
-        A factor: multiplies the policy's number of attempts.
+    An outage of more than a second is logged once, because the caller may wait long.
     """
 
-    def __init__(self, policy: RetryPolicy, patience: int = 1) -> None:
+    def __init__(self, policy: RetryPolicy) -> None:
         self._policy = policy
-        self._most = policy.attempts * patience
         self._failed = 0
+        self._since = 0.0
+        self._is_logged = False
 
-    def failed(
-        self, error: Unavailable | httpx.TransportError, *, moved_on: bool = False
-    ) -> float:
-        """The seconds to wait after a failure; raises the error after the last attempt.
+    def failed(self, error: Unavailable, *, moved_on: bool = False) -> float:
+        """The seconds to wait after a failure; raises the error when the time is over.
 
         Parameters
         ----------
         error
             The failure.
         moved_on
-            Whether there was progress since the last failure; resets the count.
+            Whether there was progress since the last failure; the time starts again.
         """
-        self._failed = 1 if moved_on else self._failed + 1
-        if self._failed >= self._most:
+        now = time.monotonic()
+        if moved_on or not self._failed:
+            self._failed, self._since, self._is_logged = 0, now, False
+        self._failed += 1
+        tried_s = now - self._since
+        left_s = self._policy.for_s - tried_s
+        if left_s <= 0:
+            if self._failed > 1:
+                error.extend(f"gave up after {tried_s:.0f} s")
             raise error
-        asked = error.retry_after_s if isinstance(error, Unavailable) else None
-        return self._policy.delay_s(self._failed, asked)
+        if tried_s >= _QUIET_S and not self._is_logged:
+            self._is_logged = True
+            _log.warning("%s; trying again for up to %.0f s", error, left_s)
+        return min(left_s, self._policy.delay_s(self._failed, error.retry_after_s))
+
+
+class _Tries:
+    """The attempts of one call: which error ends it, and how long to wait for the next.
+
+    `key` is the same for each attempt, so that the server executes a POST only once.
+    """
+
+    def __init__(self, call: Call[T], retry: RetryPolicy) -> None:
+        self._call = call
+        self._attempts = Attempts(retry)
+        self._may_be_done = False
+        self.key = uuid.uuid4().hex
+
+    def has_deleted(self) -> bool:
+        """Whether an attempt may have deleted what is not found, its response lost."""
+        return self._call.method == "DELETE" and self._may_be_done
+
+    def wait_s(self, error: Unavailable) -> float:
+        """Seconds to wait for the next attempt; raises the error if there is none."""
+        self._may_be_done = self._may_be_done or not _was_refused(error)
+        if not self._call.retried or (self._may_be_done and not self._call.repeatable):
+            raise error
+        return self._attempts.failed(error)
+
+
+def _headers(server: Server) -> dict[str, str]:
+    # A few compressed bytes could become gigabytes.
+    headers = {"Accept-Encoding": _PLAIN}
+    if server.token:
+        headers["Authorization"] = f"Bearer {server.token}"
+    return headers
+
+
+def _verified(address: httpx.URL) -> bool | ssl.SSLContext:
+    # Certificates take longer to read than most calls. Without, none is valid.
+    return address.scheme == "https" or ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+
+
+def _request(
+    http: httpx.Client | httpx.AsyncClient,
+    call: Call[T],
+    trace: Callable[[str, object], object],
+    key: str | None = None,
+) -> httpx.Request:
+    headers = dict(call.headers)
+    if key is not None and call.method == "POST":
+        headers["Idempotency-Key"] = key
+    return http.build_request(
+        call.method,
+        call.path,
+        params=query_of(call.params),
+        json=call.json,
+        files=call.files,
+        content=call.content,
+        headers=headers,
+        extensions={"trace": trace},
+    )
+
+
+_CONNECTING: Final = "connection.connect_tcp.started"
+
+
+class AsyncTransport:
+    """Sends calls as `Transport` does, without blocking the event loop."""
+
+    def __init__(
+        self, server: Server, *, timeout: float | httpx.Timeout, retry: RetryPolicy
+    ) -> None:
+        self._server = server
+        self._retry = retry
+        address = httpx.URL(server.url)
+        # Redirects are not followed, because the token would be sent along.
+        self._http = httpx.AsyncClient(
+            base_url=server.url,
+            headers=_headers(server),
+            timeout=timeout,
+            # A proxy of the network cannot reach this machine's own address.
+            trust_env=not is_local(address.host),
+            verify=_verified(address),
+        )
+
+    async def close(self) -> None:
+        """Close the connections."""
+        await self._http.aclose()
+
+    async def send(self, call: Call[T]) -> T:
+        """Send a call and return its result; see `Transport.send`."""
+        tries = _Tries(call, self._retry)
+        while True:
+            response = None
+            try:
+                response = await self._whole(call, tries.key)
+                return call.read(_success(response))
+            except NotFound:
+                if response is not None and tries.has_deleted():
+                    return call.read(response)
+                raise
+            except Unavailable as error:
+                await asyncio.sleep(tries.wait_s(error))
+
+    async def _whole(self, call: Call[T], key: str) -> httpx.Response:
+        request = _request(self._http, call, self._before_connecting, key)
+        try:
+            response = await self._http.send(request, stream=True)
+            try:
+                refuse_encoded(response)
+                body, most = bytearray(), call.max_bytes
+                async for piece in response.aiter_raw():
+                    body += piece
+                    if len(body) > most:
+                        raise unexpected(response, f"is longer than {most} bytes")
+            finally:
+                await response.aclose()
+        except httpx.TransportError as error:
+            raise no_response(request.url, error) from error
+        return whole(response, [bytes(body)], most)
+
+    async def _before_connecting(self, event: str, _: object) -> None:
+        if event == _CONNECTING:
+            refuse_foreign(self._server)
 
 
 class Transport:
@@ -114,22 +260,16 @@ class Transport:
         timeout: float | httpx.Timeout,
         retry: RetryPolicy,
     ) -> None:
-        token = server.token
-        # A few compressed bytes could become gigabytes.
-        headers = {"Accept-Encoding": _PLAIN}
-        if token:
-            headers["Authorization"] = f"Bearer {token}"
-        address = httpx.URL(server.url)
         self._server = server
+        address = httpx.URL(server.url)
         # Redirects are not followed, because the token would be sent along.
         self._http = httpx.Client(
             base_url=server.url,
-            headers=headers,
+            headers=_headers(server),
             timeout=timeout,
             # A proxy of the network cannot reach this machine's own address.
             trust_env=not is_local(address.host),
-            # Certificates take longer to read than most calls. Without, none is valid.
-            verify=address.scheme == "https" or ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT),
+            verify=_verified(address),
         )
         self.retry: Final = retry
         self._closed = threading.Event()
@@ -155,8 +295,8 @@ class Transport:
         ------
         ApiError
             The response is not a success, or cannot be read.
-        httpx.TransportError
-            There is no response.
+        NoResponse
+            There is none, or it was cut.
         """
         return call.read(self._response(call))
 
@@ -166,12 +306,14 @@ class Transport:
 
         It is not retried: the caller, which reads the body, decides that.
         """
-        response = self._head(self._request(call))
+        response = self._head(_request(self._http, call, self._before_connecting))
         try:
             refuse_encoded(response)
             if not response.is_success:
                 response = whole(response, response.iter_raw(), call.max_bytes)
             yield call.read(_success(response))
+        except httpx.TransportError as error:
+            raise no_response(response.url, error) from error
         finally:
             response.close()
 
@@ -199,31 +341,27 @@ class Transport:
         )
 
     def _response(self, call: Call[T]) -> httpx.Response:
-        attempts = Attempts(self.retry, call.patience)
-        # The same for each attempt, so that the server executes a POST only once.
-        key = uuid.uuid4().hex
-        may_be_done = False
+        tries = _Tries(call, self.retry)
         while True:
             response = None
             try:
-                response = self._whole(call, key)
+                response = self._whole(call, tries.key)
                 return _success(response)
             except NotFound:
-                if response is not None and call.method == "DELETE" and may_be_done:
-                    return response  # deleted by an attempt whose response was lost
+                if response is not None and tries.has_deleted():
+                    return response
                 raise
-            except (Unavailable, httpx.TransportError) as error:
-                may_be_done = may_be_done or not _was_refused(error)
-                if not call.retried or (may_be_done and not call.repeatable):
-                    raise
-                wait_s = attempts.failed(error)  # may raise the error
+            except Unavailable as error:
+                wait_s = tries.wait_s(error)  # may raise the error
                 if not self.pause(wait_s):
                     raise
 
     def _whole(self, call: Call[T], key: str) -> httpx.Response:
-        response = self._head(self._request(call, key))
+        response = self._head(_request(self._http, call, self._before_connecting, key))
         try:
             return whole(response, response.iter_raw(), call.max_bytes)
+        except httpx.TransportError as error:
+            raise no_response(response.url, error) from error
         finally:
             response.close()
 
@@ -232,37 +370,19 @@ class Transport:
         try:
             return self._http.send(request, stream=True)
         except httpx.TransportError as error:
-            # Of the same type, since callers distinguish them; httpx names no address.
-            why = str(error) or type(error).__name__
-            error.args = (f"{NO_RESPONSE} {address_of(request.url)}: {why}",)
-            raise
-
-    def _request(self, call: Call[T], key: str | None = None) -> httpx.Request:
-        headers = dict(call.headers)
-        if key is not None and call.method == "POST":
-            headers["Idempotency-Key"] = key
-        return self._http.build_request(
-            call.method,
-            call.path,
-            params=query_of(call.params),
-            json=call.json,
-            files=call.files,
-            content=call.content,
-            headers=headers,
-            extensions={"trace": self._before_connecting},
-        )
+            raise no_response(request.url, error) from error
 
     def _before_connecting(self, event: str, _: object) -> None:
         # The server may have ended, and another user's program may have taken its port.
-        if event == "connection.connect_tcp.started":
+        if event == _CONNECTING:
             refuse_foreign(self._server)
 
 
-def _was_refused(error: Unavailable | httpx.TransportError) -> bool:
+def _was_refused(error: Unavailable) -> bool:
     """Whether the server has certainly not executed the call."""
-    if isinstance(error, Unavailable):
-        return error.status in _NOTHING_DONE
-    return isinstance(error, _NOT_SENT)
+    if isinstance(error, NoResponse):
+        return not error.sent
+    return error.status in _NOTHING_DONE
 
 
 def refuse_encoded(response: httpx.Response) -> None:

@@ -1,18 +1,24 @@
 """The interface of this package: frames of a street, and the truth about them.
 
 `StreetScene` renders frames; `write_street` writes them as a dataset into a folder, a
-manifest with its files and the truth.
+manifest with its files and the truth. `render_street` does the same in child processes,
+in each of which this module is run as a program.
 """
 
 from __future__ import annotations
 
 import json
+import os
+import subprocess
+import sys
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from threading import Lock
-from typing import Final
+from queue import SimpleQueue
+from threading import Lock, Thread
+from typing import IO, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +27,7 @@ from filter_core.formats.files import write_whole
 from filter_core.formats.reading import MANIFEST_NAME
 from filter_core.geometry.camera import Camera
 from filter_core.local import in_order
+from filter_core.processes import module_command
 from filter_core.types import FloatArray
 from unghost.street.camera import Photographer, Planes, Stage, pixel_centres
 from unghost.street.light import Lighting, ShadowMap
@@ -54,6 +61,10 @@ THREADS: Final = 2
 """Frames that are rendered at the same time."""
 TRUTH: Final = "truth.jsonl"
 """The file of a street with the truth about each box."""
+RECORDED: Final = 0.22
+"""The share of the actors that leaves about 38 boxes a frame, as recordings have."""
+_TWICE_FROM: Final = 6
+"""Cores from which each town is rendered by two processes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,10 +99,16 @@ class StreetScene:
     actors : float
         The share of vehicles, people and lights that are there, 0 to 1. With all of
         them the street is far more crowded than usual recordings.
+    flat : bool
+        Whether every fourth frame has naive rectangles instead of 3D boxes.
     """
 
-    def __init__(self, seed: int = 0, *, actors: float = 1.0) -> None:
-        self._sets = [_Set(number, seed, actors) for number in range(len(STYLES))]
+    def __init__(
+        self, seed: int = 0, *, actors: float = 1.0, flat: bool = True
+    ) -> None:
+        self._sets = [
+            _Set(number, seed, actors, flat=flat) for number in range(len(STYLES))
+        ]
 
     def frames(self, count: int) -> Iterator[StreetFrame]:
         """The first `count` frames, in order; a few are rendered ahead."""
@@ -106,8 +123,9 @@ class StreetScene:
 class _Set:
     """A town with what is computed once for all of its frames."""
 
-    def __init__(self, number: int, seed: int, actors: float) -> None:
+    def __init__(self, number: int, seed: int, actors: float, *, flat: bool) -> None:
         self._number, self._seed, self._actors = number, seed, actors
+        self._flat = flat
         self._lock = Lock()
 
     @cached_property
@@ -159,7 +177,7 @@ class _Set:
         image, planes = photographer.photograph(pixel_centres(visible), seed)
         key = f"{style.name}/{step:06d}"
         boxes = placed_boxes(things, stage.poses(time_s), camera)
-        flat = step % _FLAT_EVERY == _FLAT_EVERY - 1
+        flat = self._flat and step % _FLAT_EVERY == _FLAT_EVERY - 1
         return StreetFrame(
             key=key,
             image_png=png(image),
@@ -212,10 +230,8 @@ def _box_corners(low: tuple[float, ...], high: tuple[float, ...]) -> FloatArray:
 def write_street(
     folder: Path,
     frames: int = 48,
-    seed: int = 0,
+    scene: StreetScene | None = None,
     progress: Callable[[int, int], None] | None = None,
-    *,
-    actors: float = 1.0,
 ) -> Path:
     """Render a street into a folder.
 
@@ -227,12 +243,10 @@ def write_street(
         Created if it does not exist.
     frames : int
         How many; the three towns take turns.
-    seed : int
-        The same seed gives the same bytes.
+    scene : StreetScene, optional
+        Default: that of seed 0.
     progress : callable, optional
         Called after each frame with how many are done, and of how many.
-    actors : float
-        The share of vehicles, people and lights that are there, 0 to 1.
 
     Returns
     -------
@@ -242,8 +256,8 @@ def write_street(
     folder.mkdir(parents=True, exist_ok=True)
     manifest: list[dict[str, object]] = []
     truth: list[dict[str, object]] = []
-    scene = StreetScene(seed, actors=actors)
-    for number, frame in enumerate(scene.frames(frames), start=1):
+    rendered = (scene or StreetScene()).frames(frames)
+    for number, frame in enumerate(rendered, start=1):
         manifest.append(_write_frame(folder, frame))
         truth.extend({"key": frame.key, **line} for line in frame.truth)
         if progress is not None:
@@ -251,6 +265,89 @@ def write_street(
     _write_lines(folder / TRUTH, truth)
     _write_lines(folder / MANIFEST_NAME, manifest)
     return folder / MANIFEST_NAME
+
+
+def render_street(
+    folder: Path, frames: int, seed: int, *, actors: float = RECORDED
+) -> Iterator[dict[str, object]]:
+    """Render a street into a folder, in child processes that end with it.
+
+    Each process renders one town, or every second frame of it. As the first frame of a
+    town takes as long as several others, no more processes work on their first one than
+    there are cores: so the first frames of all come soon.
+
+    Parameters
+    ----------
+    folder : Path
+        Created if it does not exist. When all frames were yielded, it has what
+        `write_street` writes.
+    frames : int
+    seed : int
+    actors : float
+        As those of `StreetScene`.
+
+    Yields
+    ------
+    dict
+        A line of the manifest, as soon as the files of its frame are written.
+
+    Raises
+    ------
+    RuntimeError
+        A process has ended before its frames were rendered, with its last words.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    cores = os.cpu_count() or 1
+    step = len(STYLES) * (2 if cores >= _TWICE_FROM else 1)
+    parts = [range(part, frames, step) for part in range(min(step, frames))]
+    lines: dict[int, tuple[dict[str, object], list[dict[str, object]]]] = {}
+    told: SimpleQueue[tuple[int, bytes]] = SimpleQueue()
+    with ExitStack() as running:
+        waiting = list(enumerate(parts))
+        beginning: set[int] = set()
+        while len(lines) < frames:
+            while waiting and len(beginning) < cores:
+                number, part = waiting.pop(0)
+                beginning.add(number)
+                words = (str(folder), str(seed), str(actors), *map(str, part))
+                child = subprocess.Popen(
+                    module_command(__name__, *words), stdout=subprocess.PIPE
+                )
+                running.enter_context(child)
+                running.callback(child.kill)
+                arguments = (child.stdout, number, told)
+                Thread(target=_listen, args=arguments, daemon=True).start()
+            number, text = told.get()
+            beginning.discard(number)
+            if not text:
+                if set(parts[number]) - lines.keys():
+                    raise RuntimeError("a process that renders the street has died")
+                continue
+            index, line, truth = json.loads(text)
+            lines[index] = line, truth
+            yield line
+    in_turn = [lines[index] for index in range(frames)]
+    known = ({"key": line["key"], **row} for line, rows in in_turn for row in rows)
+    _write_lines(folder / TRUTH, list(known))
+    _write_lines(folder / MANIFEST_NAME, [line for line, _ in in_turn])
+
+
+def _listen(
+    output: IO[bytes], number: int, told: SimpleQueue[tuple[int, bytes]]
+) -> None:
+    for text in output:
+        told.put((number, text))
+    told.put((number, b""))
+
+
+def _render_part(folder: str, seed: str, actors: str, *indices: str) -> None:
+    """The program of a child: it renders these frames and prints a line about each."""
+    scene = StreetScene(int(seed), actors=float(actors))
+    for index in map(int, indices):
+        frame = scene.render_frame(index)
+        line = _write_frame(Path(folder), frame)
+        sys.stdout.write(json.dumps([index, line, frame.truth]) + "\n")
+        sys.stdout.flush()
 
 
 def _write_frame(folder: Path, frame: StreetFrame) -> dict[str, object]:
@@ -276,3 +373,7 @@ def _files(frame: StreetFrame) -> dict[str, tuple[str, str, bytes]]:
 def _write_lines(path: Path, rows: list[dict[str, object]]) -> None:
     text = "".join(json.dumps(row, separators=(",", ":")) + "\n" for row in rows)
     write_whole(path, text.encode())
+
+
+if __name__ == "__main__":
+    _render_part(*sys.argv[1:])

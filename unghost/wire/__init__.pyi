@@ -14,17 +14,26 @@ from unghost.wire.access import (
 )
 from unghost.wire.boxes import (
     AcceptedTag as AcceptedTag,
+    Alike as Alike,
+    AnswersIn as AnswersIn,
     Box as Box,
     BoxListQuery as BoxListQuery,
+    BoxColumns as BoxColumns,
     BoxPage as BoxPage,
     BoxSelection as BoxSelection,
+    BoxTable as BoxTable,
+    BoxTableQuery as BoxTableQuery,
     BulkIn as BulkIn,
     Claim as Claim,
     Decision as Decision,
+    DepthBand as DepthBand,
+    DepthSlice as DepthSlice,
     FrameListQuery as FrameListQuery,
     HiddenBy as HiddenBy,
     History as History,
     HistoryEntry as HistoryEntry,
+    ImportedAnswer as ImportedAnswer,
+    ImportedAnswers as ImportedAnswers,
     Queue as Queue,
     QueueIn as QueueIn,
     QueuedBox as QueuedBox,
@@ -33,6 +42,8 @@ from unghost.wire.boxes import (
     ReviewIn as ReviewIn,
     ReviewMark as ReviewMark,
     Selection as Selection,
+    Track as Track,
+    TrackedBox as TrackedBox,
     UndoneBatch as UndoneBatch,
 )
 from unghost.wire.datasets import (
@@ -45,6 +56,7 @@ from unghost.wire.datasets import (
     Histogram as Histogram,
     IgnoreMask as IgnoreMask,
     RefusedFrame as RefusedFrame,
+    MapCounts as MapCounts,
     Stats as Stats,
     VerdictCounts as VerdictCounts,
 )
@@ -57,6 +69,7 @@ from unghost.wire.folders import (
 from unghost.wire.frames import (
     BatchEnd as BatchEnd,
     BatchLine as BatchLine,
+    DistanceBand as DistanceBand,
     CropQuery as CropQuery,
     Frame as Frame,
     FrameDetails as FrameDetails,
@@ -65,9 +78,11 @@ from unghost.wire.frames import (
     KnownFrames as KnownFrames,
     KnownFramesIn as KnownFramesIn,
     OverlayQuery as OverlayQuery,
+    Report as Report,
     SegmentationReport as SegmentationReport,
     StoredFile as StoredFile,
     StoredFrame as StoredFrame,
+    ThumbnailQuery as ThumbnailQuery,
 )
 from unghost.wire.model import (
     Fault as Fault,
@@ -77,11 +92,15 @@ from unghost.wire.model import (
 )
 from unghost.wire.quality import (
     Agreement as Agreement,
+    Arm as Arm,
     Band as Band,
     BandScore as BandScore,
     ChannelScore as ChannelScore,
     Confusion as Confusion,
+    Difference as Difference,
     Evaluation as Evaluation,
+    Experiment as Experiment,
+    LabelCounts as LabelCounts,
     Measure as Measure,
     Pair as Pair,
     Quality as Quality,
@@ -96,6 +115,7 @@ from unghost.wire.runs import (
     Diff as Diff,
     DownloadLink as DownloadLink,
     Export as Export,
+    Parts as Parts,
     ExportOptions as ExportOptions,
     Failure as Failure,
     Flip as Flip,

@@ -17,8 +17,6 @@ from pydantic import (
 from unghost.wire.model import IfAbsent, Json, RequestModel, ResponseModel
 from unghost.wire.words import Role
 
-DEFAULT_DAYS: Final = 90
-"""How many days a token lasts, unless the request says otherwise."""
 PRINTABLE: Final = r"^[^\x00-\x1f\x7f-\x9f\u2028\u2029]*[^\s\x00-\x1f\x7f-\x9f]$"
 Secret = Annotated[str, StringConstraints(min_length=1, max_length=200)]
 
@@ -42,10 +40,10 @@ class TokenIn(RequestModel):
         description="When the token expires; instead of `expires_in_days`.",
     )
     expires_in_days: int | None = Field(
-        default=DEFAULT_DAYS,
+        default=None,
         ge=1,
         le=36_500,
-        description="Days until the token expires; null for never.",
+        description="Days until the token expires; null: it lasts until it is revoked.",
     )
 
     @model_validator(mode="after")

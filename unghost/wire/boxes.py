@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, Final, TypeAlias, get_args
+from typing import Annotated, Final, Literal, TypeAlias, get_args
 
 from pydantic import AwareDatetime, Field
 
@@ -18,6 +18,7 @@ from unghost.wire.model import (
 )
 from unghost.wire.words import (
     Answer,
+    Bin,
     BoxSort,
     EvidenceName,
     FrameSort,
@@ -45,6 +46,10 @@ Cursor = Annotated[str | None, Field(max_length=2000)]
 Revision = Annotated[int, Field(ge=0, le=2**31 - 1)]
 
 
+FrameKey = Annotated[str, Field(min_length=1, max_length=512)]
+PlaceName = Annotated[str, Field(min_length=1, max_length=256)]
+
+
 class HiddenBy(ResponseModel):
     """A tag that covers part of a box and that the box's class does not accept."""
 
@@ -69,6 +74,9 @@ class ReviewMark(ResponseModel):
     reviewer: str
     revision: int
     comment: Annotated[str, IfAbsent("")]
+    created_at: Annotated[str, IfAbsent("")] = Field(
+        description="When it was given (RFC 3339)."
+    )
 
 
 class Decision(ResponseModel):
@@ -102,6 +110,7 @@ class Decision(ResponseModel):
     accepted_tags: Annotated[tuple[AcceptedTag, ...], IfAbsent(())]
     lossy: Annotated[bool, IfAbsent(False)]
     distance: float | None
+    distance_range: Annotated[tuple[float, float] | None, IfAbsent(None)]
     xyxy: XYXY | None
     amodal_xyxy: XYXY | None
     visible_xyxy: XYXY | None
@@ -120,6 +129,15 @@ class Decision(ResponseModel):
         description="The current answer; null if there is none or it was undone."
     )
     effective_verdict: Verdict
+    bin: Annotated[Bin, IfAbsent("ask")] = Field(
+        description="Whether people are asked about it (`ask`), or why not."
+    )
+    doubt: Annotated[int, IfAbsent(0)] = Field(
+        description="How much an answer is worth, from 1 to 100; 0 if nobody is asked."
+    )
+    question: Annotated[str | None, IfAbsent(None)] = Field(
+        description="Why people are asked about it; null if they are not."
+    )
 
 
 class Box(Decision):
@@ -127,6 +145,71 @@ class Box(Decision):
 
     neighbours: Annotated[tuple[int, ...], IfAbsent(())] = Field(
         description="Ids of the boxes of the frame that overlap this one."
+    )
+
+
+class DepthBand(ResponseModel):
+    """The pixels of a box between two depths."""
+
+    near: float = Field(description="From this depth on, in metres.")
+    far: float = Field(description="To this depth, in metres.")
+    percent: float = Field(description="Share of the pixels in the box's rectangle.")
+
+
+class DepthSlice(ResponseModel):
+    """Where a box and the pixels in its rectangle are on one axis of depth."""
+
+    near: float | None = Field(
+        description="Nearest depth of the box, in metres; null if it is not 3D."
+    )
+    far: float | None = Field(description="Farthest depth of the box, in metres.")
+    median: float | None = Field(
+        description="Median depth of the pixels, in metres; null if all are sky."
+    )
+    bands: tuple[DepthBand, ...] = Field(
+        description="The pixels by depth, from near to far, without the sky."
+    )
+
+
+class Alike(ResponseModel):
+    """Boxes without an answer that are like another one.
+
+    They have its class, its verdict with the reason, the cause of its doubt, what hides
+    it, and its band of distance, which 50, 100, 150 and 200 m bound.
+    """
+
+    items: tuple[Decision, ...] = Field(
+        description="At most 200, the `probable` first ones being probably the same."
+    )
+    total: int = Field(
+        description="How many are alike of the first 2,000 boxes of its class, reason "
+        "and band."
+    )
+    probable: int = Field(
+        description="How many of `items` have nearly the same numbers: match and "
+        "crowding differ by at most 10 points."
+    )
+
+
+class TrackedBox(Decision):
+    """The box of an object in one frame of its recording."""
+
+    offset: int = Field(
+        description="How many frames later than the frame asked about; negative if "
+        "before."
+    )
+
+
+class Track(ResponseModel):
+    """One object in successive frames of its recording, in their order.
+
+    A recording is the frames of a sequence in one folder. The object is the box of the
+    same id and class, as long as its distance changes by at most 15 m from one frame to
+    the next.
+    """
+
+    items: tuple[TrackedBox, ...] = Field(
+        description="At most five frames each way, and the box itself."
     )
 
 
@@ -157,6 +240,9 @@ class BoxSelection(RequestModel):
     class_name: str | None = Field(default=None, alias="class")
     review: Annotated[str | None, Field(json_schema_extra=_review_states)] = None
     toss_up: bool | None = None
+    bin: Bin | None = Field(
+        default=None, description="Only boxes to ask about, or only others of a kind."
+    )
     conflict: bool | None = Field(
         default=None,
         description="Whether a person's keep or reject contradicts the filter.",
@@ -169,6 +255,19 @@ class BoxSelection(RequestModel):
     margin_max: Percent | None = None
     distance_min: Metres | None = None
     distance_max: Metres | None = None
+    frame: FrameKey | None = Field(
+        default=None, description="Only boxes of the frame with this key."
+    )
+    map: PlaceName | None = Field(
+        default=None, description="Only boxes of frames on this map."
+    )
+    camera: PlaceName | None = Field(
+        default=None,
+        description="Only boxes of frames whose annotation has this `camera.name`.",
+    )
+    sequence: PlaceName | None = Field(
+        default=None, description="Only boxes of frames of this drive."
+    )
 
 
 class BoxListQuery(BoxSelection):
@@ -181,6 +280,98 @@ class BoxListQuery(BoxSelection):
     count: bool = Field(
         default=False, description="Whether to return `total` and `snapshot` too."
     )
+
+
+class BoxColumns(SparseModel):
+    """Boxes as columns: lists of equal length, in the same order.
+
+    Those that were asked for. The other names are those of the tables that exports
+    have.
+    """
+
+    box_id: list[int]
+    frame: list[str] = Field(description="Keys of the frames.")
+    map: list[str | None]
+    camera: list[str | None] = Field(description="`camera.name` of the annotations.")
+    sequence: list[str | None] = Field(description="Drives that the frames are of.")
+    box: list[str] = Field(description="The ids that the sender gave the boxes.")
+    class_name: list[str] = Field(alias="class")
+    verdict: list[Verdict]
+    effective_verdict: list[Verdict]
+    reason: list[Reason]
+    match_percent: list[float | None]
+    threshold: list[float | None]
+    margin: list[float | None]
+    toss_up: list[bool]
+    large: list[bool]
+    matched_pixels: list[int | None]
+    box_pixels: list[int]
+    unknown_pixels: list[int | None]
+    area_percent: list[float | None]
+    crowding: list[float | None]
+    explained_by: list[str | None]
+    lossy: list[bool]
+    distance: list[float | None]
+    distance_from: list[float | None] = Field(
+        description="Where the distance is not known: from so many metres on."
+    )
+    distance_to: list[float | None] = Field(description="Up to so many metres.")
+    x_min: list[float | None] = Field(
+        description="Left edges of the corrected rectangles, in pixels."
+    )
+    y_min: list[float | None] = Field(description="Their top edges.")
+    x_max: list[float | None] = Field(description="Their right edges.")
+    y_max: list[float | None] = Field(description="Their bottom edges.")
+    review: list[Literal["keep", "reject", "unsure"] | None] = Field(
+        description="The current answers of people."
+    )
+    revision: list[int]
+    bin: list[Bin] = Field(
+        description="Whether people are asked about a box (`ask`), or why not."
+    )
+    hidden_by: list[str] = Field(
+        description="Tags in the boxes that their classes do not accept, with percent. "
+        "Only if it is asked for, like those that follow."
+    )
+    reviewer: list[str | None]
+    comment: list[str | None]
+    config: list[str]
+
+
+BOX_COLUMNS: Final = tuple(
+    field.alias or name for name, field in BoxColumns.model_fields.items()
+)
+"""The names of all columns of boxes."""
+
+USUAL_COLUMNS: Final = BOX_COLUMNS[: BOX_COLUMNS.index("hidden_by")]
+"""The columns of boxes where none are asked for."""
+
+
+class BoxTableQuery(BoxSelection):
+    """The query of a table of boxes."""
+
+    dataset: str = Field(description="Name of the dataset.")
+    fields: str | None = Field(
+        default=None,
+        max_length=1000,
+        description="Names of columns, separated by commas; default: all but those "
+        "that take long.",
+        examples=["frame,box,class,verdict"],
+    )
+    limit: Annotated[int, Field(ge=1, le=50_000)] = Field(
+        default=10_000,
+        description="Maximum number of boxes; whole frames are added until the next "
+        "one would exceed it.",
+    )
+    cursor: Cursor = None
+
+
+class BoxTable(ResponseModel):
+    """Boxes as columns, in order of frame; `next_cursor` tells the boxes after them."""
+
+    columns: BoxColumns = Field(description="The columns that were asked for.")
+    rows: int = Field(description="Length of each column; may be 0 before the end.")
+    next_cursor: str | None
 
 
 class FrameListQuery(BoxSelection):
@@ -229,7 +420,8 @@ class QueueIn(RequestModel):
     filters: BoxSelection = Field(
         default_factory=BoxSelection,
         description="Which boxes. Unless `review` or `conflict` is given: undecided "
-        "boxes, or with the order `audit` those with keep or reject.",
+        "boxes, or with the order `audit` those with keep or reject. Without any "
+        "filter, the orders `doubt` and `class` have those of the bin `ask`.",
     )
     limit: Annotated[int, Field(ge=1, le=50)] = 10
     exclude: list[Id] = Field(
@@ -259,6 +451,10 @@ class Queue(ResponseModel):
     claimed_by_others: Annotated[int, IfAbsent(0)]
 
 
+MOST_LOOKED_MS: Final = 86_400_000
+"""The longest look at a box that an answer can say: a day."""
+
+
 class ReviewIn(RequestModel):
     """An answer on one box."""
 
@@ -267,6 +463,11 @@ class ReviewIn(RequestModel):
     seen_revision: Revision = Field(
         description="`revision` of the box when it was seen; 0 if it had no answer. "
         "Refused with 412 if somebody has answered since."
+    )
+    looked_ms: Annotated[int, Field(ge=0, le=MOST_LOOKED_MS)] | None = Field(
+        default=None,
+        description="For how many milliseconds the person had the box and its picture "
+        "on the screen before the answer.",
     )
 
 
@@ -280,6 +481,48 @@ class Review(ResponseModel):
     comment: Annotated[str, IfAbsent("")]
     created_at: AwareDatetime
     effective_verdict: Verdict
+
+
+MOST_IMPORTED: Final = 200
+"""Answers in one request that imports some."""
+
+MOST_UNKNOWN: Final = 10
+"""Answers on boxes that are not there, which a response lists."""
+
+
+class ImportedAnswer(RequestModel):
+    """An answer on one box, given somewhere else."""
+
+    frame: Annotated[str, Field(min_length=1, max_length=512)]
+    box: Annotated[str, Field(max_length=256)] = Field(
+        description="The id of the box in its frame."
+    )
+    verdict: Literal["keep", "reject", "unsure"]
+    reviewer: Annotated[str, Field(min_length=1, max_length=100, pattern=r"^[^\x00]*$")]
+    comment: Comment = ""
+    created_at: AwareDatetime = Field(description="When it was given.")
+
+
+class AnswersIn(RequestModel):
+    """Answers that were given somewhere else, at most 200."""
+
+    answers: Annotated[
+        list[ImportedAnswer], Field(min_length=1, max_length=MOST_IMPORTED)
+    ]
+
+
+class ImportedAnswers(ResponseModel):
+    """What became of answers that were imported."""
+
+    imported: int
+    already: int = Field(description="Answers that the boxes have.")
+    newer: int = Field(
+        description="Answers that were not stored, since the box has a newer one."
+    )
+    unknown: int = Field(description="Answers on boxes that the dataset does not have.")
+    unknown_boxes: Annotated[tuple[str, ...], IfAbsent(())] = Field(
+        description="The first of these, as frame and box."
+    )
 
 
 class BulkIn(RequestModel):
@@ -303,6 +546,10 @@ class BulkIn(RequestModel):
         default=None,
         description="Number of boxes expected; refused with 409 if it is another.",
     )
+    looked_at: Annotated[int, Field(ge=0, le=2**31 - 1)] | None = Field(
+        default=None,
+        description="How many of the boxes the person had on the screen before.",
+    )
     verdict: Answer
     comment: Comment = ""
 
@@ -313,7 +560,10 @@ class ReviewBatch(ResponseModel):
     id: int
     dataset: str
     verdict: Answer
-    count: int = Field(description="Number of boxes that were answered.")
+    count: int = Field(
+        description="Number of boxes that were answered; 0 if all have this very "
+        "answer of the caller already."
+    )
     skipped: Annotated[tuple[int, ...], IfAbsent(())] = Field(
         description="Ids of boxes that no longer exist or belong to another dataset."
     )
@@ -336,8 +586,12 @@ class HistoryEntry(SparseModel):
 
     A decision has `run` and what follows from it, and `activated` if the run changed
     the verdict. A review has `revision`, `reviewer`, `comment`, the `batch` that it was
-    given in, the revision that it `undoes`, and `carried_from`, the box of an earlier
-    revision of the frame that it was given on.
+    given in, with the number of its boxes (`batch_size`) and of those that the person
+    had on the screen before (`looked_at`), the revision that it `undoes`,
+    `carried_from`, the box of an earlier revision of the frame that it was given on,
+    `imported_by`, who imported it from a file, and `looked_ms`, for how long the person
+    had the box on the screen. If the queue chose the box for its author, it has the
+    order (`chosen_by`) and the filters (`chosen_from`) of the queue.
     """
 
     # In the order in which either kind of entry has its keys.
@@ -357,8 +611,24 @@ class HistoryEntry(SparseModel):
     activated: bool | None = None
     comment: str | None = None
     batch: int | None = None
+    batch_size: int | None = Field(
+        default=None, description="How many boxes the bulk answer has answered."
+    )
+    looked_at: int | None = Field(
+        default=None,
+        description="How many of these the person had on the screen before.",
+    )
     undoes: int | None = None
     carried_from: int | None = None
+    imported_by: str | None = None
+    looked_ms: int | None = None
+    chosen_by: QueueOrder | None = None
+    chosen_from: dict[str, object] | None = None
+    probability: float | None = Field(
+        default=None,
+        description="Of being among the boxes of the random order up to this one. Only "
+        "of a queue with all boxes of its classes.",
+    )
 
 
 class History(Page[HistoryEntry]):

@@ -19,6 +19,7 @@ from pydantic.config import JsonDict
 from unghost.wire.model import (
     Fault,
     IfAbsent,
+    Json,
     Message,
     RequestModel,
     ResponseModel,
@@ -26,10 +27,26 @@ from unghost.wire.model import (
     never_null,
     properties_of,
 )
-from unghost.wire.words import ChannelOrder, Encoding, LossyPolicy, Palette, Reason
+from unghost.wire.words import (
+    Bin,
+    ChannelOrder,
+    Encoding,
+    EvidenceChoice,
+    LossyPolicy,
+    Palette,
+    Reason,
+)
 
 ClassName = Annotated[str, Field(max_length=200, pattern=r"^[^\x00-\x1f\x7f]+$")]
 Description = Annotated[str, Field(max_length=2000, pattern=r"^[^\x00]*$")]
+Rule = Annotated[
+    str,
+    Field(
+        max_length=500,
+        pattern=r"^[^\x00]*$",
+        description="By which rule people keep boxes, shown beside each question.",
+    ),
+]
 Pixel = Annotated[float, Field(allow_inf_nan=False)]
 Point = Annotated[list[Pixel], Field(min_length=2, max_length=2)]
 Polygon = Annotated[list[Point], Field(min_length=3, max_length=1000, fail_fast=True)]
@@ -69,17 +86,23 @@ class FilterConfigIn(RootModel[dict[str, object]]):
     """A filter configuration: keys of docs/configuration.md with their values."""
 
 
+class RecordingIn(RootModel[dict[str, object]]):
+    """A description of a recording: what its recording.yaml says, as JSON."""
+
+
 class DatasetIn(RequestModel):
     """A new dataset."""
 
     name: Annotated[
         str,
         Field(
-            pattern=r"^[a-z0-9](?:[a-z0-9._-]{0,98}[a-z0-9])?$",
-            description="Lower-case letters, digits, dots, dashes, underscores.",
+            pattern=r"^[A-Za-z0-9](?:[A-Za-z0-9._-]{0,98}[A-Za-z0-9])?$",
+            description="Letters, digits, dots, dashes, underscores; unique "
+            "regardless of case.",
         ),
     ]
     description: Description = ""
+    rule: Rule = ""
     classes: Annotated[list[ClassName], Field(max_length=MAX_CLASSES)] | None = Field(
         default=None,
         description="Names of the classes in their order; default: the eight classes "
@@ -94,14 +117,19 @@ class DatasetIn(RequestModel):
         default=None,
         description="Its first configuration; default: that of the service.",
     )
+    recording: RecordingIn | None = Field(
+        default=None,
+        description="How the folder of its frames is read, kept to read it so again; "
+        "it changes no setting.",
+    )
 
 
-_CLEARED_BY_NULL: Final = "ignore_mask"
+_CLEARED_BY_NULL: Final = ("ignore_mask", "recording")
 
 
 def _values_are_needed(schema: JsonDict) -> None:
     for name, value in properties_of(schema):
-        if name != _CLEARED_BY_NULL:
+        if name not in _CLEARED_BY_NULL:
             never_null(value)
             value.pop("default", None)
 
@@ -112,6 +140,7 @@ class DatasetPatch(RequestModel):
     model_config = ConfigDict(json_schema_extra=_values_are_needed)
 
     description: Description | None = None
+    rule: Rule | None = None
     palette: Palette | None = None
     encoding: Encoding | None = None
     channel_order: ChannelOrder | None = None
@@ -119,11 +148,14 @@ class DatasetPatch(RequestModel):
     ignore_mask: IgnoreMask | None = Field(
         default=None, description="null removes the mask."
     )
+    recording: RecordingIn | None = Field(
+        default=None, description="Replaces the description; null removes it."
+    )
 
     @field_validator("*", mode="before")
     @classmethod
     def _refuse_null(cls, value: object, field: ValidationInfo) -> object:
-        if value is None and field.field_name != _CLEARED_BY_NULL:
+        if value is None and field.field_name not in _CLEARED_BY_NULL:
             raise ValueError("expected a value, found null; leave the key out instead")
         return value
 
@@ -172,9 +204,7 @@ class FrameCounts(VerdictCounts, _OfBoxes):
     """Boxes of a frame: by the filter's verdict, and by what people said.
 
     `reviewed` boxes have a keep or a reject. `to_review` counts boxes that have neither
-    and of which the filter is not certain: not measured, toss-ups, or rejected for any
-    reason but `outside_image` and `degenerate`. The queue has all boxes without an
-    answer.
+    and that people are asked about: those of the bin `ask`, as the queue has them.
     """
 
     reviewed: int
@@ -192,6 +222,9 @@ class Dataset(ResponseModel):
 
     name: str
     description: Annotated[str, IfAbsent("")]
+    rule: Annotated[str, IfAbsent("")] = Field(
+        description="By which rule people keep boxes, shown beside each question."
+    )
     classes: tuple[str, ...]
     classes_frozen: Annotated[bool, IfAbsent(False)]
     renamed_classes: Annotated[Mapping[str, str], IfAbsent({})] = Field(
@@ -202,8 +235,15 @@ class Dataset(ResponseModel):
     channel_order: ChannelOrder
     lossy_segmentation: LossyPolicy
     has_ignore_mask: Annotated[bool, IfAbsent(False)]
+    recording: Annotated[Json | None, IfAbsent(None)] = Field(
+        description="How the folder of its frames is read, as recording.yaml says it; "
+        "null if nobody has told."
+    )
     created_at: AwareDatetime
     config: str = Field(description="Digest of the active configuration.")
+    evidence: Annotated[EvidenceChoice, IfAbsent("semantic")] = Field(
+        description="By what its boxes are decided, as the configuration says."
+    )
     active_run: int
     thumbnail_frame_id: int | None
     counts: DatasetCounts
@@ -227,23 +267,32 @@ class RefusedFrame(ResponseModel):
     created_at: AwareDatetime
 
 
+class MapCounts(_OfBoxes, _OfFrames):
+    """The frames of a map, and their boxes."""
+
+
 class Stats(FrameCounts, _OfFrames):
     """Counts of the boxes of a dataset.
 
     `unsure`: a person answered unsure. `conflicts`: a person answered the opposite of
     the filter. `toss_ups`: too few pixels to be certain on which side of the threshold
     they are. `lossy`: measured in a segmentation whose colours were not exact.
-    `effective` counts effective verdicts, all others the verdicts of the filter.
+    `effective` counts effective verdicts, all others the verdicts of the filter. `bins`
+    counts boxes that have no keep or reject: what is left to review, and to whom.
     """
 
     unsure: int
     conflicts: int
     toss_ups: int
+    bins: Annotated[Mapping[Bin, int], IfAbsent({})]
     lossy: int
     effective: VerdictCounts
     by_reason: Mapping[Reason, int]
     by_class: Mapping[str, VerdictCounts]
     reasons_by_class: Annotated[Mapping[str, Mapping[Reason, int]], IfAbsent({})]
+    by_map: Annotated[Mapping[str, MapCounts], IfAbsent({})] = Field(
+        description="Frames and boxes by map, of the frames that name one."
+    )
     config: str
     run: int
 

@@ -40,6 +40,28 @@ class FrameSummary(ResponseModel):
     counts: FrameCounts
 
 
+class DistanceBand(VerdictCounts):
+    """Boxes of a range of distances, by effective verdict."""
+
+    distance_from: float | None = Field(
+        description="Least distance in metres; null for boxes without a distance."
+    )
+    distance_to: float | None = Field(
+        description="Distance in metres that boxes do not reach; null if none is."
+    )
+
+
+class Report(ResponseModel):
+    """Where the ghosts of a dataset are."""
+
+    by_distance: tuple[DistanceBand, ...] = Field(
+        description="The bands that have boxes, the nearest first."
+    )
+    worst_frames: tuple[FrameSummary, ...] = Field(
+        description="The twelve frames with the most rejected boxes."
+    )
+
+
 class SegmentationReport(ResponseModel):
     """What was recognised in a frame's segmentation."""
 
@@ -71,6 +93,12 @@ class FrameDetails(FrameSummary):
         description="When it was recorded, as it was sent (RFC 3339).",
     )
     weather: Json | None
+    sequence: Annotated[str | None, IfAbsent(None)] = Field(
+        description="The drive that the frame is of, as its annotation says."
+    )
+    split: Annotated[str | None, IfAbsent(None)] = Field(
+        description="The part of its data set that it came with, such as val."
+    )
     superseded: Annotated[bool, IfAbsent(False)] = Field(
         description="Whether there is a newer revision."
     )
@@ -202,6 +230,25 @@ class BatchEnd(SparseModel):
     refused: int
 
 
+_Version = Annotated[
+    str,
+    Field(
+        max_length=100,
+        description="Any word. With it, a browser may keep the picture without asking "
+        "again, so another picture needs another word.",
+    ),
+]
+
+
+class ThumbnailQuery(RequestModel):
+    """Options of a frame's image as a small picture."""
+
+    width: int = Field(
+        default=384, ge=16, le=16_383, description="Maximum width in pixels."
+    )
+    v: _Version = ""
+
+
 class CropQuery(RequestModel):
     """Options of the image crop around a box."""
 
@@ -213,9 +260,16 @@ class CropQuery(RequestModel):
         allow_inf_nan=False,
         description="Added on every side, as a fraction of the longer side of the box.",
     )
+    least: int = Field(
+        default=0,
+        ge=0,
+        le=4096,
+        description="Least width and height of the part, in pixels of the frame.",
+    )
     height: int = Field(
         default=256, ge=16, le=2048, description="Maximum height in pixels."
     )
+    v: _Version = ""
 
 
 _VERDICT: Final = f"({'|'.join(get_args(Verdict))})"

@@ -177,7 +177,9 @@ class SparseModel(ResponseModel):
     @model_serializer(mode="wrap")
     def _only_set(self, write: SerializerFunctionWrapHandler) -> dict[str, object]:
         values: dict[str, object] = write(self)
-        return {key: values[key] for key in values if key in self.model_fields_set}
+        fields = type(self).model_fields
+        keys = {fields[name].alias or name for name in self.model_fields_set}
+        return {key: values[key] for key in values if key in keys}
 
     @classmethod
     def __get_pydantic_json_schema__(

@@ -7,10 +7,12 @@ from typing import Annotated, Final, Literal
 
 from pydantic import (
     AwareDatetime,
+    BeforeValidator,
     Field,
     ValidationError,
     ValidatorFunctionWrapHandler,
     WrapValidator,
+    model_validator,
 )
 
 from unghost.wire.boxes import XYXY
@@ -23,8 +25,10 @@ from unghost.wire.model import (
     ResponseModel,
     SparseModel,
 )
+from unghost.wire.quality import Confusion
 from unghost.wire.words import (
     FINISHED,
+    EvidenceName,
     ExportFormat,
     FlipCause,
     Images,
@@ -34,12 +38,15 @@ from unghost.wire.words import (
     Rectangle,
     RejectedBoxes,
     RunKind,
+    SplitBy,
+    Truth,
     Verdict,
 )
 
 MAX_BANDS: Final = 16
 MAX_BAND: Final = 100_000
 """Metres."""
+MAX_PICTURES: Final = 1000
 
 Digest = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
 
@@ -56,9 +63,21 @@ class ConfigVersion(ResponseModel):
 
 
 class ActivateIn(RequestModel):
-    """The version to activate."""
+    """The configuration to activate: a stored version, or one to store."""
 
-    digest: Digest
+    digest: Digest | None = None
+    config: FilterConfigIn | str | None = Field(
+        default=None,
+        description="Instead of `digest`: keys and values, or the text of a YAML file. "
+        "Keys that are not named have their defaults.",
+    )
+
+    @model_validator(mode="after")
+    def _is_one_of_both(self) -> ActivateIn:
+        if (self.digest is None) == (self.config is None):
+            given = "neither" if self.digest is None else "both"
+            raise ValueError(f"expected digest or config, found {given}")
+        return self
 
 
 class PreviewIn(RequestModel):
@@ -69,6 +88,11 @@ class PreviewIn(RequestModel):
         int, Field(ge=0, le=1000, description="Maximum number of boxes to list.")
     ] = 100
     bins: Annotated[int, Field(ge=2, le=200)] = 50
+    truth: Truth | None = Field(
+        default=None,
+        description="With what the verdicts are compared, before and after; null: with "
+        "nothing.",
+    )
 
 
 class FlipSide(ResponseModel):
@@ -102,6 +126,10 @@ class Flip(ResponseModel):
         "the name of its class is understood now; edge_rounded: an edge that was "
         "rounded is a whole number again. null: nothing else is known to have."
     )
+    visible: Annotated[bool | None, IfAbsent(None)] = Field(
+        description="Whether the object is visible by the `truth` of a preview; null: "
+        "that is not known."
+    )
 
 
 class FlipCounts(ResponseModel):
@@ -123,6 +151,14 @@ class Flips(FlipCounts, _OfAll):
     items: tuple[Flip, ...]
 
 
+class TruthScores(ResponseModel):
+    """The boxes whose truth is known, by their verdicts before and after."""
+
+    boxes: int
+    before: Confusion
+    after: Confusion
+
+
 class Preview(ResponseModel):
     """The verdicts that a configuration would give; nothing is stored.
 
@@ -136,8 +172,21 @@ class Preview(ResponseModel):
     by_reason: Mapping[Reason, int] | None
     by_class: Mapping[str, VerdictCounts] | None
     reasons_by_class: Mapping[str, Mapping[Reason, int]] | None
-    histograms: Histogram | None
+    histograms: Histogram | None = Field(
+        description="Of the boxes that tags decide, by match_percent."
+    )
+    own_histograms: Annotated[Histogram | None, IfAbsent(None)] = Field(
+        description="Of the boxes that other evidence decides, by the share of their "
+        "pixels that are their object's own; its thresholds are `min_visible_percent`."
+    )
+    decided_by: Annotated[Mapping[EvidenceName, int] | None, IfAbsent(None)] = Field(
+        description="How many boxes each kind of evidence decides; `semantic`: tags, "
+        "or a rule that needs no pixels."
+    )
     flips: Flips | None
+    scores: Annotated[TruthScores | None, IfAbsent(None)] = Field(
+        description="Null without `truth`."
+    )
 
 
 def _in_either_form(value: object, check: ValidatorFunctionWrapHandler) -> object:
@@ -239,6 +288,12 @@ class Diff(FlipCounts, _OfAll, _Compared):
     next_cursor: str | None
 
 
+def _listed(value: object) -> object:
+    """A single number as a list, as earlier versions took it."""
+    is_number = isinstance(value, int | float) and not isinstance(value, bool)
+    return [value] if is_number else value
+
+
 class ExportOptions(RequestModel):
     """The options of an export."""
 
@@ -279,26 +334,64 @@ class ExportOptions(RequestModel):
         ),
     ] = False
     split: Annotated[
-        float,
+        list[Annotated[float, Field(ge=0, le=1)]],
+        BeforeValidator(_listed),
         Field(
-            ge=0,
-            le=1,
-            description="About this share of the frames is for training, 0 to 1. A "
-            "hash of its key and map decides the part of a frame, so that it keeps its "
-            "part when others are added.",
+            max_length=3,
+            description="Shares of the parts train, val and test, whose sum is 1; of "
+            "one number the rest is for val. Whole sequences go into a part, chosen by "
+            "their names and map, so that they keep it when others are added. Empty: "
+            "every frame keeps the part that it came with, and of those without one "
+            "80 % are for training, each by its key.",
         ),
-    ] = 0.8
+    ] = Field(default=[])
+    split_by: Annotated[
+        SplitBy,
+        Field(
+            description="What the shares of split are of. sequence: whole sequences; "
+            "map: the frames of each map, exactly, whatever their sequences."
+        ),
+    ] = "sequence"
+    val_maps: Annotated[
+        str,
+        Field(
+            max_length=2000,
+            description="Names of maps, separated by commas, all of whose frames are "
+            "the part val; all others are train. Instead of split.",
+        ),
+    ] = ""
     bands: list[Annotated[int, Field(ge=1, le=MAX_BAND)]] = Field(
         default=[],
         max_length=MAX_BANDS,
         description="Distances in metres; the labels are written once more for each, "
-        "with the boxes up to it.",
+        "with the boxes up to it. carlasimu: instead of 50, 100, 150 and 200.",
     )
+    pictures: Annotated[
+        int,
+        Field(
+            ge=0,
+            le=MAX_PICTURES,
+            description="The first frames of which the archive has pictures before and "
+            "after the filter, with a contact sheet and a page.",
+        ),
+    ] = 0
+    drawn: Annotated[
+        bool,
+        Field(
+            description="Also a picture of each frame with all its boxes, and one with "
+            "those that are written."
+        ),
+    ] = False
 
     @classmethod
     def read(cls, raw: Json) -> ExportOptions:
         """Take the options of an earlier export as they are, without a check."""
         return cls.model_construct(None, **raw)
+
+
+VersionName = Annotated[
+    str, Field(pattern=r"^[A-Za-z0-9](?:[A-Za-z0-9._-]{0,98}[A-Za-z0-9])?$")
+]
 
 
 class ExportIn(RequestModel):
@@ -309,6 +402,32 @@ class ExportIn(RequestModel):
         Field(description="The format to write; see docs/formats.md."),
     ]
     options: ExportOptions = ExportOptions()
+    name: VersionName | None = Field(
+        default=None,
+        description="Name of a version: its file is kept until it is deleted, and can "
+        "be downloaded again, byte for byte.",
+        examples=["v1"],
+    )
+    since: VersionName | None = Field(
+        default=None,
+        description="Name of a version: only frames that are new or have changed since "
+        "are written; `removed` in manifest.json lists those that are gone.",
+    )
+
+
+class Parts(ResponseModel):
+    """The parts that an export has or would have, such as train and val."""
+
+    frames: Annotated[Mapping[str, int], IfAbsent({})] = Field(
+        description="Frames in each part."
+    )
+    sequences: Annotated[Mapping[str, int], IfAbsent({})] = Field(
+        description="Whole sequences in each part, if shares were asked for."
+    )
+    split: Annotated[Mapping[str, int], IfAbsent({})] = Field(
+        description="Frames by what tells their part: as_it_came, by_sequence, "
+        "without_sequence (by shares, each by itself), by_frame (by its key)."
+    )
 
 
 class Export(ResponseModel):
@@ -332,6 +451,16 @@ class Export(ResponseModel):
     created_by: Annotated[str, IfAbsent("")]
     created_at: AwareDatetime
     finished_at: AwareDatetime | None
+    name: Annotated[str | None, IfAbsent(None)] = Field(
+        description="Name of the version; null of an export that is none."
+    )
+    since: Annotated[str | None, IfAbsent(None)] = Field(
+        description="The version whose unchanged frames were left out."
+    )
+    version: Annotated[str | None, IfAbsent(None)] = Field(
+        description="Digest of all frames with their files, decisions and answers, and "
+        "of the configuration; equal digests: equal data. null until it is done."
+    )
     download: str | None
 
     @property

@@ -22,6 +22,8 @@ EvidenceName: TypeAlias = Literal[
     "semantic", "ordered", "depth", "depth_center", "instance", "lidar"
 ]
 """The kinds of evidence on which a verdict can be based."""
+EvidenceChoice: TypeAlias = Literal[EvidenceName, "auto"]
+"""By what boxes are decided: one kind, or the strongest that a frame allows."""
 Reason: TypeAlias = Literal[
     "outside_image",
     "covers_image",
@@ -50,6 +52,9 @@ BoxSort: TypeAlias = Literal[
     "id", "doubt", "match_percent", "-match_percent", "crowding"
 ]
 """Orders of a list of boxes."""
+Bin: TypeAlias = Literal["ask", "sure", "small", "wall"]
+"""What is to be done about a box: a person is asked about it; or the filter is sure, it
+is too small to see, or nothing of it is seen."""
 QueueOrder: TypeAlias = Literal["doubt", "random", "class", "audit"]
 """Orders of the review queue."""
 HistoryKind: TypeAlias = Literal["decision", "review"]
@@ -64,14 +69,25 @@ FileKind: TypeAlias = Literal[
 """The files of a frame."""
 UploadWord: TypeAlias = Literal["stored", "already_there", "refused"]
 """The outcome of a frame that was sent."""
-LayerName: TypeAlias = Literal["image", "segmentation", "blend"]
+LayerName: TypeAlias = Literal["image", "segmentation", "blend", "depth", "instances"]
 """What a picture of a frame or of a box shows."""
 EdgeKind: TypeAlias = Literal["2d", "3d"]
 """How a picture outlines boxes."""
 
 # Folders
 FolderLayout: TypeAlias = Literal[
-    "yolo", "coco", "kitti", "voc", "manifest", "carlasimu", "table", "pairs"
+    "yolo",
+    "coco",
+    "kitti",
+    "voc",
+    "cvat",
+    "label-studio",
+    "manifest",
+    "decisions-jsonl",
+    "carlasimu",
+    "nuscenes",
+    "table",
+    "pairs",
 ]
 """The formats that a folder of frames can be read in."""
 Layout: TypeAlias = Literal["auto", FolderLayout]
@@ -109,14 +125,19 @@ ExportFormat: TypeAlias = Literal[
     "decisions-jsonl",
     "decisions-csv",
     "decisions-parquet",
+    "carlasimu",
 ]
 """What an export can be written as."""
+ConvertFormat: TypeAlias = Literal[ExportFormat, "same"]
+"""What a folder can be converted to; `same`: its own format and layout."""
 Include: TypeAlias = Literal["effective", "kept", "all"]
 """Which boxes an export has: by the effective verdict, by the filter's, or all."""
 RejectedBoxes: TypeAlias = Literal["drop", "dontcare"]
 """What an export does with rejected boxes."""
 Rectangle: TypeAlias = Literal["visible", "amodal", "tight"]
 """Which rectangle of a box an export writes."""
+SplitBy: TypeAlias = Literal["sequence", "map"]
+"""Whether the shares of parts are of whole sequences, or of the frames of each map."""
 Images: TypeAlias = Literal["copy", "none"]
 """Whether an export has the images as well."""
 
@@ -125,6 +146,8 @@ Truth: TypeAlias = Literal["people", "instances"]
 """The ground truth with which verdicts are compared."""
 ThresholdTarget: TypeAlias = Literal["f1", "recall"]
 """The goal of a suggested threshold."""
+Refusal: TypeAlias = Literal["no_random_answers", "too_few_random_answers"]
+"""Why the answers of people cannot say how good the filter is."""
 WrongVerdict: TypeAlias = Literal["kept_hidden", "rejected_visible"]
 """The two ways in which a channel can be wrong about a box."""
 

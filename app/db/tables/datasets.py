@@ -5,10 +5,11 @@ from __future__ import annotations
 from datetime import datetime
 from typing import Any
 
-from sqlalchemy import ForeignKey, String, Text, UniqueConstraint
+from sqlalchemy import ForeignKey, String, Text, UniqueConstraint, text
 from sqlalchemy.orm import Mapped, column_property, mapped_column
 
 from app.db.base import Base, JsonText, Key, UtcDateTime, utc_now
+from filter_core.decisions.doubt import DOUBT_VERSION
 
 
 class Dataset(Base):
@@ -20,6 +21,8 @@ class Dataset(Base):
     id: Mapped[int] = mapped_column(Key, primary_key=True)
     name: Mapped[str] = mapped_column(String(100), unique=True)
     description: Mapped[str] = mapped_column(Text, default="")
+    rule: Mapped[str] = mapped_column(Text, default="", server_default=text("''"))
+    """By which rule people keep boxes, shown beside each question."""
     palette: Mapped[str] = mapped_column(String(32), default="auto")
     encoding: Mapped[str] = mapped_column(String(16), default="auto")
     channel_order: Mapped[str] = mapped_column(String(8), default="auto")
@@ -29,11 +32,21 @@ class Dataset(Base):
         JsonText, deferred=True
     )
     has_ignore_mask: Mapped[bool] = column_property(ignore_mask.is_not(None))
+    recording: Mapped[dict[str, object] | None] = mapped_column(JsonText)
+    """The description by which the folder of its frames is read."""
+    experiment: Mapped[dict[str, object] | None] = mapped_column(
+        JsonText, deferred=True
+    )
+    """The last report of ``unghost worth-it`` about its frames."""
     active_config_id: Mapped[int | None] = mapped_column(Key)
     active_run_id: Mapped[int | None] = mapped_column(Key)
     active_measurement_id: Mapped[int | None] = mapped_column(Key)
     renamed_classes: Mapped[dict[str, str]] = mapped_column(JsonText, default=dict)
     """What a class is called now, by the name that boxes come with."""
+    doubt_version: Mapped[int] = mapped_column(
+        default=DOUBT_VERSION, server_default=text("0")
+    )
+    """The `DOUBT_VERSION` by which the doubt about its boxes was computed."""
     classes_frozen_at: Mapped[datetime | None] = mapped_column(UtcDateTime)
     removed_at: Mapped[datetime | None] = mapped_column(UtcDateTime)
     """When it was deleted: it is hidden, and its rows are deleted in small steps."""

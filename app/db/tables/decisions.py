@@ -48,6 +48,8 @@ class Decision(Base):
 
     `match_percent`, `crowding` and `distance` are copied from the evidence, `review`
     and `revision` from the latest review, because lists sort and filter by them.
+    `doubt` is what `filter_core.decisions.doubt` gives: which bin the box is in, and
+    for boxes to ask about, how much an answer is worth.
     """
 
     __tablename__ = "decisions"
@@ -58,8 +60,14 @@ class Decision(Base):
         Index("ix_decisions_by_class", "dataset_id", "class_id", "box_id"),
         *_by_number("ix_decisions_by_match", *_MATCH),
         *_by_number("ix_decisions_toss_up", *_MATCH, where="toss_up IS true"),
-        *_by_number("ix_decisions_large", *_MATCH, where="large IS true"),
-        *_by_number("ix_decisions_unanswered", *_MATCH, where="review IS NULL"),
+        Index(
+            "ix_decisions_to_ask",
+            *("dataset_id", "review", "doubt", "box_id"),
+            # In the index only to filter by them without reading rows.
+            *("class_id", "reason"),
+            sqlite_where=text("doubt > 0"),
+            postgresql_where=text("doubt > 0"),
+        ),
         *_by_number("ix_decisions_by_crowding", "dataset_id", "crowding"),
         Index(
             "ix_decisions_reviewed",
@@ -86,6 +94,7 @@ class Decision(Base):
     reason: Mapped[int] = mapped_column(SmallInteger)
     large: Mapped[bool]
     toss_up: Mapped[bool]
+    doubt: Mapped[int] = mapped_column(SmallInteger, server_default=text("0"))
     review: Mapped[str | None] = mapped_column(String(8))
     revision: Mapped[int] = mapped_column(default=0)
 
@@ -101,6 +110,9 @@ class Tally(Base):
     class_id: Mapped[int] = mapped_column(Key, primary_key=True)
     reason: Mapped[int] = mapped_column(SmallInteger, primary_key=True)
     toss_up: Mapped[bool] = mapped_column(primary_key=True)
+    bin: Mapped[int] = mapped_column(
+        SmallInteger, primary_key=True, server_default=text("0")
+    )
     review: Mapped[str] = mapped_column(String(8), primary_key=True)
     boxes: Mapped[int] = mapped_column(Key)
 

@@ -40,6 +40,12 @@ class Frame(Base):
             postgresql_where=text("superseded_at IS NULL"),
         ),
         Index(None, "dataset_id", "id"),
+        Index(
+            "ix_frames_by_place",
+            *("dataset_id", "sequence", "camera", "map", "id"),
+            sqlite_where=text("superseded_at IS NULL"),
+            postgresql_where=text("superseded_at IS NULL"),
+        ),
     )
 
     id: Mapped[int] = mapped_column(Key, primary_key=True)
@@ -63,6 +69,9 @@ class Frame(Base):
     annotation: Mapped[dict[str, Any]] = mapped_column(JsonText, deferred=True)
     created_by: Mapped[str] = mapped_column(String(100))
     created_at: Mapped[datetime] = mapped_column(UtcDateTime, default=utc_now)
+    camera: Mapped[str | None] = mapped_column(String(256))
+    """The name of the camera, as the annotation says; as is the drive."""
+    sequence: Mapped[str | None] = mapped_column(String(256))
 
 
 class FrameFile(Base):

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from datetime import datetime
 from typing import ClassVar
 
-from sqlalchemy import CheckConstraint, ForeignKey, Index, String
+from sqlalchemy import CheckConstraint, ForeignKey, Index, LargeBinary, String
 from sqlalchemy.orm import Mapped, mapped_column
 
 from app.db.base import Base, JsonText, Key, UtcDateTime, utc_now
@@ -129,6 +129,7 @@ class Export(JobRow, Base):
             name="state",
         ),
         Index(None, "dataset_id", "id"),
+        Index(None, "dataset_id", "name"),
         {"sqlite_autoincrement": True},
     )
 
@@ -139,3 +140,11 @@ class Export(JobRow, Base):
     size_bytes: Mapped[int | None] = mapped_column(Key)
     media_type: Mapped[str | None] = mapped_column(String(64))
     counts: Mapped[Mapping[str, object] | None] = mapped_column(JsonText)
+    name: Mapped[str | None] = mapped_column(String(100))
+    """Of a version: its file is kept until somebody deletes it."""
+    since: Mapped[str | None] = mapped_column(String(100))
+    """The version whose frames are left out, unless they have changed since."""
+    version: Mapped[str | None] = mapped_column(String(64))
+    """Digest of all frames, their decisions and answers, and the configuration."""
+    frames_state: Mapped[bytes | None] = mapped_column(LargeBinary, deferred=True)
+    """The digest of each frame of a version, compressed."""

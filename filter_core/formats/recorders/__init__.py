@@ -6,9 +6,10 @@ Each ``.yaml`` file here is a description of a recording, with the recorder's na
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from functools import cache
 from importlib.resources import files
+from itertools import islice
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -18,20 +19,25 @@ from filter_core.formats.box_rows import BoxReader
 from filter_core.formats.cameras import CameraPlaces
 from filter_core.formats.fields import BoxFields
 from filter_core.formats.patterns import (
+    FRAME,
     LABELS,
     FilePatterns,
     PatternFiles,
     PatternFrame,
+    Values,
 )
-from filter_core.formats.reading import walk
+from filter_core.formats.reading import split_name, walk
 from filter_core.formats.recording import values_of
-from filter_core.formats.rows import Lines, read_document
+from filter_core.formats.rows import MAX_BYTES, Lines, Row, read_document
 
 _RUN: Final = "{run}"
 """Recordings may be in folders of their own."""
 
 _LOOKED_AT: Final = 8
 """Label files whose content must fit."""
+
+_ROWS_LOOKED_AT: Final = 64
+"""Of a label file of many frames."""
 
 
 class Recorder(NamedTuple):
@@ -84,14 +90,24 @@ def recorder_of(folder: Path) -> Recorder | None:
         return None
     known = recorders()
     paths = [*walk(folder, None)]
+    suffixes = {split_name(path)[1].lower() for path in paths}
     for one in (*known, *(each.below(_RUN) for each in known)):
         labels = one.patterns.roles[LABELS]
+        suffix = split_name(labels.text)[1]  # most recorders write another one
+        if not {*"{}*/"} & {*suffix} and suffix.lower() not in suffixes:
+            continue
         if not any(labels.match(path) is not None for path in paths):
             continue
-        frames = PatternFiles(folder, one.patterns, paths).frames(None)
-        roles = one.patterns.roles.keys() & {"segmentation", "depth", "instances"}
-        whole = [each for each in frames if _is_whole(each, roles)][:_LOOKED_AT]
-        if whole and all(_fits(folder, one, each) for each in whole):
+        matched = PatternFiles(folder, one.patterns, paths)
+        frames = matched.frames(None)
+        if FRAME in labels.names:
+            roles = one.patterns.roles.keys() & {"segmentation", "depth", "instances"}
+            whole = (each for each in frames if _is_whole(each, roles))
+            files = [(each.files.label, each.values) for each in whole]
+        else:
+            files = [*matched.labels.items()] if frames else []
+        looked_at = files[:_LOOKED_AT]
+        if files and all(_fits(folder, one, *each) for each in looked_at):
             return one
     return None
 
@@ -100,16 +116,19 @@ def _is_whole(frame: PatternFrame, roles: set[str]) -> bool:
     return bool(frame.files.label) and roles <= frame.files.files.keys()
 
 
-def _fits(folder: Path, recorder: Recorder, frame: PatternFrame) -> bool:
+def _fits(folder: Path, recorder: Recorder, name: str, values: Values) -> bool:
     """Whether a label file has boxes where the description says, or none at all."""
-    fields, name = recorder.values.get("fields"), frame.files.label
+    fields = recorder.values.get("fields")
     cameras = recorder.values.get("cameras")
     if isinstance(cameras, CameraPlaces):
-        names = (one.filled(frame.values) for one in cameras.files)
+        names = (one.filled(values) for one in cameras.files)
         if not all((folder / one).is_file() for one in names):
             return False
     reader = BoxReader(fields if isinstance(fields, BoxFields) else BoxFields())
     try:
+        if FRAME not in values:
+            document = read_document(folder / name, name, MAX_BYTES)
+            return all(_named_boxes(reader, document, name))
         document = read_document(folder / name, name)
         if isinstance(document, Lines):
             return False
@@ -118,3 +137,16 @@ def _fits(folder: Path, recorder: Recorder, frame: PatternFrame) -> bool:
     except FilterError:
         return False
     return True
+
+
+def _named_boxes(reader: BoxReader, document: object, name: str) -> Iterator[bool]:
+    """Whether the first rows of a file of many frames say their frame; reads boxes."""
+    lines = document if isinstance(document, Lines) else None
+    rows: Iterable[tuple[object, Row]] = lines or reader.frames_in(document, name)
+    for _, row in islice(rows, _ROWS_LOOKED_AT):
+        if lines:
+            reader.box(row)
+        else:
+            for class_name, box in reader.boxes_in(row.value, name):
+                reader.box(box, class_name)
+        yield reader.cell("frame", row.value) is not None

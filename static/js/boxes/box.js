@@ -50,7 +50,7 @@ function effectiveAfter(box, answer) {
  * @returns {Decision}
  */
 export function withAnswer(box, answer, comment = "", revision = seenRevision(box)) {
-  const review = answer === "clear" ? null : { verdict: answer, reviewer: "", revision, comment };
+  const review = answer === "clear" ? null : { verdict: answer, reviewer: "", revision, comment, created_at: "" };
   return { ...box, revision, review, effective_verdict: effectiveAfter(box, answer) };
 }
 
@@ -60,8 +60,8 @@ export function withAnswer(box, answer, comment = "", revision = seenRevision(bo
  * @returns {Decision}
  */
 export function withStored(box, stored) {
-  const { revision, verdict, reviewer, comment, effective_verdict } = stored;
-  const review = verdict === "clear" ? null : { verdict, reviewer, revision, comment: comment ?? "" };
+  const { revision, verdict, reviewer, comment, effective_verdict, created_at } = stored;
+  const review = verdict === "clear" ? null : { verdict, reviewer, revision, comment: comment ?? "", created_at };
   return { ...box, revision, review, effective_verdict };
 }
 
@@ -83,6 +83,8 @@ export function withheld(box) {
     threshold: null,
     margin: null,
     toss_up: false,
+    question: null,
+    doubt: 0,
     matched_pixels: null,
     box_pixels: null,
     crowding: null,

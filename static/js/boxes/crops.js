@@ -1,15 +1,16 @@
 // @ts-check
 // Crops of boxes: fetched a few at a time, cached, and drawn in a square. Used by the grid, the queue's strip and the flips.
 
-import { ApiError, NoResponse, blob, createRetries, url } from "../core/api.js";
-import { useRetryOnline } from "../core/hooks.js";
+import { ApiError, blob, pictureUrl } from "../core/api.js";
+import { useRetries, useRetryOnline } from "../core/hooks.js";
 import { html, useEffect, useMemo, useRef, useState } from "../core/html.js";
 import { Icon } from "../core/icons.js";
 
 /** @typedef {import("./box.js").Decision} Decision */
 /** @typedef {import("./box.js").Xyxy} Xyxy */
 /** @typedef {{src: string, width: number, height: number}} Crop */
-/** @typedef {{state: "shown", crop: Crop} | {state: "none", crop: null} | {state: "failed", crop: null, isTemporary: boolean}} CropAnswer */
+/** @typedef {{state: "failed", crop: null, error: Error}} NoCrop */
+/** @typedef {{state: "shown", crop: Crop} | {state: "none", crop: null} | NoCrop} CropAnswer */
 /** @typedef {{url: string, tell: (answer: CropAnswer) => void}} Wish */
 
 const PARALLEL = 6;
@@ -54,13 +55,12 @@ export function createCrops(fetchCrop, { onError = () => {}, discard = () => {},
     next();
   }
 
-  /** @param {unknown} error @param {AbortSignal} signal @returns {CropAnswer | null} */
+  /** @param {Error} error @param {AbortSignal} signal @returns {CropAnswer | null} */
   function refusal(error, signal) {
     if (signal.aborted) return null;
     onError(error);
     if (error instanceof ApiError && error.status === 404) return { state: "none", crop: null };
-    const isTemporary = error instanceof NoResponse || (error instanceof ApiError && error.isTemporary);
-    return { state: "failed", crop: null, isTemporary };
+    return { state: "failed", crop: null, error };
   }
 
   /** @param {string} url @param {Crop} crop */
@@ -117,8 +117,8 @@ export function createCrops(fetchCrop, { onError = () => {}, discard = () => {},
 
 /** @typedef {ReturnType<typeof createCrops>} Crops */
 
-/** @param {number} boxId @param {{pad: number, height: number}} how */
-const cropUrl = (boxId, how) => url("/api/v1/boxes/{box_id}/crop", { path: { box_id: boxId }, query: how });
+/** @param {number} boxId @param {Xyxy} xyxy  which another run may have measured otherwise @param {{pad: number, height: number}} how */
+const cropUrl = (boxId, xyxy, how) => pictureUrl("/api/v1/boxes/{box_id}/crop", { path: { box_id: boxId }, query: how }, `-${xyxy.map(Math.round).join("-")}`);
 
 /** @typedef {{width: number, height: number}} Size */
 /** @typedef {{left: number, top: number, width: number, height: number}} Place  px in the cell */
@@ -233,20 +233,14 @@ async function load(address, signal) {
 /** @typedef {{url: string, state: "waiting" | "shown" | "none" | "failed", crop: Crop | null}} SeenCrop */
 
 /** A crop, requested while its cell is on the page, and again after a failure that may pass. @param {string} url @returns {SeenCrop} */
-function useCrop(url) {
+export function useCrop(url) {
   const [seen, setSeen] = useState(/** @type {(CropAnswer & {url: string}) | null} */ (null));
   const [attempt, setAttempt] = useState(0);
   useEffect(() => (url ? crops.want(url, (answer) => setSeen({ url, ...answer })) : undefined), [url, attempt]);
-  const retries = useMemo(() => createRetries(), [url]);
   const failed = seen?.state === "failed" && seen.url === url ? seen : null;
   const again = () => setAttempt((n) => n + 1);
   useRetryOnline(failed, again);
-  useEffect(() => {
-    if (!failed?.isTemporary) return;
-    let isOver = false;
-    retries.wait(() => void (isOver || again()));
-    return () => void (isOver = true);
-  }, [failed]);
+  useRetries(failed?.error ?? null, again, url);
   if (seen?.url === url) return seen;
   const crop = url ? crops.ready(url) : null;
   return { url, state: crop ? "shown" : "waiting", crop };
@@ -273,6 +267,27 @@ export function NearPicture({ url }) {
   return html`<img ref=${place} src=${crop?.src} alt="" decoding="async" draggable=${false} />`;
 }
 
+/** A smaller picture is no look at a box, css px. */
+const LEAST_LOOKED_PX = 64;
+
+/** Boxes whose picture was on the screen. @type {Set<number>} */
+const lookedAt = new Set();
+
+/** How many of these boxes had their picture on the screen. @param {readonly number[]} ids */
+export const countLookedAt = (ids) => ids.filter((id) => lookedAt.has(id)).length;
+
+/** Note that a box is looked at when its picture is on the screen. @param {number} boxId @param {Crop | null} crop @param {number} size */
+function useLook(boxId, crop, size) {
+  const picture = useRef(/** @type {HTMLImageElement | null} */ (null));
+  useEffect(() => {
+    if (!picture.current || lookedAt.has(boxId) || size < LEAST_LOOKED_PX) return;
+    const watcher = new IntersectionObserver((entries) => entries.some(({ isIntersecting }) => isIntersecting) && lookedAt.add(boxId), { threshold: 0.5 });
+    watcher.observe(picture.current);
+    return () => watcher.disconnect();
+  }, [boxId, crop, size]);
+  return picture;
+}
+
 /** @typedef {Pick<Decision, "box_id" | "xyxy" | "reason" | "effective_verdict">} PicturedBox */
 
 /**
@@ -282,15 +297,16 @@ export function NearPicture({ url }) {
 export function Picture({ box, size, frameSize }) {
   const { xyxy, box_id } = box;
   const ask = xyxy ? cropRequest(xyxy, size, devicePixelRatio || 1) : null;
-  const { state, crop } = useCrop(ask ? cropUrl(box_id, ask) : "");
+  const { state, crop } = useCrop(xyxy && ask ? cropUrl(box_id, xyxy, ask) : "");
   const places = useMemo(
     () => (xyxy && ask && crop ? placed(xyxy, ask.pad, size, crop, frameSize) : null),
     [crop, size, frameSize, ask?.pad, box_id],
   );
+  const picture = useLook(box_id, crop, size);
   if (!xyxy) return html`<div class="cell__none"><${Icon} name="image" /><span>${box.reason === "outside_image" ? "outside" : "no area"}</span></div>`;
   const outline = html`<span class="cell__box cell__box--${box.effective_verdict}" style=${shareOf(places?.box ?? boxIn(xyxy, size), size)} />`;
   if (!places || !crop) return html`<div class="cell__none cell__none--low ${state === "waiting" ? "shimmer" : ""}">${state === "waiting" ? "" : state === "failed" ? "not loaded" : "no picture"}</div>${outline}`;
-  return html`<img class="cell__image" src=${crop.src} alt="" draggable=${false} style=${shareOf(places.picture, size)} />${outline}`;
+  return html`<img ref=${picture} class="cell__image" src=${crop.src} alt="" draggable=${false} style=${shareOf(places.picture, size)} />${outline}`;
 }
 
 /** A place as share of the square, which may be drawn a little larger or smaller. @param {Place} place @param {number} size */

@@ -4,12 +4,13 @@
 import { html } from "../core/html.js";
 import { Icon } from "../core/icons.js";
 import { Segments, Select } from "../core/parts.js";
+import { BINS } from "./filters.js";
 import { REASONS } from "./wording.js";
 
 /** @typedef {import("../core/router.js").Query} Query */
 /** @typedef {readonly {value: string, text: string}[]} Choices */
 /** @typedef {{label: string, any: string, choices: Choices}} Control  `any`: the text of the choice that filters nothing */
-/** @typedef {"verdict" | "reason" | "class" | "review"} Key */
+/** @typedef {"verdict" | "reason" | "class" | "review" | "bin"} Key */
 
 /** @type {Choices} */
 export const VERDICT_CHOICES = [
@@ -43,6 +44,7 @@ const CONTROLS = {
   reason: { label: "Reason", any: "Any reason", choices: REASON_CHOICES },
   class: { label: "Class", any: "Any class", choices: [] },
   review: { label: "Review", any: "Answered or not", choices: REVIEW_CHOICES },
+  bin: { label: "Doubt", any: "In doubt or not", choices: BINS },
 };
 
 /** The verdict as a row of buttons. @param {{query: Query, choices?: Choices, onChange: (query: Query) => void}} props */

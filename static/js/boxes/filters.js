@@ -8,8 +8,11 @@ import { answerOf, isUnanswered } from "./box.js";
 /** @typedef {import("../core/openapi.js").BoxSelection} BoxSelection */
 /** @typedef {import("../core/router.js").Query} Query */
 
-/** The filters that live in the address; a list of frames and a frame share them. */
-export const FILTER_KEYS = /** @type {const} */ (["verdict", "reason", "class", "review"]);
+/**
+ * The filters that live in the address; a list of frames and a frame share them. `verdict` is the one in force, as every
+ * box is drawn: a person's, else the filter's. `by_filter` is the filter's, whatever people say.
+ */
+export const FILTER_KEYS = /** @type {const} */ (["verdict", "by_filter", "reason", "class", "review"]);
 
 /** The verdict filters that the key V switches between. */
 export const VERDICT_CYCLE = /** @type {const} */ (["", "kept", "rejected"]);
@@ -17,7 +20,8 @@ export const VERDICT_CYCLE = /** @type {const} */ (["", "kept", "rejected"]);
 /** @param {Decision} box @param {Query} query */
 export function isShown(box, query) {
   return (
-    (!query.verdict || box.verdict === query.verdict) &&
+    (!query.verdict || box.effective_verdict === query.verdict) &&
+    (!query.by_filter || box.verdict === query.by_filter) &&
     (!query.reason || box.reason === query.reason) &&
     (!query.class || box.class === query.class) &&
     (!query.review || matchesReview(box, query.review))
@@ -39,6 +43,29 @@ export const shownBoxes = (boxes, query) => boxes.filter((box) => isShown(box, q
 /** Only the filters of an address. @param {Query} query @returns {Query} */
 export function filtersOf(query) {
   return Object.fromEntries(FILTER_KEYS.flatMap((key) => (query[key] ? [[key, query[key]]] : [])));
+}
+
+/** Orders of the list of a frame's boxes; without one, as they came in. */
+export const LIST_ORDERS = [
+  { value: "doubt", text: "Most doubtful first" },
+  { value: "size", text: "Largest first" },
+  { value: "distance", text: "Nearest first" },
+];
+
+/** @type {Record<string, (box: Decision) => number>} the least first */
+const RANKS = {
+  doubt: ({ doubt }) => -(doubt ?? 0),
+  size: ({ xyxy }) => (xyxy ? -(xyxy[2] - xyxy[0]) * (xyxy[3] - xyxy[1]) : 0),
+  distance: ({ distance, distance_range: range }) => distance ?? range?.[0] ?? Infinity,
+};
+
+/**
+ * The boxes of a frame in the order of the list: those outside the image come last.
+ * @param {readonly Decision[]} boxes @param {string} [by]  one of `LIST_ORDERS`
+ */
+export function inListOrder(boxes, by = "") {
+  const rank = RANKS[by] ?? (() => 0);
+  return [...boxes].sort((a, b) => Number(!a.xyxy) - Number(!b.xyxy) || rank(a) - rank(b) || 0);
 }
 
 /**
@@ -87,7 +114,15 @@ const NUMBERS = /** @type {const} */ (["match_min", "match_max", "distance_min",
 /** Filters in the menu "More". */
 const MORE_KEYS = /** @type {readonly string[]} */ ([...FLAGS, ...NUMBERS]);
 
-export const BOX_FILTER_KEYS = /** @type {readonly string[]} */ ([...FILTER_KEYS, ...MORE_KEYS]);
+export const BOX_FILTER_KEYS = /** @type {readonly string[]} */ ([...FILTER_KEYS, "bin", ...MORE_KEYS]);
+
+/** What is to be done about boxes, as the server says of each. */
+export const BINS = /** @type {const} */ ([
+  { value: "ask", text: "To review", left: "to review" },
+  { value: "sure", text: "Left to the filter", left: "left to the filter, which is as good as certain" },
+  { value: "small", text: "Too small to see", left: "too small to decide by eye" },
+  { value: "wall", text: "Nothing of it seen", left: "without a single pixel of their class" },
+]);
 
 export const SORTS = /** @type {const} */ ([
   { value: "doubt", text: "Most doubtful first" },
@@ -107,12 +142,16 @@ const REVIEWS = /** @type {const} */ (["undecided", "decided", "keep", "reject",
 export function selectionOf(query) {
   /** @type {BoxSelection} */
   const found = {};
-  const verdict = VERDICTS.find((one) => one === query.verdict);
+  const effective = VERDICTS.find((one) => one === query.verdict);
+  const verdict = VERDICTS.find((one) => one === query.by_filter);
   const review = REVIEWS.find((one) => one === query.review);
+  if (effective) found.effective = effective;
   if (verdict) found.verdict = verdict;
   if (query.reason) found.reason = query.reason;
   if (query.class) found.class = query.class;
   if (review) found.review = review;
+  const bin = BINS.find(({ value }) => value === query.bin)?.value;
+  if (bin) found.bin = bin;
   for (const key of FLAGS) if (query[key] === "true") found[key] = true;
   for (const key of NUMBERS) {
     const value = numberOf(query[key]);

@@ -50,7 +50,7 @@ export function ReviewProgress({ counts }) {
   const left = counts.to_review ? countOf(counts.to_review, "needs review", "need review") : "nothing to review";
   return html`<div class="progress">
     <div class="progress__text">
-      <span>${countOf(counts.reviewed, "answer")}</span><span title="Boxes without keep or reject whose verdict is not certain: rejected although some of the box is in the image, not measured, or with too few pixels (toss-ups)">${left}</span>
+      <span>${countOf(counts.reviewed, "answer")}</span><span title="Boxes without keep or reject that the queue asks about: the filter may be wrong, and an eye can decide">${left}</span>
     </div>
     <div class="progress__track" role="progressbar" aria-label="reviewed" aria-valuemin="0" aria-valuemax="100" aria-valuenow=${percent}>
       <span class="progress__fill" style=${{ width: `${percent}%` }} />

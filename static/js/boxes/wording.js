@@ -58,18 +58,68 @@ export function labelText(box) {
   return [measureText(box), hiddenText(box)].filter(Boolean).join(" · ");
 }
 
-/** Names of the kinds of evidence, and what each measures. @type {Record<string, {text: string, about: string}>} */
+/**
+ * Names of the kinds of evidence, what each measures, and the same in plain words.
+ * @type {Record<string, {text: string, about: string, plain: string}>}
+ */
 export const EVIDENCE = {
-  semantic: { text: "Segmentation", about: "pixels of the class in the box" },
-  ordered: { text: "Order", about: "the nearest box takes its pixels first" },
-  depth: { text: "Depth", about: "pixels as far away as the box" },
-  depth_center: { text: "Depth at the centre", about: "what is seen in the middle" },
-  instance: { text: "Instances", about: "pixels of the object itself" },
-  lidar: { text: "LiDAR", about: "points in the 3D box" },
+  auto: {
+    text: "Strongest evidence",
+    about: "instances, depth, order or tags, as a frame allows",
+    plain: "Each box by the strongest evidence that its frame allows: instances, else depth, else order, else tags.",
+  },
+  semantic: {
+    text: "Segmentation",
+    about: "pixels of the class in the box",
+    plain:
+      "Counts the pixels in the box whose tag fits its class. " +
+      "A car behind another car counts, too: both are tagged Car.",
+  },
+  ordered: {
+    text: "Order",
+    about: "the nearest box takes its pixels first",
+    plain:
+      "Nearer boxes take their pixels first. A box that is left with too few is hidden. " +
+      "Needs distances or 3D boxes.",
+  },
+  depth: {
+    text: "Depth",
+    about: "pixels as far away as the box",
+    plain: "Counts only pixels that are as far away as the 3D box itself. Needs depth images.",
+  },
+  depth_center: {
+    text: "Depth at the centre",
+    about: "what is seen in the middle",
+    plain: "Looks at one pixel, in the middle of the box. Others do it so; it is here for comparison.",
+  },
+  instance: {
+    text: "Instances",
+    about: "pixels of the object itself",
+    plain: "Counts the pixels of this very object. Needs CARLA's instance images.",
+  },
+  lidar: {
+    text: "LiDAR",
+    about: "points in the 3D box",
+    plain: "Counts LiDAR points in the 3D box. Far objects have few; it is here for comparison.",
+  },
 };
 
 /** @param {string} name */
 export const evidenceText = (name) => EVIDENCE[name]?.text ?? name.replaceAll("_", " ");
+
+/**
+ * The distance of a box, or between which distances it is; null if neither is known.
+ * @param {Decision} box
+ */
+export const distanceText = ({ distance, distance_range: range }) => {
+  if (distance !== null) return metresText(distance);
+  return range ? `${range[0]} to ${metresText(range[1])}` : null;
+};
+
+const FAR_M = 100;
+
+/** Boxes that are farther away fade, until a person asks for them. @param {Decision} box */
+export const isFar = ({ distance, distance_range: range }) => (distance ?? range?.[0] ?? 0) > FAR_M;
 
 /** The server's sentence after its verdict: "its Car pixels belong to nearer boxes, above all car 122". @param {Decision} box */
 const sentenceText = ({ explanation, reason }) => explanation?.replace(/^\w+: /, "") || reasonText(reason);
@@ -87,7 +137,7 @@ function measureText(box) {
     case "no_visible_pixels":
       return box.matched_pixels ? `too few ${tags.replaceAll(" + ", " or ")} pixels` : `no ${tags.replaceAll(" + ", " or ")} pixel`;
     case "out_of_range":
-      return `${metresText(box.distance)}: out of range`;
+      return `${distanceText(box) ?? "–"}: out of range`;
     case "withheld":
       return `${box.class} ${box.id}`;
     default:

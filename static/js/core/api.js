@@ -1,6 +1,8 @@
 // @ts-check
 // Every call of the API goes through here. Paths, parameters, bodies and responses are type-checked against openapi.d.ts.
 
+import { createValue } from "./observable.js";
+
 /** @typedef {import("./openapi.js").paths} Paths */
 /** @typedef {"get" | "post" | "put" | "patch" | "delete"} Method */
 /** @typedef {Partial<Omit<import("./openapi.js").Problem, "current">> & {current?: import("./openapi.js").Decision | null}} Problem  of a 412, `current` is the box as it is now */
@@ -51,11 +53,17 @@ let session = "";
 /** @type {(error: ApiError) => void} */
 let onSignedOut = () => {};
 
-/** Set the secret of the session that requests are sent with. @param {string} secret  empty: none */
-export const setSession = (secret) => void (session = secret);
+/** A word of the session that pictures have in their addresses; it is no secret. */
+let pictures = "";
+
+/** Set the secret of the session that requests are sent with. @param {string} secret  empty: none @param {string} [word]  of its pictures */
+export const setSession = (secret, word = "") => void ([session, pictures] = [secret, word]);
 
 /** Set who is told when the server no longer accepts the session. @param {(error: ApiError) => void} tell */
 export const whenSignedOut = (tell) => void (onSignedOut = tell);
+
+/** Whether the server has responded to the last request. */
+export const isReached = createValue(true);
 
 /** The server responded, and refused. */
 export class ApiError extends Error {
@@ -83,6 +91,9 @@ export class NoResponse extends Error {
     this.name = "NoResponse";
   }
 }
+
+/** May the same request succeed later, without a person's doing? @param {unknown} error */
+export const mayPass = (error) => error instanceof NoResponse || (error instanceof ApiError && error.isTemporary);
 
 const FIRST_RETRY_S = 1;
 const LONGEST_RETRY_S = 30;
@@ -126,6 +137,7 @@ export async function send(address, init = {}, shown = session) {
   const headers = new Headers(init.headers);
   if (shown) headers.set("Authorization", `Bearer ${shown}`);
   const response = await whole(fetch(address, { credentials: "omit", ...init, headers }), init.signal);
+  isReached.set(true);
   if (response.ok) return response;
   const error = new ApiError(response.status, problemOf(await whole(response.text(), init.signal)), retryAfterOf(response));
   if (response.status === 401 && shown && shown === session) onSignedOut(error);
@@ -139,7 +151,9 @@ export async function send(address, init = {}, shown = session) {
  */
 export const whole = (part, signal) =>
   part.catch((cause) => {
-    throw signal?.aborted ? cause : new NoResponse(cause);
+    if (signal?.aborted) throw cause;
+    isReached.set(false);
+    throw new NoResponse(cause);
   });
 
 /** @param {string} text @returns {Problem} */
@@ -178,6 +192,14 @@ function addressOf(path, { path: named = {}, query = {} } = {}) {
  * @param {P} path @param {Rest<Pick<Operation<"get", P>["parameters"], "path" | "query">>} given
  */
 export const url = (path, ...[given]) => addressOf(path, given);
+
+/**
+ * The address of a drawn picture. A browser keeps it for the whole session: a box or a frame never gets another picture,
+ * but another server, or a new one at this address, may have other frames under the same numbers.
+ * @template {"/api/v1/boxes/{box_id}/crop" | "/api/v1/frames/{frame_id}/thumbnail"} P
+ * @param {P} path @param {Pick<Operation<"get", P>["parameters"], "path" | "query">} given @param {string} [version]  what else it depends on
+ */
+export const pictureUrl = (path, given, version = "") => addressOf(path, { ...given, query: { ...given.query, v: pictures && pictures + version } });
 
 /** @param {string} address @param {AbortSignal} [signal] @returns {Promise<Blob>} */
 export const blob = async (address, signal) => whole((await send(address, { signal })).blob(), signal);

@@ -73,6 +73,8 @@ export function createApp(storage, startAnew = () => location.reload()) {
     announcement: createValue(""),
     /** Zoom of the stage, screen px per image px. */
     zoom: createValue(1),
+    /** Whether the stage shows the picture alone, because a key or a button is held. */
+    isBare: createValue(false),
 
     isSignedIn,
     ended,

@@ -12,7 +12,7 @@ import { NumberField, faultText, useFault } from "./parts.js";
 /**
  * @typedef {object} Field
  * @property {string} key
- * @property {"choice" | "switch" | "number" | "numbers" | "text"} kind
+ * @property {"choice" | "switch" | "number" | "numbers" | "pairs" | "text"} kind
  * @property {string} text  its name for people
  * @property {string} help  a sentence
  * @property {unknown} initial  the default
@@ -23,12 +23,16 @@ import { NumberField, faultText, useFault } from "./parts.js";
  * @property {boolean} isWhole
  * @property {boolean} isEmptyAllowed  the field may be left empty (null)
  * @property {boolean} isShare  a number from 0 to 1
- * @property {(share: number) => string} shown  a share as text
+ * @property {string} hint  of numbers: what an empty field shows
  * @property {boolean} needsPixels  of a configuration key: a change of it requires measuring the images again
  * @property {readonly string[]} evidence  of a configuration key: the kinds of evidence whose rules read it; empty: all of them
  */
 
-/** Texts to be shown in place of keys and values of the API. @typedef {{fields?: Record<string, string>, choices?: Record<string, Record<string, string>>, shares?: Record<string, (share: number) => string>}} Words */
+/** @typedef {Record<string, string>} Texts */
+/**
+ * Texts to be shown in place of keys and values of the API.
+ * @typedef {{fields?: Texts, choices?: Record<string, Texts>, hints?: Texts}} Words
+ */
 
 /** @type {Promise<Schema> | null} */
 let description = null;
@@ -39,6 +43,15 @@ export function describeApi() {
   description.catch(() => (description = null));
   return description;
 }
+
+/** What a class can be measured as: the filter's classes, and `pass`. @returns {Promise<string[]>} */
+async function measuredClasses() {
+  const { classes } = (await describeApi()).components.schemas.FilterConfigIn.properties;
+  return classes.additionalProperties.anyOf[0].examples;
+}
+
+/** @returns {readonly string[]} empty until they are loaded */
+export const useMeasuredClasses = () => useLoaded(measuredClasses, []).value ?? [];
 
 /** The properties of an API object, as fields of a form. @param {string} name  of the object @param {Words} [words] */
 export const useFields = (name, words) => useLoaded(async () => fieldsOf(await describeApi(), name, words), [name]);
@@ -54,7 +67,7 @@ const UNITS = { percent: "%", pixels: "px", metres: "m" };
 const percentOf = (share) => `${Math.round(100 * share)} %`;
 
 /** @param {string} key @param {Schema} schema @param {Words} words @returns {Field | null} */
-function fieldOf(key, schema, { fields = {}, choices = {}, shares = {} }) {
+function fieldOf(key, schema, { fields = {}, choices = {}, hints = {} }) {
   // What requires measuring again is only shown, so that it needs no control of its own.
   const kind = kindOf(schema) ?? (schema["x-needs-pixels"] === true ? "text" : null);
   if (kind === null) return null;
@@ -67,7 +80,7 @@ function fieldOf(key, schema, { fields = {}, choices = {}, shares = {} }) {
     kind,
     text: fields[key] ?? `${name[0]?.toUpperCase()}${name.slice(1)}`,
     help: schema.description ?? "",
-    initial: schema.default,
+    initial: schema["x-default"],
     choices: values.map((value) => ({ value, text: choices[key]?.[value] ?? value })),
     min,
     max,
@@ -75,7 +88,7 @@ function fieldOf(key, schema, { fields = {}, choices = {}, shares = {} }) {
     isWhole: typesOf(schema).includes("integer"),
     isEmptyAllowed: typesOf(schema).includes("null"),
     isShare: kind === "number" && min === 0 && max === 1,
-    shown: shares[key] ?? percentOf,
+    hint: hints[key] ?? "",
     needsPixels: schema["x-needs-pixels"] === true,
     evidence: schema["x-evidence"] ?? [],
   };
@@ -91,6 +104,7 @@ function kindOf(schema) {
   if (types.includes("boolean")) return "switch";
   if (isNumeric(types)) return "number";
   if (types.includes("array")) return isNumeric(typesOf(schema.items ?? {})) ? "numbers" : null;
+  if (types.includes("object")) return schema.additionalProperties?.type === "string" ? "pairs" : null;
   return types.includes("string") ? "text" : null;
 }
 
@@ -121,6 +135,14 @@ export function parseNumbers(text) {
   return numbers.every((number) => Number.isFinite(number)) ? numbers : null;
 }
 
+/** "40: Pedestrian, 100: Car" as an object; null when it is something else. @param {string} text */
+export function parsePairs(text) {
+  const parts = text.split(/[,;]+/).filter((part) => part.trim() !== "");
+  const pairs = parts.map((part) => part.split(":").map((word) => word.trim()));
+  if (!pairs.every((words) => words.length === 2 && words.every(Boolean))) return null;
+  return /** @type {Record<string, string>} */ (Object.fromEntries(pairs));
+}
+
 /** @typedef {{field: Field, value: unknown, onChange: (value: unknown) => void}} Asked */
 
 /** A control with its name. @param {Asked} props */
@@ -135,7 +157,7 @@ export function AskField({ field, value, onChange }) {
 
 /** The control of a field. @param {Asked & {label?: string, isSet?: boolean}} props  `label`: its accessible name, where no visible label names it; `isSet`: it was changed */
 export function Control({ field, value, onChange, label = field.text, isSet = false }) {
-  const { key, kind, choices, min, max, unit, isWhole, isEmptyAllowed, isShare, shown } = field;
+  const { key, kind, choices, min, max, unit, isWhole, isEmptyAllowed, isShare, hint } = field;
   const onGiven = (/** @type {Given} */ { currentTarget }) => onChange(currentTarget.value);
   switch (kind) {
     case "switch":
@@ -147,32 +169,49 @@ export function Control({ field, value, onChange, label = field.text, isSet = fa
     case "text":
       return html`<textarea name=${key} aria-label=${label} rows="2" maxlength=${max} value=${String(value ?? "")} onInput=${onGiven}></textarea>`;
     case "numbers":
-      return html`<${Numbers} label=${label} value=${value} onChange=${onChange} />`;
+      return html`<${Listed} label=${label} initial=${Array.isArray(value) ? value.join(", ") : ""}
+        parse=${parseNumbers} expected="numbers, separated by commas" hint=${hint} onEach=${onChange} />`;
+    case "pairs":
+      return html`<${Listed} key=${JSON.stringify(value)} label=${label} parse=${parsePairs}
+        initial=${Object.entries(value ?? {}).map((pair) => pair.join(": ")).join(", ")}
+        expected="pairs, separated by commas" hint="none, or 40: Pedestrian" onDone=${onChange} />`;
     default:
       if (isShare) {
         return html`<span class="ask__number"><input type="range" class="slider" aria-label=${label} min=${min} max=${max} step="0.05" value=${Number(value)} onInput=${(/** @type {Given} */ { currentTarget }) => onChange(Number(currentTarget.value))} />
-          <output class="num">${shown(Number(value))}</output></span>`;
+          <output class="num">${percentOf(Number(value))}</output></span>`;
       }
       return html`<${NumberField} label=${label} unit=${unit} step=${isWhole || unit !== "%" ? 1 : 0.5} isEmptyAllowed=${isEmptyAllowed} isSet=${isSet} expected=${rangeText(field)}
         value=${typeof value === "number" ? value : null} parse=${(/** @type {string} */ text) => parseNumber(field, text)} onChange=${onChange} />`;
   }
 }
 
-/** @param {{label: string, value: unknown, onChange: (value: unknown) => void}} props */
-function Numbers({ label, value, onChange }) {
-  const [text, setText] = useState(Array.isArray(value) ? value.join(", ") : "");
-  const fault = parseNumbers(text) === null ? faultText("numbers, separated by commas", { text, isBad: false }) : "";
+/**
+ * A field for several values. It keeps what is being typed, and while that is not allowed, says why.
+ * @template {object} T
+ * @param {{label?: string, name?: string, initial: string, parse: (text: string) => T | null, expected?: string,
+ *   hint: string, onEach?: (values: T) => void, onDone?: (values: T) => void}} props
+ *   `label`: where no visible label names it; `onEach`: called with each change; `onDone`: when the field is left
+ */
+export function Listed({ label, name, initial, parse, expected = "", hint, onEach, onDone }) {
+  const [text, setText] = useState(initial);
+  const fault = parse(text) === null ? faultText(expected, { text, isBad: false }) : "";
   const { attributes, line } = useFault(fault);
   /** @param {{currentTarget: HTMLInputElement}} event */
   const onInput = ({ currentTarget }) => {
     setText(currentTarget.value);
-    const numbers = parseNumbers(currentTarget.value);
+    const values = parse(currentTarget.value);
     // A form is not sent while one of its fields is not valid.
-    currentTarget.setCustomValidity(numbers ? "" : "Numbers, separated by commas");
-    if (numbers) onChange(numbers);
+    currentTarget.setCustomValidity(values ? "" : expected);
+    if (values) onEach?.(values);
+  };
+  /** What was typed last may not have been rendered yet. @param {{currentTarget: HTMLInputElement}} event */
+  const onChange = ({ currentTarget: { value } }) => {
+    const values = parse(value);
+    if (values) onDone?.(values);
   };
   return html`<span class="numberfield">
-    <span class="search"><input class="num" type="text" inputmode="numeric" aria-label=${label} value=${text} placeholder="none, or 50, 100, 200" ...${attributes} onInput=${onInput} /></span>
+    <span class="search"><input class="num" type="text" name=${name} aria-label=${label} value=${text}
+      placeholder=${hint} ...${attributes} onInput=${onInput} onChange=${onChange} /></span>
     ${line}
   </span>`;
 }

@@ -1,8 +1,9 @@
 // @ts-check
-// Hooks that views share: useValue, useLazy, useLoaded, useDataset, useDatasets, useNewest, usePages, useTask, useActions, useTyped, useClosing, useTopBar, useRetryOnline.
+// Hooks that views share: useValue, useLazy, useLoaded, useDataset, useDatasets, useNewest, usePages, useTask,
+// useActions, useTyped, useClosing, useTopBar, useRetryOnline, useRetries.
 
-import { get } from "./api.js";
-import { useCallback, useEffect, useLayoutEffect, useRef, useState } from "./html.js";
+import { ApiError, createRetries, get, mayPass } from "./api.js";
+import { useCallback, useEffect, useLayoutEffect, useMemo, useRef, useState } from "./html.js";
 import { linkTo } from "./router.js";
 
 /** @template T @param {import("./observable.js").Value<T>} value @returns {T} */
@@ -163,6 +164,26 @@ export function useTyped(value, onChange, pauseMs) {
   };
 }
 
+/** How often a list is loaded again while it grows, and for how long nothing may come before that ends. */
+const GROWTH_MS = 2000;
+const STILL_MS = 20_000;
+
+/**
+ * Load again while frames come in, so that somebody who looks on sees them.
+ * @param {{state: string, reload: () => void}} loaded @param {number} count  of what is there @param {string} [since]  when the newest dataset was made
+ */
+export function useGrowth({ state, reload }, count, since) {
+  const last = useRef({ count, at: -Infinity });
+  if (last.current.count !== count) last.current = { count, at: Date.now() };
+  useEffect(() => {
+    if (state !== "ready" || document.visibilityState !== "visible") return;
+    const grewAt = Math.max(last.current.at, Date.parse(since ?? "") || -Infinity);
+    if (Date.now() - grewAt > STILL_MS) return;
+    const timer = setTimeout(reload, GROWTH_MS);
+    return () => clearTimeout(timer);
+  });
+}
+
 /** Close an open menu when Escape is pressed or when somebody clicks outside it. @param {{current: HTMLElement | null}} root @param {boolean} isOpen @param {() => void} close */
 export function useClosing(root, isOpen, close) {
   useEffect(() => {
@@ -274,4 +295,22 @@ export function useRetryOnline(failure, onRetry) {
       clearTimeout(timer);
     };
   }, [failure]);
+}
+
+/**
+ * Try again after a pause, a longer one each time, as long as the error may pass without a person's doing.
+ * @param {Error | null} error  another object after each failure
+ * @param {() => void} retry
+ * @param {unknown} subject  what is asked for; for another one the pauses are short again
+ */
+export function useRetries(error, retry, subject) {
+  const latest = useRef(retry);
+  latest.current = retry;
+  const retries = useMemo(() => createRetries(), [subject]);
+  useEffect(() => {
+    if (!mayPass(error)) return undefined;
+    let isOver = false;
+    retries.wait(() => void (isOver || latest.current()), error instanceof ApiError ? error.retryAfterS : null);
+    return () => void (isOver = true);
+  }, [error]);
 }

@@ -21,11 +21,16 @@ export const KEYMAP = [
   { action: "keep", keys: ["A", "K"], help: "Keep the box", group: "Answer" },
   { action: "reject", keys: ["X", "R"], help: "Reject the box", group: "Answer" },
   { action: "unsure", keys: ["Space", "U"], help: "Unsure: flag it and leave the filter's verdict", group: "Answer" },
-  { action: "undo", keys: ["Z", "Backspace"], help: "Undo your last answer", group: "Answer" },
+  { action: "undo", keys: ["Z", "Backspace", "Ctrl+Z"], help: "Undo your last answer or change", group: "Answer" },
+  { action: "keepTrack", keys: ["Shift+A"], help: "The object in all frames on show: keep it", group: "Answer" },
+  { action: "rejectTrack", keys: ["Shift+X"], help: "The object in all frames on show: reject it", group: "Answer" },
+  { action: "alike", keys: ["S"], help: "All like this: the last answer for the boxes like it", group: "Answer" },
   { action: "comment", keys: ["E"], help: "Write a comment", group: "Answer" },
   { action: "next", keys: ["J", "ArrowRight"], help: "Next box", group: "Move" },
   { action: "previous", keys: ["ArrowLeft"], help: "Previous box", group: "Move" },
   { action: "nextUnanswered", keys: ["Shift+J"], help: "Next box without an answer", group: "Move" },
+  { action: "earlier", keys: [","], help: "The same object one frame earlier", group: "Move" },
+  { action: "later", keys: ["."], help: "The same object one frame later", group: "Move" },
   { action: "nextFrame", keys: ["PageDown"], help: "Next frame", group: "Move" },
   { action: "previousFrame", keys: ["PageUp"], help: "Previous frame", group: "Move" },
   { action: "grid", keys: ["G"], help: "Boxes as a grid; from the grid, frames", group: "Move" },
@@ -46,11 +51,15 @@ export const KEYMAP = [
   { action: "opacityUp", keys: ["]"], help: "Segmentation stronger", group: "Look" },
   // "lit" is also the name of the preference: both are stored in browsers.
   { action: "lit", keys: ["L"], help: "Highlight the matching pixels", group: "Look" },
+  { action: "bare", keys: ["H"], help: "Hold: the picture alone", group: "Look" },
   { action: "cycleVerdict", keys: ["V"], help: "Show kept, rejected or all boxes", group: "Look" },
   { action: "crop", keys: ["C"], help: "Zoom to the box, and back", group: "Look" },
   { action: "fit", keys: ["F"], help: "Fit the frame", group: "Look" },
   { action: "zoomIn", keys: ["+", "="], help: "Zoom in", group: "Look" },
   { action: "zoomOut", keys: ["-"], help: "Zoom out", group: "Look" },
+  { action: "far", keys: ["O"], help: "Far boxes as strong as others", group: "Look" },
+  { action: "panels", keys: ["P"], help: "Hide or show the panels", group: "Look" },
+  { action: "fullScreen", keys: ["Shift+F"], help: "Full screen", group: "Look" },
   { action: "edges", keys: ["D"], help: "3D edges", group: "Look" },
   { action: "blind", keys: ["B"], help: "Blind re-check: hide what the filter says until you answer", group: "Look" },
   { action: "help", keys: ["?"], help: "This help", group: "Page" },
@@ -186,7 +195,7 @@ const RENAMED = { nextUndecided: "nextUnanswered" };
 
 /** Actions that repeat while their key is held down. Answers do not: nobody would see the boxes. */
 const HELD = new Set([
-  ...["next", "previous", "nextUnanswered", "nextFrame", "previousFrame"],
+  ...["earlier", "later", "next", "previous", "nextUnanswered", "nextFrame", "previousFrame"],
   ...["left", "right", "up", "down", "pageUp", "pageDown"],
   ...["zoomIn", "zoomOut", "opacityUp", "opacityDown"],
 ]);
@@ -196,10 +205,14 @@ const clicksAgain = ({ repeat, key, target }) => repeat && key === "Enter" && ta
 
 /** @param {import("./app.js").App} app */
 export function watchKeys(app) {
+  /** Whether the focused control was clicked: then Space and the arrows are for the stage, as before the click. */
+  let isClicked = false;
+  addEventListener("pointerdown", () => (isClicked = true), { capture: true });
   addEventListener("keydown", (event) => {
+    if (event.key === "Tab") isClicked = false;
     if (event.defaultPrevented || event.isComposing) return;
     if (clicksAgain(event)) return event.preventDefault();
-    if (isTyping(event)) return;
+    if (isTyping(event, isClicked)) return;
     const action = actionOf(event, app.keys.get(), app.router.route.get().name);
     if (!action) return;
     const isHeld = event.repeat && !HELD.has(action);
@@ -214,14 +227,22 @@ export function perform(app, action, press) {
   return run !== undefined;
 }
 
-/** Whether a key press belongs to the focused field or dialog, so that it is no shortcut. @param {KeyboardEvent} event */
-function isTyping({ target, key }) {
+/** What a select does by itself; letters, which would jump in it, are shortcuts. */
+const OF_SELECT = /^(Arrow|Page|Home|End|Enter| )/;
+
+/**
+ * Whether a key press belongs to the focused field or dialog, so that it is no shortcut.
+ * @param {KeyboardEvent} event @param {boolean} isClicked  the focused control was clicked, not reached by keys
+ */
+function isTyping({ target, key }, isClicked) {
   if (!(target instanceof HTMLElement)) return false;
   if (target.closest("dialog[open]")) return true;
-  if (target.matches("textarea, select, input:not([type=checkbox]):not([type=range])")) return key !== "Escape";
+  if (target.matches("textarea, input:not([type=checkbox]):not([type=range])")) return key !== "Escape";
   if (target.matches("input[type=range]")) return key.startsWith("Arrow") || key.startsWith("Page");
+  if (target.matches("select")) return OF_SELECT.test(key) && !isClicked;
   if (key === "Enter") return target.closest("button, a, summary") !== null;
-  return key === " " && target.matches("button, a, summary, input, [role=option], [role=menuitemradio]");
+  if (target.matches("[role=option], [role=menuitemradio]")) return key === " ";
+  return key === " " && !isClicked && target.matches("button, a, summary, input");
 }
 
 /** In two columns of about the same length. */
@@ -303,11 +324,11 @@ export function Keys({ app, keys, where }) {
 /** Keep the focus where it is when a button is clicked, so that keys still reach the stage. @param {Event} event */
 export const keepFocus = (event) => event.preventDefault();
 
-/** @param {{app: App, action: string, icon: string, isOn?: boolean, run: (() => void) | undefined}} props */
-export function Toggle({ app, action, icon, isOn, run }) {
+/** @param {{app: App, action: string, icon: string, isOn?: boolean, isHeld?: boolean, run: (() => void) | undefined}} props  `isHeld`: it acts as long as it is pressed */
+export function Toggle({ app, action, icon, isOn, isHeld = false, run }) {
   const key = useKeyText(app, action);
   const help = KEYMAP.find((row) => row.action === action)?.help ?? action;
-  return html`<button class="button button--quiet button--icon" aria-pressed=${isOn} aria-label=${help} title=${withKey(help, key)} onMouseDown=${keepFocus} onClick=${run}>
+  return html`<button class="button button--quiet button--icon" aria-pressed=${isOn} aria-label=${help} title=${withKey(help, key)} onMouseDown=${keepFocus} onPointerDown=${isHeld ? run : undefined} onClick=${isHeld ? undefined : run}>
     <${Icon} name=${icon} />
   </button>`;
 }

@@ -5,7 +5,7 @@
 import { setSession } from "./api.js";
 import { createValue } from "./observable.js";
 
-/** @typedef {import("./openapi.js").NewSession} NewSession */
+/** @typedef {import("./openapi.js").NewSession & {pictures?: string}} NewSession  `pictures`: a word in the addresses of its pictures */
 
 export const SESSION_KEY = "unghost.session.v1";
 
@@ -15,7 +15,7 @@ export const NO_TOKEN_LINKS = "Links with a token in them are no longer used. `u
 /** @param {Storage} storage */
 export function createLogin(storage) {
   const current = createValue(stored(storage));
-  setSession(current.get()?.session ?? "");
+  setSession(current.get()?.session ?? "", current.get()?.pictures);
   /** The person whose answers this page holds: the first one who was signed in on it. */
   let owner = current.get()?.name ?? "";
 
@@ -23,7 +23,7 @@ export function createLogin(storage) {
   function take(next) {
     if (next && owner && next.name !== owner) return false;
     owner ||= next?.name ?? "";
-    setSession(next?.session ?? "");
+    setSession(next?.session ?? "", next?.pictures);
     current.set(next);
     return true;
   }
@@ -36,8 +36,9 @@ export function createLogin(storage) {
 
     /** Sign this browser in. @param {NewSession} next @returns {boolean} as `follow` */
     keep(next) {
-      storage.setItem(SESSION_KEY, JSON.stringify(next));
-      return take(next);
+      const opened = { ...next, pictures: Math.random().toString(36).slice(2, 10) };
+      storage.setItem(SESSION_KEY, JSON.stringify(opened));
+      return take(opened);
     },
 
     /** Another tab has signed in or out. @returns {boolean} false: as another person; nothing that this page holds may be sent any more */

@@ -1,9 +1,6 @@
 // @ts-check
 // Counts, percentages, sizes, distances and times as text.
 
-/** 0.8 as "80/20". @param {number} share */
-export const splitText = (share) => `${Math.round(100 * share)}/${Math.round(100 * (1 - share))}`;
-
 /** "3 min 20 s". @param {string | null} from @param {string | null} to */
 export function tookText(from, to) {
   if (!from || !to) return "";
@@ -18,6 +15,9 @@ const GROUPED = new Intl.NumberFormat("en", { useGrouping: true });
 
 /** 12 345 with thin spaces. @param {number} n */
 export const countText = (n) => GROUPED.format(n).replaceAll(",", "\u2009");
+
+/** @param {string} text */
+export const capital = (text) => `${text[0]?.toUpperCase() ?? ""}${text.slice(1)}`;
 
 /** @param {number} n @param {string} one @param {string} [many] */
 export const countOf = (n, one, many = `${one}s`) =>

@@ -15,7 +15,7 @@ export interface paths {
          * List Audit
          * @description The audit log: who changed tokens, data, configurations, jobs or many answers.
          */
-        get: operations["list_audit_api_v1_audit_get"];
+        get: operations["list_audit"];
         put?: never;
         post?: never;
         delete?: never;
@@ -37,7 +37,7 @@ export interface paths {
          * Post Batch
          * @description Store the frames of a streamed tar; each is reported once it is durable.
          */
-        post: operations["post_batch_api_v1_datasets__dataset__batches_post"];
+        post: operations["post_batch"];
         delete?: never;
         options?: never;
         head?: never;
@@ -55,7 +55,27 @@ export interface paths {
          * List Boxes
          * @description Boxes of a dataset, sorted by id, doubt, match or crowding.
          */
-        get: operations["list_boxes_api_v1_boxes_get"];
+        get: operations["list_boxes"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/api/v1/boxes/table": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Get Table
+         * @description Boxes of a dataset as columns, frame by frame: for data frames and tables.
+         */
+        get: operations["get_table"];
         put?: never;
         post?: never;
         delete?: never;
@@ -75,7 +95,67 @@ export interface paths {
          * Get Box
          * @description A box, its decision, and the boxes that overlap it.
          */
-        get: operations["get_box_api_v1_boxes__box_id__get"];
+        get: operations["get_box"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/api/v1/boxes/{box_id}/alike": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Get Alike
+         * @description Boxes without an answer of the same class, reason, cause, hider and band.
+         */
+        get: operations["get_alike"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/api/v1/boxes/{box_id}/track": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Get Track
+         * @description The same object in the frames of its recording before and after.
+         */
+        get: operations["get_track"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/api/v1/boxes/{box_id}/slice": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Get Slice
+         * @description Where a box and the pixels in it are on the axis of depth.
+         */
+        get: operations["get_slice"];
         put?: never;
         post?: never;
         delete?: never;
@@ -95,7 +175,7 @@ export interface paths {
          * Get History
          * @description Decisions of runs and answers of people on a box, newest first.
          */
-        get: operations["get_history_api_v1_boxes__box_id__history_get"];
+        get: operations["get_history"];
         put?: never;
         post?: never;
         delete?: never;
@@ -113,9 +193,9 @@ export interface paths {
         };
         /**
          * Get Crop
-         * @description The part of the frame around a box as JPEG.
+         * @description The part of the frame around a box as WebP.
          */
-        get: operations["get_crop_api_v1_boxes__box_id__crop_get"];
+        get: operations["get_crop"];
         put?: never;
         post?: never;
         delete?: never;
@@ -135,13 +215,13 @@ export interface paths {
          * List Configs
          * @description Versions of a dataset's configuration, newest first.
          */
-        get: operations["list_configs_api_v1_datasets__dataset__configs_get"];
+        get: operations["list_configs"];
         put?: never;
         /**
          * Create Config
          * @description Store a version; it has no effect until a run applies it.
          */
-        post: operations["create_config_api_v1_datasets__dataset__configs_post"];
+        post: operations["create_config"];
         delete?: never;
         options?: never;
         head?: never;
@@ -159,7 +239,7 @@ export interface paths {
          * Get Config
          * @description A version by its digest.
          */
-        get: operations["get_config_api_v1_configs__digest__get"];
+        get: operations["get_config"];
         put?: never;
         post?: never;
         delete?: never;
@@ -177,16 +257,16 @@ export interface paths {
         };
         /**
          * Get Active Config
-         * @description The active version, by which boxes are decided now.
+         * @description The active version, by which boxes are decided now; its `ETag` is the digest.
          */
-        get: operations["get_active_config_api_v1_datasets__dataset__config_get"];
+        get: operations["get_active_config"];
         /**
          * Activate Config
          * @description Make a version the active one, through a run.
          *
          *     If the last open run will do that already, this returns it.
          */
-        put: operations["activate_config_api_v1_datasets__dataset__config_put"];
+        put: operations["activate_config"];
         post?: never;
         delete?: never;
         options?: never;
@@ -207,7 +287,7 @@ export interface paths {
          * Preview Config
          * @description What a configuration would decide; writes nothing and reads no pixel.
          */
-        post: operations["preview_config_api_v1_datasets__dataset__preview_post"];
+        post: operations["preview_config"];
         delete?: never;
         options?: never;
         head?: never;
@@ -225,13 +305,13 @@ export interface paths {
          * List Datasets
          * @description Datasets by name, with their counts.
          */
-        get: operations["list_datasets_api_v1_datasets_get"];
+        get: operations["list_datasets"];
         put?: never;
         /**
          * Create Dataset
          * @description Create a dataset, by default with the service's configuration.
          */
-        post: operations["create_dataset_api_v1_datasets_post"];
+        post: operations["create_dataset"];
         delete?: never;
         options?: never;
         head?: never;
@@ -249,21 +329,21 @@ export interface paths {
          * Get Dataset
          * @description A dataset with its settings and counts.
          */
-        get: operations["get_dataset_api_v1_datasets__dataset__get"];
+        get: operations["get_dataset"];
         put?: never;
         post?: never;
         /**
          * Delete Dataset
          * @description Delete a dataset with everything in it; `confirm` repeats its name.
          */
-        delete: operations["delete_dataset_api_v1_datasets__dataset__delete"];
+        delete: operations["delete_dataset"];
         options?: never;
         head?: never;
         /**
          * Change Dataset
          * @description Change a dataset; a change in how segmentations are read starts a run (202).
          */
-        patch: operations["change_dataset_api_v1_datasets__dataset__patch"];
+        patch: operations["change_dataset"];
         trace?: never;
     };
     "/api/v1/datasets/{dataset}/classes/{name}": {
@@ -280,14 +360,14 @@ export interface paths {
          * Delete Class
          * @description Remove a class without boxes; 409 with their number if it has any.
          */
-        delete: operations["delete_class_api_v1_datasets__dataset__classes__name__delete"];
+        delete: operations["delete_class"];
         options?: never;
         head?: never;
         /**
          * Change Class
          * @description Rename a class, or merge it into another, through a run that measures again.
          */
-        patch: operations["change_class_api_v1_datasets__dataset__classes__name__patch"];
+        patch: operations["change_class"];
         trace?: never;
     };
     "/api/v1/datasets/{dataset}/stats": {
@@ -301,7 +381,7 @@ export interface paths {
          * Get Stats
          * @description The counts of a dataset, from its tallies.
          */
-        get: operations["get_stats_api_v1_datasets__dataset__stats_get"];
+        get: operations["get_stats"];
         put?: never;
         post?: never;
         delete?: never;
@@ -321,7 +401,7 @@ export interface paths {
          * Get Histogram
          * @description match_percent per class, with the thresholds of the active configuration.
          */
-        get: operations["get_histogram_api_v1_datasets__dataset__histogram_get"];
+        get: operations["get_histogram"];
         put?: never;
         post?: never;
         delete?: never;
@@ -341,7 +421,7 @@ export interface paths {
          * List Problems
          * @description Frames that were refused and have not been stored since, newest first.
          */
-        get: operations["list_problems_api_v1_datasets__dataset__problems_get"];
+        get: operations["list_problems"];
         put?: never;
         post?: never;
         delete?: never;
@@ -361,13 +441,37 @@ export interface paths {
          * Get Evaluation
          * @description Precision, recall and F1 of every measured channel, from stored numbers.
          */
-        get: operations["get_evaluation_api_v1_datasets__dataset__evaluations_get"];
+        get: operations["get_evaluation"];
         put?: never;
         /**
          * Create Evaluation
          * @description Measure every channel that the frames' files allow; verdicts do not change.
          */
-        post: operations["create_evaluation_api_v1_datasets__dataset__evaluations_post"];
+        post: operations["create_evaluation"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/api/v1/datasets/{dataset}/experiment": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Get Experiment
+         * @description The report that is kept with the dataset; 404 if there is none.
+         */
+        get: operations["get_experiment"];
+        /**
+         * Put Experiment
+         * @description Keep a report of `unghost worth-it` with the dataset, in place of the last.
+         */
+        put: operations["put_experiment"];
+        post?: never;
         delete?: never;
         options?: never;
         head?: never;
@@ -385,13 +489,55 @@ export interface paths {
          * List Exports
          * @description Exports of a dataset, newest first.
          */
-        get: operations["list_exports_api_v1_datasets__dataset__exports_get"];
+        get: operations["list_exports"];
         put?: never;
         /**
          * Create Export
          * @description Start an export of labels; one with class numbers fixes the order of classes.
          */
-        post: operations["create_export_api_v1_datasets__dataset__exports_post"];
+        post: operations["create_export"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/api/v1/datasets/{dataset}/versions": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * List Versions
+         * @description Versions of a dataset, that is, exports with a name, newest first.
+         */
+        get: operations["list_versions"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/api/v1/datasets/{dataset}/parts": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Get Parts
+         * @description The frames and sequences of each part, as an export with this `split` has them.
+         *
+         *     Frames that an export leaves out, as those without an image, are counted here.
+         */
+        get: operations["get_parts"];
+        put?: never;
+        post?: never;
         delete?: never;
         options?: never;
         head?: never;
@@ -411,7 +557,7 @@ export interface paths {
          * Stop Export
          * @description Cancel an export; 409 if it has ended already.
          */
-        post: operations["stop_export_api_v1_exports__export_id__cancel_post"];
+        post: operations["stop_export"];
         delete?: never;
         options?: never;
         head?: never;
@@ -429,14 +575,14 @@ export interface paths {
          * Get Export
          * @description An export and its progress.
          */
-        get: operations["get_export_api_v1_exports__export_id__get"];
+        get: operations["get_export"];
         put?: never;
         post?: never;
         /**
          * Delete Export
          * @description Delete an export and its file; 409 if it has not ended.
          */
-        delete: operations["delete_export_api_v1_exports__export_id__delete"];
+        delete: operations["delete_export"];
         options?: never;
         head?: never;
         patch?: never;
@@ -453,7 +599,7 @@ export interface paths {
          * Watch Export
          * @description The progress of an export, as server-sent events; the last one is `end`.
          */
-        get: operations["watch_export_api_v1_exports__export_id__events_get"];
+        get: operations["watch_export"];
         put?: never;
         post?: never;
         delete?: never;
@@ -473,7 +619,7 @@ export interface paths {
          * Download Export
          * @description The archive of a finished export; a download can be resumed by ranges.
          */
-        get: operations["download_export_api_v1_exports__export_id__download_get"];
+        get: operations["download_export"];
         put?: never;
         post?: never;
         delete?: never;
@@ -497,7 +643,7 @@ export interface paths {
          *
          *     It is valid for five minutes, ranges included, and no longer than the token.
          */
-        post: operations["create_download_link_api_v1_exports__export_id__download_links_post"];
+        post: operations["create_download_link"];
         delete?: never;
         options?: never;
         head?: never;
@@ -515,7 +661,7 @@ export interface paths {
          * Download By Address
          * @description The archive of a finished export, by a link of `download-links`.
          */
-        get: operations["download_by_address_api_v1_exports__export_id__file_get"];
+        get: operations["download_by_address"];
         put?: never;
         post?: never;
         delete?: never;
@@ -535,13 +681,15 @@ export interface paths {
         put?: never;
         /**
          * Read Folder
-         * @description List the frames in a folder, without storing them.
+         * @description List the frames in a folder and inspect it, without storing them.
          *
-         *     The body is a tar of its files: text files as they are, the others without content,
-         *     but for images in a folder `image_2` (KITTI): of these, the first 24 bytes of a PNG
-         *     or 64 KiB of a JPEG, which have the size of the image.
+         *     The body is a tar of its files: labels and lists as they are; of each kind of image
+         *     some whole, for evenly spread frames, which are looked at; the others without
+         *     content, or, where the size matters (KITTI's `image_2`), with the first 24 bytes of
+         *     a PNG or 64 KiB of a JPEG. A `recording.yaml` in the folder says how it is read; as
+         *     JSON, too. A folder that cannot be read has no frames, and its inspection says why.
          */
-        post: operations["read_folder_api_v1_folders_post"];
+        post: operations["read_folder"];
         delete?: never;
         options?: never;
         head?: never;
@@ -557,9 +705,9 @@ export interface paths {
         };
         /**
          * Get Thumbnail
-         * @description A small JPEG of the image.
+         * @description The image as WebP, not wider than asked for.
          */
-        get: operations["get_thumbnail_api_v1_frames__frame_id__thumbnail_get"];
+        get: operations["get_thumbnail"];
         put?: never;
         post?: never;
         delete?: never;
@@ -577,9 +725,9 @@ export interface paths {
         };
         /**
          * Get Overlay
-         * @description A layer of the frame with its boxes as JPEG; without boxes, lossless PNG.
+         * @description A layer of the frame with its boxes as WebP; without boxes, lossless PNG.
          */
-        get: operations["get_overlay_api_v1_frames__frame_id__overlay_get"];
+        get: operations["get_overlay"];
         put?: never;
         post?: never;
         delete?: never;
@@ -599,7 +747,7 @@ export interface paths {
          * Get File
          * @description A file of the frame, byte for byte as it was sent.
          */
-        get: operations["get_file_api_v1_frames__frame_id___kind__get"];
+        get: operations["get_file"];
         put?: never;
         post?: never;
         delete?: never;
@@ -619,18 +767,38 @@ export interface paths {
          * Get Frame By Key
          * @description The newest revision of the frame under a key.
          */
-        get: operations["get_frame_by_key_api_v1_datasets__dataset__frames__key__get"];
+        get: operations["get_frame_by_key"];
         /**
          * Put Frame
          * @description Store a frame: it is measured, decided and durable before the response.
          */
-        put: operations["put_frame_api_v1_datasets__dataset__frames__key__put"];
+        put: operations["put_frame"];
         post?: never;
         /**
          * Delete Frame
          * @description Delete a frame with all revisions and answers; an admin, if others answered.
          */
-        delete: operations["delete_frame_api_v1_datasets__dataset__frames__key__delete"];
+        delete: operations["delete_frame"];
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/api/v1/datasets/{dataset}/report": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Get Report
+         * @description Where the ghosts are: by distance, and the frames with the most of them.
+         */
+        get: operations["get_report"];
+        put?: never;
+        post?: never;
+        delete?: never;
         options?: never;
         head?: never;
         patch?: never;
@@ -647,7 +815,7 @@ export interface paths {
          * List Frames
          * @description Frames by key or id; with filters on boxes, only frames that have such a box.
          */
-        get: operations["list_frames_api_v1_datasets__dataset__frames_get"];
+        get: operations["list_frames"];
         put?: never;
         post?: never;
         delete?: never;
@@ -667,7 +835,7 @@ export interface paths {
          * Get Frame
          * @description A frame with its boxes, their evidence, decisions and answers.
          */
-        get: operations["get_frame_api_v1_frames__frame_id__get"];
+        get: operations["get_frame"];
         put?: never;
         post?: never;
         delete?: never;
@@ -687,7 +855,7 @@ export interface paths {
          * Healthz
          * @description The process is alive; nothing else is checked.
          */
-        get: operations["healthz_healthz_get"];
+        get: operations["healthz"];
         put?: never;
         post?: never;
         delete?: never;
@@ -707,7 +875,7 @@ export interface paths {
          * Readyz
          * @description The service can store data and is not stopping; else 503 with the reasons.
          */
-        get: operations["readyz_readyz_get"];
+        get: operations["readyz"];
         put?: never;
         post?: never;
         delete?: never;
@@ -727,7 +895,7 @@ export interface paths {
          * Running Version
          * @description The version of the service and of its API.
          */
-        get: operations["running_version_version_get"];
+        get: operations["running_version"];
         put?: never;
         post?: never;
         delete?: never;
@@ -747,7 +915,7 @@ export interface paths {
          * Metrics
          * @description Metrics for Prometheus: requests, work, queues, verdicts and disk space.
          */
-        get: operations["metrics_metrics_get"];
+        get: operations["metrics"];
         put?: never;
         post?: never;
         delete?: never;
@@ -769,7 +937,7 @@ export interface paths {
          * Find Known Frames
          * @description Which of up to 1000 keys are stored, each with the digest of its content.
          */
-        post: operations["find_known_frames_api_v1_datasets__dataset__known_frames_post"];
+        post: operations["find_known_frames"];
         delete?: never;
         options?: never;
         head?: never;
@@ -787,7 +955,7 @@ export interface paths {
          * Get Quality
          * @description The filter compared with people or instances, agreement, suggested thresholds.
          */
-        get: operations["get_quality_api_v1_datasets__dataset__quality_get"];
+        get: operations["get_quality"];
         put?: never;
         post?: never;
         delete?: never;
@@ -809,7 +977,7 @@ export interface paths {
          * Take From Queue
          * @description The next boxes to review, claimed for five minutes; an answer ends the claim.
          */
-        post: operations["take_from_queue_api_v1_datasets__dataset__queue_post"];
+        post: operations["take_from_queue"];
         delete?: never;
         options?: never;
         head?: never;
@@ -832,7 +1000,7 @@ export interface paths {
          *     200 if this is the caller's own latest answer on the box: it is not stored again.
          *     Only admins may clear answers of others.
          */
-        post: operations["create_review_api_v1_boxes__box_id__reviews_post"];
+        post: operations["create_review"];
         delete?: never;
         options?: never;
         head?: never;
@@ -854,7 +1022,7 @@ export interface paths {
          *
          *     409 if somebody has answered since. Only admins may undo answers of others.
          */
-        post: operations["undo_review_api_v1_boxes__box_id__reviews__revision__undo_post"];
+        post: operations["undo_review"];
         delete?: never;
         options?: never;
         head?: never;
@@ -874,9 +1042,10 @@ export interface paths {
          * Create Bulk Review
          * @description Give many boxes one answer; a single undo takes it back on all of them.
          *
-         *     Only admins may clear answers of others.
+         *     If each of the boxes has it already as the caller's own latest answer, it is not
+         *     stored again, and `count` is 0. Only admins may clear answers of others.
          */
-        post: operations["create_bulk_review_api_v1_reviews_bulk_post"];
+        post: operations["create_bulk_review"];
         delete?: never;
         options?: never;
         head?: never;
@@ -898,7 +1067,29 @@ export interface paths {
          *
          *     Only admins may undo batches of others.
          */
-        post: operations["undo_bulk_review_api_v1_review_batches__batch_id__undo_post"];
+        post: operations["undo_bulk_review"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/api/v1/datasets/{dataset}/reviews/import": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Import Reviews
+         * @description Store answers given elsewhere, with reviewer and time, unless newer ones exist.
+         *
+         *     They are marked as imported by the caller.
+         */
+        post: operations["import_reviews"];
         delete?: never;
         options?: never;
         head?: never;
@@ -916,13 +1107,33 @@ export interface paths {
          * List Runs
          * @description Runs of a dataset, newest first.
          */
-        get: operations["list_runs_api_v1_datasets__dataset__runs_get"];
+        get: operations["list_runs"];
         put?: never;
         /**
          * Create Run
          * @description Decide again from numbers, or measure again, as the configuration needs.
          */
-        post: operations["create_run_api_v1_datasets__dataset__runs_post"];
+        post: operations["create_run"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/api/v1/runs": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * List All Runs
+         * @description Runs of all datasets, newest first.
+         */
+        get: operations["list_all_runs"];
+        put?: never;
+        post?: never;
         delete?: never;
         options?: never;
         head?: never;
@@ -940,7 +1151,7 @@ export interface paths {
          * Get Run
          * @description A run and its progress.
          */
-        get: operations["get_run_api_v1_runs__run_id__get"];
+        get: operations["get_run"];
         put?: never;
         post?: never;
         delete?: never;
@@ -960,7 +1171,7 @@ export interface paths {
          * Watch Run
          * @description The progress of a run, as server-sent events; the last one is `end`.
          */
-        get: operations["watch_run_api_v1_runs__run_id__events_get"];
+        get: operations["watch_run"];
         put?: never;
         post?: never;
         delete?: never;
@@ -982,7 +1193,7 @@ export interface paths {
          * Stop Run
          * @description Cancel a run; its dataset does not change. 409 if the run has ended already.
          */
-        post: operations["stop_run_api_v1_runs__run_id__cancel_post"];
+        post: operations["stop_run"];
         delete?: never;
         options?: never;
         head?: never;
@@ -1000,7 +1211,7 @@ export interface paths {
          * Compare Runs
          * @description Boxes whose verdicts differ between two runs, nearest to a threshold first.
          */
-        get: operations["compare_runs_api_v1_runs__run_id__diff_get"];
+        get: operations["compare_runs"];
         put?: never;
         post?: never;
         delete?: never;
@@ -1020,7 +1231,7 @@ export interface paths {
          * Get Session
          * @description The caller's name and role, and when the token or the session expires.
          */
-        get: operations["get_session_api_v1_session_get"];
+        get: operations["get_session"];
         put?: never;
         /**
          * Log In
@@ -1028,12 +1239,12 @@ export interface paths {
          *
          *     Only this response contains the session's secret; send it as you would a token.
          */
-        post: operations["log_in_api_v1_session_post"];
+        post: operations["log_in"];
         /**
          * Log Out
          * @description End the session that the request is sent with; a token stays valid.
          */
-        delete: operations["log_out_api_v1_session_delete"];
+        delete: operations["log_out"];
         options?: never;
         head?: never;
         patch?: never;
@@ -1054,7 +1265,7 @@ export interface paths {
          *
          *     The login link is the service's address followed by `/#code=` and the code.
          */
-        post: operations["create_login_code_api_v1_login_codes_post"];
+        post: operations["create_login_code"];
         delete?: never;
         options?: never;
         head?: never;
@@ -1072,7 +1283,7 @@ export interface paths {
          * Get Login Code
          * @description One of the caller's login codes: when it expires, and whether it was used.
          */
-        get: operations["get_login_code_api_v1_login_codes__code_id__get"];
+        get: operations["get_login_code"];
         put?: never;
         post?: never;
         delete?: never;
@@ -1094,13 +1305,13 @@ export interface paths {
          *
          *     `last_used_at` is written once a minute.
          */
-        get: operations["list_tokens_api_v1_tokens_get"];
+        get: operations["list_tokens"];
         put?: never;
         /**
          * Create Token
-         * @description Create a token; it expires in 90 days by default. Only this response has it.
+         * @description Create a token; it lasts until revoked or expired. Only this response has it.
          */
-        post: operations["create_token_api_v1_tokens_post"];
+        post: operations["create_token"];
         delete?: never;
         options?: never;
         head?: never;
@@ -1121,7 +1332,7 @@ export interface paths {
          * Revoke Token
          * @description Revoke a token; the sessions that it opened end as well.
          */
-        delete: operations["revoke_token_api_v1_tokens__token_id__delete"];
+        delete: operations["revoke_token"];
         options?: never;
         head?: never;
         patch?: never;
@@ -1136,11 +1347,27 @@ export interface components {
          * @description A tag whose pixels count for a box.
          */
         AcceptedTag: {
-            /** Tag */
+            /**
+             * Tag
+             * @description Number of the tag in CARLA.
+             * @example 10
+             */
             tag: number;
-            /** Name */
+            /**
+             * Name
+             * @description Name of the tag.
+             * @example Car
+             */
             name: string;
-            /** Rgb */
+            /**
+             * Rgb
+             * @description Its colour in the palette: red, green, blue, 0 to 255.
+             * @example [
+             *       0,
+             *       0,
+             *       142
+             *     ]
+             */
             rgb: [
                 number,
                 number,
@@ -1149,54 +1376,146 @@ export interface components {
         };
         /**
          * ActivateIn
-         * @description The version to activate.
+         * @description The configuration to activate: a stored version, or one to store.
          */
         ActivateIn: {
-            /** Digest */
-            digest: string;
+            /**
+             * Digest
+             * @description Digest of the configuration.
+             * @example 9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08
+             */
+            digest?: string | null;
+            /**
+             * Config
+             * @description Instead of `digest`: keys and values, or the text of a YAML file. Keys that are not named have their defaults.
+             * @example 9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08
+             */
+            config?: components["schemas"]["FilterConfigIn"] | string | null;
         };
         /**
          * Agreement
          * @description Boxes that two or more reviewers decided; `interval` is that of `kappa`.
          */
         Agreement: {
-            /** Boxes */
+            /**
+             * Boxes
+             * @description Number of boxes.
+             * @example 840
+             */
             boxes: number;
-            /** Agreed */
+            /**
+             * Agreed
+             * @description Boxes on which they agreed.
+             * @example 40
+             */
             agreed: number;
-            /** Percent */
+            /**
+             * Percent
+             * @description In percent.
+             * @example 71.4
+             */
             percent: number | null;
             /**
              * Kappa
              * @description Cohen's kappa, of all pairs in one table.
+             * @example 0.81
              */
             kappa: number | null;
-            /** Interval */
+            /**
+             * Interval
+             * @description The 95 % interval, low and high.
+             */
             interval: [
                 number,
                 number
             ] | null;
-            /** Pairs */
+            /**
+             * Pairs
+             * @description Each two people who decided the same boxes.
+             */
             pairs: components["schemas"]["Pair"][];
+        };
+        /**
+         * Alike
+         * @description Boxes without an answer that are like another one.
+         *
+         *     They have its class, its verdict with the reason, the cause of its doubt, what hides
+         *     it, and its band of distance, which 50, 100, 150 and 200 m bound.
+         */
+        Alike: {
+            /**
+             * Items
+             * @description At most 200, the `probable` first ones being probably the same.
+             */
+            items: components["schemas"]["Decision"][];
+            /**
+             * Total
+             * @description How many are alike of the first 2,000 boxes of its class, reason and band.
+             * @example 200
+             */
+            total: number;
+            /**
+             * Probable
+             * @description How many of `items` have nearly the same numbers: match and crowding differ by at most 10 points.
+             */
+            probable: number;
         };
         /**
          * Alive
          * @description The process answers.
          */
         Alive: {
-            /** Status */
+            /**
+             * Status
+             * @description Always `ok`.
+             * @example ok
+             */
             status: string;
+        };
+        /**
+         * AnswersIn
+         * @description Answers that were given somewhere else, at most 200.
+         */
+        AnswersIn: {
+            /**
+             * Answers
+             * @description Answers.
+             */
+            answers: components["schemas"]["ImportedAnswer"][];
+        };
+        /**
+         * Arm
+         * @description An arm: what its labels are, and what a detector learns from them.
+         */
+        Arm: {
+            /** @description Null if they were not counted here, but in a joined experiment. */
+            labels: components["schemas"]["LabelCounts"] | null;
+            /**
+             * Trials
+             * @description Detectors that were trained; 0: none.
+             */
+            trials: number;
+            /** @description Mean of the trials, with its 95 % interval; null without trials. */
+            map50: components["schemas"]["Measure"] | null;
+            /** @description Of mAP50, to that of the baseline. */
+            difference: components["schemas"]["Difference"] | null;
         };
         /**
          * AuditEntry
          * @description Who did what, when, and to what; `token_id` is null for the service itself.
          */
         AuditEntry: {
-            /** Id */
+            /**
+             * Id
+             * @description Its number on the server.
+             * @example 7
+             */
             id: number;
             /**
              * Created At
              * Format: date-time
+             * @description When it was created (RFC 3339, UTC).
+             * @example 2026-01-31T12:00:00Z
              */
             created_at: string;
             /**
@@ -1204,7 +1523,11 @@ export interface components {
              * @description Name of the token; `unghost` for the service itself.
              */
             actor: string;
-            /** Token Id */
+            /**
+             * Token Id
+             * @description Number of the token.
+             * @example 2
+             */
             token_id: number | null;
             /**
              * Action
@@ -1216,7 +1539,10 @@ export interface components {
              * @description Name or number of what it was done to.
              */
             subject: string;
-            /** Details */
+            /**
+             * Details
+             * @description What else is known.
+             */
             details: {
                 [key: string]: unknown;
             };
@@ -1231,17 +1557,42 @@ export interface components {
              * @description A band of distance, in metres.
              */
             band: string;
-            /** Kept Keep */
+            /**
+             * Kept Keep
+             * @description Kept by the filter, keep by the truth.
+             * @example 50
+             */
             kept_keep: number;
-            /** Kept Reject */
+            /**
+             * Kept Reject
+             * @description Kept by the filter, reject by the truth.
+             * @example 2
+             */
             kept_reject: number;
-            /** Rejected Keep */
+            /**
+             * Rejected Keep
+             * @description Rejected by the filter, keep by the truth.
+             * @example 1
+             */
             rejected_keep: number;
-            /** Rejected Reject */
+            /**
+             * Rejected Reject
+             * @description Rejected by the filter, reject by the truth.
+             * @example 20
+             */
             rejected_reject: number;
+            /** @description Share of the kept boxes that are right. */
             precision: components["schemas"]["Measure"] | null;
+            /** @description Share of the boxes to be kept that are kept. */
             recall: components["schemas"]["Measure"] | null;
+            /** @description Harmonic mean of precision and recall. */
             f1: components["schemas"]["Measure"] | null;
+            /**
+             * Refused
+             * @description Why there is no estimate of a share: nobody has answered boxes in random order, or too few to know it within 10 percentage points.
+             * @example 2
+             */
+            refused: ("no_random_answers" | "too_few_random_answers") | null;
         };
         /**
          * BandScore
@@ -1253,16 +1604,35 @@ export interface components {
              * @description A band of distance, in metres.
              */
             band: string;
-            /** Kept Visible */
+            /**
+             * Kept Visible
+             * @description Kept boxes whose object is visible.
+             * @example 50
+             */
             kept_visible: number;
-            /** Kept Hidden */
+            /**
+             * Kept Hidden
+             * @description Kept boxes whose object is not visible.
+             * @example 2
+             */
             kept_hidden: number;
-            /** Rejected Visible */
+            /**
+             * Rejected Visible
+             * @description Rejected boxes whose object is visible.
+             * @example 1
+             */
             rejected_visible: number;
-            /** Rejected Hidden */
+            /**
+             * Rejected Hidden
+             * @description Rejected boxes whose object is not visible.
+             * @example 20
+             */
             rejected_hidden: number;
+            /** @description Share of the kept boxes that are right. */
             precision: components["schemas"]["Measure"] | null;
+            /** @description Share of the boxes to be kept that are kept. */
             recall: components["schemas"]["Measure"] | null;
+            /** @description Harmonic mean of precision and recall. */
             f1: components["schemas"]["Measure"] | null;
         };
         /**
@@ -1273,123 +1643,279 @@ export interface components {
             /**
              * Id
              * @description The id that the sender gave the box.
+             * @example 7
              */
             id: string;
-            /** Box Id */
+            /**
+             * Box Id
+             * @description Number of the box on the server.
+             * @example 1201
+             */
             box_id: number;
             /**
              * Frame
              * @description Key of the frame.
+             * @example town/000007
              */
             frame: string;
-            /** Frame Id */
+            /**
+             * Frame Id
+             * @description Number of the frame on the server.
+             * @example 42
+             */
             frame_id: number;
-            /** Class */
+            /**
+             * Class
+             * @description Name of the class.
+             * @example car
+             */
             class: string;
             /**
              * Verdict
+             * @description The verdict of the filter.
+             * @example kept
              * @enum {string}
              */
             verdict: "kept" | "rejected" | "unmeasured";
             /**
              * Reason
+             * @description The rule that gave the verdict.
+             * @example below_threshold
              * @enum {string}
              */
             reason: "outside_image" | "covers_image" | "degenerate" | "out_of_range" | "unmapped_class" | "no_segmentation" | "no_visible_pixels" | "large_below_threshold" | "below_threshold" | "explained_by_nearer" | "hidden_by_depth" | "hidden_by_instance" | "too_few_lidar_points" | "visible" | "passed" | "unknown_pixels";
-            /** Explanation */
+            /**
+             * Explanation
+             * @description The verdict and its reason as a sentence.
+             * @example rejected: 3.1 % of 840 pixels match car; 8 % are needed
+             */
             explanation: string;
-            /** Evidence */
+            /**
+             * Evidence
+             * @description The kind of evidence that decided; null where nothing was measured.
+             * @example semantic
+             */
             evidence: ("semantic" | "ordered" | "depth" | "depth_center" | "instance" | "lidar") | null;
-            /** Match Percent */
+            /**
+             * Match Percent
+             * @description Share of the box's pixels that match, in percent.
+             * @example 43.5
+             */
             match_percent: number | null;
-            /** Threshold */
+            /**
+             * Threshold
+             * @description Share that it needs, in percent; null where none applied.
+             * @example 8
+             */
             threshold: number | null;
-            /** Margin */
+            /**
+             * Margin
+             * @description `match_percent` less `threshold`.
+             * @example 35.5
+             */
             margin: number | null;
-            /** Toss Up */
+            /**
+             * Toss Up
+             * @description Whether it has too few pixels to be certain on which side of the threshold it is.
+             * @example false
+             */
             toss_up: boolean;
-            /** Large */
+            /**
+             * Large
+             * @description Whether it counts as a large box.
+             * @example false
+             */
             large: boolean;
-            /** Matched Pixels */
+            /**
+             * Matched Pixels
+             * @description Pixels of the box that match.
+             * @example 365
+             */
             matched_pixels: number | null;
-            /** Box Pixels */
+            /**
+             * Box Pixels
+             * @description Pixels of the box.
+             * @example 840
+             */
             box_pixels: number | null;
-            /** Unknown Pixels */
+            /**
+             * Unknown Pixels
+             * @description Pixels of the box whose tag or colour is not known; null without a segmentation.
+             * @example 0
+             */
             unknown_pixels: number | null;
-            /** Area Percent */
+            /**
+             * Area Percent
+             * @description Share of the image that the box covers, in percent.
+             * @example 0.1
+             */
             area_percent: number | null;
-            /** Crowding */
+            /**
+             * Crowding
+             * @description The largest share of the box, in percent, that one other box of a fitting class covers.
+             * @example 12.5
+             */
             crowding: number | null;
-            /** Explained By */
+            /**
+             * Explained By
+             * @description Id of the nearer box that takes most of its pixels; null if none does.
+             */
             explained_by: string | null;
-            /** Hidden By */
+            /**
+             * Hidden By
+             * @description Up to three of the most frequent tags that its class does not accept.
+             */
             hidden_by: components["schemas"]["HiddenBy"][];
-            /** Accepted Tags */
+            /**
+             * Accepted Tags
+             * @description The tags whose pixels count for its class.
+             */
             accepted_tags: components["schemas"]["AcceptedTag"][];
-            /** Lossy */
+            /**
+             * Lossy
+             * @description Whether the colours of the segmentation were not exact.
+             * @example false
+             */
             lossy: boolean;
-            /** Distance */
+            /**
+             * Distance
+             * @description Metres from the camera; null if not known.
+             * @example 12.5
+             */
             distance: number | null;
-            /** Xyxy */
+            /**
+             * Distance Range
+             * @description Between how many metres it is; null if not known.
+             * @example [
+             *       50,
+             *       80
+             *     ]
+             */
+            distance_range: [
+                number,
+                number
+            ] | null;
+            /**
+             * Xyxy
+             * @description Left, top, right, bottom in pixels: the rectangle that was measured; null if it is outside of the image.
+             * @example [
+             *       83,
+             *       410,
+             *       466,
+             *       640
+             *     ]
+             */
             xyxy: [
                 number,
                 number,
                 number,
                 number
             ] | null;
-            /** Amodal Xyxy */
+            /**
+             * Amodal Xyxy
+             * @description Of a 3D box: the rectangle of the whole, which may leave the image.
+             */
             amodal_xyxy: [
                 number,
                 number,
                 number,
                 number
             ] | null;
-            /** Visible Xyxy */
+            /**
+             * Visible Xyxy
+             * @description Of a 3D box: the part of it inside the image.
+             */
             visible_xyxy: [
                 number,
                 number,
                 number,
                 number
             ] | null;
-            /** Tight Xyxy */
+            /**
+             * Tight Xyxy
+             * @description The rectangle around its own pixels, by instance or depth.
+             */
             tight_xyxy: [
                 number,
                 number,
                 number,
                 number
             ] | null;
-            /** Visible Pixels */
+            /**
+             * Visible Pixels
+             * @description Its own pixels, by instance or depth.
+             * @example 300
+             */
             visible_pixels: number | null;
             /**
              * Occluded
+             * @description KITTI's level: 0 visible, 1 partly, 2 largely hidden, 3 unknown.
+             * @example 0
              * @enum {integer}
              */
             occluded: 0 | 1 | 2 | 3;
-            /** Truncated */
+            /**
+             * Truncated
+             * @description Share of a 3D box outside of the image, 0 to 1.
+             * @example 0
+             */
             truncated: number | null;
-            /** Edges */
+            /**
+             * Edges
+             * @description Of a 3D box: its projected edges, each by its two ends.
+             */
             edges: [
                 number,
                 number,
                 number,
                 number
             ][] | null;
-            /** Config */
+            /**
+             * Config
+             * @description Digest of the configuration.
+             * @example 9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08
+             */
             config: string;
-            /** Run */
+            /**
+             * Run
+             * @description Number of the run.
+             * @example 3
+             */
             run: number;
             /**
              * Revision
              * @description How many answers the box has been given, including undone ones. Send it as `seen_revision` with the next answer.
+             * @example 1
              */
             revision: number;
-            /** @description The current answer; null if there is none or it was undone. */
+            /**
+             * @description The current answer; null if there is none or it was undone.
+             * @example undecided
+             */
             review: components["schemas"]["ReviewMark"] | null;
             /**
              * Effective Verdict
+             * @description A person's keep or reject if there is one, else the filter's verdict.
+             * @example kept
              * @enum {string}
              */
             effective_verdict: "kept" | "rejected" | "unmeasured";
+            /**
+             * Bin
+             * @description Whether people are asked about it (`ask`), or why not.
+             * @enum {string}
+             */
+            bin: "ask" | "sure" | "small" | "wall";
+            /**
+             * Doubt
+             * @description How much an answer is worth, from 1 to 100; 0 if nobody is asked.
+             */
+            doubt: number;
+            /**
+             * Question
+             * @description Why people are asked about it; null if they are not.
+             */
+            question: string | null;
             /**
              * Neighbours
              * @description Ids of the boxes of the frame that overlap this one.
@@ -1397,17 +1923,237 @@ export interface components {
             neighbours: number[];
         };
         /**
+         * BoxColumns
+         * @description Boxes as columns: lists of equal length, in the same order.
+         *
+         *     Those that were asked for. The other names are those of the tables that exports
+         *     have.
+         */
+        BoxColumns: {
+            /**
+             * Box Id
+             * @description Number of the box on the server.
+             * @example 1201
+             */
+            box_id: number[];
+            /**
+             * Frame
+             * @description Keys of the frames.
+             * @example town/000007
+             */
+            frame: string[];
+            /**
+             * Map
+             * @description CARLA's map.
+             * @example Town10HD
+             */
+            map: (string | null)[];
+            /**
+             * Camera
+             * @description `camera.name` of the annotations.
+             */
+            camera: (string | null)[];
+            /**
+             * Sequence
+             * @description Drives that the frames are of.
+             */
+            sequence: (string | null)[];
+            /**
+             * Box
+             * @description The ids that the sender gave the boxes.
+             */
+            box: string[];
+            /**
+             * Class
+             * @description Name of the class.
+             * @example car
+             */
+            class: string[];
+            /**
+             * Verdict
+             * @description The verdict of the filter.
+             * @example kept
+             */
+            verdict: ("kept" | "rejected" | "unmeasured")[];
+            /**
+             * Effective Verdict
+             * @description A person's keep or reject if there is one, else the filter's verdict.
+             * @example kept
+             */
+            effective_verdict: ("kept" | "rejected" | "unmeasured")[];
+            /**
+             * Reason
+             * @description The rule that gave the verdict.
+             * @example below_threshold
+             */
+            reason: ("outside_image" | "covers_image" | "degenerate" | "out_of_range" | "unmapped_class" | "no_segmentation" | "no_visible_pixels" | "large_below_threshold" | "below_threshold" | "explained_by_nearer" | "hidden_by_depth" | "hidden_by_instance" | "too_few_lidar_points" | "visible" | "passed" | "unknown_pixels")[];
+            /**
+             * Match Percent
+             * @description Share of the box's pixels that match, in percent.
+             * @example 43.5
+             */
+            match_percent: (number | null)[];
+            /**
+             * Threshold
+             * @description Share that it needs, in percent; null where none applied.
+             * @example 8
+             */
+            threshold: (number | null)[];
+            /**
+             * Margin
+             * @description `match_percent` less `threshold`.
+             * @example 35.5
+             */
+            margin: (number | null)[];
+            /**
+             * Toss Up
+             * @description Whether it has too few pixels to be certain on which side of the threshold it is.
+             * @example false
+             */
+            toss_up: boolean[];
+            /**
+             * Large
+             * @description Whether it counts as a large box.
+             * @example false
+             */
+            large: boolean[];
+            /**
+             * Matched Pixels
+             * @description Pixels of the box that match.
+             * @example 365
+             */
+            matched_pixels: (number | null)[];
+            /**
+             * Box Pixels
+             * @description Pixels of the box.
+             * @example 840
+             */
+            box_pixels: number[];
+            /**
+             * Unknown Pixels
+             * @description Pixels of the box whose tag or colour is not known; null without a segmentation.
+             * @example 0
+             */
+            unknown_pixels: (number | null)[];
+            /**
+             * Area Percent
+             * @description Share of the image that the box covers, in percent.
+             * @example 0.1
+             */
+            area_percent: (number | null)[];
+            /**
+             * Crowding
+             * @description The largest share of the box, in percent, that one other box of a fitting class covers.
+             * @example 12.5
+             */
+            crowding: (number | null)[];
+            /**
+             * Explained By
+             * @description Id of the nearer box that takes most of its pixels; null if none does.
+             */
+            explained_by: (string | null)[];
+            /**
+             * Lossy
+             * @description Whether the colours of the segmentation were not exact.
+             * @example false
+             */
+            lossy: boolean[];
+            /**
+             * Distance
+             * @description Metres from the camera; null if not known.
+             * @example 12.5
+             */
+            distance: (number | null)[];
+            /**
+             * Distance From
+             * @description Where the distance is not known: from so many metres on.
+             */
+            distance_from: (number | null)[];
+            /**
+             * Distance To
+             * @description Up to so many metres.
+             */
+            distance_to: (number | null)[];
+            /**
+             * X Min
+             * @description Left edges of the corrected rectangles, in pixels.
+             */
+            x_min: (number | null)[];
+            /**
+             * Y Min
+             * @description Their top edges.
+             */
+            y_min: (number | null)[];
+            /**
+             * X Max
+             * @description Their right edges.
+             */
+            x_max: (number | null)[];
+            /**
+             * Y Max
+             * @description Their bottom edges.
+             */
+            y_max: (number | null)[];
+            /**
+             * Review
+             * @description The current answers of people.
+             * @example undecided
+             */
+            review: (("keep" | "reject" | "unsure") | null)[];
+            /**
+             * Revision
+             * @description Number of the revision, from 1.
+             * @example 1
+             */
+            revision: number[];
+            /**
+             * Bin
+             * @description Whether people are asked about a box (`ask`), or why not.
+             */
+            bin: ("ask" | "sure" | "small" | "wall")[];
+            /**
+             * Hidden By
+             * @description Tags in the boxes that their classes do not accept, with percent. Only if it is asked for, like those that follow.
+             */
+            hidden_by: string[];
+            /**
+             * Reviewer
+             * @description Name of the person who answered.
+             * @example ann
+             */
+            reviewer: (string | null)[];
+            /**
+             * Comment
+             * @description A comment of the person.
+             * @example behind a tree
+             */
+            comment: (string | null)[];
+            /**
+             * Config
+             * @description Digest of the configuration.
+             * @example 9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08
+             */
+            config: string[];
+        };
+        /**
          * BoxPage
          * @description One page of boxes; `total` and `snapshot` only with `count=true`.
          */
         BoxPage: {
-            /** Items */
+            /**
+             * Items
+             * @description The items of this page.
+             */
             items: components["schemas"]["Decision"][];
-            /** Next Cursor */
+            /**
+             * Next Cursor
+             * @description Send it as `cursor` for the next page; null on the last.
+             */
             next_cursor: string | null;
             /**
              * Total
              * @description Number of all boxes that match the filter.
+             * @example 200
              */
             total?: number;
             /**
@@ -1421,24 +2167,48 @@ export interface components {
          * @description Boxes of a list, by the same filters that the list takes.
          */
         BoxSelection: {
-            /** Verdict */
+            /**
+             * Verdict
+             * @description Only boxes with this verdict of the filter.
+             * @example kept
+             */
             verdict?: ("kept" | "rejected" | "unmeasured") | null;
-            /** Effective */
+            /**
+             * Effective
+             * @description Only boxes with this effective verdict.
+             * @example kept
+             */
             effective?: ("kept" | "rejected" | "unmeasured") | null;
             /**
              * Reason
              * @description Reasons, separated by commas.
+             * @example below_threshold
              */
             reason?: string | null;
-            /** Class */
+            /**
+             * Class
+             * @description Only boxes of this class.
+             * @example car
+             */
             class?: string | null;
             /**
              * Review
+             * @description The answers that boxes have.
+             * @example undecided
              * @enum {unknown}
              */
             review?: "" | "undecided" | "decided" | "keep" | "reject" | "unsure" | "none" | "any" | null;
-            /** Toss Up */
+            /**
+             * Toss Up
+             * @description Only toss-ups, or only others.
+             * @example true
+             */
             toss_up?: boolean | null;
+            /**
+             * Bin
+             * @description Only boxes to ask about, or only others of a kind.
+             */
+            bin?: ("ask" | "sure" | "small" | "wall") | null;
             /**
              * Conflict
              * @description Whether a person's keep or reject contradicts the filter.
@@ -1449,29 +2219,97 @@ export interface components {
              * @description Only boxes with a match: not those outside the image.
              */
             match_min?: number | null;
-            /** Match Max */
+            /**
+             * Match Max
+             * @description Only boxes with at most this `match_percent`.
+             * @example 20
+             */
             match_max?: number | null;
-            /** Margin Max */
+            /**
+             * Margin Max
+             * @description Only boxes at most so far from their threshold.
+             * @example 2
+             */
             margin_max?: number | null;
-            /** Distance Min */
+            /**
+             * Distance Min
+             * @description Only boxes at least so many metres away.
+             * @example 0
+             */
             distance_min?: number | null;
-            /** Distance Max */
+            /**
+             * Distance Max
+             * @description Only boxes at most so many metres away.
+             * @example 50
+             */
             distance_max?: number | null;
+            /**
+             * Frame
+             * @description Only boxes of the frame with this key.
+             * @example town/000007
+             */
+            frame?: string | null;
+            /**
+             * Map
+             * @description Only boxes of frames on this map.
+             * @example Town10HD
+             */
+            map?: string | null;
+            /**
+             * Camera
+             * @description Only boxes of frames whose annotation has this `camera.name`.
+             */
+            camera?: string | null;
+            /**
+             * Sequence
+             * @description Only boxes of frames of this drive.
+             */
+            sequence?: string | null;
+        };
+        /**
+         * BoxTable
+         * @description Boxes as columns, in order of frame; `next_cursor` tells the boxes after them.
+         */
+        BoxTable: {
+            /** @description The columns that were asked for. */
+            columns: components["schemas"]["BoxColumns"];
+            /**
+             * Rows
+             * @description Length of each column; may be 0 before the end.
+             */
+            rows: number;
+            /**
+             * Next Cursor
+             * @description Send it as `cursor` for the next page; null on the last.
+             */
+            next_cursor: string | null;
         };
         /**
          * BulkIn
          * @description A bulk answer, on the boxes of `box_ids` or on all that match `filter`.
          */
         BulkIn: {
-            /** Dataset */
+            /**
+             * Dataset
+             * @description Name of the dataset.
+             * @example town10
+             */
             dataset: string;
-            /** Box Ids */
+            /**
+             * Box Ids
+             * @description Numbers of the boxes, instead of `filter`.
+             * @example [
+             *       1201,
+             *       1202
+             *     ]
+             */
             box_ids?: number[] | null;
             /**
              * Seen Revisions
              * @description `revision` of each of `box_ids` when it was seen, in the same order. Boxes that were answered since are not changed. Without it, boxes that have an answer are not changed.
              */
             seen_revisions?: number[] | null;
+            /** @description All boxes that match, instead of `box_ids`. */
             filter?: components["schemas"]["BoxSelection"] | null;
             /**
              * Snapshot
@@ -1484,13 +2322,21 @@ export interface components {
              */
             expected_count?: number | null;
             /**
+             * Looked At
+             * @description How many of the boxes the person had on the screen before.
+             */
+            looked_at?: number | null;
+            /**
              * Verdict
+             * @description The answer of the person.
+             * @example keep
              * @enum {string}
              */
             verdict: "keep" | "reject" | "unsure" | "clear";
             /**
              * Comment
-             * @default
+             * @description A comment of the person.
+             * @example behind a tree
              */
             comment?: string;
         };
@@ -1499,27 +2345,52 @@ export interface components {
          * @description The accuracy of one channel: on all boxes, by class and by distance.
          */
         ChannelScore: {
-            /** Kept Visible */
+            /**
+             * Kept Visible
+             * @description Kept boxes whose object is visible.
+             * @example 50
+             */
             kept_visible: number;
-            /** Kept Hidden */
+            /**
+             * Kept Hidden
+             * @description Kept boxes whose object is not visible.
+             * @example 2
+             */
             kept_hidden: number;
-            /** Rejected Visible */
+            /**
+             * Rejected Visible
+             * @description Rejected boxes whose object is visible.
+             * @example 1
+             */
             rejected_visible: number;
-            /** Rejected Hidden */
+            /**
+             * Rejected Hidden
+             * @description Rejected boxes whose object is not visible.
+             * @example 20
+             */
             rejected_hidden: number;
+            /** @description Share of the kept boxes that are right. */
             precision: components["schemas"]["Measure"] | null;
+            /** @description Share of the boxes to be kept that are kept. */
             recall: components["schemas"]["Measure"] | null;
+            /** @description Harmonic mean of precision and recall. */
             f1: components["schemas"]["Measure"] | null;
             /**
              * Judged
              * @description Boxes that the channel had a number for; the segmentation judged the others.
              */
             judged: number;
-            /** By Class */
+            /**
+             * By Class
+             * @description The same for each class.
+             */
             by_class: {
                 [key: string]: components["schemas"]["Score"];
             };
-            /** By Distance */
+            /**
+             * By Distance
+             * @description The same for each band of distance.
+             */
             by_distance: components["schemas"]["BandScore"][];
             /**
              * Worst
@@ -1535,6 +2406,8 @@ export interface components {
             /**
              * Expires At
              * Format: date-time
+             * @description When it ends; null for never.
+             * @example 2026-01-31T12:00:00Z
              */
             expires_at: string;
         };
@@ -1546,6 +2419,7 @@ export interface components {
             /**
              * Name
              * @description Its new name, which no class of the dataset has.
+             * @example town10
              */
             name?: string;
             /**
@@ -1559,52 +2433,122 @@ export interface components {
          * @description One immutable version of a dataset's filter configuration, with its digest.
          */
         ConfigVersion: {
-            /** Digest */
+            /**
+             * Digest
+             * @description Digest of the configuration.
+             * @example 9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08
+             */
             digest: string;
+            /** @description All keys with their values. */
             config: components["schemas"]["FilterConfigIn"];
-            /** Unused Keys */
+            /**
+             * Unused Keys
+             * @description Keys that have no effect.
+             * @example []
+             */
             unused_keys: string[];
-            /** Created By */
+            /**
+             * Created By
+             * @description Name of the token that asked for it.
+             * @example ann
+             */
             created_by: string;
             /**
              * Created At
              * Format: date-time
+             * @description When it was created (RFC 3339, UTC).
+             * @example 2026-01-31T12:00:00Z
              */
             created_at: string;
-            /** Active */
+            /**
+             * Active
+             * @description Whether it decides the current verdicts.
+             * @example true
+             */
             active: boolean;
         };
         /**
          * Confusion
          * @description Boxes by the verdict of the filter, then by the ground truth.
          *
-         *     Kept is the positive class; a share is None where nothing can be said.
+         *     The counts are those of the boxes whose truth is known. With people as the truth,
+         *     the shares are estimates for all boxes, answered or not. Kept is the positive class;
+         *     a share is None where nothing can be said.
          */
         Confusion: {
-            /** Kept Keep */
+            /**
+             * Kept Keep
+             * @description Kept by the filter, keep by the truth.
+             * @example 50
+             */
             kept_keep: number;
-            /** Kept Reject */
+            /**
+             * Kept Reject
+             * @description Kept by the filter, reject by the truth.
+             * @example 2
+             */
             kept_reject: number;
-            /** Rejected Keep */
+            /**
+             * Rejected Keep
+             * @description Rejected by the filter, keep by the truth.
+             * @example 1
+             */
             rejected_keep: number;
-            /** Rejected Reject */
+            /**
+             * Rejected Reject
+             * @description Rejected by the filter, reject by the truth.
+             * @example 20
+             */
             rejected_reject: number;
+            /** @description Share of the kept boxes that are right. */
             precision: components["schemas"]["Measure"] | null;
+            /** @description Share of the boxes to be kept that are kept. */
             recall: components["schemas"]["Measure"] | null;
+            /** @description Harmonic mean of precision and recall. */
             f1: components["schemas"]["Measure"] | null;
+            /**
+             * Refused
+             * @description Why there is no estimate of a share: nobody has answered boxes in random order, or too few to know it within 10 percentage points.
+             * @example 2
+             */
+            refused: ("no_random_answers" | "too_few_random_answers") | null;
         };
         /**
          * Dataset
          * @description A named set of frames with one list of classes and one active run.
          */
         Dataset: {
-            /** Name */
+            /**
+             * Name
+             * @description Name of the dataset.
+             * @example town10
+             */
             name: string;
-            /** Description */
+            /**
+             * Description
+             * @description Text for people about the dataset.
+             * @example Town10, rain
+             */
             description: string;
-            /** Classes */
+            /**
+             * Rule
+             * @description By which rule people keep boxes, shown beside each question.
+             */
+            rule: string;
+            /**
+             * Classes
+             * @description Names of the classes in their order.
+             * @example [
+             *       "car",
+             *       "van"
+             *     ]
+             */
             classes: string[];
-            /** Classes Frozen */
+            /**
+             * Classes Frozen
+             * @description Whether no class can be added or changed.
+             * @example false
+             */
             classes_frozen: boolean;
             /**
              * Renamed Classes
@@ -1615,40 +2559,78 @@ export interface components {
             };
             /**
              * Palette
+             * @description The table of tags of the segmentations.
+             * @example auto
              * @enum {string}
              */
             palette: "auto" | "carla-0.9.0" | "carla-0.9.10" | "carla-0.9.14" | "paper-table1";
             /**
              * Encoding
+             * @description How tags are written in the segmentations.
+             * @example auto
              * @enum {string}
              */
             encoding: "auto" | "palette" | "raw";
             /**
              * Channel Order
+             * @description Order of the segmentations' colour channels.
+             * @example auto
              * @enum {string}
              */
             channel_order: "auto" | "rgb" | "bgr";
             /**
              * Lossy Segmentation
+             * @description What happens to a segmentation whose colours are not exact.
+             * @example refuse
              * @enum {string}
              */
             lossy_segmentation: "refuse" | "nearest";
-            /** Has Ignore Mask */
+            /**
+             * Has Ignore Mask
+             * @description Whether there is a mask of ignored pixels.
+             * @example false
+             */
             has_ignore_mask: boolean;
+            /**
+             * Recording
+             * @description How the folder of its frames is read, as recording.yaml says it; null if nobody has told.
+             */
+            recording: {
+                [key: string]: unknown;
+            } | null;
             /**
              * Created At
              * Format: date-time
+             * @description When it was created (RFC 3339, UTC).
+             * @example 2026-01-31T12:00:00Z
              */
             created_at: string;
             /**
              * Config
              * @description Digest of the active configuration.
+             * @example 9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08
              */
             config: string;
-            /** Active Run */
+            /**
+             * Evidence
+             * @description By what its boxes are decided, as the configuration says.
+             * @example semantic
+             * @enum {string}
+             */
+            evidence: "semantic" | "ordered" | "depth" | "depth_center" | "instance" | "lidar" | "auto";
+            /**
+             * Active Run
+             * @description Number of the run that decided the current verdicts.
+             * @example 3
+             */
             active_run: number;
-            /** Thumbnail Frame Id */
+            /**
+             * Thumbnail Frame Id
+             * @description A frame whose picture stands for all.
+             * @example 42
+             */
             thumbnail_frame_id: number | null;
+            /** @description How many there are of each. */
             counts: components["schemas"]["DatasetCounts"];
         };
         /**
@@ -1656,21 +2638,53 @@ export interface components {
          * @description Boxes of a dataset, its frames, and the frames that were refused (`problems`).
          */
         DatasetCounts: {
-            /** Frames */
+            /**
+             * Frames
+             * @description Number of frames.
+             * @example 200
+             */
             frames: number;
-            /** Boxes */
+            /**
+             * Boxes
+             * @description Number of boxes.
+             * @example 840
+             */
             boxes: number;
-            /** Kept */
+            /**
+             * Kept
+             * @description Boxes that the filter keeps.
+             * @example 700
+             */
             kept: number;
-            /** Rejected */
+            /**
+             * Rejected
+             * @description Boxes that the filter rejects.
+             * @example 120
+             */
             rejected: number;
-            /** Unmeasured */
+            /**
+             * Unmeasured
+             * @description Boxes without a verdict.
+             * @example 20
+             */
             unmeasured: number;
-            /** Reviewed */
+            /**
+             * Reviewed
+             * @description Boxes with keep or reject of a person.
+             * @example 55
+             */
             reviewed: number;
-            /** To Review */
+            /**
+             * To Review
+             * @description Boxes that should be looked at.
+             * @example 31
+             */
             to_review: number;
-            /** Problems */
+            /**
+             * Problems
+             * @description Frames that were refused and not stored since.
+             * @example 0
+             */
             problems: number;
         };
         /**
@@ -1680,76 +2694,116 @@ export interface components {
         DatasetIn: {
             /**
              * Name
-             * @description Lower-case letters, digits, dots, dashes, underscores.
+             * @description Letters, digits, dots, dashes, underscores; unique regardless of case.
+             * @example town10
              */
             name: string;
             /**
              * Description
-             * @default
+             * @description Text for people about the dataset.
+             * @example Town10, rain
              */
             description?: string;
             /**
+             * Rule
+             * @description By which rule people keep boxes, shown beside each question.
+             */
+            rule?: string;
+            /**
              * Classes
              * @description Names of the classes in their order; default: the eight classes of CARLA.
+             * @example [
+             *       "car",
+             *       "van"
+             *     ]
              */
             classes?: string[] | null;
             /**
              * Palette
-             * @default auto
+             * @description The table of tags of the segmentations.
+             * @example auto
              * @enum {string}
              */
             palette?: "auto" | "carla-0.9.0" | "carla-0.9.10" | "carla-0.9.14" | "paper-table1";
             /**
              * Encoding
-             * @default auto
+             * @description How tags are written in the segmentations.
+             * @example auto
              * @enum {string}
              */
             encoding?: "auto" | "palette" | "raw";
             /**
              * Channel Order
-             * @default auto
+             * @description Order of the segmentations' colour channels.
+             * @example auto
              * @enum {string}
              */
             channel_order?: "auto" | "rgb" | "bgr";
             /**
              * Lossy Segmentation
-             * @default refuse
+             * @description What happens to a segmentation whose colours are not exact.
+             * @example refuse
              * @enum {string}
              */
             lossy_segmentation?: "refuse" | "nearest";
+            /** @description Pixels that are never counted. */
             ignore_mask?: components["schemas"]["IgnoreMask"] | null;
-            /** @description Its first configuration; default: that of the service. */
+            /**
+             * @description Its first configuration; default: that of the service.
+             * @example 9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08
+             */
             config?: components["schemas"]["FilterConfigIn"] | null;
+            /** @description How the folder of its frames is read, kept to read it so again; it changes no setting. */
+            recording?: components["schemas"]["RecordingIn"] | null;
         };
         /**
          * DatasetPatch
          * @description Changes of a dataset; those to reading segmentations measure all frames again.
          */
         DatasetPatch: {
-            /** Description */
+            /**
+             * Description
+             * @description Text for people about the dataset.
+             * @example Town10, rain
+             */
             description?: string;
             /**
+             * Rule
+             * @description By which rule people keep boxes, shown beside each question.
+             */
+            rule?: string;
+            /**
              * Palette
+             * @description The table of tags of the segmentations.
+             * @example auto
              * @enum {string}
              */
             palette?: "auto" | "carla-0.9.0" | "carla-0.9.10" | "carla-0.9.14" | "paper-table1";
             /**
              * Encoding
+             * @description How tags are written in the segmentations.
+             * @example auto
              * @enum {string}
              */
             encoding?: "auto" | "palette" | "raw";
             /**
              * Channel Order
+             * @description Order of the segmentations' colour channels.
+             * @example auto
              * @enum {string}
              */
             channel_order?: "auto" | "rgb" | "bgr";
             /**
              * Lossy Segmentation
+             * @description What happens to a segmentation whose colours are not exact.
+             * @example refuse
              * @enum {string}
              */
             lossy_segmentation?: "refuse" | "nearest";
             /** @description null removes the mask. */
             ignore_mask?: components["schemas"]["IgnoreMask"] | null;
+            /** @description Replaces the description; null removes it. */
+            recording?: components["schemas"]["RecordingIn"] | null;
         };
         /**
          * Decision
@@ -1762,132 +2816,344 @@ export interface components {
             /**
              * Id
              * @description The id that the sender gave the box.
+             * @example 7
              */
             id: string;
-            /** Box Id */
+            /**
+             * Box Id
+             * @description Number of the box on the server.
+             * @example 1201
+             */
             box_id: number;
             /**
              * Frame
              * @description Key of the frame.
+             * @example town/000007
              */
             frame: string;
-            /** Frame Id */
+            /**
+             * Frame Id
+             * @description Number of the frame on the server.
+             * @example 42
+             */
             frame_id: number;
-            /** Class */
+            /**
+             * Class
+             * @description Name of the class.
+             * @example car
+             */
             class: string;
             /**
              * Verdict
+             * @description The verdict of the filter.
+             * @example kept
              * @enum {string}
              */
             verdict: "kept" | "rejected" | "unmeasured";
             /**
              * Reason
+             * @description The rule that gave the verdict.
+             * @example below_threshold
              * @enum {string}
              */
             reason: "outside_image" | "covers_image" | "degenerate" | "out_of_range" | "unmapped_class" | "no_segmentation" | "no_visible_pixels" | "large_below_threshold" | "below_threshold" | "explained_by_nearer" | "hidden_by_depth" | "hidden_by_instance" | "too_few_lidar_points" | "visible" | "passed" | "unknown_pixels";
-            /** Explanation */
+            /**
+             * Explanation
+             * @description The verdict and its reason as a sentence.
+             * @example rejected: 3.1 % of 840 pixels match car; 8 % are needed
+             */
             explanation: string;
-            /** Evidence */
+            /**
+             * Evidence
+             * @description The kind of evidence that decided; null where nothing was measured.
+             * @example semantic
+             */
             evidence: ("semantic" | "ordered" | "depth" | "depth_center" | "instance" | "lidar") | null;
-            /** Match Percent */
+            /**
+             * Match Percent
+             * @description Share of the box's pixels that match, in percent.
+             * @example 43.5
+             */
             match_percent: number | null;
-            /** Threshold */
+            /**
+             * Threshold
+             * @description Share that it needs, in percent; null where none applied.
+             * @example 8
+             */
             threshold: number | null;
-            /** Margin */
+            /**
+             * Margin
+             * @description `match_percent` less `threshold`.
+             * @example 35.5
+             */
             margin: number | null;
-            /** Toss Up */
+            /**
+             * Toss Up
+             * @description Whether it has too few pixels to be certain on which side of the threshold it is.
+             * @example false
+             */
             toss_up: boolean;
-            /** Large */
+            /**
+             * Large
+             * @description Whether it counts as a large box.
+             * @example false
+             */
             large: boolean;
-            /** Matched Pixels */
+            /**
+             * Matched Pixels
+             * @description Pixels of the box that match.
+             * @example 365
+             */
             matched_pixels: number | null;
-            /** Box Pixels */
+            /**
+             * Box Pixels
+             * @description Pixels of the box.
+             * @example 840
+             */
             box_pixels: number | null;
-            /** Unknown Pixels */
+            /**
+             * Unknown Pixels
+             * @description Pixels of the box whose tag or colour is not known; null without a segmentation.
+             * @example 0
+             */
             unknown_pixels: number | null;
-            /** Area Percent */
+            /**
+             * Area Percent
+             * @description Share of the image that the box covers, in percent.
+             * @example 0.1
+             */
             area_percent: number | null;
-            /** Crowding */
+            /**
+             * Crowding
+             * @description The largest share of the box, in percent, that one other box of a fitting class covers.
+             * @example 12.5
+             */
             crowding: number | null;
-            /** Explained By */
+            /**
+             * Explained By
+             * @description Id of the nearer box that takes most of its pixels; null if none does.
+             */
             explained_by: string | null;
-            /** Hidden By */
+            /**
+             * Hidden By
+             * @description Up to three of the most frequent tags that its class does not accept.
+             */
             hidden_by: components["schemas"]["HiddenBy"][];
-            /** Accepted Tags */
+            /**
+             * Accepted Tags
+             * @description The tags whose pixels count for its class.
+             */
             accepted_tags: components["schemas"]["AcceptedTag"][];
-            /** Lossy */
+            /**
+             * Lossy
+             * @description Whether the colours of the segmentation were not exact.
+             * @example false
+             */
             lossy: boolean;
-            /** Distance */
+            /**
+             * Distance
+             * @description Metres from the camera; null if not known.
+             * @example 12.5
+             */
             distance: number | null;
-            /** Xyxy */
+            /**
+             * Distance Range
+             * @description Between how many metres it is; null if not known.
+             * @example [
+             *       50,
+             *       80
+             *     ]
+             */
+            distance_range: [
+                number,
+                number
+            ] | null;
+            /**
+             * Xyxy
+             * @description Left, top, right, bottom in pixels: the rectangle that was measured; null if it is outside of the image.
+             * @example [
+             *       83,
+             *       410,
+             *       466,
+             *       640
+             *     ]
+             */
             xyxy: [
                 number,
                 number,
                 number,
                 number
             ] | null;
-            /** Amodal Xyxy */
+            /**
+             * Amodal Xyxy
+             * @description Of a 3D box: the rectangle of the whole, which may leave the image.
+             */
             amodal_xyxy: [
                 number,
                 number,
                 number,
                 number
             ] | null;
-            /** Visible Xyxy */
+            /**
+             * Visible Xyxy
+             * @description Of a 3D box: the part of it inside the image.
+             */
             visible_xyxy: [
                 number,
                 number,
                 number,
                 number
             ] | null;
-            /** Tight Xyxy */
+            /**
+             * Tight Xyxy
+             * @description The rectangle around its own pixels, by instance or depth.
+             */
             tight_xyxy: [
                 number,
                 number,
                 number,
                 number
             ] | null;
-            /** Visible Pixels */
+            /**
+             * Visible Pixels
+             * @description Its own pixels, by instance or depth.
+             * @example 300
+             */
             visible_pixels: number | null;
             /**
              * Occluded
+             * @description KITTI's level: 0 visible, 1 partly, 2 largely hidden, 3 unknown.
+             * @example 0
              * @enum {integer}
              */
             occluded: 0 | 1 | 2 | 3;
-            /** Truncated */
+            /**
+             * Truncated
+             * @description Share of a 3D box outside of the image, 0 to 1.
+             * @example 0
+             */
             truncated: number | null;
-            /** Edges */
+            /**
+             * Edges
+             * @description Of a 3D box: its projected edges, each by its two ends.
+             */
             edges: [
                 number,
                 number,
                 number,
                 number
             ][] | null;
-            /** Config */
+            /**
+             * Config
+             * @description Digest of the configuration.
+             * @example 9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08
+             */
             config: string;
-            /** Run */
+            /**
+             * Run
+             * @description Number of the run.
+             * @example 3
+             */
             run: number;
             /**
              * Revision
              * @description How many answers the box has been given, including undone ones. Send it as `seen_revision` with the next answer.
+             * @example 1
              */
             revision: number;
-            /** @description The current answer; null if there is none or it was undone. */
+            /**
+             * @description The current answer; null if there is none or it was undone.
+             * @example undecided
+             */
             review: components["schemas"]["ReviewMark"] | null;
             /**
              * Effective Verdict
+             * @description A person's keep or reject if there is one, else the filter's verdict.
+             * @example kept
              * @enum {string}
              */
             effective_verdict: "kept" | "rejected" | "unmeasured";
+            /**
+             * Bin
+             * @description Whether people are asked about it (`ask`), or why not.
+             * @enum {string}
+             */
+            bin: "ask" | "sure" | "small" | "wall";
+            /**
+             * Doubt
+             * @description How much an answer is worth, from 1 to 100; 0 if nobody is asked.
+             */
+            doubt: number;
+            /**
+             * Question
+             * @description Why people are asked about it; null if they are not.
+             */
+            question: string | null;
+        };
+        /**
+         * DepthBand
+         * @description The pixels of a box between two depths.
+         */
+        DepthBand: {
+            /**
+             * Near
+             * @description From this depth on, in metres.
+             */
+            near: number;
+            /**
+             * Far
+             * @description To this depth, in metres.
+             */
+            far: number;
+            /**
+             * Percent
+             * @description Share of the pixels in the box's rectangle.
+             * @example 71.4
+             */
+            percent: number;
+        };
+        /**
+         * DepthSlice
+         * @description Where a box and the pixels in its rectangle are on one axis of depth.
+         */
+        DepthSlice: {
+            /**
+             * Near
+             * @description Nearest depth of the box, in metres; null if it is not 3D.
+             */
+            near: number | null;
+            /**
+             * Far
+             * @description Farthest depth of the box, in metres.
+             */
+            far: number | null;
+            /**
+             * Median
+             * @description Median depth of the pixels, in metres; null if all are sky.
+             */
+            median: number | null;
+            /**
+             * Bands
+             * @description The pixels by depth, from near to far, without the sky.
+             */
+            bands: components["schemas"]["DepthBand"][];
         };
         /**
          * Diff
          * @description The boxes whose verdicts differ between two runs: counts, and a page of boxes.
          */
         Diff: {
-            /** Run */
+            /**
+             * Run
+             * @description Number of the run.
+             * @example 3
+             */
             run: number;
-            /** Against */
+            /**
+             * Against
+             * @description Number of the run that it is compared with.
+             * @example 2
+             */
             against: number;
             /**
              * Compared
@@ -1897,11 +3163,20 @@ export interface components {
             /**
              * Total
              * @description Boxes whose verdicts differ.
+             * @example 200
              */
             total: number;
-            /** Kept To Rejected */
+            /**
+             * Kept To Rejected
+             * @description Boxes that change from kept to rejected.
+             * @example 5
+             */
             kept_to_rejected: number;
-            /** Rejected To Kept */
+            /**
+             * Rejected To Kept
+             * @description Boxes that change from rejected to kept.
+             * @example 1
+             */
             rejected_to_kept: number;
             /**
              * By Class
@@ -1924,21 +3199,96 @@ export interface components {
             by_cause: {
                 [key: string]: number;
             };
-            /** Items */
+            /**
+             * Items
+             * @description The items of this page.
+             */
             items: components["schemas"]["Flip"][];
-            /** Next Cursor */
+            /**
+             * Next Cursor
+             * @description Send it as `cursor` for the next page; null on the last.
+             */
             next_cursor: string | null;
+        };
+        /**
+         * Difference
+         * @description A difference of two shares with its 95 % interval, -1 to 1.
+         */
+        Difference: {
+            /**
+             * Value
+             * @description The share, 0 to 1.
+             * @example 0.96
+             */
+            value: number;
+            /**
+             * Low
+             * @description Lower end of the interval.
+             * @example 0.91
+             */
+            low: number;
+            /**
+             * High
+             * @description Upper end of the interval.
+             * @example 0.98
+             */
+            high: number;
+            /**
+             * Shown
+             * @description Whether the interval does not contain 0, and all of several seeds agree.
+             */
+            shown: boolean;
+        };
+        /**
+         * DistanceBand
+         * @description Boxes of a range of distances, by effective verdict.
+         */
+        DistanceBand: {
+            /**
+             * Kept
+             * @description Boxes that the filter keeps.
+             * @example 700
+             */
+            kept: number;
+            /**
+             * Rejected
+             * @description Boxes that the filter rejects.
+             * @example 120
+             */
+            rejected: number;
+            /**
+             * Unmeasured
+             * @description Boxes without a verdict.
+             * @example 20
+             */
+            unmeasured: number;
+            /**
+             * Distance From
+             * @description Least distance in metres; null for boxes without a distance.
+             */
+            distance_from: number | null;
+            /**
+             * Distance To
+             * @description Distance in metres that boxes do not reach; null if none is.
+             */
+            distance_to: number | null;
         };
         /**
          * DownloadLink
          * @description A link that downloads one export without a token, and until when.
          */
         DownloadLink: {
-            /** Url */
+            /**
+             * Url
+             * @description Path of the address.
+             * @example /api/v1/frames/42/image
+             */
             url: string;
             /**
              * Expires At
              * Format: date-time
+             * @description When it ends; null for never.
+             * @example 2026-01-31T12:00:00Z
              */
             expires_at: string;
         };
@@ -1949,18 +3299,128 @@ export interface components {
         Evaluation: {
             /**
              * Truth
+             * @description The ground truth.
+             * @example people
              * @enum {string}
              */
             truth: "people" | "instances";
-            /** Not Measured */
+            /**
+             * Not Measured
+             * @description Channels for which no frame has the files.
+             */
             not_measured: ("semantic" | "ordered" | "depth" | "depth_center" | "instance" | "lidar")[];
-            /** Frames */
+            /**
+             * Frames
+             * @description Number of frames.
+             * @example 200
+             */
             frames: number;
-            /** Boxes */
+            /**
+             * Boxes
+             * @description Number of boxes.
+             * @example 840
+             */
             boxes: number;
-            /** Channels */
+            /** @description If every box were kept, as it is recorded. */
+            unfiltered: components["schemas"]["Score"] | null;
+            /**
+             * Channels
+             * @description The scores by channel.
+             */
             channels: {
                 [key: string]: components["schemas"]["ChannelScore"];
+            };
+        };
+        /**
+         * Experiment
+         * @description What `unghost worth-it` has found out about ways of cleaning labels (arms).
+         */
+        Experiment: {
+            /**
+             * Verdict
+             * @description Empty if no detector was trained.
+             * @example kept
+             */
+            verdict: string;
+            /**
+             * Truth
+             * @description What tells which boxes are objects, in a sentence.
+             * @example people
+             */
+            truth: string;
+            /**
+             * Baseline
+             * @description The arm that the others are compared with.
+             */
+            baseline: string;
+            /**
+             * Trainer
+             * @description The value of `--trainer`; empty if no detector was trained.
+             */
+            trainer: string;
+            /**
+             * Frames
+             * @description Number of frames.
+             * @example 200
+             */
+            frames: number;
+            /**
+             * Objects
+             * @description Boxes that are objects by the truth.
+             */
+            objects: number;
+            /**
+             * Arms
+             * @description By their names, such as `raw` or `ordered@3`.
+             */
+            arms: {
+                [key: string]: components["schemas"]["Arm"];
+            };
+        };
+        /**
+         * ExperimentIn
+         * @description An `Experiment` to keep; unknown keys are refused.
+         */
+        ExperimentIn: {
+            /**
+             * Verdict
+             * @description Empty if no detector was trained.
+             * @example kept
+             */
+            verdict: string;
+            /**
+             * Truth
+             * @description What tells which boxes are objects, in a sentence.
+             * @example people
+             */
+            truth: string;
+            /**
+             * Baseline
+             * @description The arm that the others are compared with.
+             */
+            baseline: string;
+            /**
+             * Trainer
+             * @description The value of `--trainer`; empty if no detector was trained.
+             */
+            trainer: string;
+            /**
+             * Frames
+             * @description Number of frames.
+             * @example 200
+             */
+            frames: number;
+            /**
+             * Objects
+             * @description Boxes that are objects by the truth.
+             */
+            objects: number;
+            /**
+             * Arms
+             * @description By their names, such as `raw` or `ordered@3`.
+             */
+            arms: {
+                [key: string]: components["schemas"]["Arm"];
             };
         };
         /**
@@ -1971,44 +3431,107 @@ export interface components {
          *     null, its file was deleted, and `error` says why.
          */
         Export: {
-            /** Id */
+            /**
+             * Id
+             * @description Its number on the server.
+             * @example 7
+             */
             id: number;
-            /** Dataset */
+            /**
+             * Dataset
+             * @description Name of the dataset.
+             * @example town10
+             */
             dataset: string;
             /**
              * Format
+             * @description The format.
+             * @example yolo
              * @enum {string}
              */
-            format: "yolo" | "coco" | "kitti" | "voc" | "cvat" | "label-studio" | "manifest" | "decisions-jsonl" | "decisions-csv" | "decisions-parquet";
+            format: "yolo" | "coco" | "kitti" | "voc" | "cvat" | "label-studio" | "manifest" | "decisions-jsonl" | "decisions-csv" | "decisions-parquet" | "carlasimu";
+            /** @description Its options. */
             options: components["schemas"]["ExportOptions"];
             /**
              * State
+             * @description Its state; `done`, `failed` and `cancelled` are final.
+             * @example done
              * @enum {string}
              */
             state: "queued" | "running" | "done" | "failed" | "cancelled";
-            /** Total */
+            /**
+             * Total
+             * @description Number of frames altogether.
+             * @example 200
+             */
             total: number;
-            /** Done */
+            /**
+             * Done
+             * @description Number of frames that are done.
+             * @example 120
+             */
             done: number;
-            /** Size Bytes */
+            /**
+             * Size Bytes
+             * @description Size in bytes.
+             * @example 81234
+             */
             size_bytes: number | null;
-            /** Sha256 */
+            /**
+             * Sha256
+             * @description SHA-256 of the content, in hexadecimal.
+             * @example 9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08
+             */
             sha256: string | null;
-            /** Counts */
+            /**
+             * Counts
+             * @description How many there are of each.
+             */
             counts: {
                 [key: string]: unknown;
             } | null;
+            /** @description Why it failed; null unless it did. */
             error: components["schemas"]["Failure"] | null;
-            /** Created By */
+            /**
+             * Created By
+             * @description Name of the token that asked for it.
+             * @example ann
+             */
             created_by: string;
             /**
              * Created At
              * Format: date-time
+             * @description When it was created (RFC 3339, UTC).
+             * @example 2026-01-31T12:00:00Z
              */
             created_at: string;
-            /** Finished At */
+            /**
+             * Finished At
+             * @description When it ended; null until then.
+             * @example 2026-01-31T12:00:00Z
+             */
             finished_at: string | null;
-            /** Download */
+            /**
+             * Name
+             * @description Name of the version; null of an export that is none.
+             * @example town10
+             */
+            name: string | null;
+            /**
+             * Since
+             * @description The version whose unchanged frames were left out.
+             */
+            since: string | null;
+            /**
+             * Version
+             * @description Digest of all frames with their files, decisions and answers, and of the configuration; equal digests: equal data. null until it is done.
+             * @example 0.1.0
+             */
+            version: string | null;
+            /**
+             * Download
+             * @description Path of the file; null until there is one.
+             */
             download: string | null;
         };
         /**
@@ -2019,22 +3542,23 @@ export interface components {
             /**
              * Format
              * @description The format to write; see docs/formats.md.
+             * @example yolo
              * @enum {string}
              */
-            format: "yolo" | "coco" | "kitti" | "voc" | "cvat" | "label-studio" | "manifest" | "decisions-jsonl" | "decisions-csv" | "decisions-parquet";
-            /**
-             * @default {
-             *       "include": "effective",
-             *       "include_unmeasured": true,
-             *       "rejected": "drop",
-             *       "boxes": "visible",
-             *       "images": "copy",
-             *       "allow_missing_images": false,
-             *       "split": 0.8,
-             *       "bands": []
-             *     }
-             */
+            format: "yolo" | "coco" | "kitti" | "voc" | "cvat" | "label-studio" | "manifest" | "decisions-jsonl" | "decisions-csv" | "decisions-parquet" | "carlasimu";
+            /** @description Its options. */
             options?: components["schemas"]["ExportOptions"];
+            /**
+             * Name
+             * @description Name of a version: its file is kept until it is deleted, and can be downloaded again, byte for byte.
+             * @example v1
+             */
+            name?: string | null;
+            /**
+             * Since
+             * @description Name of a version: only frames that are new or have changed since are written; `removed` in manifest.json lists those that are gone.
+             */
+            since?: string | null;
         };
         /**
          * ExportOptions
@@ -2044,55 +3568,71 @@ export interface components {
             /**
              * Include
              * @description Which boxes. effective: those whose effective verdict is kept; kept: those that the filter keeps; all: every box.
-             * @default effective
              * @enum {string}
              */
             include?: "effective" | "kept" | "all";
             /**
              * Include Unmeasured
              * @description Also boxes without a verdict (unmeasured), as they came. false: every frame with such a box is left out as a whole; no effect if include is all.
-             * @default true
              */
             include_unmeasured?: boolean;
             /**
              * Rejected
              * @description What to do with rejected boxes. drop: leave them out; dontcare: mark them to be ignored.
-             * @default drop
+             * @example 120
              * @enum {string}
              */
             rejected?: "drop" | "dontcare";
             /**
              * Boxes
              * @description Which rectangle of a box to write, if it has several.
-             * @default visible
+             * @example 840
              * @enum {string}
              */
             boxes?: "visible" | "amodal" | "tight";
             /**
              * Images
              * @description Whether to include the images (copy) or not (none).
-             * @default copy
+             * @example 200
              * @enum {string}
              */
             images?: "copy" | "none";
             /**
              * Allow Missing Images
              * @description If images are included, also write frames without an image, which many programs cannot read. They are left out otherwise.
-             * @default false
              */
             allow_missing_images?: boolean;
             /**
              * Split
-             * @description About this share of the frames is for training, 0 to 1. A hash of its key and map decides the part of a frame, so that it keeps its part when others are added.
-             * @default 0.8
+             * @description Shares of the parts train, val and test, whose sum is 1; of one number the rest is for val. Whole sequences go into a part, chosen by their names and map, so that they keep it when others are added. Empty: every frame keeps the part that it came with, and of those without one 80 % are for training, each by its key.
              */
-            split?: number;
+            split?: number[];
+            /**
+             * Split By
+             * @description What the shares of split are of. sequence: whole sequences; map: the frames of each map, exactly, whatever their sequences.
+             * @enum {string}
+             */
+            split_by?: "sequence" | "map";
+            /**
+             * Val Maps
+             * @description Names of maps, separated by commas, all of whose frames are the part val; all others are train. Instead of split.
+             */
+            val_maps?: string;
             /**
              * Bands
-             * @description Distances in metres; the labels are written once more for each, with the boxes up to it.
-             * @default []
+             * @description Distances in metres; the labels are written once more for each, with the boxes up to it. carlasimu: instead of 50, 100, 150 and 200.
              */
             bands?: number[];
+            /**
+             * Pictures
+             * @description The first frames of which the archive has pictures before and after the filter, with a contact sheet and a page.
+             */
+            pictures?: number;
+            /**
+             * Drawn
+             * @description Also a picture of each frame with all its boxes, and one with those that are written.
+             */
+            drawn?: boolean;
         };
         /**
          * Failure
@@ -2101,9 +3641,16 @@ export interface components {
          *     `code` is for programs, `detail` for people.
          */
         Failure: {
-            /** Code */
+            /**
+             * Code
+             * @description The code for programs.
+             * @example cancelled
+             */
             code: string;
-            /** Detail */
+            /**
+             * Detail
+             * @description What is wrong, as a sentence for people.
+             */
             detail: string;
         };
         /**
@@ -2116,9 +3663,16 @@ export interface components {
              * @description JSON pointer into the body, or /query/name, /path/name.
              */
             pointer: string;
-            /** Code */
+            /**
+             * Code
+             * @description Code of the kind of error.
+             * @example not_finite
+             */
             code: string;
-            /** Detail */
+            /**
+             * Detail
+             * @description What is wrong, as a sentence for people.
+             */
             detail: string;
         };
         /**
@@ -2128,112 +3682,85 @@ export interface components {
         FilterConfigIn: {
             /**
              * @description How boxes are counted and compared: as the paper says, or bit for bit as its authors' published code does.
-             * @default paper
              * @enum {string}
              */
             profile?: "paper" | "carlasimu";
-            /**
-             * @description Share of a box's pixels that must carry a tag of its class.
-             * @default 10
-             */
+            /** @description Share of a box's pixels that must carry a tag of its class. */
             threshold_small_box?: number;
-            /**
-             * @description A box is large if it covers more than this share of the image; in profile carlasimu, this share or more.
-             * @default 70
-             */
+            /** @description A box is large if it covers more than this share of the image; in profile carlasimu, this share or more. */
             size_big_box?: number;
-            /**
-             * @description Share of a large box's pixels that must carry a tag of its class.
-             * @default 50
-             */
+            /** @description Share of a large box's pixels that must carry a tag of its class. */
             threshold_big_box?: number;
-            /**
-             * @description Fewest pixels that must be seen of a box: with a tag of its class, or of its instance.
-             * @default 1
-             */
+            /** @description Fewest pixels that must be seen of a box: with a tag of its class, or of its instance. Where another `evidence` than auto is chosen, the default is 1. */
             min_visible_pixels?: number;
-            /**
-             * @description Nearest distance at which boxes are kept; null: no limit.
-             * @default null
-             */
+            /** @description Share of a box's pixels that must be its object's own, where order, depth or instances tell which are. */
+            min_visible_percent?: number;
+            /** @description Nearest distance at which boxes are kept; null: no limit. */
             min_distance?: number | null;
-            /**
-             * @description Farthest distance at which boxes are kept; null: no limit.
-             * @default null
-             */
+            /** @description Farthest distance at which boxes are kept; null: no limit. */
             max_distance?: number | null;
             /**
-             * @description By what boxes are judged: the segmentation, or a channel besides it.
-             * @default semantic
+             * @description By what boxes are judged: the segmentation, a channel besides it, or auto, the strongest that a frame allows. Where a profile is named, the default is semantic.
+             * @example semantic
              * @enum {string}
              */
             evidence?: "semantic" | "ordered" | "depth" | "depth_center" | "instance" | "lidar" | "auto";
             /**
              * @description How 3D boxes become rectangles: cut exactly at the image, or as in the paper.
-             * @default clipped
              * @enum {string}
              */
             projection?: "clipped" | "naive";
-            /**
-             * @description How far in front of a box and behind it a depth may lie and still be its own.
-             * @default 0.15
-             */
+            /** @description How far in front of a box and behind it a depth may lie and still be its own. */
             depth_tolerance?: number;
-            /**
-             * @description Fewest pixels with a tag of its class that nearer boxes must leave to a box.
-             * @default 3
-             */
+            /** @description Fewest pixels with a tag of its class that nearer boxes must leave to a box. */
             ordered_min_pixels?: number;
-            /**
-             * @description Fewest LiDAR points with a tag of its class that must lie inside a box.
-             * @default 5
-             */
+            /** @description Fewest LiDAR points with a tag of its class that must lie inside a box. */
             lidar_min_points?: number;
+            /** @description Shorter side from which on people are asked about a box: an eye cannot decide about smaller ones. It changes no verdict. */
+            review_min_side?: number;
+            /** @description 3D boxes are out of range unless their centres are farther ahead of the camera than this, along its axis; null: no limit. carlasimu skips such boxes before it projects them. */
+            min_forward?: number | null;
             /**
              * @description Which of CARLA's tables of tags segmentations are made with.
-             * @default auto
+             * @example auto
              * @enum {string}
              */
             palette?: "auto" | "carla-0.9.0" | "carla-0.9.10" | "carla-0.9.14" | "paper-table1";
             /**
              * @description What pixels of segmentations are: colours of a palette, or raw tag numbers.
-             * @default auto
+             * @example auto
              * @enum {string}
              */
             encoding?: "auto" | "palette" | "raw";
             /**
              * @description Order of the colour channels of segmentations.
-             * @default auto
+             * @example auto
              * @enum {string}
              */
             channel_order?: "auto" | "rgb" | "bgr";
             /**
              * @description Whether segmentations as JPEG are refused, or read by the nearest colours.
-             * @default refuse
+             * @example refuse
              * @enum {string}
              */
             lossy_segmentation?: "refuse" | "nearest";
-            /**
-             * @description Tags of a changed CARLA: names of CARLA's tags by their number or colour in segmentations and instance images. All others are those of the palette.
-             * @default {}
-             */
+            /** @description Tags of a changed CARLA: names of CARLA's tags by their number or colour in segmentations and instance images. All others are those of the palette. */
             tags?: {
                 [key: string]: string;
             };
-            /**
-             * @description The number by which grey segmentations are divided, if they hold multiples of tags; auto: they hold tags.
-             * @default auto
-             */
+            /** @description The number by which grey segmentations are divided, if they hold multiples of tags; auto: they hold tags. */
             tag_scale?: "auto" | number;
             /**
              * @description How depth images hold metres. Those of 8 bits, and those in whole metres, are too coarse to be evidence.
-             * @default auto
              * @enum {string}
              */
             depth_encoding?: "auto" | "carla" | "carla-bgr" | "millimetres16" | "metres16" | "log8" | "linear8";
             /**
              * @description What single classes do differently, by their names.
-             * @default {}
+             * @example [
+             *       "car",
+             *       "van"
+             *     ]
              */
             classes?: {
                 [key: string]: string | {
@@ -2243,13 +3770,48 @@ export interface components {
                     size_big_box?: number;
                     /** @description Share of a large box's pixels that must carry a tag of its class. */
                     threshold_big_box?: number;
-                    /** @description Fewest pixels that must be seen of a box: with a tag of its class, or of its instance. */
+                    /** @description Fewest pixels that must be seen of a box: with a tag of its class, or of its instance. Where another `evidence` than auto is chosen, the default is 1. */
                     min_visible_pixels?: number;
+                    /** @description Share of a box's pixels that must be its object's own, where order, depth or instances tell which are. */
+                    min_visible_percent?: number;
                     /** @description Nearest distance at which boxes are kept; null: no limit. */
                     min_distance?: number | null;
                     /** @description Farthest distance at which boxes are kept; null: no limit. */
                     max_distance?: number | null;
-                    /** @description The class as which boxes of this name are measured; pass: they are not measured, and written as they came. */
+                    /**
+                     * @description The class as which boxes of this name are measured; pass: they are not measured, and written as they came.
+                     * @example car
+                     * @example truck
+                     * @example van
+                     * @example bus
+                     * @example motorcycle
+                     * @example bicycle
+                     * @example walker
+                     * @example traffic_light
+                     * @example vehicle
+                     * @example rider
+                     * @example train
+                     * @example traffic_sign
+                     * @example building
+                     * @example fence
+                     * @example pole
+                     * @example road_line
+                     * @example road
+                     * @example sidewalk
+                     * @example vegetation
+                     * @example wall
+                     * @example sky
+                     * @example ground
+                     * @example bridge
+                     * @example rail_track
+                     * @example guard_rail
+                     * @example static
+                     * @example dynamic
+                     * @example water
+                     * @example terrain
+                     * @example rock
+                     * @example pass
+                     */
                     measures_as?: string;
                     /** @description Tags whose pixels count for the class, by name or number. */
                     accept?: (string | number)[];
@@ -2264,37 +3826,77 @@ export interface components {
          *     the image.
          */
         Flip: {
-            /** Box Id */
+            /**
+             * Box Id
+             * @description Number of the box on the server.
+             * @example 1201
+             */
             box_id: number;
-            /** Frame Id */
+            /**
+             * Frame Id
+             * @description Number of the frame on the server.
+             * @example 42
+             */
             frame_id: number;
-            /** Class */
+            /**
+             * Class
+             * @description Name of the class.
+             * @example car
+             */
             class: string;
-            /** Xyxy */
+            /**
+             * Xyxy
+             * @description Left, top, right, bottom in pixels: the rectangle that was measured; null if it is outside of the image.
+             * @example [
+             *       83,
+             *       410,
+             *       466,
+             *       640
+             *     ]
+             */
             xyxy: [
                 number,
                 number,
                 number,
                 number
             ] | null;
-            /** Match Percent */
+            /**
+             * Match Percent
+             * @description Share of the box's pixels that match, in percent.
+             * @example 43.5
+             */
             match_percent: number | null;
+            /** @description The state before. */
             before: components["schemas"]["FlipSide"];
+            /** @description The state after. */
             after: components["schemas"]["FlipSide"];
             /**
              * Cause
              * @description What changed the verdict besides the configuration: class_known: the name of its class is understood now; edge_rounded: an edge that was rounded is a whole number again. null: nothing else is known to have.
              */
             cause: ("class_known" | "edge_rounded") | null;
+            /**
+             * Visible
+             * @description Whether the object is visible by the `truth` of a preview; null: that is not known.
+             */
+            visible: boolean | null;
         };
         /**
          * FlipCounts
          * @description How many boxes change from kept to rejected, and the reverse.
          */
         FlipCounts: {
-            /** Kept To Rejected */
+            /**
+             * Kept To Rejected
+             * @description Boxes that change from kept to rejected.
+             * @example 5
+             */
             kept_to_rejected: number;
-            /** Rejected To Kept */
+            /**
+             * Rejected To Kept
+             * @description Boxes that change from rejected to kept.
+             * @example 1
+             */
             rejected_to_kept: number;
         };
         /**
@@ -2306,17 +3908,29 @@ export interface components {
         FlipSide: {
             /**
              * Verdict
+             * @description The verdict of the filter.
+             * @example kept
              * @enum {string}
              */
             verdict: "kept" | "rejected" | "unmeasured";
             /**
              * Reason
+             * @description The rule that gave the verdict.
+             * @example below_threshold
              * @enum {string}
              */
             reason: "outside_image" | "covers_image" | "degenerate" | "out_of_range" | "unmapped_class" | "no_segmentation" | "no_visible_pixels" | "large_below_threshold" | "below_threshold" | "explained_by_nearer" | "hidden_by_depth" | "hidden_by_instance" | "too_few_lidar_points" | "visible" | "passed" | "unknown_pixels";
-            /** Match Percent */
+            /**
+             * Match Percent
+             * @description Share of the box's pixels that match, in percent.
+             * @example 43.5
+             */
             match_percent: number | null;
-            /** Threshold */
+            /**
+             * Threshold
+             * @description Share that it needs, in percent; null where none applied.
+             * @example 8
+             */
             threshold: number | null;
         };
         /**
@@ -2327,17 +3941,32 @@ export interface components {
             /**
              * Total
              * @description Boxes whose verdicts differ.
+             * @example 200
              */
             total: number;
-            /** Kept To Rejected */
+            /**
+             * Kept To Rejected
+             * @description Boxes that change from kept to rejected.
+             * @example 5
+             */
             kept_to_rejected: number;
-            /** Rejected To Kept */
+            /**
+             * Rejected To Kept
+             * @description Boxes that change from rejected to kept.
+             * @example 1
+             */
             rejected_to_kept: number;
-            /** By Class */
+            /**
+             * By Class
+             * @description The same for each class.
+             */
             by_class: {
                 [key: string]: components["schemas"]["FlipCounts"];
             };
-            /** Items */
+            /**
+             * Items
+             * @description The items of this page.
+             */
             items: components["schemas"]["Flip"][];
         };
         /**
@@ -2345,62 +3974,140 @@ export interface components {
          * @description A frame with its boxes and their decisions, and the previous and next frame.
          */
         Frame: {
-            /** Id */
+            /**
+             * Id
+             * @description Its number on the server.
+             * @example 7
+             */
             id: number;
-            /** Key */
+            /**
+             * Key
+             * @description Key of the frame in its dataset; it may contain `/`.
+             * @example town/000007
+             */
             key: string;
-            /** Revision */
+            /**
+             * Revision
+             * @description Number of the revision, from 1.
+             * @example 1
+             */
             revision: number;
-            /** Width */
+            /**
+             * Width
+             * @description Width of the image in pixels.
+             * @example 1280
+             */
             width: number | null;
-            /** Height */
+            /**
+             * Height
+             * @description Height of the image in pixels.
+             * @example 720
+             */
             height: number | null;
-            /** Map */
+            /**
+             * Map
+             * @description CARLA's map.
+             * @example Town10HD
+             */
             map: string | null;
-            /** Has Image */
+            /**
+             * Has Image
+             * @description Whether there is an image.
+             * @example true
+             */
             has_image: boolean;
-            /** Has Segmentation */
+            /**
+             * Has Segmentation
+             * @description Whether there is a segmentation.
+             * @example true
+             */
             has_segmentation: boolean;
-            /** Lossy */
+            /**
+             * Lossy
+             * @description Whether the colours of the segmentation were not exact.
+             * @example false
+             */
             lossy: boolean;
             /**
              * Created At
              * Format: date-time
+             * @description When it was created (RFC 3339, UTC).
+             * @example 2026-01-31T12:00:00Z
              */
             created_at: string;
+            /** @description How many there are of each. */
             counts: components["schemas"]["FrameCounts"];
-            /** Dataset */
+            /**
+             * Dataset
+             * @description Name of the dataset.
+             * @example town10
+             */
             dataset: string;
-            /** Camera */
+            /**
+             * Camera
+             * @description The camera, as it was sent.
+             */
             camera: {
                 [key: string]: unknown;
             } | null;
-            /** Carla Version */
+            /**
+             * Carla Version
+             * @description The version of CARLA, as it was sent.
+             * @example 0.9.15
+             */
             carla_version: string | null;
             /**
              * Captured At
              * @description When it was recorded, as it was sent (RFC 3339).
              */
             captured_at: string | null;
-            /** Weather */
+            /**
+             * Weather
+             * @description The weather, as it was sent.
+             */
             weather: {
                 [key: string]: unknown;
             } | null;
+            /**
+             * Sequence
+             * @description The drive that the frame is of, as its annotation says.
+             */
+            sequence: string | null;
+            /**
+             * Split
+             * @description The part of its data set that it came with, such as val.
+             */
+            split: string | null;
             /**
              * Superseded
              * @description Whether there is a newer revision.
              */
             superseded: boolean;
+            /** @description What was recognised in the segmentation. */
             segmentation: components["schemas"]["SegmentationReport"] | null;
-            /** Files */
+            /**
+             * Files
+             * @description The stored files by kind.
+             */
             files: {
                 [key: string]: components["schemas"]["StoredFile"];
             };
-            /** Previous Id */
+            /**
+             * Previous Id
+             * @description The frame before, by key; null for the first.
+             * @example 41
+             */
             previous_id: number | null;
-            /** Next Id */
+            /**
+             * Next Id
+             * @description The frame after, by key; null for the last.
+             * @example 43
+             */
             next_id: number | null;
-            /** Boxes */
+            /**
+             * Boxes
+             * @description Its boxes and their decisions.
+             */
             boxes: components["schemas"]["Decision"][];
         };
         /**
@@ -2408,22 +4115,44 @@ export interface components {
          * @description Boxes of a frame: by the filter's verdict, and by what people said.
          *
          *     `reviewed` boxes have a keep or a reject. `to_review` counts boxes that have neither
-         *     and of which the filter is not certain: not measured, toss-ups, or rejected for any
-         *     reason but `outside_image` and `degenerate`. The queue has all boxes without an
-         *     answer.
+         *     and that people are asked about: those of the bin `ask`, as the queue has them.
          */
         FrameCounts: {
-            /** Boxes */
+            /**
+             * Boxes
+             * @description Number of boxes.
+             * @example 840
+             */
             boxes: number;
-            /** Kept */
+            /**
+             * Kept
+             * @description Boxes that the filter keeps.
+             * @example 700
+             */
             kept: number;
-            /** Rejected */
+            /**
+             * Rejected
+             * @description Boxes that the filter rejects.
+             * @example 120
+             */
             rejected: number;
-            /** Unmeasured */
+            /**
+             * Unmeasured
+             * @description Boxes without a verdict.
+             * @example 20
+             */
             unmeasured: number;
-            /** Reviewed */
+            /**
+             * Reviewed
+             * @description Boxes with keep or reject of a person.
+             * @example 55
+             */
             reviewed: number;
-            /** To Review */
+            /**
+             * To Review
+             * @description Boxes that should be looked at.
+             * @example 31
+             */
             to_review: number;
         };
         /**
@@ -2431,54 +4160,121 @@ export interface components {
          * @description A frame without its boxes.
          */
         FrameDetails: {
-            /** Id */
+            /**
+             * Id
+             * @description Its number on the server.
+             * @example 7
+             */
             id: number;
-            /** Key */
+            /**
+             * Key
+             * @description Key of the frame in its dataset; it may contain `/`.
+             * @example town/000007
+             */
             key: string;
-            /** Revision */
+            /**
+             * Revision
+             * @description Number of the revision, from 1.
+             * @example 1
+             */
             revision: number;
-            /** Width */
+            /**
+             * Width
+             * @description Width of the image in pixels.
+             * @example 1280
+             */
             width: number | null;
-            /** Height */
+            /**
+             * Height
+             * @description Height of the image in pixels.
+             * @example 720
+             */
             height: number | null;
-            /** Map */
+            /**
+             * Map
+             * @description CARLA's map.
+             * @example Town10HD
+             */
             map: string | null;
-            /** Has Image */
+            /**
+             * Has Image
+             * @description Whether there is an image.
+             * @example true
+             */
             has_image: boolean;
-            /** Has Segmentation */
+            /**
+             * Has Segmentation
+             * @description Whether there is a segmentation.
+             * @example true
+             */
             has_segmentation: boolean;
-            /** Lossy */
+            /**
+             * Lossy
+             * @description Whether the colours of the segmentation were not exact.
+             * @example false
+             */
             lossy: boolean;
             /**
              * Created At
              * Format: date-time
+             * @description When it was created (RFC 3339, UTC).
+             * @example 2026-01-31T12:00:00Z
              */
             created_at: string;
+            /** @description How many there are of each. */
             counts: components["schemas"]["FrameCounts"];
-            /** Dataset */
+            /**
+             * Dataset
+             * @description Name of the dataset.
+             * @example town10
+             */
             dataset: string;
-            /** Camera */
+            /**
+             * Camera
+             * @description The camera, as it was sent.
+             */
             camera: {
                 [key: string]: unknown;
             } | null;
-            /** Carla Version */
+            /**
+             * Carla Version
+             * @description The version of CARLA, as it was sent.
+             * @example 0.9.15
+             */
             carla_version: string | null;
             /**
              * Captured At
              * @description When it was recorded, as it was sent (RFC 3339).
              */
             captured_at: string | null;
-            /** Weather */
+            /**
+             * Weather
+             * @description The weather, as it was sent.
+             */
             weather: {
                 [key: string]: unknown;
             } | null;
+            /**
+             * Sequence
+             * @description The drive that the frame is of, as its annotation says.
+             */
+            sequence: string | null;
+            /**
+             * Split
+             * @description The part of its data set that it came with, such as val.
+             */
+            split: string | null;
             /**
              * Superseded
              * @description Whether there is a newer revision.
              */
             superseded: boolean;
+            /** @description What was recognised in the segmentation. */
             segmentation: components["schemas"]["SegmentationReport"] | null;
-            /** Files */
+            /**
+             * Files
+             * @description The stored files by kind.
+             */
             files: {
                 [key: string]: components["schemas"]["StoredFile"];
             };
@@ -2488,13 +4284,27 @@ export interface components {
          * @description Why a frame was refused; `more_errors` only if some errors are not listed.
          */
         FrameProblem: {
-            /** Code */
+            /**
+             * Code
+             * @description The code for programs; see the table of error codes.
+             * @example not_found
+             */
             code: string;
-            /** Detail */
+            /**
+             * Detail
+             * @description What is wrong, as a sentence for people.
+             */
             detail: string;
-            /** Errors */
+            /**
+             * Errors
+             * @description The single errors, at most a hundred.
+             */
             errors: components["schemas"]["Fault"][];
-            /** More Errors */
+            /**
+             * More Errors
+             * @description How many errors there are besides those listed.
+             * @example 12
+             */
             more_errors?: number;
         };
         /**
@@ -2502,29 +4312,68 @@ export interface components {
          * @description A frame in a list of frames: its sizes, and the counts of its boxes.
          */
         FrameSummary: {
-            /** Id */
+            /**
+             * Id
+             * @description Its number on the server.
+             * @example 7
+             */
             id: number;
-            /** Key */
+            /**
+             * Key
+             * @description Key of the frame in its dataset; it may contain `/`.
+             * @example town/000007
+             */
             key: string;
-            /** Revision */
+            /**
+             * Revision
+             * @description Number of the revision, from 1.
+             * @example 1
+             */
             revision: number;
-            /** Width */
+            /**
+             * Width
+             * @description Width of the image in pixels.
+             * @example 1280
+             */
             width: number | null;
-            /** Height */
+            /**
+             * Height
+             * @description Height of the image in pixels.
+             * @example 720
+             */
             height: number | null;
-            /** Map */
+            /**
+             * Map
+             * @description CARLA's map.
+             * @example Town10HD
+             */
             map: string | null;
-            /** Has Image */
+            /**
+             * Has Image
+             * @description Whether there is an image.
+             * @example true
+             */
             has_image: boolean;
-            /** Has Segmentation */
+            /**
+             * Has Segmentation
+             * @description Whether there is a segmentation.
+             * @example true
+             */
             has_segmentation: boolean;
-            /** Lossy */
+            /**
+             * Lossy
+             * @description Whether the colours of the segmentation were not exact.
+             * @example false
+             */
             lossy: boolean;
             /**
              * Created At
              * Format: date-time
+             * @description When it was created (RFC 3339, UTC).
+             * @example 2026-01-31T12:00:00Z
              */
             created_at: string;
+            /** @description How many there are of each. */
             counts: components["schemas"]["FrameCounts"];
         };
         /**
@@ -2532,17 +4381,37 @@ export interface components {
          * @description A tag that covers part of a box and that the box's class does not accept.
          */
         HiddenBy: {
-            /** Tag */
+            /**
+             * Tag
+             * @description Number of the tag in CARLA.
+             * @example 10
+             */
             tag: number;
-            /** Name */
+            /**
+             * Name
+             * @description Name of the tag.
+             * @example Vegetation
+             */
             name: string;
-            /** Rgb */
+            /**
+             * Rgb
+             * @description Its colour in the palette: red, green, blue, 0 to 255.
+             * @example [
+             *       0,
+             *       0,
+             *       142
+             *     ]
+             */
             rgb: [
                 number,
                 number,
                 number
             ];
-            /** Percent */
+            /**
+             * Percent
+             * @description Share of the box's pixels, in percent.
+             * @example 71.4
+             */
             percent: number;
         };
         /**
@@ -2555,17 +4424,30 @@ export interface components {
          *     pixels.
          */
         Histogram: {
-            /** Edges */
+            /**
+             * Edges
+             * @description Edges of the bins, in percent.
+             */
             edges: number[];
-            /** Classes */
+            /**
+             * Classes
+             * @description Boxes per bin, by class.
+             */
             classes: {
                 [key: string]: number[];
             };
-            /** Thresholds */
+            /**
+             * Thresholds
+             * @description The thresholds by class, in percent.
+             */
             thresholds: {
                 [key: string]: number;
             };
-            /** Unknown Percent */
+            /**
+             * Unknown Percent
+             * @description Share of pixels whose tag is not known, in percent.
+             * @example 0
+             */
             unknown_percent: {
                 [key: string]: number;
             };
@@ -2575,9 +4457,15 @@ export interface components {
          * @description One page of what happened to a box, newest first.
          */
         History: {
-            /** Items */
+            /**
+             * Items
+             * @description The items of this page.
+             */
             items: components["schemas"]["HistoryEntry"][];
-            /** Next Cursor */
+            /**
+             * Next Cursor
+             * @description Send it as `cursor` for the next page; null on the last.
+             */
             next_cursor: string | null;
         };
         /**
@@ -2586,49 +4474,141 @@ export interface components {
          *
          *     A decision has `run` and what follows from it, and `activated` if the run changed
          *     the verdict. A review has `revision`, `reviewer`, `comment`, the `batch` that it was
-         *     given in, the revision that it `undoes`, and `carried_from`, the box of an earlier
-         *     revision of the frame that it was given on.
+         *     given in, with the number of its boxes (`batch_size`) and of those that the person
+         *     had on the screen before (`looked_at`), the revision that it `undoes`,
+         *     `carried_from`, the box of an earlier revision of the frame that it was given on,
+         *     `imported_by`, who imported it from a file, and `looked_ms`, for how long the person
+         *     had the box on the screen. If the queue chose the box for its author, it has the
+         *     order (`chosen_by`) and the filters (`chosen_from`) of the queue.
          */
         HistoryEntry: {
             /**
              * Kind
+             * @description Of which kind it is.
              * @enum {string}
              */
             kind: "decision" | "review";
             /**
              * At
              * Format: date-time
+             * @description When it happened (RFC 3339, UTC).
+             * @example 2026-01-31T12:00:00Z
              */
             at: string;
-            /** Run */
+            /**
+             * Run
+             * @description Number of the run.
+             * @example 3
+             */
             run?: number | null;
-            /** Config */
+            /**
+             * Config
+             * @description Digest of the configuration.
+             * @example 9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08
+             */
             config?: string | null;
-            /** Revision */
+            /**
+             * Revision
+             * @description Number of the revision, from 1.
+             * @example 1
+             */
             revision?: number | null;
-            /** Reviewer */
+            /**
+             * Reviewer
+             * @description Name of the person who answered.
+             * @example ann
+             */
             reviewer?: string | null;
             /**
              * Verdict
              * @description The filter's or the person's; null if the numbers of the run are not stored any more.
+             * @example kept
              */
             verdict: ("kept" | "rejected" | "unmeasured") | ("keep" | "reject" | "unsure" | "clear") | null;
-            /** Reason */
+            /**
+             * Reason
+             * @description The rule that gave the verdict.
+             * @example below_threshold
+             */
             reason?: ("outside_image" | "covers_image" | "degenerate" | "out_of_range" | "unmapped_class" | "no_segmentation" | "no_visible_pixels" | "large_below_threshold" | "below_threshold" | "explained_by_nearer" | "hidden_by_depth" | "hidden_by_instance" | "too_few_lidar_points" | "visible" | "passed" | "unknown_pixels") | null;
-            /** Match Percent */
+            /**
+             * Match Percent
+             * @description Share of the box's pixels that match, in percent.
+             * @example 43.5
+             */
             match_percent?: number | null;
-            /** Threshold */
+            /**
+             * Threshold
+             * @description Share that it needs, in percent; null where none applied.
+             * @example 8
+             */
             threshold?: number | null;
-            /** Activated */
+            /**
+             * Activated
+             * @description Whether the run changed the verdict.
+             * @example true
+             */
             activated?: boolean | null;
-            /** Comment */
+            /**
+             * Comment
+             * @description A comment of the person.
+             * @example behind a tree
+             */
             comment?: string | null;
-            /** Batch */
+            /**
+             * Batch
+             * @description Number of the bulk answer that it was given in.
+             */
             batch?: number | null;
-            /** Undoes */
+            /**
+             * Batch Size
+             * @description How many boxes the bulk answer has answered.
+             */
+            batch_size?: number | null;
+            /**
+             * Looked At
+             * @description How many of these the person had on the screen before.
+             */
+            looked_at?: number | null;
+            /**
+             * Undoes
+             * @description Revision of the answer that it undoes.
+             */
             undoes?: number | null;
-            /** Carried From */
+            /**
+             * Carried From
+             * @description The box of an earlier revision that it was given on.
+             */
             carried_from?: number | null;
+            /**
+             * Imported By
+             * @description Who imported it.
+             */
+            imported_by?: string | null;
+            /**
+             * Looked Ms
+             * @description Milliseconds that the box was on the screen.
+             * @example 1400
+             */
+            looked_ms?: number | null;
+            /**
+             * Chosen By
+             * @description Order of the queue that chose the box.
+             * @example random
+             */
+            chosen_by?: ("doubt" | "random" | "class" | "audit") | null;
+            /**
+             * Chosen From
+             * @description Filters of the queue that chose the box.
+             */
+            chosen_from?: {
+                [key: string]: unknown;
+            } | null;
+            /**
+             * Probability
+             * @description Of being among the boxes of the random order up to this one. Only of a queue with all boxes of its classes.
+             */
+            probability?: number | null;
         };
         /**
          * IgnoreMask
@@ -2647,17 +4627,101 @@ export interface components {
             png?: string | null;
         };
         /**
+         * ImportedAnswer
+         * @description An answer on one box, given somewhere else.
+         */
+        ImportedAnswer: {
+            /**
+             * Frame
+             * @description Key of the frame.
+             * @example town/000007
+             */
+            frame: string;
+            /**
+             * Box
+             * @description The id of the box in its frame.
+             */
+            box: string;
+            /**
+             * Verdict
+             * @description The answer of the person.
+             * @example reject
+             * @enum {string}
+             */
+            verdict: "keep" | "reject" | "unsure";
+            /**
+             * Reviewer
+             * @description Name of the person who answered.
+             * @example ann
+             */
+            reviewer: string;
+            /**
+             * Comment
+             * @description A comment of the person.
+             * @example behind a tree
+             */
+            comment?: string;
+            /**
+             * Created At
+             * Format: date-time
+             * @description When it was given.
+             * @example 2026-01-31T12:00:00Z
+             */
+            created_at: string;
+        };
+        /**
+         * ImportedAnswers
+         * @description What became of answers that were imported.
+         */
+        ImportedAnswers: {
+            /**
+             * Imported
+             * @description Answers that were stored.
+             * @example 12
+             */
+            imported: number;
+            /**
+             * Already
+             * @description Answers that the boxes have.
+             */
+            already: number;
+            /**
+             * Newer
+             * @description Answers that were not stored, since the box has a newer one.
+             */
+            newer: number;
+            /**
+             * Unknown
+             * @description Answers on boxes that the dataset does not have.
+             */
+            unknown: number;
+            /**
+             * Unknown Boxes
+             * @description The first of these, as frame and box.
+             */
+            unknown_boxes: string[];
+        };
+        /**
          * KnownFrame
          * @description A frame that is stored.
          */
         KnownFrame: {
-            /** Key */
+            /**
+             * Key
+             * @description Key of the frame in its dataset; it may contain `/`.
+             * @example town/000007
+             */
             key: string;
-            /** Frame Id */
+            /**
+             * Frame Id
+             * @description Number of the frame on the server.
+             * @example 42
+             */
             frame_id: number;
             /**
              * Digest
              * @description Digest of the content, as defined in the guide to the API.
+             * @example 9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08
              */
             digest: string;
         };
@@ -2666,7 +4730,10 @@ export interface components {
          * @description The frames that are stored; the other keys are unknown.
          */
         KnownFrames: {
-            /** Items */
+            /**
+             * Items
+             * @description The items of this page.
+             */
             items: components["schemas"]["KnownFrame"][];
         };
         /**
@@ -2674,17 +4741,55 @@ export interface components {
          * @description Keys of frames to look for.
          */
         KnownFramesIn: {
-            /** Keys */
+            /**
+             * Keys
+             * @description Keys of frames.
+             * @example [
+             *       "town/000007"
+             *     ]
+             */
             keys: string[];
+        };
+        /**
+         * LabelCounts
+         * @description The labels of an arm: a way of cleaning them.
+         */
+        LabelCounts: {
+            /**
+             * Labels
+             * @description All boxes that a detector is trained on.
+             */
+            labels: number;
+            /**
+             * Ghosts
+             * @description Labels of which nothing is visible.
+             */
+            ghosts: number;
+            /**
+             * Doubtful
+             * @description Labels of objects with too few visible pixels to say.
+             */
+            doubtful: number;
+            /**
+             * Lost
+             * @description Objects without a label.
+             */
+            lost: number;
         };
         /**
          * LogIn
          * @description The credentials of a login: a token, or the code of a login link.
          */
         LogIn: {
-            /** Token */
+            /**
+             * Token
+             * @description A token.
+             */
             token?: string | null;
-            /** Code */
+            /**
+             * Code
+             * @description The code of a login link, instead of `token`.
+             */
             code?: string | null;
         };
         /**
@@ -2692,26 +4797,65 @@ export interface components {
          * @description A login link that opens one session, without its code.
          */
         LoginCode: {
-            /** Id */
+            /**
+             * Id
+             * @description Its number on the server.
+             * @example 7
+             */
             id: number;
             /**
              * Expires At
              * Format: date-time
+             * @description When it ends; null for never.
+             * @example 2026-01-31T12:00:00Z
              */
             expires_at: string;
-            /** Used At */
+            /**
+             * Used At
+             * @description When it was used; null if it was not.
+             */
             used_at: string | null;
+        };
+        /**
+         * MapCounts
+         * @description The frames of a map, and their boxes.
+         */
+        MapCounts: {
+            /**
+             * Frames
+             * @description Number of frames.
+             * @example 200
+             */
+            frames: number;
+            /**
+             * Boxes
+             * @description Number of boxes.
+             * @example 840
+             */
+            boxes: number;
         };
         /**
          * Measure
          * @description A share with its 95 % interval, 0 to 1.
          */
         Measure: {
-            /** Value */
+            /**
+             * Value
+             * @description The share, 0 to 1.
+             * @example 0.96
+             */
             value: number;
-            /** Low */
+            /**
+             * Low
+             * @description Lower end of the interval.
+             * @example 0.91
+             */
             low: number;
-            /** High */
+            /**
+             * High
+             * @description Upper end of the interval.
+             * @example 0.98
+             */
             high: number;
         };
         /**
@@ -2719,16 +4863,28 @@ export interface components {
          * @description A login link that was just created, with its code, shown only here.
          */
         NewLoginCode: {
-            /** Id */
+            /**
+             * Id
+             * @description Its number on the server.
+             * @example 7
+             */
             id: number;
             /**
              * Expires At
              * Format: date-time
+             * @description When it ends; null for never.
+             * @example 2026-01-31T12:00:00Z
              */
             expires_at: string;
-            /** Used At */
+            /**
+             * Used At
+             * @description When it was used; null if it was not.
+             */
             used_at: string | null;
-            /** Code */
+            /**
+             * Code
+             * @description The code of the link, shown only here.
+             */
             code: string;
         };
         /**
@@ -2736,16 +4892,29 @@ export interface components {
          * @description A session that was just opened, with its secret (`session`), shown only here.
          */
         NewSession: {
-            /** Name */
+            /**
+             * Name
+             * @description Name of the person.
+             * @example ann
+             */
             name: string;
             /**
              * Role
+             * @description What it may do; each role may do what the one before may.
+             * @example reviewer
              * @enum {string}
              */
             role: "viewer" | "reviewer" | "admin";
-            /** Expires At */
+            /**
+             * Expires At
+             * @description When it ends; null for never.
+             * @example 2026-01-31T12:00:00Z
+             */
             expires_at: string | null;
-            /** Session */
+            /**
+             * Session
+             * @description The secret of the session, shown only here.
+             */
             session: string;
         };
         /**
@@ -2753,83 +4922,157 @@ export interface components {
          * @description A token that was just created, with its secret (`token`), shown only here.
          */
         NewToken: {
-            /** Id */
+            /**
+             * Id
+             * @description Its number on the server.
+             * @example 7
+             */
             id: number;
-            /** Name */
+            /**
+             * Name
+             * @description Name of the person.
+             * @example ann
+             */
             name: string;
             /**
              * Role
+             * @description What it may do; each role may do what the one before may.
+             * @example reviewer
              * @enum {string}
              */
             role: "viewer" | "reviewer" | "admin";
             /**
              * Created At
              * Format: date-time
+             * @description When it was created (RFC 3339, UTC).
+             * @example 2026-01-31T12:00:00Z
              */
             created_at: string;
-            /** Expires At */
+            /**
+             * Expires At
+             * @description When it ends; null for never.
+             * @example 2026-01-31T12:00:00Z
+             */
             expires_at: string | null;
-            /** Revoked At */
+            /**
+             * Revoked At
+             * @description When it was revoked; null if it was not.
+             */
             revoked_at: string | null;
-            /** Last Used At */
+            /**
+             * Last Used At
+             * @description When it was used last; null for never.
+             * @example 2026-01-31T12:00:00Z
+             */
             last_used_at: string | null;
-            /** Token */
+            /**
+             * Token
+             * @description A token.
+             */
             token: string;
         };
         /** Page[AuditEntry] */
         Page_AuditEntry_: {
-            /** Items */
+            /**
+             * Items
+             * @description The items of this page.
+             */
             items: components["schemas"]["AuditEntry"][];
-            /** Next Cursor */
+            /**
+             * Next Cursor
+             * @description Send it as `cursor` for the next page; null on the last.
+             */
             next_cursor: string | null;
         };
         /** Page[ConfigVersion] */
         Page_ConfigVersion_: {
-            /** Items */
+            /**
+             * Items
+             * @description The items of this page.
+             */
             items: components["schemas"]["ConfigVersion"][];
-            /** Next Cursor */
+            /**
+             * Next Cursor
+             * @description Send it as `cursor` for the next page; null on the last.
+             */
             next_cursor: string | null;
         };
         /** Page[Dataset] */
         Page_Dataset_: {
-            /** Items */
+            /**
+             * Items
+             * @description The items of this page.
+             */
             items: components["schemas"]["Dataset"][];
-            /** Next Cursor */
+            /**
+             * Next Cursor
+             * @description Send it as `cursor` for the next page; null on the last.
+             */
             next_cursor: string | null;
         };
         /** Page[Export] */
         Page_Export_: {
-            /** Items */
+            /**
+             * Items
+             * @description The items of this page.
+             */
             items: components["schemas"]["Export"][];
-            /** Next Cursor */
+            /**
+             * Next Cursor
+             * @description Send it as `cursor` for the next page; null on the last.
+             */
             next_cursor: string | null;
         };
         /** Page[FrameSummary] */
         Page_FrameSummary_: {
-            /** Items */
+            /**
+             * Items
+             * @description The items of this page.
+             */
             items: components["schemas"]["FrameSummary"][];
-            /** Next Cursor */
+            /**
+             * Next Cursor
+             * @description Send it as `cursor` for the next page; null on the last.
+             */
             next_cursor: string | null;
         };
         /** Page[RefusedFrame] */
         Page_RefusedFrame_: {
-            /** Items */
+            /**
+             * Items
+             * @description The items of this page.
+             */
             items: components["schemas"]["RefusedFrame"][];
-            /** Next Cursor */
+            /**
+             * Next Cursor
+             * @description Send it as `cursor` for the next page; null on the last.
+             */
             next_cursor: string | null;
         };
         /** Page[Run] */
         Page_Run_: {
-            /** Items */
+            /**
+             * Items
+             * @description The items of this page.
+             */
             items: components["schemas"]["Run"][];
-            /** Next Cursor */
+            /**
+             * Next Cursor
+             * @description Send it as `cursor` for the next page; null on the last.
+             */
             next_cursor: string | null;
         };
         /** Page[Token] */
         Page_Token_: {
-            /** Items */
+            /**
+             * Items
+             * @description The items of this page.
+             */
             items: components["schemas"]["Token"][];
-            /** Next Cursor */
+            /**
+             * Next Cursor
+             * @description Send it as `cursor` for the next page; null on the last.
+             */
             next_cursor: string | null;
         };
         /**
@@ -2837,16 +5080,81 @@ export interface components {
          * @description Two reviewers and the boxes that both decided; `kappa` is Cohen's.
          */
         Pair: {
-            /** A */
+            /**
+             * A
+             * @description Name of one of the two.
+             * @example ann
+             */
             a: string;
-            /** B */
+            /**
+             * B
+             * @description Name of the other.
+             * @example bob
+             */
             b: string;
-            /** Boxes */
+            /**
+             * Boxes
+             * @description Number of boxes.
+             * @example 840
+             */
             boxes: number;
-            /** Agreed */
+            /**
+             * Agreed
+             * @description Boxes on which they agreed.
+             * @example 40
+             */
             agreed: number;
-            /** Kappa */
+            /**
+             * Kappa
+             * @description Cohen's kappa.
+             * @example 0.81
+             */
             kappa: number | null;
+        };
+        /**
+         * Parts
+         * @description The parts that an export has or would have, such as train and val.
+         */
+        Parts: {
+            /**
+             * Frames
+             * @description Frames in each part.
+             * @example 200
+             */
+            frames: {
+                [key: string]: number;
+            };
+            /**
+             * Sequences
+             * @description Whole sequences in each part, if shares were asked for.
+             */
+            sequences: {
+                [key: string]: number;
+            };
+            /**
+             * Split
+             * @description Frames by what tells their part: as_it_came, by_sequence, without_sequence (by shares, each by itself), by_frame (by its key).
+             */
+            split: {
+                [key: string]: number;
+            };
+        };
+        /**
+         * Plan
+         * @description A random sample that would tell how good the filter is.
+         */
+        Plan: {
+            /**
+             * Boxes
+             * @description Boxes to answer in random order, altogether.
+             * @example 840
+             */
+            boxes: number;
+            /**
+             * Half Width
+             * @description How far the intervals are likely to extend then, to either side, at most: 0 to 1.
+             */
+            half_width: number;
         };
         /**
          * Preview
@@ -2856,76 +5164,146 @@ export interface components {
          *     later fields are null.
          */
         Preview: {
-            /** Config */
+            /**
+             * Config
+             * @description Digest of the configuration.
+             * @example 9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08
+             */
             config: string;
-            /** Needs Pixels */
+            /**
+             * Needs Pixels
+             * @description Whether images have to be measured again.
+             * @example false
+             */
             needs_pixels: boolean;
+            /** @description How many there are of each. */
             counts: components["schemas"]["VerdictCounts"] | null;
-            /** By Reason */
+            /**
+             * By Reason
+             * @description Boxes by the rule that decided them.
+             */
             by_reason: {
                 [key: string]: number;
             } | null;
-            /** By Class */
+            /**
+             * By Class
+             * @description The same for each class.
+             */
             by_class: {
                 [key: string]: components["schemas"]["VerdictCounts"];
             } | null;
-            /** Reasons By Class */
+            /**
+             * Reasons By Class
+             * @description Boxes by rule, for each class.
+             */
             reasons_by_class: {
                 [key: string]: {
                     [key: string]: number;
                 };
             } | null;
+            /** @description Of the boxes that tags decide, by match_percent. */
             histograms: components["schemas"]["Histogram"] | null;
+            /** @description Of the boxes that other evidence decides, by the share of their pixels that are their object's own; its thresholds are `min_visible_percent`. */
+            own_histograms: components["schemas"]["Histogram"] | null;
+            /**
+             * Decided By
+             * @description How many boxes each kind of evidence decides; `semantic`: tags, or a rule that needs no pixels.
+             */
+            decided_by: {
+                [key: string]: number;
+            } | null;
+            /** @description Which verdicts change. */
             flips: components["schemas"]["Flips"] | null;
+            /** @description Null without `truth`. */
+            scores: components["schemas"]["TruthScores"] | null;
         };
         /**
          * PreviewIn
          * @description A configuration to try; nothing is written.
          */
         PreviewIn: {
+            /** @description The configuration: keys and values. */
             config: components["schemas"]["FilterConfigIn"];
             /**
              * Limit
              * @description Maximum number of boxes to list.
-             * @default 100
+             * @example 100
              */
             limit?: number;
             /**
              * Bins
-             * @default 50
+             * @description Number of bins of the histogram.
+             * @example 50
              */
             bins?: number;
+            /**
+             * Truth
+             * @description With what the verdicts are compared, before and after; null: with nothing.
+             * @example people
+             */
+            truth?: ("people" | "instances") | null;
         };
         /**
          * Quality
          * @description The accuracy of the filter, and the agreement between people.
+         *
+         *     `suggested` thresholds are those for the boxes whose truth is known.
          */
         Quality: {
             /**
              * Truth
+             * @description The ground truth.
+             * @example people
              * @enum {string}
              */
             truth: "people" | "instances";
-            /** Reviewed */
+            /**
+             * Reviewed
+             * @description Boxes with keep or reject of a person.
+             * @example 55
+             */
             reviewed: number;
-            /** Unsure */
+            /**
+             * Unsure
+             * @description Boxes that a person was unsure about.
+             * @example 2
+             */
             unsure: number;
             /**
              * Unmeasured
              * @description Boxes of which the truth is known, but not a verdict of the filter.
+             * @example 20
              */
             unmeasured: number;
+            /** @description None with instances, which show the truth of every box. */
+            sample: components["schemas"]["Sample"] | null;
+            /** @description A random sample that would tell more; null if none is needed. */
+            plan: components["schemas"]["Plan"] | null;
+            /** @description Verdicts of the filter against the truth. */
             confusion: components["schemas"]["Confusion"];
-            /** By Class */
+            /**
+             * By Class
+             * @description The same for each class.
+             */
             by_class: {
                 [key: string]: components["schemas"]["Confusion"];
             };
-            /** By Distance */
+            /**
+             * By Distance
+             * @description The same for each band of distance.
+             */
             by_distance: components["schemas"]["Band"][];
-            /** Reviewers */
+            /**
+             * Reviewers
+             * @description The people who answered.
+             */
             reviewers: components["schemas"]["Reviewer"][];
+            /** @description How far people agree. */
             agreement: components["schemas"]["Agreement"];
-            /** Suggested */
+            /**
+             * Suggested
+             * @description The suggested thresholds.
+             */
             suggested: components["schemas"]["Suggestion"][];
         };
         /**
@@ -2933,7 +5311,10 @@ export interface components {
          * @description The next boxes to review, in the requested order, claimed for five minutes.
          */
         Queue: {
-            /** Items */
+            /**
+             * Items
+             * @description The items of this page.
+             */
             items: components["schemas"]["QueuedBox"][];
             /**
              * Remaining
@@ -2943,9 +5324,14 @@ export interface components {
             /**
              * Unsure
              * @description Boxes that a person was unsure about; they come last.
+             * @example 2
              */
             unsure: number;
-            /** Claimed By Others */
+            /**
+             * Claimed By Others
+             * @description Boxes that are reserved for others.
+             * @example 0
+             */
             claimed_by_others: number;
         };
         /**
@@ -2955,15 +5341,17 @@ export interface components {
         QueueIn: {
             /**
              * Order
-             * @default doubt
+             * @description The order of the queue.
+             * @example doubt
              * @enum {string}
              */
             order?: "doubt" | "random" | "class" | "audit";
-            /** @description Which boxes. Unless `review` or `conflict` is given: undecided boxes, or with the order `audit` those with keep or reject. */
+            /** @description Which boxes. Unless `review` or `conflict` is given: undecided boxes, or with the order `audit` those with keep or reject. Without any filter, the orders `doubt` and `class` have those of the bin `ask`. */
             filters?: components["schemas"]["BoxSelection"];
             /**
              * Limit
-             * @default 10
+             * @description Maximum number of items.
+             * @example 100
              */
             limit?: number;
             /**
@@ -2985,123 +5373,280 @@ export interface components {
             /**
              * Id
              * @description The id that the sender gave the box.
+             * @example 7
              */
             id: string;
-            /** Box Id */
+            /**
+             * Box Id
+             * @description Number of the box on the server.
+             * @example 1201
+             */
             box_id: number;
             /**
              * Frame
              * @description Key of the frame.
+             * @example town/000007
              */
             frame: string;
-            /** Frame Id */
+            /**
+             * Frame Id
+             * @description Number of the frame on the server.
+             * @example 42
+             */
             frame_id: number;
-            /** Class */
+            /**
+             * Class
+             * @description Name of the class.
+             * @example car
+             */
             class: string;
             /**
              * Verdict
+             * @description The verdict of the filter.
+             * @example kept
              * @enum {string}
              */
             verdict: "kept" | "rejected" | "unmeasured";
             /**
              * Reason
+             * @description The rule that gave the verdict.
+             * @example below_threshold
              * @enum {string}
              */
             reason: "outside_image" | "covers_image" | "degenerate" | "out_of_range" | "unmapped_class" | "no_segmentation" | "no_visible_pixels" | "large_below_threshold" | "below_threshold" | "explained_by_nearer" | "hidden_by_depth" | "hidden_by_instance" | "too_few_lidar_points" | "visible" | "passed" | "unknown_pixels";
-            /** Explanation */
+            /**
+             * Explanation
+             * @description The verdict and its reason as a sentence.
+             * @example rejected: 3.1 % of 840 pixels match car; 8 % are needed
+             */
             explanation: string;
-            /** Evidence */
+            /**
+             * Evidence
+             * @description The kind of evidence that decided; null where nothing was measured.
+             * @example semantic
+             */
             evidence: ("semantic" | "ordered" | "depth" | "depth_center" | "instance" | "lidar") | null;
-            /** Match Percent */
+            /**
+             * Match Percent
+             * @description Share of the box's pixels that match, in percent.
+             * @example 43.5
+             */
             match_percent: number | null;
-            /** Threshold */
+            /**
+             * Threshold
+             * @description Share that it needs, in percent; null where none applied.
+             * @example 8
+             */
             threshold: number | null;
-            /** Margin */
+            /**
+             * Margin
+             * @description `match_percent` less `threshold`.
+             * @example 35.5
+             */
             margin: number | null;
-            /** Toss Up */
+            /**
+             * Toss Up
+             * @description Whether it has too few pixels to be certain on which side of the threshold it is.
+             * @example false
+             */
             toss_up: boolean;
-            /** Large */
+            /**
+             * Large
+             * @description Whether it counts as a large box.
+             * @example false
+             */
             large: boolean;
-            /** Matched Pixels */
+            /**
+             * Matched Pixels
+             * @description Pixels of the box that match.
+             * @example 365
+             */
             matched_pixels: number | null;
-            /** Box Pixels */
+            /**
+             * Box Pixels
+             * @description Pixels of the box.
+             * @example 840
+             */
             box_pixels: number | null;
-            /** Unknown Pixels */
+            /**
+             * Unknown Pixels
+             * @description Pixels of the box whose tag or colour is not known; null without a segmentation.
+             * @example 0
+             */
             unknown_pixels: number | null;
-            /** Area Percent */
+            /**
+             * Area Percent
+             * @description Share of the image that the box covers, in percent.
+             * @example 0.1
+             */
             area_percent: number | null;
-            /** Crowding */
+            /**
+             * Crowding
+             * @description The largest share of the box, in percent, that one other box of a fitting class covers.
+             * @example 12.5
+             */
             crowding: number | null;
-            /** Explained By */
+            /**
+             * Explained By
+             * @description Id of the nearer box that takes most of its pixels; null if none does.
+             */
             explained_by: string | null;
-            /** Hidden By */
+            /**
+             * Hidden By
+             * @description Up to three of the most frequent tags that its class does not accept.
+             */
             hidden_by: components["schemas"]["HiddenBy"][];
-            /** Accepted Tags */
+            /**
+             * Accepted Tags
+             * @description The tags whose pixels count for its class.
+             */
             accepted_tags: components["schemas"]["AcceptedTag"][];
-            /** Lossy */
+            /**
+             * Lossy
+             * @description Whether the colours of the segmentation were not exact.
+             * @example false
+             */
             lossy: boolean;
-            /** Distance */
+            /**
+             * Distance
+             * @description Metres from the camera; null if not known.
+             * @example 12.5
+             */
             distance: number | null;
-            /** Xyxy */
+            /**
+             * Distance Range
+             * @description Between how many metres it is; null if not known.
+             * @example [
+             *       50,
+             *       80
+             *     ]
+             */
+            distance_range: [
+                number,
+                number
+            ] | null;
+            /**
+             * Xyxy
+             * @description Left, top, right, bottom in pixels: the rectangle that was measured; null if it is outside of the image.
+             * @example [
+             *       83,
+             *       410,
+             *       466,
+             *       640
+             *     ]
+             */
             xyxy: [
                 number,
                 number,
                 number,
                 number
             ] | null;
-            /** Amodal Xyxy */
+            /**
+             * Amodal Xyxy
+             * @description Of a 3D box: the rectangle of the whole, which may leave the image.
+             */
             amodal_xyxy: [
                 number,
                 number,
                 number,
                 number
             ] | null;
-            /** Visible Xyxy */
+            /**
+             * Visible Xyxy
+             * @description Of a 3D box: the part of it inside the image.
+             */
             visible_xyxy: [
                 number,
                 number,
                 number,
                 number
             ] | null;
-            /** Tight Xyxy */
+            /**
+             * Tight Xyxy
+             * @description The rectangle around its own pixels, by instance or depth.
+             */
             tight_xyxy: [
                 number,
                 number,
                 number,
                 number
             ] | null;
-            /** Visible Pixels */
+            /**
+             * Visible Pixels
+             * @description Its own pixels, by instance or depth.
+             * @example 300
+             */
             visible_pixels: number | null;
             /**
              * Occluded
+             * @description KITTI's level: 0 visible, 1 partly, 2 largely hidden, 3 unknown.
+             * @example 0
              * @enum {integer}
              */
             occluded: 0 | 1 | 2 | 3;
-            /** Truncated */
+            /**
+             * Truncated
+             * @description Share of a 3D box outside of the image, 0 to 1.
+             * @example 0
+             */
             truncated: number | null;
-            /** Edges */
+            /**
+             * Edges
+             * @description Of a 3D box: its projected edges, each by its two ends.
+             */
             edges: [
                 number,
                 number,
                 number,
                 number
             ][] | null;
-            /** Config */
+            /**
+             * Config
+             * @description Digest of the configuration.
+             * @example 9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08
+             */
             config: string;
-            /** Run */
+            /**
+             * Run
+             * @description Number of the run.
+             * @example 3
+             */
             run: number;
             /**
              * Revision
              * @description How many answers the box has been given, including undone ones. Send it as `seen_revision` with the next answer.
+             * @example 1
              */
             revision: number;
-            /** @description The current answer; null if there is none or it was undone. */
+            /**
+             * @description The current answer; null if there is none or it was undone.
+             * @example undecided
+             */
             review: components["schemas"]["ReviewMark"] | null;
             /**
              * Effective Verdict
+             * @description A person's keep or reject if there is one, else the filter's verdict.
+             * @example kept
              * @enum {string}
              */
             effective_verdict: "kept" | "rejected" | "unmeasured";
+            /**
+             * Bin
+             * @description Whether people are asked about it (`ask`), or why not.
+             * @enum {string}
+             */
+            bin: "ask" | "sure" | "small" | "wall";
+            /**
+             * Doubt
+             * @description How much an answer is worth, from 1 to 100; 0 if nobody is asked.
+             */
+            doubt: number;
+            /**
+             * Question
+             * @description Why people are asked about it; null if they are not.
+             */
+            question: string | null;
+            /** @description Until when it is reserved for the caller. */
             claim: components["schemas"]["Claim"];
         };
         /**
@@ -3109,11 +5654,173 @@ export interface components {
          * @description Whether the service is ready, and the result of each check.
          */
         Ready: {
-            /** Ready */
+            /**
+             * Ready
+             * @description Whether it can take work.
+             * @example true
+             */
             ready: boolean;
-            /** Checks */
+            /**
+             * Checks
+             * @description The result of each check, `ok` or what is wrong.
+             */
             checks: {
                 [key: string]: string;
+            };
+        };
+        /**
+         * RecordingDescription
+         * @description How a folder of frames is read; every key is optional.
+         */
+        RecordingIn: {
+            /** @description How the files of the folder are arranged. */
+            layout?: ("auto" | "yolo" | "coco" | "kitti" | "voc" | "cvat" | "label-studio" | "manifest" | "decisions-jsonl" | "carlasimu" | "nuscenes" | "table" | "pairs") | string;
+            /** @description Where the files of frames are: patterns of paths below the folder by role. */
+            files?: {
+                image?: string | string[];
+                segmentation?: string | string[];
+                instances?: string | string[];
+                depth?: string | string[];
+                lidar?: string | string[];
+                radar?: string | string[];
+                ignore_mask?: string | string[];
+                labels?: string | string[];
+                ignore?: string[];
+            };
+            /**
+             * @description How frames are called, if `files` says where.
+             * @example town/000007
+             */
+            key?: string;
+            /** @description Where the cameras of 3D boxes stand, and how they see. */
+            cameras?: {
+                width?: unknown;
+                height?: unknown;
+                fov?: unknown;
+                intrinsic?: unknown;
+                pose?: unknown;
+                mount?: unknown;
+                world_to_camera?: unknown;
+            };
+            /**
+             * @description What the filter measures a class as: the name of another class, `pass` for boxes that are passed on unmeasured, or options as in `classes` of a configuration; `name` among them joins it to a class of that name.
+             * @example [
+             *       "car",
+             *       "van"
+             *     ]
+             */
+            classes?: Record<string, never>;
+            /**
+             * @description The map of CARLA that frames were recorded in; by default what labels, or names of folders and files, say.
+             * @example Town10HD
+             */
+            map?: string;
+            /**
+             * @description What tells the parts of the recording, such as train and val: lists of names, the names of COCO's files, names of folders; `none`: nothing.
+             * @enum {string}
+             */
+            split?: "auto" | "none" | "lists" | "labels" | "folders";
+            /** @description How many files of no frame each folder has, which a server does not get; counted by an upload. */
+            companions?: {
+                [key: string]: number;
+            };
+            /** @description What was recognised in the segmentation. */
+            segmentation?: {
+                /** @description The folder of the segmentations, if it is not one of the usual ones. */
+                folder?: string;
+                /**
+                 * @description Which of CARLA's tables of tags segmentations are made with.
+                 * @enum {string}
+                 */
+                palette?: "auto" | "carla-0.9.0" | "carla-0.9.10" | "carla-0.9.14" | "paper-table1";
+                /**
+                 * @description What pixels of segmentations are: colours of a palette, or raw tag numbers.
+                 * @enum {string}
+                 */
+                encoding?: "auto" | "palette" | "raw";
+                /**
+                 * @description Order of the colour channels of segmentations.
+                 * @enum {string}
+                 */
+                channel_order?: "auto" | "rgb" | "bgr";
+                /**
+                 * @description Whether segmentations as JPEG are refused, or read by the nearest colours.
+                 * @enum {string}
+                 */
+                lossy?: "refuse" | "nearest";
+                /** @description Tags of a changed CARLA: names of CARLA's tags by their number or colour in segmentations and instance images. All others are those of the palette. */
+                tags?: {
+                    [key: string]: string;
+                };
+                /** @description The number by which grey segmentations are divided, if they hold multiples of tags; auto: they hold tags. */
+                scale?: "auto" | number;
+            };
+            /** @description How depth images are written. */
+            depth?: {
+                /**
+                 * @description How depth images hold metres. Those of 8 bits, and those in whole metres, are too coarse to be evidence.
+                 * @enum {string}
+                 */
+                encoding?: "auto" | "carla" | "carla-bgr" | "millimetres16" | "metres16" | "log8" | "linear8";
+            };
+            /**
+             * @description Number of boxes.
+             * @example 840
+             */
+            boxes?: {
+                /** @description The folder of the labels (for COCO the file), if it is not the layout's own. */
+                labels?: string;
+                /** @description The names of the classes in the order of their numbers. */
+                classes?: string[] | {
+                    [key: string]: string;
+                };
+                /** @description The class of labels that carry none. */
+                default_class?: string;
+                /** @description Whether rectangles in whole pixels are counted from 0 or from 1. */
+                origin?: "auto" | (0 | 1);
+                /**
+                 * @description The unit of rectangles, if it is not the format's own; shares and percent are those of the image's width and height.
+                 * @enum {string}
+                 */
+                unit?: "auto" | "pixels" | "shares" | "percent";
+                /**
+                 * @description What the four numbers of a rectangle are, if not what the format says: two corners, two corners of which the last is a pixel of the box, a corner and the size, or the centre and the size.
+                 * @enum {string}
+                 */
+                corners?: "auto" | "xyxy" | "inclusive" | "xywh" | "cxcywh";
+                /** @description Which column or which path (JMESPath) of a table is what of a box. */
+                fields?: {
+                    boxes?: string | Record<string, never>;
+                    frames?: string | number;
+                    id?: string | number;
+                    class?: string | number;
+                    type_id?: string | number;
+                    base_type?: string | number;
+                    instance_id?: string | number;
+                    distance?: string | number;
+                    frame?: string | number;
+                    map?: string | number;
+                    camera?: string | number;
+                    x1?: string | number;
+                    y1?: string | number;
+                    x2?: string | number;
+                    y2?: string | number;
+                    cx?: string | number;
+                    cy?: string | number;
+                    width?: string | number;
+                    height?: string | number;
+                    rectangle?: string | number;
+                    xyxy?: string | number;
+                    xywh?: string | number;
+                    cxcywh?: string | number;
+                    centre?: string | number;
+                    extent?: string | number;
+                    rotation?: string | number;
+                    actor?: string | number;
+                    world_corners?: string | number;
+                    image_corners?: string | number;
+                    region?: string | number;
+                };
             };
         };
         /**
@@ -3121,42 +5828,91 @@ export interface components {
          * @description A frame that was sent and refused, and why.
          */
         RefusedFrame: {
-            /** Id */
+            /**
+             * Id
+             * @description Its number on the server.
+             * @example 7
+             */
             id: number;
-            /** Key */
+            /**
+             * Key
+             * @description Key of the frame in its dataset; it may contain `/`.
+             * @example town/000007
+             */
             key: string;
+            /** @description Why it failed; null unless it did. */
             error: components["schemas"]["FrameProblem"];
             /**
              * Created At
              * Format: date-time
+             * @description When it was created (RFC 3339, UTC).
+             * @example 2026-01-31T12:00:00Z
              */
             created_at: string;
+        };
+        /**
+         * Report
+         * @description Where the ghosts of a dataset are.
+         */
+        Report: {
+            /**
+             * By Distance
+             * @description The bands that have boxes, the nearest first.
+             */
+            by_distance: components["schemas"]["DistanceBand"][];
+            /**
+             * Worst Frames
+             * @description The twelve frames with the most rejected boxes.
+             */
+            worst_frames: components["schemas"]["FrameSummary"][];
         };
         /**
          * Review
          * @description A person's answer, as it was stored.
          */
         Review: {
-            /** Box Id */
+            /**
+             * Box Id
+             * @description Number of the box on the server.
+             * @example 1201
+             */
             box_id: number;
-            /** Revision */
+            /**
+             * Revision
+             * @description Number of the revision, from 1.
+             * @example 1
+             */
             revision: number;
             /**
              * Verdict
+             * @description The answer of the person.
+             * @example keep
              * @enum {string}
              */
             verdict: "keep" | "reject" | "unsure" | "clear";
-            /** Reviewer */
+            /**
+             * Reviewer
+             * @description Name of the person who answered.
+             * @example ann
+             */
             reviewer: string;
-            /** Comment */
+            /**
+             * Comment
+             * @description A comment of the person.
+             * @example behind a tree
+             */
             comment: string;
             /**
              * Created At
              * Format: date-time
+             * @description When it was created (RFC 3339, UTC).
+             * @example 2026-01-31T12:00:00Z
              */
             created_at: string;
             /**
              * Effective Verdict
+             * @description A person's keep or reject if there is one, else the filter's verdict.
+             * @example kept
              * @enum {string}
              */
             effective_verdict: "kept" | "rejected" | "unmeasured";
@@ -3166,18 +5922,28 @@ export interface components {
          * @description A bulk answer: one answer on many boxes, which is undone as a whole.
          */
         ReviewBatch: {
-            /** Id */
+            /**
+             * Id
+             * @description Its number on the server.
+             * @example 7
+             */
             id: number;
-            /** Dataset */
+            /**
+             * Dataset
+             * @description Name of the dataset.
+             * @example town10
+             */
             dataset: string;
             /**
              * Verdict
+             * @description The answer of the person.
+             * @example keep
              * @enum {string}
              */
             verdict: "keep" | "reject" | "unsure" | "clear";
             /**
              * Count
-             * @description Number of boxes that were answered.
+             * @description Number of boxes that were answered; 0 if all have this very answer of the caller already.
              */
             count: number;
             /**
@@ -3198,12 +5964,15 @@ export interface components {
         ReviewIn: {
             /**
              * Verdict
+             * @description The answer of the person.
+             * @example keep
              * @enum {string}
              */
             verdict: "keep" | "reject" | "unsure" | "clear";
             /**
              * Comment
-             * @default
+             * @description A comment of the person.
+             * @example behind a tree
              */
             comment?: string;
             /**
@@ -3211,6 +5980,12 @@ export interface components {
              * @description `revision` of the box when it was seen; 0 if it had no answer. Refused with 412 if somebody has answered since.
              */
             seen_revision: number;
+            /**
+             * Looked Ms
+             * @description For how many milliseconds the person had the box and its picture on the screen before the answer.
+             * @example 1400
+             */
+            looked_ms?: number | null;
         };
         /**
          * ReviewMark
@@ -3219,30 +5994,69 @@ export interface components {
         ReviewMark: {
             /**
              * Verdict
+             * @description The answer of the person.
+             * @example keep
              * @enum {string}
              */
             verdict: "keep" | "reject" | "unsure" | "clear";
-            /** Reviewer */
+            /**
+             * Reviewer
+             * @description Name of the person who answered.
+             * @example ann
+             */
             reviewer: string;
-            /** Revision */
+            /**
+             * Revision
+             * @description Number of the revision, from 1.
+             * @example 1
+             */
             revision: number;
-            /** Comment */
+            /**
+             * Comment
+             * @description A comment of the person.
+             * @example behind a tree
+             */
             comment: string;
+            /**
+             * Created At
+             * @description When it was given (RFC 3339).
+             * @example 2026-01-31T12:00:00Z
+             */
+            created_at: string;
         };
         /**
          * Reviewer
          * @description Boxes by the latest answer of one reviewer.
          */
         Reviewer: {
-            /** Name */
+            /**
+             * Name
+             * @description Name of the person.
+             * @example ann
+             */
             name: string;
-            /** Answers */
+            /**
+             * Answers
+             * @description Answers.
+             */
             answers: number;
-            /** Keep */
+            /**
+             * Keep
+             * @description Boxes with the answer keep.
+             * @example 40
+             */
             keep: number;
-            /** Reject */
+            /**
+             * Reject
+             * @description Boxes with the answer reject.
+             * @example 12
+             */
             reject: number;
-            /** Unsure */
+            /**
+             * Unsure
+             * @description Boxes that a person was unsure about.
+             * @example 2
+             */
             unsure: number;
         };
         /**
@@ -3250,45 +6064,88 @@ export interface components {
          * @description A run: one configuration applied to a dataset, its progress and its result.
          */
         Run: {
-            /** Id */
+            /**
+             * Id
+             * @description Its number on the server.
+             * @example 7
+             */
             id: number;
-            /** Dataset */
+            /**
+             * Dataset
+             * @description Name of the dataset.
+             * @example town10
+             */
             dataset: string;
             /**
              * Kind
+             * @description Of which kind it is.
              * @enum {string}
              */
             kind: "decide" | "measure";
             /**
              * State
+             * @description Its state; `done`, `failed` and `cancelled` are final.
+             * @example done
              * @enum {string}
              */
             state: "queued" | "running" | "done" | "failed" | "cancelled";
-            /** Config */
+            /**
+             * Config
+             * @description Digest of the configuration.
+             * @example 9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08
+             */
             config: string;
-            /** Activate */
+            /**
+             * Activate
+             * @description Whether it becomes the active run when it is done.
+             * @example true
+             */
             activate: boolean;
-            /** Total */
+            /**
+             * Total
+             * @description Number of frames altogether.
+             * @example 200
+             */
             total: number;
-            /** Done */
+            /**
+             * Done
+             * @description Number of frames that are done.
+             * @example 120
+             */
             done: number;
             /**
              * Changed
              * @description Boxes with another verdict or reason than before.
              */
             changed: number;
+            /** @description How many there are of each. */
             counts: components["schemas"]["RunCounts"];
+            /** @description Why it failed; null unless it did. */
             error: components["schemas"]["Failure"] | null;
-            /** Created By */
+            /**
+             * Created By
+             * @description Name of the token that asked for it.
+             * @example ann
+             */
             created_by: string;
             /**
              * Created At
              * Format: date-time
+             * @description When it was created (RFC 3339, UTC).
+             * @example 2026-01-31T12:00:00Z
              */
             created_at: string;
-            /** Started At */
+            /**
+             * Started At
+             * @description When its work began; null while it waits.
+             * @example 2026-01-31T12:00:00Z
+             */
             started_at: string | null;
-            /** Finished At */
+            /**
+             * Finished At
+             * @description When it ended; null until then.
+             * @example 2026-01-31T12:00:00Z
+             */
             finished_at: string | null;
         };
         /**
@@ -3296,11 +6153,23 @@ export interface components {
          * @description Boxes by verdict; an empty object until the run is done, which is read as 0.
          */
         RunCounts: {
-            /** Kept */
+            /**
+             * Kept
+             * @description Boxes that the filter keeps.
+             * @example 700
+             */
             kept?: number;
-            /** Rejected */
+            /**
+             * Rejected
+             * @description Boxes that the filter rejects.
+             * @example 120
+             */
             rejected?: number;
-            /** Unmeasured */
+            /**
+             * Unmeasured
+             * @description Boxes without a verdict.
+             * @example 20
+             */
             unmeasured?: number;
         };
         /**
@@ -3308,25 +6177,65 @@ export interface components {
          * @description Apply a configuration: its digest, or its keys and values.
          */
         RunIn: {
-            /** Config */
+            /**
+             * Config
+             * @description The configuration: its digest, or keys and values.
+             */
             config: string | components["schemas"]["FilterConfigIn"];
             /**
              * Scope
-             * @default dataset
+             * @description What is decided: the whole dataset.
+             * @example dataset
              * @constant
              */
             scope?: "dataset";
             /**
              * Activate
-             * @default false
+             * @description Whether it becomes the active run when it is done.
+             * @example true
              */
             activate?: boolean;
             /**
              * Measure Again
              * @description Read the images again if an earlier version of Unghost has measured the numbers, also where those would do.
-             * @default false
              */
             measure_again?: boolean;
+        };
+        /**
+         * Sample
+         * @description The random sample of the boxes that the filter decided and people can judge.
+         *
+         *     It is the part of the random order that people have come to. Boxes in it count
+         *     whether or not they were answered in this order.
+         */
+        Sample: {
+            /**
+             * Boxes
+             * @description All such boxes of the dataset.
+             * @example 840
+             */
+            boxes: number;
+            /**
+             * Before
+             * @description Boxes that were answered before the sample was begun. They count for themselves, and the sample represents the others.
+             */
+            before: number;
+            /**
+             * Answered
+             * @description Boxes of the sample with keep or reject.
+             */
+            answered: number;
+            /**
+             * Unsure
+             * @description Boxes that a person was unsure about.
+             * @example 2
+             */
+            unsure: number;
+            /**
+             * Unanswered
+             * @description Boxes of the sample that were skipped, or uploaded since; the random order begins with them.
+             */
+            unanswered: number;
         };
         /**
          * Score
@@ -3335,16 +6244,35 @@ export interface components {
          *     Kept is the positive class; a share is None where nothing can be said.
          */
         Score: {
-            /** Kept Visible */
+            /**
+             * Kept Visible
+             * @description Kept boxes whose object is visible.
+             * @example 50
+             */
             kept_visible: number;
-            /** Kept Hidden */
+            /**
+             * Kept Hidden
+             * @description Kept boxes whose object is not visible.
+             * @example 2
+             */
             kept_hidden: number;
-            /** Rejected Visible */
+            /**
+             * Rejected Visible
+             * @description Rejected boxes whose object is visible.
+             * @example 1
+             */
             rejected_visible: number;
-            /** Rejected Hidden */
+            /**
+             * Rejected Hidden
+             * @description Rejected boxes whose object is not visible.
+             * @example 20
+             */
             rejected_hidden: number;
+            /** @description Share of the kept boxes that are right. */
             precision: components["schemas"]["Measure"] | null;
+            /** @description Share of the boxes to be kept that are kept. */
             recall: components["schemas"]["Measure"] | null;
+            /** @description Harmonic mean of precision and recall. */
             f1: components["schemas"]["Measure"] | null;
         };
         /**
@@ -3352,17 +6280,40 @@ export interface components {
          * @description What was recognised in a frame's segmentation.
          */
         SegmentationReport: {
-            /** Palette */
+            /**
+             * Palette
+             * @description The table of tags of the segmentations.
+             * @example auto
+             */
             palette: string;
-            /** Encoding */
+            /**
+             * Encoding
+             * @description How tags are written in the segmentations.
+             * @example auto
+             */
             encoding: string;
-            /** Channel Order */
+            /**
+             * Channel Order
+             * @description Order of the segmentations' colour channels.
+             * @example auto
+             */
             channel_order: string;
-            /** Lossy */
+            /**
+             * Lossy
+             * @description Whether the colours of the segmentation were not exact.
+             * @example false
+             */
             lossy: boolean;
-            /** Unknown Percent */
+            /**
+             * Unknown Percent
+             * @description Share of pixels whose tag is not known, in percent.
+             * @example 0
+             */
             unknown_percent: number;
-            /** Notes */
+            /**
+             * Notes
+             * @description Sentences that people should read.
+             */
             notes: string[];
         };
         /**
@@ -3370,14 +6321,24 @@ export interface components {
          * @description The user who is signed in; answers on boxes are stored under this name.
          */
         Session: {
-            /** Name */
+            /**
+             * Name
+             * @description Name of the person.
+             * @example ann
+             */
             name: string;
             /**
              * Role
+             * @description What it may do; each role may do what the one before may.
+             * @example reviewer
              * @enum {string}
              */
             role: "viewer" | "reviewer" | "admin";
-            /** Expires At */
+            /**
+             * Expires At
+             * @description When it ends; null for never.
+             * @example 2026-01-31T12:00:00Z
+             */
             expires_at: string | null;
         };
         /**
@@ -3387,49 +6348,130 @@ export interface components {
          *     `unsure`: a person answered unsure. `conflicts`: a person answered the opposite of
          *     the filter. `toss_ups`: too few pixels to be certain on which side of the threshold
          *     they are. `lossy`: measured in a segmentation whose colours were not exact.
-         *     `effective` counts effective verdicts, all others the verdicts of the filter.
+         *     `effective` counts effective verdicts, all others the verdicts of the filter. `bins`
+         *     counts boxes that have no keep or reject: what is left to review, and to whom.
          */
         Stats: {
-            /** Frames */
+            /**
+             * Frames
+             * @description Number of frames.
+             * @example 200
+             */
             frames: number;
-            /** Boxes */
+            /**
+             * Boxes
+             * @description Number of boxes.
+             * @example 840
+             */
             boxes: number;
-            /** Kept */
+            /**
+             * Kept
+             * @description Boxes that the filter keeps.
+             * @example 700
+             */
             kept: number;
-            /** Rejected */
+            /**
+             * Rejected
+             * @description Boxes that the filter rejects.
+             * @example 120
+             */
             rejected: number;
-            /** Unmeasured */
+            /**
+             * Unmeasured
+             * @description Boxes without a verdict.
+             * @example 20
+             */
             unmeasured: number;
-            /** Reviewed */
+            /**
+             * Reviewed
+             * @description Boxes with keep or reject of a person.
+             * @example 55
+             */
             reviewed: number;
-            /** To Review */
+            /**
+             * To Review
+             * @description Boxes that should be looked at.
+             * @example 31
+             */
             to_review: number;
-            /** Unsure */
+            /**
+             * Unsure
+             * @description Boxes that a person was unsure about.
+             * @example 2
+             */
             unsure: number;
-            /** Conflicts */
+            /**
+             * Conflicts
+             * @description Boxes where a person contradicts the filter.
+             * @example 4
+             */
             conflicts: number;
-            /** Toss Ups */
+            /**
+             * Toss Ups
+             * @description Boxes too small to be certain.
+             * @example 9
+             */
             toss_ups: number;
-            /** Lossy */
+            /**
+             * Bins
+             * @description Number of bins of the histogram.
+             * @example 50
+             */
+            bins: {
+                [key: string]: number;
+            };
+            /**
+             * Lossy
+             * @description Whether the colours of the segmentation were not exact.
+             * @example false
+             */
             lossy: number;
+            /**
+             * @description The effective verdict: a person's, else the filter's.
+             * @example kept
+             */
             effective: components["schemas"]["VerdictCounts"];
-            /** By Reason */
+            /**
+             * By Reason
+             * @description Boxes by the rule that decided them.
+             */
             by_reason: {
                 [key: string]: number;
             };
-            /** By Class */
+            /**
+             * By Class
+             * @description The same for each class.
+             */
             by_class: {
                 [key: string]: components["schemas"]["VerdictCounts"];
             };
-            /** Reasons By Class */
+            /**
+             * Reasons By Class
+             * @description Boxes by rule, for each class.
+             */
             reasons_by_class: {
                 [key: string]: {
                     [key: string]: number;
                 };
             };
-            /** Config */
+            /**
+             * By Map
+             * @description Frames and boxes by map, of the frames that name one.
+             */
+            by_map: {
+                [key: string]: components["schemas"]["MapCounts"];
+            };
+            /**
+             * Config
+             * @description Digest of the configuration.
+             * @example 9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08
+             */
             config: string;
-            /** Run */
+            /**
+             * Run
+             * @description Number of the run.
+             * @example 3
+             */
             run: number;
         };
         /**
@@ -3437,13 +6479,29 @@ export interface components {
          * @description One file of a frame, as the server stores it.
          */
         StoredFile: {
-            /** Url */
+            /**
+             * Url
+             * @description Path of the address.
+             * @example /api/v1/frames/42/image
+             */
             url: string;
-            /** Sha256 */
+            /**
+             * Sha256
+             * @description SHA-256 of the content, in hexadecimal.
+             * @example 9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08
+             */
             sha256: string;
-            /** Media Type */
+            /**
+             * Media Type
+             * @description Media type of the content.
+             * @example image/png
+             */
             media_type: string;
-            /** Size Bytes */
+            /**
+             * Size Bytes
+             * @description Size in bytes.
+             * @example 81234
+             */
             size_bytes: number;
         };
         /**
@@ -3451,9 +6509,14 @@ export interface components {
          * @description A stored frame, with what was recognised and the decisions on its boxes.
          */
         StoredFrame: {
+            /** @description The frame without its boxes. */
             frame: components["schemas"]["FrameDetails"];
+            /** @description What was recognised in the segmentation. */
             segmentation: components["schemas"]["SegmentationReport"] | null;
-            /** Decisions */
+            /**
+             * Decisions
+             * @description The decisions on the boxes.
+             */
             decisions: components["schemas"]["Decision"][];
             /**
              * Answers Set Aside
@@ -3476,13 +6539,34 @@ export interface components {
          * @description The suggested threshold of a class, and the current one.
          */
         Suggestion: {
-            /** Class */
+            /**
+             * Class
+             * @description Name of the class.
+             * @example car
+             */
             class: string;
-            /** Current */
+            /**
+             * Key
+             * @description The key of the configuration: `threshold_small_box` of boxes that tags decide, `min_visible_percent` of those that other evidence decides.
+             * @example town/000007
+             */
+            key: string;
+            /**
+             * Current
+             * @description The current threshold, in percent.
+             * @example 8
+             */
             current: number;
-            /** Suggested */
+            /**
+             * Suggested
+             * @description The suggested threshold, in percent.
+             * @example 9
+             */
             suggested: number;
-            /** Interval */
+            /**
+             * Interval
+             * @description The 95 % interval, low and high.
+             */
             interval: [
                 number,
                 number
@@ -3492,11 +6576,22 @@ export interface components {
              * @description Boxes of the class of which the truth is known.
              */
             answers: number;
-            /** F1 Current */
+            /**
+             * F1 Current
+             * @description F1 with the current threshold.
+             * @example 0.95
+             */
             f1_current: number | null;
-            /** F1 Suggested */
+            /**
+             * F1 Suggested
+             * @description F1 with the suggested threshold.
+             * @example 0.96
+             */
             f1_suggested: number | null;
-            /** Curve */
+            /**
+             * Curve
+             * @description Scores of other thresholds.
+             */
             curve: components["schemas"]["ThresholdPoint"][];
         };
         /**
@@ -3504,13 +6599,26 @@ export interface components {
          * @description The scores that a threshold would have.
          */
         ThresholdPoint: {
-            /** Threshold */
+            /**
+             * Threshold
+             * @description Share that it needs, in percent; null where none applied.
+             * @example 8
+             */
             threshold: number;
-            /** Precision */
+            /**
+             * Precision
+             * @description Share of the kept boxes that are right.
+             */
             precision: number | null;
-            /** Recall */
+            /**
+             * Recall
+             * @description Share of the boxes to be kept that are kept.
+             */
             recall: number | null;
-            /** F1 */
+            /**
+             * F1
+             * @description Harmonic mean of precision and recall.
+             */
             f1: number | null;
         };
         /**
@@ -3518,25 +6626,48 @@ export interface components {
          * @description Someone's token, without its secret.
          */
         Token: {
-            /** Id */
+            /**
+             * Id
+             * @description Its number on the server.
+             * @example 7
+             */
             id: number;
-            /** Name */
+            /**
+             * Name
+             * @description Name of the person.
+             * @example ann
+             */
             name: string;
             /**
              * Role
+             * @description What it may do; each role may do what the one before may.
+             * @example reviewer
              * @enum {string}
              */
             role: "viewer" | "reviewer" | "admin";
             /**
              * Created At
              * Format: date-time
+             * @description When it was created (RFC 3339, UTC).
+             * @example 2026-01-31T12:00:00Z
              */
             created_at: string;
-            /** Expires At */
+            /**
+             * Expires At
+             * @description When it ends; null for never.
+             * @example 2026-01-31T12:00:00Z
+             */
             expires_at: string | null;
-            /** Revoked At */
+            /**
+             * Revoked At
+             * @description When it was revoked; null if it was not.
+             */
             revoked_at: string | null;
-            /** Last Used At */
+            /**
+             * Last Used At
+             * @description When it was used last; null for never.
+             * @example 2026-01-31T12:00:00Z
+             */
             last_used_at: string | null;
         };
         /**
@@ -3547,36 +6678,367 @@ export interface components {
             /**
              * Name
              * @description Name of the person who will use the token; answers are stored under it.
+             * @example town10
              */
             name: string;
             /**
              * Role
-             * @default reviewer
+             * @description What it may do; each role may do what the one before may.
+             * @example reviewer
              * @enum {string}
              */
             role?: "viewer" | "reviewer" | "admin";
             /**
              * Expires At
              * @description When the token expires; instead of `expires_in_days`.
+             * @example 2026-01-31T12:00:00Z
              */
             expires_at?: string | null;
             /**
              * Expires In Days
-             * @description Days until the token expires; null for never.
-             * @default 90
+             * @description Days until the token expires; null: it lasts until it is revoked.
              */
             expires_in_days?: number | null;
+        };
+        /**
+         * Track
+         * @description One object in successive frames of its recording, in their order.
+         *
+         *     A recording is the frames of a sequence in one folder. The object is the box of the
+         *     same id and class, as long as its distance changes by at most 15 m from one frame to
+         *     the next.
+         */
+        Track: {
+            /**
+             * Items
+             * @description At most five frames each way, and the box itself.
+             */
+            items: components["schemas"]["TrackedBox"][];
+        };
+        /**
+         * TrackedBox
+         * @description The box of an object in one frame of its recording.
+         */
+        TrackedBox: {
+            /**
+             * Id
+             * @description The id that the sender gave the box.
+             * @example 7
+             */
+            id: string;
+            /**
+             * Box Id
+             * @description Number of the box on the server.
+             * @example 1201
+             */
+            box_id: number;
+            /**
+             * Frame
+             * @description Key of the frame.
+             * @example town/000007
+             */
+            frame: string;
+            /**
+             * Frame Id
+             * @description Number of the frame on the server.
+             * @example 42
+             */
+            frame_id: number;
+            /**
+             * Class
+             * @description Name of the class.
+             * @example car
+             */
+            class: string;
+            /**
+             * Verdict
+             * @description The verdict of the filter.
+             * @example kept
+             * @enum {string}
+             */
+            verdict: "kept" | "rejected" | "unmeasured";
+            /**
+             * Reason
+             * @description The rule that gave the verdict.
+             * @example below_threshold
+             * @enum {string}
+             */
+            reason: "outside_image" | "covers_image" | "degenerate" | "out_of_range" | "unmapped_class" | "no_segmentation" | "no_visible_pixels" | "large_below_threshold" | "below_threshold" | "explained_by_nearer" | "hidden_by_depth" | "hidden_by_instance" | "too_few_lidar_points" | "visible" | "passed" | "unknown_pixels";
+            /**
+             * Explanation
+             * @description The verdict and its reason as a sentence.
+             * @example rejected: 3.1 % of 840 pixels match car; 8 % are needed
+             */
+            explanation: string;
+            /**
+             * Evidence
+             * @description The kind of evidence that decided; null where nothing was measured.
+             * @example semantic
+             */
+            evidence: ("semantic" | "ordered" | "depth" | "depth_center" | "instance" | "lidar") | null;
+            /**
+             * Match Percent
+             * @description Share of the box's pixels that match, in percent.
+             * @example 43.5
+             */
+            match_percent: number | null;
+            /**
+             * Threshold
+             * @description Share that it needs, in percent; null where none applied.
+             * @example 8
+             */
+            threshold: number | null;
+            /**
+             * Margin
+             * @description `match_percent` less `threshold`.
+             * @example 35.5
+             */
+            margin: number | null;
+            /**
+             * Toss Up
+             * @description Whether it has too few pixels to be certain on which side of the threshold it is.
+             * @example false
+             */
+            toss_up: boolean;
+            /**
+             * Large
+             * @description Whether it counts as a large box.
+             * @example false
+             */
+            large: boolean;
+            /**
+             * Matched Pixels
+             * @description Pixels of the box that match.
+             * @example 365
+             */
+            matched_pixels: number | null;
+            /**
+             * Box Pixels
+             * @description Pixels of the box.
+             * @example 840
+             */
+            box_pixels: number | null;
+            /**
+             * Unknown Pixels
+             * @description Pixels of the box whose tag or colour is not known; null without a segmentation.
+             * @example 0
+             */
+            unknown_pixels: number | null;
+            /**
+             * Area Percent
+             * @description Share of the image that the box covers, in percent.
+             * @example 0.1
+             */
+            area_percent: number | null;
+            /**
+             * Crowding
+             * @description The largest share of the box, in percent, that one other box of a fitting class covers.
+             * @example 12.5
+             */
+            crowding: number | null;
+            /**
+             * Explained By
+             * @description Id of the nearer box that takes most of its pixels; null if none does.
+             */
+            explained_by: string | null;
+            /**
+             * Hidden By
+             * @description Up to three of the most frequent tags that its class does not accept.
+             */
+            hidden_by: components["schemas"]["HiddenBy"][];
+            /**
+             * Accepted Tags
+             * @description The tags whose pixels count for its class.
+             */
+            accepted_tags: components["schemas"]["AcceptedTag"][];
+            /**
+             * Lossy
+             * @description Whether the colours of the segmentation were not exact.
+             * @example false
+             */
+            lossy: boolean;
+            /**
+             * Distance
+             * @description Metres from the camera; null if not known.
+             * @example 12.5
+             */
+            distance: number | null;
+            /**
+             * Distance Range
+             * @description Between how many metres it is; null if not known.
+             * @example [
+             *       50,
+             *       80
+             *     ]
+             */
+            distance_range: [
+                number,
+                number
+            ] | null;
+            /**
+             * Xyxy
+             * @description Left, top, right, bottom in pixels: the rectangle that was measured; null if it is outside of the image.
+             * @example [
+             *       83,
+             *       410,
+             *       466,
+             *       640
+             *     ]
+             */
+            xyxy: [
+                number,
+                number,
+                number,
+                number
+            ] | null;
+            /**
+             * Amodal Xyxy
+             * @description Of a 3D box: the rectangle of the whole, which may leave the image.
+             */
+            amodal_xyxy: [
+                number,
+                number,
+                number,
+                number
+            ] | null;
+            /**
+             * Visible Xyxy
+             * @description Of a 3D box: the part of it inside the image.
+             */
+            visible_xyxy: [
+                number,
+                number,
+                number,
+                number
+            ] | null;
+            /**
+             * Tight Xyxy
+             * @description The rectangle around its own pixels, by instance or depth.
+             */
+            tight_xyxy: [
+                number,
+                number,
+                number,
+                number
+            ] | null;
+            /**
+             * Visible Pixels
+             * @description Its own pixels, by instance or depth.
+             * @example 300
+             */
+            visible_pixels: number | null;
+            /**
+             * Occluded
+             * @description KITTI's level: 0 visible, 1 partly, 2 largely hidden, 3 unknown.
+             * @example 0
+             * @enum {integer}
+             */
+            occluded: 0 | 1 | 2 | 3;
+            /**
+             * Truncated
+             * @description Share of a 3D box outside of the image, 0 to 1.
+             * @example 0
+             */
+            truncated: number | null;
+            /**
+             * Edges
+             * @description Of a 3D box: its projected edges, each by its two ends.
+             */
+            edges: [
+                number,
+                number,
+                number,
+                number
+            ][] | null;
+            /**
+             * Config
+             * @description Digest of the configuration.
+             * @example 9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08
+             */
+            config: string;
+            /**
+             * Run
+             * @description Number of the run.
+             * @example 3
+             */
+            run: number;
+            /**
+             * Revision
+             * @description How many answers the box has been given, including undone ones. Send it as `seen_revision` with the next answer.
+             * @example 1
+             */
+            revision: number;
+            /**
+             * @description The current answer; null if there is none or it was undone.
+             * @example undecided
+             */
+            review: components["schemas"]["ReviewMark"] | null;
+            /**
+             * Effective Verdict
+             * @description A person's keep or reject if there is one, else the filter's verdict.
+             * @example kept
+             * @enum {string}
+             */
+            effective_verdict: "kept" | "rejected" | "unmeasured";
+            /**
+             * Bin
+             * @description Whether people are asked about it (`ask`), or why not.
+             * @enum {string}
+             */
+            bin: "ask" | "sure" | "small" | "wall";
+            /**
+             * Doubt
+             * @description How much an answer is worth, from 1 to 100; 0 if nobody is asked.
+             */
+            doubt: number;
+            /**
+             * Question
+             * @description Why people are asked about it; null if they are not.
+             */
+            question: string | null;
+            /**
+             * Offset
+             * @description How many frames later than the frame asked about; negative if before.
+             */
+            offset: number;
+        };
+        /**
+         * TruthScores
+         * @description The boxes whose truth is known, by their verdicts before and after.
+         */
+        TruthScores: {
+            /**
+             * Boxes
+             * @description Number of boxes.
+             * @example 840
+             */
+            boxes: number;
+            /** @description The state before. */
+            before: components["schemas"]["Confusion"];
+            /** @description The state after. */
+            after: components["schemas"]["Confusion"];
         };
         /**
          * UndoneBatch
          * @description How many boxes an undo restored; `skipped` are those answered again since.
          */
         UndoneBatch: {
-            /** Id */
+            /**
+             * Id
+             * @description Its number on the server.
+             * @example 7
+             */
             id: number;
-            /** Undone */
+            /**
+             * Undone
+             * @description How many boxes have their former answer again.
+             * @example 12
+             */
             undone: number;
-            /** Skipped */
+            /**
+             * Skipped
+             * @description Boxes that were left as they are.
+             */
             skipped: number[];
         };
         /**
@@ -3584,11 +7046,23 @@ export interface components {
          * @description How many boxes have each verdict.
          */
         VerdictCounts: {
-            /** Kept */
+            /**
+             * Kept
+             * @description Boxes that the filter keeps.
+             * @example 700
+             */
             kept: number;
-            /** Rejected */
+            /**
+             * Rejected
+             * @description Boxes that the filter rejects.
+             * @example 120
+             */
             rejected: number;
-            /** Unmeasured */
+            /**
+             * Unmeasured
+             * @description Boxes without a verdict.
+             * @example 20
+             */
             unmeasured: number;
         };
         /**
@@ -3596,11 +7070,23 @@ export interface components {
          * @description The name and the version of the program.
          */
         Version: {
-            /** Version */
+            /**
+             * Version
+             * @description Version of the program.
+             * @example 0.1.0
+             */
             version: string;
-            /** Api */
+            /**
+             * Api
+             * @description Version of the API.
+             * @example v1
+             */
             api: string;
-            /** Python */
+            /**
+             * Python
+             * @description Version of Python.
+             * @example 3.11.9
+             */
             python: string;
         };
         /**
@@ -3608,12 +7094,22 @@ export interface components {
          * @description A box that a channel got wrong.
          */
         WrongBox: {
-            /** Box Id */
+            /**
+             * Box Id
+             * @description Number of the box on the server.
+             * @example 1201
+             */
             box_id: number;
-            /** Frame Id */
+            /**
+             * Frame Id
+             * @description Number of the frame on the server.
+             * @example 42
+             */
             frame_id: number;
             /**
              * Error
+             * @description In which way the channel is wrong.
+             * @example kept_hidden
              * @enum {string}
              */
             error: "kept_hidden" | "rejected_visible";
@@ -3624,27 +7120,294 @@ export interface components {
             pixels: number;
         };
         /**
+         * AnnotatedBox
+         * @description A box as it is sent; with `class` or `type_id`, and exactly one geometry.
+         *
+         *     The geometries are `xyxy`, `xyxyn`, `xywh`, `cxcywh`, `cxcywhn`, `vertices` and
+         *     `box3d`.
+         */
+        AnnotatedBox: {
+            /**
+             * Id
+             * @description Unique in its frame; its index if there is none.
+             * @example 217
+             */
+            id?: string | number | null;
+            /**
+             * Class
+             * @description Its class.
+             * @example car
+             */
+            class?: string | null;
+            /**
+             * Type Id
+             * @description CARLA's blueprint, which tells the class.
+             * @example vehicle.ford.ambulance
+             */
+            type_id?: string | null;
+            /**
+             * Base Type
+             * @description CARLA's `base_type` of the blueprint.
+             * @example van
+             */
+            base_type?: string | null;
+            /**
+             * Xyxy
+             * @description Left, top, right, bottom in pixels.
+             * @example [
+             *       83,
+             *       410,
+             *       466,
+             *       640
+             *     ]
+             */
+            xyxy?: number[] | null;
+            /**
+             * Xyxyn
+             * @description The same as shares of the image's size.
+             * @example [
+             *       0.1,
+             *       0.5,
+             *       0.3,
+             *       0.8
+             *     ]
+             */
+            xyxyn?: number[] | null;
+            /**
+             * Xywh
+             * @description Left, top, width, height in pixels.
+             * @example [
+             *       10,
+             *       20,
+             *       30,
+             *       40
+             *     ]
+             */
+            xywh?: number[] | null;
+            /**
+             * Cxcywh
+             * @description Centre and size in pixels.
+             * @example [
+             *       25,
+             *       40,
+             *       30,
+             *       40
+             *     ]
+             */
+            cxcywh?: number[] | null;
+            /**
+             * Cxcywhn
+             * @description The same as shares of the image's size.
+             * @example [
+             *       0.5,
+             *       0.5,
+             *       0.1,
+             *       0.1
+             *     ]
+             */
+            cxcywhn?: number[] | null;
+            /**
+             * Vertices
+             * @description Eight corners in the world; needs the camera.
+             */
+            vertices?: (components["schemas"]["Vector"] | number[])[] | null;
+            /** @description The 3D box; needs the camera. */
+            box3d?: components["schemas"]["Box3d"] | null;
+            /**
+             * Distance
+             * @description Metres from the camera.
+             * @example 12.5
+             */
+            distance?: number | null;
+            /**
+             * Distance Range
+             * @description Between how many metres from the camera it is, where the distance itself is not known.
+             * @example [
+             *       50,
+             *       80
+             *     ]
+             */
+            distance_range?: [
+                number,
+                number
+            ] | null;
+            /**
+             * Instance Id
+             * @description Its id in the instance image.
+             * @example 217
+             */
+            instance_id?: number | null;
+            /**
+             * Extra
+             * @description Anything else; it is kept.
+             */
+            extra?: {
+                [key: string]: unknown;
+            } | null;
+        } & {
+            [key: string]: unknown;
+        };
+        /**
+         * AnnotatedCamera
+         * @description The camera; 3D boxes need all of it, and 2D boxes nothing of it.
+         */
+        AnnotatedCamera: {
+            /**
+             * Name
+             * @description What it is called, to tell the cameras of a vehicle apart.
+             * @example front
+             */
+            name?: string | null;
+            /**
+             * Width
+             * @description Width of the image in pixels.
+             * @example 1280
+             */
+            width: number;
+            /**
+             * Height
+             * @description Height of the image in pixels.
+             * @example 720
+             */
+            height: number;
+            /**
+             * Fov
+             * @description Horizontal field of view in degrees.
+             * @example 90
+             */
+            fov?: number | null;
+            /**
+             * Intrinsic
+             * @description 3 x 3 matrix, instead of `fov`.
+             */
+            intrinsic?: number[][] | null;
+            /** @description Where the camera stands in the world. */
+            transform?: components["schemas"]["Pose"] | null;
+            /**
+             * World To Camera
+             * @description 4 x 4 matrix, instead of `transform`.
+             */
+            world_to_camera?: number[][] | null;
+        } & {
+            [key: string]: unknown;
+        };
+        /**
+         * Annotation
+         * @description What is known about a frame: its boxes and, if known, its camera and more.
+         * @example {
+         *       "boxes": [
+         *         {
+         *           "class": "car",
+         *           "id": "217",
+         *           "xyxy": [
+         *             83,
+         *             410,
+         *             466,
+         *             640
+         *           ]
+         *         }
+         *       ]
+         *     }
+         */
+        Annotation: {
+            /**
+             * Boxes
+             * @description The boxes; the list may be empty.
+             * @example 840
+             */
+            boxes: components["schemas"]["AnnotatedBox"][];
+            /** @description The camera; 3D boxes need it. */
+            camera?: components["schemas"]["AnnotatedCamera"] | null;
+            /**
+             * Carla Version
+             * @description The version of CARLA, which tells the palette.
+             * @example 0.9.15
+             */
+            carla_version?: string | null;
+            /**
+             * Captured At
+             * @description When the frame was recorded (RFC 3339).
+             * @example 2026-01-31T12:00:00Z
+             */
+            captured_at?: string | null;
+            /**
+             * Map
+             * @description CARLA's map.
+             * @example Town10HD
+             */
+            map?: string | null;
+            /**
+             * Weather
+             * @description CARLA's weather; it is kept.
+             */
+            weather?: {
+                [key: string]: unknown;
+            } | null;
+            /**
+             * Sensors
+             * @description Where each sensor besides the camera stands.
+             */
+            sensors?: {
+                [key: string]: unknown;
+            } | null;
+            /**
+             * Sequence
+             * @description The drive that the frame is of.
+             * @example drive-3
+             */
+            sequence?: string | null;
+            /**
+             * Split
+             * @description The part of its data set that it came with.
+             * @example val
+             */
+            split?: string | null;
+            /**
+             * Extra
+             * @description Anything else; it is kept.
+             */
+            extra?: {
+                [key: string]: unknown;
+            } | null;
+        } & {
+            [key: string]: unknown;
+        };
+        /**
          * BatchEnd
          * @description The last line of a batch: the number of frames by outcome.
          */
         BatchEnd: {
             /**
              * End
+             * @description Always true: this is the last line.
+             * @example true
              * @constant
              */
             end: true;
             /** @description Why the rest of the archive was not read. */
             problem?: components["schemas"]["Problem"];
-            /** Frames */
+            /**
+             * Frames
+             * @description Number of frames.
+             * @example 200
+             */
             frames: number;
-            /** Stored */
+            /**
+             * Stored
+             * @description Frames that were stored.
+             * @example 198
+             */
             stored: number;
             /**
              * Same
              * @description Frames that were already stored with the same content.
              */
             same: number;
-            /** Refused */
+            /**
+             * Refused
+             * @description Frames that were refused.
+             * @example 2
+             */
             refused: number;
         };
         /**
@@ -3655,12 +7418,25 @@ export interface components {
          *     frame has a `problem`, and neither id nor decisions.
          */
         BatchLine: {
-            /** Key */
+            /**
+             * Key
+             * @description Key of the frame in its dataset; it may contain `/`.
+             * @example town/000007
+             */
             key: string;
-            /** Status */
+            /**
+             * Status
+             * @description The status of HTTP.
+             * @example 201
+             */
             status: number;
-            /** Frame Id */
+            /**
+             * Frame Id
+             * @description Number of the frame on the server.
+             * @example 42
+             */
             frame_id: number | null;
+            /** @description Boxes by verdict; null of a refused frame. */
             decisions: components["schemas"]["VerdictCounts"] | null;
             /**
              * Answers Set Aside
@@ -3677,7 +7453,81 @@ export interface components {
              * @description What a person should know about how the depth and instance image were read, such as that one is not used as evidence. Empty if the frame was stored already. Absent if there are none.
              */
             notes?: string[];
+            /** @description Why the frame was refused. */
             problem?: components["schemas"]["Problem"];
+        };
+        /**
+         * Box3d
+         * @description A 3D box as CARLA has it: that of an actor, in the actor's axes.
+         */
+        Box3d: {
+            /** @description Of the actor; without it the box is given in the world. */
+            transform?: components["schemas"]["Pose"] | null;
+            /** @description Centre of the box in the actor's axes. */
+            location?: components["schemas"]["Vector"] | null;
+            /** @description Half of its sizes. */
+            extent: components["schemas"]["Vector"];
+            /** @description Its rotation in the actor's axes. */
+            rotation?: components["schemas"]["Rotation"] | null;
+        } & {
+            [key: string]: unknown;
+        };
+        /**
+         * FolderClass
+         * @description A class of the labels; pixels and verdicts are of the frames looked at.
+         */
+        FolderClass: {
+            /**
+             * Name
+             * @description Name of the class in the labels.
+             * @example car
+             */
+            name: string;
+            /**
+             * Boxes
+             * @description In all labels.
+             * @example 840
+             */
+            boxes: number;
+            /**
+             * Measured As
+             * @description The filter's class as which it is measured, or `pass`; null if the filter knows none.
+             */
+            measured_as: string | null;
+            /**
+             * Nearest
+             * @description The class that an unknown name probably means.
+             */
+            nearest: string | null;
+            /**
+             * Tags
+             * @description The tags that count for it.
+             */
+            tags: string[];
+            /**
+             * Kept
+             * @description Boxes that the filter keeps.
+             * @example 700
+             */
+            kept: number;
+            /**
+             * Rejected
+             * @description Boxes that the filter rejects.
+             * @example 120
+             */
+            rejected: number;
+            /**
+             * Unmeasured
+             * @description Boxes without a verdict.
+             * @example 20
+             */
+            unmeasured: number;
+            /**
+             * Unknown Percent
+             * @description Of the pixels in its boxes, those whose tag is not known; null if none was measured.
+             * @example 0
+             */
+            unknown_percent: number | null;
         };
         /**
          * FolderEnd
@@ -3686,32 +7536,68 @@ export interface components {
         FolderEnd: {
             /**
              * End
+             * @description Always true: this is the last line.
+             * @example true
              * @constant
              */
             end: true;
-            /** Frames */
+            /**
+             * Frames
+             * @description Number of frames.
+             * @example 200
+             */
             frames: number;
             /**
              * Faulty
              * @description How many of the frames cannot be read.
              */
             faulty: number;
-            /** Unmatched */
+            /**
+             * Unmatched
+             * @description Files that belong to no frame.
+             * @example 0
+             */
             unmatched: number;
             /**
              * Notes
              * @description Sentences about how the files were read, such as what was recognised, or read as something else.
              */
             notes: string[];
+            /** @description How the folder was understood. */
+            inspection: components["schemas"]["FolderInspection"];
+        };
+        /**
+         * FolderFact
+         * @description One line about a folder, such as its sizes of images.
+         */
+        FolderFact: {
+            /**
+             * Name
+             * @description What the line is about.
+             * @example images
+             */
+            name: string;
+            /**
+             * Text
+             * @description The text.
+             */
+            text: string;
         };
         /**
          * FolderFrame
          * @description One frame: the annotation to upload it with, or why it cannot be read.
          */
         FolderFrame: {
-            /** Key */
+            /**
+             * Key
+             * @description Key of the frame in its dataset; it may contain `/`.
+             * @example town/000007
+             */
             key: string;
-            /** Annotation */
+            /**
+             * Annotation
+             * @description The frame's annotation.
+             */
             annotation: {
                 [key: string]: unknown;
             } | null;
@@ -3727,6 +7613,7 @@ export interface components {
             files: {
                 [key: string]: string;
             };
+            /** @description Why the frame cannot be read; null if it can. */
             fault: components["schemas"]["Fault"] | null;
         };
         /**
@@ -3736,14 +7623,14 @@ export interface components {
         FolderHead: {
             /**
              * Layout
-             * @description The layout by which the folder was read.
+             * @description The layout by which the folder was read; null if it cannot be read, and has no frames.
              */
-            layout: ("yolo" | "coco" | "kitti" | "voc" | "manifest" | "carlasimu" | "table" | "pairs") | string;
+            layout: ("yolo" | "coco" | "kitti" | "voc" | "cvat" | "label-studio" | "manifest" | "decisions-jsonl" | "carlasimu" | "nuscenes" | "table" | "pairs") | string | null;
             /**
              * Layouts
              * @description The layouts that the folder may have, the likeliest first.
              */
-            layouts: (("yolo" | "coco" | "kitti" | "voc" | "manifest" | "carlasimu" | "table" | "pairs") | string)[];
+            layouts: (("yolo" | "coco" | "kitti" | "voc" | "cvat" | "label-studio" | "manifest" | "decisions-jsonl" | "carlasimu" | "nuscenes" | "table" | "pairs") | string)[];
             /**
              * Titles
              * @description The name for people of each of these layouts.
@@ -3754,6 +7641,10 @@ export interface components {
             /**
              * Classes
              * @description Names of the classes in the order of their numbers; null if the folder has no list of them.
+             * @example [
+             *       "car",
+             *       "van"
+             *     ]
              */
             classes: string[] | null;
             /**
@@ -3766,6 +7657,7 @@ export interface components {
             /**
              * Config
              * @description Other keys of a configuration that recording.yaml gives, such as classes.
+             * @example 9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08
              */
             config: {
                 [key: string]: unknown;
@@ -3777,6 +7669,277 @@ export interface components {
             count: number | null;
         };
         /**
+         * FolderInspection
+         * @description How a folder is understood, as `unghost inspect` shows it.
+         */
+        FolderInspection: {
+            /**
+             * Why
+             * @description What told the layout; empty if nothing did.
+             * @example neither an image nor a label
+             */
+            why: string;
+            /**
+             * Remarks
+             * @description Sentences about the folder, with what helps.
+             */
+            remarks: components["schemas"]["FolderRemark"][];
+            /**
+             * Facts
+             * @description The folder in a few lines.
+             */
+            facts: components["schemas"]["FolderFact"][];
+            /**
+             * Streams
+             * @description The images by role.
+             */
+            streams: components["schemas"]["FolderStream"][];
+            /**
+             * Classes
+             * @description Names of the classes in their order.
+             * @example [
+             *       "car",
+             *       "van"
+             *     ]
+             */
+            classes: components["schemas"]["FolderClass"][];
+            /**
+             * Looked At
+             * @description Frames whose pictures were looked at.
+             */
+            looked_at: number;
+            /**
+             * Painted
+             * @description Some frames with the verdicts of their boxes.
+             */
+            painted: components["schemas"]["PaintedFrame"][];
+            /**
+             * Palette
+             * @description The family of tags of the segmentations; null if none is known.
+             * @example auto
+             */
+            palette: string | null;
+            /**
+             * Given
+             * @description What recording.yaml of the folder says, as JSON, which is YAML, too.
+             */
+            given: {
+                [key: string]: unknown;
+            };
+            /**
+             * Read With
+             * @description What was given and recognised, as JSON: the `recording` of a new dataset.
+             */
+            read_with: {
+                [key: string]: unknown;
+            };
+            /**
+             * Recording
+             * @description The same as the text of a recording.yaml, with hints in comments.
+             */
+            recording: string;
+        };
+        /**
+         * FolderRemark
+         * @description A sentence about a folder.
+         */
+        FolderRemark: {
+            /**
+             * Text
+             * @description The text.
+             */
+            text: string;
+            /**
+             * Finding
+             * @description The sentence without what helps.
+             */
+            finding: string;
+            /**
+             * Remedies
+             * @description What helps, where that is a word for a key.
+             */
+            remedies: components["schemas"]["FolderRemedy"][];
+            /**
+             * Unknown Classes
+             * @description The classes that the sentence is about, if the filter knows none of them.
+             */
+            unknown_classes: string[];
+            /**
+             * Is Serious
+             * @description Whether it must be looked at before the folder is used.
+             */
+            is_serious: boolean;
+        };
+        /**
+         * FolderRemedy
+         * @description A value of a key of recording.yaml that may be missing or wrong.
+         */
+        FolderRemedy: {
+            /**
+             * Place
+             * @description The key, below those that it is in: `boxes`, `unit`.
+             */
+            place: string[];
+            /**
+             * Value
+             * @description The value that helps.
+             * @example percent
+             */
+            value: string;
+        };
+        /**
+         * FolderStream
+         * @description Images of one role that one pattern names, or those of one folder.
+         */
+        FolderStream: {
+            /**
+             * Role
+             * @description `image` for the camera's pictures.
+             * @example reviewer
+             */
+            role: string;
+            /**
+             * Images
+             * @description Number of images.
+             * @example 200
+             */
+            images: number;
+            /**
+             * Example
+             * @description The first of them, as it was sent.
+             */
+            example: string;
+            /**
+             * Told By
+             * @description What told the role: `name`, `pixels`, `description`, `manifest`; empty for pictures of which nothing says that they are anything else.
+             */
+            told_by: string[];
+            /**
+             * Pattern
+             * @description Their paths, as `files` of recording.yaml names them: of all patterns that match an image, that of its stream is the most specific; null if no pattern names them.
+             */
+            pattern: string | null;
+        };
+        /**
+         * PaintedBox
+         * @description A box of a painted frame, in px of the frame.
+         */
+        PaintedBox: {
+            /**
+             * Xyxy
+             * @description Left, top, right, bottom in pixels: the rectangle that was measured; null if it is outside of the image.
+             * @example [
+             *       83,
+             *       410,
+             *       466,
+             *       640
+             *     ]
+             */
+            xyxy: [
+                number,
+                number,
+                number,
+                number
+            ];
+            /**
+             * Class Name
+             * @description Name of the class.
+             * @example car
+             */
+            class_name: string;
+            /**
+             * Verdict
+             * @description The verdict of the filter.
+             * @example kept
+             * @enum {string}
+             */
+            verdict: "kept" | "rejected" | "unmeasured";
+            /**
+             * Explanation
+             * @description The verdict and its reason as a sentence.
+             * @example rejected: 3.1 % of 840 pixels match car; 8 % are needed
+             */
+            explanation: string;
+        };
+        /**
+         * PaintedFrame
+         * @description A frame with the verdicts of its boxes.
+         */
+        PaintedFrame: {
+            /**
+             * Key
+             * @description Key of the frame in its dataset; it may contain `/`.
+             * @example town/000007
+             */
+            key: string;
+            /**
+             * Width
+             * @description Width of the image in pixels.
+             * @example 1280
+             */
+            width: number;
+            /**
+             * Height
+             * @description Height of the image in pixels.
+             * @example 720
+             */
+            height: number;
+            /**
+             * Jpeg
+             * @description The picture, smaller, in base64; without one the segmentation in its colours; null if there is neither.
+             */
+            jpeg: string | null;
+            /**
+             * Boxes
+             * @description Its boxes with their verdicts.
+             */
+            boxes: components["schemas"]["PaintedBox"][];
+        };
+        /**
+         * Pose
+         * @description Where something stands in the world: its location and its rotation.
+         */
+        Pose: {
+            /**
+             * Pitch
+             * @description Up.
+             * @example 0
+             */
+            pitch?: number;
+            /**
+             * Yaw
+             * @description To the right.
+             * @example 90
+             */
+            yaw?: number;
+            /**
+             * Roll
+             * @description To the right side.
+             * @example 0
+             */
+            roll?: number;
+            /**
+             * X
+             * @description Forward.
+             * @example 1.5
+             */
+            x: number;
+            /**
+             * Y
+             * @description To the right.
+             * @example 0
+             */
+            y: number;
+            /**
+             * Z
+             * @description Up.
+             * @example 2.4
+             */
+            z: number;
+        } & {
+            [key: string]: unknown;
+        };
+        /**
          * Problem
          * @description Why a request failed (RFC 9457): `code` for programs, `detail` for people.
          *
@@ -3784,30 +7947,62 @@ export interface components {
          *     apply.
          */
         Problem: {
-            /** Type */
+            /**
+             * Type
+             * @description Always `about:blank`.
+             * @example about:blank
+             */
             type: string;
-            /** Title */
+            /**
+             * Title
+             * @description Name of the status.
+             * @example Not Found
+             */
             title: string;
-            /** Status */
+            /**
+             * Status
+             * @description The status of HTTP.
+             * @example 201
+             */
             status: number;
-            /** Detail */
+            /**
+             * Detail
+             * @description What is wrong, as a sentence for people.
+             */
             detail: string;
-            /** Instance */
+            /**
+             * Instance
+             * @description Path of the request.
+             * @example /api/v1/datasets/town10
+             */
             instance: string;
-            /** Code */
-            code: string;
-            /** Request Id */
+            /**
+             * Code
+             * @description The code for programs; see the table of error codes.
+             * @example not_found
+             * @enum {string}
+             */
+            code: "bad_request" | "bad_cursor" | "bad_idempotency_key" | "bad_key" | "bad_multipart" | "bad_snapshot" | "client_disconnected" | "head_too_large" | "http_error" | "idempotency_key_reuse" | "invalid_request" | "json_too_large" | "malformed_http" | "method_not_allowed" | "misdirected_host" | "not_confirmed" | "range_not_satisfiable" | "repeated_parameter" | "request_timeout" | "too_large" | "unknown_field" | "unknown_parameter" | "unknown_reason" | "unknown_review" | "unprocessable" | "unsupported_media_type" | "code_over" | "forbidden" | "link_over" | "others_answers" | "token_expired" | "token_revoked" | "unauthorised" | "not_found" | "already_undone" | "class_exists" | "class_in_use" | "classes_change" | "classes_frozen" | "conflict" | "count_changed" | "dataset_exists" | "export_not_done" | "export_open" | "export_over" | "export_removed" | "frame_conflict" | "not_in_force" | "nothing_before" | "other_dataset" | "run_not_done" | "run_over" | "same_class" | "version_exists" | "stale_config" | "stale_review" | "stale_revision" | "stale_snapshot" | "ambiguous_palette" | "bad_annotation" | "bad_archive" | "bad_camera" | "bad_ignore_mask" | "bad_image" | "bad_input" | "bad_lidar" | "bad_segmentation" | "depth_too_coarse" | "family_not_named" | "foreign_colors" | "foreign_tags" | "image_size_mismatch" | "image_size_unknown" | "image_too_large" | "lossy_depth" | "lossy_segmentation" | "misplaced_member" | "missing_annotation" | "missing_camera" | "not_finite" | "not_json" | "pixels_refused" | "repeated_part" | "segmentation_contradiction" | "several_families" | "too_many_classes" | "unknown_carla_version" | "unknown_class" | "unknown_depth" | "unknown_palette" | "unknown_part" | "unknown_size" | "unknown_tag" | "bad_config" | "bad_export" | "bad_form" | "bad_layout" | "bad_profile" | "bad_projection" | "bad_shape" | "bad_yaml" | "config_too_large" | "count_mismatch" | "empty_file" | "needs_pixels" | "no_histogram" | "not_available" | "too_many_answers" | "too_many_jobs" | "unknown_key" | "wrong_corners" | "wrong_unit" | "damaged_file" | "database_busy" | "database_damaged" | "internal" | "not_ready" | "storage_away" | "storage_full" | "storage_read_only" | "too_many_connections" | "too_many_requests" | "try_later";
+            /**
+             * Request Id
+             * @description Identifies the request in the server's log.
+             */
             request_id: string;
-            /** Errors */
+            /**
+             * Errors
+             * @description The single errors, at most a hundred.
+             */
             errors: components["schemas"]["Fault"][];
             /**
              * More Errors
              * @description How many errors there are besides those listed; absent if there are none.
+             * @example 12
              */
             more_errors?: number;
             /**
              * Current
              * @description Of a 412: the object as it is now; null if it is not known.
+             * @example 8
              */
             current?: {
                 [key: string]: unknown;
@@ -3819,14 +8014,74 @@ export interface components {
             found?: number;
         };
         /**
+         * Rotation
+         * @description A rotation as CARLA has it, in degrees; an absent angle is 0.
+         */
+        Rotation: {
+            /**
+             * Pitch
+             * @description Up.
+             * @example 0
+             */
+            pitch?: number;
+            /**
+             * Yaw
+             * @description To the right.
+             * @example 90
+             */
+            yaw?: number;
+            /**
+             * Roll
+             * @description To the right side.
+             * @example 0
+             */
+            roll?: number;
+        } & {
+            [key: string]: unknown;
+        };
+        /**
          * UnmatchedFile
          * @description A file that belongs to no frame.
          */
         UnmatchedFile: {
-            /** Path */
+            /**
+             * Path
+             * @description Path of the file in the folder.
+             * @example README.md
+             */
             path: string;
-            /** Why */
+            /**
+             * Why
+             * @description Why it belongs to no frame.
+             * @example neither an image nor a label
+             */
             why: string;
+        };
+        /**
+         * Vector
+         * @description A point or a direction in CARLA's axes, in metres.
+         */
+        Vector: {
+            /**
+             * X
+             * @description Forward.
+             * @example 1.5
+             */
+            x: number;
+            /**
+             * Y
+             * @description To the right.
+             * @example 0
+             */
+            y: number;
+            /**
+             * Z
+             * @description Up.
+             * @example 2.4
+             */
+            z: number;
+        } & {
+            [key: string]: unknown;
         };
     };
     responses: {
@@ -3983,13 +8238,18 @@ export interface components {
 export type AcceptedTag = components['schemas']['AcceptedTag'];
 export type ActivateIn = components['schemas']['ActivateIn'];
 export type Agreement = components['schemas']['Agreement'];
+export type Alike = components['schemas']['Alike'];
 export type Alive = components['schemas']['Alive'];
+export type AnswersIn = components['schemas']['AnswersIn'];
+export type Arm = components['schemas']['Arm'];
 export type AuditEntry = components['schemas']['AuditEntry'];
 export type Band = components['schemas']['Band'];
 export type BandScore = components['schemas']['BandScore'];
 export type Box = components['schemas']['Box'];
+export type BoxColumns = components['schemas']['BoxColumns'];
 export type BoxPage = components['schemas']['BoxPage'];
 export type BoxSelection = components['schemas']['BoxSelection'];
+export type BoxTable = components['schemas']['BoxTable'];
 export type BulkIn = components['schemas']['BulkIn'];
 export type ChannelScore = components['schemas']['ChannelScore'];
 export type Claim = components['schemas']['Claim'];
@@ -4001,9 +8261,15 @@ export type DatasetCounts = components['schemas']['DatasetCounts'];
 export type DatasetIn = components['schemas']['DatasetIn'];
 export type DatasetPatch = components['schemas']['DatasetPatch'];
 export type Decision = components['schemas']['Decision'];
+export type DepthBand = components['schemas']['DepthBand'];
+export type DepthSlice = components['schemas']['DepthSlice'];
 export type Diff = components['schemas']['Diff'];
+export type Difference = components['schemas']['Difference'];
+export type DistanceBand = components['schemas']['DistanceBand'];
 export type DownloadLink = components['schemas']['DownloadLink'];
 export type Evaluation = components['schemas']['Evaluation'];
+export type Experiment = components['schemas']['Experiment'];
+export type ExperimentIn = components['schemas']['ExperimentIn'];
 export type Export = components['schemas']['Export'];
 export type ExportIn = components['schemas']['ExportIn'];
 export type ExportOptions = components['schemas']['ExportOptions'];
@@ -4024,11 +8290,15 @@ export type Histogram = components['schemas']['Histogram'];
 export type History = components['schemas']['History'];
 export type HistoryEntry = components['schemas']['HistoryEntry'];
 export type IgnoreMask = components['schemas']['IgnoreMask'];
+export type ImportedAnswer = components['schemas']['ImportedAnswer'];
+export type ImportedAnswers = components['schemas']['ImportedAnswers'];
 export type KnownFrame = components['schemas']['KnownFrame'];
 export type KnownFrames = components['schemas']['KnownFrames'];
 export type KnownFramesIn = components['schemas']['KnownFramesIn'];
+export type LabelCounts = components['schemas']['LabelCounts'];
 export type LogIn = components['schemas']['LogIn'];
 export type LoginCode = components['schemas']['LoginCode'];
+export type MapCounts = components['schemas']['MapCounts'];
 export type Measure = components['schemas']['Measure'];
 export type NewLoginCode = components['schemas']['NewLoginCode'];
 export type NewSession = components['schemas']['NewSession'];
@@ -4042,6 +8312,8 @@ export type PageRefusedFrame = components['schemas']['Page_RefusedFrame_'];
 export type PageRun = components['schemas']['Page_Run_'];
 export type PageToken = components['schemas']['Page_Token_'];
 export type Pair = components['schemas']['Pair'];
+export type Parts = components['schemas']['Parts'];
+export type Plan = components['schemas']['Plan'];
 export type Preview = components['schemas']['Preview'];
 export type PreviewIn = components['schemas']['PreviewIn'];
 export type Quality = components['schemas']['Quality'];
@@ -4049,7 +8321,9 @@ export type Queue = components['schemas']['Queue'];
 export type QueueIn = components['schemas']['QueueIn'];
 export type QueuedBox = components['schemas']['QueuedBox'];
 export type Ready = components['schemas']['Ready'];
+export type RecordingIn = components['schemas']['RecordingIn'];
 export type RefusedFrame = components['schemas']['RefusedFrame'];
+export type Report = components['schemas']['Report'];
 export type Review = components['schemas']['Review'];
 export type ReviewBatch = components['schemas']['ReviewBatch'];
 export type ReviewIn = components['schemas']['ReviewIn'];
@@ -4058,6 +8332,7 @@ export type Reviewer = components['schemas']['Reviewer'];
 export type Run = components['schemas']['Run'];
 export type RunCounts = components['schemas']['RunCounts'];
 export type RunIn = components['schemas']['RunIn'];
+export type Sample = components['schemas']['Sample'];
 export type Score = components['schemas']['Score'];
 export type SegmentationReport = components['schemas']['SegmentationReport'];
 export type Session = components['schemas']['Session'];
@@ -4068,17 +8343,35 @@ export type Suggestion = components['schemas']['Suggestion'];
 export type ThresholdPoint = components['schemas']['ThresholdPoint'];
 export type Token = components['schemas']['Token'];
 export type TokenIn = components['schemas']['TokenIn'];
+export type Track = components['schemas']['Track'];
+export type TrackedBox = components['schemas']['TrackedBox'];
+export type TruthScores = components['schemas']['TruthScores'];
 export type UndoneBatch = components['schemas']['UndoneBatch'];
 export type VerdictCounts = components['schemas']['VerdictCounts'];
 export type Version = components['schemas']['Version'];
 export type WrongBox = components['schemas']['WrongBox'];
+export type AnnotatedBox = components['schemas']['AnnotatedBox'];
+export type AnnotatedCamera = components['schemas']['AnnotatedCamera'];
+export type Annotation = components['schemas']['Annotation'];
 export type BatchEnd = components['schemas']['BatchEnd'];
 export type BatchLine = components['schemas']['BatchLine'];
+export type Box3d = components['schemas']['Box3d'];
+export type FolderClass = components['schemas']['FolderClass'];
 export type FolderEnd = components['schemas']['FolderEnd'];
+export type FolderFact = components['schemas']['FolderFact'];
 export type FolderFrame = components['schemas']['FolderFrame'];
 export type FolderHead = components['schemas']['FolderHead'];
+export type FolderInspection = components['schemas']['FolderInspection'];
+export type FolderRemark = components['schemas']['FolderRemark'];
+export type FolderRemedy = components['schemas']['FolderRemedy'];
+export type FolderStream = components['schemas']['FolderStream'];
+export type PaintedBox = components['schemas']['PaintedBox'];
+export type PaintedFrame = components['schemas']['PaintedFrame'];
+export type Pose = components['schemas']['Pose'];
 export type Problem = components['schemas']['Problem'];
+export type Rotation = components['schemas']['Rotation'];
 export type UnmatchedFile = components['schemas']['UnmatchedFile'];
+export type Vector = components['schemas']['Vector'];
 export type ResponseProblem400 = components['responses']['Problem400'];
 export type ResponseProblem401 = components['responses']['Problem401'];
 export type ResponseProblem403 = components['responses']['Problem403'];
@@ -4097,10 +8390,13 @@ export type ResponseProblem500 = components['responses']['Problem500'];
 export type ResponseProblem503 = components['responses']['Problem503'];
 export type $defs = Record<string, never>;
 export interface operations {
-    list_audit_api_v1_audit_get: {
+    list_audit: {
         parameters: {
             query?: {
-                /** @description Maximum number of items on a page. */
+                /**
+                 * @description Maximum number of items on a page.
+                 * @example 100
+                 */
                 limit?: number;
                 /** @description `next_cursor` of the page before this one. */
                 cursor?: string | null;
@@ -4133,7 +8429,7 @@ export interface operations {
             503: components["responses"]["Problem503"];
         };
     };
-    post_batch_api_v1_datasets__dataset__batches_post: {
+    post_batch: {
         parameters: {
             query?: {
                 /** @description Store other content as the next revision. */
@@ -4144,6 +8440,10 @@ export interface operations {
                 "Idempotency-Key"?: string;
             };
             path: {
+                /**
+                 * @description Name of the dataset.
+                 * @example town10
+                 */
                 dataset: string;
             };
             cookie?: never;
@@ -4180,29 +8480,92 @@ export interface operations {
             503: components["responses"]["Problem503"];
         };
     };
-    list_boxes_api_v1_boxes_get: {
+    list_boxes: {
         parameters: {
             query: {
+                /**
+                 * @description Only boxes with this verdict of the filter.
+                 * @example kept
+                 */
                 verdict?: ("kept" | "rejected" | "unmeasured") | null;
+                /**
+                 * @description Only boxes with this effective verdict.
+                 * @example kept
+                 */
                 effective?: ("kept" | "rejected" | "unmeasured") | null;
-                /** @description Reasons, separated by commas. */
+                /**
+                 * @description Reasons, separated by commas.
+                 * @example below_threshold
+                 */
                 reason?: string | null;
+                /**
+                 * @description Only boxes of this class.
+                 * @example car
+                 */
                 class?: string | null;
+                /**
+                 * @description The answers that boxes have.
+                 * @example undecided
+                 */
                 review?: "" | "undecided" | "decided" | "keep" | "reject" | "unsure" | "none" | "any" | null;
+                /**
+                 * @description Only toss-ups, or only others.
+                 * @example true
+                 */
                 toss_up?: boolean | null;
+                /** @description Only boxes to ask about, or only others of a kind. */
+                bin?: ("ask" | "sure" | "small" | "wall") | null;
                 /** @description Whether a person's keep or reject contradicts the filter. */
                 conflict?: boolean | null;
                 /** @description Only boxes with a match: not those outside the image. */
                 match_min?: number | null;
+                /**
+                 * @description Only boxes with at most this `match_percent`.
+                 * @example 20
+                 */
                 match_max?: number | null;
+                /**
+                 * @description Only boxes at most so far from their threshold.
+                 * @example 2
+                 */
                 margin_max?: number | null;
+                /**
+                 * @description Only boxes at least so many metres away.
+                 * @example 0
+                 */
                 distance_min?: number | null;
+                /**
+                 * @description Only boxes at most so many metres away.
+                 * @example 50
+                 */
                 distance_max?: number | null;
-                /** @description Name of the dataset. */
+                /**
+                 * @description Only boxes of the frame with this key.
+                 * @example town/000007
+                 */
+                frame?: string | null;
+                /**
+                 * @description Only boxes of frames on this map.
+                 * @example Town10HD
+                 */
+                map?: string | null;
+                /** @description Only boxes of frames whose annotation has this `camera.name`. */
+                camera?: string | null;
+                /** @description Only boxes of frames of this drive. */
+                sequence?: string | null;
+                /**
+                 * @description Name of the dataset.
+                 * @example town10
+                 */
                 dataset: string;
+                /** @description The order of the list; `-` reverses it. */
                 sort?: "id" | "doubt" | "match_percent" | "-match_percent" | "crowding";
-                /** @description Maximum number of items on a page. */
+                /**
+                 * @description Maximum number of items on a page.
+                 * @example 100
+                 */
                 limit?: number;
+                /** @description `next_cursor` of the page before; none for the first page. */
                 cursor?: string | null;
                 /** @description Whether to return `total` and `snapshot` too. */
                 count?: boolean;
@@ -4235,11 +8598,131 @@ export interface operations {
             503: components["responses"]["Problem503"];
         };
     };
-    get_box_api_v1_boxes__box_id__get: {
+    get_table: {
+        parameters: {
+            query: {
+                /**
+                 * @description Only boxes with this verdict of the filter.
+                 * @example kept
+                 */
+                verdict?: ("kept" | "rejected" | "unmeasured") | null;
+                /**
+                 * @description Only boxes with this effective verdict.
+                 * @example kept
+                 */
+                effective?: ("kept" | "rejected" | "unmeasured") | null;
+                /**
+                 * @description Reasons, separated by commas.
+                 * @example below_threshold
+                 */
+                reason?: string | null;
+                /**
+                 * @description Only boxes of this class.
+                 * @example car
+                 */
+                class?: string | null;
+                /**
+                 * @description The answers that boxes have.
+                 * @example undecided
+                 */
+                review?: "" | "undecided" | "decided" | "keep" | "reject" | "unsure" | "none" | "any" | null;
+                /**
+                 * @description Only toss-ups, or only others.
+                 * @example true
+                 */
+                toss_up?: boolean | null;
+                /** @description Only boxes to ask about, or only others of a kind. */
+                bin?: ("ask" | "sure" | "small" | "wall") | null;
+                /** @description Whether a person's keep or reject contradicts the filter. */
+                conflict?: boolean | null;
+                /** @description Only boxes with a match: not those outside the image. */
+                match_min?: number | null;
+                /**
+                 * @description Only boxes with at most this `match_percent`.
+                 * @example 20
+                 */
+                match_max?: number | null;
+                /**
+                 * @description Only boxes at most so far from their threshold.
+                 * @example 2
+                 */
+                margin_max?: number | null;
+                /**
+                 * @description Only boxes at least so many metres away.
+                 * @example 0
+                 */
+                distance_min?: number | null;
+                /**
+                 * @description Only boxes at most so many metres away.
+                 * @example 50
+                 */
+                distance_max?: number | null;
+                /**
+                 * @description Only boxes of the frame with this key.
+                 * @example town/000007
+                 */
+                frame?: string | null;
+                /**
+                 * @description Only boxes of frames on this map.
+                 * @example Town10HD
+                 */
+                map?: string | null;
+                /** @description Only boxes of frames whose annotation has this `camera.name`. */
+                camera?: string | null;
+                /** @description Only boxes of frames of this drive. */
+                sequence?: string | null;
+                /**
+                 * @description Name of the dataset.
+                 * @example town10
+                 */
+                dataset: string;
+                /** @description Names of columns, separated by commas; default: all but those that take long. */
+                fields?: string | null;
+                /**
+                 * @description Maximum number of boxes; whole frames are added until the next one would exceed it.
+                 * @example 100
+                 */
+                limit?: number;
+                /** @description `next_cursor` of the page before; none for the first page. */
+                cursor?: string | null;
+            };
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["BoxTable"];
+                };
+            };
+            400: components["responses"]["Problem400"];
+            401: components["responses"]["Problem401"];
+            403: components["responses"]["Problem403"];
+            404: components["responses"]["Problem404"];
+            408: components["responses"]["Problem408"];
+            421: components["responses"]["Problem421"];
+            422: components["responses"]["Problem422"];
+            429: components["responses"]["Problem429"];
+            431: components["responses"]["Problem431"];
+            500: components["responses"]["Problem500"];
+            503: components["responses"]["Problem503"];
+        };
+    };
+    get_box: {
         parameters: {
             query?: never;
             header?: never;
             path: {
+                /**
+                 * @description Number of the box on the server.
+                 * @example 1201
+                 */
                 box_id: number;
             };
             cookie?: never;
@@ -4268,16 +8751,134 @@ export interface operations {
             503: components["responses"]["Problem503"];
         };
     };
-    get_history_api_v1_boxes__box_id__history_get: {
+    get_alike: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                /**
+                 * @description Number of the box on the server.
+                 * @example 1201
+                 */
+                box_id: number;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Alike"];
+                };
+            };
+            400: components["responses"]["Problem400"];
+            401: components["responses"]["Problem401"];
+            403: components["responses"]["Problem403"];
+            404: components["responses"]["Problem404"];
+            408: components["responses"]["Problem408"];
+            421: components["responses"]["Problem421"];
+            422: components["responses"]["Problem422"];
+            429: components["responses"]["Problem429"];
+            431: components["responses"]["Problem431"];
+            500: components["responses"]["Problem500"];
+            503: components["responses"]["Problem503"];
+        };
+    };
+    get_track: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                /**
+                 * @description Number of the box on the server.
+                 * @example 1201
+                 */
+                box_id: number;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Track"];
+                };
+            };
+            400: components["responses"]["Problem400"];
+            401: components["responses"]["Problem401"];
+            403: components["responses"]["Problem403"];
+            404: components["responses"]["Problem404"];
+            408: components["responses"]["Problem408"];
+            421: components["responses"]["Problem421"];
+            422: components["responses"]["Problem422"];
+            429: components["responses"]["Problem429"];
+            431: components["responses"]["Problem431"];
+            500: components["responses"]["Problem500"];
+            503: components["responses"]["Problem503"];
+        };
+    };
+    get_slice: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                /**
+                 * @description Number of the box on the server.
+                 * @example 1201
+                 */
+                box_id: number;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["DepthSlice"];
+                };
+            };
+            400: components["responses"]["Problem400"];
+            401: components["responses"]["Problem401"];
+            403: components["responses"]["Problem403"];
+            404: components["responses"]["Problem404"];
+            408: components["responses"]["Problem408"];
+            421: components["responses"]["Problem421"];
+            422: components["responses"]["Problem422"];
+            429: components["responses"]["Problem429"];
+            431: components["responses"]["Problem431"];
+            500: components["responses"]["Problem500"];
+            503: components["responses"]["Problem503"];
+        };
+    };
+    get_history: {
         parameters: {
             query?: {
-                /** @description Maximum number of items on a page. */
+                /**
+                 * @description Maximum number of items on a page.
+                 * @example 100
+                 */
                 limit?: number;
                 /** @description `next_cursor` of the page before this one. */
                 cursor?: string | null;
             };
             header?: never;
             path: {
+                /**
+                 * @description Number of the box on the server.
+                 * @example 1201
+                 */
                 box_id: number;
             };
             cookie?: never;
@@ -4306,20 +8907,35 @@ export interface operations {
             503: components["responses"]["Problem503"];
         };
     };
-    get_crop_api_v1_boxes__box_id__crop_get: {
+    get_crop: {
         parameters: {
             query?: {
-                layer?: "image" | "segmentation" | "blend";
+                /**
+                 * @description What the picture shows.
+                 * @example image
+                 */
+                layer?: "image" | "segmentation" | "blend" | "depth" | "instances";
                 /** @description Added on every side, as a fraction of the longer side of the box. */
                 pad?: number;
-                /** @description Maximum height in pixels. */
+                /** @description Least width and height of the part, in pixels of the frame. */
+                least?: number;
+                /**
+                 * @description Maximum height in pixels.
+                 * @example 720
+                 */
                 height?: number;
+                /** @description Any word. With it, a browser may keep the picture without asking again, so another picture needs another word. */
+                v?: string;
             };
             header?: {
                 /** @description Entity tags of the client's copies. */
                 "If-None-Match"?: string;
             };
             path: {
+                /**
+                 * @description Number of the box on the server.
+                 * @example 1201
+                 */
                 box_id: number;
             };
             cookie?: never;
@@ -4332,7 +8948,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "image/jpeg": unknown;
+                    "image/webp": unknown;
                 };
             };
             /** @description Not modified: the client's copy is up to date. */
@@ -4355,16 +8971,23 @@ export interface operations {
             503: components["responses"]["Problem503"];
         };
     };
-    list_configs_api_v1_datasets__dataset__configs_get: {
+    list_configs: {
         parameters: {
             query?: {
-                /** @description Maximum number of items on a page. */
+                /**
+                 * @description Maximum number of items on a page.
+                 * @example 100
+                 */
                 limit?: number;
                 /** @description `next_cursor` of the page before this one. */
                 cursor?: string | null;
             };
             header?: never;
             path: {
+                /**
+                 * @description Name of the dataset.
+                 * @example town10
+                 */
                 dataset: string;
             };
             cookie?: never;
@@ -4393,7 +9016,7 @@ export interface operations {
             503: components["responses"]["Problem503"];
         };
     };
-    create_config_api_v1_datasets__dataset__configs_post: {
+    create_config: {
         parameters: {
             query?: never;
             header?: {
@@ -4401,6 +9024,10 @@ export interface operations {
                 "Idempotency-Key"?: string;
             };
             path: {
+                /**
+                 * @description Name of the dataset.
+                 * @example town10
+                 */
                 dataset: string;
             };
             cookie?: never;
@@ -4451,11 +9078,15 @@ export interface operations {
             503: components["responses"]["Problem503"];
         };
     };
-    get_config_api_v1_configs__digest__get: {
+    get_config: {
         parameters: {
             query?: never;
             header?: never;
             path: {
+                /**
+                 * @description Digest of the configuration.
+                 * @example 9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08
+                 */
                 digest: string;
             };
             cookie?: never;
@@ -4484,11 +9115,15 @@ export interface operations {
             503: components["responses"]["Problem503"];
         };
     };
-    get_active_config_api_v1_datasets__dataset__config_get: {
+    get_active_config: {
         parameters: {
             query?: never;
             header?: never;
             path: {
+                /**
+                 * @description Name of the dataset.
+                 * @example town10
+                 */
                 dataset: string;
             };
             cookie?: never;
@@ -4517,11 +9152,18 @@ export interface operations {
             503: components["responses"]["Problem503"];
         };
     };
-    activate_config_api_v1_datasets__dataset__config_put: {
+    activate_config: {
         parameters: {
             query?: never;
-            header?: never;
+            header?: {
+                /** @description `ETag` of the active version: refused with 412 if another is or becomes active. */
+                "if-match"?: string | null;
+            };
             path: {
+                /**
+                 * @description Name of the dataset.
+                 * @example town10
+                 */
                 dataset: string;
             };
             cookie?: never;
@@ -4558,7 +9200,7 @@ export interface operations {
             503: components["responses"]["Problem503"];
         };
     };
-    preview_config_api_v1_datasets__dataset__preview_post: {
+    preview_config: {
         parameters: {
             query?: never;
             header?: {
@@ -4566,6 +9208,10 @@ export interface operations {
                 "Idempotency-Key"?: string;
             };
             path: {
+                /**
+                 * @description Name of the dataset.
+                 * @example town10
+                 */
                 dataset: string;
             };
             cookie?: never;
@@ -4602,10 +9248,13 @@ export interface operations {
             503: components["responses"]["Problem503"];
         };
     };
-    list_datasets_api_v1_datasets_get: {
+    list_datasets: {
         parameters: {
             query?: {
-                /** @description Maximum number of items on a page. */
+                /**
+                 * @description Maximum number of items on a page.
+                 * @example 100
+                 */
                 limit?: number;
                 /** @description `next_cursor` of the page before this one. */
                 cursor?: string | null;
@@ -4638,9 +9287,12 @@ export interface operations {
             503: components["responses"]["Problem503"];
         };
     };
-    create_dataset_api_v1_datasets_post: {
+    create_dataset: {
         parameters: {
-            query?: never;
+            query?: {
+                /** @description Return a dataset of this name as it is, whatever its settings are, instead of refusing to create it (409). */
+                exist_ok?: boolean;
+            };
             header?: {
                 /** @description A request repeated with the same key gets the same response, and is not executed again. */
                 "Idempotency-Key"?: string;
@@ -4654,6 +9306,15 @@ export interface operations {
             };
         };
         responses: {
+            /** @description It exists (`exist_ok`). */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Dataset"];
+                };
+            };
             /** @description Successful Response */
             201: {
                 headers: {
@@ -4680,11 +9341,15 @@ export interface operations {
             503: components["responses"]["Problem503"];
         };
     };
-    get_dataset_api_v1_datasets__dataset__get: {
+    get_dataset: {
         parameters: {
             query?: never;
             header?: never;
             path: {
+                /**
+                 * @description Name of the dataset.
+                 * @example town10
+                 */
                 dataset: string;
             };
             cookie?: never;
@@ -4713,7 +9378,7 @@ export interface operations {
             503: components["responses"]["Problem503"];
         };
     };
-    delete_dataset_api_v1_datasets__dataset__delete: {
+    delete_dataset: {
         parameters: {
             query?: {
                 /** @description The dataset's name again, as a confirmation. */
@@ -4721,6 +9386,10 @@ export interface operations {
             };
             header?: never;
             path: {
+                /**
+                 * @description Name of the dataset.
+                 * @example town10
+                 */
                 dataset: string;
             };
             cookie?: never;
@@ -4751,11 +9420,15 @@ export interface operations {
             503: components["responses"]["Problem503"];
         };
     };
-    change_dataset_api_v1_datasets__dataset__patch: {
+    change_dataset: {
         parameters: {
             query?: never;
             header?: never;
             path: {
+                /**
+                 * @description Name of the dataset.
+                 * @example town10
+                 */
                 dataset: string;
             };
             cookie?: never;
@@ -4801,12 +9474,20 @@ export interface operations {
             503: components["responses"]["Problem503"];
         };
     };
-    delete_class_api_v1_datasets__dataset__classes__name__delete: {
+    delete_class: {
         parameters: {
             query?: never;
             header?: never;
             path: {
+                /**
+                 * @description Name of the dataset.
+                 * @example town10
+                 */
                 dataset: string;
+                /**
+                 * @description Its name.
+                 * @example town10
+                 */
                 name: string;
             };
             cookie?: never;
@@ -4837,12 +9518,20 @@ export interface operations {
             503: components["responses"]["Problem503"];
         };
     };
-    change_class_api_v1_datasets__dataset__classes__name__patch: {
+    change_class: {
         parameters: {
             query?: never;
             header?: never;
             path: {
+                /**
+                 * @description Name of the dataset.
+                 * @example town10
+                 */
                 dataset: string;
+                /**
+                 * @description Its name.
+                 * @example town10
+                 */
                 name: string;
             };
             cookie?: never;
@@ -4879,11 +9568,15 @@ export interface operations {
             503: components["responses"]["Problem503"];
         };
     };
-    get_stats_api_v1_datasets__dataset__stats_get: {
+    get_stats: {
         parameters: {
             query?: never;
             header?: never;
             path: {
+                /**
+                 * @description Name of the dataset.
+                 * @example town10
+                 */
                 dataset: string;
             };
             cookie?: never;
@@ -4912,13 +9605,21 @@ export interface operations {
             503: components["responses"]["Problem503"];
         };
     };
-    get_histogram_api_v1_datasets__dataset__histogram_get: {
+    get_histogram: {
         parameters: {
             query?: {
+                /**
+                 * @description Number of bins of the histogram.
+                 * @example 50
+                 */
                 bins?: number;
             };
             header?: never;
             path: {
+                /**
+                 * @description Name of the dataset.
+                 * @example town10
+                 */
                 dataset: string;
             };
             cookie?: never;
@@ -4947,16 +9648,23 @@ export interface operations {
             503: components["responses"]["Problem503"];
         };
     };
-    list_problems_api_v1_datasets__dataset__problems_get: {
+    list_problems: {
         parameters: {
             query?: {
-                /** @description Maximum number of items on a page. */
+                /**
+                 * @description Maximum number of items on a page.
+                 * @example 100
+                 */
                 limit?: number;
                 /** @description `next_cursor` of the page before this one. */
                 cursor?: string | null;
             };
             header?: never;
             path: {
+                /**
+                 * @description Name of the dataset.
+                 * @example town10
+                 */
                 dataset: string;
             };
             cookie?: never;
@@ -4985,14 +9693,21 @@ export interface operations {
             503: components["responses"]["Problem503"];
         };
     };
-    get_evaluation_api_v1_datasets__dataset__evaluations_get: {
+    get_evaluation: {
         parameters: {
             query?: {
-                /** @description Which boxes count as visible. instances: boxes whose instance has a pixel; people: boxes that people kept. */
+                /**
+                 * @description Which boxes count as visible. instances: boxes whose instance has a pixel; people: boxes that people kept.
+                 * @example people
+                 */
                 truth?: "people" | "instances";
             };
             header?: never;
             path: {
+                /**
+                 * @description Name of the dataset.
+                 * @example town10
+                 */
                 dataset: string;
             };
             cookie?: never;
@@ -5021,7 +9736,7 @@ export interface operations {
             503: components["responses"]["Problem503"];
         };
     };
-    create_evaluation_api_v1_datasets__dataset__evaluations_post: {
+    create_evaluation: {
         parameters: {
             query?: never;
             header?: {
@@ -5029,6 +9744,10 @@ export interface operations {
                 "Idempotency-Key"?: string;
             };
             path: {
+                /**
+                 * @description Name of the dataset.
+                 * @example town10
+                 */
                 dataset: string;
             };
             cookie?: never;
@@ -5061,16 +9780,105 @@ export interface operations {
             503: components["responses"]["Problem503"];
         };
     };
-    list_exports_api_v1_datasets__dataset__exports_get: {
+    get_experiment: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                /**
+                 * @description Name of the dataset.
+                 * @example town10
+                 */
+                dataset: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Experiment"];
+                };
+            };
+            400: components["responses"]["Problem400"];
+            401: components["responses"]["Problem401"];
+            403: components["responses"]["Problem403"];
+            404: components["responses"]["Problem404"];
+            408: components["responses"]["Problem408"];
+            421: components["responses"]["Problem421"];
+            422: components["responses"]["Problem422"];
+            429: components["responses"]["Problem429"];
+            431: components["responses"]["Problem431"];
+            500: components["responses"]["Problem500"];
+            503: components["responses"]["Problem503"];
+        };
+    };
+    put_experiment: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                /**
+                 * @description Name of the dataset.
+                 * @example town10
+                 */
+                dataset: string;
+            };
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "application/json": components["schemas"]["ExperimentIn"];
+            };
+        };
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Experiment"];
+                };
+            };
+            400: components["responses"]["Problem400"];
+            401: components["responses"]["Problem401"];
+            403: components["responses"]["Problem403"];
+            404: components["responses"]["Problem404"];
+            408: components["responses"]["Problem408"];
+            409: components["responses"]["Problem409"];
+            412: components["responses"]["Problem412"];
+            413: components["responses"]["Problem413"];
+            415: components["responses"]["Problem415"];
+            421: components["responses"]["Problem421"];
+            422: components["responses"]["Problem422"];
+            429: components["responses"]["Problem429"];
+            431: components["responses"]["Problem431"];
+            500: components["responses"]["Problem500"];
+            503: components["responses"]["Problem503"];
+        };
+    };
+    list_exports: {
         parameters: {
             query?: {
-                /** @description Maximum number of items on a page. */
+                /**
+                 * @description Maximum number of items on a page.
+                 * @example 100
+                 */
                 limit?: number;
                 /** @description `next_cursor` of the page before this one. */
                 cursor?: string | null;
             };
             header?: never;
             path: {
+                /**
+                 * @description Name of the dataset.
+                 * @example town10
+                 */
                 dataset: string;
             };
             cookie?: never;
@@ -5099,7 +9907,7 @@ export interface operations {
             503: components["responses"]["Problem503"];
         };
     };
-    create_export_api_v1_datasets__dataset__exports_post: {
+    create_export: {
         parameters: {
             query?: never;
             header?: {
@@ -5107,6 +9915,10 @@ export interface operations {
                 "Idempotency-Key"?: string;
             };
             path: {
+                /**
+                 * @description Name of the dataset.
+                 * @example town10
+                 */
                 dataset: string;
             };
             cookie?: never;
@@ -5143,7 +9955,92 @@ export interface operations {
             503: components["responses"]["Problem503"];
         };
     };
-    stop_export_api_v1_exports__export_id__cancel_post: {
+    list_versions: {
+        parameters: {
+            query?: {
+                /**
+                 * @description Maximum number of items on a page.
+                 * @example 100
+                 */
+                limit?: number;
+                /** @description `next_cursor` of the page before this one. */
+                cursor?: string | null;
+            };
+            header?: never;
+            path: {
+                /**
+                 * @description Name of the dataset.
+                 * @example town10
+                 */
+                dataset: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Page_Export_"];
+                };
+            };
+            400: components["responses"]["Problem400"];
+            401: components["responses"]["Problem401"];
+            403: components["responses"]["Problem403"];
+            404: components["responses"]["Problem404"];
+            408: components["responses"]["Problem408"];
+            421: components["responses"]["Problem421"];
+            422: components["responses"]["Problem422"];
+            429: components["responses"]["Problem429"];
+            431: components["responses"]["Problem431"];
+            500: components["responses"]["Problem500"];
+            503: components["responses"]["Problem503"];
+        };
+    };
+    get_parts: {
+        parameters: {
+            query?: {
+                /** @description Shares of train, val and test as `0.8,0.1,0.1`; as the option of an export. */
+                split?: string;
+            };
+            header?: never;
+            path: {
+                /**
+                 * @description Name of the dataset.
+                 * @example town10
+                 */
+                dataset: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Parts"];
+                };
+            };
+            400: components["responses"]["Problem400"];
+            401: components["responses"]["Problem401"];
+            403: components["responses"]["Problem403"];
+            404: components["responses"]["Problem404"];
+            408: components["responses"]["Problem408"];
+            421: components["responses"]["Problem421"];
+            422: components["responses"]["Problem422"];
+            429: components["responses"]["Problem429"];
+            431: components["responses"]["Problem431"];
+            500: components["responses"]["Problem500"];
+            503: components["responses"]["Problem503"];
+        };
+    };
+    stop_export: {
         parameters: {
             query?: never;
             header?: {
@@ -5151,6 +10048,10 @@ export interface operations {
                 "Idempotency-Key"?: string;
             };
             path: {
+                /**
+                 * @description Number of the export.
+                 * @example 5
+                 */
                 export_id: number;
             };
             cookie?: never;
@@ -5183,11 +10084,15 @@ export interface operations {
             503: components["responses"]["Problem503"];
         };
     };
-    get_export_api_v1_exports__export_id__get: {
+    get_export: {
         parameters: {
             query?: never;
             header?: never;
             path: {
+                /**
+                 * @description Number of the export.
+                 * @example 5
+                 */
                 export_id: number;
             };
             cookie?: never;
@@ -5216,11 +10121,15 @@ export interface operations {
             503: components["responses"]["Problem503"];
         };
     };
-    delete_export_api_v1_exports__export_id__delete: {
+    delete_export: {
         parameters: {
             query?: never;
             header?: never;
             path: {
+                /**
+                 * @description Number of the export.
+                 * @example 5
+                 */
                 export_id: number;
             };
             cookie?: never;
@@ -5251,7 +10160,7 @@ export interface operations {
             503: components["responses"]["Problem503"];
         };
     };
-    watch_export_api_v1_exports__export_id__events_get: {
+    watch_export: {
         parameters: {
             query?: never;
             header?: {
@@ -5259,6 +10168,10 @@ export interface operations {
                 "last-event-id"?: string | null;
             };
             path: {
+                /**
+                 * @description Number of the export.
+                 * @example 5
+                 */
                 export_id: number;
             };
             cookie?: never;
@@ -5294,7 +10207,7 @@ export interface operations {
             503: components["responses"]["Problem503"];
         };
     };
-    download_export_api_v1_exports__export_id__download_get: {
+    download_export: {
         parameters: {
             query?: never;
             header?: {
@@ -5306,6 +10219,10 @@ export interface operations {
                 "If-Range"?: string;
             };
             path: {
+                /**
+                 * @description Number of the export.
+                 * @example 5
+                 */
                 export_id: number;
             };
             cookie?: never;
@@ -5352,7 +10269,7 @@ export interface operations {
             503: components["responses"]["Problem503"];
         };
     };
-    create_download_link_api_v1_exports__export_id__download_links_post: {
+    create_download_link: {
         parameters: {
             query?: never;
             header?: {
@@ -5360,6 +10277,10 @@ export interface operations {
                 "Idempotency-Key"?: string;
             };
             path: {
+                /**
+                 * @description Number of the export.
+                 * @example 5
+                 */
                 export_id: number;
             };
             cookie?: never;
@@ -5392,9 +10313,13 @@ export interface operations {
             503: components["responses"]["Problem503"];
         };
     };
-    download_by_address_api_v1_exports__export_id__file_get: {
+    download_by_address: {
         parameters: {
             query: {
+                /**
+                 * @description Key of the frame in its dataset; it may contain `/`.
+                 * @example town/000007
+                 */
                 key: string;
             };
             header?: {
@@ -5406,6 +10331,10 @@ export interface operations {
                 "If-Range"?: string;
             };
             path: {
+                /**
+                 * @description Number of the export.
+                 * @example 5
+                 */
                 export_id: number;
             };
             cookie?: never;
@@ -5450,11 +10379,11 @@ export interface operations {
             503: components["responses"]["Problem503"];
         };
     };
-    read_folder_api_v1_folders_post: {
+    read_folder: {
         parameters: {
             query?: {
                 /** @description How the files of the folder are arranged. */
-                layout?: ("auto" | "yolo" | "coco" | "kitti" | "voc" | "manifest" | "carlasimu" | "table" | "pairs") | string;
+                layout?: ("auto" | "yolo" | "coco" | "kitti" | "voc" | "cvat" | "label-studio" | "manifest" | "decisions-jsonl" | "carlasimu" | "nuscenes" | "table" | "pairs") | string;
             };
             header?: {
                 /** @description A request repeated with the same key gets the same response, and is not executed again. */
@@ -5469,7 +10398,7 @@ export interface operations {
             };
         };
         responses: {
-            /** @description A line about the folder, one per frame, one per file that belongs to no frame, and a last line. */
+            /** @description A line about the folder, one per frame, one per file that belongs to no frame, and a last line with the inspection. */
             200: {
                 headers: {
                     [name: string]: unknown;
@@ -5495,14 +10424,26 @@ export interface operations {
             503: components["responses"]["Problem503"];
         };
     };
-    get_thumbnail_api_v1_frames__frame_id__thumbnail_get: {
+    get_thumbnail: {
         parameters: {
-            query?: never;
+            query?: {
+                /**
+                 * @description Maximum width in pixels.
+                 * @example 1280
+                 */
+                width?: number;
+                /** @description Any word. With it, a browser may keep the picture without asking again, so another picture needs another word. */
+                v?: string;
+            };
             header?: {
                 /** @description Entity tags of the client's copies. */
                 "If-None-Match"?: string;
             };
             path: {
+                /**
+                 * @description Number of the frame on the server.
+                 * @example 42
+                 */
                 frame_id: number;
             };
             cookie?: never;
@@ -5515,7 +10456,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "image/jpeg": unknown;
+                    "image/webp": unknown;
                 };
             };
             /** @description Not modified: the client's copy is up to date. */
@@ -5538,12 +10479,20 @@ export interface operations {
             503: components["responses"]["Problem503"];
         };
     };
-    get_overlay_api_v1_frames__frame_id__overlay_get: {
+    get_overlay: {
         parameters: {
             query?: {
-                layer?: "image" | "segmentation" | "blend";
-                /** @description Effective verdicts whose boxes are drawn; empty for none. */
+                /**
+                 * @description What the picture shows.
+                 * @example image
+                 */
+                layer?: "image" | "segmentation" | "blend" | "depth" | "instances";
+                /**
+                 * @description Effective verdicts whose boxes are drawn; empty for none.
+                 * @example 840
+                 */
                 boxes?: string;
+                /** @description Of a 3D box: its projected edges, each by its two ends. */
                 edges?: "2d" | "3d";
             };
             header?: {
@@ -5551,6 +10500,10 @@ export interface operations {
                 "If-None-Match"?: string;
             };
             path: {
+                /**
+                 * @description Number of the frame on the server.
+                 * @example 42
+                 */
                 frame_id: number;
             };
             cookie?: never;
@@ -5563,7 +10516,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "image/jpeg": unknown;
+                    "image/webp": unknown;
                     "image/png": unknown;
                 };
             };
@@ -5587,7 +10540,7 @@ export interface operations {
             503: components["responses"]["Problem503"];
         };
     };
-    get_file_api_v1_frames__frame_id___kind__get: {
+    get_file: {
         parameters: {
             query?: never;
             header?: {
@@ -5599,7 +10552,12 @@ export interface operations {
                 "If-Range"?: string;
             };
             path: {
+                /**
+                 * @description Number of the frame on the server.
+                 * @example 42
+                 */
                 frame_id: number;
+                /** @description Of which kind it is. */
                 kind: "image" | "segmentation" | "depth" | "instances" | "lidar" | "radar" | "ignore_mask";
             };
             cookie?: never;
@@ -5651,12 +10609,20 @@ export interface operations {
             503: components["responses"]["Problem503"];
         };
     };
-    get_frame_by_key_api_v1_datasets__dataset__frames__key__get: {
+    get_frame_by_key: {
         parameters: {
             query?: never;
             header?: never;
             path: {
+                /**
+                 * @description Name of the dataset.
+                 * @example town10
+                 */
                 dataset: string;
+                /**
+                 * @description Key of the frame in its dataset; it may contain `/`.
+                 * @example town/000007
+                 */
                 key: string;
             };
             cookie?: never;
@@ -5685,7 +10651,7 @@ export interface operations {
             503: components["responses"]["Problem503"];
         };
     };
-    put_frame_api_v1_datasets__dataset__frames__key__put: {
+    put_frame: {
         parameters: {
             query?: {
                 /** @description Store other content as the next revision. */
@@ -5693,7 +10659,15 @@ export interface operations {
             };
             header?: never;
             path: {
+                /**
+                 * @description Name of the dataset.
+                 * @example town10
+                 */
                 dataset: string;
+                /**
+                 * @description Key of the frame in its dataset; it may contain `/`.
+                 * @example town/000007
+                 */
                 key: string;
             };
             cookie?: never;
@@ -5701,22 +10675,43 @@ export interface operations {
         requestBody: {
             content: {
                 "multipart/form-data": {
-                    /** Format: binary */
+                    /**
+                     * Format: binary
+                     * @description The frame's file 'image'.
+                     */
                     image?: string;
-                    /** Format: binary */
+                    /**
+                     * Format: binary
+                     * @description The frame's file 'segmentation'.
+                     */
                     segmentation?: string;
-                    /** Format: binary */
+                    /**
+                     * Format: binary
+                     * @description The frame's file 'depth'.
+                     */
                     depth?: string;
-                    /** Format: binary */
+                    /**
+                     * Format: binary
+                     * @description The frame's file 'instances'.
+                     */
                     instances?: string;
-                    /** Format: binary */
+                    /**
+                     * Format: binary
+                     * @description The frame's file 'lidar'.
+                     */
                     lidar?: string;
-                    /** Format: binary */
+                    /**
+                     * Format: binary
+                     * @description The frame's file 'radar'.
+                     */
                     radar?: string;
-                    /** Format: binary */
+                    /**
+                     * Format: binary
+                     * @description The frame's file 'ignore_mask'.
+                     */
                     ignore_mask?: string;
-                    /** @description Boxes, camera and more; see the guide to formats. */
-                    annotation: string;
+                    /** @description Boxes, camera and more, as JSON. */
+                    annotation: components["schemas"]["Annotation"];
                 };
             };
         };
@@ -5756,12 +10751,20 @@ export interface operations {
             503: components["responses"]["Problem503"];
         };
     };
-    delete_frame_api_v1_datasets__dataset__frames__key__delete: {
+    delete_frame: {
         parameters: {
             query?: never;
             header?: never;
             path: {
+                /**
+                 * @description Name of the dataset.
+                 * @example town10
+                 */
                 dataset: string;
+                /**
+                 * @description Key of the frame in its dataset; it may contain `/`.
+                 * @example town/000007
+                 */
                 key: string;
             };
             cookie?: never;
@@ -5792,33 +10795,137 @@ export interface operations {
             503: components["responses"]["Problem503"];
         };
     };
-    list_frames_api_v1_datasets__dataset__frames_get: {
+    get_report: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                /**
+                 * @description Name of the dataset.
+                 * @example town10
+                 */
+                dataset: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Report"];
+                };
+            };
+            400: components["responses"]["Problem400"];
+            401: components["responses"]["Problem401"];
+            403: components["responses"]["Problem403"];
+            404: components["responses"]["Problem404"];
+            408: components["responses"]["Problem408"];
+            421: components["responses"]["Problem421"];
+            422: components["responses"]["Problem422"];
+            429: components["responses"]["Problem429"];
+            431: components["responses"]["Problem431"];
+            500: components["responses"]["Problem500"];
+            503: components["responses"]["Problem503"];
+        };
+    };
+    list_frames: {
         parameters: {
             query?: {
+                /**
+                 * @description Only boxes with this verdict of the filter.
+                 * @example kept
+                 */
                 verdict?: ("kept" | "rejected" | "unmeasured") | null;
+                /**
+                 * @description Only boxes with this effective verdict.
+                 * @example kept
+                 */
                 effective?: ("kept" | "rejected" | "unmeasured") | null;
-                /** @description Reasons, separated by commas. */
+                /**
+                 * @description Reasons, separated by commas.
+                 * @example below_threshold
+                 */
                 reason?: string | null;
+                /**
+                 * @description Only boxes of this class.
+                 * @example car
+                 */
                 class?: string | null;
+                /**
+                 * @description The answers that boxes have.
+                 * @example undecided
+                 */
                 review?: "" | "undecided" | "decided" | "keep" | "reject" | "unsure" | "none" | "any" | null;
+                /**
+                 * @description Only toss-ups, or only others.
+                 * @example true
+                 */
                 toss_up?: boolean | null;
+                /** @description Only boxes to ask about, or only others of a kind. */
+                bin?: ("ask" | "sure" | "small" | "wall") | null;
                 /** @description Whether a person's keep or reject contradicts the filter. */
                 conflict?: boolean | null;
                 /** @description Only boxes with a match: not those outside the image. */
                 match_min?: number | null;
+                /**
+                 * @description Only boxes with at most this `match_percent`.
+                 * @example 20
+                 */
                 match_max?: number | null;
+                /**
+                 * @description Only boxes at most so far from their threshold.
+                 * @example 2
+                 */
                 margin_max?: number | null;
+                /**
+                 * @description Only boxes at least so many metres away.
+                 * @example 0
+                 */
                 distance_min?: number | null;
+                /**
+                 * @description Only boxes at most so many metres away.
+                 * @example 50
+                 */
                 distance_max?: number | null;
-                /** @description Only frames whose key begins with this. */
+                /**
+                 * @description Only boxes of the frame with this key.
+                 * @example town/000007
+                 */
+                frame?: string | null;
+                /**
+                 * @description Only boxes of frames on this map.
+                 * @example Town10HD
+                 */
+                map?: string | null;
+                /** @description Only boxes of frames whose annotation has this `camera.name`. */
+                camera?: string | null;
+                /** @description Only boxes of frames of this drive. */
+                sequence?: string | null;
+                /**
+                 * @description Only frames whose key begins with this.
+                 * @example town/000007
+                 */
                 key?: string;
+                /** @description The order of the list; `-` reverses it. */
                 sort?: "key" | "-key" | "id" | "-id";
-                /** @description Maximum number of items on a page. */
+                /**
+                 * @description Maximum number of items on a page.
+                 * @example 100
+                 */
                 limit?: number;
+                /** @description `next_cursor` of the page before; none for the first page. */
                 cursor?: string | null;
             };
             header?: never;
             path: {
+                /**
+                 * @description Name of the dataset.
+                 * @example town10
+                 */
                 dataset: string;
             };
             cookie?: never;
@@ -5847,11 +10954,15 @@ export interface operations {
             503: components["responses"]["Problem503"];
         };
     };
-    get_frame_api_v1_frames__frame_id__get: {
+    get_frame: {
         parameters: {
             query?: never;
             header?: never;
             path: {
+                /**
+                 * @description Number of the frame on the server.
+                 * @example 42
+                 */
                 frame_id: number;
             };
             cookie?: never;
@@ -5880,7 +10991,7 @@ export interface operations {
             503: components["responses"]["Problem503"];
         };
     };
-    healthz_healthz_get: {
+    healthz: {
         parameters: {
             query?: never;
             header?: never;
@@ -5908,7 +11019,7 @@ export interface operations {
             503: components["responses"]["Problem503"];
         };
     };
-    readyz_readyz_get: {
+    readyz: {
         parameters: {
             query?: never;
             header?: never;
@@ -5936,7 +11047,7 @@ export interface operations {
             503: components["responses"]["Problem503"];
         };
     };
-    running_version_version_get: {
+    running_version: {
         parameters: {
             query?: never;
             header?: never;
@@ -5967,7 +11078,7 @@ export interface operations {
             503: components["responses"]["Problem503"];
         };
     };
-    metrics_metrics_get: {
+    metrics: {
         parameters: {
             query?: never;
             header?: never;
@@ -5998,7 +11109,7 @@ export interface operations {
             503: components["responses"]["Problem503"];
         };
     };
-    find_known_frames_api_v1_datasets__dataset__known_frames_post: {
+    find_known_frames: {
         parameters: {
             query?: never;
             header?: {
@@ -6006,6 +11117,10 @@ export interface operations {
                 "Idempotency-Key"?: string;
             };
             path: {
+                /**
+                 * @description Name of the dataset.
+                 * @example town10
+                 */
                 dataset: string;
             };
             cookie?: never;
@@ -6042,10 +11157,13 @@ export interface operations {
             503: components["responses"]["Problem503"];
         };
     };
-    get_quality_api_v1_datasets__dataset__quality_get: {
+    get_quality: {
         parameters: {
             query?: {
-                /** @description What the filter is compared with. people: their latest answers; instances: instance images, where frames have them. */
+                /**
+                 * @description What the filter is compared with. people: their latest answers; instances: instance images, where frames have them.
+                 * @example people
+                 */
                 truth?: "people" | "instances";
                 /** @description What a suggested threshold is for. f1: the best F1; recall: the highest threshold that reaches `recall`. */
                 target?: "f1" | "recall";
@@ -6054,6 +11172,10 @@ export interface operations {
             };
             header?: never;
             path: {
+                /**
+                 * @description Name of the dataset.
+                 * @example town10
+                 */
                 dataset: string;
             };
             cookie?: never;
@@ -6082,7 +11204,7 @@ export interface operations {
             503: components["responses"]["Problem503"];
         };
     };
-    take_from_queue_api_v1_datasets__dataset__queue_post: {
+    take_from_queue: {
         parameters: {
             query?: never;
             header?: {
@@ -6090,6 +11212,10 @@ export interface operations {
                 "Idempotency-Key"?: string;
             };
             path: {
+                /**
+                 * @description Name of the dataset.
+                 * @example town10
+                 */
                 dataset: string;
             };
             cookie?: never;
@@ -6126,7 +11252,7 @@ export interface operations {
             503: components["responses"]["Problem503"];
         };
     };
-    create_review_api_v1_boxes__box_id__reviews_post: {
+    create_review: {
         parameters: {
             query?: never;
             header?: {
@@ -6134,6 +11260,10 @@ export interface operations {
                 "Idempotency-Key"?: string;
             };
             path: {
+                /**
+                 * @description Number of the box on the server.
+                 * @example 1201
+                 */
                 box_id: number;
             };
             cookie?: never;
@@ -6179,7 +11309,7 @@ export interface operations {
             503: components["responses"]["Problem503"];
         };
     };
-    undo_review_api_v1_boxes__box_id__reviews__revision__undo_post: {
+    undo_review: {
         parameters: {
             query?: never;
             header?: {
@@ -6187,7 +11317,15 @@ export interface operations {
                 "Idempotency-Key"?: string;
             };
             path: {
+                /**
+                 * @description Number of the box on the server.
+                 * @example 1201
+                 */
                 box_id: number;
+                /**
+                 * @description Number of the revision, from 1.
+                 * @example 1
+                 */
                 revision: number;
             };
             cookie?: never;
@@ -6220,7 +11358,7 @@ export interface operations {
             503: components["responses"]["Problem503"];
         };
     };
-    create_bulk_review_api_v1_reviews_bulk_post: {
+    create_bulk_review: {
         parameters: {
             query?: never;
             header?: {
@@ -6262,7 +11400,7 @@ export interface operations {
             503: components["responses"]["Problem503"];
         };
     };
-    undo_bulk_review_api_v1_review_batches__batch_id__undo_post: {
+    undo_bulk_review: {
         parameters: {
             query?: never;
             header?: {
@@ -6270,6 +11408,10 @@ export interface operations {
                 "Idempotency-Key"?: string;
             };
             path: {
+                /**
+                 * @description Number of the bulk answer.
+                 * @example 4
+                 */
                 batch_id: number;
             };
             cookie?: never;
@@ -6302,16 +11444,76 @@ export interface operations {
             503: components["responses"]["Problem503"];
         };
     };
-    list_runs_api_v1_datasets__dataset__runs_get: {
+    import_reviews: {
+        parameters: {
+            query?: never;
+            header?: {
+                /** @description A request repeated with the same key gets the same response, and is not executed again. */
+                "Idempotency-Key"?: string;
+            };
+            path: {
+                /**
+                 * @description Name of the dataset.
+                 * @example town10
+                 */
+                dataset: string;
+            };
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "application/json": components["schemas"]["AnswersIn"];
+            };
+        };
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ImportedAnswers"];
+                };
+            };
+            400: components["responses"]["Problem400"];
+            401: components["responses"]["Problem401"];
+            403: components["responses"]["Problem403"];
+            404: components["responses"]["Problem404"];
+            408: components["responses"]["Problem408"];
+            409: components["responses"]["Problem409"];
+            412: components["responses"]["Problem412"];
+            413: components["responses"]["Problem413"];
+            415: components["responses"]["Problem415"];
+            421: components["responses"]["Problem421"];
+            422: components["responses"]["Problem422"];
+            429: components["responses"]["Problem429"];
+            431: components["responses"]["Problem431"];
+            500: components["responses"]["Problem500"];
+            503: components["responses"]["Problem503"];
+        };
+    };
+    list_runs: {
         parameters: {
             query?: {
-                /** @description Maximum number of items on a page. */
+                /**
+                 * @description Only runs in this state.
+                 * @example done
+                 */
+                state?: ("queued" | "running" | "done" | "failed" | "cancelled") | null;
+                /**
+                 * @description Maximum number of items on a page.
+                 * @example 100
+                 */
                 limit?: number;
                 /** @description `next_cursor` of the page before this one. */
                 cursor?: string | null;
             };
             header?: never;
             path: {
+                /**
+                 * @description Name of the dataset.
+                 * @example town10
+                 */
                 dataset: string;
             };
             cookie?: never;
@@ -6340,7 +11542,7 @@ export interface operations {
             503: components["responses"]["Problem503"];
         };
     };
-    create_run_api_v1_datasets__dataset__runs_post: {
+    create_run: {
         parameters: {
             query?: never;
             header?: {
@@ -6348,6 +11550,10 @@ export interface operations {
                 "Idempotency-Key"?: string;
             };
             path: {
+                /**
+                 * @description Name of the dataset.
+                 * @example town10
+                 */
                 dataset: string;
             };
             cookie?: never;
@@ -6384,11 +11590,59 @@ export interface operations {
             503: components["responses"]["Problem503"];
         };
     };
-    get_run_api_v1_runs__run_id__get: {
+    list_all_runs: {
+        parameters: {
+            query?: {
+                /**
+                 * @description Only runs in this state.
+                 * @example done
+                 */
+                state?: ("queued" | "running" | "done" | "failed" | "cancelled") | null;
+                /**
+                 * @description Maximum number of items on a page.
+                 * @example 100
+                 */
+                limit?: number;
+                /** @description `next_cursor` of the page before this one. */
+                cursor?: string | null;
+            };
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Page_Run_"];
+                };
+            };
+            400: components["responses"]["Problem400"];
+            401: components["responses"]["Problem401"];
+            403: components["responses"]["Problem403"];
+            404: components["responses"]["Problem404"];
+            408: components["responses"]["Problem408"];
+            421: components["responses"]["Problem421"];
+            422: components["responses"]["Problem422"];
+            429: components["responses"]["Problem429"];
+            431: components["responses"]["Problem431"];
+            500: components["responses"]["Problem500"];
+            503: components["responses"]["Problem503"];
+        };
+    };
+    get_run: {
         parameters: {
             query?: never;
             header?: never;
             path: {
+                /**
+                 * @description Number of the run.
+                 * @example 3
+                 */
                 run_id: number;
             };
             cookie?: never;
@@ -6417,7 +11671,7 @@ export interface operations {
             503: components["responses"]["Problem503"];
         };
     };
-    watch_run_api_v1_runs__run_id__events_get: {
+    watch_run: {
         parameters: {
             query?: never;
             header?: {
@@ -6425,6 +11679,10 @@ export interface operations {
                 "last-event-id"?: string | null;
             };
             path: {
+                /**
+                 * @description Number of the run.
+                 * @example 3
+                 */
                 run_id: number;
             };
             cookie?: never;
@@ -6460,7 +11718,7 @@ export interface operations {
             503: components["responses"]["Problem503"];
         };
     };
-    stop_run_api_v1_runs__run_id__cancel_post: {
+    stop_run: {
         parameters: {
             query?: never;
             header?: {
@@ -6468,6 +11726,10 @@ export interface operations {
                 "Idempotency-Key"?: string;
             };
             path: {
+                /**
+                 * @description Number of the run.
+                 * @example 3
+                 */
                 run_id: number;
             };
             cookie?: never;
@@ -6500,18 +11762,28 @@ export interface operations {
             503: components["responses"]["Problem503"];
         };
     };
-    compare_runs_api_v1_runs__run_id__diff_get: {
+    compare_runs: {
         parameters: {
             query?: {
-                /** @description Another run; default: the former active. */
+                /**
+                 * @description Another run; default: the former active.
+                 * @example 2
+                 */
                 against?: number | null;
-                /** @description Maximum number of items on a page. */
+                /**
+                 * @description Maximum number of items on a page.
+                 * @example 100
+                 */
                 limit?: number;
                 /** @description `next_cursor` of the page before this one. */
                 cursor?: string | null;
             };
             header?: never;
             path: {
+                /**
+                 * @description Number of the run.
+                 * @example 3
+                 */
                 run_id: number;
             };
             cookie?: never;
@@ -6541,7 +11813,7 @@ export interface operations {
             503: components["responses"]["Problem503"];
         };
     };
-    get_session_api_v1_session_get: {
+    get_session: {
         parameters: {
             query?: never;
             header?: never;
@@ -6572,7 +11844,7 @@ export interface operations {
             503: components["responses"]["Problem503"];
         };
     };
-    log_in_api_v1_session_post: {
+    log_in: {
         parameters: {
             query?: never;
             header?: {
@@ -6614,7 +11886,7 @@ export interface operations {
             503: components["responses"]["Problem503"];
         };
     };
-    log_out_api_v1_session_delete: {
+    log_out: {
         parameters: {
             query?: never;
             header?: never;
@@ -6647,7 +11919,7 @@ export interface operations {
             503: components["responses"]["Problem503"];
         };
     };
-    create_login_code_api_v1_login_codes_post: {
+    create_login_code: {
         parameters: {
             query?: never;
             header?: {
@@ -6685,11 +11957,15 @@ export interface operations {
             503: components["responses"]["Problem503"];
         };
     };
-    get_login_code_api_v1_login_codes__code_id__get: {
+    get_login_code: {
         parameters: {
             query?: never;
             header?: never;
             path: {
+                /**
+                 * @description Number of the login link.
+                 * @example 6
+                 */
                 code_id: number;
             };
             cookie?: never;
@@ -6718,10 +11994,13 @@ export interface operations {
             503: components["responses"]["Problem503"];
         };
     };
-    list_tokens_api_v1_tokens_get: {
+    list_tokens: {
         parameters: {
             query?: {
-                /** @description Maximum number of items on a page. */
+                /**
+                 * @description Maximum number of items on a page.
+                 * @example 100
+                 */
                 limit?: number;
                 /** @description `next_cursor` of the page before this one. */
                 cursor?: string | null;
@@ -6754,7 +12033,7 @@ export interface operations {
             503: components["responses"]["Problem503"];
         };
     };
-    create_token_api_v1_tokens_post: {
+    create_token: {
         parameters: {
             query?: never;
             header?: {
@@ -6796,11 +12075,15 @@ export interface operations {
             503: components["responses"]["Problem503"];
         };
     };
-    revoke_token_api_v1_tokens__token_id__delete: {
+    revoke_token: {
         parameters: {
             query?: never;
             header?: never;
             path: {
+                /**
+                 * @description Number of the token.
+                 * @example 2
+                 */
                 token_id: number;
             };
             cookie?: never;

@@ -1,5 +1,6 @@
 // @ts-check
-// General controls: Notice, Failure, FailureLine, Dialog, Command, Segments, Select, useFault, NumberField, FileList.
+// General controls: Notice, Failure, FailureLine, Command, RecordingDownload, Dialog, Segments, Select, useFault,
+// NumberField, FileList.
 
 import { ApiError } from "./api.js";
 import { useRetryOnline } from "./hooks.js";
@@ -74,6 +75,20 @@ async function isInClipboard(text) {
   const isCopied = document.execCommand("copy");
   field.remove();
   return isCopied;
+}
+
+/** A button that saves a recording.yaml. @param {{text: string, about: string}} props */
+export function RecordingDownload({ text, about }) {
+  const save = () => {
+    const href = URL.createObjectURL(new Blob([text], { type: "application/yaml" }));
+    Object.assign(document.createElement("a"), { href, download: "recording.yaml" }).click();
+    // Not at once: the browser reads it after the click.
+    setTimeout(() => URL.revokeObjectURL(href), 1000);
+  };
+  return html`<p class="understood__save">
+    <button type="button" class="button" onClick=${save}><${Icon} name="download" />Download recording.yaml</button>
+    <span class="faint">${about}</span>
+  </p>`;
 }
 
 /** A dialog that opens as soon as it is drawn. */

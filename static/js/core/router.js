@@ -12,6 +12,7 @@ import { createValue } from "./observable.js";
  */
 export const ROUTES = [
   { name: "datasets", pattern: "datasets" },
+  { name: "home", pattern: "datasets/:dataset", nav: "Overview" },
   { name: "frames", pattern: "datasets/:dataset/frames", nav: "Frames" },
   { name: "queue", pattern: "datasets/:dataset/queue", nav: "Queue" },
   { name: "grid", pattern: "datasets/:dataset/grid", nav: "Grid" },
@@ -19,6 +20,7 @@ export const ROUTES = [
   { name: "quality", pattern: "datasets/:dataset/quality", nav: "Quality" },
   { name: "runs", pattern: "datasets/:dataset/runs", nav: "Runs and exports" },
   { name: "frame", pattern: "frames/:id" },
+  { name: "compare", pattern: "frames/:id/compare" },
 ];
 
 /** @param {string} hash @returns {Route} */

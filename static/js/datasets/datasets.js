@@ -3,8 +3,8 @@
 
 import { NearPicture } from "../boxes/crops.js";
 import { ReviewProgress, StrokeSwatch, VerdictBar } from "../boxes/signs.js";
-import { url } from "../core/api.js";
-import { useDatasets, useTopBar, useValue } from "../core/hooks.js";
+import { pictureUrl } from "../core/api.js";
+import { useDatasets, useGrowth, useTopBar, useValue } from "../core/hooks.js";
 import { html } from "../core/html.js";
 import { Icon } from "../core/icons.js";
 import { countOf, countText } from "../core/numbers.js";
@@ -21,6 +21,8 @@ export function DatasetsView({ app }) {
   const uploads = useValue(app.uploads.ended);
   const loaded = useDatasets(uploads);
   const datasets = loaded.value?.items;
+  const newest = datasets?.map(({ created_at }) => created_at).sort().at(-1);
+  useGrowth(loaded, datasets?.reduce((sum, { counts }) => sum + counts.frames, 0) ?? 0, newest);
   return html`<main id="main" class="page" tabindex="-1" aria-busy=${loaded.state === "loading"}>
       ${loaded.state === "error" && html`<${Failure} error=${loaded.error} onRetry=${loaded.reload} />`}
       ${loaded.state === "loading" && !datasets && html`<${Skeleton} />`}
@@ -40,9 +42,9 @@ function Cards({ app, datasets }) {
 /** @param {{app: App, dataset: Dataset}} props */
 function Card({ app, dataset }) {
   const { name, description, counts, thumbnail_frame_id: thumbnail } = dataset;
-  return html`<a class="card" href=${linkTo("frames", { dataset: name })}>
+  return html`<a class="card" href=${linkTo("home", { dataset: name })}>
     <div class="card__picture">
-      ${thumbnail ? html`<${NearPicture} url=${url("/api/v1/frames/{frame_id}/thumbnail", { path: { frame_id: thumbnail } })} />` : html`<${Icon} name="image" class="card__none" />`}
+      ${thumbnail ? html`<${NearPicture} url=${pictureUrl("/api/v1/frames/{frame_id}/thumbnail", { path: { frame_id: thumbnail } })} />` : html`<${Icon} name="image" class="card__none" />`}
     </div>
     <div class="card__body">
       <h2 class="card__title">${name}</h2>

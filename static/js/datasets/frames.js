@@ -5,11 +5,12 @@ import { NearPicture } from "../boxes/crops.js";
 import { FilterMenus, VerdictFilter, classChoices } from "../boxes/filter_bar.js";
 import { FILTER_KEYS, filtersOf, selectionOf } from "../boxes/filters.js";
 import { VerdictBar } from "../boxes/signs.js";
-import { get, url } from "../core/api.js";
-import { useDataset, usePages, useTopBar, useTyped, useValue } from "../core/hooks.js";
+import { get, pictureUrl } from "../core/api.js";
+import { useDataset, useLazy, usePages, useTopBar, useTyped, useValue } from "../core/hooks.js";
 import { html, useEffect, useRef, useState } from "../core/html.js";
 import { Icon } from "../core/icons.js";
 import { countOf, countText } from "../core/numbers.js";
+import { createLazy } from "../core/observable.js";
 import { Failure, FailureLine, Notice } from "../core/parts.js";
 import { linkTo } from "../core/router.js";
 import { DatasetDialog } from "./settings.js";
@@ -19,6 +20,15 @@ import { DatasetDialog } from "./settings.js";
 /** @typedef {import("../core/router.js").Query} Query */
 
 const PAGE_SIZE = 60;
+
+/** The switch to stronger evidence, loaded after the frames are asked for. */
+const STRONGER = createLazy(async () => (await import("../tuning/evidence.js")).StrongerEvidence);
+
+/** Nothing where the strongest evidence decides. @param {{app: App, dataset: string, evidence: string}} props */
+function Evidence({ app, dataset, evidence }) {
+  const { value: StrongerEvidence } = useLazy(evidence === "auto" ? null : STRONGER);
+  return StrongerEvidence ? html`<${StrongerEvidence} app=${app} dataset=${dataset} />` : null;
+}
 
 /** @param {{app: App, route: import("../core/router.js").Route}} props */
 export function FramesView({ app, route }) {
@@ -42,7 +52,8 @@ export function FramesView({ app, route }) {
       </div>
       ${dataset.state === "error"
         ? html`<${Failure} error=${dataset.error} onRetry=${dataset.reload} />`
-        : html`<${FrameFilters} classes=${dataset.value?.classes ?? []} query=${route.query} onChange=${setQuery} />
+        : html`${dataset.value && html`<${Evidence} app=${app} dataset=${name} evidence=${dataset.value.evidence} />`}
+            <${FrameFilters} classes=${dataset.value?.classes ?? []} query=${route.query} onChange=${setQuery} />
             <${FrameGrid} key=${`${name} ${uploads} ${JSON.stringify(apiParams(route.query))}`} app=${app} dataset=${name} query=${route.query}
               total=${counts?.frames ?? null} onClear=${() => setQuery({})} />`}
     </main>`;
@@ -96,7 +107,7 @@ function Thumb({ app, frame, query }) {
   const waiting = counts.to_review ? countOf(counts.to_review, "needs review", "need review") : !counts.boxes ? "no boxes" : counts.reviewed ? "reviewed" : "nothing to review";
   return html`<a class="thumb" href=${linkTo("frame", { id }, query)} title=${key}>
     <div class="thumb__picture">
-      ${has_image ? html`<${NearPicture} url=${url("/api/v1/frames/{frame_id}/thumbnail", { path: { frame_id: id } })} />` : html`<${Icon} name="image" />`}
+      ${has_image ? html`<${NearPicture} url=${pictureUrl("/api/v1/frames/{frame_id}/thumbnail", { path: { frame_id: id } })} />` : html`<${Icon} name="image" />`}
       ${lossy && html`<span class="thumb__flag">lossy</span>`}
     </div>
     <div class="thumb__text"><span class="thumb__key">${key}</span><span class="faint num">${countText(counts.boxes)}</span></div>

@@ -6,7 +6,7 @@ import { Control, useFields } from "../core/form.js";
 import { useLoaded, useTask, useValue } from "../core/hooks.js";
 import { html, useState } from "../core/html.js";
 import { countOf } from "../core/numbers.js";
-import { Dialog, FailureLine, FileList, useDialog } from "../core/parts.js";
+import { Dialog, FailureLine, FileList, RecordingDownload, useDialog } from "../core/parts.js";
 import { linkTo } from "../core/router.js";
 
 /** @typedef {import("../core/app.js").App} App */
@@ -19,9 +19,13 @@ const WORDS = { fields: { lossy_segmentation: "JPEG segmentations" } };
 /** @param {{app: App, dataset: Dataset, onClose: () => void, onChanged: () => void}} props */
 export function DatasetDialog({ app, dataset, onClose, onChanged }) {
   const dialog = useDialog();
+  // JSON is YAML, too.
+  const recording = dataset.recording && `${JSON.stringify(dataset.recording, null, 2)}\n`;
   return html`<${Dialog} dialog=${dialog} id="dataset-title" title=${dataset.name} kind="upload" onClose=${onClose}>
     <div class="settings">
       <${Problems} app=${app} dataset=${dataset} />
+      ${recording && html`<${RecordingDownload} text=${recording}
+        about="How the folder of these frames was read; beside the data, it lets every command read it like this." />`}
       <${Changes} app=${app} dataset=${dataset} onDone=${() => (onChanged(), dialog.close())} />
       <${Removal} app=${app} dataset=${dataset} />
     </div>
@@ -67,7 +71,10 @@ function Changes({ app, dataset, onDone }) {
   return html`<form class="upload" onSubmit=${submit}>
     ${fields.value.filter(({ kind }) => kind === "text").map(ask)}
     <div class="settings__grid">${fields.value.filter(({ kind }) => kind !== "text").map(ask)}</div>
-    <p class="faint">If you change how segmentations are read, ${countOf(dataset.counts.frames, "frame")} will be measured again. Answers are kept.</p>
+    <p class="faint">If you change how segmentations are read,
+      ${" "}${countOf(dataset.counts.frames, "frame")} will be measured again. Answers are kept. What classes are
+      measured as, tags, evidence and profile are changed in the
+      ${" "}<a href=${linkTo("thresholds", { dataset: dataset.name })}>configuration</a>.</p>
     ${error && html`<${FailureLine} error=${error} />`}
     <div><button class="button button--primary" disabled=${isBusy}>Save</button></div>
   </form>`;

@@ -9,7 +9,7 @@ import { useActions, useClosing, useDataset, useLoaded, useTask, useTopBar, useT
 import { html, useEffect, useMemo, useRef, useState } from "../core/html.js";
 import { Icon } from "../core/icons.js";
 import { keyText, useKeyText, withKey } from "../core/keymap.js";
-import { countOf, countText } from "../core/numbers.js";
+import { capital, countOf, countText } from "../core/numbers.js";
 import { Failure, FailureLine, Notice } from "../core/parts.js";
 import { linkTo } from "../core/router.js";
 import { ANSWERS, AnswerButton } from "../review/answer_bar.js";
@@ -170,7 +170,7 @@ function createGridActions(app, dataset, page) {
   function answer(verdict) {
     const { selection, pager, query } = now();
     const total = pager.total();
-    if (selection.all && total !== null) app.bulkAnswers.answerAll(dataset, verdict, selectionOf(query), { total, snapshot: pager.snapshot() });
+    if (selection.all && total !== null) app.bulkAnswers.answerAll(dataset, verdict, selectionOf(query), { total, snapshot: pager.snapshot(), knownIds: [...pager.revisions().keys()] });
     else if (selection.ids.size) answerSelected(verdict, [...selection.ids]);
     else return app.toasts.show(`Select boxes first: ${howToSelect()}.`);
     select(nothing(selection));
@@ -255,7 +255,7 @@ function GridFilters({ app, classes, query, onChange }) {
     <${VerdictFilter} query=${query} onChange=${onChange} />
     <button class="button grid-filters__toggle ${isFiltered(query) ? "is-set" : ""}" aria-expanded=${isOpen} onClick=${() => setOpen(!isOpen)}><${Icon} name="filter" />Filters</button>
     <div class="grid-filters__rest ${isOpen ? "is-open" : ""}">
-      <${FilterMenus} query=${query} own=${{ class: { choices: classChoices(classes) } }} onChange=${onChange} onClear=${isFiltered(query) ? () => onChange(withoutFilters(query)) : null}>
+      <${FilterMenus} query=${query} keys=${["bin", "reason", "class", "review"]} own=${{ class: { choices: classChoices(classes) } }} onChange=${onChange} onClear=${isFiltered(query) ? () => onChange(withoutFilters(query)) : null}>
         <${MoreFilters} query=${query} onChange=${onChange} />
       <//>
     </div>
@@ -401,9 +401,6 @@ function UnsentStrip({ app, item, state, text }) {
     </div>
   </div>`;
 }
-
-/** @param {string} text */
-const capital = (text) => `${text[0]?.toUpperCase() ?? ""}${text.slice(1)}`;
 
 /** @param {string} text */
 const sentence = (text) => (text ? `${capital(text).replace(/\.$/, "")}.` : "");

@@ -36,7 +36,7 @@ export function Channels({ app, dataset, active, truth, onTruth, onMeasured }) {
   const isCounted = found !== null && found.boxes > 0;
   return html`<section class="panelbox quality__wide" aria-labelledby="channels-title" aria-busy=${loaded.state === "loading"}>
     <header class="panelbox__head"><h2 id="channels-title">Kinds of evidence compared</h2>
-      <span class="faint">${truth === "people" ? "visible: people kept it" : "visible: it has a pixel in the instance image"}</span>
+      <span class="faint">${truth === "people" ? "of the answered boxes alone; visible: people kept it" : "visible: it has a pixel in the instance image"}</span>
       <span class="panelbox__tools">
         ${isCounted && html`<${Segments} label="Compare kinds of evidence by" value=${by} choices=${BY} onChange=${setBy} />`}
         <${Segments} label="Compare with" value=${truth} choices=${TRUTHS} onChange=${onTruth} />
@@ -102,7 +102,7 @@ function useMeasuring(app, dataset, onDone) {
 /** @param {{dataset: string, found: Evaluation, by: string, active: string}} props */
 function ChannelTable({ dataset, found, by, active }) {
   const channels = Object.entries(found.channels);
-  if (by === "all") return html`<${OverallTable} dataset=${dataset} channels=${channels} boxes=${found.boxes} active=${active} />`;
+  if (by === "all") return html`<${OverallTable} dataset=${dataset} channels=${channels} found=${found} active=${active} />`;
   return html`<div class="tablewrap" role="group" aria-label="Kinds of evidence" tabindex="0"><table class="table groups channels channels--matrix">
     <caption class="sr-only">F1 of each kind of evidence by ${by}</caption>
     <thead><tr><th scope="col">${by === "class" ? "Class" : "Distance"}</th>${channels.map(([name]) => html`<th scope="col" key=${name}>${evidenceText(name)} <span class="faint">F1</span></th>`)}</tr></thead>
@@ -121,11 +121,15 @@ function groupsOf(channels, by) {
   return first.by_distance.map(({ band }) => ({ key: band, text: bandText(band), scores: channels.map(([, one]) => one.by_distance.find((score) => score.band === band)) }));
 }
 
-/** @param {{dataset: string, channels: readonly [string, ChannelScore][], boxes: number, active: string}} props */
-const OverallTable = ({ dataset, channels, boxes, active }) => html`<div class="tablewrap" role="group" aria-label="Kinds of evidence" tabindex="0"><table class="table groups channels">
+/** @param {{dataset: string, channels: readonly [string, ChannelScore][], found: Evaluation, active: string}} props */
+const OverallTable = ({ dataset, channels, found: { boxes, unfiltered }, active }) => html`<div class="tablewrap" role="group" aria-label="Kinds of evidence" tabindex="0"><table class="table groups channels">
   <caption class="sr-only">Precision, recall and F1 of each kind of evidence</caption>
   <thead><tr><th scope="col">Evidence</th><th class="is-num" scope="col" title="Boxes that it could measure">Measured</th><th scope="col">Precision</th><th scope="col">Recall</th><th scope="col">F1</th><th class="is-num" scope="col" title=${COUNTED.kept}>Kept ghosts</th><th class="is-num" scope="col" title=${COUNTED.lost}>Lost boxes</th><th scope="col" title="The boxes that it got most clearly wrong">Worst</th></tr></thead>
-  <tbody>${channels.map(([name, score]) => html`<tr key=${name}>
+  <tbody>${unfiltered && html`<tr><th scope="row">No filter<span class="faint channels__about">Every box as it is recorded</span></th>
+    <td class="is-num num">–</td><td><${MeasureCell} measure=${unfiltered.precision} name="Precision" /></td>
+    <td><${MeasureCell} measure=${unfiltered.recall} name="Recall" /></td><td><${MeasureCell} measure=${unfiltered.f1} name="F1" /></td>
+    <td class="is-num num">${countText(unfiltered.kept_hidden)}</td><td class="is-num num">0</td><td></td></tr>`}
+  ${channels.map(([name, score]) => html`<tr key=${name}>
     <th scope="row">${evidenceText(name)}${name === active && html` <span class="tagword">active</span>`}<span class="faint channels__about">${EVIDENCE[name]?.about}</span></th>
     <td class="is-num num" title=${`${countText(score.judged)} of ${countText(boxes)} boxes`}>${percentText((100 * score.judged) / boxes)}</td>
     <td><${MeasureCell} measure=${score.precision} name="Precision" /></td>

@@ -3,7 +3,7 @@
 
 import { html, useState } from "../core/html.js";
 import { Icon } from "../core/icons.js";
-import { countText } from "../core/numbers.js";
+import { countOf, countText } from "../core/numbers.js";
 import { Segments } from "../core/parts.js";
 import { linkTo } from "../core/router.js";
 import { CELLS, COUNTED, WORDS, answersIn, bandQuery, bandText, boxesOf, intervalText, percentOf, shareOf, shareText } from "./measures.js";
@@ -18,13 +18,14 @@ const MEASURES = /** @type {const} */ ([
   { key: "f1", text: "F1" },
 ]);
 
-/** @param {{dataset: string, truth: Truth, confusion: Confusion}} props */
-export function ConfusionPanel({ dataset, truth, confusion }) {
+/** @param {{dataset: string, quality: import("../core/openapi.js").Quality}} props */
+export function ConfusionPanel({ dataset, quality: { truth, confusion, sample } }) {
   const words = WORDS[truth];
   return html`<section class="panelbox quality__all" aria-labelledby="confusion-title">
     <header class="panelbox__head"><h2 id="confusion-title">${words.all}</h2><span class="faint">${words.counted(answersIn(confusion))}</span></header>
     <div class="quality__split">
       <${Matrix} dataset=${dataset} truth=${truth} confusion=${confusion} />
+      <div><p class="faint">${sample ? html`<b>All ${countText(sample.boxes)} boxes</b>, estimated from ${countOf(sample.answered, "random answer")}${sample.before > 0 ? ` and the ${countText(sample.before)} before them` : ""}${sample.unsure > 0 ? `; ${countText(sample.unsure)} unsure left out` : ""}` : "Every box that has a truth is counted: nothing is estimated."}</p>
       <dl class="scores">
         ${MEASURES.map(({ key, text }) => {
           const measure = confusion[key];
@@ -34,7 +35,7 @@ export function ConfusionPanel({ dataset, truth, confusion }) {
               <span class="score__interval num faint">${measure ? `95 %: ${intervalText(measure)}` : intervalText(measure)}</span></dd>
           </div>`;
         })}
-      </dl>
+      </dl></div>
     </div>
     ${truth === "people" && confusion.kept_reject + confusion.rejected_keep > 0 &&
     html`<p class="quality__conflicts"><a class="button" href=${linkTo("grid", { dataset }, { conflict: "true" })}>${conflictText(confusion.kept_reject + confusion.rejected_keep)}<${Icon} name="right" /></a></p>`}
@@ -121,10 +122,10 @@ function Row({ dataset, truth, group }) {
   </tr>`;
 }
 
-/** @param {{measure: Measure | null, name: string}} props */
-function Whisker({ measure, name }) {
-  if (!measure) return html`<span class="whisker whisker--none" title=${`${name}: too few answers`}><span class="sr-only">not known</span></span>`;
-  const [low, at, high] = [measure.low, measure.value, measure.high].map((share) => 100 * share);
+/** `most` is the share at the right end. @param {{measure: Measure | null, name: string, most?: number}} props */
+function Whisker({ measure, name, most = 1 }) {
+  if (!measure) return html`<span class="whisker whisker--none" title=${`${name}: ${intervalText(measure)}`}><span class="sr-only">not known</span></span>`;
+  const [low, at, high] = [measure.low, measure.value, measure.high].map((share) => (100 * share) / most);
   return html`<span class="whisker" title=${`${name} ${shareText(measure.value)}, 95 % between ${intervalText(measure)}`}>
     <svg class="whisker__svg" viewBox="0 0 100 12" preserveAspectRatio="none" aria-hidden="true" focusable="false">
       <line class="whisker__scale" x1="0" x2="100" y1="6" y2="6" />
@@ -136,11 +137,11 @@ function Whisker({ measure, name }) {
   </span>`;
 }
 
-/** A score as number, drawing and interval. @param {{measure: Measure | null, name: string}} props */
-export function MeasureCell({ measure, name }) {
+/** A score as number, drawing and interval. @param {{measure: Measure | null, name: string, most?: number}} props */
+export function MeasureCell({ measure, name, most = 1 }) {
   return html`<div class="measure">
     <span class="measure__value num">${measure ? shareText(measure.value) : "–"}</span>
-    <${Whisker} measure=${measure} name=${name} />
+    <${Whisker} measure=${measure} name=${name} most=${most} />
     <span class="measure__interval num">${measure ? `${percentOf(measure.low)}–${percentOf(measure.high)}` : ""}</span>
   </div>`;
 }

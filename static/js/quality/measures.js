@@ -1,14 +1,14 @@
 // @ts-check
 // Texts for scores, intervals and truths, and links to the boxes that were counted. Pure functions.
 
-import { countOf } from "../core/numbers.js";
+import { countOf, countText } from "../core/numbers.js";
 import { linkTo } from "../core/router.js";
 
 /** @typedef {"kept_keep" | "kept_reject" | "rejected_keep" | "rejected_reject"} Cell  the filter's verdict, then the truth */
 /** @typedef {import("../core/openapi.js").Measure} Measure */
 /** @typedef {import("../core/openapi.js").Quality["truth"]} Truth */
 
-/** With fewer answers, intervals are wider than most differences. */
+/** With fewer answers of a class, a suggested threshold is marked. */
 export const FEW_ANSWERS = 100;
 
 /** @type {readonly {cell: Cell, filter: "kept" | "rejected", person: "keep" | "reject", isAgreed: boolean, text: string}[]} */
@@ -26,7 +26,7 @@ export const answersIn = (confusion) => CELLS.reduce((total, { cell }) => total 
 export const shareOf = (confusion, cell) => confusion[cell] / Math.max(1, answersIn(confusion));
 
 /** Which boxes a cell counts, as filters of the grid. @param {"kept" | "rejected"} filter @param {"keep" | "reject"} person @returns {Record<string, string>} */
-export const cellQuery = (filter, person) => ({ verdict: filter, review: person });
+export const cellQuery = (filter, person) => ({ by_filter: filter, review: person });
 
 /** 0.947 as 94.7. @param {number} share */
 export const percentOf = (share) => Math.round(1000 * share) / 10;
@@ -35,7 +35,20 @@ export const percentOf = (share) => Math.round(1000 * share) / 10;
 export const shareText = (share) => (share === null || share === undefined ? "–" : `${percentOf(share)} %`);
 
 /** @param {Measure | null} measure */
-export const intervalText = (measure) => (measure ? `${percentOf(measure.low)}–${percentOf(measure.high)} %` : "too few answers");
+export const intervalText = (measure) => (measure ? `${percentOf(measure.low)}–${percentOf(measure.high)} %` : "cannot be told");
+
+/** Why there are no scores. @param {number} answers @param {number} random  of them, those in random order */
+export function refusalText(answers, random) {
+  if (random > 0) return `${countOf(random, "random answer")} ${random === 1 ? "is" : "are"} too few to say how good the filter is.`;
+  const were = answers === 1 ? "This answer was on a box that was" : `These ${countText(answers)} answers were on boxes that were`;
+  return `${were} not chosen at random, such as doubtful ones: they cannot say how good the filter is.`;
+}
+
+/** @param {import("../core/openapi.js").Plan} plan @param {number} answered  of its boxes */
+export function planText({ boxes, half_width: half }, answered) {
+  const result = half > 0 ? `to about ± ${Math.ceil(100 * half)} %` : "exactly";
+  return `${answered > 0 ? "With" : "Answer"} ${countOf(boxes, "random box", "random boxes")}${answered > 0 ? " it is known" : " to know it"} ${result}.`;
+}
 
 /** The usual words for values of kappa (Landis and Koch). @param {number | null} kappa */
 export function kappaText(kappa) {
@@ -57,14 +70,6 @@ export function bandQuery(band) {
   const above = /^>\s*(\d+)$/.exec(band);
   return above ? { distance_min: above[1] ?? "" } : null;
 }
-
-/**
- * The suggestions that are worth a change: another value with a better F1, or, for the target "recall", any other value.
- * @template {{current: number, suggested: number, f1_current: number | null, f1_suggested: number | null}} T
- * @param {readonly T[]} suggested @param {string} [target] @returns {T[]}
- */
-export const worthTrying = (suggested, target = "f1") =>
-  suggested.filter((one) => one.suggested !== one.current && (target !== "f1" || (one.f1_suggested ?? 0) > (one.f1_current ?? 0)));
 
 /** What the columns of errors count. */
 export const COUNTED = { kept: "Boxes that were kept although they should be rejected", lost: "Boxes that were rejected although they should be kept" };
@@ -105,7 +110,7 @@ export const WORDS = {
     said: "what people said",
     precision: "of the boxes that the filter keeps, people keep",
     recall: "of the boxes that people keep, the filter keeps",
-    goals: { f1: "the ones that agree best with the answers of people", recall: "the highest ones that keep what people keep" },
+    goals: { f1: "the ones that agree best with the answered boxes", recall: "the highest ones that keep what people keep of the answered boxes" },
     both: "Answers on both sides are needed before a threshold can be suggested: some boxes to keep and some to reject, of the same class.",
   },
   instances: {

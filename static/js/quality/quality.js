@@ -8,9 +8,11 @@ import { Icon } from "../core/icons.js";
 import { countOf, countText } from "../core/numbers.js";
 import { Failure, Notice, Segments } from "../core/parts.js";
 import { linkTo } from "../core/router.js";
+import { EvidenceSwitch } from "../tuning/evidence.js";
 import { Channels } from "./channels.js";
 import { ConfusionPanel, PerGroup } from "./comparison.js";
-import { FEW_ANSWERS, TRUTHS, WORDS, answersIn, kappaText } from "./measures.js";
+import { Experiment } from "./experiment.js";
+import { TRUTHS, WORDS, answersIn, kappaText, planText, refusalText } from "./measures.js";
 import { Suggestions } from "./suggestions.js";
 
 /** @typedef {import("../core/openapi.js").Agreement} Agreement */
@@ -46,25 +48,36 @@ export function QualityView({ app, route }) {
         ? html`<${Failure} error=${loaded.error} onRetry=${loaded.reload} />`
         : !quality || !loaded.value
           ? html`<${Skeleton} />`
-          : html`<div class="quality">
+          : html`<${EvidenceSwitch} key=${loaded.value.active.digest} app=${app} dataset=${name}
+              active=${loaded.value.active} onApplied=${loaded.reload} />
+            <div class="quality">
               ${known === 0
                 ? html`<${Empty} dataset=${name} truth=${truth} unsure=${quality.unsure} onInstances=${() => setAgainst("instances")} />`
-                : html`${truth === "people" && known < FEW_ANSWERS && html`<${FewAnswersNote} dataset=${name} answers=${known} />`}
-                    <${ConfusionPanel} dataset=${name} truth=${truth} confusion=${quality.confusion} />
+                : html`<${SampleNote} dataset=${name} quality=${quality} />
+                    <${ConfusionPanel} dataset=${name} quality=${quality} />
                     <${PerGroup} dataset=${name} quality=${quality} />
                     <${Suggestions} app=${app} dataset=${name} truth=${truth} suggested=${quality.suggested} active=${loaded.value.active} target=${loaded.value.target}
                       onTarget=${(/** @type {string} */ wanted) => change({ target: wanted === "f1" ? "" : wanted })} onOutdated=${loaded.reload} />
                     <${Reviewers} agreement=${quality.agreement} reviewers=${quality.reviewers} />`}
               <${Channels} app=${app} dataset=${name} active=${String(loaded.value.active.config.evidence ?? "")} truth=${route.query.truth === "people" ? "people" : "instances"}
                 onTruth=${(/** @type {string} */ wanted) => change({ truth: wanted === "people" ? wanted : "" })} onMeasured=${loaded.reload} />
+              <${Experiment} dataset=${name} />
             </div>`}
     </main>`;
 }
 
-/** @param {{dataset: string, answers: number}} props */
-const FewAnswersNote = ({ dataset, answers }) => html`<p class="fewanswers"><${Icon} name="warn" />
-  <span><strong>${countOf(answers, "answer")} ${answers === 1 ? "is" : "are"} too few for a reliable result.</strong> Look at the intervals rather than the numbers. With about ${FEW_ANSWERS} answers the intervals become narrow.</span>
-  <a class="button button--small" href=${linkTo("queue", { dataset })}>Answer more</a></p>`;
+/** Whether the answers can say how good the filter is, and how many random ones can. @param {{dataset: string, quality: import("../core/openapi.js").Quality}} props */
+function SampleNote({ dataset, quality }) {
+  const { sample, plan, confusion } = quality;
+  if (!sample || !plan) return null;
+  const { answered, unanswered } = sample;
+  const isRefused = confusion.refused !== null;
+  return html`<p class="fewanswers"><${Icon} name=${isRefused ? "warn" : "question"} />
+    <span>${isRefused && html`<strong>${refusalText(answersIn(confusion), answered)}</strong> `}${planText(plan, answered)}
+      ${answered > 0 && html` <b class="num">${countText(answered)}</b> of ${countText(plan.boxes)} are answered.`}
+      ${unanswered > 0 && html` ${countOf(unanswered, "box", "boxes")} that the random order has passed ${unanswered === 1 ? "has" : "have"} no answer, and may be anything; it begins with ${unanswered === 1 ? "it" : "them"}.`}</span>
+    <a class="button ${isRefused ? "button--primary" : ""} button--small" href=${linkTo("queue", { dataset }, { order: "random" })}>Answer random boxes</a></p>`;
+}
 
 /** @param {{dataset: string, truth: string, unsure: number, onInstances: () => void}} props */
 const Empty = ({ dataset, truth, unsure, onInstances }) =>
@@ -98,7 +111,7 @@ function Reviewers({ agreement, reviewers }) {
 /** @param {{agreement: Agreement}} props */
 function AgreementTable({ agreement }) {
   const { boxes, percent, kappa, interval, pairs } = agreement;
-  if (boxes === 0) return html`<p class="panelbox__empty">No box has been answered by two people yet. Once some have, this shows how far people agree.</p>`;
+  if (boxes === 0) return html`<p class="panelbox__empty">No box has been answered by two people yet. The queue's audit shows everybody the boxes that others have answered: nobody audits himself.</p>`;
   return html`<div class="together">
     <dl class="together__figures">
       <div><dt>agree on</dt><dd class="num">${percent === null ? "–" : `${Math.round(10 * percent) / 10} %`}</dd><dd class="faint">of ${countOf(boxes, "box", "boxes")} answered twice</dd></div>

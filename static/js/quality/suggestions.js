@@ -9,18 +9,15 @@ import { Icon } from "../core/icons.js";
 import { percentText } from "../core/numbers.js";
 import { Segments } from "../core/parts.js";
 import { linkTo } from "../core/router.js";
-import { classPath, queryOf, withEdits } from "../tuning/config.js";
+import { OWN_SHARE, editsFor, queryOf, withEdits, worthTrying } from "../tuning/config.js";
 import { requireActive } from "../tuning/versions.js";
-import { FEW_ANSWERS, WORDS, shareText, worthTrying } from "./measures.js";
+import { FEW_ANSWERS, WORDS, shareText } from "./measures.js";
 
 /** @typedef {import("../core/app.js").App} App */
 /** @typedef {import("../core/openapi.js").ConfigVersion} ConfigVersion */
 /** @typedef {import("../core/chart.js").Ink} Ink */
 /** @typedef {import("../core/openapi.js").Suggestion} Suggestion */
 /** @typedef {import("../../vendor/uplot-1.6.32.module.js").default} UPlot */
-
-/** @param {readonly Suggestion[]} suggested */
-const editsFor = (suggested) => Object.fromEntries(suggested.map((one) => [classPath(one.class), one.suggested]));
 
 const TARGETS = [
   { value: "f1", text: "Best F1" },
@@ -44,7 +41,10 @@ export function Suggestions({ app, dataset, truth, suggested, active, target, on
     </header>
     ${suggested.length === 0 && html`<p class="panelbox__empty">${words.both}</p>`}
     ${suggested.length > 0 && html`<${CurveLegend} />`}
-    <ul class="suggestions">${suggested.map((one) => html`<li key=${one.class}><${Card} app=${app} dataset=${dataset} active=${active} onOutdated=${onOutdated} suggestion=${one} known=${words.some(one.answers)} isBetter=${better.includes(one)} /></li>`)}</ul>
+    <ul class="suggestions">${suggested.map((suggestion) => html`<li key=${`${suggestion.class} ${suggestion.key}`}>
+      <${Card} app=${app} dataset=${dataset} active=${active} onOutdated=${onOutdated} suggestion=${suggestion}
+        known=${words.some(suggestion.answers)} isBetter=${better.includes(suggestion)} />
+    </li>`)}</ul>
   </section>`;
 }
 
@@ -57,7 +57,11 @@ const CurveLegend = () => html`<p class="chartlegend">
 function Card({ app, dataset, active, onOutdated, suggestion, known, isBetter }) {
   const { class: name, current, suggested, interval, answers, f1_current: before, f1_suggested: after } = suggestion;
   return html`<article class="suggestion" aria-label=${name}>
-    <header class="suggestion__head"><h3>${name}</h3><span class="faint">${known}${answers < FEW_ANSWERS ? html` <span class="warn">few</span>` : ""}</span></header>
+    <header class="suggestion__head">
+      <h3>${name}</h3>
+      <span class="faint">${suggestion.key === OWN_SHARE ? "own pixels · " : ""}${known}
+        ${answers < FEW_ANSWERS ? html` <span class="warn">few</span>` : ""}</span>
+    </header>
     <p class="suggestion__change num"><span>${percentText(current)}</span>${isBetter ? html`<${Icon} name="right" /><strong>${percentText(suggested)}</strong>` : html`<span class="faint">stays</span>`}
       ${isBetter && interval && html`<span class="faint suggestion__interval">${percentText(interval[0])} to ${percentText(interval[1])}</span>`}</p>
     <p class="suggestion__f1 num faint">F1 ${shareText(before)}${isBetter ? html` → <strong>${shareText(after)}</strong>` : ""}</p>

@@ -4,7 +4,7 @@
 import { withheld } from "../boxes/box.js";
 import { Picture } from "../boxes/crops.js";
 import { DECIDED, FilterMenus, UNDECIDED, classChoices } from "../boxes/filter_bar.js";
-import { isFiltered, withoutFilters, withoutList } from "../boxes/filters.js";
+import { BINS, isFiltered, withoutFilters, withoutList } from "../boxes/filters.js";
 import { AnswerSign } from "../boxes/signs.js";
 import { spokenText } from "../boxes/wording.js";
 import { useValue } from "../core/hooks.js";
@@ -13,7 +13,7 @@ import { Icon } from "../core/icons.js";
 import { countOf, countText } from "../core/numbers.js";
 import { Segments } from "../core/parts.js";
 import { currentOf, inOrder, isBlind, movedTo, paceOf, upcoming } from "./line.js";
-import { ORDERS, orderOf } from "./session.js";
+import { ORDERS, hasOnlyDoubts, orderOf } from "./session.js";
 
 /** @typedef {import("../review/answers.js").ReviewApp} App */
 /** @typedef {import("./line.js").Line} Line */
@@ -35,29 +35,35 @@ export function QueueHead({ app, session, classes, query, onChange }) {
   </div>`;
 }
 
+/** The choices besides the boxes to review. */
+const OTHER_BINS = [...BINS.filter(({ value }) => value !== "ask"), { value: "all", text: "In doubt or not" }];
+
 /** The order and the filters of the queue. @param {{classes: readonly string[], query: Query, onChange: (query: Query) => void}} props */
 function Choices({ classes, query, onChange }) {
   const [isOpen, setOpen] = useState(false);
   const order = orderOf(query);
-  const own = { class: { choices: classChoices(classes) }, reason: { any: "Any reason in the image" }, review: { any: order === "audit" ? DECIDED : UNDECIDED } };
+  const own = { bin: { any: "To review", choices: OTHER_BINS }, class: { choices: classChoices(classes) }, reason: { any: "Any reason in the image" }, review: { any: order === "audit" ? DECIDED : UNDECIDED } };
   return html`<${Segments} label="Order" value=${order} choices=${ORDERS} onChange=${(/** @type {string} */ value) => onChange(inOrder(query, value))} />
     <button class="button queue__more ${isFiltered(query) ? "is-set" : ""}" aria-expanded=${isOpen} onClick=${() => setOpen(!isOpen)}><${Icon} name="filter" />Filters</button>
     <div class="queue__filters ${isOpen ? "is-open" : ""}" role="search" aria-label="Filter boxes">
-      <${FilterMenus} query=${query} keys=${["verdict", "class", "reason", "review"]} own=${own} onChange=${onChange} onClear=${isFiltered(query) ? () => onChange(withoutFilters(query)) : null} />
+      <${FilterMenus} query=${query} keys=${["bin", "verdict", "class", "reason", "review"]} own=${own} onChange=${onChange} onClear=${isFiltered(query) ? () => onChange(withoutFilters(query)) : null} />
     </div>`;
 }
 
 /** @param {{session: Session}} props */
 function Progress({ session }) {
-  const { left } = useValue(session.counts);
+  const { left: unanswered, unsure } = useValue(session.counts);
+  const isToReview = hasOnlyDoubts(session.query);
+  // A box that somebody was unsure about is still to be reviewed.
+  const left = unanswered !== null && isToReview ? unanswered + unsure : unanswered;
   const { times, verdicts } = useValue(session.tally);
   const comparisons = useValue(session.comparisons);
   const pace = paceOf(times);
   const done = verdicts.size;
-  const all = session.order === "audit" ? (left ?? 0) : done + (left ?? 0);
+  const all = done + (left ?? 0);
   const percent = all ? Math.floor((100 * done) / all) : 0;
   return html`<div class="queue__progress">
-    <p role="status">${session.order === "audit" && left !== null ? html`<b class="num">${countText(done)}</b> of <b class="num">${countText(left)}</b> audited` : html`<b class="num">${countText(done)}</b> answered${left !== null && html` · <b class="num">${countText(left)}</b> ${session.query.review ? "left" : "unanswered"}`}`}
+    <p role="status">${session.order === "audit" && left !== null ? html`<b class="num">${countText(done)}</b> of <b class="num">${countText(all)}</b> audited` : html`<b class="num">${countText(done)}</b> answered${left !== null && html` · <b class="num">${countText(left)}</b> ${session.query.review ? "left" : isToReview ? "to review" : "unanswered"}`}`}
       ${pace !== null && html`<span class="faint"> · ${countText(Math.round(pace))} per minute</span>`}
       ${comparisons.length > 0 && html`<span class="faint"> · agreed on ${countText(comparisons.filter(({ agrees }) => agrees).length)} of ${countText(comparisons.length)}</span>`}</p>
     <div class="progress__track" role="progressbar" aria-label="answered" aria-valuemin="0" aria-valuemax="100" aria-valuenow=${percent}><span class="progress__fill" style=${{ width: `${percent}%` }} /></div>

@@ -2,24 +2,27 @@
 // The queue view: stage, panel, and what is shown when there is no box.
 
 import { answerOf, asShown } from "../boxes/box.js";
-import { cycleVerdict, isFiltered, withoutFilters, withoutList } from "../boxes/filters.js";
+import { BINS, cycleVerdict, isFiltered, withoutFilters, withoutList } from "../boxes/filters.js";
 import { useBoxes } from "../boxes/store.js";
-import { spokenText } from "../boxes/wording.js";
-import { useActions, useDataset, useTopBar, useValue } from "../core/hooks.js";
+import { distanceText, spokenText } from "../boxes/wording.js";
+import { get } from "../core/api.js";
+import { useActions, useDataset, useLoaded, useTopBar, useValue } from "../core/hooks.js";
 import { html, useCallback, useEffect, useMemo, useRef, useState } from "../core/html.js";
 import { Icon } from "../core/icons.js";
-import { countOf, countText, metresText } from "../core/numbers.js";
+import { countOf, countText } from "../core/numbers.js";
 import { createValue } from "../core/observable.js";
 import { Failure, Notice } from "../core/parts.js";
 import { linkTo } from "../core/router.js";
 import { AnswerBar, OvertakenNotice } from "../review/answer_bar.js";
-import { Inspector, forgetTyped, typedComment } from "../review/inspector.js";
+import { Inspector, NOT_PAINTED, forgetTyped, typedComment } from "../review/inspector.js";
 import { useMedia } from "../stage/media.js";
 import { createLookActions } from "../stage/view.js";
+import { AlikeDialog } from "./alike.js";
 import { QueueHead, QueueStrip } from "./head.js";
 import { backToSkipped, currentOf, isBlind, movedTo, nextOpen, skippedBoxes, stepped, upcoming } from "./line.js";
 import { keepSession, sessionOf } from "./session.js";
 import { QueueStage } from "./stage.js";
+import { TrackStrip, useTrack } from "./track.js";
 
 /** @typedef {import("../boxes/box.js").Answer} Answer */
 /** @typedef {import("../review/answers.js").ReviewApp} App */
@@ -36,7 +39,7 @@ export function QueueView({ app, route }) {
   const dataset = useDataset(name);
   const { session, isChecked } = sessionOf(app, name, route.query, dataset.value?.active_run);
   /** @param {Query} query */
-  const setQuery = (query) => app.router.replace(linkTo("queue", { dataset: name }, query));
+  const setQuery = ({ box: _, ...query }) => app.router.replace(linkTo("queue", { dataset: name }, query));
   const failed = dataset.state === "error" && !dataset.value;
   return html`<main id="main" class="queue" tabindex="-1">
       <h1 class="sr-only">Queue of ${name}</h1>
@@ -44,16 +47,20 @@ export function QueueView({ app, route }) {
         ? html`<${Failure} error=${dataset.error} onRetry=${dataset.reload} />`
         : html`<${QueueHead} app=${app} session=${session} classes=${dataset.value?.classes ?? []} query=${route.query} onChange=${setQuery} />
             ${isChecked
-              ? html`<${SessionView} key=${session} app=${app} session=${session} query=${route.query} isEmpty=${dataset.value?.counts.boxes === 0} onQuery=${setQuery} />`
+              ? html`<${SessionView} key=${session} app=${app} session=${session} query=${route.query} rule=${dataset.value?.rule ?? ""} isEmpty=${dataset.value?.counts.boxes === 0} onQuery=${setQuery} />`
               : html`<div class="queue__body is-empty"><${Fetching} /></div>`}`}
     </main>`;
 }
 
-/** @param {{app: App, session: Session, query: Query, isEmpty: boolean, onQuery: (query: Query) => void}} props */
-function SessionView({ app, session, query, isEmpty, onQuery }) {
+/** @param {{app: App, session: Session, query: Query, rule: string, isEmpty: boolean, onQuery: (query: Query) => void}} props */
+function SessionView({ app, session, query, rule, isEmpty, onQuery }) {
   const media = useMedia(app.boxes);
   const stage = useRef(/** @type {import("../stage/stage.js").Stage | null} */ (null));
   const comment = useRef(/** @type {HTMLTextAreaElement | null} */ (null));
+  /** The box of the same object in another frame, while one looks at it; 0: the asked one is on the stage. */
+  const [peek] = useState(() => createValue(0));
+  const track = useRef(/** @type {readonly import("./track.js").Place[]} */ ([]));
+  const [alike, setAlike] = useState(/** @type {ReturnType<Session["lastAnswer"]>} */ (null));
   const [view] = useState(() => createValue(/** @type {"crop" | "frame"} */ ("crop")));
   const now = useRef(query);
   now.current = query;
@@ -63,7 +70,10 @@ function SessionView({ app, session, query, isEmpty, onQuery }) {
         stage: () => stage.current,
         openComment: () => comment.current?.focus(),
         isBlind: () => isBlind(now.current, app.prefs.get()),
+        openAlike: setAlike,
         view,
+        peek,
+        track: () => track.current,
       }),
     [app, session],
   );
@@ -72,6 +82,7 @@ function SessionView({ app, session, query, isEmpty, onQuery }) {
 
   const line = useValue(session.line);
   useBoxes(app.boxes, line.ids);
+  useBoxInAddress(app, session, currentOf(line));
   const { waiting } = useValue(app.sender.state);
   const prefs = useValue(app.prefs);
   const verdicts = useValue(session.tally).verdicts;
@@ -81,13 +92,18 @@ function SessionView({ app, session, query, isEmpty, onQuery }) {
   /** What this session may show of a box. */
   const see = useCallback((/** @type {import("../boxes/box.js").Decision} */ one) => asShown(one, isBlindNow, ({ box_id }) => verdicts.has(box_id)), [isBlindNow, verdicts]);
   const shown = box && see(box);
+  track.current = useTrack(app.boxes, box?.box_id ?? 0);
+  const peeked = app.boxes.get(useValue(peek));
+  const staged = peeked && track.current.some(({ boxId }) => boxId === peeked.box_id) ? see(peeked) : shown;
+  const offset = track.current.find(({ boxId }) => boxId === staged?.box_id)?.offset ?? 0;
   const isWaiting = box !== null && waiting.has(box.box_id);
 
-  return html`<div class="queue__body ${box ? "" : "is-empty"}">
+  return html`<div class="queue__body ${box ? "" : "is-empty"}" data-panels=${prefs.panels ? undefined : "off"}>
     <${QueueStrip} app=${app} session=${session} line=${line} isHidden=${isHidden} onShow=${actions.show} />
-    ${box && shown
+    ${box && shown && staged
       ? html`<div class="review__stage queue__stage">
-            <${QueueStage} app=${app} box=${shown} see=${see} media=${media.of(box.frame_id)} view=${view} actions=${actions.byName} stageRef=${stage} />
+            <${QueueStage} app=${app} box=${staged} see=${see} media=${media.of(staged.frame_id)} view=${view} actions=${actions.byName} stageRef=${stage} rule=${rule} offset=${offset}
+              strip=${html`<${TrackStrip} app=${app} places=${track.current} shownId=${staged.box_id} see=${see} isBlind=${isHidden} onShow=${actions.peek} actions=${actions.byName} />`} />
             <${OvertakenNotices} app=${app} session=${session} onShow=${actions.show} />
             <${AnswerBar} app=${app} box=${shown} isWaiting=${isWaiting} actions=${actions.byName} />
           </div>
@@ -95,6 +111,7 @@ function SessionView({ app, session, query, isEmpty, onQuery }) {
             ? html`<${BlindPanel} key=${box.box_id} box=${shown} session=${session} onSee=${() => onQuery({ ...query, blind: "off" })} />`
             : html`<${Inspector} app=${app} frame=${null} box=${box} boxes=${[]} actions=${actions} commentRef=${comment} isWaiting=${isWaiting} />`}`
       : html`<${NoBox} app=${app} session=${session} query=${query} actions=${actions} isEmpty=${isEmpty} onQuery=${onQuery} />`}
+    ${alike && html`<${AlikeDialog} app=${app} session=${session} answered=${alike} onClose=${() => setAlike(null)} />`}
   </div>`;
 }
 
@@ -105,6 +122,22 @@ function NoBox({ app, session, query, actions, isEmpty, onQuery }) {
   if (!isEnd) return html`<${Fetching} />`;
   if (isEmpty) return html`<${NoBoxesYet} />`;
   return html`<${AllDone} app=${app} session=${session} query=${query} actions=${actions} onAll=${() => onQuery(withoutList(withoutFilters(query)))} />`;
+}
+
+/**
+ * The address names the box on show; one that names another box when the view opens shows that one.
+ * @param {App} app @param {Session} session @param {number | null} here
+ */
+function useBoxInAddress(app, session, here) {
+  const [asked, setAsked] = useState(() => Number(app.router.route.get().query.box) || 0);
+  useEffect(() => {
+    if (!asked) return;
+    session.showBox(asked).catch(app.toasts.fail).finally(() => setAsked(0));
+  }, [session]);
+  useEffect(() => {
+    const { name, params, query } = app.router.route.get();
+    if (!asked && here !== null && name === "queue") app.router.replace(linkTo(name, params, { ...query, box: String(here) }));
+  }, [asked, here]);
 }
 
 /** Load boxes, frames and pictures before they are shown. @param {App} app @param {Session} session @param {import("../stage/media.js").MediaCache} media */
@@ -121,16 +154,22 @@ function useSupply(app, session, media) {
     };
   }, [session]);
   useEffect(() => {
-    for (const id of new Set(upcoming(line, AHEAD).flatMap((id) => app.boxes.get(id)?.frame_id ?? []))) {
-      const next = media.of(id);
-      for (const one of [next.picture, ...(lit ? [next.segmentation] : []), ...(mask ? [next.mask] : [])]) one.get().catch(() => {});
-    }
+    /** @param {number} id */
+    const fetch = (id) => {
+      const { picture, segmentation, mask: painted } = media.of(id);
+      return Promise.allSettled([picture, ...(lit ? [segmentation] : []), ...(mask ? [painted] : [])].map((one) => one.get()));
+    };
+    // The others do not slow down the one that is looked at.
+    const [now, ...later] = new Set(upcoming(line, AHEAD).flatMap((id) => app.boxes.get(id)?.frame_id ?? []));
+    if (now !== undefined) void fetch(now).then(() => later.forEach((id) => void fetch(id)));
   }, [line, lit, mask]);
 }
 
 /**
  * @param {App} app @param {Session} session
  * @param {{stage: () => import("../stage/stage.js").Stage | null, openComment: () => void, isBlind: () => boolean,
+ *   openAlike: (answered: {boxId: number, verdict: Answer}) => void,
+ *   peek: import("../core/observable.js").Value<number>, track: () => readonly import("./track.js").Place[],
  *   view: import("../core/observable.js").Value<"crop" | "frame">}} page
  */
 function createQueueActions(app, session, page) {
@@ -142,8 +181,29 @@ function createQueueActions(app, session, page) {
     if (box) app.announcement.set(page.isBlind() ? `${box.class} ${box.id}` : spokenText(box));
   }
 
+  /** Look at the object in another frame, or in the asked one again. @param {number} boxId */
+  const peek = (boxId) => page.peek.set(boxId === current()?.box_id ? 0 : boxId);
+
+  /** @param {1 | -1} step  frames in which the object is */
+  function scrub(step) {
+    const places = page.track();
+    const here = page.peek.get() || current()?.box_id;
+    const next = places[places.findIndex(({ boxId }) => boxId === here) + step];
+    if (next && here) peek(next.boxId);
+    else app.toasts.show(step < 0 ? "No earlier frame has the object." : "No later frame has the object.");
+  }
+
+  /** One answer for the object in all frames of the strip. @param {"keep" | "reject"} verdict */
+  function answerTrack(verdict) {
+    const boxes = app.boxes.all(page.track().map(({ boxId }) => boxId));
+    if (boxes.length === 0) return app.toasts.show("The object is in no other frame of its recording.");
+    page.peek.set(0);
+    if (session.answerMany(boxes, verdict)) say();
+  }
+
   /** @param {import("./line.js").Line} next */
   function show(next) {
+    page.peek.set(0);
     page.view.set("crop");
     session.show(next);
     say();
@@ -153,13 +213,19 @@ function createQueueActions(app, session, page) {
   function answer(verdict) {
     const box = current();
     if (!box) return;
+    if (page.peek.get()) {
+      page.peek.set(0);
+      return app.toasts.show("Nothing was saved: another frame was on show. This is the asked one.");
+    }
+    const lookedMs = page.stage()?.lookedMs(box.box_id) ?? null;
+    if (verdict !== "unsure" && lookedMs === null) return app.toasts.show(NOT_PAINTED);
     performance.mark("queue:answer");
     const isOwn = session.tally.get().verdicts.has(box.box_id);
     const words = typedComment(box.box_id) ?? (page.isBlind() && !isOwn ? "" : (box.review?.comment ?? ""));
     const isSame = box.review?.verdict === verdict && (box.review.comment ?? "") === words;
     page.view.set("crop");
     if (isOwn && isSame) session.show(nextOpen(line.get()));
-    else if (session.answer(box, verdict, words, page.isBlind() && !isOwn)) forgetTyped(box.box_id);
+    else if (session.answer(box, verdict, words, { lookedMs, isBlindly: page.isBlind() && !isOwn })) forgetTyped(box.box_id);
     say();
   }
 
@@ -168,7 +234,13 @@ function createQueueActions(app, session, page) {
       if (dataset !== session.dataset) return app.router.go(linkTo("frame", { id: box.frame_id }, { box: String(box.box_id) }));
       page.view.set("crop");
       session.answerUndone(box);
-    });
+    }, session.manyUndone);
+  }
+
+  function alike() {
+    const answered = session.lastAnswer();
+    if (answered) page.openAlike(answered);
+    else app.toasts.show("Answer a box first; then this offers the boxes like it.");
   }
 
   /** The box, the whole frame, the box again; after a pan, first back to the box. */
@@ -179,6 +251,7 @@ function createQueueActions(app, session, page) {
 
   return {
     show,
+    peek,
 
     /** A comment on a box that has no answer flags it as unsure, and stays. @param {Answer} verdict @param {string} comment @returns {boolean} false: it was not given */
     saveComment(verdict, comment) {
@@ -194,6 +267,11 @@ function createQueueActions(app, session, page) {
       reject: () => answer("reject"),
       unsure: () => answer("unsure"),
       undo,
+      alike,
+      keepTrack: () => answerTrack("keep"),
+      rejectTrack: () => answerTrack("reject"),
+      earlier: () => scrub(-1),
+      later: () => scrub(1),
       comment: () => current() && page.openComment(),
       next: () => show(stepped(line.get(), 1)),
       previous: () => show(stepped(line.get(), -1)),
@@ -210,7 +288,10 @@ function createQueueActions(app, session, page) {
         page.view.set("frame");
         page.stage()?.fit();
       },
-      escape: () => page.view.set("crop"),
+      escape() {
+        page.peek.set(0);
+        page.view.set("crop");
+      },
     },
   };
 }
@@ -222,11 +303,11 @@ function BlindPanel({ box, session, onSee }) {
   const last = useValue(session.comparisons).at(-1);
   return html`<aside class="panel panel--inspector" aria-label="Selected box">
     <header class="inspector__head"><h2>${box.class} <span class="faint">${box.id}</span></h2></header>
-    <p class="inspector__sentence">Is a ${box.class.replaceAll("_", " ")} visible in the box? The filter's verdict and earlier answers are hidden until you have answered.</p>
+    <p class="inspector__sentence">The filter's verdict and earlier answers are hidden until you have answered.</p>
     ${last && html`<p class="agreement agreement--${last.agrees ? "yes" : "no"}" role="status"><${Icon} name=${last.agrees ? "check" : "warn"} /><span>${last.words}</span></p>`}
     <dl class="facts">
       <div><dt>Frame</dt><dd>${box.frame}</dd></div>
-      ${box.distance !== null && html`<div><dt>Distance</dt><dd class="num">${metresText(box.distance)}</dd></div>`}
+      ${distanceText(box) && html`<div><dt>Distance</dt><dd class="num">${distanceText(box)}</dd></div>`}
     </dl>
     <button class="button" onClick=${onSee}>Show verdicts</button>
   </aside>`;
@@ -244,12 +325,24 @@ function AllDone({ app, session, query, actions, onAll }) {
   const title = verdicts.size ? "All done" : order === "audit" ? "Nothing to audit" : "Nothing to review";
   return html`<div class="queue__message">
     <${Notice} icon="check" title=${title} actions=${html`<${NextSteps} dataset=${dataset} order=${order} query=${query} open=${open} elsewhere=${elsewhere} session=${session} actions=${actions} onAll=${onAll} />`}>
-      <p>${doneText(verdicts) || (order === "audit" ? "Nobody has answered any of the boxes that match these filters yet." : "All boxes that match these filters have an answer.")}</p>
+      <p>${doneText(verdicts) || (order === "audit" ? "Nobody else has answered a box that matches these filters and that you have not: nobody audits himself." : "All boxes that the queue asks about have an answer.")}</p>
       ${waiting.size > 0 && html`<p>${countOf(waiting.size, "answer is", "answers are")} kept in this browser and will be sent.</p>`}
       ${open > 0 && html`<p>You skipped ${countOf(open, "box", "boxes")}.</p>`}
+      <${OtherBins} dataset=${dataset} />
       ${elsewhere > 0 && html`<p>${countOf(elsewhere, "box is", "boxes are")} being reviewed by somebody else at the moment.</p>`}
     <//>
   </div>`;
+}
+
+/** The boxes that the queue does not ask about: they need no answer, and can be answered all at once. @param {{dataset: string}} props */
+function OtherBins({ dataset }) {
+  const { value } = useLoaded((signal) => get("/api/v1/datasets/{dataset}/stats", { path: { dataset }, signal }), [dataset]);
+  const left = BINS.filter((bin) => bin.value !== "ask" && value?.bins?.[bin.value]);
+  if (left.length === 0) return null;
+  return html`<p>The other boxes need no answer. You can look at them, and answer all of a kind at once:</p>
+    <ul class="bins">
+      ${left.map((bin) => html`<li key=${bin.value}><a href=${linkTo("grid", { dataset }, { bin: bin.value, review: "undecided" })}><b class="num">${countText(value?.bins?.[bin.value] ?? 0)}</b> ${bin.left}</a></li>`)}
+    </ul>`;
 }
 
 const NoBoxesYet = () => html`<div class="queue__message"><${Notice} icon="grid" title="No boxes yet"><p>No frames have been uploaded to this dataset.</p><//></div>`;

@@ -2,12 +2,12 @@
 // A review session in the queue: its boxes, position, counts and pace. It is kept for a while when another view is
 // opened.
 
-import { answerOf, isUnanswered } from "../boxes/box.js";
+import { answerOf, isUnanswered, seenRevision } from "../boxes/box.js";
 import { listedOf, selectionOf } from "../boxes/filters.js";
 import { REASONS } from "../boxes/wording.js";
 import { ApiError, get, post } from "../core/api.js";
 import { createValue } from "../core/observable.js";
-import { EMPTY, afterAnswer, afterUndo, compared, extended, lookedAt, upcoming } from "./line.js";
+import { EMPTY, afterAnswer, afterUndo, compared, currentOf, extended, lookedAt, movedTo, nextOpen, upcoming } from "./line.js";
 
 /** @typedef {import("../boxes/box.js").Answer} Answer */
 /** @typedef {import("../review/answers.js").ReviewApp} App */
@@ -24,16 +24,26 @@ import { EMPTY, afterAnswer, afterUndo, compared, extended, lookedAt, upcoming }
 /** @typedef {{state: "loading" | "ready" | "error", error: Error | null, isEnd: boolean}} Supply */
 
 export const ORDERS = /** @type {const} */ ([
-  { value: "doubt", text: "Doubtful", title: "Boxes with too few pixels to be certain, then the smallest margins" },
-  { value: "random", text: "Random", title: "A fair sample" },
+  { value: "doubt", text: "Doubtful", title: "Where an answer is worth most: the filter is likely wrong, and an eye can decide" },
+  { value: "random", text: "Random", title: "A fair sample: how good the filter is can be told from these alone" },
   { value: "class", text: "By class", title: "One class after the other" },
-  { value: "audit", text: "Audit", title: "Look again at what people have answered" },
+  { value: "audit", text: "Audit", title: "Look again at what others have answered" },
 ]);
 
 /** All reasons except those of boxes outside the image or without an area, which nobody can judge by eye. */
 const LOOKABLE = Object.keys(REASONS)
   .filter((reason) => reason !== "outside_image" && reason !== "degenerate")
   .join(",");
+
+/**
+ * Whether the queue has only the boxes to review, as long as no filter says otherwise. A random sample and an audit have
+ * all that can be seen.
+ * @param {import("../core/router.js").Query} query
+ */
+export function hasOnlyDoubts(query) {
+  const order = orderOf(query);
+  return (order === "doubt" || order === "class") && !query.bin && !query.review && query.conflict !== "true";
+}
 
 /**
  * @typedef {object} Past  what a person has done in a session
@@ -85,7 +95,7 @@ function createQueueSession(app, dataset, query, past = NO_PAST) {
   function toExclude(waiting) {
     const { verdicts } = tally.get();
     const { review, conflict } = selectionOf(query);
-    const keepsAnswered = order === "audit" || review !== undefined || conflict !== undefined;
+    const keepsAnswered = order !== "audit" && (review !== undefined || conflict !== undefined);
     const isGone = (/** @type {number} */ id) => !keepsAnswered && !waiting.has(id) && ["keep", "reject"].includes(verdicts.get(id) ?? "");
     const { ids } = line.get();
     return [...new Set([...ids.filter(isGone), ...ids.filter((id) => !isGone(id)), ...waiting])].slice(-MOST_EXCLUDED);
@@ -95,10 +105,11 @@ function createQueueSession(app, dataset, query, past = NO_PAST) {
   async function ask(limit) {
     isAsking = true;
     supply.set({ ...supply.get(), state: "loading", error: null });
-    const waiting = app.sender.state.get().waiting;
+    const { waiting: single, waitingInBulk } = app.sender.state.get();
+    const waiting = new Set([...single, ...[...tally.get().verdicts.keys()].filter((id) => waitingInBulk.has(id))]);
     const before = new Set([...tally.get().verdicts.keys()].filter((id) => !waiting.has(id)));
     const exclude = toExclude(waiting);
-    const filters = { reason: LOOKABLE, ...selectionOf(query) };
+    const filters = { ...(hasOnlyDoubts(query) ? { bin: /** @type {const} */ ("ask") } : { reason: LOOKABLE }), ...selectionOf(query) };
     const fromQueue = () =>
       post("/api/v1/datasets/{dataset}/queue", { path: { dataset }, body: { order, filters, limit, exclude } });
     const coming = listed.length > 0 ? listedBoxes(listed) : fromQueue();
@@ -114,12 +125,16 @@ function createQueueSession(app, dataset, query, past = NO_PAST) {
   function receive({ items, remaining, unsure, claimed_by_others: elsewhere }, before) {
     const known = line.get().ids.length;
     line.set(extended(line.get(), take(items)));
-    // `remaining` may count boxes that were answered after the request, or not: it is known within `least` and
-    // `remaining`, and what the page has counted down itself is kept if it lies between them.
-    const since = order === "audit" ? 0 : [...tally.get().verdicts.keys()].filter((id) => !before.has(id)).length;
-    const least = Math.max(0, remaining - since);
-    const left = Math.min(Math.max(counts.get().left ?? least, least), remaining);
-    counts.set({ left, unsure, elsewhere });
+    // The server's counts may have boxes that were answered after the request, or not. What the page has counted itself
+    // is kept if it lies within these limits.
+    const later = [...tally.get().verdicts].filter(([id]) => !before.has(id));
+    const flagged = later.filter(([, verdict]) => verdict === "unsure").length;
+    const mine = counts.get();
+    counts.set({
+      left: within(mine.left ?? 0, remaining - later.length, remaining),
+      unsure: within(mine.unsure, unsure - (later.length - flagged), unsure + flagged),
+      elsewhere,
+    });
     const hasNew = line.get().ids.length > known;
     supply.set({ state: "ready", error: null, isEnd: !hasNew || listed.length > 0 });
   }
@@ -134,11 +149,24 @@ function createQueueSession(app, dataset, query, past = NO_PAST) {
     return ids;
   }
 
-  /** @param {number} by */
-  function countDown(by) {
-    const { left, ...rest } = counts.get();
-    if (left !== null && order !== "audit") counts.set({ ...rest, left: Math.max(0, left + by) });
+  /** The answer that counts: in an audit, the person's own of this session. @param {Decision} box */
+  const counted = (box) => (order === "audit" ? (tally.get().verdicts.get(box.box_id) ?? null) : answerOf(box));
+
+  /**
+   * Count a box that had one answer and has another now; null: none.
+   * @param {Answer | null} from @param {Answer | null} to
+   */
+  function recount(from, to) {
+    const { left, unsure, ...rest } = counts.get();
+    if (left === null) return;
+    /** @param {Answer | null} answer */
+    const moved = (answer) => Number(to === answer) - Number(from === answer);
+    const flagged = order === "audit" ? 0 : moved("unsure");
+    counts.set({ ...rest, left: Math.max(0, left + moved(null)), unsure: Math.max(0, unsure + flagged) });
   }
+
+  /** Whether the counts of this queue are of boxes like this one. @param {Decision} box */
+  const isCounted = (box) => !hasOnlyDoubts(query) || box.bin === "ask";
 
   return {
     dataset,
@@ -158,23 +186,69 @@ function createQueueSession(app, dataset, query, past = NO_PAST) {
       void refill();
     },
 
+    /** Show a box, which need not be of the queue, before the others. @param {number} id */
+    async showBox(id) {
+      if (!line.get().ids.includes(id)) take([await boxOf(id)]);
+      const { ids, at } = line.get();
+      line.set(movedTo(ids.includes(id) ? line.get() : { ...line.get(), ids: ids.toSpliced(at, 0, id) }, id));
+    },
+
     /**
      * Answer the current box, and go on to the next.
      * @param {Decision} box @param {Answer} verdict @param {string} comment
-     * @param {boolean} isBlindly  the person did not see the filter's verdict
+     * @param {{lookedMs: number | null, isBlindly: boolean}} look  `isBlindly`: the person did not see the filter's verdict
      * @returns {boolean} false: there is no room for it
      */
-    answer(box, verdict, comment, isBlindly) {
+    answer(box, verdict, comment, { lookedMs, isBlindly }) {
       const comparison = isBlindly ? compared(box, verdict) : null;
-      const isFirst = !tally.get().verdicts.has(box.box_id);
-      if (!app.answer(box.box_id, verdict, comment)) return false;
+      const before = counted(box);
+      if (!app.answer(box.box_id, verdict, comment, lookedMs)) return false;
       entries.push({ boxId: box.box_id, isComment: false });
       if (comparison) comparisons.set([...comparisons.get(), comparison]);
       const { times, verdicts } = tally.get();
       tally.set({ times: [...times, Date.now()], verdicts: new Map([...verdicts, [box.box_id, verdict]]) });
-      if (isFirst) countDown(-1);
+      recount(before, verdict);
       this.show(afterAnswer(line.get(), box.box_id));
       return true;
+    },
+
+    /** The answer that was given last in this session, of those in force. @returns {{boxId: number, verdict: Answer} | null} */
+    lastAnswer() {
+      const [boxId, verdict] = [...tally.get().verdicts].at(-1) ?? [];
+      return boxId && verdict ? { boxId, verdict } : null;
+    },
+
+    /**
+     * Give many boxes the same answer, which one undo takes back.
+     * @param {readonly Decision[]} chosen @param {Answer} verdict
+     * @returns {boolean} false: there is no room for it
+     */
+    answerMany(chosen, verdict) {
+      const ids = take(chosen);
+      const before = boxes.all(ids);
+      const revisions = new Map(before.map((box) => [box.box_id, seenRevision(box)]));
+      if (!app.bulkAnswers.answer(dataset, verdict, ids, revisions)) return false;
+      const { times, verdicts } = tally.get();
+      for (const box of before) if (isCounted(box)) recount(counted(box), verdict);
+      tally.set({ times, verdicts: new Map([...verdicts, ...ids.map((id) => /** @type {const} */ ([id, verdict]))]) });
+      const done = { ...line.get(), answered: new Set([...line.get().answered, ...ids]) };
+      this.show(ids.includes(currentOf(done) ?? 0) ? nextOpen(done) : done);
+      return true;
+    },
+
+    /** The answer on many boxes was undone. @param {readonly number[]} ids */
+    manyUndone(ids) {
+      const verdicts = new Map(tally.get().verdicts);
+      for (const id of ids) {
+        const given = verdicts.get(id);
+        const box = boxes.get(id);
+        if (given && verdicts.delete(id) && box && isCounted(box)) recount(given, counted(box));
+      }
+      tally.set({ ...tally.get(), verdicts });
+      const gone = new Set(ids);
+      const back = line.get().ids.find((id) => gone.has(id));
+      const next = { ...line.get(), answered: new Set([...line.get().answered].filter((id) => !gone.has(id))) };
+      line.set(back === undefined ? next : movedTo(next, back));
     },
 
     /**
@@ -197,10 +271,11 @@ function createQueueSession(app, dataset, query, past = NO_PAST) {
       releases.push(boxes.hold([id]));
       comparisons.set(comparisons.get().filter(({ boxId }) => boxId !== id));
       const verdicts = new Map(tally.get().verdicts);
-      const isCounted = verdicts.delete(id);
-      if (isCounted && before) verdicts.set(id, before);
-      else if (isCounted) countDown(1);
+      const given = verdicts.get(id);
+      verdicts.delete(id);
+      if (given && before) verdicts.set(id, before);
       tally.set({ times: tally.get().times.slice(0, undone?.isComment ? undefined : -1), verdicts });
+      if (given) recount(given, counted(box));
       line.set(afterUndo(line.get(), id));
     },
 
@@ -268,6 +343,9 @@ export function keepSession(app, now) {
   const last = sessions.get(app);
   if (last) last.shownAt = now === "shown" ? Infinity : Date.now();
 }
+
+/** The number, or the limit that is nearest to it; none is below 0. @param {number} number @param {number} least @param {number} most */
+const within = (number, least, most) => Math.min(Math.max(number, least, 0), Math.max(most, 0));
 
 /** @param {number} id */
 const boxOf = (id) => get("/api/v1/boxes/{box_id}", { path: { box_id: id } });

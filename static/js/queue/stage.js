@@ -4,11 +4,13 @@
 import { isWithheld } from "../boxes/box.js";
 import { useBoxes } from "../boxes/store.js";
 import { spokenText } from "../boxes/wording.js";
-import { useLazy, useValue } from "../core/hooks.js";
+import { useLazy, useRetries, useValue } from "../core/hooks.js";
 import { html, useLayoutEffect, useMemo, useRef } from "../core/html.js";
 import { Toggle, useKeyText, withKey } from "../core/keymap.js";
 import { Failure } from "../core/parts.js";
+import { hiderOf } from "../stage/geometry.js";
 import { LookBar, StageView } from "../stage/view.js";
+import { Layers, Question, layersOf } from "./question.js";
 
 /** @typedef {import("../core/app.js").Actions} Actions */
 /** @typedef {import("../review/answers.js").ReviewApp} App */
@@ -20,10 +22,10 @@ const NONE = [];
 
 /**
  * @param {{app: App, box: Decision, see: (box: Decision) => Decision, media: import("../stage/media.js").Media, view: import("../core/observable.js").Value<"crop" | "frame">,
- *   actions: Actions, stageRef: {current: import("../stage/stage.js").Stage | null}}} props
- *   `box`: withheld until it is answered in a blind review; then its frame's other boxes are not shown either; `see`: what may be shown of those
+ *   actions: Actions, stageRef: {current: import("../stage/stage.js").Stage | null}, rule: string, offset: number, strip: unknown}} props
+ *   `offset`: how many frames later than the asked one the box is; `strip`: shown below the question; `box`: withheld until it is answered in a blind review; then its frame's other boxes are not shown either; `see`: what may be shown of those
  */
-export function QueueStage({ app, box, see, media, view, actions, stageRef }) {
+export function QueueStage({ app, box, see, media, view, actions, stageRef, rule, offset, strip }) {
   const mode = useValue(view);
   const isBlind = isWithheld(box);
   const { value: frame = null, error, retry } = useLazy(media.frame);
@@ -34,13 +36,20 @@ export function QueueStage({ app, box, see, media, view, actions, stageRef }) {
     const others = mode === "frame" && !isBlind ? inFrame.filter(({ box_id, frame_id }) => box_id !== box.box_id && frame_id === box.frame_id) : [];
     return [...others.map(see), box];
   }, [inFrame, mode, box, see]);
+  // Neither the verdicts nor the places of other boxes are shown in a blind review.
+  const hider = useMemo(() => (frame && !isBlind ? hiderOf(app.boxes.all(frame.boxIds), box) : null), [frame, isBlind, box]);
   useMeasure(box.box_id, frame !== null && (!frame.has_image || picture !== null || noPicture !== null));
+  useRetries(error, retry, box.frame_id);
   if (error) return html`<div class="stage__note queue__note"><${Failure} error=${error} onRetry=${retry} /></div>`;
-  return html`<${StageView} app=${app} frame=${frame} media=${media} boxes=${boxes} selected=${box} isCrop=${mode === "crop"} isDim=${mode === "crop"} scene=${box.box_id}
+  const layers = mode === "crop" && box.xyxy ? layersOf(frame).length : 0;
+  return html`<${Question} box=${box} frame=${frame} hider=${hider} rule=${rule} offset=${offset} />${strip}
+  <div class="queue__picture" data-layers=${layers || undefined}>
+  ${layers > 0 && frame && html`<${Layers} box=${box} frame=${frame} hider=${hider} />`}
+  <${StageView} app=${app} frame=${frame} media=${media} boxes=${boxes} selected=${box} isCrop=${mode === "crop"} hider=${hider?.box} scene=${box.box_id}
     label=${`Box: ${isBlind ? `${box.class} ${box.id}` : spokenText(box)}`} onCrop=${() => view.set(view.get() === "crop" ? "frame" : "crop")} stageRef=${stageRef}>
     ${frame && html`<${Minimap} app=${app} frame=${frame} picture=${picture} box=${box} mode=${mode} onClick=${actions.crop} />`}
     ${frame && html`<${QueueLook} app=${app} frame=${frame} mode=${mode} isBlind=${isBlind} actions=${actions} />`}
-  <//>`;
+  <//></div>`;
 }
 
 /** @param {{app: App, frame: Frame, mode: string, isBlind: boolean, actions: Actions}} props */

@@ -15,6 +15,10 @@ import { createSender } from "./sender.js";
 /** @typedef {import("../boxes/store.js").Boxes} Boxes */
 /** @typedef {import("./outbox.js").SingleAnswer} SingleAnswer */
 
+/** So many answers within two seconds are faster than people look. */
+const STREAK = 12;
+const STREAK_MS = 2000;
+
 /**
  * Answers, for the whole page: giving and undoing them, those not saved yet, and those overtaken.
  * @param {import("../core/app.js").App} app @param {Boxes} boxes @param {Storage} storage
@@ -28,6 +32,18 @@ export function createAnswers(app, boxes, storage, { tab, openTabs }) {
   const steps = createSteps(boxes);
   /** Answers that were not saved because somebody else had answered first, by box. */
   const overtaken = createValue(/** @type {ReadonlyMap<number, SingleAnswer>} */ (new Map()));
+  /** The boxes of a streak that the person is asked about: undefined before the only time, null after it. */
+  const streak = createValue(/** @type {readonly number[] | null | undefined} */ (undefined));
+  /** @type {{boxId: number, at: number}[]} */
+  const recent = [];
+
+  /** @param {number} boxId */
+  function noteForStreak(boxId) {
+    if (recent.push({ boxId, at: performance.now() }) > STREAK) recent.shift();
+    const [first] = recent;
+    const isStreak = first && recent.length === STREAK && performance.now() - first.at <= STREAK_MS;
+    if (isStreak && streak.get() === undefined) streak.set(recent.map(({ boxId: id }) => id));
+  }
 
   /** The person has seen who answered first, or has answered again. @param {number} boxId */
   function closeOvertaken(boxId) {
@@ -43,15 +59,18 @@ export function createAnswers(app, boxes, storage, { tab, openTabs }) {
 
   /**
    * An answer on one box, shown at once and sent when that is possible.
-   * @param {number} boxId @param {Answer} verdict @param {string} [comment] @returns {boolean} false: it was not given
+   * @param {number} boxId @param {Answer} verdict @param {string} [comment]
+   * @param {number | null} [lookedMs]  for how long the person had the box and its picture on the screen
+   * @returns {boolean} false: it was not given
    */
-  function answer(boxId, verdict, comment = "") {
+  function answer(boxId, verdict, comment = "", lookedMs = null) {
     const box = boxes.get(boxId);
     if (!box) return false;
     const before = [currentAnswer(box)];
     boxes.keepRevisions([boxId]); // so that a late response with an older revision is dropped
-    const given = sender.addAnswer(answerOn(box, { verdict, comment }));
+    const given = sender.addAnswer({ ...answerOn(box, { verdict, comment }), lookedMs });
     if (!given) return false;
+    noteForStreak(boxId);
     steps.push({ before, dataset: app.topBar.get().dataset, given });
     closeOvertaken(boxId);
     return true;
@@ -63,11 +82,15 @@ export function createAnswers(app, boxes, storage, { tab, openTabs }) {
    * Undo what this person did last.
    * @param {(box: Decision, dataset: string) => void} show  the box whose answer it was, and its dataset; not called
    *   for a bulk answer
+   * @param {(boxIds: readonly number[]) => void} [showMany]  the boxes of a bulk answer, as far as they are known
    */
-  function undo(show) {
+  function undo(show, showMany = () => {}) {
     const step = steps.last();
     if (!step) return void toasts.show("Nothing to undo.");
-    if (!step.given) return bulkAnswers.undo(step);
+    if (!step.given) {
+      bulkAnswers.undo(step);
+      return showMany(step.before.map(({ boxId }) => boxId));
+    }
     const [before] = step.before;
     const box = before && boxes.get(before.boxId);
     if (!box) return steps.drop(step);
@@ -162,6 +185,7 @@ export function createAnswers(app, boxes, storage, { tab, openTabs }) {
     sender,
     bulkAnswers,
     overtaken,
+    streak,
     answer,
     undo,
     resume,

@@ -2,11 +2,12 @@
 // The boxes of a frame as a list, with filters.
 
 import { FilterMenus, VERDICT_CHOICES, VerdictFilter } from "../boxes/filter_bar.js";
-import { countsBy, withoutFrameFilters } from "../boxes/filters.js";
+import { LIST_ORDERS, countsBy, withoutFrameFilters } from "../boxes/filters.js";
 import { AnswerSign, StrokeSwatch } from "../boxes/signs.js";
 import { matchText, reasonText } from "../boxes/wording.js";
 import { Component, html, useEffect, useRef } from "../core/html.js";
 import { countOf, countText } from "../core/numbers.js";
+import { Select } from "../core/parts.js";
 
 /** @typedef {import("../boxes/box.js").Decision} Decision */
 /** @typedef {import("../core/router.js").Query} Query */
@@ -53,7 +54,8 @@ function Filters({ boxes, query, onQuery }) {
   const own = { reason: { choices: counted(countsBy(boxes, "reason"), reasonText) }, class: { choices: counted(countsBy(boxes, "class"), String) } };
   return html`<div class="panel__filters" role="search" aria-label="Filter boxes">
     <${VerdictFilter} query=${query} choices=${choices} onChange=${onQuery} />
-    <div class="panel__selects"><${FilterMenus} query=${query} own=${own} onChange=${onQuery} /></div>
+    <div class="panel__selects"><${FilterMenus} query=${query} own=${own} onChange=${onQuery} />
+      <${Select} label="Order" any="As they came in" value=${query.by ?? ""} choices=${LIST_ORDERS} onChange=${(/** @type {string} */ by) => onQuery({ ...query, by })} /></div>
   </div>`;
 }
 

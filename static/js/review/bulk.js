@@ -3,7 +3,8 @@
 // Like answers on one box, they go through the outbox, and sender.js sends them.
 
 import { currentAnswer, seenRevision, withAnswer } from "../boxes/box.js";
-import { countOf } from "../core/numbers.js";
+import { countLookedAt } from "../boxes/crops.js";
+import { countOf, countText } from "../core/numbers.js";
 import { createValue } from "../core/observable.js";
 import { linkTo } from "../core/router.js";
 import { randomId } from "../core/tab.js";
@@ -114,7 +115,7 @@ export function createBulkAnswers({ toasts, router }, { boxes, sender, steps }) 
    */
   function answerBoxes(dataset, verdict, boxIds, revisions) {
     const seenRevisions = boxIds.map((id) => revisions.get(id) ?? 0);
-    return answer({ dataset, verdict, boxIds: [...boxIds], seenRevisions, count: boxIds.length });
+    return answer({ dataset, verdict, boxIds: [...boxIds], seenRevisions, count: boxIds.length, lookedAt: countLookedAt(boxIds) });
   }
 
   /**
@@ -137,9 +138,9 @@ export function createBulkAnswers({ toasts, router }, { boxes, sender, steps }) 
   }
 
   sender.observe({
-    onBulkStored(bulk, { id, skipped, stale }) {
+    onBulkStored(bulk, { id, count, skipped, stale }) {
       const { key, verdict, boxIds = [], seenRevisions } = bulk;
-      const leftOut = [...stale, ...skipped];
+      const leftOut = count ? [...stale, ...skipped] : boxIds;
       const left = new Set(leftOut);
       const step = undoing.get(key) ?? steps.ofBulkAnswer(key) ?? pushStep(bulk, key);
       step.batchId = id;
@@ -147,9 +148,16 @@ export function createBulkAnswers({ toasts, router }, { boxes, sender, steps }) 
       receive(boxIds, () => ({ verdict, comment: "" }), seenRevisions, leftOut);
       if (bulk.filter) boxes.reload();
       void boxes.loadAgain(stale);
-      const offer = undoing.has(key) ? undefined : { text: "Undo", run: () => steps.ofBulkAnswer(key) && undo(step) };
-      const count = countOf(bulk.count - leftOut.length, "box", "boxes");
-      offers.set(key, toasts.show(`${count} ${DONE[verdict]}`, { action: offer }));
+      if (count) {
+        const offer = undoing.has(key) ? undefined : { text: "Undo", run: () => steps.ofBulkAnswer(key) && undo(step) };
+        const isPartly = typeof bulk.lookedAt === "number" && bulk.lookedAt < count;
+        const looked = isPartly ? `, ${countText(bulk.lookedAt ?? 0)} of them looked at` : "";
+        const done = `${countOf(count, "box", "boxes")} ${DONE[verdict]}${looked}`;
+        offers.set(key, toasts.show(done, { action: offer }));
+      } else {
+        steps.drop(step);
+        toasts.show("No answer has changed.");
+      }
       report.set(reportOf(bulk.dataset, stale, skipped));
     },
 
@@ -192,10 +200,11 @@ export function createBulkAnswers({ toasts, router }, { boxes, sender, steps }) 
     /**
      * One answer on all boxes that a filter selected when the list was read.
      * @param {string} dataset @param {Answer} verdict @param {import("./outbox.js").Filter} filter
-     * @param {{total: number, snapshot: string}} list
+     * @param {{total: number, snapshot: string, knownIds?: readonly number[]}} list  `knownIds`: of its boxes, those that the page
+     *   has loaded
      */
-    answerAll: (dataset, verdict, filter, { total, snapshot }) =>
-      answer({ dataset, verdict, filter, snapshot, count: total }),
+    answerAll: (dataset, verdict, filter, { total, snapshot, knownIds }) =>
+      answer({ dataset, verdict, filter, snapshot, count: total, lookedAt: knownIds && Math.min(countLookedAt(knownIds), total) }),
   };
 }
 

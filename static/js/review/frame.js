@@ -2,9 +2,10 @@
 // The view of one frame: the stage in the middle, the list of boxes on the left, the selected box on the right.
 
 import { asShown, isUnanswered } from "../boxes/box.js";
-import { cycleVerdict, filtersOf, isShown, neighbour, nextUnanswered, shownBoxes } from "../boxes/filters.js";
+import { cycleVerdict, filtersOf, inListOrder, isShown, neighbour, nextUnanswered, shownBoxes } from "../boxes/filters.js";
 import { useAsShown, useBoxes } from "../boxes/store.js";
-import { spokenText } from "../boxes/wording.js";
+import { isFar, spokenText } from "../boxes/wording.js";
+import { get } from "../core/api.js";
 import { useActions, useLoaded, useTopBar, useValue } from "../core/hooks.js";
 import { html, useEffect, useMemo, useRef, useState } from "../core/html.js";
 import { Icon } from "../core/icons.js";
@@ -16,7 +17,7 @@ import { useMedia } from "../stage/media.js";
 import { LookBar, StageView, createLookActions } from "../stage/view.js";
 import { AnswerBar } from "./answer_bar.js";
 import { BoxList } from "./boxlist.js";
-import { Inspector, forgetTyped, typedComment } from "./inspector.js";
+import { Inspector, NOT_PAINTED, forgetTyped, typedComment } from "./inspector.js";
 
 /** @typedef {import("../boxes/box.js").Answer} Answer */
 /** @typedef {import("./answers.js").ReviewApp} App */
@@ -57,7 +58,8 @@ function FrameReview({ app, frame, media, query }) {
   const stage = useRef(/** @type {import("../stage/stage.js").Stage | null} */ (null));
   const comment = useRef(/** @type {HTMLTextAreaElement | null} */ (null));
   const [tab, setTab] = useState("box");
-  const ids = useMemo(() => visibleFirst(app.boxes.all(frame.boxIds)), [app, frame]);
+  const { panels } = useValue(app.prefs);
+  const ids = useMemo(() => inListOrder(app.boxes.all(frame.boxIds), query.by).map(({ box_id }) => box_id), [app, frame, query.by]);
   const actions = useMemo(() => {
     const openComment = () => {
       // At once, or the next keys would still be shortcuts. Again only if the panel was hidden:
@@ -74,6 +76,7 @@ function FrameReview({ app, frame, media, query }) {
     if (frame.next_id !== null) media.fetchAhead(frame.next_id);
   }, [media, frame]);
   useArrival(app, actions, query);
+  useFollowing(app, frame, query);
 
   const current = useBoxes(app.boxes, ids);
   const boxes = useAsShown(app, current);
@@ -85,7 +88,7 @@ function FrameReview({ app, frame, media, query }) {
   );
   const selected = boxes.find(({ box_id }) => box_id === Number(query.box)) ?? null;
 
-  return html`<main id="main" class="review" tabindex="-1" data-tab=${tab}>
+  return html`<main id="main" class="review" tabindex="-1" data-tab=${tab} data-panels=${panels ? undefined : "off"}>
       <h1 class="sr-only">${frame.key}</h1>
       <${Tabs} tab=${tab} count=${shown.length} onChange=${setTab} />
       <${BoxList} app=${app} boxes=${boxes} shown=${shown} selected=${selected} query=${query} waiting=${waiting}
@@ -115,8 +118,9 @@ function FrameStage({ app, frame, media, shown, selected, onSelect, stageRef }) 
 
 /** @param {{app: App, frame: Frame, actions: import("../core/app.js").Actions}} props */
 function FrameLook({ app, frame, actions }) {
-  const { mask, opacity, lit, edges, blind, crop } = useValue(app.prefs);
-  const hasEdges = app.boxes.all(frame.boxIds).some((box) => box.edges?.length);
+  const { mask, opacity, lit, edges, blind, crop, far } = useValue(app.prefs);
+  const boxes = app.boxes.all(frame.boxIds);
+  const hasEdges = boxes.some((box) => box.edges?.length);
   /** @param {{currentTarget: HTMLInputElement}} event */
   const setOpacity = ({ currentTarget }) => app.prefs.change({ opacity: Number(currentTarget.value), mask: true });
   return html`<${LookBar} app=${app} actions=${actions} isCrop=${crop} hasZoomText=${true}>
@@ -125,19 +129,43 @@ function FrameLook({ app, frame, actions }) {
       <input class="slider" type="range" min="0.1" max="1" step="0.05" value=${opacity} aria-label="Segmentation opacity" onInput=${setOpacity} />
       <${Toggle} app=${app} action="lit" icon="light" isOn=${lit} run=${actions.lit} />`}
     ${hasEdges && html`<${Toggle} app=${app} action="edges" icon="cube" isOn=${edges} run=${actions.edges} />`}
+    ${boxes.some(isFar) && html`<span class="bar__wide"><${Toggle} app=${app} action="far" icon="far" isOn=${far} run=${actions.far} /></span>`}
     <${Toggle} app=${app} action="blind" icon="blind" isOn=${blind} run=${actions.blind} />
     <span class="bar__rule" aria-hidden="true"></span>
   <//>`;
 }
 
-/** The ids in the order of the upload, but boxes outside the image come last. @param {readonly Decision[]} boxes */
-const visibleFirst = (boxes) => [...boxes.filter((box) => box.xyxy), ...boxes.filter((box) => !box.xyxy)].map(({ box_id }) => box_id);
 
 /** The address may ask for the first, last or next unanswered box: select it, and put its id into the address. @param {App} app @param {FrameActions} actions @param {import("../core/router.js").Query} query */
 function useArrival(app, actions, query) {
   useEffect(() => {
     if (query.box && !Number(query.box)) actions.select(actions.resolve(query.box));
   }, [actions]);
+}
+
+const FOLLOW_MS = 500;
+
+/** If the address says `follow`, the newest frame of the dataset is shown as soon as it is there. @param {App} app @param {Frame} frame
+ * @param {import("../core/router.js").Query} query */
+function useFollowing(app, frame, query) {
+  const isOn = Boolean(query.follow);
+  useEffect(() => {
+    if (!isOn) return undefined;
+    const stopped = new AbortController();
+    const path = { dataset: frame.dataset };
+    const { signal } = stopped;
+    const look = async () => {
+      const { items } = await get("/api/v1/datasets/{dataset}/frames", { path, query: { sort: "-id", limit: 1 }, signal });
+      const id = items[0]?.id ?? frame.id;
+      const { query: now } = app.router.route.get();
+      if (id !== frame.id && now.follow) app.router.replace(linkTo("frame", { id }, { ...now, box: "" }));
+    };
+    const timer = setInterval(() => look().catch(() => {}), FOLLOW_MS); // the next look may find the server again
+    return () => {
+      clearInterval(timer);
+      stopped.abort();
+    };
+  }, [app, frame, isOn]);
 }
 
 /** Tabs that switch between list and box on a narrow screen. @param {{tab: string, count: number, onChange: (tab: string) => void}} props */
@@ -184,9 +212,14 @@ export function createFrameActions(app, frame, ids, page) {
       app.toasts.show("Select a box first.");
       return false;
     }
+    const lookedMs = page.stage()?.lookedMs(box.box_id) ?? null;
+    if (verdict !== "unsure" && comment === undefined && lookedMs === null) {
+      app.toasts.show(NOT_PAINTED);
+      return false;
+    }
     const words = comment ?? typedComment(box.box_id) ?? box.review?.comment ?? "";
     if (box.review?.verdict === verdict && (box.review.comment ?? "") === words) return true;
-    if (!app.answer(box.box_id, verdict, words)) return false;
+    if (!app.answer(box.box_id, verdict, words, lookedMs)) return false;
     forgetTyped(box.box_id);
     app.announcement.set(`${box.class} ${box.id}: ${verdict}`);
     return true;
@@ -269,6 +302,8 @@ export function createFrameActions(app, frame, ids, page) {
 /** @param {{frame: Frame, query: import("../core/router.js").Query}} props */
 function FrameSteps({ frame, query }) {
   return html`<div class="framesteps" role="group" aria-label="Frames">
+    ${query.follow &&
+    html`<a class="button button--small" href=${linkTo("frame", { id: frame.id }, { ...query, follow: "" })}>Following the newest: stop</a>`}
     <${Step} id=${frame.previous_id} query=${query} icon="left" text="Previous frame" />
     <${Step} id=${frame.next_id} query=${query} icon="right" text="Next frame" />
   </div>`;

@@ -3,13 +3,13 @@
 
 import { answerOf, isUnanswered, isWithheld, seenRevision } from "../boxes/box.js";
 import { ANSWER_ICONS, AnswerSign, StrokeSwatch, VerdictBadge } from "../boxes/signs.js";
-import { ANSWER_TEXT, acceptedText, evidenceText, isByShare, labelText, matchText, reasonText } from "../boxes/wording.js";
+import { ANSWER_TEXT, acceptedText, distanceText, evidenceText, isByShare, labelText, matchText, reasonText } from "../boxes/wording.js";
 import { get } from "../core/api.js";
 import { useNewest, useValue } from "../core/hooks.js";
 import { html, useEffect, useMemo, useState } from "../core/html.js";
 import { Icon } from "../core/icons.js";
 import { Keys, useKeys } from "../core/keymap.js";
-import { agoText, countOf, countText, exactPercentText, metresText, percentText, unbroken } from "../core/numbers.js";
+import { agoText, countOf, countText, exactPercentText, percentText, unbroken } from "../core/numbers.js";
 import { FailureLine, MiddleCut } from "../core/parts.js";
 import { linkTo } from "../core/router.js";
 import { overlapping } from "../stage/geometry.js";
@@ -19,6 +19,10 @@ import { OvertakenNotice } from "./answer_bar.js";
 /** @typedef {import("../boxes/box.js").Decision} Decision */
 /** @typedef {import("../stage/media.js").Frame} Frame */
 /** @typedef {import("../core/openapi.js").HistoryEntry} HistoryEntry */
+
+/** Said in place of an answer by somebody who cannot have seen the box. */
+export const NOT_PAINTED =
+  "Nothing was saved: the picture of this box is not on the screen yet. Unsure can be answered without it.";
 
 /**
  * @param {{app: App, frame: Frame | null, box: Decision | null, boxes: readonly Decision[], isWaiting: boolean,
@@ -51,6 +55,7 @@ function BoxDetails({ app, frame, box, boxes, isWaiting, actions, commentRef }) 
     ${mine && html`<${OvertakenNotice} app=${app} box=${box} item=${mine} />`}
     <${AnswerLine} box=${box} isWaiting=${isWaiting} />
     <p class="inspector__sentence">${isWithheld(box) ? "Blind re-check: the filter's verdict is shown once you have answered." : unbroken(box.explanation || labelText(box))}</p>
+    ${box.question && html`<p class="inspector__question"><${Icon} name="question" />To review: ${unbroken(box.question)}.</p>`}
     <${MatchBar} box=${box} />
     <${HiddenBy} box=${box} />
     <${Comment} box=${box} onSave=${saveComment} fieldRef=${commentRef} />
@@ -125,6 +130,8 @@ function FrameDetails({ app, frame, boxes, onStart }) {
   const facts = [
     ["Size", frame.width && frame.height ? `${frame.width} × ${frame.height}` : "unknown"],
     ["Map", frame.map],
+    ["Part", frame.split ?? null],
+    ["Sequence", frame.sequence ?? null],
     ["CARLA", frame.carla_version],
     ["Segmentation", segmentation ? `${segmentation.palette}, ${segmentation.encoding}, ${segmentation.channel_order}${segmentation.lossy ? ", lossy" : ""}` : "none"],
     ["Revision", frame.revision > 1 ? String(frame.revision) : null],
@@ -221,11 +228,18 @@ function textOfReview({ verdict, undoes }) {
   return verdict === "clear" ? "undid the answer" : `undid an answer, ${verdict} again`;
 }
 
+/** A look that is shorter is said with the answer. */
+const HURRIED_MS = 250;
+
 /** @param {{item: HistoryEntry}} props */
 function ReviewLine({ item }) {
   return html`<span class="sign sign--${item.verdict}"><${Icon} name=${ANSWER_ICONS[item.verdict ?? ""] ?? "question"} /></span>
     <div>
       <p><b>${item.reviewer}</b>: ${textOfReview(item)} <${TimeAgo} at=${item.at} /></p>
+      ${typeof item.looked_ms === "number" && item.looked_ms < HURRIED_MS && html`<p class="faint">after a look of ${(item.looked_ms / 1000).toFixed(2)} s</p>`}
+      ${item.batch_size && html`<p class="faint">one of ${countText(item.batch_size)} at once${typeof item.looked_at === "number" ? `, ${countText(item.looked_at)} of them looked at` : ""}</p>`}
+      ${item.imported_by && html`<p class="faint">imported by ${item.imported_by}</p>`}
+      ${item.chosen_by && html`<p class="faint">from the queue, ${item.chosen_by === "random" ? "at random" : `by ${item.chosen_by}`}</p>`}
       ${item.comment && html`<p class="history__comment">${item.comment}</p>`}
     </div>`;
 }
@@ -267,15 +281,18 @@ function Neighbours({ boxes, box, onSelect }) {
   </section>`;
 }
 
+/** Whether any tag counts for the box: pixels cannot match an unknown class. @param {Decision} box */
+const isCounted = ({ verdict, reason }) => verdict !== "unmeasured" || reason === "unknown_pixels";
+
 /** @param {Decision} box @returns {readonly (readonly [string, string | null])[]} */
 function rowsOf(box) {
   const { xyxy } = box;
   return [
-    ["Matched pixels", box.box_pixels ? `${countText(box.matched_pixels ?? 0)} of ${countText(box.box_pixels)}` : null],
+    ["Matched pixels", box.box_pixels && isCounted(box) ? `${countText(box.matched_pixels ?? 0)} of ${countText(box.box_pixels)}` : null],
     ["Margin", box.margin === null ? null : signed(box.margin)],
     ["Share of the image", percentText(box.area_percent)],
     ["Crowding", box.crowding === null ? null : percentText(box.crowding)],
-    ["Distance", box.distance === null ? null : metresText(box.distance)],
+    ["Distance", distanceText(box)],
     ["Evidence", box.evidence],
     ["Pixels taken by", box.explained_by ? `box ${box.explained_by}` : null],
     ["Rectangle", xyxy ? xyxy.map((value) => Math.round(value * 10) / 10).join(", ") : "outside the image"],

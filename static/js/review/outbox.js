@@ -35,6 +35,7 @@ import { randomId } from "../core/tab.js";
  * @property {Answer} verdict  of an undo: that of the answer which the box gets again; so is the comment
  * @property {string} comment
  * @property {number} seenRevision  the box's revision that the person saw
+ * @property {number | null} [lookedMs]  for how long the person had the box and its picture on the screen
  * @property {boolean} [attempted]  see `wasAttempted`
  * @property {number} [renewed]  how many times it was made a new answer, see `renew`
  * @property {number} [undoes]  of an undo: the revision of the answer that it undoes
@@ -61,6 +62,7 @@ import { randomId } from "../core/tab.js";
  * @property {string} [snapshot]  with `filter`: identifies the state of the list that the person saw
  * @property {number} count  of boxes
  * @property {boolean} [attempted]  see `wasAttempted`
+ * @property {number} [lookedAt]  how many of the boxes had their picture on the screen
  */
 
 /**
@@ -81,7 +83,7 @@ import { randomId } from "../core/tab.js";
 
 /** @typedef {BulkAnswer | BulkUndo} BulkItem */
 /** @typedef {SingleAnswer | BulkItem} OutboxItem */
-/** @typedef {Pick<SingleAnswer, "boxId" | "frameId" | "verdict" | "comment" | "seenRevision">} NewAnswer */
+/** @typedef {Pick<SingleAnswer, "boxId" | "frameId" | "verdict" | "comment" | "seenRevision" | "lookedMs">} NewAnswer */
 /** @typedef {Omit<BulkAnswer, "key" | "tab" | "person" | "order" | "attempted">} NewBulkAnswer */
 /** @typedef {Omit<BulkUndo, "key" | "tab" | "person" | "order">} NewBulkUndo */
 

@@ -31,9 +31,9 @@ import { countAnswers, idempotencyKey, isBulk, isBulkAnswer, isBulkUndo, isSingl
 /** @type {Requests} */
 const REQUESTS = {
   answer(item) {
-    const { boxId, verdict, comment, seenRevision: seen_revision } = item;
-    const request = { path: { box_id: boxId }, body: { verdict, comment, seen_revision }, key: idempotencyKey(item) };
-    return post("/api/v1/boxes/{box_id}/reviews", request);
+    const { boxId, verdict, comment, seenRevision: seen_revision, lookedMs: looked_ms = null } = item;
+    const body = { verdict, comment, seen_revision, looked_ms };
+    return post("/api/v1/boxes/{box_id}/reviews", { path: { box_id: boxId }, body, key: idempotencyKey(item) });
   },
 
   undo: ({ key, boxId, undoes = 0 }) =>
@@ -41,9 +41,9 @@ const REQUESTS = {
 
   history: (boxId) => get("/api/v1/boxes/{box_id}/history", { path: { box_id: boxId }, query: { limit: 1000 } }),
 
-  bulkAnswer({ key, dataset, verdict, boxIds, seenRevisions, filter, snapshot }) {
+  bulkAnswer({ key, dataset, verdict, boxIds, seenRevisions, filter, snapshot, lookedAt: looked_at = null }) {
     const boxes = boxIds ? { box_ids: boxIds, seen_revisions: seenRevisions } : { filter, snapshot };
-    return post("/api/v1/reviews/bulk", { body: { dataset, verdict, ...boxes }, key });
+    return post("/api/v1/reviews/bulk", { body: { dataset, verdict, looked_at, ...boxes }, key });
   },
 
   // The key is made from the batch, so that repeated requests undo it once.
@@ -325,7 +325,7 @@ export function createSender(outbox, requests = REQUESTS, later) {
   async function sendBulkAnswer(bulk) {
     outbox.markAttempted(bulk);
     const stored = await requests.bulkAnswer(bulk);
-    const leftOut = [...stored.stale, ...stored.skipped];
+    const leftOut = stored.count ? [...stored.stale, ...stored.skipped] : (bulk.boxIds ?? []);
     finishBulk(bulk, stored.id, leftOut);
     outbox.completeUndo(bulk, stored.id, leftOut);
     tell(({ onBulkStored }) => onBulkStored?.(bulk, stored));

@@ -6,7 +6,7 @@ import { AskField, describeApi, fieldsOf, optionsOf } from "../core/form.js";
 import { useLoaded, useNewest, useTask } from "../core/hooks.js";
 import { html, useState } from "../core/html.js";
 import { Icon } from "../core/icons.js";
-import { agoText, countOf, countText, sizeText, splitText } from "../core/numbers.js";
+import { agoText, countOf, countText, sizeText } from "../core/numbers.js";
 import { Dialog, FailureLine, useCopy, useDialog } from "../core/parts.js";
 import { Canceller, JobBar, StateBadge, isOver, percentDone, useLookAgain } from "../jobs/job.js";
 
@@ -140,16 +140,21 @@ const OPTION_WORDS = {
     allow_missing_images: "Frames without an image, too",
     rejected: "Rejected boxes",
     boxes: "Rectangle",
-    split: "Share for training",
+    split: "Shares of train, val, test",
+    split_by: "Shares of",
+    val_maps: "Maps for validation",
     bands: "Labels per distance, metres",
+    drawn: "Pictures with the boxes",
+    pictures: "Frames with pictures",
   },
   choices: {
+    split_by: { sequence: "whole sequences", map: "each map's frames, exactly" },
     include: { effective: "kept, people's answers first", kept: "kept by the filter", all: "all, rejected ones too" },
     rejected: { drop: "left out", dontcare: "marked as to be ignored" },
     boxes: { visible: "what is inside the image", amodal: "whole, beyond the image", tight: "tight around the pixels" },
     images: { copy: "copied into the archive", none: "left out, labels alone" },
   },
-  shares: { split: (share) => (share >= 1 ? "no split" : splitText(share)) },
+  hints: { split: "as they came, or 0.8, 0.1, 0.1", val_maps: "none, or Town05, Town06", bands: "none, or 50, 100, 200" },
 };
 
 /** @param {Schema} openapi @returns {ExportForm} */
@@ -174,26 +179,30 @@ export const formatText = (format, form) => form?.formats.find(({ value }) => va
 /** The options of an export that differ from the defaults. @param {Record<string, unknown>} options @param {readonly Field[]} fields  of its format */
 export function optionsText(options, fields) {
   const special = fields.filter(({ key, initial }) => key in options && JSON.stringify(options[key]) !== JSON.stringify(initial));
-  const words = special.map((field) => wordsOf(field, options[field.key]));
-  const hasUsualSplit = fields.some(({ key }) => key === "split") && !special.some(({ key }) => key === "split");
-  const split = Number(options.split);
-  return [...(hasUsualSplit && split > 0 && split < 1 ? [`split ${splitText(split)}`] : []), ...words].join(" · ");
+  return special.map((field) => wordsOf(field, options[field.key])).join(" · ");
 }
 
 /** @param {Field} field @param {unknown} value */
 function wordsOf({ key, text, choices }, value) {
-  if (key === "split") return value === 1 ? "no split" : `split ${splitText(Number(value))}`;
+  if (key === "split") return `split ${sharesOf(value).map((share) => Math.round(100 * share)).join("/")}`;
   const chosen = choices.find((choice) => choice.value === value);
   if (chosen) return `${text.toLowerCase()}: ${chosen.text}`;
   if (typeof value === "boolean") return value ? text.toLowerCase() : `not: ${text.toLowerCase()}`;
   return `${text.toLowerCase()}: ${Array.isArray(value) ? value.join(", ") : String(value)}`;
 }
 
+/**
+ * The shares of parts: of one number, as earlier versions sent it, the rest is for validation.
+ * @param {unknown} value
+ */
+function sharesOf(value) {
+  const shares = [value].flat().map(Number);
+  return shares.length === 1 ? [...shares, 1 - Number(shares[0])] : shares;
+}
+
 /** @type {readonly (readonly [string, string, string])[]} part of the manifest, its key, how it is said */
 const COUNT_LINES = [
   ["frames", "in", "frames"],
-  ["frames", "train", "to train"],
-  ["frames", "val", "to validate"],
   ["boxes", "out", "boxes written"],
   ["boxes", "dontcare", "to be ignored"],
   ["boxes", "dropped", "dropped"],
@@ -203,6 +212,37 @@ const COUNT_LINES = [
   ["unmeasured", "left_out", "unmeasured, left out with them"],
 ];
 
+/** What is counted of frames beside those of each part. */
+const NO_PARTS = ["in", "without_boxes", "without_image", "left_out"];
+
+/**
+ * The frames of each part, with its share and, if an export made the parts, its sequences.
+ * @param {Schema} counts
+ */
+function partLinesOf({ frames = {}, sequences = {} }) {
+  const parts = Object.entries(frames).filter(([name]) => !NO_PARTS.includes(name));
+  const total = parts.reduce((sum, [, count]) => sum + Number(count), 0);
+  return parts.map(([name, count]) => {
+    const drives = name in sequences ? `, ${countOf(Number(sequences[name]), "sequence")}` : "";
+    return { text: `in ${name} (${Math.round((100 * Number(count)) / total)} %${drives})`, count: Number(count) };
+  });
+}
+
+/**
+ * What the parts of an export would be, before it is made.
+ * @param {{dataset: string, shares: unknown}} props
+ */
+function PlannedParts({ dataset, shares }) {
+  const split = [shares ?? []].flat().join(",");
+  const { value, error } = useLoaded(
+    (signal) => get("/api/v1/datasets/{dataset}/parts", { path: { dataset }, query: { split }, signal }),
+    [dataset, split],
+  );
+  if (error) return html`<${FailureLine} error=${error} />`;
+  const lines = value ? partLinesOf(value).map(({ text, count }) => `${countText(count)} ${text}`) : [];
+  return html`<p class="ask__parts faint num" role="status">${lines.length > 0 && `Frames: ${lines.join(" · ")}`}</p>`;
+}
+
 /** The counts of an archive's manifest, with texts. @param {Schema} counts */
 export function countLinesOf(counts) {
   const lines = COUNT_LINES.map(([part, key, text]) => ({ text, count: Number(counts[part]?.[key] ?? 0) }));
@@ -210,7 +250,8 @@ export function countLinesOf(counts) {
     name,
     counts: ["in", "out", "dropped", "clipped"].map((key) => Number(/** @type {Schema} */ (row)[key] ?? 0)),
   }));
-  return { lines: lines.filter(({ count }) => count > 0), classes };
+  const [all, ...boxes] = lines;
+  return { lines: [...(all ? [all] : []), ...partLinesOf(counts), ...boxes].filter(({ count }) => count > 0), classes };
 }
 
 /** @param {{dataset: string, form: ExportForm, onMade: () => void, onClose: () => void}} props */
@@ -242,6 +283,10 @@ function ExportAsk({ dataset, form, onMade, onClose }) {
     html`<div class="ask__fields">
       ${fields.map((field) => html`<${AskField} key=${field.key} field=${field} value=${field.key in chosen ? chosen[field.key] : field.initial} onChange=${(/** @type {unknown} */ value) => setChosen({ ...chosen, [field.key]: value })} />`)}
     </div>`}
+    ${fields.some(({ key }) => key === "split") &&
+    !chosen.val_maps &&
+    chosen.split_by !== "map" &&
+    html`<${PlannedParts} dataset=${dataset} shares=${chosen.split} />`}
     ${error && html`<${FailureLine} error=${error} />`}
     <p class="ask__foot"><span class="faint">The first export as YOLO or COCO fixes the order of the classes.</span>
       <button type="button" class="button" onClick=${onClose}>Cancel</button>

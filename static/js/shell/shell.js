@@ -24,6 +24,8 @@ const VIEWS = { datasets: DatasetsView, frames: FramesView };
 
 /** @type {Record<string, import("../core/observable.js").Lazy<View>>} */
 const LATER = {
+  home: createLazy(async () => (await import("../datasets/home.js")).HomeView),
+  compare: createLazy(async () => (await import("../datasets/home.js")).CompareView),
   frame: createLazy(async () => (await import("../review/frame.js")).FrameView),
   grid: createLazy(async () => (await import("../grid/grid.js")).GridView),
   queue: createLazy(async () => (await import("../queue/queue.js")).QueueView),
@@ -41,6 +43,7 @@ export function Shell({ app, linkError }) {
   const isSignedIn = useValue(app.isSignedIn);
   const announcement = useValue(app.announcement);
   const newcomer = useValue(app.newcomer);
+  const streak = useValue(app.streak);
   const [isHelpOpen, setHelpOpen] = useState(false);
   const [actions] = useState(() => ({ help: () => setHelpOpen(true) }));
   useActions(app, actions);
@@ -60,6 +63,7 @@ export function Shell({ app, linkError }) {
       : html`<${SignIn} app=${app} linkError=${linkError} />`}
     ${isSignedIn && html`<${Uploads} app=${app} />`}
     ${newcomer && html`<${Newcomer} app=${app} newcomer=${newcomer} />`}
+    ${streak && html`<${Streak} app=${app} boxIds=${streak} />`}
     <${Toasts} app=${app} />
     <div class="sr-only" role="status" aria-live="polite">${announcement}</div>
     ${isHelpOpen && html`<${HelpDialog} app=${app} onClose=${() => setHelpOpen(false)} />`}
@@ -120,6 +124,26 @@ function Newcomer({ app, newcomer: { name, role } }) {
   <//>`;
 }
 
+/**
+ * Asks once about answers that were faster than people look.
+ * @param {{app: import("../review/answers.js").ReviewApp, boxIds: readonly number[]}} props
+ */
+function Streak({ app, boxIds }) {
+  const { dataset } = useValue(app.topBar);
+  const dialog = useDialog();
+  const again = () => {
+    dialog.close();
+    app.router.go(linkTo("queue", { dataset }, { boxes: boxIds.join(",") }));
+  };
+  return html`<${Dialog} dialog=${dialog} id="streak-title" title="${boxIds.length} answers in two seconds" onClose=${() => app.streak.set(null)}>
+    <p>That is faster than people look. The answers are saved, and each says for how long its box was on the screen. This question comes once.</p>
+    <footer class="dialog__foot">
+      <button class="button" onClick=${dialog.close}>I looked at each</button>
+      <button class="button button--primary" autofocus onClick=${again}>Look at them again</button>
+    </footer>
+  <//>`;
+}
+
 /** Unsent answers that do not say who gave them, until somebody decides what becomes of them. @param {{app: import("../review/answers.js").ReviewApp}} props */
 function Unowned({ app }) {
   const count = useValue(app.unowned.count);
@@ -176,7 +200,7 @@ function SignIn({ app, linkError }) {
       </label>
       <p id="token-error" class="field__error" role="alert">${refusal}</p>
       <button class="button button--primary" disabled=${isBusy}>${isBusy ? "Signing in…" : "Sign in"}</button>
-      <p class="faint">A link works once, within ten minutes.</p>
+      <p class="faint">A link works once, within ten minutes. Without one, ask whoever runs this server: <code>unghost login</code> prints another link, and <code>unghost token create NAME</code> makes a token for a guest. The <a href="/docs">description of the API</a> is open to all.</p>
     </form>
   </main>`;
 }

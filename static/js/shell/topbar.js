@@ -2,8 +2,9 @@
 // The top bar: breadcrumb, tabs of the dataset, whether all answers are saved, menu. Views set its content by useTopBar.
 
 import { filtersOf } from "../boxes/filters.js";
+import { isReached, json } from "../core/api.js";
 import { useClosing, useValue } from "../core/hooks.js";
-import { html, useLayoutEffect, useRef, useState } from "../core/html.js";
+import { html, useEffect, useLayoutEffect, useRef, useState } from "../core/html.js";
 import { Icon, Mark } from "../core/icons.js";
 import { perform, useKeyText } from "../core/keymap.js";
 import { countOf } from "../core/numbers.js";
@@ -42,19 +43,33 @@ function PersonName({ app }) {
 
 const PHASES = {
   saved: { icon: "check", text: "All answers saved" },
+  lost: { icon: "warn", text: "not saved: somebody else answered first" },
+  away: { icon: "cloud", text: "The server does not answer" },
   saving: { icon: "check", text: "Saving…" },
   offline: { icon: "cloud", text: "offline, kept here" },
   busy: { icon: "cloud", text: "server busy, trying again" },
   "signed-out": { icon: "cloud", text: "signed out, kept here" },
 };
 
+/** How often a server that does not answer is asked whether it is back. */
+const ASK_MS = 3000;
+
 /** @param {{app: App}} props */
 function SaveState({ app }) {
   const { phase, count } = useValue(app.sender.state);
-  const { icon, text } = PHASES[phase];
+  const lost = useValue(app.overtaken).size;
+  const isAway = !useValue(isReached);
+  useEffect(() => {
+    if (!isAway) return;
+    const asking = setInterval(() => void json("/healthz").catch(() => {}), ASK_MS);
+    return () => clearInterval(asking);
+  }, [isAway]);
+  // That nothing waits here says that all answers are saved only if none was refused and the server is there.
+  const shown = phase !== "saved" ? phase : lost > 0 ? "lost" : isAway ? "away" : "saved";
   const isWaiting = phase !== "saved" && phase !== "saving";
-  const words = isWaiting ? `${countOf(count, "answer")} waiting: ${text}` : text;
-  return html`<div class="savestate savestate--${phase}" role="status" title=${words}>
+  const { icon, text } = PHASES[shown];
+  const words = isWaiting ? `${countOf(count, "answer")} waiting: ${text}` : shown === "lost" ? `${countOf(lost, "answer")} ${text}` : text;
+  return html`<div class="savestate savestate--${shown}" role="status" title=${words}>
     <${Icon} name=${icon} /><span class="savestate__text">${words}</span>
     ${isWaiting && html`<button class="button button--small" onClick=${app.resume}>Retry</button>`}
   </div>`;
@@ -100,20 +115,25 @@ function MenuPanel({ app, close }) {
 }
 
 /** Whether the tabs of the dataset are shown above this view. @param {import("../core/router.js").Route} route */
-export const hasTabs = (route) => ROUTES.some(({ name, nav }) => nav && name === route.name);
+export const hasTabs = (route) => ROUTES.some(({ name, nav }) => (nav || name === "frame") && name === route.name);
 
 /** The tabs of a dataset. Their links keep the filters. @param {{app: import("../review/answers.js").ReviewApp}} props */
 function DatasetTabs({ app }) {
   const route = useValue(app.router.route);
   const list = useRef(/** @type {HTMLUListElement | null} */ (null));
   useLayoutEffect(() => list.current?.querySelector("[aria-current]")?.scrollIntoView({ block: "nearest", inline: "center" }), [route.name]);
+  const { dataset: shown } = useValue(app.topBar);
   if (!hasTabs(route)) return null;
-  const { dataset = "" } = route.params;
+  // The address of a frame does not name its dataset.
+  const dataset = route.params.dataset ?? shown;
+  const tabs = dataset ? ROUTES.filter(({ nav }) => nav) : [];
+  /** @param {string} name */
+  const current = (name) => (name === route.name ? "page" : name === "frames" && route.name === "frame" ? "true" : undefined);
   return html`<nav class="tabs" aria-label="Dataset">
     <ul class="tabs__list" ref=${list}>
-      ${ROUTES.filter(({ nav }) => nav).map(
+      ${tabs.map(
         ({ name, nav }) => html`<li key=${name}>
-          <a class="tabs__item" href=${linkTo(name, { dataset }, filtersOf(route.query))} aria-current=${name === route.name ? "page" : undefined}>${nav}</a>
+          <a class="tabs__item" href=${linkTo(name, { dataset }, filtersOf(route.query))} aria-current=${current(name)}>${nav}</a>
         </li>`,
       )}
     </ul>

@@ -2,10 +2,10 @@
 // Frames with their picture and segmentation, each loaded once for all who draw them, and some of them in advance.
 // Their boxes are in the store.
 
-import { blob, get, url } from "../core/api.js";
+import { ApiError, blob, get, pictureUrl, url } from "../core/api.js";
 import { useLayoutEffect, useMemo } from "../core/html.js";
 import { createLazy } from "../core/observable.js";
-import { canvasOf, isPaintedAlready, PAINTED } from "./pixels.js";
+import { PAINTED, canvasOf, createObjects, isPaintedAlready } from "./pixels.js";
 import { isOpaque, storedImage } from "./stored.js";
 
 /** @typedef {import("../boxes/store.js").Boxes} Boxes */
@@ -18,6 +18,7 @@ import { isOpaque, storedImage } from "./stored.js";
  * @property {Lazy<HTMLImageElement | null>} picture  null: the frame has none
  * @property {Lazy<Pixels | null>} segmentation  its pixels, and what they mean; null: the frame has none
  * @property {Lazy<CanvasImageSource | null>} mask  the segmentation in the colours of its palette
+ * @property {Lazy<import("./pixels.js").Objects | null>} objects  by the instance image; null: the frame has none
  * @property {() => void} release  its boxes need not stay in the store
  */
 
@@ -91,17 +92,17 @@ export function useMedia(boxes) {
   return media;
 }
 
-/** @param {Frame} frame @param {"image" | "segmentation"} kind */
+/** @param {Frame} frame @param {"segmentation" | "instances"} kind */
 const fileUrl = ({ id, files }, kind) =>
   files[kind]?.url ?? url("/api/v1/frames/{frame_id}/{kind}", { path: { frame_id: id, kind } });
 
-/**
- * The image without its alpha channel, or the segmentation painted in its palette, whatever its file's encoding.
- * @param {number} frameId @param {"image" | "segmentation"} layer
- */
-const drawnUrl = (frameId, layer) =>
+/** The widest picture that the service draws: none is wider. */
+const LARGEST_PX = 16_383;
+
+/** The segmentation painted in its palette, whatever its file's encoding. @param {number} frameId */
+const paintedUrl = (frameId) =>
   // `url` leaves out what is empty, and then all boxes would be drawn.
-  `${url("/api/v1/frames/{frame_id}/overlay", { path: { frame_id: frameId }, query: { layer } })}&boxes=`;
+  `${url("/api/v1/frames/{frame_id}/overlay", { path: { frame_id: frameId }, query: { layer: "segmentation" } })}&boxes=`;
 
 /** A picture, decoded. @param {Blob} file */
 async function decoded(file) {
@@ -116,13 +117,15 @@ async function decoded(file) {
   return image;
 }
 
-/** A frame's image as crops and thumbnails show it. @param {Frame} frame @param {AbortSignal} [signal] */
-async function pictureOf(frame, signal) {
-  const { file, seen, mayHaveAlpha } = await storedImage(await blob(fileUrl(frame, "image"), signal));
-  const [shown, opaque] = await Promise.all([decoded(seen), !mayHaveAlpha || isOpaque(file)]);
-  if (!opaque) return decoded(await blob(drawnUrl(frame.id, "image"), signal));
-  // A quarter turn: boxes refer to the stored pixels, by which the frame has its size.
-  return seen !== file && shown.naturalWidth !== frame.width ? decoded(file) : shown;
+/** A frame's image as crops and thumbnails show it, in its full size; null: it has none. @param {number} frameId @param {AbortSignal} [signal] */
+async function pictureOf(frameId, signal) {
+  const address = pictureUrl("/api/v1/frames/{frame_id}/thumbnail", { path: { frame_id: frameId }, query: { width: LARGEST_PX } });
+  try {
+    return await decoded(await blob(address, signal));
+  } catch (error) {
+    if (error instanceof ApiError && error.status === 404) return null;
+    throw error;
+  }
 }
 
 /** @param {Frame} frame @param {AbortSignal} [signal] @returns {Promise<Pixels>} */
@@ -132,7 +135,7 @@ async function pixelsOf(frame, signal) {
   const [canvas, opaque] = await Promise.all([canvasOf(file), !mayHide || isOpaque(file)]);
   if (opaque) return { canvas, form: frame.segmentation };
   // What is transparent has lost its values in the canvas.
-  return { canvas: await canvasOf(await blob(drawnUrl(frame.id, "segmentation"), signal)), form: PAINTED };
+  return { canvas: await canvasOf(await blob(paintedUrl(frame.id), signal)), form: PAINTED };
 }
 
 /** @param {number} frameId @param {Boxes} boxes @returns {Media} */
@@ -147,10 +150,8 @@ function mediaOf(frameId, boxes) {
     if (isReleased) releaseBoxes();
     return { ...rest, boxIds };
   });
-  const picture = createLazy(async (signal) => {
-    const found = await frame.get(signal);
-    return found.has_image ? pictureOf(found, signal) : null;
-  });
+  // It is asked for together with its frame, not after it.
+  const picture = createLazy(async (signal) => (await Promise.all([frame.get(signal), pictureOf(frameId, signal)]))[1]);
   const segmentation = createLazy(async (signal) => {
     const found = await frame.get(signal);
     return found.has_segmentation ? pixelsOf(found, signal) : null;
@@ -159,11 +160,18 @@ function mediaOf(frameId, boxes) {
     const { has_segmentation, segmentation: form } = await frame.get(signal);
     if (!has_segmentation) return null;
     if (form && isPaintedAlready(form)) return (await segmentation.get(signal))?.canvas ?? null;
-    return decoded(await blob(drawnUrl(frameId, "segmentation"), signal));
+    return decoded(await blob(paintedUrl(frameId), signal));
+  });
+  const objects = createLazy(async (signal) => {
+    const found = await frame.get(signal);
+    if (!found.files?.instances) return null;
+    const { file, mayHaveAlpha } = await storedImage(await blob(fileUrl(found, "instances"), signal));
+    // What is transparent has lost its values in a canvas.
+    return mayHaveAlpha && !(await isOpaque(file)) ? null : createObjects(await canvasOf(file));
   });
   function release() {
     isReleased = true;
     releaseBoxes?.();
   }
-  return { frame, picture, segmentation, mask, release };
+  return { frame, picture, segmentation, mask, objects, release };
 }

@@ -2,14 +2,14 @@
 // Paints the two layers of the stage. While one pans, the boxes are painted once and then copied.
 
 import { answerOf } from "../boxes/box.js";
-import { labelText } from "../boxes/wording.js";
+import { distanceText, isFar, labelText } from "../boxes/wording.js";
 import { areaOf, isOnStage, toStage } from "./geometry.js";
 import { outline, paintLabel, paintMark, paintShortLabels, solidLines } from "./shapes.js";
 
 /** @typedef {import("../boxes/box.js").Decision} Decision */
 /** @typedef {import("../boxes/box.js").Verdict} Verdict */
 /** @typedef {import("../boxes/box.js").Xyxy} Xyxy */
-/** @typedef {{stroke: Record<Verdict, string>, label: Record<Verdict, string>, text: string, casing: string, halo: string, edge: string, dim: string, unsure: string, font: string}} Inks */
+/** @typedef {{stroke: Record<Verdict, string>, label: Record<Verdict, string>, text: string, casing: string, halo: string, edge: string, matching: string, unsure: string, font: string}} Inks */
 
 /**
  * @typedef {object} Scene
@@ -29,8 +29,10 @@ const VERDICTS = ["withheld", "unmeasured", "rejected", "kept"];
 /** @type {Record<Verdict, number[]>} solid, dashed, dotted */
 const DASHES = { kept: [], rejected: [7, 4], unmeasured: [2, 3], withheld: [] };
 
-/** Opacity of the other boxes while one is selected: those that overlap it are dimmed less. */
-const DIMMED = { neighbours: 0.62, others: 0.28 };
+/** Opacity of the other boxes while one is selected: those that overlap it are dimmed less; and of far ones. */
+const DIMMED = { neighbours: 0.62, others: 0.28, far: 0.3 };
+
+const HIDER_LABEL_PX = 36;
 
 /** From this scale on, pixels are drawn as sharp squares. */
 const CRISP_FROM = 8;
@@ -47,7 +49,7 @@ export function readInks(host) {
     casing: token("--ink-casing"),
     halo: token("--ink-halo"),
     edge: token("--ink-edge"),
-    dim: token("--ink-dim"),
+    matching: token("--ink-matching"),
     unsure: token("--ink-unsure-fill"),
     font: style.fontFamily,
   };
@@ -55,16 +57,15 @@ export function readInks(host) {
 
 /** @param {CanvasRenderingContext2D} ctx @param {Scene} scene @param {(ctx: CanvasRenderingContext2D, scene: Scene) => void} [paintBoxes] */
 export function paintBase(ctx, scene, paintBoxes = paintAllBoxes) {
-  const { snapshot, view, size } = scene;
+  const { snapshot, size } = scene;
   ctx.clearRect(0, 0, size.width, size.height);
   paintPicture(ctx, snapshot.picture, scene);
-  if (snapshot.mask) {
+  if (snapshot.mask && !snapshot.isBare) {
     ctx.globalAlpha = snapshot.opacity;
     paintPicture(ctx, snapshot.mask, scene, false);
   }
-  if (snapshot.dim && snapshot.selected?.xyxy) paintDimness(ctx, toStage(view, snapshot.selected.xyxy), size, scene.inks.dim);
   ctx.globalAlpha = 1;
-  paintBoxes(ctx, scene);
+  if (!snapshot.isBare) paintBoxes(ctx, scene);
 }
 
 /** All but the selected one, and short labels where there is room. @param {CanvasRenderingContext2D} ctx @param {Scene} scene */
@@ -72,11 +73,15 @@ export function paintAllBoxes(ctx, scene) {
   const { snapshot, view, size, neighbours } = scene;
   const { selected } = snapshot;
   const placed = placedBoxes(snapshot.boxes, view, size).filter(({ box }) => box.box_id !== selected?.box_id);
+  const others = placed.filter(({ box }) => !neighbours.has(box));
+  const isFaint = (/** @type {Placed} */ { box }) => !snapshot.hasFar && isFar(box);
+  ctx.globalAlpha = selected ? DIMMED.others * DIMMED.far : DIMMED.far;
+  paintSome(ctx, others.filter(isFaint), scene.inks);
   ctx.globalAlpha = selected ? DIMMED.others : 1;
-  paintSome(ctx, placed.filter(({ box }) => !neighbours.has(box)), scene.inks);
+  paintSome(ctx, others.filter((one) => !isFaint(one)), scene.inks);
   ctx.globalAlpha = selected ? DIMMED.neighbours : 1;
   paintSome(ctx, placed.filter(({ box }) => neighbours.has(box)), scene.inks);
-  if (!selected) paintShortLabels(ctx, placed, scene);
+  if (!selected) paintShortLabels(ctx, placed.filter((one) => !isFaint(one)), scene);
   ctx.globalAlpha = 1;
 }
 
@@ -87,15 +92,6 @@ function paintSome(ctx, placed, inks) {
     outline(ctx, rects, { color: inks.stroke[verdict], casing: inks.casing, dash: DASHES[verdict] });
   }
   for (const { box, rect } of placed) paintMark(ctx, answerOf(box), rect, inks);
-}
-
-/** @param {CanvasRenderingContext2D} ctx @param {Xyxy} rect @param {{width: number, height: number}} size @param {string} color */
-function paintDimness(ctx, [x0, y0, x1, y1], { width, height }, color) {
-  ctx.beginPath();
-  ctx.rect(0, 0, width, height);
-  ctx.rect(x0, y0, x1 - x0, y1 - y0);
-  ctx.fillStyle = color;
-  ctx.fill("evenodd");
 }
 
 /** @param {CanvasRenderingContext2D} ctx @param {CanvasImageSource | null} picture @param {Scene} scene @param {boolean} [smooth] */
@@ -110,20 +106,35 @@ function paintPicture(ctx, picture, { snapshot, view }, smooth = view.scale < CR
 /** @param {CanvasRenderingContext2D} ctx @param {Scene} scene */
 export function paintTop(ctx, scene) {
   const { snapshot, view, size, hovered, inks } = scene;
-  const { selected, highlight } = snapshot;
+  const { selected, highlight, hider } = snapshot;
   ctx.clearRect(0, 0, size.width, size.height);
+  if (snapshot.isBare) return;
   if (hovered?.xyxy && hovered.box_id !== selected?.box_id) paintForward(ctx, hovered, scene);
   if (!selected?.xyxy) return;
-  if (highlight) paintHighlight(ctx, highlight, view);
+  if (hider?.xyxy) {
+    const rect = toStage(view, hider.xyxy);
+    outline(ctx, [rect], { color: inks.edge, casing: inks.casing, dash: [] });
+    const away = distanceText(hider);
+    // Below it: the selected box has its label above.
+    const below = /** @type {Xyxy} */ ([rect[0], rect[3] + HIDER_LABEL_PX, rect[2], rect[3] + HIDER_LABEL_PX]);
+    paintLabel(ctx, { text: `${hider.class} ${hider.id}${away ? ` at ${away}` : ""}`, verdict: "withheld", rect: below, size, inks });
+  }
+  if (highlight) paintOutline(ctx, highlight, view, inks);
   if (snapshot.edges && selected.edges) paintEdges(ctx, selected.edges, view, inks);
   paintForward(ctx, selected, scene);
 }
 
-/** @param {CanvasRenderingContext2D} ctx @param {import("./pixels.js").Highlight} highlight @param {import("./geometry.js").View} view */
-function paintHighlight(ctx, { canvas, bounds }, view) {
-  ctx.imageSmoothingEnabled = false;
-  const { scale, x, y } = view;
-  ctx.drawImage(canvas, bounds.x * scale + x, bounds.y * scale + y, bounds.width * scale, bounds.height * scale);
+/** The matching pixels, outlined: what they show stays visible. @param {CanvasRenderingContext2D} ctx @param {import("./pixels.js").Highlight} highlight @param {import("./geometry.js").View} view @param {Inks} inks */
+function paintOutline(ctx, { outline }, { scale, x, y }, inks) {
+  ctx.save();
+  ctx.translate(x, y);
+  ctx.scale(scale, scale);
+  for (const [color, width] of /** @type {const} */ ([[inks.casing, 4], [inks.matching, 2]])) {
+    ctx.strokeStyle = color;
+    ctx.lineWidth = width / scale;
+    ctx.stroke(outline);
+  }
+  ctx.restore();
 }
 
 /** A box in front of the others, with its full label. @param {CanvasRenderingContext2D} ctx @param {Decision} box @param {Scene} scene */

@@ -8,12 +8,7 @@ import { pixelBounds } from "./geometry.js";
 /** @typedef {import("../core/openapi.js").AcceptedTag["rgb"]} Rgb */
 /** @typedef {import("../core/openapi.js").SegmentationReport} SegmentationReport */
 /** @typedef {{x: number, y: number, width: number, height: number}} Bounds */
-/** @typedef {{canvas: HTMLCanvasElement, bounds: Bounds, count: number}} Highlight */
-
-/** RGBA of highlighted pixels, a colour that no CARLA scene has; and below, a shade for all other pixels of the box. */
-const MATCHING = [255, 221, 51, 168];
-
-const OTHERS = [8, 10, 14, 96];
+/** @typedef {{outline: Path2D, count: number}} Highlight  the outline of the pixels, in px of the image; how many they are */
 
 /**
  * A canvas with the stored values: no colour management, no premultiplication.
@@ -35,7 +30,7 @@ function contextOf(canvas) {
 }
 
 /**
- * A drawing of the matching pixels of a box; null if there is nothing to highlight.
+ * The outline of the matching pixels of a box; null if there is nothing to highlight.
  * @param {HTMLCanvasElement} segmentation @param {SegmentationReport} form @param {Decision} box
  * @returns {Highlight | null}
  */
@@ -43,12 +38,13 @@ export function highlightOf(segmentation, form, box) {
   if (!box.xyxy || !box.accepted_tags?.length) return null;
   const bounds = pixelBounds(box.xyxy, segmentation);
   const pixels = contextOf(segmentation).getImageData(bounds.x, bounds.y, bounds.width, bounds.height);
-  const count = highlightPixels(pixels.data, tagMatcher(box.accepted_tags, form), MATCHING, OTHERS);
-  const canvas = document.createElement("canvas");
-  canvas.width = bounds.width;
-  canvas.height = bounds.height;
-  contextOf(canvas).putImageData(pixels, 0, 0);
-  return { canvas, bounds, count };
+  const mask = matchingPixels(pixels.data, tagMatcher(box.accepted_tags, form));
+  const outline = new Path2D();
+  for (const [x0, y0, x1, y1] of outlinesOf(mask, bounds.width)) {
+    outline.moveTo(bounds.x + x0, bounds.y + y0);
+    outline.lineTo(bounds.x + x1, bounds.y + y1);
+  }
+  return { outline, count: mask.reduce((count, one) => count + one, 0) };
 }
 
 /** How the server paints a segmentation. @type {SegmentationReport} */
@@ -83,19 +79,73 @@ export function tagMatcher(accepted, form) {
 /** @param {number} found @param {number} wanted */
 const isNear = (found, wanted) => Math.abs(found - wanted) <= LOSSY_TOLERANCE;
 
+/** Which pixels match, 1 or 0. @param {Uint8ClampedArray} rgba @param {(c0: number, c1: number, c2: number) => boolean} matches */
+export const matchingPixels = (rgba, matches) =>
+  Uint8Array.from({ length: rgba.length / 4 }, (_, i) => Number(matches(rgba[4 * i] ?? 0, rgba[4 * i + 1] ?? 0, rgba[4 * i + 2] ?? 0)));
+
 /**
- * Colour the pixels: `matching` where the tag is accepted, `others` elsewhere.
- * @param {Uint8ClampedArray} rgba of the segmentation; replaced in place
- * @param {(c0: number, c1: number, c2: number) => boolean} matches
- * @param {readonly number[]} matching rgba @param {readonly number[]} others rgba
- * @returns {number} how many pixels match
+ * The lines between pixels of a mask and others, each as long as it is straight: x0, y0, x1, y1.
+ * @param {Uint8Array} mask  of whole rows @param {number} width
+ * @returns {[number, number, number, number][]}
  */
-export function highlightPixels(rgba, matches, matching, others) {
-  let count = 0;
-  for (let i = 0; i < rgba.length; i += 4) {
-    const isMatch = matches(rgba[i] ?? 0, rgba[i + 1] ?? 0, rgba[i + 2] ?? 0);
-    if (isMatch) count++;
-    rgba.set(isMatch ? matching : others, i);
+export function outlinesOf(mask, width) {
+  const height = mask.length / width;
+  /** @param {number} x @param {number} y */
+  const at = (x, y) => (x >= 0 && x < width && y >= 0 && y < height ? (mask[y * width + x] ?? 0) : 0);
+  /** @type {[number, number, number, number][]} */
+  const lines = [];
+  for (let y = 0; y <= height; y++) {
+    for (let x = 0, from = -1; x <= width; x++) {
+      const isEdge = x < width && at(x, y - 1) !== at(x, y);
+      if (isEdge && from < 0) from = x;
+      if (!isEdge && from >= 0) {
+        lines.push([from, y, x, y]);
+        from = -1;
+      }
+    }
   }
-  return count;
+  for (let x = 0; x <= width; x++) {
+    for (let y = 0, from = -1; y <= height; y++) {
+      const isEdge = y < height && at(x - 1, y) !== at(x, y);
+      if (isEdge && from < 0) from = y;
+      if (!isEdge && from >= 0) {
+        lines.push([x, from, x, y]);
+        from = -1;
+      }
+    }
+  }
+  return lines;
+}
+
+/**
+ * The rectangle around the pixels of the object at a place of an instance image, in which each object has a colour.
+ * @param {HTMLCanvasElement} instances
+ */
+export function createObjects(instances) {
+  const { width, height } = instances;
+  const colors = new Uint32Array(contextOf(instances).getImageData(0, 0, width, height).data.buffer);
+  /** @type {Map<number, import("../boxes/box.js").Xyxy>} */
+  const known = new Map();
+  return {
+    /** @param {import("./geometry.js").Point} at  image px @returns {import("../boxes/box.js").Xyxy | null} */
+    at({ x, y }) {
+      if (x < 0 || y < 0 || x >= width || y >= height) return null;
+      const color = colors[Math.floor(y) * width + Math.floor(x)] ?? 0;
+      const found = known.get(color) ?? extentOf(colors, width, color);
+      known.set(color, found);
+      return found;
+    },
+  };
+}
+
+/** @typedef {ReturnType<typeof createObjects>} Objects */
+
+/** @param {Uint32Array} colors @param {number} width @param {number} color  one of them @returns {import("../boxes/box.js").Xyxy} */
+export function extentOf(colors, width, color) {
+  let [x0, y0, x1, y1] = [Infinity, Infinity, 0, 0];
+  for (let i = colors.indexOf(color); i >= 0; i = colors.indexOf(color, i + 1)) {
+    const [x, y] = [i % width, Math.floor(i / width)];
+    [x0, y0, x1, y1] = [Math.min(x0, x), Math.min(y0, y), Math.max(x1, x + 1), Math.max(y1, y + 1)];
+  }
+  return [x0, y0, x1, y1];
 }

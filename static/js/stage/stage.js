@@ -1,7 +1,7 @@
 // @ts-check
 // The stage: two layers of canvas, drawn in requestAnimationFrame from a snapshot and a view. Changes of the view are animated.
 
-import { boxesAt, clampView, cropView, fitView, nextOfStack, overlapping, panBy, revealView, toImage, zoomAt } from "./geometry.js";
+import { boxesAt, clamp, clampView, cropView, fitView, inClickOrder, nextOfStack, overlapping, panBy, revealView, toImage, zoomAt } from "./geometry.js";
 import { listen } from "./input.js";
 import { createDrawnBoxes, paintAllBoxes, paintBase, paintTop, readInks } from "./paint.js";
 
@@ -20,8 +20,12 @@ import { createDrawnBoxes, paintAllBoxes, paintBase, paintTop, readInks } from "
  * @property {Decision | null} selected  one of `boxes`
  * @property {import("./pixels.js").Highlight | null} highlight
  * @property {boolean} edges
+ * @property {boolean} isWhole  the picture is there, or the frame has none
  * @property {boolean} crop  show the selected box's surroundings rather than the frame
- * @property {boolean} [dim]  darken all but the selected box
+ * @property {boolean} [isBare]  show the picture alone
+ * @property {Decision | null} [hider]  the box that most likely hides the selected one
+ * @property {import("./pixels.js").Objects | null} [objects]  what the picture shows, for clicks
+ * @property {boolean} [hasFar]  draw far boxes as strong as others
  * @property {number} [scene]  a changed number means another scene: the view jumps there without an animation
  */
 
@@ -33,6 +37,9 @@ import { createDrawnBoxes, paintAllBoxes, paintBase, paintTop, readInks } from "
  */
 
 const CLICK_SLACK_PX = 4;
+
+/** The longest look that an answer can say: a day. */
+const MOST_LOOKED_MS = 86_400_000;
 
 /** After such a pause of a pan, the boxes are painted again in full quality. */
 const REST_MS = 100;
@@ -57,6 +64,8 @@ export function createStage(host, events) {
   let hadTop = true;
   let isPanning = false;
   let rest = 0;
+  /** The selected box, and since when it is painted with the picture (ms); null until then. */
+  let painted = { boxId: /** @type {number | null} */ (null), since: 0 };
   const copyBoxes = createDrawnBoxes(paintAllBoxes);
   let request = 0;
 
@@ -76,6 +85,9 @@ export function createStage(host, events) {
     if (dirty.top && (hasTop || hadTop)) paintTop(top, scene);
     hadTop = hasTop;
     dirty = { base: false, top: false };
+    const boxId = snapshot.isWhole ? (snapshot.selected?.box_id ?? null) : null;
+    if (boxId !== painted.boxId) painted = { boxId, since: performance.now() };
+    host.dataset.painted = String(boxId ?? "");
     host.dataset.view = `${view.scale} ${view.x} ${view.y}`;
     host.dataset.drawn = String(Number(host.dataset.drawn ?? 0) + 1);
   }
@@ -100,7 +112,7 @@ export function createStage(host, events) {
   /** @param {Xyxy} xyxy @param {boolean} smoothly */
   function crop(xyxy, smoothly) {
     mode = "crop";
-    glide.to(cropView(xyxy, size), smoothly);
+    if (snapshot) glide.to(cropView(xyxy, size, snapshot.image, snapshot.hider?.xyxy), smoothly);
   }
 
   /** Show again what the mode says: the box in crop mode, the whole image in fit mode. @param {boolean} smoothly */
@@ -125,7 +137,9 @@ export function createStage(host, events) {
   /** @param {Point} at */
   function hitsAt(at) {
     if (!snapshot) return [];
-    return boxesAt(snapshot.boxes, toImage(view, at), CLICK_SLACK_PX / view.scale);
+    const place = toImage(view, at);
+    const hits = boxesAt(snapshot.boxes, place, CLICK_SLACK_PX / view.scale);
+    return hits.length > 1 ? inClickOrder(hits, snapshot.objects?.at(place) ?? null) : hits;
   }
 
   /** @param {Decision | null} box */
@@ -170,6 +184,9 @@ export function createStage(host, events) {
     size.height = host.clientHeight;
     for (const layer of [base, top]) fitLayer(layer, size);
     restore(false);
+    // A canvas of a new size is empty: it is painted before the browser shows it.
+    cancelAnimationFrame(request);
+    draw();
   });
   resizes.observe(host);
 
@@ -191,6 +208,9 @@ export function createStage(host, events) {
     },
     fit: () => fit(true),
     mode: () => mode,
+    /** For how long a person has been shown this box with its picture (ms); null: not yet. @param {number} boxId */
+    lookedMs: (boxId) =>
+      painted.boxId === boxId ? Math.round(clamp(performance.now() - painted.since, 0, MOST_LOOKED_MS)) : null,
     /** Crop again after a pan or a zoom. */
     recrop() {
       mode = "crop";

@@ -6,7 +6,7 @@ import { html } from "../core/html.js";
 import { Icon } from "../core/icons.js";
 import { countOf, countText, percentText } from "../core/numbers.js";
 import { NumberField, Segments } from "../core/parts.js";
-import { THRESHOLD, appliesTo, classPath, valueOf } from "./config.js";
+import { appliesTo, classPath, valueOf } from "./config.js";
 import { Delta } from "./flips.js";
 import { Histogram, together, typedPercent } from "./histogram.js";
 
@@ -18,47 +18,58 @@ const SCALES = [
   { value: "linear", text: "Linear" },
 ];
 
-/** @param {import("../core/openapi.js").FilterConfigIn} config @param {string} name */
-const hasOwn = (config, name) => valueOf(config, classPath(name)) !== undefined;
+const BY = [
+  { value: "own", text: "By instances, depth, order" },
+  { value: "tags", text: "By tags" },
+];
 
-/** @param {import("../core/openapi.js").FilterConfigIn} config @param {string} name */
-const thresholdOf = (config, name) => Number(appliesTo(config, name) ?? 0);
+/** @param {import("../core/openapi.js").FilterConfigIn} config @param {string} name @param {string} key */
+const hasOwn = (config, name, key) => valueOf(config, classPath(name, key)) !== undefined;
+
+/** @param {import("../core/openapi.js").FilterConfigIn} config @param {string} name @param {string} key */
+const thresholdOf = (config, name, key) => Number(appliesTo(config, name, key) ?? 0);
 
 /** @param {{app: App, tuning: Tuning, scale: string, selected: string}} props */
 export function AllClasses({ app, tuning, scale, selected }) {
-  const { tried, active, change } = tuning;
+  const { tried, active, change, share } = tuning;
+  const { key } = share;
   const counts = histogramsOf(tuning);
   const names = Object.keys(counts);
-  const own = names.filter((name) => hasOwn(tried, name));
+  const own = names.filter((name) => hasOwn(tried, name, key));
   const followers = names.filter((name) => !own.includes(name));
-  const threshold = Number(valueOf(tried, THRESHOLD));
+  const threshold = Number(valueOf(tried, key) ?? 0);
   /** @param {number | null} value */
-  const set = (value) => value !== null && change({ [THRESHOLD]: value });
+  const set = (value) => value !== null && change({ [key]: value });
   return html`<section class="panelbox" aria-labelledby="all-classes">
     <header class="panelbox__head">
       <h2 id="all-classes">All classes</h2>
-      <span class="faint">${followText(followers.length, own)}</span>
+      <span class="faint">${followText(followers.length, own, share.isOwn)}</span>
       <span class="panelbox__tools">
-        <${NumberField} label="Threshold of all classes" unit="%" value=${threshold} expected="0 to 100" parse=${typedPercent} onChange=${set} isSet=${THRESHOLD in tuning.edits} />
+        ${share.counts.own > 0 && share.counts.tags > 0 && html`
+          <${Segments} label="Boxes decided" value=${share.isOwn ? "own" : "tags"} choices=${BY}
+            onChange=${(/** @type {string} */ by) => tuning.look({ by, scale, class: selected })} />`}
+        <${NumberField} label="Threshold of all classes" unit="%" value=${threshold} expected="0 to 100"
+          parse=${typedPercent} onChange=${set} isSet=${key in tuning.edits} />
         <${Segments} label="Scale of the counts" value=${scale} choices=${SCALES} onChange=${(/** @type {string} */ value) => tuning.look({ scale: value, class: selected })} />
       </span>
     </header>
     <${Histogram} app=${app} name="all classes" size="large" counts=${together(followers.map((name) => counts[name] ?? []))}
-      threshold=${threshold} active=${Number(valueOf(active.config, THRESHOLD))} isLog=${scale !== "linear"} onChange=${set} />
+      threshold=${threshold} active=${Number(valueOf(active.config, key) ?? 0)} isLog=${scale !== "linear"}
+      onChange=${set} />
     <${Legend} isExclusive=${valueOf(tried, "profile") === "carlasimu"} />
   </section>`;
 }
 
 /** @param {Tuning} tuning @returns {Record<string, number[]>} */
-const histogramsOf = ({ preview, baseline }) => (preview?.histograms ?? baseline?.histograms)?.classes ?? {};
+const histogramsOf = ({ share }) => share.histograms?.classes ?? {};
 
 /** The share of a class's pixels that have no known tag, in percent. @param {Tuning} tuning @param {string} name */
-const unknownOf = ({ preview, baseline }, name) =>
-  (preview?.histograms ?? baseline?.histograms)?.unknown_percent?.[name] ?? 0;
+const unknownOf = ({ share }, name) => share.histograms?.unknown_percent?.[name] ?? 0;
 
-/** @param {number} following @param {readonly string[]} own */
-function followText(following, own) {
-  if (own.length === 0) return `${countOf(following, "class", "classes")}, boxes by their share of matching pixels`;
+/** @param {number} following @param {readonly string[]} own @param {boolean} isOwn */
+function followText(following, own, isOwn) {
+  const share = isOwn ? "the share of their pixels that is their object's own" : "their share of matching pixels";
+  if (own.length === 0) return `${countOf(following, "class", "classes")}, boxes by ${share}`;
   const shown = own.length > 3 ? `${own.length} others` : own.join(", ");
   return `${countOf(following, "class", "classes")} together; ${shown} ${own.length === 1 ? "has its own" : "have their own"}`;
 }
@@ -69,6 +80,7 @@ function Legend({ isExclusive }) {
     <span><i class="chartswatch chartswatch--below"></i>${isExclusive ? "at or below" : "below"} the threshold</span>
     <span><i class="chartswatch chartswatch--above"></i>${isExclusive ? "above" : "at or above"} it</span>
     <span><i class="chartswatch chartswatch--active"></i>active threshold</span>
+    <span>without boxes of too few visible pixels</span>
     <span class="chartlegend__keys">Drag, or <kbd>←</kbd><kbd>→</kbd> 0.5 · <kbd>⇧</kbd> 5 · <kbd>PgUp</kbd><kbd>PgDn</kbd> 10</span>
   </p>`;
 }
@@ -78,7 +90,7 @@ export function ClassCards({ app, tuning, scale, selected }) {
   const counts = histogramsOf(tuning);
   const names = Object.keys(counts);
   // One class alone is all classes.
-  if (names.length === 1 && !hasOwn(tuning.tried, names[0] ?? "")) return null;
+  if (names.length === 1 && !hasOwn(tuning.tried, names[0] ?? "", tuning.share.key)) return null;
   return html`<ul class="classcards">
     ${Object.entries(counts).map(
       ([name, bins]) => html`<li key=${name}><${ClassCard} app=${app} tuning=${tuning} name=${name} counts=${bins} scale=${scale} isSelected=${name === selected} /></li>`,
@@ -88,9 +100,10 @@ export function ClassCards({ app, tuning, scale, selected }) {
 
 /** @param {{app: App, tuning: Tuning, name: string, counts: readonly number[], scale: string, isSelected: boolean}} props */
 function ClassCard({ app, tuning, name, counts, scale, isSelected }) {
-  const { tried, active, edits, change, look } = tuning;
-  const path = classPath(name);
-  const threshold = thresholdOf(tried, name);
+  const { tried, active, edits, change, look, share } = tuning;
+  const { key } = share;
+  const path = classPath(name, key);
+  const threshold = thresholdOf(tried, name, key);
   const unknown = unknownOf(tuning, name);
   /** @param {number | null} value */
   const set = (value) => value !== null && change({ [path]: value });
@@ -99,12 +112,15 @@ function ClassCard({ app, tuning, name, counts, scale, isSelected }) {
     <header class="classcard__head">
       <button class="classcard__name" aria-pressed=${isSelected} title=${isSelected ? "Show all classes again" : `Show reasons and flips of ${name} alone`}
         onClick=${() => look({ class: isSelected ? "" : name, scale })}>${name}</button>
-      ${hasOwn(tried, name)
-        ? html`<button class="button button--quiet button--small" onClick=${follow} title=${`Follow all classes (${percentText(Number(valueOf(tried, THRESHOLD)))})`}><${Icon} name="undo" />Follow all</button>`
+      ${hasOwn(tried, name, key)
+        ? html`<button class="button button--quiet button--small" onClick=${follow}
+            title=${`Follow all classes (${percentText(Number(valueOf(tried, key) ?? 0))})`}>
+            <${Icon} name="undo" />Follow all</button>`
         : html`<span class="faint classcard__follows">as for all</span>`}
       <${NumberField} label=${`Threshold of ${name}, percent`} unit="%" value=${threshold} expected="0 to 100" parse=${typedPercent} onChange=${set} isSet=${path in edits} />
     </header>
-    <${Histogram} app=${app} name=${name} size="small" counts=${counts} threshold=${threshold} active=${thresholdOf(active.config, name)} isLog=${scale !== "linear"} onChange=${set} />
+    <${Histogram} app=${app} name=${name} size="small" counts=${counts} threshold=${threshold}
+      active=${thresholdOf(active.config, name, key)} isLog=${scale !== "linear"} onChange=${set} />
     <${ClassCounts} tuning=${tuning} name=${name} />
     ${unknown > 0 && html`<p class="faint">${percentText(unknown)} of its pixels have no known tag</p>`}
   </section>`;

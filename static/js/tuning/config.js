@@ -7,7 +7,9 @@
 /** @typedef {Record<string, ConfigValue | undefined>} Edits  by path; undefined removes a class's own value */
 /** @typedef {{path: string, before: ConfigValue | undefined, after: ConfigValue | undefined}} Difference */
 
+/** Keys for the share of its pixels that a box needs: with a tag of its class; of its own, where that can be told. */
 export const THRESHOLD = "threshold_small_box";
+export const OWN_SHARE = "min_visible_percent";
 
 /** The value in a link for a class whose own value is removed. */
 const FOLLOW = "follow";
@@ -60,8 +62,8 @@ export function ownSetting(dataset, config, field) {
   return typeof own === "string" && isReading(field.key) && !UNSET.includes(own) && own !== keyValue(config, field) ? own : "";
 }
 
-/** @param {string} key */
-const isReading = (key) => ["palette", "encoding", "channel_order", "lossy_segmentation"].includes(key);
+/** Whether a key of the configuration is a setting of datasets, too. @param {string} key */
+export const isReading = (key) => ["palette", "encoding", "channel_order", "lossy_segmentation"].includes(key);
 
 /** The value that applies to a class: its own, or the one for all classes. @param {ConfigBody} config @param {string} name @param {string} [key] @returns {ConfigValue | undefined} */
 export function appliesTo(config, name, key = THRESHOLD) {
@@ -166,3 +168,15 @@ function yamlValue(value) {
 
 /** @param {string | number} value @returns {string} */
 const yamlItem = (value) => yamlValue(value);
+
+/**
+ * The suggestions that are worth a change: another value with a better F1, or, for the target "recall", any other value.
+ * @template {{current: number, suggested: number, f1_current: number | null, f1_suggested: number | null}} T
+ * @param {readonly T[]} suggested @param {string} [target] @returns {T[]}
+ */
+export const worthTrying = (suggested, target = "f1") =>
+  suggested.filter((one) => one.suggested !== one.current && (target !== "f1" || (one.f1_suggested ?? 0) > (one.f1_current ?? 0)));
+
+/** The edits that take suggested thresholds. @param {readonly import("../core/openapi.js").Suggestion[]} suggested */
+export const editsFor = (suggested) =>
+  Object.fromEntries(suggested.map(({ class: name, key, suggested: value }) => [classPath(name, key), value]));

@@ -65,11 +65,22 @@ function FlipCard({ flip, words }) {
   const direction = directionOf(flip);
   const box = { box_id: id, xyxy, reason: after.reason, effective_verdict: after.verdict };
   return html`<a class="flip flip--${DIRECTIONS[direction].after}" href=${linkTo("frame", { id: flip.frame_id }, { box: String(id) })}>
-    <span class="flip__picture"><${NearBox} box=${box} size=${PICTURE_PX} /><${DirectionSign} direction=${direction} /></span>
+    <span class="flip__picture"><${NearBox} box=${box} size=${PICTURE_PX} /><${DirectionSign} direction=${direction} /><${Truth} flip=${flip} /></span>
     <span class="flip__class">${flip.class}<span class="sr-only"> of box ${id}</span></span>
     <span class="flip__side"><b>${words.before(before.verdict)}:</b> <span>${causeText(before)}</span></span>
     <span class="flip__side"><b>${words.after(after.verdict)}:</b> <span>${causeText(after)}</span></span>
   </a>`;
+}
+
+/** Whether the new verdict is right, where the truth is known. @param {{flip: Flip}} props */
+function Truth({ flip: { visible, after } }) {
+  if (typeof visible !== "boolean" || after.verdict === "unmeasured") return null;
+  const isRight = (after.verdict === "kept") === visible;
+  const text = `${isRight ? "right" : "wrong"}: the object is ${visible ? "" : "not "}visible`;
+  return html`<span class="truth truth--${isRight ? "right" : "wrong"}" title=${text}>
+    <${Icon} name=${isRight ? "check" : "cross"} /><span aria-hidden="true">${isRight ? "right" : "wrong"}</span>
+    <span class="sr-only">${text}</span>
+  </span>`;
 }
 
 /** @param {{app: App, tuning: Tuning, selected: string, direction: string, onDirection: (direction: string) => void}} props */

@@ -2,11 +2,11 @@
 // Previews of a configuration that is tried out: requested from the server one at a time; the address is updated to match.
 
 import { FILTER_KEYS } from "../boxes/filters.js";
-import { post } from "../core/api.js";
-import { useLoaded } from "../core/hooks.js";
+import { get, post } from "../core/api.js";
+import { useActions, useLoaded } from "../core/hooks.js";
 import { useCallback, useEffect, useLayoutEffect, useMemo, useRef, useState } from "../core/html.js";
 import { linkTo } from "../core/router.js";
-import { configQuery, editsOf, effectiveEdits, queryOf, withEdits } from "./config.js";
+import { OWN_SHARE, THRESHOLD, configQuery, editsOf, effectiveEdits, queryOf, withEdits } from "./config.js";
 
 /** @typedef {import("../core/openapi.js").ConfigVersion} ConfigVersion */
 /** @typedef {import("./config.js").Edits} Edits */
@@ -18,10 +18,13 @@ const FEW = 60;
 const MANY = 1000;
 
 /** Parts of the address that are about what is shown, not about the configuration. */
-const VIEW_KEYS = ["class", "scale", "flips", ...FILTER_KEYS];
+const VIEW_KEYS = ["class", "scale", "flips", "by", "truth", ...FILTER_KEYS];
 
 /** A text that is equal for equal queries, whatever their order. @param {Record<string, string>} query */
 const textOf = (query) => JSON.stringify(Object.entries(query).sort(([a], [b]) => (a < b ? -1 : 1)));
+
+/** Changes of the same keys that follow each other faster are parts of one drag. */
+const ONE_CHANGE_MS = 400;
 
 /** @param {import("../core/router.js").Query} query */
 const viewOf = (query) => Object.fromEntries(VIEW_KEYS.flatMap((key) => (query[key] ? [[key, query[key]]] : [])));
@@ -35,16 +38,64 @@ export function useTuning(app, dataset, active, query) {
   const [showsMany, setShowsMany] = useState(false);
   const tried = useMemo(() => withEdits(active.config, edits), [active, edits]);
   useAddress(app, dataset, query, active, edits, setEdits);
-  const asked = usePreviews(dataset, active, tried, showsMany || query.class ? MANY : FEW);
+  const truths = useTruths(dataset, active);
+  const truth = truths.find((known) => known.truth === query.truth) ?? truths[0];
+  const question = { config: tried, limit: showsMany || query.class ? MANY : FEW, truth: truth?.truth ?? null };
+  const asked = usePreviews(dataset, active, question);
 
+  /** The edits before each change, the newest last; a drag is one change. @type {{current: {before: Edits, keys: string, at: number}[]}} */
+  const past = useRef([]);
   const change = useCallback(
-    (/** @type {Edits} */ some) => setEdits((held) => effectiveEdits(active.config, { ...held, ...some })),
+    (/** @type {Edits} */ some) =>
+      setEdits((held) => {
+        const at = performance.now();
+        const keys = Object.keys(some).join();
+        const last = past.current.at(-1);
+        if (last?.keys === keys && at - last.at < ONE_CHANGE_MS) last.at = at;
+        else past.current.push({ before: held, keys, at });
+        return effectiveEdits(active.config, { ...held, ...some });
+      }),
     [active],
   );
+  const actions = useMemo(() => ({ undo: () => setEdits((held) => past.current.pop()?.before ?? held) }), []);
+  useActions(app, actions);
   /** @param {import("../core/router.js").Query} view */
   const look = (view) => app.router.replace(linkTo("thresholds", { dataset }, { ...viewOf(query), ...view, ...queryOf(edits) }));
-  return { ...asked, active, edits, tried, change, setEdits, look, showsMany, showMany: () => setShowsMany(true) };
+  const share = shareOf(asked.preview?.histograms ? asked.preview : asked.baseline, query.by);
+  const showMany = () => setShowsMany(true);
+  return { ...asked, share, truths, truth, active, edits, tried, change, setEdits, look, showsMany, showMany };
 }
+
+/** With what verdicts can be compared, the strongest first. */
+const TRUTHS = /** @type {const} */ (["instances", "people"]);
+
+/**
+ * How the filter agrees with each truth that is known of some boxes.
+ * @param {string} dataset @param {ConfigVersion} active
+ */
+function useTruths(dataset, active) {
+  const path = { dataset };
+  const { value } = useLoaded(
+    (signal) => Promise.all(TRUTHS.map((truth) => get("/api/v1/datasets/{dataset}/quality", { path, query: { truth }, signal }))),
+    [dataset, active],
+  );
+  return (value ?? []).filter(({ confusion: c }) => c.kept_keep + c.kept_reject + c.rejected_keep + c.rejected_reject > 0);
+}
+
+/**
+ * The share of its pixels by which a box is decided, and how many boxes have which: of pixels whose tags fit, or of
+ * its own pixels, where instances, depth or the order of boxes tell which are.
+ * @param {Preview | null} preview @param {string} [by]  "tags" or "own", where boxes are decided by both
+ */
+function shareOf(preview, by) {
+  const { histograms = null, own_histograms: own = null } = preview ?? {};
+  const counts = { own: boxesIn(own), tags: boxesIn(histograms) };
+  const isOwn = counts.own > 0 && (by !== "tags" || counts.tags === 0);
+  return { isOwn, counts, key: isOwn ? OWN_SHARE : THRESHOLD, histograms: isOwn ? own : histograms };
+}
+
+/** @param {import("../core/openapi.js").Histogram | null} histograms */
+const boxesIn = (histograms) => Object.values(histograms?.classes ?? {}).flat().reduce((sum, count) => sum + count, 0);
 
 /** @typedef {ReturnType<typeof useTuning>} Tuning */
 
@@ -71,7 +122,7 @@ function useAddress(app, dataset, query, active, edits, setEdits) {
   }, [wanted, here]);
 }
 
-/** @typedef {{config: import("../core/openapi.js").FilterConfigIn, limit: number}} Question */
+/** @typedef {Pick<import("../core/openapi.js").PreviewIn, "config" | "limit" | "truth">} Question */
 
 /** Half a percent each: the step of a threshold. */
 const BINS = 200;
@@ -81,10 +132,9 @@ const previewOf = (dataset, question, signal) => post("/api/v1/datasets/{dataset
 
 /**
  * Requests counts at once, and the list of flips when nothing has changed for a moment.
- * @param {string} dataset @param {ConfigVersion} active
- * @param {import("../core/openapi.js").FilterConfigIn} tried @param {number} limit
+ * @param {string} dataset @param {ConfigVersion} active @param {Question} question
  */
-function usePreviews(dataset, active, tried, limit) {
+function usePreviews(dataset, active, { config: tried, limit, truth }) {
   const baseline = useLoaded((signal) => previewOf(dataset, { config: active.config, limit: 0 }, signal), [dataset, active]);
   const [preview, setPreview] = useState(/** @type {Preview | null} */ (null));
   const [counted, setCounted] = useState(/** @type {import("../core/openapi.js").FilterConfigIn | null} */ (null));
@@ -96,7 +146,7 @@ function usePreviews(dataset, active, tried, limit) {
       createLatest(
         (/** @type {Question} */ question, signal) => previewOf(dataset, question, signal),
         {
-          onAnswer: (answer, { config, limit: most }) => {
+          onAnswer: (answer, { config, limit: most = 0 }) => {
             setPreview(answer);
             setCounted(config);
             setError(null);
@@ -111,13 +161,13 @@ function usePreviews(dataset, active, tried, limit) {
   useEffect(() => () => ask.stop(), [ask]);
   // Before the frame is painted: the server can count meanwhile.
   useLayoutEffect(() => {
-    ask.ask({ config: tried, limit: 0 });
-    const timer = setTimeout(() => ask.ask({ config: tried, limit }), SETTLE_MS);
+    ask.ask({ config: tried, limit: 0, truth });
+    const timer = setTimeout(() => ask.ask({ config: tried, limit, truth }), SETTLE_MS);
     return () => clearTimeout(timer);
-  }, [ask, tried, limit]);
+  }, [ask, tried, limit, truth]);
   const retry = () => {
     baseline.reload();
-    ask.ask({ config: tried, limit });
+    ask.ask({ config: tried, limit, truth });
   };
   return { baseline: baseline.value, preview, counted, listed, error: error ?? baseline.error, isBusy, retry, isListed: listed !== null && listed.config === preview?.config };
 }

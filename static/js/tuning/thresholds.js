@@ -7,11 +7,12 @@ import { useFields } from "../core/form.js";
 import { useDataset, useLoaded, useTopBar } from "../core/hooks.js";
 import { html, useEffect, useState } from "../core/html.js";
 import { Icon } from "../core/icons.js";
-import { countOf, countText } from "../core/numbers.js";
-import { Failure, FailureLine, Notice } from "../core/parts.js";
+import { countOf, countText, percentText } from "../core/numbers.js";
+import { Failure, FailureLine, Notice, Segments } from "../core/parts.js";
 import { RunStrip, isOver, useOpenRun, useWatched } from "../jobs/job.js";
 import { AllClasses, ClassCards, Reasons } from "./classes.js";
-import { THRESHOLD, effectiveEdits, keyValue, valueOf, valueText } from "./config.js";
+import { editsFor, effectiveEdits, keyValue, valueOf, valueText, worthTrying } from "./config.js";
+import { EvidenceSwitch } from "./evidence.js";
 import { Delta, DirectionSign, FlipPanel, directionIn } from "./flips.js";
 import { useTuning } from "./preview.js";
 import { ConfigPanel, SaveDialog, Versions } from "./versions.js";
@@ -84,6 +85,8 @@ function Tuner({ app, route, dataset, settings, active, onApplied }) {
     ${run && html`<${RunStrip} key=${run.id} app=${app} dataset=${dataset} run=${run} isOwn=${run.id === own} onClose=${() => setStarted(null)} />`}
     ${search.error && html`<${FailureLine} what="Runs" error=${search.error} onRetry=${search.reload} />`}
     ${tuning.error && html`<${FailureLine} error=${tuning.error} onRetry=${tuning.retry} />`}
+    <${Overturned} tuning=${tuning} />
+    <${EvidenceSwitch} key=${active.digest} app=${app} dataset=${dataset} active=${active} onApplied=${onApplied} />
     ${!isUnknown && html`<${ChannelLine} config=${tuning.tried} keys=${keys.value ?? []} />`}
     <div class="tuning ${isUnknown ? "tuning--unknown" : ""}">
       <div class="tuning__main">
@@ -106,14 +109,18 @@ const Skeleton = () => html`<div aria-hidden="true">
   </div>
   <p class="sr-only" role="status">Loading thresholds</p>`;
 
-/** Says which channel decides, and by which keys, if it is not the segmentation. @param {{config: import("../core/openapi.js").FilterConfigIn, keys: readonly import("../core/form.js").Field[]}} props */
+/**
+ * Says what decides, and by which keys, if it is not the segmentation alone.
+ * @param {{config: import("./config.js").ConfigBody, keys: readonly import("../core/form.js").Field[]}} props
+ */
 function ChannelLine({ config, keys }) {
   const channel = config.evidence ?? "semantic";
   const own = keys.filter(({ evidence }) => evidence.includes(channel));
   if (channel === "semantic" || own.length === 0) return null;
-  return html`<p class="tuning__channel">The channel <code>${channel}</code> decides, by ${own.map(
+  const name = channel === "auto" ? "The strongest evidence of each frame" : html`<code>${channel}</code>`;
+  return html`<p class="tuning__channel">${name} decides, by ${own.map(
     (field, at) => html`${at > 0 ? (at === own.length - 1 ? " and " : ", ") : ""}<code>${field.key}</code> (${valueText(keyValue(config, field))})`,
-  )}; match thresholds only decide boxes that it could not measure.</p>`;
+  )}; thresholds of matching pixels decide the boxes that it could not measure.</p>`;
 }
 
 /** @param {{tuning: Tuning, onReset: () => void, onSave: () => void, isRunning: boolean}} props */
@@ -121,10 +128,12 @@ function Summary({ tuning, onReset, onSave, isRunning }) {
   const { preview, baseline, edits, counted } = tuning;
   const changed = Object.keys(edits).length;
   const isCurrent = counted === tuning.tried;
-  return html`<section class="summary ${isCurrent ? "" : "is-behind"}" aria-label="What would be decided" data-threshold=${counted ? String(valueOf(counted, THRESHOLD)) : ""}>
+  return html`<section class="summary ${isCurrent ? "" : "is-behind"}" aria-label="What would be decided"
+    data-threshold=${counted ? String(valueOf(counted, tuning.share.key)) : ""}>
     <div class="summary__numbers">
       ${preview?.needs_pixels ? html`<${NeedsPixels} />` : html`<${Counts} counts=${preview?.counts ?? null} before=${baseline?.counts ?? null} />
-        <${Flips} flips=${preview?.flips ?? null} />`}
+        <${Flips} flips=${preview?.flips ?? null} />
+        <${Scores} tuning=${tuning} />`}
     </div>
     <div class="summary__actions">
       <span class="summary__state">${changed ? `${countOf(changed, "change")}, not saved` : "The active configuration"}</span>
@@ -159,6 +168,66 @@ function Figure({ verdict, count, before }) {
     <span class="figure__value num">${count === undefined ? "–" : countText(count)}</span>
     <${Delta} count=${count} before=${before} />
   </div>`;
+}
+
+/** What the truth is, where a choice has to be made, and in a sentence. */
+const TRUTH = {
+  instances: { text: "Instances", of: (/** @type {number} */ n) => `of ${countOf(n, "box", "boxes")} with instances` },
+  people: { text: "Answers", of: (/** @type {number} */ n) => `of ${countOf(n, "answered box", "answered boxes")}` },
+};
+const SCORES = /** @type {const} */ ([
+  { name: "precision", title: "Of the boxes that are kept, the share whose object is visible" },
+  { name: "recall", title: "Of the boxes whose object is visible, the share that is kept" },
+]);
+
+/** Precision and recall of what is tried, where the truth of some boxes is known. @param {{tuning: Tuning}} props */
+function Scores({ tuning }) {
+  const { preview, truths, truth } = tuning;
+  const scores = preview?.scores;
+  if (!truth || !scores) return null;
+  const { of } = TRUTH[truth.truth];
+  return html`<div class="summary__truth">
+    <div class="figures">
+      ${SCORES.map(({ name, title }) => html`<div class="figure" data-figure=${name} title=${title}>
+        <span class="figure__name">${name}</span>
+        <span class="figure__value num">${scores.after[name] ? `${tenths(scores.after[name].value)} %` : "–"}</span>
+        <${Delta} count=${points(scores.after[name])} before=${points(scores.before[name])} />
+      </div>`)}
+    </div>
+    <p class="faint">${truths.length > 1
+      ? html`<${Segments} label="Compared with" value=${truth.truth} choices=${truths.map(({ truth: value }) => ({ value, text: TRUTH[value].text }))}
+          onChange=${(/** @type {string} */ value) => tuning.look({ truth: value })} />`
+      : ""}${of(scores.boxes)}</p>
+  </div>`;
+}
+
+/** In percent, with one decimal. @param {number} share */
+const tenths = (share) => Math.round(1000 * share) / 10;
+
+/** @param {import("../core/openapi.js").Measure | null} measure */
+const points = (measure) => (measure ? tenths(measure.value) : undefined);
+
+/** So many verdicts of a class that the truth contradicts are worth a hint. */
+const FEW_ERRORS = 3;
+
+/** Classes whose verdicts the truth contradicts, with the threshold that agrees better. @param {{tuning: Tuning}} props */
+function Overturned({ tuning }) {
+  const { truth, tried, change, active } = tuning;
+  const better = worthTrying(truth?.suggested ?? []).flatMap((suggestion) => {
+    const errors = truth?.by_class[suggestion.class];
+    const count = errors ? errors.kept_reject + errors.rejected_keep : 0;
+    const edits = editsFor([suggestion]);
+    const isTried = Object.keys(effectiveEdits(tried, edits)).length === 0;
+    return count >= FEW_ERRORS && !isTried ? [{ suggestion, count, edits }] : [];
+  });
+  if (!truth || better.length === 0 || !active) return null;
+  return html`<ul class="overturned" aria-label="What the truth contradicts">
+    ${better.map(({ suggestion: { class: name, suggested }, count, edits }) => html`<li key=${name}>
+      <span>${truth.truth === "people" ? countOf(count, "answer") : `Instances of ${countOf(count, "box", "boxes")}`} of <b>${name}</b>${" "}
+        ${truth.truth === "people" ? "overturned" : "contradict"} the filter.</span>
+      <button class="button button--small" onClick=${() => change(edits)}>Try ${percentText(suggested)}</button>
+    </li>`)}
+  </ul>`;
 }
 
 /** @param {{flips: import("../core/openapi.js").FlipCounts & {total: number} | null}} props */

@@ -2,13 +2,23 @@
 // Every key of the configuration, the stored versions, what differs, the dialog that saves.
 
 import { get, post, put } from "../core/api.js";
-import { Control } from "../core/form.js";
+import { Control, Listed, useMeasuredClasses } from "../core/form.js";
 import { useNewest, useTask } from "../core/hooks.js";
 import { html, useState } from "../core/html.js";
 import { Icon } from "../core/icons.js";
 import { agoText, countOf, countText } from "../core/numbers.js";
 import { Dialog, FailureLine, Words, useCopy, useDialog } from "../core/parts.js";
-import { differences, editsBetween, keyValue, ownSetting, toYaml, valueOf, valueText } from "./config.js";
+import {
+  classPath,
+  differences,
+  editsBetween,
+  isReading,
+  keyValue,
+  ownSetting,
+  toYaml,
+  valueOf,
+  valueText,
+} from "./config.js";
 
 /** @typedef {import("../core/openapi.js").ConfigVersion} ConfigVersion */
 /** @typedef {import("../core/openapi.js").Run} Run */
@@ -98,7 +108,10 @@ export function ConfigPanel({ tuning, keys, settings }) {
   const { tried, active } = tuning;
   const ofClasses = differences({ ...tried, classes: {} }, tried);
   return html`<section class="panelbox" aria-labelledby="config-title">
-    <header class="panelbox__head"><h2 id="config-title">Configuration</h2><span class="faint">all keys; those that do not require measuring again can be changed here</span></header>
+    <header class="panelbox__head">
+      <h2 id="config-title">Configuration</h2>
+      <span class="faint">all keys; how segmentations are read is changed in the dataset's settings</span>
+    </header>
     ${keys.error && html`<${FailureLine} error=${keys.error} onRetry=${keys.reload} />`}
     <div class="tablewrap"><table class="table table--keys" aria-busy=${keys.state === "loading"}>
       <thead><tr><th scope="col">Key</th><th scope="col">Value</th><th scope="col">Active</th><th class="table__text" scope="col">Meaning</th></tr></thead>
@@ -107,6 +120,7 @@ export function ConfigPanel({ tuning, keys, settings }) {
         ${ofClasses.map((row) => html`<tr key=${row.path}><th scope="row"><code><${Words} text=${row.path} /></code></th><td class="num">${valueText(row.after)}</td><td class="num faint">${valueText(valueOf(active.config, row.path))}</td><td class="table__text faint">for this class only</td></tr>`)}
       </tbody>
     </table></div>
+    <${ClassKeys} tuning=${tuning} classes=${settings.classes} />
     <${Yaml} text=${toYaml(tried)} />
   </section>`;
 }
@@ -116,10 +130,50 @@ const OwnSetting = ({ value }) => value && html` <strong>The dataset's own setti
 
 /** @param {{tuning: Tuning, field: Field}} props */
 function Value({ tuning, field }) {
-  const { key, needsPixels, unit } = field;
+  const { key, kind, unit } = field;
   const value = keyValue(tuning.tried, field);
-  if (needsPixels) return html`<span class="num">${valueText(value)}${unit && `\u00a0${unit}`}</span>`;
+  if (isReading(key) || kind === "text")
+    return html`<span class="num">${valueText(value)}${unit && `\u00a0${unit}`}</span>`;
   return html`<${Control} field=${field} label=${key} value=${value} isSet=${key in tuning.edits} onChange=${(/** @type {ConfigValue} */ given) => tuning.change({ [key]: given })} />`;
+}
+
+/** @typedef {{currentTarget: HTMLSelectElement}} Chosen */
+
+/**
+ * What a class is measured as, or the tags that count for it.
+ * @param {{tuning: Tuning, classes: readonly string[]}} props
+ */
+function ClassKeys({ tuning: { tried, change }, classes }) {
+  const [name = "", setName] = useState(classes[0]);
+  const measured = useMeasuredClasses();
+  const [as, tags] = [classPath(name, "measures_as"), classPath(name, "accept")];
+  const accepted = valueOf(tried, tags);
+  const listed = Array.isArray(accepted) ? accepted.join(", ") : "";
+  /** @param {Chosen} event */
+  const onName = ({ currentTarget: { value } }) => setName(value);
+  /** @param {Chosen} event */
+  const onAs = ({ currentTarget: { value } }) =>
+    change({ [as]: value || undefined, ...(value && { [tags]: undefined }) });
+  /** @param {(string | number)[]} values */
+  const onTags = (values) => change(values.length > 0 ? { [tags]: values, [as]: undefined } : { [tags]: undefined });
+  return html`<fieldset class="classkeys">
+    <legend>What a class is measured as</legend>
+    <label><span>Class</span><span class="select"><select value=${name} onChange=${onName}>
+      ${classes.map((each) => html`<option value=${each}>${each}</option>`)}
+    </select></span></label>
+    <label><span>Measured as</span><span class="select"><select value=${valueOf(tried, as) ?? ""} onChange=${onAs}>
+      <option value="">what its name means</option>
+      ${measured.map((each) => html`<option value=${each}>${each}</option>`)}
+    </select></span></label>
+    <label><span>or by these tags</span><${Listed} key=${`${name}: ${listed}`} name=${name} initial=${listed}
+      parse=${tagsIn} hint="Car, Truck" onDone=${onTags} /></label>
+  </fieldset>`;
+}
+
+/** "Car, 12" as tags: names, and numbers. @param {string} text */
+function tagsIn(text) {
+  const words = text.split(/[,;]+/).map((word) => word.trim()).filter(Boolean);
+  return words.map((word) => (/^\d+$/.test(word) ? Number(word) : word));
 }
 
 /** @param {{text: string}} props */
@@ -177,6 +231,6 @@ function whatText({ preview, counted, tried }) {
 export const DiffTable = ({ rows, names = ["Active", "New"] }) => html`<div class="tablewrap"><table class="table difftable">
   <thead><tr><th scope="col">Key</th><th scope="col">${names[0]}</th><th scope="col">${names[1]}</th></tr></thead>
   <tbody>
-    ${rows.map((row) => html`<tr key=${row.path}><th scope="row"><code>${row.path}</code></th><td><del>${valueText(row.before)}</del></td><td><ins>${valueText(row.after)}</ins></td></tr>`)}
+    ${rows.map((row) => html`<tr key=${row.path}><th scope="row"><code><${Words} text=${row.path} /></code></th><td><del>${valueText(row.before)}</del></td><td><ins>${valueText(row.after)}</ins></td></tr>`)}
   </tbody>
 </table></div>`;

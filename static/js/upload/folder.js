@@ -1,13 +1,16 @@
 // @ts-check
-// Reads dropped files: their names and labels are sent to the server, which responds with the frames it found. No DOM.
+// Reads dropped files: what `pack` takes of them is sent to the server, which responds with the frames, and how it
+// understands them. No DOM.
 
 import { ask } from "../core/api.js";
-import { contentOf } from "./uploader.js";
+import { TELL_EVERY, archiveOf } from "./archive.js";
+import { createPauses } from "./uploader.js";
 
 /** @typedef {import("../core/openapi.js").FolderHead} FolderHead */
 /** @typedef {import("../core/openapi.js").FolderFrame} FolderFrame */
 /** @typedef {import("../core/openapi.js").UnmatchedFile} UnmatchedFile */
 /** @typedef {import("../core/openapi.js").FolderEnd} FolderEnd */
+/** @typedef {import("../core/openapi.js").FolderInspection} Inspection */
 /** @typedef {NonNullable<NonNullable<import("../core/api.js").Operation<"post", "/api/v1/folders">["parameters"]["query"]>["layout"]>} Layout  "auto": the likeliest */
 /** @typedef {FolderHead | FolderFrame | UnmatchedFile | FolderEnd} FolderLine */
 
@@ -28,8 +31,8 @@ import { contentOf } from "./uploader.js";
 
 /**
  * @typedef {object} Plan
- * @property {FolderHead["layout"]} layout
- * @property {readonly FolderHead["layout"][]} layouts  that these files may have, the likeliest first
+ * @property {FolderHead["layout"]} layout  null: they cannot be read
+ * @property {FolderHead["layouts"]} layouts  that these files may have, the likeliest first
  * @property {FolderHead["titles"]} titles  their names for people
  * @property {ReadFrame[]} frames
  * @property {{key: string, why: string}[]} problems  frames that cannot be read
@@ -37,23 +40,10 @@ import { contentOf } from "./uploader.js";
  * @property {string[] | null} classes  the layout's own list
  * @property {FolderHead["settings"]} settings  of a new dataset, as recording.yaml says
  * @property {FolderHead["config"]} config  keys of a configuration that recording.yaml gives
- * @property {readonly string[]} notes  how the files were read
+ * @property {Inspection} inspection  how the files are understood
  */
 
 /** @typedef {{step: "labels" | "waiting" | "frames", done: number, of: number | null}} Reading  labels read here, then frames read by the server */
-
-/** Files whose content the server needs; of all others but those in `SIZED` it needs only the names. */
-const TEXT = /\.(txt|xml|jsonl?|ya?ml|names|csv|tsv|npz|gz)$/i;
-
-/** For KITTI the server needs the size of each picture, which is in its first bytes. */
-const SIZED = /(^|\/)image_2\/[^/]*$/;
-const PNG_SIZE_BYTES = 24;
-const JPEG_SIZE_BYTES = 64 * 1024;
-
-const IMAGE = /\.(png|jpe?g)$/i;
-
-/** @param {readonly Entry[]} entries */
-export const hasImages = (entries) => entries.some(({ path }) => IMAGE.test(path));
 
 /** Without files that readers ignore: hidden ones, and those that macOS adds to archives. @param {readonly Entry[]} entries */
 export const visibleEntries = (entries) => entries.filter(({ path }) => !path.split("/").some((part) => part.startsWith(".") || part === "__MACOSX"));
@@ -66,18 +56,17 @@ export function topOf(entries) {
 
 /**
  * Ask the server which frames these files make up. The server stores nothing.
- * @param {readonly Entry[]} entries @param {Layout} layout
+ * @param {readonly Entry[]} entries @param {import("./archive.js").Packed} packed
+ * @param {{layout: Layout, description: object | null}} how  the description in place of a dropped one
  * @param {AbortSignal} signal @param {(reading: Reading) => void} tell  called with the progress
  * @returns {Promise<Plan>}
  */
-export async function readFolder(entries, layout, signal, tell) {
-  const body = await archiveOf(entries, signal, (done, of) => tell({ step: "labels", done, of }));
+export async function readFolder(entries, packed, { layout, description }, signal, tell) {
+  const body = archiveOf(packed, topOf(entries), description);
   tell({ step: "waiting", done: 0, of: null });
   const response = await ask("post", "/api/v1/folders", { query: { layout }, body, signal });
   return planOf(linesOf(response), entries, (done, of) => tell({ step: "frames", done, of }));
 }
-
-const TELL_EVERY = 100;
 
 /**
  * @param {AsyncIterable<FolderLine>} lines @param {readonly Entry[]} entries @param {(done: number, of: number | null) => void} tell
@@ -90,14 +79,11 @@ export async function planOf(lines, entries, tell) {
   /** @type {Pick<Plan, "frames" | "problems" | "unmatched">} */
   const found = { frames: [], problems: [], unmatched: [] };
   let head = /** @type {FolderHead | null} */ (null);
-  /** @type {readonly string[]} */
-  let notes = [];
-  let isWhole = false;
+  let inspection = /** @type {Inspection | null} */ (null);
+  const pause = createPauses();
   for await (const line of lines) {
-    if ("end" in line) {
-      isWhole = true;
-      notes = line.notes;
-    }
+    await pause();
+    if ("end" in line) inspection = line.inspection;
     else if ("why" in line) found.unmatched.push(line);
     else if ("key" in line) {
       addFrame(found, line, byPath);
@@ -105,16 +91,18 @@ export async function planOf(lines, entries, tell) {
       if (done % TELL_EVERY === 0) tell(done, head?.count ?? null);
     } else head = line;
   }
-  if (!head || !isWhole) throw new Error("The server's response was cut off. Try again.");
+  if (!head || !inspection) throw new Error("The server's response was cut off. Try again.");
   const { layout, layouts, titles, classes, settings, config } = head;
-  return { layout, layouts, titles, classes, settings, config, notes, ...found };
+  return { layout, layouts, titles, classes, settings, config, inspection, ...found };
 }
 
 /** @param {Pick<Plan, "frames" | "problems">} plan @param {FolderFrame} line @param {ReadonlyMap<string, Entry>} byPath */
 function addFrame(plan, { key, annotation, annotation_text: text, files, fault }, byPath) {
   const found = Object.entries(files).map(([kind, name]) => ({ kind, name, entry: byPath.get(name) }));
   const missing = found.find(({ entry }) => !entry);
-  const why = fault?.detail ?? (missing ? `${missing.name} is not among these files` : "");
+  const empty = found.find(({ entry }) => entry?.size === 0);
+  const absent = missing ? `${missing.name} is not among these files` : empty ? `${empty.name} has 0 bytes` : "";
+  const why = fault?.detail ?? absent;
   if (why || !annotation) plan.problems.push({ key, why });
   else {
     const there = found.flatMap(({ kind, entry }) => (entry ? [[kind, entry]] : []));
@@ -131,91 +119,4 @@ export async function* linesOf(response) {
     rest = lines.pop() ?? "";
     for (const line of lines) yield JSON.parse(line);
   }
-}
-
-const BLOCK = 512;
-const AT_ONCE = 8;
-
-/**
- * A tar of these files, of each what the server needs: see `bytesOf`.
- * @param {readonly Entry[]} entries @param {AbortSignal} signal @param {(done: number, of: number) => void} tell
- */
-export async function archiveOf(entries, signal, tell) {
-  const wanted = entries.map((entry) => ({ entry, size: bytesOf(entry) }));
-  /** @type {Uint8Array<ArrayBuffer>[][]} */
-  const members = [];
-  const of = wanted.filter(({ size }) => size > 0).length;
-  let next = 0;
-  let done = 0;
-  const work = async () => {
-    for (let at = next++; at < wanted.length; at = next++) {
-      const { entry, size } = /** @type {{entry: Entry, size: number}} */ (wanted[at]);
-      signal.throwIfAborted();
-      const head = headersOf(entry.path, size);
-      members[at] = head;
-      if (size === 0) continue;
-      members[at] = [...head, await contentOf({ ...entry, blob: entry.blob.slice(0, size) }), new Uint8Array(padding(size))];
-      if (++done % TELL_EVERY === 0) tell(done, of);
-    }
-  };
-  await Promise.all(Array.from({ length: AT_ONCE }, work));
-  return new Blob([...inPieces(members.flat()), new Uint8Array(2 * BLOCK)], { type: "application/x-tar" });
-}
-
-const PIECE_BYTES = 4 * 1024 * 1024;
-
-/** Join small parts into larger ones: a browser is slow at sending a body of tens of thousands of parts. @param {readonly Uint8Array<ArrayBuffer>[]} parts */
-function* inPieces(parts) {
-  for (let first = 0; first < parts.length; ) {
-    let end = first;
-    let size = 0;
-    do size += parts[end++]?.length ?? 0;
-    while (end < parts.length && size + (parts[end]?.length ?? 0) <= PIECE_BYTES);
-    const piece = new Uint8Array(size);
-    let at = 0;
-    for (const part of parts.slice(first, end)) {
-      piece.set(part, at);
-      at += part.length;
-    }
-    yield piece;
-    first = end;
-  }
-}
-
-/** How much of a file the server needs. @param {Entry} entry */
-function bytesOf({ path, size }) {
-  if (TEXT.test(path)) return size;
-  if (!SIZED.test(path)) return 0;
-  return Math.min(size, path.toLowerCase().endsWith(".png") ? PNG_SIZE_BYTES : JPEG_SIZE_BYTES);
-}
-
-/** @param {number} size */
-const padding = (size) => (BLOCK - (size % BLOCK)) % BLOCK;
-
-const NAME_BYTES = 100;
-
-/** What stands before a file in a tar; a long name has an entry of its own. @param {string} path @param {number} size */
-function headersOf(path, size) {
-  const name = new TextEncoder().encode(path);
-  if (name.length <= NAME_BYTES) return [header(name, size, "0")];
-  const long = new Uint8Array(name.length + 1 + padding(name.length + 1));
-  long.set(name);
-  return [header(new TextEncoder().encode("././@LongLink"), name.length + 1, "L"), long, header(name.subarray(0, NAME_BYTES), size, "0")];
-}
-
-const CHECKSUM_AT = 148;
-
-/** @param {Uint8Array} name @param {number} size @param {string} type */
-function header(name, size, type) {
-  const block = new Uint8Array(BLOCK);
-  const write = (/** @type {number} */ at, /** @type {string} */ text) => block.set(new TextEncoder().encode(text), at);
-  let sum = 0;
-  const octal = (/** @type {number} */ number, /** @type {number} */ digits) => number.toString(8).padStart(digits, "0");
-  block.set(name);
-  // Mode, owner, group, size, time, an empty checksum, type; then what marks a POSIX tar.
-  write(NAME_BYTES, `0000644\0${"0000000\0".repeat(2)}${octal(size, 11)}\0${"0".repeat(11)}\0        ${type}`);
-  write(257, "ustar\x0000");
-  for (const byte of block) sum += byte;
-  write(CHECKSUM_AT, `${octal(sum, 6)}\0 `);
-  return block;
 }

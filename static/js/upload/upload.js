@@ -8,7 +8,7 @@ import { countOf, countText } from "../core/numbers.js";
 import { createLazy } from "../core/observable.js";
 import { Dialog, FailureLine, FileList, useDialog } from "../core/parts.js";
 import { linkTo } from "../core/router.js";
-import { doneOf, isOver } from "./uploader.js";
+import { createPauses, doneOf, isOver } from "./uploader.js";
 
 /** @typedef {import("./uploader.js").UploadApp} App */
 /** @typedef {import("./folder.js").Entry} Entry */
@@ -87,7 +87,7 @@ function Picker({ app, text, icon, isFolder = false, isPrimary = false }) {
   const field = useRef(/** @type {HTMLInputElement | null} */ (null));
   /** @param {{currentTarget: HTMLInputElement}} event */
   const onChange = ({ currentTarget }) => {
-    if (currentTarget.files?.length) offer(app, filesOfField(currentTarget.files));
+    if (currentTarget.files?.length) offer(app, filesOfField([...currentTarget.files]));
     // The same folder may be picked again.
     currentTarget.value = "";
   };
@@ -121,24 +121,34 @@ function filesOfDrop(transfer) {
 async function allOf(found) {
   /** @type {Entry[]} */
   const entries = [];
+  const pause = createPauses();
   for (const one of found) {
     if (one instanceof File) entries.push(entryOf(one, one.name));
-    else if (one) await collect(one, entries);
+    else if (one) await collect(one, entries, pause);
   }
-  return entries;
+  return entries.sort((a, b) => (a.path < b.path ? -1 : 1));
 }
 
-/** @param {FileList} files @returns {Promise<Entry[]>} */
+/** @param {readonly File[]} files @returns {Promise<Entry[]>} */
 async function filesOfField(files) {
   if (files.length > MOST_FILES) throw new TooMany();
-  return [...files].map((file) => entryOf(file, file.webkitRelativePath || file.name));
+  const pause = createPauses();
+  const entries = [];
+  for (const file of files) {
+    // The size of a file is a question to another process.
+    entries.push(entryOf(file, file.webkitRelativePath || file.name));
+    await pause();
+  }
+  return entries;
 }
 
 /** @param {File} file @param {string} path @returns {Entry} */
 const entryOf = (file, path) => ({ path, size: file.size, blob: file });
 
-/** @param {FileSystemEntry} entry @param {Entry[]} entries */
-async function collect(entry, entries) {
+const AT_ONCE = 16;
+
+/** @param {FileSystemEntry} entry @param {Entry[]} entries @param {() => Promise<void>} pause */
+async function collect(entry, entries, pause) {
   if (entries.length >= MOST_FILES) throw new TooMany();
   const path = entry.fullPath.replace(/^\//, "");
   if (entry.isFile) {
@@ -149,7 +159,11 @@ async function collect(entry, entries) {
   const reader = /** @type {FileSystemDirectoryEntry} */ (entry).createReader();
   // A reader gives some entries at a time, and none at the end.
   for (let some = await nextEntries(reader); some.length; some = await nextEntries(reader)) {
-    for (const one of some) await collect(one, entries);
+    // Each file is a question to another process, so a few are asked for at once.
+    for (let at = 0; at < some.length; at += AT_ONCE) {
+      await Promise.all(some.slice(at, at + AT_ONCE).map((one) => collect(one, entries, pause)));
+      await pause();
+    }
   }
 }
 

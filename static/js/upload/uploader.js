@@ -146,6 +146,18 @@ export const doneOf = ({ stored, same, refused }) => stored + same + refused.len
 /** @param {Phase} phase */
 export const isOver = (phase) => phase === "done" || phase === "stopped";
 
+const BUSY_MS = 12;
+
+/** Lets the browser draw, if it has been kept from it for a while. */
+export function createPauses() {
+  let since = performance.now();
+  return async () => {
+    if (performance.now() - since < BUSY_MS) return;
+    await new Promise((resolve) => setTimeout(resolve));
+    since = performance.now();
+  };
+}
+
 /** The content of a file. Throws if the file has been changed or removed since it was picked. @param {import("./folder.js").Entry} entry */
 export async function contentOf({ blob, path }) {
   try {

@@ -101,6 +101,21 @@ def test_login_prints_a_link_that_works_once(machine):
     assert opened == [201, 401]
 
 
+def test_login_finds_the_one_server_that_runs_on_this_machine(machine):
+    server, unghost = machine
+    state = unghost.settings["XDG_STATE_HOME"]
+    unnamed = CommandLine(unghost.folder, {"XDG_STATE_HOME": state})
+
+    answer = unnamed("login")
+    other = unnamed(
+        "dataset", "list", "--server", "http://127.0.0.1:1", "--retry-for", 0
+    )
+
+    assert (answer.code, answer.out.partition("/#code=")[0]) == (DONE, server.url)
+    assert f"the server at {server.url} (--server: another)" in answer.err
+    assert f"On this machine runs {server.url}." in other.err
+
+
 def test_login_link_belongs_to_the_given_token(machine):
     server, unghost = machine
     with Client(server.url, server.token) as admin:

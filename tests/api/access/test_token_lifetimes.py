@@ -51,13 +51,13 @@ def is_authenticated(service, token):
 @pytest.mark.parametrize(
     ("body", "days"),
     [
-        ({}, 90),
-        ({"expires_at": None}, 90),
+        ({}, None),
+        ({"expires_at": None}, None),
         ({"expires_in_days": 7}, 7),
         ({"expires_in_days": None}, None),
     ],
 )
-def test_token_expires_after_90_days_by_default_or_as_requested(admin, body, days):
+def test_token_lasts_until_it_is_revoked_or_as_requested(admin, body, days):
     made = create(admin, f"lasting-{body}", **body)
 
     ends = parse_time(made["expires_at"])

@@ -114,9 +114,9 @@ def test_token_list_is_paginated(serve):
 
 
 def test_session_returns_name_role_and_expiry_of_its_token(service, admin):
-    token = create(admin, "grace", role="reviewer").json()["token"]
+    lasting = create(admin, "grace", role="reviewer", expires_in_days=7).json()["token"]
 
-    with service.client(Authorization=f"Bearer {token}") as client:
+    with service.client(Authorization=f"Bearer {lasting}") as client:
         session = client.get("/api/v1/session").json()
 
     assert (session["name"], session["role"]) == ("grace", "reviewer")

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import os
+
 import cv2
 import numpy as np
 import pytest
 
+from app.boxes.drawing import PICTURES, make_room_for_pictures
 from filter_core.segmentation.palettes import FAMILIES
 from tests.support import frames as scene
 from tests.support.api import BASE
@@ -139,7 +142,7 @@ def test_boxes_are_drawn_by_their_effective_verdict(api):
     assert api.review(ghost, "keep").status_code == 201
     again = api.http.get(first.url, headers={"If-None-Match": first.headers["etag"]})
 
-    assert first.headers["content-type"] == "image/jpeg"
+    assert first.headers["content-type"] == "image/webp"
     assert again.status_code == 200
     assert decoded(again).shape == (scene.HEIGHT, scene.WIDTH, 3)
     x, y = scene.IN_THE_SKY[:2]
@@ -153,8 +156,48 @@ def test_thumbnail_is_small_and_returns_304_for_its_etag(api, stored):
     answer = api.http.get(url)
     again = api.http.get(url, headers={"If-None-Match": answer.headers["etag"]})
 
-    assert decoded(answer).shape == (288, 384, 3)
+    assert decoded(answer).shape == (scene.HEIGHT, scene.WIDTH, 3)
     assert again.status_code == 304
+
+
+def test_picture_with_a_version_in_its_address_is_drawn_once_and_kept(
+    api, server, stored
+):
+    box = stored["decisions"][0]["box_id"]
+
+    asked = [api.get(f"/boxes/{box}/crop", height=48, v=word) for word in ("", "1")]
+
+    assert [answer.headers["cache-control"] for answer in asked] == [
+        *("private, no-cache", "private, max-age=31536000, immutable"),
+    ]
+    tag = asked[0].headers["etag"].strip('"')
+    kept = server.data / PICTURES / tag[:2] / tag
+    assert kept.read_bytes() == asked[0].content == asked[1].content
+
+
+def test_oldest_pictures_make_room_for_others(tmp_path):
+    for number, name in enumerate(("aa/old", "bb/new")):
+        path = tmp_path / name
+        path.parent.mkdir()
+        path.write_bytes(bytes(100))
+        os.utime(path, (number, number))
+
+    make_room_for_pictures(tmp_path, most_bytes=150)
+
+    assert [path.name for path in tmp_path.glob("*/*")] == ["new"]
+
+
+def test_long_json_is_compressed_for_clients_that_take_it(api, stored):
+    url = f"{BASE}/frames/{stored['frame']['id']}"
+
+    packed = api.http.get(url, headers={"Accept-Encoding": "gzip"})
+    plain = api.http.get(url, headers={"Accept-Encoding": "identity"})
+
+    assert packed.headers["content-encoding"] == "gzip"
+    assert packed.headers["vary"] == "Accept-Encoding"
+    assert int(packed.headers["content-length"]) < len(plain.content) / 2
+    assert packed.json() == plain.json()
+    assert "content-encoding" not in plain.headers
 
 
 @pytest.mark.parametrize("layer", ["image", "segmentation", "blend"])
@@ -171,7 +214,7 @@ def test_crop_of_each_layer_has_the_requested_height(api, stored, layer):
     [
         ("/crop?pad=NaN", 422),
         ("/crop?height=1", 422),
-        ("/crop?layer=depth", 422),
+        ("/crop?layer=radar", 422),
         ("/crop?zoom=2", 400),
     ],
 )
@@ -199,7 +242,8 @@ def test_crop_of_a_box_outside_is_404_and_without_image_is_grey(api):
     assert nowhere.json()["detail"] == (
         f"there is no rectangle in the image of box {outside}"
     )
-    assert decoded(api.get(f"/boxes/{inside}/crop"))[5, 5].tolist() == [96, 96, 96]
+    grey = decoded(api.get(f"/boxes/{inside}/crop"))[5, 5]
+    assert grey == pytest.approx([96, 96, 96], abs=1)
     frame = stored["frame"]["id"]
     thumbnail = api.get(f"/frames/{frame}/thumbnail")
     assert thumbnail.status_code == 404

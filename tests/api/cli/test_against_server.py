@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import fcntl
+import json
 import signal
 from collections.abc import Iterator
 from pathlib import Path
+from zipfile import ZipFile
 
 import numpy as np
 import pytest
@@ -14,7 +16,7 @@ from typer.testing import CliRunner
 from filter_core.segmentation.palettes import FAMILIES
 from tests.support import frames
 from tests.support.command_line import CommandLine
-from tests.support.folders import write_files
+from tests.support.folders import LAYOUT_FILES, write_files
 from tests.support.frames import write_jpeg_segmentation, write_manifest
 from tests.support.pictures import jpeg, painted, png
 from tests.support.ports import reserved_port
@@ -24,7 +26,7 @@ from tests.support.shared_data import shared
 from unghost import Client
 from unghost.cli.program import app
 
-DONE, REFUSED, USAGE, PARTLY, UNAVAILABLE, INTERRUPTED = 0, 1, 2, 3, 69, 130
+DONE, REFUSED, USAGE, PARTLY, GATE, UNAVAILABLE, INTERRUPTED = 0, 1, 2, 3, 4, 69, 130
 
 
 @pytest.fixture
@@ -407,7 +409,7 @@ def test_interrupted_push_resumes_when_repeated(unghost, name, tmp_path):
 
 
 def test_unavailable_server_exits_with_69(cli_without_server):
-    answer = cli_without_server("stats", "town")
+    answer = cli_without_server("stats", "town", "--retry-for", 0)
 
     assert answer.code == UNAVAILABLE
     assert "unghost: no response from http://127.0.0.1:" in answer.err
@@ -427,11 +429,53 @@ def test_request_refused_by_the_server_exits_with_1(unghost):
 def test_datasets_command_prints_tab_separated_lines_or_json(
     unghost, unchanged_dataset
 ):
-    lines = unghost("datasets").out.splitlines()
-    records = unghost("datasets", "--json").records
+    lines = unghost("dataset", "list").out.splitlines()
+    records = unghost("dataset", "list", "--json").records
 
     assert f"{unchanged_dataset}\t3\t6\t3\t3\t0" in "\n".join(lines)
     assert unchanged_dataset in [record["name"] for record in records]
+
+
+def test_push_gives_a_new_dataset_what_its_folder_was_read_with(
+    unghost, name, tmp_path
+):
+    described = {"segmentation": {"folder": "gt"}, "classes": {"Misc": "pass"}}
+    files = {**LAYOUT_FILES["pairs"], "1.png": None, "gt/1.png": None}
+    folder = write_files(
+        tmp_path / "town", {**files, "recording.yaml": json.dumps(described)}
+    )
+    elsewhere = write_files(tmp_path / "tags", {"1.png": None})
+
+    unghost("push", folder, "--dataset", name)
+    unghost("push", folder, "--dataset", f"{name}-2", "--segmentation", elsewhere)
+
+    kept = {
+        record["name"]: record
+        for record in unghost("dataset", "list", "--json").records
+    }
+    left = {"companions": {".": 1}}  # the segmentation beside the image
+    assert kept[name]["recording"] == {"layout": "pairs", **described, **left}
+    assert kept[f"{name}-2"]["recording"] == {
+        "layout": "pairs",
+        "classes": {"Misc": "pass"},
+        "companions": {".": 1},
+    }
+    lines = unghost("dataset", "list").out.splitlines()
+    line = next(one for one in lines if f"{name}\t" in one)
+    assert line.endswith("\tdescribed")
+
+
+def test_report_is_one_file_with_counts_and_pictures(unghost, unchanged_dataset):
+    answer = unghost("report", unchanged_dataset, "-o", "report.html", "--json")
+
+    assert answer.code == DONE
+    page = (unghost.folder / "report.html").read_text("utf-8")
+    stats = unghost("stats", unchanged_dataset, "--json").records[0]
+    assert answer.records == [{"output": "report.html", "boxes": stats["boxes"]}]
+    assert f"{stats['boxes']:,} boxes" in page
+    assert all(f"<td>{name}</td>" in page for name in stats["by_class"])
+    assert "data:image/webp;base64," in page
+    assert "http" not in page.replace("http://www.w3.org", "")
 
 
 def test_stats_count_by_reason(unghost, unchanged_dataset):
@@ -446,14 +490,69 @@ def test_stats_count_by_reason(unghost, unchanged_dataset):
 def test_config_show_diff_and_set(unghost, pushed_dataset, tmp_path):
     file = write_config(tmp_path, "min_visible_pixels: 500\n")
 
-    assert "min_visible_pixels: 1" in unghost("config", "show", pushed_dataset).out
+    assert "min_visible_pixels: 10" in unghost("config", "show", pushed_dataset).out
     compared = unghost("config", "diff", pushed_dataset, "--config", file)
-    assert compared.out == "min_visible_pixels\t1\t500\n"
+    assert compared.out == "min_visible_pixels\t10\t500\n"
     assert "3 boxes would flip" in compared.err
     assert unghost("config", "set", pushed_dataset, file).code == DONE
     assert "min_visible_pixels: 500" in unghost("config", "show", pushed_dataset).out
     (record,) = unghost("stats", pushed_dataset, "--json").records
     assert record["rejected"] == 6
+
+
+def test_push_to_a_name_that_differs_in_case_names_the_dataset(
+    unghost, server, name, tmp_path
+):
+    with Client(server.url, server.token) as client:
+        client.create_dataset(name.upper())
+
+    answer = unghost("push", frames_in(tmp_path, 1), "--dataset", name)
+
+    assert answer.code == REFUSED
+    said = f"--dataset {name}: a dataset {name.upper()!r} exists already"
+    assert said in answer.err
+
+
+def test_gates_of_push_and_stats_end_with_4_and_name_the_figure(
+    unghost, name, tmp_path
+):
+    gates = ("--fail-if", "rejected > 5%", "--fail-if", "refused > 0")
+
+    pushed = unghost("push", frames_in(tmp_path, 2), "--dataset", name, *gates)
+    counted = unghost("stats", name, *gates, "--json")
+
+    assert (pushed.code, counted.code) == (GATE, GATE)
+    for answer in (pushed, counted):
+        assert "gate failed: rejected > 5%, it is 50.00% (2 of 4 boxes)" in answer.err
+        assert "gate passed: refused > 0, it is 0" in answer.err
+    assert counted.records[0]["boxes"] == 4
+
+
+def test_config_set_lists_what_returns_to_its_default_and_merge_keeps_it(
+    unghost, name, server, tmp_path
+):
+    first = "size_big_box: 7\nclasses: {van: {threshold_small_box: 3, accept: [Car]}}\n"
+    more = "min_visible_pixels: 3\nclasses: {van: {threshold_small_box: 4}}\n"
+    with Client(server.url, server.token) as client:
+        client.create_dataset(name)
+        unghost("config", "set", name, write_config(tmp_path, first))
+        file = write_config(tmp_path, more)
+
+        merged = unghost("config", "set", name, file, "--merge")
+        kept = client.active_config(name).config
+        replaced = unghost("config", "set", name, file)
+        left = client.active_config(name).config
+
+    assert (merged.code, "default" in merged.err) == (DONE, False)
+    assert (kept["size_big_box"], kept["min_visible_pixels"]) == (7, 3)
+    assert kept["classes"]["van"] == {"threshold_small_box": 4, "accept": ["Car"]}
+    assert [line for line in replaced.err.splitlines() if "default" in line] == [
+        "size_big_box is not in filter.yaml and gets its default: 7 -> 70 "
+        "(--merge keeps it)",
+        'classes.van.accept is not in filter.yaml and gets its default: ["Car"] -> '
+        "null (--merge keeps it)",
+    ]
+    assert left["classes"]["van"] == {"threshold_small_box": 4}
 
 
 def test_config_show_tells_settings_of_the_dataset_that_are_used_instead(
@@ -478,7 +577,7 @@ def test_config_diff_as_json(unghost, unchanged_dataset, tmp_path):
         "config", "diff", unchanged_dataset, "--config", file, "--json"
     ).records
 
-    change = {"key": "min_visible_pixels", "before": 1, "after": 500}
+    change = {"key": "min_visible_pixels", "before": 10, "after": 500}
     assert record["changes"] == [change]
     assert record["flips"]["kept_to_rejected"] == 3
 
@@ -526,11 +625,27 @@ def test_labels_are_exported_to_a_file(unghost, unchanged_dataset, tmp_path):
     assert (tmp_path / "out.zip").read_bytes()[:2] == b"PK"
 
 
+def test_export_of_one_table_is_one_file_unless_a_zip_is_named(
+    unghost, unchanged_dataset, tmp_path
+):
+    command = ("export", unchanged_dataset, "--format", "decisions-csv", "-o")
+
+    table = unghost(*command, tmp_path / "out" / "dec.csv")
+    archive = unghost(*command, tmp_path / "dec.zip")
+
+    assert (table.code, archive.code) == (DONE, DONE), table.err
+    assert [file.name for file in (tmp_path / "out").iterdir()] == ["dec.csv"]
+    with ZipFile(tmp_path / "dec.zip") as opened:
+        assert (tmp_path / "out" / "dec.csv").read_bytes() == opened.read(
+            "decisions.csv"
+        )
+
+
 @pytest.mark.parametrize(
     ("option", "words"),
     [
         ("split=often", "--option split: expected a number"),
-        ("split=2", "--option split: expected at most 1"),
+        ("split=2", "--option split: expected at most 1.0, found 2"),
         (
             "include=keptt",
             "--option include: expected 'effective', 'kept' or 'all', found 'keptt'",

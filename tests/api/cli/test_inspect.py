@@ -23,9 +23,11 @@ def test_inspect_shows_a_folder_and_what_helps(bare_unghost, tmp_path):
 
     assert answer.code == PARTLY
     lines = answer.out.splitlines()
+    assert lines[0] == "# recording\trecording\tis"
+    assert "# images\trole\timages\ttold by\tsuch as" in lines
     assert "recording\tholds\t21 frames, 108 boxes" in lines
     assert "recording\tsplit (folder)\ttrain: 14 frames" in lines
-    assert "images\tpicture\t39\tname\ttrain/images/000.png" in lines
+    assert "images\tpicture\t46\tname\ttrain/images/000.png" in lines
     assert "class\tcar\t42\tcar\t42\t42\t0\t0\t2.5\ttag 100 (5,376 px)" in lines
     assert any("\tCaar\t21\tunknown; is it car?\t" in line for line in lines)
     assert "file\tand 15 more like this\tno label file for this image" in lines
@@ -81,10 +83,10 @@ def test_record_has_everything_but_the_pictures(bare_unghost, tmp_path):
     assert answer.code == PARTLY
     assert record["left_over"][0]["count"] == 25
     assert [len(frame["boxes"]) >= 5 for frame in record["drawn"]] == [True] * 3
-    assert record["drawn"][0].keys() == {"key", "wh", "boxes"}
+    assert record["drawn"][0].keys() == {"key", "wh", "boxes", "outside"}
     assert record["segmentation"]["readings"][0]["encoding"] == "raw"
     assert record["streams"][0]["told_by"] == ["name"]
-    assert [one["is_serious"] for one in record["remarks"]] == [True] * 4
+    assert [one["is_serious"] for one in record["remarks"]] == [True] * 4 + [False]
     assert "layout: yolo" in record["description"]
 
 
@@ -173,3 +175,30 @@ def test_page_has_the_colours_of_the_review_page():
         values = dict(pattern.findall(own))
         assert values
         assert values == {name: tokens[name] for name in values}
+
+
+def test_folders_of_options_are_in_the_source_or_as_the_shell_has_them(
+    bare_unghost, tmp_path
+):
+    files = {"a.png": png(np.zeros((60, 80, 3), np.uint8)), "a.json": '{"boxes": []}'}
+    folder = write_files(tmp_path / "run", {**files, "gt/a.png": files["a.png"]})
+    write_files(tmp_path / "elsewhere", {"a.png": files["a.png"]})
+
+    for named in ("gt", folder / "gt", tmp_path / "elsewhere"):
+        answer = bare_unghost("inspect", folder, "--segmentation", named)
+        assert "\nimages\tsegmentation\t1\t" in answer.out, answer.err
+
+    answer = bare_unghost("inspect", folder, "--segmentation", "nowhere")
+    assert answer.code == 2
+    assert "--segmentation: expected a folder, found none named nowhere" in answer.err
+
+
+def test_inspect_foresees_what_other_commands_refuse(bare_unghost, tmp_path):
+    table = "image,label,xmin,ymin,xmax,ymax\na,car,1,2,30,40\n"
+    picture = png(np.zeros((60, 80, 3), np.uint8))
+    folder = write_files(tmp_path, {"a.png": picture, "b.png": b"", "t.csv": table})
+
+    answer = bare_unghost("inspect", folder)
+
+    assert "`convert --to same` is refused" in answer.err
+    assert "refused\tb\tb.png has 0 bytes" in answer.out

@@ -13,7 +13,7 @@ import pytest
 
 from tests.support import plain_http
 from tests.support.command_line import CommandLine
-from tests.support.folders import street_tags, write_files
+from tests.support.folders import street_tags, write_carlasimu, write_files
 from tests.support.frames import (
     FAMILY,
     HEIGHT,
@@ -234,6 +234,25 @@ def test_filter_uses_the_configuration(bare_unghost, tmp_path):
     assert "0 kept\t4 rejected" in answer.out
 
 
+def test_filter_names_boxes_whose_colour_the_published_code_does_not_count(
+    bare_unghost, tmp_path
+):
+    folder = write_manifest(tmp_path / "frames", 2)
+    tags = np.full((HEIGHT, WIDTH), 15, np.uint8)  # Truck
+    for file in (folder / "seg").iterdir():
+        file.write_bytes(png(painted(tags)))
+    manifest = folder / "manifest.jsonl"
+    manifest.write_text(manifest.read_text().replace('"car"', '"truck"'))
+    (tmp_path / "boundingBox.yaml").write_text("sitting: {threshold_small_box: 10}")
+
+    answer = bare_unghost(
+        "filter", folder, "--config", "boundingBox.yaml", "-o", "out.jsonl"
+    )
+
+    assert "profile carlasimu: boxes are decided as the paper's published" in answer.err
+    assert "one colour for each class: truck (" in answer.err
+
+
 @pytest.mark.parametrize(
     ("name", "said"),
     [
@@ -260,7 +279,7 @@ def test_filter_does_not_decide_boxes_of_a_class_it_does_not_know(
     assert (
         "4 boxes are unmeasured, since the filter does not know their class: "
         f"{said}; --class-map NAME=CLASS says as what a class is "
-        "measured, and NAME=pass that it need not be\n"
+        "measured, and --class-map NAME=pass that it need not be\n"
     ) in answer.err
 
 
@@ -313,7 +332,7 @@ def test_filter_names_the_part_of_a_frame_that_is_truncated(
     manifest = folder / "manifest.jsonl"
     manifest.write_text(manifest.read_text().replace('{"key"', '{"depth": "d", "key"'))
     config = tmp_path / "filter.yaml"
-    config.write_text("evidence: depth" if part == "depth" else "")
+    config.write_text(f"evidence: {'depth' if part == 'depth' else 'semantic'}")
 
     answer = bare_unghost("filter", folder, "--config", config, "-o", "out.jsonl")
 
@@ -579,7 +598,7 @@ def test_serve_prints_the_login_link_and_exits_on_sigint(bare_unghost, tmp_path)
             # Seldom: the server logs each request to a pipe that is not read yet.
             until(client.ready, every_s=1)
         opened = plain_http.post(f"{url}/api/v1/session", json={"code": code})
-        found = CommandLine(tmp_path, {"UNGHOST_SERVER": url})("datasets")
+        found = CommandLine(tmp_path, {"UNGHOST_SERVER": url})("dataset", "list")
         process.send_signal(signal.SIGINT)
         _, err = process.communicate(timeout=60)
 
@@ -589,6 +608,16 @@ def test_serve_prints_the_login_link_and_exits_on_sigint(bare_unghost, tmp_path)
     assert process.returncode == DONE
     assert "Traceback" not in err
     assert (tmp_path / "here" / "token").stat().st_mode & 0o077 == 0
+
+
+def test_serve_for_other_machines_says_how_a_host_name_is_allowed(bare_unghost):
+    serve = ("serve", "--data", "here", "--port", "0", "--host", "0.0.0.0", "--json")
+    with bare_unghost.running(*serve) as process:
+        process.stdout.readline()
+        process.send_signal(signal.SIGINT)
+        _, err = process.communicate(timeout=60)
+
+    assert "under a host name they are refused (421) until it is in UNGHOST_ALL" in err
 
 
 def test_serve_on_a_port_in_use_is_refused(bare_unghost, server):
@@ -642,7 +671,7 @@ def test_demo_renders_once_filters_and_prints_a_login_link(bare_unghost, tmp_pat
     assert record["stats"]["frames"] == 2
     assert record["stats"]["rejected"] > 0
     assert record["stats"]["kept"] > 0
-    assert "/#code=" in record["login_link"]
+    assert "/#code=" in first.records[0]["login_link"]
     assert "render" in first.err
     assert "render" not in again.err
     assert again.records[-1]["stats"] == record["stats"]
@@ -669,6 +698,52 @@ def test_convert_without_a_server_writes_every_box(bare_unghost, tmp_path):
 
 
 PARTS = ("train", "val")
+
+
+def test_convert_says_the_shares_of_parts_before_and_after(bare_unghost, tmp_path):
+    folder = write_manifest(tmp_path / "frames", 3)
+
+    answer = bare_unghost(
+        *("convert", folder, "--to", "coco", "-o", "made", "--split", "0,0.5,0.5")
+    )
+
+    asked, came = (line for line in answer.err.splitlines() if "3 (100%)" in line)
+    assert asked.startswith("asked for train 0%: 0 (0%), val 50%: ")
+    assert came.startswith("parts: ")
+    assert "; sequences: " in came
+    assert "3 frames are split by whole sequences" in came
+    again = bare_unghost("convert", folder, "--to", "coco", "-o", "o", "--split", "1,1")
+    assert again.code == USAGE
+    assert "split: expected shares whose sum is 1, found 2" in again.err
+
+
+@pytest.mark.parametrize("form", ["yolo", "carlasimu"])
+def test_bands_of_carlasimus_labels_are_the_same_after_convert(
+    bare_unghost, tmp_path, form
+):
+    near, far = "0 0.2 0.5 0.1 0.2", "0 0.4 0.5 0.1 0.2"
+    bands = (30, 50, 70, 80)
+    source = write_carlasimu(tmp_path / "theirs", [(near, 20), (far, 60)], bands)
+
+    answer = bare_unghost(
+        *("convert", source, "--to", form, "-o", "out"),
+        *("--option", "bands=30,50,70,80"),
+    )
+
+    assert answer.code == DONE, answer.err
+    boxes = {
+        next(part for part in reversed(file.parts) if part.startswith("label")): len(
+            file.read_text().splitlines()
+        )
+        for file in (tmp_path / "out").rglob("00000993.txt")
+    }
+    assert boxes == {
+        **({"labels": 2} if form == "yolo" else {}),
+        "label30": 1,
+        "label50": 1,
+        "label70": 2,
+        "label80": 2,
+    }
 
 
 def test_convert_with_filter_drops_rejected_boxes(bare_unghost, tmp_path):

@@ -95,9 +95,9 @@ def test_plugin_is_read_by_push_and_the_service(command, site, tmp_path):
             assert head["titles"] == {"corners": "Corner files"}
             assert [len(one["annotation"]["boxes"]) for one in frames] == [2, 2]
             assert (end["frames"], end["faulty"], end["unmatched"]) == (2, 0, 0)
-        refused = post_folder(server, files, "corner")
-        assert refused.status_code == 422
-        (fault,) = refused.json()["errors"]
+        response = post_folder(server, files, "corner")
+        assert response.status_code == 422
+        (fault,) = response.json()["errors"]
         assert fault["pointer"] == "/query/layout"
         assert fault["detail"].endswith("table, pairs, corners")
 
@@ -182,7 +182,8 @@ def test_error_of_a_plugin_names_its_package_and_the_remedy(tmp_path):
 
     why = "the plug-in 'failing' of the package failing 1.0 fails with KeyError: "
     assert recognised.code == REFUSED
-    assert f"{why}'x'; --layout names another layout" in recognised.err
+    remedy_of = "`layout` in recording.yaml (--layout) names another layout"
+    assert f"{why}'x'; {remedy_of}" in recognised.err
     assert read.code == REFUSED
     assert f"{why}'y'" in read.err
     assert "failing" not in remedy.err

@@ -76,7 +76,7 @@ def test_revoked_token_is_refused(unghost, by):
     revoked = unghost("token", "revoke", which)
 
     assert (revoked.code, revoked.out.split("\t")[-1].strip()) == (DONE, "revoked")
-    refused = unghost("datasets", "--token", made["token"])
+    refused = unghost("dataset", "list", "--token", made["token"])
     assert (refused.code, "token_revoked" in refused.err) == (REFUSED, True)
 
 

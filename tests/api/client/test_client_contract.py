@@ -10,7 +10,7 @@ import unghost
 from tests.support import frames
 from tests.support.waiting import until
 
-JPEG = b"\xff\xd8"
+RIFF = b"RIFF"
 
 
 def test_version_and_readiness(client):
@@ -126,12 +126,12 @@ def test_events_of_a_missing_run_raise_not_found(client):
         list(client.events(10**9))
 
 
-def test_pictures_of_a_frame_and_a_box_are_jpeg_files(client, filled_dataset):
+def test_pictures_of_a_frame_and_a_box_are_webp_files(client, filled_dataset):
     frame, box = next(client.frames(filled_dataset)), next(client.boxes(filled_dataset))
 
-    assert client.thumbnail(frame.id).startswith(JPEG)
-    assert client.overlay(frame.id, boxes="kept", layer="blend").startswith(JPEG)
-    assert client.crop(box.box_id, pad=0.5).startswith(JPEG)
+    assert client.thumbnail(frame.id).startswith(RIFF)
+    assert client.overlay(frame.id, boxes="kept", layer="blend").startswith(RIFF)
+    assert client.crop(box.box_id, pad=0.5).startswith(RIFF)
 
 
 def test_token_is_created_used_and_revoked_and_noted(client, server):

@@ -16,13 +16,14 @@ from typing import Any
 import httpx
 import pytest
 
-from tests.support import archives, frames
-from tests.support.api import BASE, Api
+from tests.support import archives, frames, sensors
+from tests.support.api import BASE, BY_TAGS, Api
 from tests.support.event_reader import parsed
 from tests.support.response_checks import assert_matches_model, successful_json
 from tests.support.servers import RunningServer
 from tests.support.waiting import until
 from unghost import wire
+from unghost.wire.boxes import BOX_COLUMNS
 from unghost.wire.model import ResponseModel
 
 Place = tuple[str, str, int]
@@ -62,11 +63,16 @@ class ResponseCollector:
             return
         response.read()
         asked = response.request.method, response.request.url.path
-        (place,) = (
-            (method, path, response.status_code)
-            for method, path in {(method, path) for method, path, _ in self.models}
-            if method == asked[0] and re.fullmatch(_pattern(path), asked[1])
+        # The path with the fewest names in it: /boxes/table is no box.
+        path = min(
+            (
+                path
+                for method, path, _ in self.models
+                if method == asked[0] and re.fullmatch(_pattern(path), asked[1])
+            ),
+            key=lambda path: path.count("{"),
         )
+        place = (asked[0], path, response.status_code)
         self.got[place].append(response.json())
 
 
@@ -100,7 +106,7 @@ def api(server: RunningServer) -> Iterator[Api]:
 @pytest.fixture
 def street(api: Api) -> str:
     """A dataset with a frame with optional fields, a plain one, and a refused one."""
-    name = api.dataset()
+    name = api.dataset(config=BY_TAGS)
     seen = {"captured_at": "2026-01-01t00:00:00.5z", "weather": {"cloudiness": 10}}
     archive = [
         *archives.frame("a", number=0, **seen),
@@ -159,23 +165,39 @@ def call_frame_routes(api: Api, street: str) -> None:
 
 def call_box_routes(api: Api, street: str) -> None:
     first, *others = api.box_ids(street, count="true")
-    assert successful_json(api.post(f"/datasets/{street}/queue", {}))["items"]
+    queue = api.post(f"/datasets/{street}/queue", {"order": "random"})
+    assert successful_json(queue)["items"]
     for seen in range(2):  # the second time it is not stored again
         successful_json(api.review(first, "keep", seen, comment="it is there"))
     many = {"dataset": street, "box_ids": [first, *others], "verdict": "reject"}
     batch = successful_json(api.post("/reviews/bulk", many))
     assert batch["stale"] == [first]
     api.json(f"/boxes/{first}")
-    api.json(f"/boxes/{first}/history")
+    for what in ("history", "alike", "track"):
+        api.json(f"/boxes/{first}/{what}")
+    measured, files = api.dataset(), sensors.sensors()
+    api.upload_frame(measured, "a", annotation=sensors.ANNOTATION, **files)
+    api.json(f"/boxes/{api.box_ids(measured)[0]}/slice")
+    every = ",".join(BOX_COLUMNS)
+    assert api.json("/boxes/table", dataset=street, fields=every)["rows"]
     review_as_second_reviewer(api, first)
     quality = api.json(f"/datasets/{street}/quality")
     assert quality["suggested"]
     assert quality["agreement"]["pairs"]
     compared = api.json(f"/datasets/{street}/evaluations", truth="people")
     assert compared["channels"]["semantic"]["worst"]
+    report = sensors.experiment_report()
+    successful_json(api.http.put(f"{BASE}/datasets/{street}/experiment", json=report))
+    api.json(f"/datasets/{street}/experiment")
     successful_json(api.post(f"/boxes/{first}/reviews/2/undo"))
     successful_json(api.post(f"/review-batches/{batch['id']}/undo"))
     assert any(not box["review"] for box in api.boxes(street))
+    box = api.json(f"/boxes/{first}")
+    answer = {"frame": box["frame"], "box": box["id"], "verdict": "unsure"}
+    answer |= {"reviewer": "elsewhere", "created_at": "2026-01-01T00:00:00Z"}
+    successful_json(
+        api.post(f"/datasets/{street}/reviews/import", {"answers": [answer]})
+    )
     api.json(f"/boxes/{others[0]}")
 
 
@@ -209,20 +231,24 @@ def call_job_routes(api: Api, street: str) -> None:
     run = api.run(street, {"min_visible_pixels": 1})
     assert api.json(f"/runs/{run['id']}/diff", limit=2)["next_cursor"] is not None
     api.json(f"{at}/runs")
+    api.json("/runs")
     api.wait_for_job(api.post(f"{at}/evaluations"))
-    labels = {"format": "yolo", "options": {"bands": [50]}}
+    labels = {"format": "yolo", "options": {"bands": [50]}, "name": "v1"}
     export = api.wait_for_job(api.post(f"{at}/exports", labels))
     successful_json(api.post(f"/exports/{export['id']}/download-links", {}))
     api.json(f"{at}/exports")
+    assert api.json(f"{at}/versions")["items"]
+    api.json(f"{at}/parts", split="0.8,0.2")
 
 
 def call_dataset_routes(api: Api, street: str) -> None:
     at = f"/datasets/{street}"
-    for path in ("", "/stats", "/histogram"):
+    for path in ("", "/stats", "/histogram", "/report"):
         api.json(at + path)
     refused = api.json(f"{at}/problems")["items"]
     assert [frame["key"] for frame in refused] == ["run/c"]
     api.json("/datasets")
+    successful_json(api.post("/datasets?exist_ok=true", {"name": street}))
     successful_json(api.http.patch(BASE + at, json={"description": "a street"}))
     api.wait_for_job(api.http.patch(BASE + at, json={"palette": "carla-0.9.14"}))
 

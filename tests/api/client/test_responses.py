@@ -70,8 +70,15 @@ def test_history_entries_have_the_keys_of_their_kind(http, client, uploaded_data
     }
     answered = {"kind", "at", "verdict", "revision", "reviewer", "comment"} | {
         "batch",
+        "batch_size",
+        "looked_at",
         "undoes",
         "carried_from",
+        "imported_by",
+        "looked_ms",
+        "chosen_by",
+        "chosen_from",
+        "probability",
     }
     assert [set(entry) for entry in raw["items"]] == [
         decided | {"activated"},

@@ -20,6 +20,7 @@ def test_new_dataset_is_returned_with_every_field(api):
     assert {key: body[key] for key in body if key not in ("created_at", "config")} == {
         "name": "whole.set-1_a",
         "description": "a street",
+        "rule": "",
         "classes": [
             "car",
             "truck",
@@ -37,6 +38,8 @@ def test_new_dataset_is_returned_with_every_field(api):
         "channel_order": "auto",
         "lossy_segmentation": "refuse",
         "has_ignore_mask": False,
+        "recording": None,
+        "evidence": "auto",
         "active_run": body["active_run"],
         "thumbnail_frame_id": None,
         "counts": {
@@ -54,11 +57,24 @@ def test_new_dataset_is_returned_with_every_field(api):
     assert body["created_at"].endswith("Z")
 
 
+def test_names_may_have_upper_case_and_are_unique_regardless_of_case(api):
+    first = api.post("/datasets", {"name": "Town10HD"})
+    second = api.post("/datasets", {"name": "town10hd"})
+    http = api.http
+    http.delete(f"{BASE}/datasets/Town10HD", params={"confirm": "Town10HD"})
+    third = api.post("/datasets", {"name": "town10HD"})
+
+    assert (first.status_code, first.json()["name"]) == (201, "Town10HD")
+    assert (second.status_code, second.json()["code"]) == (409, "dataset_exists")
+    assert second.json()["detail"] == "a dataset 'Town10HD' exists already"
+    assert third.status_code == 201
+
+
 @pytest.mark.parametrize(
     ("body", "pointer"),
     [
         ({}, "/name"),
-        ({"name": "Upper"}, "/name"),
+        ({"name": "Übung"}, "/name"),
         ({"name": "a/b"}, "/name"),
         ({"name": ".."}, "/name"),
         ({"name": "a\n"}, "/name"),
@@ -74,6 +90,7 @@ def test_new_dataset_is_returned_with_every_field(api):
             {"name": "a", "ignore_mask": {"polygons": [[[0, 0]] * 500] * 21}},
             "/ignore_mask",
         ),
+        ({"name": "a", "recording": []}, "/recording"),
         (
             {"name": "a", "ignore_mask": {"polygons": [[[0, 0], [1, 1]]]}},
             "/ignore_mask/polygons/0",
@@ -148,13 +165,54 @@ def test_invalid_path_or_parameter_has_its_status_and_code(api, path, status, co
     assert (answer.status_code, answer.json()["code"]) == (status, code)
 
 
-def test_dataset_description_is_changed_without_a_run(api):
-    name = api.dataset()
+@pytest.mark.parametrize("key", ["description", "rule"])
+def test_dataset_description_is_changed_without_a_run(api, key):
+    name = api.dataset(**{key: "old"})
+    assert api.json(f"/datasets/{name}")[key] == "old"
 
-    answer = api.http.patch(f"{BASE}/datasets/{name}", json={"description": "new"})
+    answer = api.http.patch(f"{BASE}/datasets/{name}", json={key: "new"})
 
-    assert (answer.status_code, answer.json()["description"]) == (200, "new")
-    assert api.json(f"/datasets/{name}")["description"] == "new"
+    assert (answer.status_code, answer.json()[key]) == (200, "new")
+    assert api.json(f"/datasets/{name}")[key] == "new"
+
+
+def test_description_of_a_recording_is_kept_and_replaced_without_a_run(api):
+    first = {"files": {"image": "cam/{frame}.png"}, "boxes": {"classes": ["car"]}}
+    place = f"{BASE}/datasets/described"
+
+    response = api.post("/datasets", {"name": "described", "recording": first})
+
+    assert response.json()["recording"] == first
+    assert api.json("/datasets/described")["recording"] == first
+    for recording in ({"layout": "yolo"}, None):
+        response = api.http.patch(place, json={"recording": recording})
+        assert (response.status_code, response.json()["recording"]) == (200, recording)
+
+
+@pytest.mark.parametrize(
+    ("recording", "pointer", "detail"),
+    [
+        ({"layout": "ylo"}, "/layout", "layout: expected one of auto, yolo"),
+        ({"layouts": "yolo"}, "/layouts", "unknown key 'layouts'; the nearest"),
+        ({"boxes": {"unit": "feet"}}, "/boxes/unit", "boxes: unit: expected one of"),
+        ({"classes": {"Car": {"accepts": []}}}, "/classes/Car/accepts", "classes.Car"),
+    ],
+)
+def test_wrong_description_of_a_recording_is_refused_with_its_key(
+    api, recording, pointer, detail
+):
+    body = {"recording": recording}
+
+    responses = [
+        api.post("/datasets", {"name": "wrong", **body}),
+        api.http.patch(f"{BASE}/datasets/{api.dataset()}", json=body),
+    ]
+
+    for response in responses:
+        (error,) = response.json()["errors"]
+        pointed = response.status_code, error["pointer"]
+        assert pointed == (422, f"/recording{pointer}")
+        assert error["detail"].startswith(f"recording: {detail}")
 
 
 @pytest.mark.parametrize(
@@ -301,3 +359,24 @@ def test_dataset_is_not_created_with_more_classes_than_it_may_have(api):
 
     assert (stored.status_code, refused.status_code) == (201, 422)
     assert "1000" in refused.json()["errors"][0]["detail"]
+
+
+def test_report_counts_effective_verdicts_by_distance_and_lists_worst_frames(api):
+    dataset = api.dataset()
+    box = {"class": "car", "xyxy": scene.IN_THE_SKY}
+    near = {**box, "id": "near", "distance": 49.9}
+    far = {**box, "id": "far", "distance": 200}
+    api.upload_frame(dataset, "a", {"boxes": [near]})
+    worst = api.upload_frame(dataset, "b", {"boxes": [near, far]})["frame"]["id"]
+    (kept,) = (box for box in api.boxes(dataset) if box["id"] == "far")
+    api.review(kept["box_id"], "keep")
+
+    found = api.get(f"/datasets/{dataset}/report").json()
+
+    none = {"kept": 0, "rejected": 0, "unmeasured": 0}
+    assert found["by_distance"] == [
+        {**none, "rejected": 2, "distance_from": 0, "distance_to": 50},
+        {**none, "kept": 1, "distance_from": 200, "distance_to": None},
+    ]
+    assert len(found["worst_frames"]) == 2
+    assert worst in [frame["id"] for frame in found["worst_frames"]]

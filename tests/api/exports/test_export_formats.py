@@ -7,15 +7,22 @@ import zipfile
 from pathlib import Path
 
 import pytest
+import yaml
 
-from filter_core.formats.registry import EXPORT_FORMATS, FORMATS
+from filter_core.annotation.parsing import parse_annotation
+from filter_core.formats.registry import EXPORT_FORMATS, FORMATS, read_source
 from tests.support import frames as scene
+from tests.support.api import BY_TAGS
 from tests.support.command_line import CommandLine
+from tests.support.folders import write_carlasimu, write_files
 from tests.support.sensors import ANNOTATION, sensors
 from unghost import Client, Invalid
+from unghost.wire.words import ExportFormat
 
 KEYS = ["run/000001", "Run/000001", "straße 7", "v1.2.dots", "empty"]
 CLASSES = ["walker", "traffic light", "car"]
+WITH_VERDICTS = ("cvat", "label-studio", "decisions-jsonl")
+"""Formats that hold verdicts, which a push without segmentations does not keep."""
 READ_AND_WRITTEN = [name for name in EXPORT_FORMATS if FORMATS[name].read]
 
 
@@ -43,7 +50,7 @@ def filled_dataset(server):
 
 
 def export_and_unpack(
-    client: Client, dataset: str, form: str, folder: Path, **options
+    client: Client, dataset: str, form: ExportFormat, folder: Path, **options
 ) -> Path:
     """Export a dataset and unpack the download into `folder`."""
     done = client.wait_for_export(client.start_export(dataset, form, **options))
@@ -61,6 +68,17 @@ def labels(folder: Path) -> dict[str, bytes]:
         path.relative_to(folder).as_posix(): path.read_bytes()
         for path in files
         if path.name != "manifest.json"
+    }
+
+
+def boxes_of(folder: Path) -> dict[str, set[tuple[object, ...]]]:
+    """The boxes that are read from an export, by frame."""
+    return {
+        frame.key: {
+            (box.id, box.class_name, box.form, box.values)
+            for box in parse_annotation(frame.annotation or {}).boxes
+        }
+        for frame in read_source(folder)
     }
 
 
@@ -96,7 +114,188 @@ def test_export_pushed_again_gives_the_same_labels(
 
     assert push.code == 0, push.err
     assert [one.key for one in client.frames(again)] == sorted(KEYS)
-    assert labels(second) == labels(first)
+    if form in WITH_VERDICTS:
+        assert boxes_of(second) == boxes_of(first)
+    else:
+        assert labels(second) == labels(first)
+
+
+def test_roboflow_folders_keep_parts_and_names_in_the_same_format(
+    server, client, tmp_path
+):
+    box = {"id": 1, "image_id": 0, "category_id": 1, "bbox": [1, 2, 3, 4]}
+    listed = {
+        "images": [{"id": 0, "file_name": "a.rf.1.jpg", "width": 64, "height": 48}],
+        "annotations": [box],
+        "categories": [{"id": 1, "name": "car", "supercategory": "cars"}],
+    }
+    parts = ("test", "train", "valid")
+    jpeg = {f"{part}/a.rf.1.jpg": scene.image() for part in parts}
+    coco = {f"{part}/_annotations.coco.json": json.dumps(listed) for part in parts}
+    yolo = {f"{part}/images/a.rf.1.jpg": scene.image() for part in parts}
+    yolo |= {f"{part}/labels/a.rf.1.txt": b"0 0.5 0.5 0.1 0.2" for part in parts}
+    folders: dict[ExportFormat, Path] = {
+        "coco": write_files(tmp_path / "coco", {**jpeg, **coco}),
+        "yolo": write_files(tmp_path / "yolo", {**yolo, "data.yaml": "names: [car]"}),
+    }
+    settings = {"UNGHOST_SERVER": server.url, "UNGHOST_TOKEN": server.token}
+
+    for form, folder in folders.items():
+        name = f"roboflow-{form}"
+        push = CommandLine(tmp_path, settings)("push", folder, "--dataset", name)
+        exported = export_and_unpack(client, name, form, tmp_path / f"{form}-out")
+
+        assert push.code == 0, push.err
+        assert [one.key for one in client.frames(name)] == [
+            f"{part}/a.rf.1" for part in parts
+        ]
+        images = exported.glob("images/**/*.*")
+        assert sorted(one.relative_to(exported).as_posix() for one in images) == [
+            f"images/{part}/a.rf.1.png" for part in parts
+        ]
+        assert json.loads((exported / "manifest.json").read_text())["renamed"] == []
+        again = read_source(exported)
+        assert {(one.key, (one.annotation or {})["split"]) for one in again} == {
+            (f"{part}/a.rf.1", part) for part in parts
+        }
+        if form == "coco":
+            assert [path.name for path in sorted(exported.glob("annotations/*"))] == [
+                f"instances_{part}.json" for part in parts
+            ]
+
+
+def test_a_tree_of_carlasimu_comes_back_from_a_server(server, client, tmp_path):
+    boxes = [("0 0.2 0.5 0.1 0.2", 20), ("0 0.75 .5 0.1 0.2", 60)]
+    source = write_carlasimu(tmp_path / "theirs", boxes)
+    settings = {"UNGHOST_SERVER": server.url, "UNGHOST_TOKEN": server.token}
+
+    push = CommandLine(tmp_path, settings)("push", source, "--dataset", "theirs")
+    chosen = {"include": "all", "drawn": True, "pictures": 1}
+    made = export_and_unpack(client, "theirs", "carlasimu", tmp_path / "out", **chosen)
+
+    assert push.code == 0, push.err
+    for band in (50, 100, 150, 200):
+        name = f"out/cam/labels/label{band}/00000993.txt"
+        assert (made / name).read_bytes() == (source / name).read_bytes()
+    readmes = [
+        json.loads((one / "out/cam/Readme.txt").read_text()) for one in (made, source)
+    ]
+    assert readmes[0] == readmes[1] | {"classes": readmes[0]["classes"]}
+    for folder in ("images_bbox", "images_bbox_filter"):
+        assert (made / f"out/cam/{folder}/00000993.png").stat().st_size > 0
+    assert "00000993" in (made / "pictures/index.html").read_text()
+
+
+def test_parts_are_told_before_an_export_as_they_come_out(server, client, tmp_path):
+    name = client.create_dataset("planned").name
+    keys = [f"{town}/drive{n}/{i}" for town in "ab" for n in range(5) for i in (1, 2)]
+    for number, key in enumerate(keys):
+        said = {"sequence": "one"} if number == 3 else {}
+        said |= {"split": "test"} if number < 2 else {}
+        client.put_frame(name, key, scene.annotation() | said, image=scene.image())
+    settings = {"UNGHOST_SERVER": server.url, "UNGHOST_TOKEN": server.token}
+    command = ("export", name, "--format", "yolo", "--output", tmp_path / "out.zip")
+
+    for split in ([], [0.5], [0.6, 0.2, 0.2]):
+        planned = client.parts(name, split)
+        done = client.wait_for_export(client.start_export(name, "coco", split=split))
+
+        told = {key: dict(done.counts[key]) for key in ("frames", "split")}
+        parts = {part: told["frames"].get(part) for part in planned.frames}
+        assert (parts, told["split"]) == (dict(planned.frames), dict(planned.split))
+        assert done.counts.get("sequences", {}) == dict(planned.sequences)
+        assert sum(planned.frames.values()) == len(keys)
+    exported = CommandLine(tmp_path, settings)(*command, "--split", "0.6,0.2,0.2")
+
+    before, _, _ = exported.err.partition("parts: ")
+    assert f"asked for train 60%: {planned.frames['train']}" in before
+    with pytest.raises(Invalid, match="sum is 1"):
+        client.parts(name, [0.8, 0.3])
+    with pytest.raises(Invalid):
+        client.parts(name, [2])
+
+
+BESIDE_COCO = {
+    "info": {"year": 2026, "contributor": "Straße"},
+    "licenses": [{"id": 4, "name": "by"}, {"id": 5, "name": "nc"}],
+    "videos": [{"id": 1, "name": "town"}],
+    "type": "instances",
+}
+BESIDE_YOLO = {"nc": 1, "kpt_shape": [0, 2], "roboflow": {"version": 3}, "license": "x"}
+
+
+@pytest.mark.parametrize("form", ["coco", "yolo"])
+def test_what_a_file_says_beside_its_frames_comes_back(server, client, tmp_path, form):
+    categories = [
+        {"id": 7, "name": "car", "supercategory": "vehicle"},
+        {"id": 9, "name": "unused", "supercategory": "none of them"},
+    ]
+    boxes = [{"id": n, "image_id": n, "category_id": 7} for n in (1, 2)]
+    annotations = [one | {"bbox": [1, 2, 3, 4]} for one in boxes]
+    named = [{"id": n, "file_name": f"{n}.png"} for n in (1, 2)]
+    sized = [{**one, "width": 64, "height": 48} for one in named]
+    lists = {"images": sized, "annotations": annotations, "categories": categories}
+    labels_of: dict[str, dict[str, bytes | str]] = {
+        "coco": {"boxes.json": json.dumps({**BESIDE_COCO, **lists})},
+        "yolo": {
+            **{f"labels/{n}.txt": b"0 0.5 0.5 0.1 0.2" for n in (1, 2)},
+            "data.yaml": yaml.safe_dump(
+                {"names": ["car"], "path": "/x", **BESIDE_YOLO}
+            ),
+        },
+    }
+    images = {f"images/{n}.png": scene.image() for n in (1, 2)}
+    companions = {"velodyne/1.bin": b"points", "README.txt": b"by hand"}
+    folder = write_files(
+        tmp_path / "source", {**labels_of[form], **images, **companions}
+    )
+    settings = {"UNGHOST_SERVER": server.url, "UNGHOST_TOKEN": server.token}
+
+    push = CommandLine(tmp_path, settings)("push", folder, "--dataset", f"b-{form}")
+    exported = export_and_unpack(client, f"b-{form}", form, tmp_path / "exported")
+
+    assert push.code == 0, push.err
+    absent = "2 files belong to no frame and were not sent, by folder: . 1, velodyne 1"
+    assert absent in push.err
+    manifest = json.loads((exported / "manifest.json").read_text("utf-8"))
+    assert manifest["companions_absent"] == {".": 1, "velodyne": 1}
+    if form == "yolo":
+        document = yaml.safe_load((exported / "data.yaml").read_text())
+        own = ("train", "val", "names")
+        assert {k: v for k, v in document.items() if k not in own} == BESIDE_YOLO
+        return
+    for part in exported.glob("annotations/*.json"):
+        document = json.loads(part.read_text("utf-8"))
+        beside = {key: v for key, v in document.items() if key not in lists}
+        assert (beside, document["categories"]) == (BESIDE_COCO, categories)
+
+
+def test_parts_of_a_folder_come_through_the_service(server, client, tmp_path):
+    parts = ("train", "valid", "test")
+    line = b"0 0.5 0.5 0.1 0.2"
+    files = {f"{part}/images/1.png": scene.image() for part in parts}
+    files |= {f"{part}/labels/1.txt": line for part in parts}
+    folder = write_files(tmp_path / "split", {**files, "data.yaml": "names: [car]"})
+    settings = {"UNGHOST_SERVER": server.url, "UNGHOST_TOKEN": server.token}
+    unghost = CommandLine(tmp_path, settings)
+
+    push = unghost("push", folder, "--dataset", "split")
+    kept = export_and_unpack(client, "split", "voc", tmp_path / "kept")
+    other = unghost(
+        *("export", "split", "--format", "coco", "--output", tmp_path / "other.zip"),
+        *("--split", "0.5,0.5"),
+    )
+
+    assert push.code == 0, push.err
+    assert "parts as they came: train 1, valid 1, test 1" in push.err
+    assert client.frame_by_key("split", "valid/1").split == "valid"
+    for part in parts:
+        listed = (kept / f"ImageSets/Main/{part}.txt").read_text("utf-8")
+        assert listed == f"{part}__1\n"
+    assert "3 frames are split one by one" in other.err
+    last = next(iter(client.exports("split"))).counts
+    assert last["split"] == {"without_sequence": 3}
+    assert sum(last["frames"].get(part, 0) for part in ("train", "val")) == 3
 
 
 def test_kitti_export_applies_bands_and_dontcare_regions(
@@ -136,7 +335,7 @@ def test_unknown_format_or_invalid_option_raises_invalid(
 
 
 def test_tight_rectangles_are_exported_as_labels(client, tmp_path):
-    name = client.create_dataset("tight", classes=["car"]).name
+    name = client.create_dataset("tight", classes=["car"], config=BY_TAGS).name
     client.put_frame(name, "a", ANNOTATION, **sensors())
     client.wait(client.evaluate(name))
     # Nothing of the box behind is visible, so its rectangle stays as it is.

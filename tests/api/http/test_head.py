@@ -7,6 +7,7 @@ import pytest
 from tests.support import frames as scene
 from tests.support.live import live
 from tests.support.routes import NO_ROLE, REQUIRED_ROLES, fill_path
+from tests.support.sensors import depth_png, experiment_report, street_metres
 from tests.support.waiting import until
 
 STREET = "/api/v1/datasets/street"
@@ -15,6 +16,7 @@ DRAWINGS = {"/api/v1/frames/{frame_id}/thumbnail", "/api/v1/frames/{frame_id}/ov
 DRAWINGS |= {"/api/v1/boxes/{box_id}/crop"}
 QUERIES = {
     "/api/v1/boxes": "?dataset=street",
+    "/api/v1/boxes/table": "?dataset=street",
     "/api/v1/runs/{run_id}/diff": "?against=1",
     "/api/v1/exports/{export_id}/file": "?key={key}",
 }
@@ -31,8 +33,10 @@ def path_values(service):
             "annotation": scene.as_json(scene.annotation()),
             "image": scene.image(),
             "segmentation": scene.segmentation(),
+            "depth": depth_png(street_metres(scene.HEIGHT, scene.WIDTH)),
         }
         frame = admin.put(f"{STREET}/frames/a", files=files).json()
+        admin.put(f"{STREET}/experiment", json=experiment_report())
         export = admin.post(f"{STREET}/exports", json={"format": "yolo"}).json()["id"]
         admin.get(f"/api/v1/exports/{export}/events")  # returns when the export is done
         link = admin.post(f"/api/v1/exports/{export}/download-links").json()["url"]

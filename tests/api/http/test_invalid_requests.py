@@ -26,10 +26,17 @@ SECRET = "ug_of-somebody-else"
         ("POST", "/datasets", b'{"name": 5}', "/name: expected a text, found 5"),
         ("POST", "/datasets", b'{"name": null}', "/name: expected a text, found null"),
         ("POST", "/datasets", b'{"name": "A b"}',
-         "/name: expected 1 to 100 of a-z, 0-9, dot, dash and underscore, with a "
-         "letter or a digit at both ends"),
+         "/name: expected 1 to 100 of a-z, A-Z, 0-9, dot, dash and underscore, with "
+         "a letter or a digit at both ends"),
         ("POST", "/datasets", b'{"name": "a", "pallete": "auto"}',
-         "/pallete: unknown name; it may be misspelt"),
+         "/pallete: unknown name; did you mean 'palette'?"),
+        ("POST", "/datasets", b'{"name": "a", "xyz": 1}',
+         "/xyz: unknown name; it may be misspelt"),
+        ("POST", "/datasets/a/queue", b'{"filters": {"verdct": "kept"}}',
+         "/filters/verdct: unknown name; did you mean 'verdict'?"),
+        ("POST", "/datasets", b'{"name": "a", "palette": "carla"}',
+         "/palette: expected 'auto', 'carla-0.9.0', 'carla-0.9.10', 'carla-0.9.14' or "
+         "'paper-table1', found 'carla'"),
         ("POST", "/tokens", b'{"name": "a\\n"}',
          "/name: expected printable characters"),
         ("POST", "/tokens", b"{}", "/name: required, but missing"),

@@ -9,6 +9,9 @@ import pytest
 from fastapi import FastAPI
 
 from app.http.problems import PROBLEM_TYPE
+from filter_core.annotation.boxes import KNOWN_BOX_KEYS
+from filter_core.annotation.parsing import KNOWN_FRAME_KEYS
+from tests.support import plain_http
 
 METHODS = {"get", "post", "put", "patch", "delete"}
 
@@ -57,7 +60,7 @@ def resolve(schema, reference):
     return schema
 
 
-@pytest.mark.parametrize("path", ["/openapi.json", "/docs/content"])
+@pytest.mark.parametrize("path", ["/openapi.json", "/docs"])
 def test_other_requests_are_answered_while_the_document_is_built(
     serve, monkeypatch, path
 ):
@@ -86,6 +89,58 @@ def test_the_document_is_openapi_3_1(schema):
     assert schema["openapi"].startswith("3.1.")
     assert schema["info"]["title"] == "Unghost"
     assert {method for item in schema["paths"].values() for method in item} <= METHODS
+
+
+def test_the_document_and_its_page_need_no_token(schema, service):
+    with plain_http.Client(base_url=service.url) as client:
+        assert client.get("/openapi.json").json() == schema
+        page = client.get("/docs").text
+
+    # An object of a body, a field of it, its type, its meaning and an example.
+    assert '<details id="ReviewIn">' in page
+    assert "<td>looked_ms, optional</td><td>integer or null</td>" in page
+    assert "Name of the dataset. Example: &quot;town10&quot;" in page
+
+
+def test_every_field_and_parameter_is_described(schema, operations):
+    fields = {
+        f"{name}.{field}": of_field
+        for name, one in schema["components"]["schemas"].items()
+        for field, of_field in one.get("properties", {}).items()
+        if name != "Note"  # of the probes
+    }
+    parameters = {
+        f"{where} {parameter['name']}": parameter
+        for where, operation in operations.items()
+        for parameter in operation.get("parameters", ())
+        if not where[1].startswith(("/probe", "/open/"))
+    }
+
+    assert len(fields) > 500
+    bare = {**fields, **parameters}
+    assert [name for name, one in bare.items() if not one.get("description")] == []
+
+
+def test_no_default_becomes_a_required_field_of_a_generated_client(schema):
+    assert [
+        f"{name}.{field}"
+        for name, one in schema["components"]["schemas"].items()
+        for field, of_field in one.get("properties", {}).items()
+        if "default" in of_field
+    ] == []
+
+
+def test_the_schema_of_an_annotation_has_the_keys_that_the_library_reads(schema):
+    schemas = schema["components"]["schemas"]
+
+    assert set(schemas["Annotation"]["properties"]) == KNOWN_FRAME_KEYS
+    assert set(schemas["AnnotatedBox"]["properties"]) == KNOWN_BOX_KEYS
+
+
+def test_operations_are_named_as_functions_of_a_client(operations):
+    assert operations["post", "/api/v1/datasets/{dataset}/preview"]["operationId"] == (
+        "preview_config"
+    )
 
 
 def test_every_schema_reference_resolves(schema):

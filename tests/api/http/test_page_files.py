@@ -94,7 +94,8 @@ def test_static_file_has_its_content_type(anonymous, name):
 
 def test_if_none_match_of_a_static_file_returns_304(anonymous):
     url = f"/static/{FILES[0]}"
-    etag = anonymous.get(url).headers["etag"]
+    # Weak, since the response is compressed.
+    etag = anonymous.get(url).headers["etag"].removeprefix("W/")
 
     again = anonymous.get(url, headers={"If-None-Match": f'"other", W/{etag}'})
     other = anonymous.get(url, headers={"If-None-Match": '"other"'})
@@ -229,7 +230,7 @@ def test_page_has_no_inline_script_blocked_by_its_policy(anonymous):
 def test_api_docs_page_names_every_route(admin):
     schema = admin.get("/openapi.json").json()
 
-    page = admin.get("/docs/content")
+    page = admin.get("/docs")
 
     assert page.headers["content-type"] == "text/html; charset=utf-8"
     assert "<script" not in page.text

@@ -2,19 +2,33 @@
 
 from __future__ import annotations
 
+import base64
 import io
 import json
 import os
 import tarfile
 import threading
 
+import numpy as np
 import pytest
+import yaml
 
 from filter_core.formats.recording import LAYOUTS
 from filter_core.formats.registry import FORMATS, read_source
+from filter_core.formats.same import with_labels
+from filter_core.inspection.recording import inspect_recording
+from filter_core.inspection.remarks import by_role
 from tests.support.api import BASE
 from tests.support.archives import END, header_of, lines_of
-from tests.support.folders import BOX, LAYOUT_FILES, VOC_FILE, YOLO_LINE
+from tests.support.folders import (
+    BOX,
+    LAYOUT_FILES,
+    VOC_FILE,
+    YOLO_LINE,
+    mixed_recording,
+    street_tags,
+)
+from tests.support.pictures import png
 from tests.support.waiting import until
 
 TAR = {"Content-Type": "application/x-tar"}
@@ -74,7 +88,7 @@ def test_every_layout_is_read_as_the_library_reads_it(admin, tmp_path, layout):
     files = {kind: path for kind, path in {**paths, **expected.others}.items() if path}
     assert frame == {
         "key": expected.key,
-        "annotation": expected.annotation,
+        "annotation": with_labels(expected, layout),
         "annotation_text": None,
         "files": {
             kind: path.relative_to(tmp_path).as_posix() for kind, path in files.items()
@@ -159,6 +173,36 @@ def test_image_size_is_read_from_its_first_bytes(admin):
     assert (camera["width"], camera["height"]) == (80, 60)
 
 
+@pytest.mark.parametrize(
+    "files",
+    [
+        LAYOUT_FILES["kitti"],
+        {
+            "image_2/000000.png": b"",
+            "boxes/000000.json": b'[{"class": "car", "location": [20, 0, 1],'
+            b' "extent": [2, 1, 1], "rotation": [0, 0, 0]}]',
+            "recording.yaml": b"files: {image: 'image_2/{frame}.png', labels: "
+            b"'boxes/{frame}.json'}\ncameras: {fov: 90, pose: {location: [0, 0, 1], "
+            b"rotation: [0, 0, 0]}}",
+        },
+    ],
+)
+def test_camera_has_the_size_of_images_beside_those_that_were_not_sent(admin, files):
+    second = {name.replace("0.", "1."): content for name, content in files.items()}
+    picture = next(name for name in files if "image_2" in name)
+    both = {**second, **files, picture: png(np.zeros((60, 80, 3), np.uint8))}
+    both[picture.replace("0.", "1.")] = b""
+
+    _, frames, _, end = parse_response(post_folder(admin, both))
+
+    assert [frames[key]["fault"] for key in ("000000", "000001")] == [None, None]
+    camera = frames["000001"]["annotation"]["camera"]
+    assert (camera["width"], camera["height"]) == (80, 60)
+    (note,) = [note for note in end["notes"] if "are taken to have the size" in note]
+    assert "80 x 60 px" in note
+    assert note in str(end["inspection"]["remarks"])
+
+
 def test_faulty_and_unmatched_files_are_listed_beside_valid_frames(admin):
     files = {
         "town/data.yaml": b"names: [car, van]",
@@ -174,7 +218,7 @@ def test_faulty_and_unmatched_files_are_listed_beside_valid_frames(admin):
     head, frames, unmatched, end = parse_response(post_folder(admin, files))
 
     assert (head["layout"], head["classes"]) == ("yolo", ["car", "van"])
-    assert frames["1"]["annotation"] == {"boxes": [BOX]}
+    assert frames["1"]["annotation"]["boxes"] == [BOX]
     assert frames["1"]["files"] == {"image": "town/images/1.png"}
     assert frames["2"] == {
         "key": "2",
@@ -191,7 +235,10 @@ def test_faulty_and_unmatched_files_are_listed_beside_valid_frames(admin):
         "images/stray.png": "no label file for this image",
         "README.md": "neither an image nor a label",
     }
-    assert end == {"end": True, "frames": 2, "faulty": 1, "unmatched": 2, "notes": []}
+    counts = {"end": True, "frames": 2, "faulty": 1, "unmatched": 2, "notes": []}
+    assert end == {**counts, "inspection": end["inspection"]}
+    read_with = end["inspection"]["read_with"]
+    assert read_with["companions"] == {".": 2, "images": 1}
 
 
 def test_file_named_by_a_manifest_but_missing_is_a_fault(admin):
@@ -269,7 +316,8 @@ def wait_until_files_are_removed(data):
 def test_reading_a_folder_stores_nothing_and_removes_its_files(serve, tmp_path):
     with serve().admin() as admin:
         parse_response(post_folder(admin, LAYOUT_FILES["yolo"]))
-        assert post_folder(admin, {"notes.md": b""}).status_code == 422
+        wrong = {"notes.md": b"", "recording.yaml": b"layout: ylo"}
+        assert post_folder(admin, wrong).status_code == 422
         assert (
             post_folder(admin, archive(LAYOUT_FILES["yolo"])[:700]).status_code == 422
         )
@@ -281,25 +329,156 @@ def test_reading_a_folder_stores_nothing_and_removes_its_files(serve, tmp_path):
 def test_several_layouts_are_listed_and_one_can_be_chosen(admin):
     files = {"a.xml": VOC_FILE, "a.txt": YOLO_LINE, "classes.txt": b"car", "a.png": b""}
 
-    first, *_ = parse_response(post_folder(admin, files))
+    first, *_, end = parse_response(post_folder(admin, files))
     second, frames, *_ = parse_response(post_folder(admin, files, layout="yolo"))
 
     assert (first["layout"], first["layouts"]) == ("voc", ["voc", "yolo"])
     assert (second["layout"], second["layouts"]) == ("yolo", ["voc", "yolo"])
     assert second["titles"] == {"voc": "Pascal VOC", "yolo": "YOLO (Ultralytics)"}
-    assert frames["a"]["annotation"] == {"boxes": [BOX]}
+    (remark,) = (
+        one for one in end["inspection"]["remarks"] if "could be" in one["text"]
+    )
+    assert remark["finding"].endswith("could be voc or yolo, and are read as voc")
+    remedies = [{"place": ["layout"], "value": name} for name in ("voc", "yolo")]
+    assert remark["remedies"] == remedies
+    assert frames["a"]["annotation"]["boxes"] == [BOX]
 
 
-def test_images_with_unreadable_labels_need_an_explicit_layout(admin):
+def test_folder_that_cannot_be_read_says_what_helps(admin):
     files = {"images/1.png": b"", "labels/1.txt": YOLO_LINE}
 
-    refused = post_folder(admin, files)
-    _, frames, unmatched, _ = parse_response(post_folder(admin, files, layout="pairs"))
+    head, frames, _, end = parse_response(post_folder(admin, files))
+    _, pairs, unmatched, _ = parse_response(post_folder(admin, files, layout="pairs"))
+    described = {**files, "recording.yaml": json.dumps(DESCRIPTION).encode()}
+    _, read, _, last = parse_response(post_folder(admin, described))
 
-    assert (refused.status_code, refused.json()["code"]) == (422, "bad_layout")
-    assert "these files: no layout recognised; expected" in refused.json()["detail"]
-    assert [*frames] == ["1"]
+    assert (head["layout"], frames) == (None, {})
+    (remark,) = end["inspection"]["remarks"]
+    assert remark["text"].startswith("these files: no layout recognised; expected")
+    assert remark["text"].endswith(
+        "`layout: yolo` and `boxes: {classes: [car, bus]}` in recording.yaml name them "
+        "in their order"
+    )
+    assert remark["is_serious"]
+    assert [*pairs] == ["1"]
     assert "another layout" in unmatched["labels/1.txt"]
+    assert read["1"]["annotation"]["boxes"] == [BOX]
+    assert last["inspection"]["given"] == DESCRIPTION
+
+
+DESCRIPTION = {"layout": "yolo", "boxes": {"classes": ["car"]}}
+
+
+def test_boxes_in_another_unit_wait_for_a_person_to_say_it(admin):
+    boxes = [[4.5, 10.5, 30.5, 20.5], [50.5, 60.5, 40.5, 30.5], [1.5, 2.5, 90.5, 80.5]]
+    coco = {
+        "images": [
+            {"id": number, "file_name": f"{number}.png", "width": 800, "height": 600}
+            for number in (1, 2)
+        ],
+        "annotations": [
+            {"id": number, "image_id": 1, "category_id": 1, "bbox": box}
+            for number, box in enumerate(boxes)
+        ],
+        "categories": [{"id": 1, "name": "car"}],
+    }
+    files = {"labels.json": json.dumps(coco).encode(), "1.png": b"", "2.png": b""}
+    said = {"recording.yaml": b'{"boxes": {"unit": "percent"}}'}
+
+    _, frames, _, end = parse_response(post_folder(admin, files))
+    _, read, _, last = parse_response(post_folder(admin, {**files, **said}))
+
+    assert frames["1"]["fault"]["code"] == "wrong_unit"
+    assert frames["2"]["fault"] is None
+    (remark, *_) = end["inspection"]["remarks"]
+    assert (
+        "`boxes: {unit: percent}` or `boxes: {unit: pixels}` in recording.yaml says "
+        "which it is"
+    ) in remark["text"]
+    assert remark["finding"].endswith("50.5, 60.5, 40.5, 30.5]")
+    assert remark["remedies"] == [
+        {"place": ["boxes", "unit"], "value": unit} for unit in ("percent", "pixels")
+    ]
+    assert "unit: percent" in end["inspection"]["recording"]
+    assert read["1"]["annotation"]["boxes"][0]["xyxyn"] == [0.045, 0.105, 0.35, 0.31]
+    assert "wrong_unit" not in str(last)
+
+
+def test_unit_is_recognised_by_the_images_that_were_sent_whole(admin):
+    rows = "".join(f"{n}.png,car,{n}.5,20.5,{n + 40}.5,80.5\n" for n in range(1, 8))
+    files = {f"{number}.png": b"" for number in range(1, 8)}
+    files["3.png"] = png(np.zeros((400, 500, 3), np.uint8))
+    files["boxes.csv"] = f"image,label,x1,y1,x2,y2\n{rows}".encode()
+
+    _, frames, _, _ = parse_response(post_folder(admin, files))
+
+    assert {frame["fault"]["code"] for frame in frames.values()} == {"wrong_unit"}
+
+
+def test_folder_is_inspected_by_those_of_its_images_that_were_sent_whole(
+    admin, tmp_path
+):
+    root = mixed_recording(tmp_path / "street")
+    whole = {"train/images/005.png", "train/seg/005.png", "test/images/002.png"}
+    bare = [path for path in root.rglob("*.png") if name_in(root, path) not in whole]
+    files = {
+        f"street/{name_in(root, path)}": b"" if path in bare else path.read_bytes()
+        for path in root.rglob("*.*")
+    }
+    files |= {"street/train/seg/006.png": (root / "train/seg/006.png").read_bytes()}
+
+    _, frames, _, end = parse_response(post_folder(admin, files))
+
+    assert {
+        frame["fault"] and frame["fault"]["detail"] for frame in frames.values()
+    } == {None}
+    here, told = inspect_recording(root), end["inspection"]
+    assert (told["looked_at"], told["why"]) == (1, here.why)
+    picture = told["streams"][0]
+    assert picture["pattern"] == "{part}/images/{frame}.png"
+    assert picture["example"] in files
+    assert [(one["role"], one["images"]) for one in told["streams"]] == [
+        (one.role, one.images) for one in by_role(here)
+    ]
+    known = ("name", "boxes", "measured_as", "nearest", "tags")
+    assert [[one[key] for key in known] for one in told["classes"]] == [
+        [one.name, one.boxes, one.measured_as, one.nearest, [*one.tags]]
+        for one in here.classes
+    ]
+    counts = [
+        (one["kept"], one["rejected"], one["unmeasured"]) for one in told["classes"]
+    ]
+    assert counts == [(2, 0, 0), (0, 1, 0), (0, 0, 1), (0, 0, 1), (0, 0, 0)]
+    (painted,) = told["painted"]
+    assert (painted["key"], painted["width"], painted["height"]) == (
+        *("train/005", 320, 180),
+    )
+    assert base64.b64decode(painted["jpeg"])[:3] == b"\xff\xd8\xff"
+    assert painted["boxes"][0]["verdict"] == "kept"
+    texts = [one["text"] for one in told["remarks"]]
+    assert any("`classes: {Caar: car}`" in text for text in texts)
+    assert not any("--" in text for text in texts)
+    assert told["given"] == {"segmentation": {"palette": "carla-0.9.14"}}
+    assert yaml.safe_load(told["recording"])["layout"] == "yolo"
+
+
+def name_in(root, path):
+    return path.relative_to(root).as_posix()
+
+
+@pytest.mark.parametrize("sent", ["gt/07.png", "gt/11.png"])
+def test_role_of_a_stream_is_told_by_any_image_that_was_sent_whole(admin, sent):
+    names = [
+        f"{folder}/{number:02}.png" for folder in ("rgb", "gt") for number in range(12)
+    ]
+    files = {**dict.fromkeys(names, b""), sent: png(street_tags())}
+
+    *_, end = parse_response(post_folder(admin, files))
+
+    roles = {one["role"]: one for one in end["inspection"]["streams"]}
+    assert (roles["segmentation"]["images"], roles["image"]["images"]) == (12, 12)
+    assert roles["segmentation"]["told_by"] == ["pixels"]
+    assert end["notes"] == []
 
 
 @pytest.mark.parametrize(
@@ -333,6 +512,22 @@ def test_xml_with_entities_is_a_fault_of_its_frame(admin):
     assert frames["b"]["fault"] is None
 
 
+def test_damaged_pictures_are_said_and_stop_nothing(admin):
+    picture = png(np.zeros((60, 80, 3), np.uint8))
+    header = picture[:16] + b"\x7f\xff\xff\xff" * 2 + picture[24:]
+    files = {"classes.txt": b"car", "a.txt": YOLO_LINE, "b.txt": YOLO_LINE}
+    files |= {"a.png": b"no picture at all", "b.png": header}
+
+    _, frames, _, end = parse_response(post_folder(admin, files))
+
+    assert [frame["fault"] for frame in frames.values()] == [None, None]
+    said = [one["text"] for one in end["inspection"]["remarks"] if one["is_serious"]]
+    (pictures,) = (text for text in said if "that were looked at" in text)
+    assert pictures.startswith(
+        "2 of 2 frames that were looked at cannot be used (bad_image), such as a: "
+    )
+
+
 def test_label_without_its_image_is_a_fault_of_its_frame(admin):
     files = {**LAYOUT_FILES["yolo"], "labels/train/2.txt": YOLO_LINE}
 
@@ -348,8 +543,9 @@ def test_label_without_its_image_is_a_fault_of_its_frame(admin):
 
 
 def test_folder_over_the_time_limit_is_refused(serve, tmp_path):
+    labels = {f"labels/train/{number}.txt": YOLO_LINE for number in range(2000)}
     with serve(max_folder_seconds=0.001).admin() as admin:
-        answer = post_folder(admin, LAYOUT_FILES["yolo"])
+        answer = post_folder(admin, {**LAYOUT_FILES["yolo"], **labels})
 
         assert (answer.status_code, answer.json()["code"]) == (422, "pixels_refused")
         assert "UNGHOST_MAX_FOLDER_SECONDS" in answer.json()["detail"]

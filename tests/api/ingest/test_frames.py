@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from tests.support import frames as scene
-from tests.support.api import BASE
+from tests.support.api import BASE, BY_TAGS
 
 CAR = {"id": "real", "class": "car", "xyxy": scene.ON_THE_CAR}
 GHOST = {"id": "ghost", "class": "car", "xyxy": scene.IN_THE_SKY}
@@ -44,6 +44,7 @@ KEPT = {
     "hidden_by": [],
     "lossy": False,
     "distance": 12.5,
+    "distance_range": None,
     "xyxy": scene.ON_THE_CAR,
     "amodal_xyxy": None,
     "visible_xyxy": None,
@@ -55,11 +56,14 @@ KEPT = {
     "revision": 0,
     "review": None,
     "effective_verdict": "kept",
+    "bin": "sure",
+    "question": None,
+    "doubt": 0,
 }
 
 
 def test_stored_frame_is_returned_with_every_field(api):
-    dataset = api.dataset()
+    dataset = api.dataset(config=BY_TAGS)
     sent = scene.annotation_of(
         {**CAR, "distance": 12.5}, GHOST, weather={"fog_density": 2.0}
     )
@@ -183,6 +187,7 @@ def test_replaced_frame_keeps_the_answers_of_unchanged_boxes(api):
         "reviewer": "admin",
         "revision": 1,
         "comment": "no",
+        "created_at": boxes["real"]["review"]["created_at"],
     }
     assert boxes["real"]["effective_verdict"] == "rejected"
     history = api.json(f"/boxes/{boxes['real']['box_id']}/history")["items"]
@@ -300,7 +305,7 @@ def test_listed_frame_has_its_counts_and_which_files_it_has(api):
 
     names = ("boxes", "kept", "rejected", "unmeasured", "to_review")
     counts = [[item["counts"][name] for name in names] for item in listed]
-    assert counts == [[2, 1, 1, 0, 1], [1, 0, 0, 1, 1]]
+    assert counts == [[2, 1, 1, 0, 0], [1, 0, 0, 1, 1]]
     files = [(item["has_image"], item["has_segmentation"]) for item in listed]
     assert files == [(True, True), (True, False)]
 

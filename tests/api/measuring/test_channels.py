@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
+from tests.support.api import BY_TAGS
 from tests.support.lidar import npy
 from tests.support.pictures import pixels_of, png
 from tests.support.sensors import (
@@ -21,7 +22,7 @@ from tests.support.sensors import (
 
 @pytest.fixture
 def dataset(api):
-    return api.dataset_of_one_frame(ANNOTATION, **sensors())
+    return api.dataset_of_one_frame(ANNOTATION, config=BY_TAGS, **sensors())
 
 
 def far_box(api, dataset):
@@ -98,7 +99,7 @@ def test_changed_accept_set_needs_the_pixels_if_a_channel_is_measured(api, datas
 
 
 def test_too_coarse_depth_is_stored_but_refused_once_depth_is_used(api):
-    name = api.dataset()
+    name = api.dataset(config=BY_TAGS)
     grey = cv2.imencode(".png", np.zeros(scene()[0].shape, np.uint8))[1].tobytes()
     api.upload_frame(name, "a", ANNOTATION, **files(depth=grey))
 
@@ -106,9 +107,7 @@ def test_too_coarse_depth_is_stored_but_refused_once_depth_is_used(api):
 
     assert run["state"] == "failed"
     assert "3.9 m" in run["error"]["detail"]
-    refused = api.dataset()
-    api.post(f"/datasets/{refused}/configs", {"evidence": "depth"})
-    api.run(refused, {"evidence": "depth"})
+    refused = api.dataset(config={"evidence": "depth"})
     answer = api.put(refused, "a", ANNOTATION, **files(depth=grey))
     assert (answer.status_code, answer.json()["code"]) == (422, "depth_too_coarse")
     assert answer.json()["errors"][0]["pointer"] == "/depth"

@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
+from tests.support.api import BY_TAGS
 from tests.support.lidar import ascii_ply, npy
 from tests.support.sensors import ANNOTATION, depth_png, files, scene, sensors
 
@@ -14,7 +15,7 @@ CHANNELS = ["ordered", "depth", "depth_center", "instance", "lidar"]
 
 @pytest.fixture
 def dataset(api):
-    return api.dataset_of_one_frame(ANNOTATION, **sensors())
+    return api.dataset_of_one_frame(ANNOTATION, config=BY_TAGS, **sensors())
 
 
 def run_evaluation(api, dataset):
@@ -40,6 +41,10 @@ def test_every_channel_is_measured_and_no_verdict_changes(api, dataset):
         "instance": 0,
         "lidar": 1,
     }
+    assert (
+        found["unfiltered"]["kept_visible"],
+        found["unfiltered"]["kept_hidden"],
+    ) == (1, 1)
     assert found["channels"]["lidar"]["judged"] == 0
     (worst,) = found["channels"]["semantic"]["worst"]
     ghost = next(box for box in api.boxes(dataset) if box["id"] == "218")
@@ -69,6 +74,30 @@ def test_preview_of_measured_channels_needs_no_pixels(api, dataset):
     assert [one["needs_pixels"] for one in found.values()] == [False] * 3
     assert found["semantic"]["counts"]["kept"] == 2
     assert found["depth"]["flips"]["kept_to_rejected"] == 1
+
+
+def test_preview_is_compared_with_instances_or_with_answers(api, dataset):
+    run_evaluation(api, dataset)
+    path = f"/datasets/{dataset}/preview"
+    body = {"config": {"evidence": "depth"}, "truth": "instances"}
+
+    preview = api.post(path, body).json()
+
+    scores = preview["scores"]
+    assert (scores["boxes"], scores["before"]["kept_reject"]) == (2, 1)
+    assert scores["before"]["precision"]["value"] == 0.5
+    assert scores["after"]["precision"]["value"] == 1
+    (flip,) = preview["flips"]["items"]
+    assert (flip["after"]["verdict"], flip["visible"]) == ("rejected", False)
+    assert api.post(path, {"config": {}}).json()["scores"] is None
+
+    ghost = next(box for box in api.boxes(dataset) if box["id"] == "218")
+    assert api.review(ghost["box_id"], "keep").status_code == 201
+    people = api.post(path, body | {"truth": "people"}).json()
+
+    assert people["scores"]["boxes"] == 1
+    assert people["scores"]["after"]["rejected_keep"] == 1
+    assert people["flips"]["items"][0]["visible"] is True
 
 
 def test_evaluation_with_answers_of_people_as_truth(api, dataset):
@@ -160,7 +189,7 @@ def test_an_unknown_truth_is_refused(api, dataset):
 
 
 def test_thresholds_are_suggested_from_instances_without_answers(api):
-    name = api.dataset()
+    name = api.dataset(config=BY_TAGS)
     beside = {"id": "ghost", "class": "car", "xyxy": [20, 30, 80, 100]}
     boxes = [ANNOTATION["boxes"][0], beside]
     api.upload_frame(name, "a", {**ANNOTATION, "boxes": boxes}, **sensors())

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from tests.support import frames as scene
-from tests.support.api import Api
+from tests.support.api import BY_TAGS, Api
 
 FRAMES = 4
 
@@ -26,7 +26,7 @@ def people(api, server):
 @pytest.fixture
 def dataset(api):
     """Frames of a car, a quarter of a car and a ghost, at several distances."""
-    name = api.dataset()
+    name = api.dataset(config=BY_TAGS)
     for number in range(FRAMES):
         boxes: list[dict[str, object]] = [
             {"id": "real", "xyxy": scene.ON_THE_CAR, "distance": 50.0 * number},
@@ -77,16 +77,12 @@ def test_confusion_counts_verdicts_against_answers(api, dataset):
     api.review(ghost[1], "reject")
     api.review(ghost[2], "unsure")
 
-    found = quality(api, dataset)
+    response = quality(api, dataset)
 
-    assert (found["reviewed"], found["unsure"]) == (6, 1)
-    assert confusion_counts(found["confusion"]) == [3, 1, 1, 1]
-    assert found["by_class"] == {"car": found["confusion"]}
-    assert found["confusion"]["precision"]["value"] == 0.75
-    # The Wilson interval of 3 of 4.
-    assert found["confusion"]["recall"]["low"] == pytest.approx(0.3006, abs=1e-4)
-    assert found["confusion"]["recall"]["high"] == pytest.approx(0.9544, abs=1e-4)
-    bands = {band["band"]: confusion_counts(band) for band in found["by_distance"]}
+    assert (response["reviewed"], response["unsure"]) == (6, 1)
+    assert confusion_counts(response["confusion"]) == [3, 1, 1, 1]
+    assert response["by_class"] == {"car": response["confusion"]}
+    bands = {band["band"]: confusion_counts(band) for band in response["by_distance"]}
     assert bands == {
         "0-50": [1, 0, 0, 0],
         "50-100": [1, 0, 0, 0],
@@ -95,6 +91,113 @@ def test_confusion_counts_verdicts_against_answers(api, dataset):
         ">200": [0, 0, 0, 0],
         "unknown": [0, 0, 1, 1],
     }
+
+
+@pytest.fixture
+def street(api):
+    """Forty cars and forty ghosts; the filter keeps the cars, and people half of each.
+
+    People keep those with an even number.
+    """
+    name = api.dataset(config=BY_TAGS)
+    for number in range(40):
+        boxes = [
+            {"id": f"{number}", "class": "car", "xyxy": scene.ON_THE_CAR},
+            {"id": f"{number}-ghost", "class": "truck", "xyxy": scene.IN_THE_SKY},
+        ]
+        api.upload_frame(name, f"{number:02}", {**scene.annotation(), "boxes": boxes})
+    return name
+
+
+def answer_truly(api, box):
+    number = int(box["id"].removesuffix("-ghost"))
+    api.review(box["box_id"], "reject" if number % 2 else "keep", box["revision"])
+
+
+def answer_queue(api, dataset, count, order, **filters):
+    """Answer so many boxes of the queue truly, as the page does."""
+    body = {"order": order, "limit": count, "filters": filters}
+    for box in api.post(f"/datasets/{dataset}/queue", body).json()["items"]:
+        answer_truly(api, box)
+
+
+def test_answers_on_doubtful_boxes_cannot_say_how_good_the_filter_is(api, street):
+    answer_queue(api, street, 30, "doubt", review="none")
+
+    response = quality(api, street)
+    confusion = response["confusion"]
+
+    assert sum(confusion_counts(confusion)) == 30
+    assert [confusion[name] for name in ("precision", "recall", "f1")] == [None] * 3
+    assert confusion["refused"] == "no_random_answers"
+    assert response["plan"]["boxes"] == 50  # all that are left
+    assert response["sample"] == {
+        "boxes": 80,
+        "before": 30,
+        "answered": 0,
+        "unsure": 0,
+        "unanswered": 0,
+    }
+
+
+def test_random_answers_and_those_before_them_estimate_all_boxes(api, street):
+    answer_queue(api, street, 20, "doubt", review="none")
+    answer_queue(api, street, 50, "random")
+
+    response = quality(api, street)
+    sample, confusion = response["sample"], response["confusion"]
+
+    assert (sample["before"], sample["answered"], sample["unanswered"]) == (20, 50, 0)
+    for name in ("precision", "recall"):
+        low, high = confusion[name]["low"], confusion[name]["high"]
+        assert low <= 0.5 <= high
+        assert 0.02 < high - low < 0.2
+    assert confusion["refused"] is None
+
+
+def test_sample_of_a_class_represents_that_class_alone(api, street):
+    answer_queue(api, street, 30, "random", **{"class": "car"})
+
+    response = quality(api, street)
+
+    assert response["by_class"]["car"]["precision"]["low"] > 0
+    assert response["confusion"]["recall"] is None
+    assert response["confusion"]["refused"] == "too_few_random_answers"
+
+
+def test_answers_of_other_filters_are_in_no_sample(api, street):
+    answer_queue(api, street, 30, "random", verdict="kept")
+
+    response = quality(api, street)
+
+    assert response["sample"]["answered"] == 0
+    assert response["confusion"]["refused"] == "no_random_answers"
+
+
+def test_boxes_that_were_skipped_are_unanswered_in_the_sample(api, street):
+    body = {"order": "random", "limit": 50}
+    boxes = api.post(f"/datasets/{street}/queue", body).json()["items"]
+    for box in [*boxes[:10], *boxes[20:]]:
+        answer_truly(api, box)
+    skipped = quality(api, street)
+    again = api.post(f"/datasets/{street}/queue", body | {"limit": 10}).json()["items"]
+    for box in boxes[10:20]:
+        answer_truly(api, box)
+    answered = quality(api, street)
+
+    assert (skipped["sample"]["answered"], skipped["sample"]["unanswered"]) == (40, 10)
+    assert [box["box_id"] for box in again] == [box["box_id"] for box in boxes[10:20]]
+    assert answered["sample"]["unanswered"] == 0
+
+
+def test_answers_on_all_boxes_are_exact(api, street):
+    for box in api.boxes(street, limit=100):
+        answer_truly(api, box)
+
+    confusion = quality(api, street)["confusion"]
+
+    for name in ("precision", "recall", "f1"):
+        assert confusion[name] == {"value": 0.5, "low": 0.5, "high": 0.5}
 
 
 def test_reviewers_are_compared_by_their_latest_answers(api, dataset, people):

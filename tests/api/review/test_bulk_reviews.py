@@ -74,6 +74,40 @@ def test_bulk_answer_is_undone_completely_and_only_once(api, dataset, ghosts):
     assert (again.status_code, again.json()["code"]) == (409, "already_undone")
 
 
+@pytest.mark.parametrize("by_filter", [False, True], ids=["listed", "by filter"])
+def test_bulk_answer_repeated_without_change_adds_nothing(
+    api, dataset, ghosts, by_filter
+):
+    def answer(verdict, comment):
+        if not by_filter:
+            seen = [api.json(f"/boxes/{box}")["revision"] for box in ghosts]
+            which = {"box_ids": ghosts, "seen_revisions": seen}
+        else:
+            which = {"filter": {"verdict": "rejected"}}
+            which["snapshot"] = snapshot(api, dataset, verdict="rejected")
+        return bulk(api, dataset, verdict, comment=comment, **which)
+
+    def entries():
+        return [len(api.json(f"/boxes/{box}/history")["items"]) for box in ghosts] + [
+            len(api.json("/audit", limit=1000)["items"])
+        ]
+
+    api.review(ghosts[0], "keep", comment="parked")
+    first = answer("keep", "parked")
+    before = entries()
+    again = answer("keep", "parked")
+
+    assert (first.status_code, first.json()["count"]) == (201, 3)
+    assert (again.status_code, again.json()["count"]) == (201, 0)
+    assert (again.json()["stale"], again.json()["skipped"]) == ([], [])
+    assert entries() == before
+    assert undo(api, again.json()["id"]).json()["undone"] == 0
+    assert answer("keep", "parked?").json()["count"] == 3
+    assert answer("reject", "parked?").json()["count"] == 3
+    undo(api, answer("keep", "parked?").json()["id"])
+    assert answer("reject", "parked?").json()["count"] == 3  # an undo is no answer
+
+
 def test_undo_skips_boxes_answered_or_replaced_since(api, dataset, ghosts):
     batch = bulk(api, dataset, "keep", box_ids=ghosts).json()["id"]
     api.review(ghosts[1], "reject", 1)
@@ -226,6 +260,16 @@ def test_a_bulk_answer_without_boxes_changes_nothing(api, dataset):
     assert (answer.status_code, answer.json()["count"]) == (201, 0)
     assert undo(api, answer.json()["id"]).json()["undone"] == 0
     assert undo(api, 2**40).status_code == 404
+
+
+def test_history_has_the_size_of_a_bulk_answer_and_how_many_were_looked_at(
+    api, dataset, ghosts
+):
+    bulk(api, dataset, "reject", box_ids=ghosts, looked_at=1)
+
+    (entry, *_) = api.json(f"/boxes/{ghosts[0]}/history")["items"]
+
+    assert (entry["batch_size"], entry["looked_at"]) == (len(ghosts), 1)
 
 
 def test_bulk_answer_by_ids_alone_skips_answered_boxes_as_stale(api, dataset, ghosts):

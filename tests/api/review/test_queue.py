@@ -43,6 +43,9 @@ def reviewer(api, server):
 
 
 def get_queue(api, dataset, **wanted):
+    """The queue of all boxes that nobody has decided, in doubt or not."""
+    if "filters" not in wanted and wanted.get("order") != "audit":
+        wanted["filters"] = {"review": "undecided"}
     answer = api.post(f"/datasets/{dataset}/queue", wanted)
     assert answer.status_code == 200, answer.text
     return answer.json()
@@ -215,20 +218,54 @@ def test_random_order_is_reproducible_by_its_seed(api, dataset):
     assert {len(set(one)) for one in seeds} == {12}
 
 
-def test_audit_queue_has_only_decided_boxes(api, dataset):
-    boxes = api.box_ids(dataset)
+def test_audit_queue_has_the_boxes_that_others_have_decided(api, dataset, reviewer):
+    eve, boxes = reviewer("eve"), api.box_ids(dataset)
     for box_id, verdict in zip(boxes, ["keep", "reject", "unsure"], strict=False):
         api.review(box_id, verdict)
 
-    queue = get_queue(api, dataset, order="audit")
-    kept = get_queue(api, dataset, order="audit", filters={"review": "keep"})
+    queue = get_queue(eve, dataset, order="audit")
+    kept = get_queue(eve, dataset, order="audit", filters={"review": "keep"})
+    eve.review(boxes[0], "reject", 1)
 
     assert sorted(ids(queue)) == boxes[:2]
     assert (queue["remaining"], queue["unsure"]) == (2, 0)
     assert ids(kept) == boxes[:1]
+    assert ids(get_queue(eve, dataset, order="audit")) == boxes[1:2]
+    own = get_queue(api, dataset, order="audit")
+    assert (ids(own), own["remaining"]) == ([], 0)
 
 
-@pytest.mark.parametrize("order", ["doubt", "random", "class", "audit"])
+def test_answer_keeps_how_the_queue_chose_its_box(api, dataset, reviewer):
+    eve = reviewer("eve")
+
+    def chosen(box_id: int) -> dict[str, object]:
+        entry = api.json(f"/boxes/{box_id}/history")["items"][0]
+        return {name: entry.get(name) for name in ("chosen_by", "chosen_from")}
+
+    first, second = ids(get_queue(eve, dataset, limit=2, filters={"class": "car"}))
+    eve.review(first, "keep")
+    api.review(second, "keep")
+    drawn = ids(get_queue(eve, dataset, order="random", limit=3))
+    seeded = ids(get_queue(api, dataset, order="random", limit=1, seed=5))
+    eve.review(drawn[0], "keep")
+    body = {"dataset": dataset, "verdict": "keep", "box_ids": [drawn[1]]}
+    eve.post("/reviews/bulk", body)
+    api.review(seeded[0], "keep")
+
+    assert chosen(first) == {"chosen_by": "doubt", "chosen_from": {"class": "car"}}
+    at_random = {"chosen_by": "random", "chosen_from": {"review": "undecided"}}
+    assert chosen(drawn[0]) == chosen(seeded[0]) == at_random
+    for box_id in (second, drawn[1]):  # without a claim of its author; in bulk
+        assert chosen(box_id) == {"chosen_by": None, "chosen_from": None}
+    entries = [
+        api.json(f"/boxes/{box_id}/history")["items"][0]
+        for box_id in (drawn[0], seeded[0])
+    ]
+    assert 0 < entries[0]["probability"] <= 1
+    assert entries[1]["probability"] is None
+
+
+@pytest.mark.parametrize("order", ["doubt", "random", "class"])
 def test_conflicts_are_queued_in_every_order(api, dataset, order):
     ghosts = api.box_ids(dataset, verdict="rejected")
     api.review(ghosts[0], "keep")

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from tests.support.api import Api
+from tests.support.api import BY_TAGS, Api
 
 
 @pytest.fixture
 def dataset(api: Api) -> str:
-    """A dataset of one frame, "a", with a car and a ghost."""
-    return api.dataset_of_one_frame()
+    """A dataset of one frame, "a", with a car and a ghost, decided by tags."""
+    return api.dataset_of_one_frame(config=BY_TAGS)

@@ -63,6 +63,36 @@ def test_activating_a_config_again_returns_the_open_run(serve):
     assert second.headers["location"] == first.headers["location"]
 
 
+def test_of_two_people_who_activate_at_once_the_second_is_refused(serve):
+    service = serve()
+    with service.admin() as http, block_jobs(service.app.state.services.engine):
+        api = Api(http)
+        dataset = api.dataset()
+        path = f"{BASE}/datasets/{dataset}/config"
+        seen = http.get(path)
+        mine, yours = (
+            add_config(api, dataset, b"min_visible_pixels: %d" % pixels).json()[
+                "digest"
+            ]
+            for pixels in (8, 9)
+        )
+        match = {"If-Match": seen.headers["etag"]}
+
+        first, again = (
+            http.put(path, json={"digest": mine}, headers=match) for _ in range(2)
+        )
+        second = http.put(path, json={"digest": yours}, headers=match)
+        after = {"If-Match": f'"{mine}"'}
+        knowing = http.put(path, json={"digest": yours}, headers=after)
+
+    assert seen.headers["etag"] == f'"{seen.json()["digest"]}"'
+    assert (first.status_code, again.json()["id"]) == (202, first.json()["id"])
+    problem = second.json()
+    assert (second.status_code, problem["code"]) == (412, "stale_config")
+    assert problem["current"]["digest"] == mine
+    assert knowing.status_code == 202
+
+
 def test_activating_a_config_starts_a_run(api, dataset):
     digest = add_config(api, dataset, b"min_visible_pixels: 1000000").json()["digest"]
     path = f"{BASE}/datasets/{dataset}/config"
@@ -181,7 +211,15 @@ def test_preview_returns_the_flips_and_writes_nothing(api, dataset):
             "thresholds": {"car": 10.0},
             "unknown_percent": {},
         },
+        "decided_by": {"semantic": 2},
+        "own_histograms": {
+            "edges": [0.0, 50.0, 100.0],
+            "classes": {},
+            "thresholds": {},
+            "unknown_percent": {},
+        },
         "flips": {"total": 2, **each_way, "by_class": {"car": each_way}},
+        "scores": None,
     }
     assert items[ghost] == {
         "box_id": ghost,
@@ -189,6 +227,7 @@ def test_preview_returns_the_flips_and_writes_nothing(api, dataset):
         "class": "car",
         "xyxy": api.json(f"/boxes/{ghost}")["xyxy"],
         "cause": None,
+        "visible": None,
         "match_percent": 100.0,
         "before": unseen,
         "after": kept,
@@ -239,11 +278,13 @@ def test_stats_and_histogram_are_those_of_the_boxes(api, dataset):
         "rejected": 1,
         "unmeasured": 0,
         "reviewed": 0,
-        "to_review": 1,
+        "to_review": 0,
         "unsure": 0,
         "conflicts": 0,
         "toss_ups": 0,
+        "bins": {"ask": 0, "sure": 1, "small": 0, "wall": 1},
         "lossy": 0,
+        "by_map": {"Town10HD": {"frames": 1, "boxes": 2}},
         "effective": {"kept": 1, "rejected": 1, "unmeasured": 0},
         "by_reason": {"visible": 1, "no_visible_pixels": 1},
         "by_class": {"car": {"kept": 1, "rejected": 1, "unmeasured": 0}},

@@ -66,6 +66,7 @@ def test_diff_is_against_the_previously_active_run_by_default(api, dataset):
             "threshold": None,
         },
         "cause": None,
+        "visible": None,
     }
     assert api.json(f"/runs/{tried['id']}/diff")["against"] == first
 

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import pytest
+
 from app.db.engine import make_engine
 from app.db.migrate import migrate
 from app.package import migrations_dir
 from tests.support import frames as scene
-from tests.support.api import BASE, Api
+from tests.support import sensors
+from tests.support.api import BASE, BY_TAGS, Api
 from tests.support.databases import change, url_of
 from tests.support.live import block_jobs
+from tests.support.pictures import png
 from tests.support.servers import STOP_WAIT_S
 from tests.support.waiting import until
 
@@ -160,3 +164,66 @@ def test_too_many_open_runs_return_429_with_retry_after(serve):
 
     assert (taken.status_code, late.status_code) == (202, 429)
     assert int(late.headers["retry-after"]) >= 1
+
+
+NEW_TAG = 100
+"""A tag of a changed CARLA, which no family of tags has."""
+NEW_THING = (30, 4, 35, 9)
+"""Few enough pixels, in the sky, for the others to tell the family."""
+
+
+def street(class_name):
+    """A frame with a box of this class on its car."""
+    box = {"class": class_name, "xyxy": scene.ON_THE_CAR}
+    files = {"image": scene.image(), "segmentation": scene.segmentation()}
+    return {**scene.annotation(), "boxes": [box]}, files
+
+
+def changed_carla():
+    """A frame with raw tags, and a car where they are new."""
+    tags = scene.tags()
+    x_min, y_min, x_max, y_max = NEW_THING
+    tags[y_min:y_max, x_min:x_max] = NEW_TAG
+    box = {"class": "car", "xyxy": NEW_THING}
+    files = {"image": scene.image(), "segmentation": png(tags)}
+    return {**scene.annotation(), "boxes": [box]}, files
+
+
+def with_instances():
+    """A frame with a car that is behind another."""
+    (box,) = (box for box in sensors.ANNOTATION["boxes"] if box["id"] == "218")
+    return {**sensors.ANNOTATION, "boxes": [box]}, sensors.sensors()
+
+
+@pytest.mark.parametrize(
+    ("frame", "config", "before", "after"),
+    [
+        (street("Auto"), {"classes": {"Auto": "car"}},
+         "unmeasured: unmapped_class", "kept: visible"),
+        (street("car"), {"classes": {"car": "pass"}},
+         "kept: visible", "unmeasured: passed"),
+        (street("car"), CARS_ARE_SKY, "kept: visible", "rejected: no_visible_pixels"),
+        (street("Auto"), {"profile": "carlasimu"},
+         "unmeasured: unmapped_class", "rejected: unmapped_class"),
+        (changed_carla(), {"tags": {NEW_TAG: "Car"}},
+         "unmeasured: unknown_pixels", "kept: visible"),
+        (with_instances(), {"evidence": "instance"},
+         "kept: visible", "rejected: hidden_by_instance"),
+    ],
+)  # fmt: skip
+def test_stored_frames_are_decided_anew_for_a_changed_configuration(
+    api, frame, config, before, after
+):
+    """Whatever it changes: where stored numbers do not do, files are read again."""
+    annotation, files = frame
+    dataset = api.dataset_of_one_frame(annotation, config=BY_TAGS, **files)
+
+    first = api.boxes(dataset)
+    run = api.run(dataset, config)
+    then = api.boxes(dataset)
+
+    assert run["state"] == "done", run
+    assert [f"{box['verdict']}: {box['reason']}" for box in (*first, *then)] == [
+        before,
+        after,
+    ]

@@ -82,7 +82,7 @@ def segmentation(user: Visitor, street: Scene) -> None:
         (r"/problems\?", view("frames", click="Dataset settings"), ""),
         (r"/openapi\.json", view("frames", click="Dataset settings"), ""),
         (r"/history", open_first_box, ""),
-        (r"/image$", open_first_box, ""),
+        (r"/thumbnail\?width=16383", open_first_box, ""),
         (r"/segmentation$", open_first_box, ""),
         (r"/(segmentation|painted)", segmentation, ""),
     ],

@@ -88,7 +88,7 @@ def test_keys_zoom_to_the_selected_box_in_and_back(scene, user):
     user.press("c")
     wait_for_drawing(page)
     cropped, *_ = view(page)
-    assert cropped > 1.5 * fitted
+    assert cropped > 1.3 * fitted
     user.press("j")
     wait_for_drawing(page)
     scale, x, y = view(page)

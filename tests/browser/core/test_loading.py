@@ -26,8 +26,9 @@ MOST_REQUESTS = 45
     [("#/datasets", "datasets.js"), ("#/datasets/{}/frames", "frames.js")],
 )
 def test_first_view_loads_few_files_and_no_other_views_modules(
-    scene, user, view, module
+    make_scene, user, view, module
 ):
+    scene = make_scene(config={"evidence": "auto"})
     page = user.open(view.format(scene.dataset))
     expect(page.locator("img[src^='blob:']").first).to_be_visible()
 

@@ -6,6 +6,7 @@ Also: deleting the dataset.
 from __future__ import annotations
 
 import pytest
+import yaml
 from playwright.sync_api import Page, expect
 
 from tests.support.page import scenes
@@ -44,6 +45,20 @@ def test_dataset_description_is_stored(scene, user):
     expect(page.get_by_role("dialog")).to_have_count(0)
     stored = scenes.get(scene.http, f"/datasets/{scene.dataset}")
     assert stored["description"] == "one car, and what is not there"
+
+
+def test_description_of_the_recording_can_be_downloaded(scene, user):
+    recording = {"layout": "voc", "boxes": {"unit": "pixels"}, "classes": {"é": "car"}}
+    path = f"/datasets/{scene.dataset}"
+    assert scene.http.patch(path, json={"recording": recording}).status_code == 200
+    page = open_settings(user, scene)
+
+    with page.expect_download() as download:
+        page.get_by_role("button", name="Download recording.yaml").click()
+
+    assert download.value.suggested_filename == "recording.yaml"
+    assert yaml.safe_load(download.value.path().read_text("utf-8")) == recording
+    expect(page.get_by_role("link", name="configuration")).to_be_visible()
 
 
 def test_changed_palette_starts_a_run_and_links_to_it(scene, user):

@@ -29,3 +29,40 @@ def test_empty_server_shows_how_to_upload_data(open_window, start_server):
     for width in (1440, 390):
         page.set_viewport_size({"width": width, "height": 844})
         assert page.evaluate(OVERFLOW) <= 0, width
+
+
+def test_home_of_a_dataset_reports_its_ghosts_and_starts_the_review(scene, user):
+    page = user.open(f"#/datasets/{scene.dataset}")
+
+    expect(page.get_by_role("row", name="car 3 2")).to_be_visible()
+    expect(page.get_by_role("row", name="0 to 50 m 2 1")).to_be_visible()
+    expect(page.get_by_role("row", name="outside the image 1")).to_be_visible()
+    expect(page.get_by_role("link", name="run/000001")).to_contain_text("3 ghosts")
+    page.get_by_role("link", name="Start review").click()
+    expect(page.locator("[data-view=queue]")).to_be_visible()
+
+
+def test_slider_shows_all_boxes_before_and_the_kept_ones_after(scene, user):
+    page = user.open(f"#/datasets/{scene.dataset}")
+    page.get_by_role("link", name="run/000001").click()
+    expect(page).to_have_url(re.compile(r"/compare$"))
+    before = page.locator("#compare-before rect")
+    expect(page.locator(".compare__box--raw")).to_have_count(4)
+    expect(page.locator(".compare__box--kept")).to_have_count(2)
+    expect(before).to_have_attribute("width", "320")
+
+    page.get_by_role("slider").focus()
+    user.press("End")
+
+    expect(before).to_have_attribute("width", "640")
+    expect(page.get_by_text("Before: 4 boxes")).to_be_visible()
+
+
+def test_home_of_a_dataset_shows_frames_while_they_come_in(http, make_scene, user):
+    scene = make_scene(boxes=[])
+    page = user.open(f"#/datasets/{scene.dataset}")
+    expect(page.get_by_role("heading", name="No boxes yet")).to_be_visible()
+
+    scene.push("run/000002")
+
+    expect(page.get_by_role("link", name="run/000002")).to_be_visible()

@@ -156,7 +156,8 @@ def test_grid_applies_filters_of_its_link_and_counts_hidden_boxes(sixty_boxes, u
     many_boxes.review(sixty_boxes, sixty_boxes.box_id("b0"), "reject")
     # No two neighbours show the same words, so that each has to be waited for.
     for query, words in [
-        ({"verdict": "rejected"}, "30 boxes · 30 hidden by the filters"),
+        ({"verdict": "rejected"}, "31 boxes · 29 hidden by the filters"),
+        ({"by_filter": "rejected"}, "30 boxes · 30 hidden by the filters"),
         ({"class": "truck"}, "No box matches"),
         ({"reason": "visible"}, "30 boxes · 30 hidden by the filters"),
         ({"review": "decided"}, "1 box · 59 hidden by the filters"),
@@ -375,6 +376,35 @@ def test_failed_crops_are_retried_when_online_again(sixty_boxes, user):
     page.context.set_offline(False)
 
     expect(cell(page, 0).locator("img")).to_be_visible()
+
+
+def test_kept_shows_no_tile_that_a_person_rejected(sixty_boxes, user):
+    """What is filtered by is the verdict that a tile is drawn with."""
+    for name, verdict in {"b0": "reject", "b1": "keep"}.items():
+        many_boxes.review(sixty_boxes, sixty_boxes.box_id(name), verdict)
+
+    page = open_grid(user, sixty_boxes, verdict="kept")
+
+    expect(cell(page, 0).locator("img")).to_be_visible()
+    expect(page.locator(".cell .sign--keep")).to_have_count(1)
+    expect(page.locator(".cell__box--rejected")).to_have_count(0)
+
+
+@pytest.mark.parametrize("width", [390, 1024])
+def test_more_filters_open_inside_the_window(make_scene, open_window, width):
+    light = {"id": "1", "class": "traffic_light", "xyxy": scenes.SKY}
+    user = open_window(viewport={"width": width, "height": 844})
+    page = open_grid(user, make_scene(boxes=[light]), **{"class": "traffic_light"})
+    if width == 390:
+        page.get_by_role("button", name="Filters", exact=True).click()
+    page.get_by_role("button", name="More", exact=True).click()
+
+    panel = page.get_by_role("group", name="More filters").bounding_box()
+
+    assert panel is not None
+    assert panel["x"] >= 0
+    assert panel["x"] + panel["width"] <= width
+    assert page.evaluate(OVERFLOW) <= 0
 
 
 def test_grid_of_an_empty_dataset_shows_no_boxes_message(http, user):

@@ -83,16 +83,14 @@ def test_scores_have_intervals_per_class_and_distance_and_curves_are_tables_too(
     expect(page.get_by_text("the highest ones that keep")).to_be_visible()
 
 
-def test_matrix_counts_and_links_to_its_boxes_and_few_answers_to_the_queue(
-    user, answered
-):
+def test_matrix_counts_and_links_to_its_boxes(user, answered):
     page = quality_page(user, answered)
     fields = page.locator(".matrixcell__count")
     expect(fields).to_have_text(["8", "0", "4", "6"])
 
     page.get_by_role("link", name=re.compile("real boxes that were rejected")).click()
 
-    expect(page).to_have_url(re.compile(r"/grid\?verdict=rejected&review=keep$"))
+    expect(page).to_have_url(re.compile(r"/grid\?by_filter=rejected&review=keep$"))
     expect(page.locator(".grid-status")).to_contain_text(re.compile(r"\b4 boxes"))
 
     page.go_back()
@@ -100,11 +98,31 @@ def test_matrix_counts_and_links_to_its_boxes_and_few_answers_to_the_queue(
     expect(page).to_have_url(re.compile(r"/grid\?conflict=true$"))
     expect(page.locator(".grid-status")).to_contain_text(re.compile(r"\b4 boxes"))
 
-    page.go_back()
-    few = page.get_by_text("18 answers are too few for a reliable result.")
-    expect(few).to_be_visible()
-    page.get_by_role("link", name="Answer more").click()
-    expect(page).to_have_url(re.compile(f"/{answered.dataset}/queue$"))
+
+def test_answers_on_chosen_boxes_tell_no_quality_and_random_ones_do(user, street):
+    listed = street.http.get("/boxes", params={"dataset": street.dataset}).json()
+    for box in listed["items"][:4]:
+        answer(street.http, box, truth(box))
+    page = quality_page(user, street)
+    note = page.locator(".fewanswers")
+
+    expect(note).to_contain_text("These 4 answers were on boxes that were not chosen")
+    expect(note).to_contain_text("Answer 5 random boxes")
+    expect(page.locator(".score__value")).to_have_text(["–"] * 3)
+    expect(page.locator(".matrixcell__count")).to_have_text(["0", "0", "1", "3"])
+
+    page.get_by_role("link", name="Answer random boxes").click()
+
+    expect(page).to_have_url(re.compile(r"/queue\?order=random$"))
+    for number in range(5):
+        expect(page.locator(".queue__progress")).to_contain_text(f"{number} answered")
+        expect(page.locator(".stage")).to_have_attribute("data-picture", "shown")
+        user.press("a")
+    user.wait_until_saved()
+    page = quality_page(user, street)
+    for score in page.locator(".score__value").all():
+        expect(score).to_have_text(re.compile(r"\d %"))
+    expect(note).to_have_count(0)
 
 
 def test_suggested_threshold_opens_in_the_thresholds_view(user, answered):

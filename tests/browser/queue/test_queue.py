@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
 from playwright.sync_api import Page, expect
 
-from tests.support.page import many_boxes
+from tests.support.page import many_boxes, scenes
 from tests.support.page.many_boxes import answers, queue, queued_box_id
 from tests.support.page.scenes import Scene
 from tests.support.page.stage import layer, wait_for_drawing
@@ -235,7 +237,7 @@ def test_g_key_opens_the_grid_and_back_returns_to_the_same_box(twenty_boxes, use
 
     user.press("g")
     expect(page.locator(".cell").first).to_be_visible()
-    assert page.url.endswith("/grid?verdict=rejected")
+    assert page.url.endswith("/grid?bin=all&verdict=rejected")
     page.go_back()
 
     shows(page, here)
@@ -308,7 +310,7 @@ def test_v_key_and_filters_select_the_queued_boxes(twenty_boxes, user):
     expect(page.locator(".badge")).to_have_text("rejected")
     assert "verdict=rejected" in page.url
     page.get_by_role("button", name="Clear").click()
-    expect(page.locator(".queue__progress")).to_contain_text("20 unanswered")
+    expect(page.locator(".queue__progress")).to_contain_text("0 to review")
 
 
 def test_queue_order_is_switched_and_kept_in_the_address(twenty_boxes, user):
@@ -347,14 +349,19 @@ def test_end_of_queue_shows_summary_and_next_steps(scene, user):
     user.wait_until_saved()
     assert len(answers(scene)) == 4
     page.get_by_role("link", name="Audit the answers").click()
-    expect(page.locator(".queue__progress")).to_contain_text("0 of 3 audited")
-    user.press("a")
-    expect(page.locator(".queue__progress")).to_contain_text("1 of 3 audited")
+    expect(page.locator(".notice")).to_contain_text("nobody audits himself")
+    for name in ("ghost", "real"):
+        many_boxes.review_as(scene, "Berta", name, "keep")
+    page.reload()
+    expect(page.locator(".notice")).to_contain_text("nobody audits himself")
 
+
+LARGEST = "thumbnail?width=16383"
+"""The picture of a frame in its full size."""
 
 ARE_LOADED = """(addresses) => {
   const loaded = performance.getEntriesByType("resource").map(({ name }) => name);
-  return addresses.every((end) => loaded.some((name) => name.endsWith(end)));
+  return addresses.every((part) => loaded.some((name) => name.includes(part)));
 }"""
 
 
@@ -364,7 +371,7 @@ def test_next_boxes_are_prefetched(scene, user):
     with user.page.expect_response("**/queue") as queued:
         page = open_queue(user, scene, order="random")
     frames = {box["frame_id"] for box in queued.value.json()["items"][:4]}
-    shown = ("image", "segmentation")
+    shown = (LARGEST, "segmentation")
     pictures = [f"/frames/{number}/{kind}" for number in frames for kind in shown]
     page.wait_for_function(ARE_LOADED, arg=pictures)
     go_offline(page)
@@ -541,3 +548,149 @@ def test_queue_session_does_not_expire_while_it_is_shown(twenty_boxes, user):
     expect(page.locator(".badge")).to_have_count(0)
     expect(page.locator(".queue__progress")).to_contain_text("2 answered")
     assert queued_box_id(page) == here
+
+
+def choose_class(page: Page) -> None:
+    """As somebody who clicks the menu: it keeps the focus."""
+    page.get_by_label("Class").select_option("car")
+    page.get_by_label("Class").focus()
+
+
+SLOW_CLOCK = """(() => {
+  const now = performance.now.bind(performance);
+  performance.now = () => now() / 50;
+})()"""
+"""Every answer is fast by the clock of the page, however slow the machine is."""
+
+
+CONTROLS: dict[str, Callable[[Page], object]] = {
+    "order": lambda page: page.get_by_role("button", name="Random").click(),
+    "blind": lambda page: page.get_by_label("Blind").click(),
+    "class": choose_class,
+    "mask": lambda page: page.get_by_label("Segmentation over the image").click(),
+    "zoom": lambda page: page.get_by_label("Zoom in").click(),
+}
+
+
+def test_answer_keys_answer_after_every_control_was_used(twenty_boxes, user):
+    page = open_queue(user, twenty_boxes)
+    question = page.get_by_role("dialog", name="12 answers in two seconds")
+    page.add_locator_handler(
+        question, lambda: question.get_by_role("button", name="I looked").click()
+    )
+    stored = 0
+    for use in CONTROLS.values():
+        for key in ("a", "r", "Space", "u"):
+            use(page)
+            shown = queued_box_id(page)
+            expect(page.locator(".stage")).to_have_attribute("data-picture", "shown")
+            state = page.get_by_label("Blind").is_checked()
+
+            user.press(key)
+
+            user.wait_until_saved()
+            stored += 1
+            assert len(answers(twenty_boxes)) == stored
+            assert shown in answers(twenty_boxes)
+            assert page.get_by_label("Blind").is_checked() == state
+
+
+def test_streak_faster_than_people_look_is_questioned_once_and_marked(
+    twenty_boxes, user
+):
+    page = open_queue(user, twenty_boxes)
+    page.evaluate(SLOW_CLOCK)
+    order = []
+    for _ in range(12):
+        order.append(queued_box_id(page))
+        user.press("a")
+
+    question = page.get_by_role("dialog", name="12 answers in two seconds")
+    question.get_by_role("button", name="Look at them again").click()
+
+    expect(page.locator(".queue__listed")).to_contain_text("12 chosen boxes")
+    assert queued_box_id(page) == order[0]
+    expect(page.locator(".history").get_by_text("after a look of 0.")).to_be_visible()
+    path = f"/boxes/{twenty_boxes.box_id(order[0])}/history"
+    looked = twenty_boxes.http.get(path).json()["items"][0]["looked_ms"]
+    assert 0 <= looked < 2000
+    for _ in range(12):
+        user.press("r")
+    user.wait_until_saved()
+    expect(page.get_by_role("dialog")).to_have_count(0)
+    assert set(answers(twenty_boxes).values()) == {"reject"}
+
+
+BOXES_OF_A_FRAME = [(60, 60), (400, 60), (60, 220), (400, 220)]
+
+LATE_PICTURES_AND_WATCHED_KEYS = """(() => {
+  const fetchNow = window.fetch;
+  let asked = 0;
+  window.fetch = async (...request) => {
+    const url = String(request[0].url ?? request[0]);
+    if (url.includes("/thumbnail?width=16383"))
+      await new Promise((done) => setTimeout(done, [0, 90, 10, 250, 30][asked++ % 5]));
+    return fetchNow(...request);
+  };
+  window.pressed = {};
+  addEventListener("keydown", () => {
+    const name = document.querySelector(".inspector__head h2")?.innerText;
+    const canvas = document.querySelector(".stage canvas");
+    if (!name || !canvas) return;  // at the end of the queue
+    const [x, y] = [canvas.width / 2, canvas.height / 2];
+    const middle = canvas.getContext("2d").getImageData(x, y, 1, 1).data;
+    window.pressed[name.split(" ").at(-1)] = [...middle];
+  }, true);
+})()"""
+"""Pictures come late, each after another time. At each key the pixel in the middle of
+the stage is kept for the box that is shown, before the page gets the key."""
+
+
+@pytest.mark.parametrize(
+    "frames",
+    [15, pytest.param(250, marks=[pytest.mark.long, pytest.mark.timeout(900)])],
+)
+def test_no_answer_by_keyboard_is_on_a_box_whose_picture_was_not_painted(
+    make_scene, user, frames
+):
+    colours = {
+        number: (30 + 40 * (number % 5), 30 + 40 * (number // 5 % 5), number // 25 * 20)
+        for number in range(frames)
+    }
+    colours[0] = (scenes.GREY,) * 3
+
+    def boxes_of(number: int) -> list[dict[str, Any]]:
+        return [
+            {"id": f"{number}-{place}", "class": "car", "xyxy": [x, y, x + 90, y + 60]}
+            for place, (x, y) in enumerate(BOXES_OF_A_FRAME)
+        ]
+
+    scene = make_scene(boxes=boxes_of(0))
+    for number in range(1, frames):
+        own = {"boxes": boxes_of(number), "colour": colours[number]}
+        scene.push(f"more/{number:06}", **own)
+    page = open_queue(user, scene, sort="random")
+    page.evaluate(LATE_PICTURES_AND_WATCHED_KEYS)
+    question = page.get_by_role("button", name="I looked at each")
+    end = page.get_by_role("heading", name="All done")
+    while not end.is_visible():
+        for key in "arraraarar":
+            page.keyboard.press(key)
+        if question.is_visible():
+            question.click()
+    # They are given faster than a busy server stores them.
+    saved = re.compile("savestate--saved")
+    expect(page.locator(".savestate")).to_have_class(saved, timeout=200_000)
+
+    answered, cursor = set(), ""
+    while cursor is not None:
+        path = f"/boxes?dataset={scene.dataset}&review=any&limit=500&cursor={cursor}"
+        found = scenes.get(scene.http, path)
+        answered |= {box["id"] for box in found["items"]}
+        cursor = found["next_cursor"]
+    shown = page.evaluate("window.pressed")
+    assert len(answered) == 4 * frames
+    for name in answered:
+        colour = colours[int(name.split("-")[0])]
+        # WebP is lossy.
+        assert shown[name][:3] == pytest.approx(colour, abs=2), name

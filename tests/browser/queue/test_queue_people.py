@@ -62,12 +62,12 @@ def test_boxes_with_unsent_answers_are_not_queued_after_a_reload(twenty_boxes, u
 
 
 def test_audit_hides_verdict_and_answers_until_answered(scene, user):
-    many_boxes.review(scene, scene.box_id("ghost"), "keep")
-    many_boxes.review(scene, scene.box_id("real"), "keep")
+    many_boxes.review_as(scene, "Berta", "ghost", "keep")
+    many_boxes.review_as(scene, "Berta", "real", "keep")
     page = open_queue(user, scene, order="audit", **{"class": "truck"})
     body = page.locator(".queue__body")
     expect(page.get_by_label("Blind")).to_be_checked()
-    for told in ("kept", "rejected", "admin", "too few visible pixels", "Pedestrian"):
+    for told in ("kept", "rejected", "Berta", "too few visible pixels", "Pedestrian"):
         assert told not in body.inner_text()
     assert page.locator(".sign, .badge, .match").count() == 0
     assert page.locator(".stage").get_attribute("aria-label") == "Box: truck ghost"
@@ -83,12 +83,12 @@ def test_audit_hides_verdict_and_answers_until_answered(scene, user):
 
 
 def test_audit_is_blind_again_after_another_order_was_not(twenty_boxes, user):
-    many_boxes.review(twenty_boxes, twenty_boxes.box_id("b0"), "keep")
+    many_boxes.review_as(twenty_boxes, "Berta", "b0", "keep")
     page = open_queue(user, twenty_boxes, blind="off")
     expect(page.locator(".badge").first).to_be_visible()
 
     audit = page.get_by_role("button", name="Audit")
-    expect(audit).to_have_attribute("title", "Look again at what people have answered")
+    expect(audit).to_have_attribute("title", "Look again at what others have answered")
     audit.click()
 
     expect(page.get_by_label("Blind")).to_be_checked()
@@ -97,15 +97,16 @@ def test_audit_is_blind_again_after_another_order_was_not(twenty_boxes, user):
 
 def test_agreement_is_shown_beside_the_next_box(twenty_boxes, user):
     for name in ("b0", "b2"):
-        many_boxes.review(twenty_boxes, twenty_boxes.box_id(name), "keep")
+        many_boxes.review_as(twenty_boxes, "Berta", name, "keep")
     page = open_queue(user, twenty_boxes, order="audit")
     first = queued_box_id(page)
 
     user.press("a")
 
     expect(page.locator(".agreement")).to_have_text(
-        f"car {first}: you and admin agree, keep"
+        f"car {first}: you and Berta agree, keep"
     )
+    expect(page.locator(".queue__progress")).to_contain_text("1 of 2 audited")
     user.wait_until_saved()
     assert twenty_boxes.revision(first) == 2
 

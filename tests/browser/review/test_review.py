@@ -105,6 +105,7 @@ def test_undo_returns_to_the_frame_of_the_answer(scene, user):
 def test_review_flow_from_the_datasets_to_the_last_box(scene, user):
     page = user.open("#/datasets")
     page.get_by_role("link", name=scene.dataset).click()
+    page.get_by_role("link", name="Look at the frames").click()
     page.get_by_role("link", name="run/000001").click()
     user.wait_until_drawn()
 
@@ -349,3 +350,31 @@ def test_phone_selects_in_list_and_on_stage_and_answers_by_touch(scene, open_win
     page.get_by_role("button", name="Reject").tap()
     bo.wait_until_saved()
     assert scene.review("real")["verdict"] == "reject"
+
+
+def test_box_without_a_known_class_has_no_matched_pixels(make_scene, user):
+    scene = make_scene(boxes=[{"id": "1", "class": "dragon", "xyxy": scenes.CAR}])
+
+    page = user.open(scene.link("1"))
+
+    expect(page.locator(".facts dt", has_text="Rectangle")).to_be_visible()
+    expect(page.locator(".facts dt", has_text="Matched pixels")).to_have_count(0)
+
+
+def test_address_with_follow_shows_the_newest_frame_until_it_is_stopped(
+    make_scene, user
+):
+    scene = make_scene()
+    page = user.open(scene.link(follow="1"))
+    following = page.get_by_role("link", name="Following the newest: stop")
+    expect(following).to_be_visible()
+
+    for key in ("zz/1", "zz/2"):
+        scene.push(key)
+        expect(page.get_by_role("heading", level=1)).to_have_text(key)
+    following.click()
+    expect(following).to_have_count(0)
+    scene.push("zz/3")
+
+    page.wait_for_timeout(1500)  # three looks, if it still looked
+    expect(page.get_by_role("heading", level=1)).to_have_text("zz/2")

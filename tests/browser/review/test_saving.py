@@ -9,7 +9,7 @@ from playwright.sync_api import Page, expect
 
 from tests.support.page import many_boxes, scenes
 from tests.support.page.scenes import Scene
-from tests.support.page.windows import Visitor, lose_session, route_loaded
+from tests.support.page.windows import Visitor, go_offline, lose_session, route_loaded
 from tests.support.waiting import until
 
 pytestmark = pytest.mark.browser
@@ -303,16 +303,38 @@ def test_unowned_answers_are_discarded_or_sent_only_after_confirmation(scene, us
     assert scene.review("ghost") is None
 
 
-def test_boxes_can_be_answered_when_the_image_fails_to_load(scene, user):
+def test_box_is_kept_or_rejected_only_once_its_picture_was_painted(scene, user):
     page = user.page
-    page.route("**/image", lambda route: route.abort())
+    page.route(re.compile(r"/thumbnail\?width=16383"), lambda route: route.abort())
     page.goto(f"{user.url}/{scene.link('hidden')}")
-
     expect(page.get_by_role("alert").filter(has_text="Image:")).to_be_visible()
     expect(page.locator(".box")).to_have_count(5)
+
+    user.press("x")
+    expect(page.get_by_text("is not on the screen yet")).to_be_visible()
+    user.press("u")
+    user.wait_until_saved()
+    assert scene.review("hidden")["verdict"] == "unsure"
+
+    page.unroute(re.compile(r"/thumbnail\?width=16383"))
+    # It is asked for again without a click.
+    expect(page.locator(".stage")).to_have_attribute("data-picture", "shown")
     user.press("x")
     user.wait_until_saved()
     assert scene.review("hidden")["verdict"] == "reject"
+
+
+def test_top_bar_does_not_say_saved_while_the_server_is_away(scene, user):
+    page = user.open(scene.link("ghost"))
+    user.press("a")
+    user.wait_until_saved()
+
+    go_offline(page)
+    page.get_by_role("link", name="Datasets", exact=True).click()
+
+    expect(save_state(page)).to_have_text("The server does not answer")
+    page.context.set_offline(False)
+    user.wait_until_saved()
 
 
 def test_html_in_ids_classes_and_comments_is_shown_as_text(make_scene, user):

@@ -155,6 +155,19 @@ def test_open_jobs_do_not_use_up_the_browser_connections(user, server, slow_stre
     expect(run(page, numbers[0]).locator(".statebadge--done")).to_be_visible()
 
 
+def hidden_columns(page: Page) -> list[str]:
+    """The headings of columns that tables show only when they are scrolled."""
+    hidden: list[str] = page.locator(".tablewrap").evaluate_all(
+        """wraps => wraps.flatMap((wrap) => {
+          const end = wrap.getBoundingClientRect().right + 1;
+          return [...wrap.querySelectorAll("thead th")]
+            .filter((cell) => cell.getBoundingClientRect().right > end)
+            .map((cell) => cell.textContent);
+        })"""
+    )
+    return hidden
+
+
 def test_two_runs_are_compared_by_class_by_key_and_by_box(user, street):
     first = start_run(street, threshold_small_box=40)
     second = start_run(street, threshold_small_box=60)
@@ -182,6 +195,19 @@ def test_two_runs_are_compared_by_class_by_key_and_by_box(user, street):
 
     expect(page.locator(".flip--rejected")).to_have_count(2)
     expect(page.get_by_role("row", name="threshold_small_box 10 60")).to_be_visible()
+
+
+def test_difference_of_runs_shows_the_values_of_both(user, street):
+    own = {"threshold_small_box": 60, "threshold_big_box": 60}
+    street.decide(classes={"traffic_light": own, "car": own})
+    path = f"/datasets/{street.dataset}/runs"
+    number = scenes.get(street.http, path)["items"][0]["id"]
+
+    page = user.open(f"#{path}?run={number}")
+
+    row = page.get_by_role("row", name="classes.traffic_light.threshold_small_box")
+    expect(row).to_contain_text("60")
+    assert hidden_columns(page) == []
 
 
 def test_first_run_no_export_and_no_dataset_are_called_that(user, http, street):
@@ -275,9 +301,14 @@ def test_export_form_offers_every_format_and_only_options_of_the_chosen_one(
 
     expect(page.get_by_label("Rectangle")).to_be_visible()
     expect(rejected).to_have_count(0)
+    shares = page.get_by_label("Shares of train, val, test")
+    shares.fill("0, 1, 0")
+    expect(page.locator(".ask__parts")).to_contain_text("in val (100 %, ")
+    shares.fill("0.5, 0.25, 0.25")
     page.get_by_role("button", name="Make export").click()
     made = page.get_by_role("article", name=re.compile("^Export"))
-    expect(made).to_contain_text("split 80/20")
+    expect(made).to_contain_text("split 50/25/25")
+    expect(made).to_contain_text(re.compile(r"in (train|val|test) \(\d+ %"))
     page.get_by_role("button", name="New export").click()
     page.get_by_role("radio", name=re.compile("CSV")).check()
     expect(page.locator(".ask__fields")).to_have_count(0)

@@ -24,7 +24,7 @@ pytestmark = pytest.mark.browser
 
 
 def count_lit_pixels(top: np.ndarray) -> int:
-    """How many pixels of the stage have the colour that marks matching pixels."""
+    """How many pixels of the stage have the colour that outlines matching pixels."""
     red, green, blue, alpha = (top[..., i].astype(int) for i in range(4))
     return int(((red > 220) & (green > 180) & (blue < 90) & (alpha > 100)).sum())
 
@@ -45,15 +45,16 @@ def test_verdicts_differ_in_their_stroke_not_only_in_colour(make_scene, user):
     expect(page.locator(".stroke--unmeasured").first).to_be_visible()
 
 
-def test_matching_pixels_of_the_selected_box_are_highlighted(make_scene, user):
+def test_matching_pixels_of_the_selected_box_are_outlined(make_scene, user):
     # The tags are in the stored file alone: the painted mask has other values.
     page = user.open(make_scene(form="raw").link("hidden"))
     expect(page.locator(".stage")).to_have_attribute("data-highlighted", "400")
     wait_for_drawing(page)
 
+    # 100 x 4 pixels are outlined, and stay visible.
     scale, *_ = view(page)
     assert count_lit_pixels(layer(page, "top")) == pytest.approx(
-        400 * scale**2, rel=0.25
+        208 * scale * 1.5, rel=0.4
     )
     user.press("l")
     expect(page.locator(".stage")).to_have_attribute("data-highlighted", "")

@@ -13,6 +13,7 @@ from playwright.sync_api import Locator, Page, Route, expect
 
 from filter_core.config.filter import FilterConfig
 from filter_core.config.keys import keys_of
+from filter_core.formats.recording import DATASET_SETTINGS
 from tests.support.page import scenes
 from tests.support.page.scenes import MakeScene, Scene
 from tests.support.page.tuning import applied_config, car_at, count_bar_colours, dragged
@@ -24,6 +25,7 @@ from tests.support.page.windows import (
     first_held,
     route_loaded,
 )
+from tests.support.sensors import ANNOTATION, sensors
 from tests.support.waiting import until
 
 pytestmark = pytest.mark.browser
@@ -138,6 +140,22 @@ def test_threshold_is_set_by_arrow_keys_or_by_typing_a_valid_number(user, street
     expect(page.get_by_role("alert")).to_have_count(0)
 
 
+def test_undo_takes_back_the_last_drag_and_no_number_typed_before(user, street):
+    page = open_thresholds(user, street)
+    field = page.get_by_label("Threshold of car, percent")
+    field.fill("33")
+    expect(handle(page, "car")).to_have_attribute("aria-valuenow", "33")
+    dragged(page, handle(page, "all classes"), to=60)
+    expect(handle(page, "all classes")).to_have_attribute("aria-valuenow", "60")
+
+    user.press("Control+z")
+
+    expect(handle(page, "all classes")).to_have_attribute("aria-valuenow", "10")
+    expect(field).to_have_value("33")
+    user.press("Control+z")
+    expect(field).to_have_value("10")
+
+
 def test_tried_thresholds_are_kept_in_the_link_and_can_be_reset(user, street):
     page = open_thresholds(user, street)
     handle(page, "all classes").focus()
@@ -197,6 +215,35 @@ def test_save_and_apply_starts_a_run_and_activates_the_version(user, street):
     page.get_by_role("link", name="See what changed").click()
     expect(page.get_by_role("heading", name=re.compile("What run"))).to_be_visible()
     expect(page.locator(".flip--rejected")).to_have_count(1)
+
+
+def test_class_is_measured_as_another_from_stored_images(user, make_scene):
+    dragon = {**WALKER, "class": "dragon"}
+    street = make_scene(boxes=[dragon, car_at(30, 0)])
+    page = open_thresholds(user, street)
+    form = page.get_by_role("group", name="What a class is measured as")
+    form.get_by_label("Class").select_option("dragon")
+    tags = form.get_by_label("or by these tags")
+    expect(tags).to_have_attribute("name", "dragon")
+    tags.fill("Car, 12")
+    tags.press("Tab")
+    row = page.get_by_role("row", name=re.compile(r"^classes\.dragon"))
+    expect(row).to_contain_text("classes.dragon.acceptCar, 12")
+    form.get_by_label("Measured as").select_option("walker")
+    expect(row).to_contain_text("classes.dragon.measures_aswalker")
+    page.get_by_role("textbox", name="tags", exact=True).fill("40: Pedestrian")
+    page.get_by_role("textbox", name="tags", exact=True).press("Tab")
+    page.get_by_role("button", name="Save as new config version").click()
+
+    page.get_by_role("button", name="Save and apply").click()
+
+    expect(page.locator(".runstrip--done")).to_contain_text("is done")
+    config = applied_config(street)
+    assert config["classes"] == {"dragon": {"measures_as": "walker"}}
+    assert config["tags"] == {"40": "Pedestrian"}
+    boxes = scenes.get(street.http, f"/frames/{street.frame['id']}")["boxes"]
+    verdicts = {box["class"]: box["verdict"] for box in boxes}
+    assert verdicts == {"dragon": "kept", "car": "kept"}
 
 
 def test_older_version_can_be_previewed_and_activated_again(user, street):
@@ -295,9 +342,9 @@ def test_deciding_channel_is_named_with_its_keys_which_can_be_previewed(user, st
     page.reload()
 
     expect(line).to_have_text(
-        "The channel ordered decides, by min_visible_pixels (1) and "
-        "ordered_min_pixels (3); match thresholds only decide boxes "
-        "that it could not measure."
+        "ordered decides, by min_visible_pixels (1), min_visible_percent (0) and "
+        "ordered_min_pixels (3); thresholds of matching pixels decide the boxes that "
+        "it could not measure."
     )
     kept = figure(page, "kept")
     expect(kept).to_have_text(re.compile(r"\d"))
@@ -325,7 +372,8 @@ def test_form_lists_every_key_as_declared_and_previews_no_invalid_number(user, s
             for name, key in keys.items()
         ]
     )
-    asked = [name for name, key in keys.items() if not key.needs_pixels]
+    # The settings of reading are changed with the dataset's, which win over these.
+    asked = [name for name in keys if name not in (*DATASET_SETTINGS, "tag_scale")]
     controls = rows.locator("input, select, textarea")
     labels = controls.evaluate_all("all => all.map((one) => one.ariaLabel)")
     assert labels == asked
@@ -521,3 +569,66 @@ def test_save_dialog_shows_no_flips_if_its_preview_failed(street, user):
 
     expect(page.get_by_role("dialog")).to_contain_text("Save and apply")
     expect(page.get_by_role("dialog")).not_to_contain_text("flips")
+
+
+def test_other_evidence_is_tried_applied_and_undone_with_one_click_each(user, http):
+    """A car, and a ghost behind it that has the same tag."""
+    dataset = "other-evidence"
+    by_tags = {"name": dataset, "config": {"evidence": "auto"}}
+    assert http.post("/datasets", json=by_tags).status_code == 201
+    files = {"annotation": json.dumps(ANNOTATION).encode(), **sensors()}
+    assert http.put(f"/datasets/{dataset}/frames/a", files=files).status_code == 201
+    run = {"config": {"profile": "paper"}, "activate": True}
+    assert http.post(f"/datasets/{dataset}/runs", json=run).status_code == 202
+    until(lambda: kept_boxes(http, dataset) == 2)
+
+    page = user.open(f"#/datasets/{dataset}/frames")
+    switch = page.get_by_role("region", name="What boxes are decided by")
+    expect(switch).to_contain_text("1 ghost goes, 0 objects come back")
+    switch.get_by_label("Evidence").select_option("depth")
+    expect(switch).to_contain_text("Depth would reject 1 kept box")
+    switch.get_by_label("Evidence").select_option("auto")
+    switch.get_by_role("link", name="Show them").click()
+
+    expect(figure(page, "kept_to_rejected")).to_have_text("1")
+    expect(page.locator(".flip--rejected img").first).to_be_visible()
+    switch.get_by_role("button", name="Decide so").click()
+
+    expect(page.get_by_role("button", name="Undo")).to_be_visible(timeout=15_000)
+    assert kept_boxes(http, dataset) == 1
+    expect(switch).to_contain_text("Boxes are decided by")
+    dragged(page, handle(page, "all classes"), to=95)  # now of a box's own pixels
+    expect(figure(page, "kept")).to_have_text("0")
+    expect(page).to_have_url(re.compile("min_visible_percent=95"))
+
+    page.get_by_role("button", name="Undo").click()
+    until(lambda: kept_boxes(http, dataset) == 2)
+
+
+def kept_boxes(http, dataset):
+    return http.get(f"/datasets/{dataset}/stats").json()["kept"]
+
+
+def test_answers_that_overturn_the_filter_offer_a_threshold_and_score_it(
+    user, make_scene
+):
+    shares = (1, 5, 6, 7, 80)
+    boxes = [car_at(share, at) for at, share in enumerate(shares)]
+    street = make_scene(boxes=boxes)
+    for share, box in zip(shares, boxes, strict=True):
+        body = {"verdict": "reject" if share == 1 else "keep", "seen_revision": 0}
+        path = f"/boxes/{street.box_id(box['id'])}/reviews"
+        assert street.http.post(path, json=body).status_code == 201
+
+    page = open_thresholds(user, street)
+
+    hint = page.get_by_role("list", name="What the truth contradicts")
+    expect(hint).to_contain_text("3 answers of car overturned the filter.")
+    expect(figure(page, "recall")).to_have_text("25 %")
+    expect(page.get_by_text("of 5 answered boxes")).to_be_visible()
+    hint.get_by_role("button", name=re.compile("^Try [1-5]")).click()
+
+    expect(figure(page, "recall")).to_have_text("100 %")
+    expect(figure(page, "precision")).to_have_text("100 %")
+    expect(hint).to_have_count(0)
+    expect(page.locator(".flip .truth--right")).to_have_count(3)

@@ -19,12 +19,13 @@ from tests.support.pictures import png
 pytestmark = pytest.mark.browser
 
 PACK = """async (files) => {
-  const { archiveOf } = await import("/static/js/upload/folder.js");
+  const { archiveOf, pack } = await import("/static/js/upload/archive.js");
   const entries = files.map(([path, text]) => {
     const blob = new Blob([Uint8Array.from(atob(text), (one) => one.charCodeAt(0))]);
     return { path, size: blob.size, blob };
   });
-  const archive = await archiveOf(entries, new AbortController().signal, () => {});
+  const packed = await pack(entries, "", new AbortController().signal, () => {});
+  const archive = archiveOf(packed, "", null);
   return btoa(String.fromCharCode(...new Uint8Array(await archive.arrayBuffer())));
 }"""
 """Pack files, given as pairs of path and base64, into the page's tar, as base64."""

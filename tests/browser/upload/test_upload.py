@@ -81,7 +81,9 @@ def send(page: Page) -> None:
 def test_picked_folder_is_matched_and_uploaded(town, user, http):
     page = pick_folder(user, town)
     dialog = page.get_by_role("dialog", name="Upload")
-    expect(page.get_by_label("Dataset", exact=True)).to_have_value(town.name)
+    expect(
+        page.get_by_role("dialog").get_by_label("Dataset", exact=True)
+    ).to_have_value(town.name)
     expect(dialog.locator(".upload__sum")).to_have_text(
         re.compile(r"YOLO \(Ultralytics\) · 3 frames · 3 boxes · [\d.]+ kB")
     )
@@ -146,7 +148,8 @@ def test_dropped_files_are_uploaded_to_the_current_dataset(scene, user):
     said = page.evaluate(DROP, encode_files(files))
 
     assert said
-    expect(page.get_by_label("Dataset", exact=True)).to_have_value(scene.dataset)
+    name = page.get_by_role("dialog").get_by_label("Dataset", exact=True)
+    expect(name).to_have_value(scene.dataset)
     send(page)
     expect(page.locator(".upload-panel__text")).to_have_text("1 frame stored")
     page.get_by_role("link", name="Open the frames").click()
@@ -216,10 +219,10 @@ def test_files_of_two_layouts_are_read_in_the_chosen_layout(scene, user):
     page.evaluate(DROP, encode_files({**files, **yolo}))
     expect(page.locator(".upload__sum")).to_contain_text("Pascal VOC · 1 frame")
     page.get_by_role("combobox", name="Dataset").fill("typed")
-    page.get_by_role("button", name="YOLO (Ultralytics)").click()
+    page.get_by_role("button", name="YOLO (Ultralytics)", exact=True).click()
 
     expect(page.locator(".upload__sum")).to_contain_text("YOLO (Ultralytics) · 1 frame")
-    expect(page.locator(".upload__table")).to_contain_text("w")
+    expect(page.get_by_text("Layout: YOLO (Ultralytics)")).to_be_visible()
     expect(page.get_by_role("combobox", name="Dataset")).to_have_value("typed")
 
 
@@ -398,7 +401,7 @@ def test_invalid_dataset_name_and_folder_without_frames_show_errors(
     page = pick_folder(user, town)
     page.get_by_label("Dataset", exact=True).fill("Town Ten")
     send(page)
-    expect(page.locator("#upload-error")).to_contain_text("small letters")
+    expect(page.locator("#upload-error")).to_contain_text("Use letters")
 
     (tmp_path / "notes").mkdir()
     (tmp_path / "notes" / "a.md").write_text("no frame")

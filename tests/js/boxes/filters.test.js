@@ -57,7 +57,7 @@ test("boxes are counted by class", () => {
 test("filters of the address are read as the server's types, and invalid values are left out", () => {
   const query = { verdict: "kept", toss_up: "true", conflict: "no", match_min: "5", match_max: "many", distance_max: "-1", box: "7" };
 
-  assert.deepEqual(selectionOf(query), { verdict: "kept", toss_up: true, match_min: 5 });
+  assert.deepEqual(selectionOf(query), { effective: "kept", toss_up: true, match_min: 5 });
   assert.equal(countOfMore(query), 2);
 });
 

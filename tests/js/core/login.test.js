@@ -14,7 +14,9 @@ test("a session is stored for all tabs, and for the page after a reload", () => 
 
   assert.equal(one.keep(of("ada")), true);
 
-  assert.deepEqual(createLogin(storage).current.get(), of("ada"));
+  const { pictures, ...kept } = createLogin(storage).current.get() ?? {};
+  assert.deepEqual([kept, pictures], [of("ada"), one.current.get()?.pictures]);
+  assert.match(pictures ?? "", /^[a-z0-9]+$/);
   assert.equal(one.owner(), "ada");
 });
 

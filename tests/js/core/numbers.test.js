@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { agoText, countOf, percentText, sizeText, splitText, tookText } from "../../../static/js/core/numbers.js";
+import { agoText, countOf, percentText, sizeText, tookText } from "../../../static/js/core/numbers.js";
 
 test("percentages are rounded, but not to 0 or 100", () => {
   const shown = [0, 0.004, 0.04, 0.5, 0.96, 4.08, 10, 71.25, 99.97, 100, null].map((percent) => percentText(percent));
@@ -20,9 +20,8 @@ test("recent times are given as their age, older ones as a date", () => {
   assert.equal(agoText("2025-12-24T09:00:00Z", now), "Dec 24, 2025");
 });
 
-test("sizes, splits and durations are written short", () => {
+test("sizes and durations are written short", () => {
   assert.deepEqual([null, 999, 1200, 62092203, 4.2e9].map(sizeText), ["–", "999 B", "1.2 kB", "62 MB", "4.2 GB"]);
-  assert.equal(splitText(0.8), "80/20");
   const at = (/** @type {number} */ seconds) => tookText("2026-01-01T00:00:00Z", new Date(Date.UTC(2026, 0, 1, 0, 0, seconds)).toISOString());
   assert.deepEqual([0, 3, 42, 200].map(at), ["under 0.1 s", "3.0 s", "42 s", "3 min 20 s"]);
   assert.equal(tookText("2026-01-01T00:00:00Z", null), "");

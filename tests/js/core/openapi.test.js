@@ -33,7 +33,7 @@ const sorted = (words) => [...words].sort();
 /** @type {[string, Iterable<string>, Iterable<string>][]} */
 const TABLES = [
   ["reasons", Object.keys(REASONS), wordsOf("Decision", "reason")],
-  ["kinds of evidence", Object.keys(EVIDENCE), wordsOf("Decision", "evidence")],
+  ["kinds of evidence", Object.keys(EVIDENCE), wordsOf("FilterConfigIn", "evidence")],
   ["verdicts, and that of a box whose verdict is not shown", Object.keys(VERDICT_SIGN), [...wordsOf("Decision", "verdict"), "withheld"]],
   ["answers", Object.keys(ANSWER_TEXT), wordsOf("ReviewIn", "verdict")],
   ["orders of the queue", ORDERS.map(({ value }) => value), wordsOf("QueueIn", "order")],
@@ -48,7 +48,7 @@ const CHOICES = [
   ["answers to filter by", REVIEW_CHOICES.map(({ value }) => value), wordsOf("BoxSelection", "review")],
   ["verdicts to filter by", VERDICT_CYCLE.filter(Boolean), wordsOf("BoxSelection", "verdict")],
   ["orders of a list", SORTS.map(({ value }) => value), wordsOfListParameter("sort")],
-  ["filters", BOX_FILTER_KEYS, Object.keys(OPENAPI.components.schemas.BoxSelection.properties)],
+  ["filters", BOX_FILTER_KEYS.map((key) => (key === "by_filter" ? "verdict" : key)), Object.keys(OPENAPI.components.schemas.BoxSelection.properties)],
 ];
 
 for (const [what, shown, known] of CHOICES) {

@@ -1,7 +1,8 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { answersIn, bandQuery, bandText, cellQuery, intervalText, kappaText, shareOf, shareText, worthTrying } from "../../../static/js/quality/measures.js";
+import { answersIn, bandQuery, bandText, cellQuery, intervalText, kappaText, planText, refusalText, shareOf, shareText } from "../../../static/js/quality/measures.js";
+import { worthTrying } from "../../../static/js/tuning/config.js";
 
 const CONFUSION = { kept_keep: 6, kept_reject: 1, rejected_keep: 1, rejected_reject: 2 };
 
@@ -12,13 +13,21 @@ test("answersIn adds up all four fields of the confusion matrix, and shareOf giv
 });
 
 test("a field of the confusion matrix becomes the filter that lists its boxes", () => {
-  assert.deepEqual(cellQuery("rejected", "keep"), { verdict: "rejected", review: "keep" });
+  assert.deepEqual(cellQuery("rejected", "keep"), { by_filter: "rejected", review: "keep" });
 });
 
 test("an unknown share is shown as a dash, and an unknown interval in words", () => {
   assert.deepEqual([0.9471, 1, 0, null, undefined].map(shareText), ["94.7 %", "100 %", "0 %", "–", "–"]);
   assert.equal(intervalText({ value: 0.5, low: 0.402, high: 0.598 }), "40.2–59.8 %");
-  assert.equal(intervalText(null), "too few answers");
+  assert.equal(intervalText(null), "cannot be told");
+});
+
+test("why there are no scores depends on whether some answers are random, and the plan is rounded up", () => {
+  assert.match(refusalText(100, 0), /^These 100 answers were on boxes that were not chosen at random/);
+  assert.match(refusalText(100, 40), /^40 random answers are too few/);
+  assert.equal(planText({ boxes: 200, half_width: 0.081 }, 0), "Answer 200 random boxes to know it to about ± 9 %.");
+  assert.equal(planText({ boxes: 200, half_width: 0.081 }, 40), "With 200 random boxes it is known to about ± 9 %.");
+  assert.equal(planText({ boxes: 5, half_width: 0 }, 0), "Answer 5 random boxes to know it exactly.");
 });
 
 test("kappa has words from poor to almost perfect", () => {

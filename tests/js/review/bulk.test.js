@@ -41,7 +41,21 @@ test("undoing a bulk answer by its message keeps a later answer on one of its bo
   globalThis.fetch = () => new Promise(() => {});
   app.answer(1, "keep");
   offers.at(-1)?.run();
-  assert.deepEqual([answers(), said], [["keep", null, null], ["2 boxes rejected"]]);
+  assert.deepEqual([answers(), said], [["keep", null, null], ["2 boxes rejected, 0 of them looked at"]]);
+});
+
+test("a bulk answer that changed nothing leaves its boxes at their revision, and nothing to undo", async () => {
+  const sent = [];
+  globalThis.fetch = async (address, init) => {
+    sent.push(JSON.parse(String(init?.body ?? "{}")));
+    return Response.json({ id: 7, count: 0, skipped: [], stale: [] }, { status: 201 });
+  };
+  app.bulkAnswers.answer("d", "reject", [1, 2], new Map());
+  await new Promise((resolve) => setTimeout(resolve, 20));
+  undo();
+  app.answer(1, "keep");
+  await new Promise((resolve) => setTimeout(resolve, 20));
+  assert.deepEqual([said, sent.length, sent[1].seen_revision], [["No answer has changed.", "Nothing to undo."], 2, 0]);
 });
 
 test("if the browser's storage is full, undoing a bulk answer fails, and can be tried again later", () => {

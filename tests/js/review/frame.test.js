@@ -11,11 +11,14 @@ let app;
 let actions;
 /** @type {string[]} */
 let said;
+/** @type {any} */
+let stage;
 
 beforeEach(() => {
   ({ app, said } = reviewPage());
+  stage = { lookedMs: () => 1000 };
   const frame = /** @type {any} */ ({ id: 10, dataset: "d", previous_id: null, next_id: 11 });
-  actions = createFrameActions(app, frame, [1, 2, 3], { stage: () => null, openComment: () => said.push("comment") });
+  actions = createFrameActions(app, frame, [1, 2, 3], { stage: () => stage, openComment: () => said.push("comment") });
 });
 
 const query = () => app.router.route.get().query;

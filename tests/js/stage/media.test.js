@@ -11,6 +11,7 @@ const tick = () => new Promise((done) => setTimeout(done));
 let boxes;
 /** @type {ReturnType<typeof createMedia>} */
 let media;
+const PICTURE = "7/thumbnail?width=16383";
 /** The ends of the addresses that were requested. @type {string[]} */
 let asked;
 
@@ -20,7 +21,7 @@ beforeEach(() => {
   media = createMedia(boxes);
   globalThis.fetch = async (address) => {
     asked.push(String(address).replace("/api/v1/frames/", ""));
-    const id = Number(/\d+$/.exec(String(address))?.[0]);
+    const id = Number(/frames\/(\d+)$/.exec(String(address))?.[1]);
     return id ? Response.json({ id, has_image: true, has_segmentation: true, files: {}, segmentation: null, boxes: [decision({ box_id: 10 * id, frame_id: id })] }) : new Response("picture");
   };
   // Stands for the browser's class; these tests do not look at decoded pictures.
@@ -33,14 +34,14 @@ test("a frame that was fetched ahead has its picture, and is used only once", as
   media.fetchAhead(7);
   media.fetchAhead(7);
   await tick();
-  assert.deepEqual(asked, ["7", "7/image"]);
+  assert.deepEqual(asked, ["7", PICTURE]);
 
   assert.equal((await media.frame(7, gone())).id, 7);
   assert.ok(media.of(7).picture.value);
   assert.equal(asked.length, 2);
   await media.frame(7, gone());
 
-  assert.deepEqual(asked, ["7", "7/image", "7"]);
+  assert.deepEqual(asked, ["7", PICTURE, "7"]);
 });
 
 test("a frame that was fetched ahead shows answers that were stored since", async () => {
@@ -51,7 +52,7 @@ test("a frame that was fetched ahead shows answers that were stored since", asyn
   const { boxIds } = await media.frame(7, gone());
 
   assert.deepEqual(boxes.all(boxIds).map(({ revision }) => revision), [1]);
-  assert.deepEqual(asked, ["7", "7/image"]);
+  assert.deepEqual(asked, ["7", PICTURE]);
 });
 
 test("a frame that was fetched ahead is asked for again if any box may have changed since", async () => {
@@ -61,7 +62,7 @@ test("a frame that was fetched ahead is asked for again if any box may have chan
   boxes.reload();
   await media.frame(7, gone());
 
-  assert.deepEqual(asked, ["7", "7/image", "7"]);
+  assert.deepEqual(asked, ["7", PICTURE, "7"]);
 });
 
 test("boxes stay in the store as long as their frame is kept", async () => {
@@ -100,7 +101,7 @@ test("a frame that was fetched ahead may be used for twenty seconds", async (t) 
   now += 1;
   await media.frame(8, gone());
 
-  assert.deepEqual(asked.filter((address) => !address.endsWith("/image")), ["7", "8", "8"]);
+  assert.deepEqual(asked.filter((address) => !address.includes("/thumbnail")), ["7", "8", "8"]);
 });
 
 test("the eight frames that were used last are kept", () => {
@@ -118,7 +119,7 @@ test("the mask is loaded when it is wanted, and not before", async () => {
   const { frame, picture, mask } = media.of(7);
   await frame.get();
   await picture.get();
-  assert.deepEqual(asked, ["7", "7/image"]);
+  assert.deepEqual(asked, ["7", PICTURE]);
 
   await mask.get();
 

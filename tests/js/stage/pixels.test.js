@@ -1,15 +1,13 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { highlightPixels, tagMatcher } from "../../../static/js/stage/pixels.js";
+import { extentOf, matchingPixels, outlinesOf, tagMatcher } from "../../../static/js/stage/pixels.js";
 
 /** @type {any} */
 const CAR = { tag: 14, name: "Car", rgb: [0, 0, 142] };
 /** @type {any} */
 const RIDER = { tag: 13, name: "Rider", rgb: [255, 0, 0] };
 const RGB = { encoding: "palette", channel_order: "rgb", lossy: false };
-const MATCHING = [1, 2, 3, 4];
-const OTHERS = [9, 9, 9, 9];
 
 test("in a palette image, only the exact colour matches", () => {
   const matches = tagMatcher([CAR, RIDER], RGB);
@@ -37,8 +35,19 @@ test("nothing matches an empty accept set", () => {
   assert.ok(!tagMatcher([], RGB)(0, 0, 142));
 });
 
-test("highlightPixels colours matching pixels and the others differently, and gives the number of matches", () => {
+test("the matching pixels are those with an accepted tag", () => {
   const rgba = new Uint8ClampedArray([0, 0, 142, 255, 70, 70, 70, 255]);
-  assert.equal(highlightPixels(rgba, tagMatcher([CAR], RGB), MATCHING, OTHERS), 1);
-  assert.deepEqual([...rgba], [...MATCHING, ...OTHERS]);
+  assert.deepEqual([...matchingPixels(rgba, tagMatcher([CAR], RGB))], [1, 0]);
+});
+
+test("pixels are outlined by lines as long as they are straight, around holes too", () => {
+  assert.deepEqual(outlinesOf(Uint8Array.from([0, 1, 1, 0]), 4), [[1, 0, 3, 0], [1, 1, 3, 1], [1, 0, 1, 1], [3, 0, 3, 1]]);
+  const ring = Uint8Array.from([1, 1, 1, 1, 0, 1, 1, 1, 1]);
+  assert.equal(outlinesOf(ring, 3).length, 8);
+  assert.deepEqual(outlinesOf(new Uint8Array(9), 3), []);
+});
+
+test("the extent of an object is the rectangle around all pixels of its colour", () => {
+  const colors = Uint32Array.from([0, 7, 0, 0, 0, 7, 0, 0, 9]);
+  assert.deepEqual(extentOf(colors, 3, 7), [1, 0, 3, 2]);
 });

@@ -54,6 +54,7 @@ BOXES = st.lists(
 )
 CONFIGS = st.builds(
     FilterConfig,
+    profile=st.just("paper"),
     threshold_small_box=st.integers(0, 100),
     size_big_box=st.integers(0, 100),
     threshold_big_box=st.integers(0, 100),

@@ -15,11 +15,13 @@ if TYPE_CHECKING:
 
 SIZES = {
     "car": (2.4, 1.0, 0.75),
+    "truck": (4.0, 1.5, 1.8),
+    "van": (3.0, 1.0, 1.3),
     "bus": (5.1, 1.9, 1.65),
     "bicycle": (0.82, 0.3, 0.85),
     "walker": (0.188, 0.188, 0.93),
 }
-TAGS = {"car": 14, "bus": 16, "bicycle": 19, "walker": 12}
+TAGS = {"car": 14, "truck": 15, "van": 15, "bus": 16, "bicycle": 19, "walker": 12}
 
 
 class Actor:

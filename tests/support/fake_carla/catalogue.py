@@ -7,15 +7,37 @@ from fnmatch import fnmatchcase
 
 from carla import ActorAttributeType as Type
 
+# The attributes and defaults of CARLA 0.9.14 to 0.9.16, as its server declares them
+# (ActorBlueprintFunctionLibrary.cpp); the client library does not have them.
 _CAMERA = {
     "image_size_x": "800", "image_size_y": "600", "fov": "90.0", "sensor_tick": "0.0",
-    "lens_circle_falloff": "5.0", "lens_k": "-1.0", "lens_kcube": "0.0",
+    "lens_circle_falloff": "5.0", "lens_circle_multiplier": "0.0", "lens_k": "-1.0",
+    "lens_kcube": "0.0", "lens_x_size": "0.08", "lens_y_size": "0.08",
     "role_name": "front",
+}  # fmt: skip
+_PHOTO = {
+    "enable_postprocess_effects": "true", "gamma": "2.2", "iso": "100.0",
+    "motion_blur_intensity": "0.45", "motion_blur_max_distortion": "0.35",
+    "motion_blur_min_object_screen_size": "0.1", "lens_flare_intensity": "0.1",
+    "bloom_intensity": "0.675", "exposure_mode": "histogram",
+    "exposure_compensation": "0.0", "shutter_speed": "200.0", "fstop": "1.4",
+    "exposure_min_bright": "10.0", "exposure_max_bright": "12.0",
+    "exposure_speed_up": "3.0", "exposure_speed_down": "1.0",
+    "calibration_constant": "16.0", "focal_distance": "1000.0", "min_fstop": "1.2",
+    "blade_count": "5", "blur_amount": "1.0", "blur_radius": "0.0", "slope": "0.88",
+    "toe": "0.55", "shoulder": "0.26", "black_clip": "0.0", "white_clip": "0.04",
+    "temp": "6500.0", "tint": "0.0", "chromatic_aberration_intensity": "0.0",
+    "chromatic_aberration_offset": "0.0",
 }  # fmt: skip
 _LIDAR = {
     "channels": "32", "range": "10.0", "points_per_second": "56000",
     "rotation_frequency": "10.0", "upper_fov": "10.0", "lower_fov": "-30.0",
-    "sensor_tick": "0.0", "role_name": "front",
+    "horizontal_fov": "360.0", "sensor_tick": "0.0", "role_name": "front",
+}  # fmt: skip
+_RETURNS = {
+    "atmosphere_attenuation_rate": "0.004", "dropoff_general_rate": "0.45",
+    "dropoff_intensity_limit": "0.8", "dropoff_zero_intensity": "0.4",
+    "noise_stddev": "0.0", "noise_seed": "0",
 }  # fmt: skip
 
 
@@ -32,16 +54,20 @@ BLUEPRINTS: Mapping[str, Mapping[str, str]] = {
     "vehicle.tesla.model3": _vehicle("car"),
     "vehicle.lincoln.mkz_2020": _vehicle("car"),
     "vehicle.mitsubishi.fusorosa": _vehicle("bus", generation="1"),
+    "vehicle.carlamotors.carlacola": _vehicle("truck"),
+    "vehicle.carlamotors.european_hgv": _vehicle("truck"),
+    "vehicle.carlamotors.firetruck": _vehicle("truck"),
+    "vehicle.mercedes.sprinter": _vehicle("van"),
     "vehicle.bh.crossbike": _vehicle("bicycle", wheels="2", generation="1"),
     "walker.pedestrian.0001": {
         "generation": "1", "is_invincible": "true", "speed": "1.4", "role_name": "",
     },
     "controller.ai.walker": {"role_name": ""},
-    "sensor.camera.rgb": {**_CAMERA, "iso": "100.0", "gamma": "2.2"},
+    "sensor.camera.rgb": {**_CAMERA, **_PHOTO},
     "sensor.camera.semantic_segmentation": _CAMERA,
     "sensor.camera.instance_segmentation": _CAMERA,
     "sensor.camera.depth": _CAMERA,
-    "sensor.lidar.ray_cast": {**_LIDAR, "noise_stddev": "0.0"},
+    "sensor.lidar.ray_cast": {**_LIDAR, **_RETURNS},
     "sensor.lidar.ray_cast_semantic": _LIDAR,
     "sensor.other.radar": {
         "range": "100", "points_per_second": "1500", "horizontal_fov": "30",
@@ -52,10 +78,10 @@ _NOT_MODIFIABLE = {"base_type", "number_of_wheels", "generation"}
 _TYPES = {
     Type.Int: {
         *("image_size_x", "image_size_y", "channels", "points_per_second"),
-        *("number_of_wheels", "generation"),
+        *("number_of_wheels", "generation", "blade_count", "noise_seed"),
     },
-    Type.String: {"base_type", "role_name"},
-    Type.Bool: {"is_invincible"},
+    Type.String: {"base_type", "role_name", "exposure_mode"},
+    Type.Bool: {"is_invincible", "enable_postprocess_effects"},
     Type.RGBColor: {"color"},
 }
 """The attribute types that the simulator declares; all other attributes are Float."""

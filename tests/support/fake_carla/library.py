@@ -234,6 +234,16 @@ class World:
     def get_snapshot(self) -> WorldSnapshot:
         return WorldSnapshot(self._simulator)
 
+    def on_tick(self, callback: Callable[[known.WorldSnapshot], None]) -> int:
+        simulator = self._simulator
+        listeners = simulator.listeners
+        number = len(listeners) + 1
+        listeners[number] = lambda: callback(WorldSnapshot(simulator))
+        return number
+
+    def remove_on_tick(self, callback_id: int) -> None:
+        del self._simulator.listeners[callback_id]
+
     def get_map(self) -> Map:
         return Map(self._simulator)
 

@@ -76,7 +76,8 @@ class Simulator:
         self.faults = Faults()
         self.settings = carla.WorldSettings()
         self.weather = carla.WeatherParameters.ClearNoon
-        self.map_name, self.maps = "Carla/Maps/Town10HD", ["Town01", "Town10HD"]
+        self.map_name = "Carla/Maps/Town10HD"
+        self.maps = [*(f"Town{number:02}" for number in range(1, 8)), "Town10HD"]
         self.layers_off: list[str] = []
         self.frame, self.ticks, self.next_id = 1000, 0, 20
         self.speed = 0.0
@@ -89,6 +90,7 @@ class Simulator:
         self.managers_synchronous: dict[int, bool] = {}
         self.pedestrian_seed: int | None = None
         self.spawned: list[str] = []
+        self.listeners: dict[int, Callable[[], None]] = {}
         self.unanswered = 0
         self._held: list[tuple[Sensor, Measurement]] = []
         self._mail: SimpleQueue[tuple[Sensor, Measurement] | None] = SimpleQueue()
@@ -142,6 +144,8 @@ class Simulator:
         for sensor in [a for a in self.actors.values() if isinstance(a, Sensor)]:
             if sensor.is_listening():
                 self._measure(sensor, mail, shared)
+        for listener in list(self.listeners.values()):
+            listener()
         for one in mail:
             self._mail.put(one)
         frame = self.frame

@@ -54,7 +54,10 @@ def _samples() -> dict[str, dict[str, bytes]]:
         frame("a", box(0), box(1, (50, 10, 70, 30), "rejected", distance=12.5)),
         frame("b", box(2, class_name="traffic light")),
     ]
-    names = ("yolo", "coco", "kitti", "voc", "manifest")
+    names = (
+        *("yolo", "coco", "kitti", "voc", "manifest"),
+        *("cvat", "label-studio", "decisions-jsonl"),
+    )
     folders = {name: export(name, frames) for name in names}
     image = next(
         data for name, data in folders["yolo"].items() if name.endswith("a.png")

@@ -202,6 +202,17 @@ class Model:
         self.runs += 1
         return changed
 
+    def new_in_bulk(self, box_ids: list[int], verdict: str) -> int:
+        """How many boxes a bulk answer is stored on: none if all have it already."""
+        boxes = [self.boxes()[box_id] for box_id in box_ids]
+        is_repeated = all(
+            box.pile
+            and box.pile[-1][0] == len(box.answers)
+            and box.pile[-1][1].verdict == verdict
+            for box in boxes
+        )
+        return 0 if is_repeated else len(boxes)
+
     def bulk(self, batch: int, box_ids: list[int], verdict: str) -> None:
         for number in box_ids:
             self.boxes()[number].answer(verdict, batch)

@@ -67,8 +67,9 @@ def segmentation(form: str) -> bytes:
     return png(rgb[..., ::-1] if form == "bgr" else rgb)
 
 
-def picture() -> bytes:
-    return png(np.full((HEIGHT, WIDTH, 3), GREY, np.uint8))
+def picture(colour: int | tuple[int, int, int] = GREY) -> bytes:
+    """A grey picture, or one of an RGB colour."""
+    return png(np.full((HEIGHT, WIDTH, 3), colour, np.uint8))
 
 
 def push(
@@ -77,6 +78,7 @@ def push(
     key: str,
     boxes: list[dict[str, Any]] | None = None,
     form: str = "palette",
+    colour: int | tuple[int, int, int] = GREY,
 ) -> dict[str, Any]:
     """Send one frame; returns it with its decisions, as the server shows it."""
     place = {"x": 0, "y": 0, "z": 0}
@@ -88,7 +90,7 @@ def push(
         "boxes": BOXES if boxes is None else boxes,
     }
     files: dict[str, tuple[str, bytes | str, str]] = {
-        "image": ("image.png", picture(), "image/png"),
+        "image": ("image.png", picture(colour), "image/png"),
         "annotation": ("a.json", json.dumps(annotation), "application/json"),
     }
     if form != "none":

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,6 +19,7 @@ from playwright.sync_api import (
     expect,
     sync_playwright,
 )
+from playwright.sync_api import TimeoutError as PlaywrightTimeout
 
 from tests.support.page.stage import wait_for_drawing
 from tests.support.servers import SESSION_KEY
@@ -67,7 +68,10 @@ class Visitor:
         wait_for_drawing(self.page)
 
     def press(self, *keys: str) -> None:
+        """Press keys as somebody who looks first: once the current box was painted."""
         for key in keys:
+            with suppress(PlaywrightTimeout):  # of a picture that does not come
+                self.page.wait_for_function(IS_PAINTED, timeout=2000)
             self.page.keyboard.press(key)
 
     def send_now(self) -> None:
@@ -128,6 +132,12 @@ def first_held(page: Page, held: list[Route]) -> Route:
     """
     return until(lambda: page.evaluate("true") and held, "no request is held")[0]
 
+
+IS_PAINTED = """() => {
+  const stage = document.querySelector(".stage");
+  if (!stage || !stage.dataset.box || stage.dataset.picture === "failed") return true;
+  return stage.dataset.painted === stage.dataset.box;
+}"""
 
 LOSE_A_REQUEST = """async () => {
   while (await fetch("/healthz").then(() => true, () => false));

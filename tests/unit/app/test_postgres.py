@@ -90,7 +90,9 @@ def test_pages_list_all_boxes_in_every_order(services, order):
         put(street, str(number), number=number)
     with services.context.database.read() as session:
         wanted = to_filter(session, street.row(session), BoxSelection())
-        pages = BoxPages(session, wanted, TallyRepository(session).contents(street.id))
+        pages = BoxPages(
+            session, wanted, TallyRepository(session).of_dataset(street.id)
+        )
         found, cursor = pages.page(order, "", 5)
         rest, end = pages.page(order, cursor or "", 5)
 

@@ -7,25 +7,28 @@ from itertools import product
 
 import numpy as np
 import pytest
-from sqlalchemy import and_, create_engine, insert, select
+from sqlalchemy import create_engine, insert, select
 
 from app.db.base import Base
 from app.db.tables import Decision
 from app.verdicts import (
+    BIN,
     REVIEW_STATES,
     effective_verdict,
+    in_bin,
     in_conflict,
     is_effective,
     is_in_conflict,
     is_not_in_conflict,
-    needs_review,
 )
+from filter_core.decisions.doubt import Bin, bins_of
 from filter_core.types import VERDICTS, Answer, Reason, Verdict
 from tests.support.exporting import columns
 
 ANSWERS = (None, "keep", "reject", "unsure")
 BOXES = list(product(Reason, ANSWERS))
 """Every reason with every answer; the number of a box is its index here."""
+DOUBTS = [(-2, -1, 0, 1, 50, 100)[number % 6] for number in range(len(BOXES))]
 
 
 @pytest.fixture(scope="module")
@@ -35,8 +38,10 @@ def boxes_matching():
     table = Base.metadata.tables[Decision.__tablename__]
     table.create(engine)
     rows = [
-        {"box_id": number, "reason": int(reason), "review": answer}
-        for number, (reason, answer) in enumerate(BOXES)
+        {"box_id": number, "reason": int(reason), "review": answer, "doubt": doubt}
+        for number, ((reason, answer), doubt) in enumerate(
+            zip(BOXES, DOUBTS, strict=True)
+        )
     ]
     same: dict[str, object] = {
         column.name: 0
@@ -86,24 +91,17 @@ def test_conflict_is_equal_in_python_and_sql(boxes_matching):
     assert boxes_matching(is_not_in_conflict()) == set(range(len(BOXES))) - expected
 
 
-@pytest.mark.parametrize("toss_up", [False, True])
-def test_box_needs_review_if_undecided_and_the_filter_is_unsure(
-    boxes_matching, toss_up
-):
-    sure = {Reason.OUTSIDE_IMAGE, Reason.DEGENERATE} | (
-        set() if toss_up else {Reason.VISIBLE}
-    )
-    unsure = Decision.reason.not_in([int(reason) for reason in sure])
-    undecided = REVIEW_STATES["undecided"].condition()
-
-    found = {
+@pytest.mark.parametrize("bin_", Bin)
+def test_bin_of_a_box_is_equal_in_python_and_sql(boxes_matching, bin_):
+    expected = {
         number
-        for number, (reason, answer) in enumerate(BOXES)
-        if needs_review(reason, toss_up, answer)
+        for number, doubt in enumerate(DOUBTS)
+        if bins_of(np.int16(doubt)) == bin_
     }
 
-    assert found
-    assert boxes_matching(and_(undecided, unsure)) == found
+    assert expected
+    assert boxes_matching(in_bin(bin_)) == expected
+    assert boxes_matching(int(bin_) == BIN) == expected
 
 
 @pytest.mark.parametrize("name", REVIEW_STATES)

@@ -120,7 +120,8 @@ def decided(name, config=None, **keys):
         "carla_version": "0.9.15",
         "boxes": [{"class": name, "xyxy": [0, 0, 4, 2]}],
     }
-    config = FilterConfig.from_mapping({"classes": config or {}, **keys})
+    by_tags = {"profile": "paper", "classes": config or {}}
+    config = FilterConfig.from_mapping({**by_tags, **keys})
     (decision,) = filter_frame(frame, TAGS, config).decisions
     return decision["class"], decision["verdict"], decision["reason"]
 

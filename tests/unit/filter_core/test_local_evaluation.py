@@ -50,7 +50,7 @@ def test_boxes_without_truth_are_not_evaluated(source):
         [source], EvaluationTask(truth={"a": {"218": False}})
     )
 
-    assert evaluation.boxes == 1
+    assert evaluation.unfiltered.boxes == 1
 
 
 def test_invalid_frame_is_reported_and_the_others_are_evaluated(source):

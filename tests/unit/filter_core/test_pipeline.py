@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import json
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from IPython.core.formatters import HTMLFormatter
 
 from filter_core.config.filter import FilterConfig
 from filter_core.decisions.record import Decision
@@ -31,8 +33,21 @@ CAR = {"id": "217", "class": "car", "xyxy": [10, 10, 50, 40], "distance": 12.5}
 GHOST = {"id": "218", "class": "walker", "xyxy": [60, 40, 70, 55]}
 
 
+def test_result_draws_itself_in_a_notebook():
+    result = filter_frame(annotation(CAR, GHOST), STREET)
+
+    drawing = ElementTree.fromstring(HTMLFormatter()(result))
+
+    boxes = drawing.findall("rect")
+    assert [each.get("stroke-dasharray") is None for each in boxes] == [True, False]
+    assert (boxes[0].findtext("title") or "").startswith("car 217, kept: ")
+
+
 def test_decision_has_all_keys_of_the_api():
-    result = filter_frame(annotation(CAR), STREET, options=FrameOptions(key="a/7"))
+    by_tags = FilterConfig(profile="paper")
+    options = FrameOptions(key="a/7")
+
+    result = filter_frame(annotation(CAR), STREET, by_tags, options=options)
 
     (decision,) = result.decisions
     assert list(decision) == KEYS
@@ -60,7 +75,7 @@ def test_decision_has_all_keys_of_the_api():
         "distance": 12.5,
         "xyxy": [10.0, 10.0, 50.0, 40.0],
         "occluded": 3,
-        "config": FilterConfig().digest,
+        "config": by_tags.digest,
     }
 
 

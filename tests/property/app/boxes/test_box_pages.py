@@ -17,10 +17,11 @@ from sqlalchemy.orm import Session
 from app.boxes.counts import count_in_tallies, tallies_of
 from app.boxes.current import TallyRepository, replace_tallies
 from app.boxes.filter import BoxFilter, BoxProbes, class_thresholds
-from app.boxes.orders import CROWDED_PERCENT, NEAR_PERCENT, ORDERS, BoxPages
+from app.boxes.orders import ORDERS, RARE, BoxPages
 from app.db.base import Base
 from app.db.tables import Decision
 from filter_core.config.filter import FilterConfig
+from filter_core.decisions.doubt import Bin
 from filter_core.types import Reason, Verdict
 
 DATASET, OTHER = 1, 2
@@ -55,6 +56,7 @@ class Row:
     crowding: float
     large: bool
     toss_up: bool
+    doubt: int
     review: str | None
 
     def threshold(self, thresholds: list[Limits]) -> float | None:
@@ -79,6 +81,7 @@ class Row:
             "reason": int(self.reason),
             "large": self.large,
             "toss_up": self.toss_up,
+            "doubt": self.doubt,
             "review": self.review,
             "revision": 0,
         }
@@ -95,16 +98,17 @@ def decided(match: float, large: bool, limits: Limits, published: bool):
     return Reason.VISIBLE
 
 
-# Of each box: class, answer, crowding; whether it is large, and a toss-up. One choice
-# among all combinations costs a fifth of five choices.
+# Of each box: class, answer, crowding; whether it is large, and a toss-up; doubt. One
+# choice among all combinations costs a fifth of six choices.
 PLAIN_COLUMNS = st.sampled_from(
     [
         *product(
             (1, 2),
             (None, None, "keep", "reject", "unsure"),
-            (0.0, 49.9, 50.0, 80.0, 100.0),
+            (0.0, 49.9, 80.0),
             (False, True),
             (False, True),
+            (-2, -1, 0, 1, 7, 100),
         )
     ]
 )
@@ -119,7 +123,7 @@ def decision_rows(draw, published: bool) -> list[Row]:
     thresholds = PUBLISHED if published else PAPER
     rows = []
     for box_id in range(1, draw(st.integers(0, 40)) + 1):
-        class_id, answer, crowding, large, toss_up = draw(PLAIN_COLUMNS)
+        class_id, answer, crowding, large, toss_up, doubt = draw(PLAIN_COLUMNS)
         drawn = draw(MATCH_OR_REASON)
         if isinstance(drawn, Reason):
             reason = drawn
@@ -128,9 +132,8 @@ def decision_rows(draw, published: bool) -> list[Row]:
         else:
             match = drawn
             reason = decided(match, large, thresholds[class_id - 1], published)
-        rows.append(
-            Row(box_id, class_id, reason, match, crowding, large, toss_up, answer)
-        )
+        flags = large, toss_up, doubt
+        rows.append(Row(box_id, class_id, reason, match, crowding, *flags, answer))
     return rows
 
 
@@ -149,6 +152,7 @@ FILTERS = st.fixed_dictionaries(
         "review": st.sampled_from(["undecided", "decided", "keep", "none", "any"]),
         "effective": st.sampled_from(Verdict),
         "toss_up": st.booleans(),
+        "bin": st.sampled_from(Bin),
         "conflict": st.booleans(),
         "match_min": st.just(10.0),
         "match_max": st.just(55.0),
@@ -186,6 +190,7 @@ def selected(row: Row, wanted: dict[str, Any], thresholds) -> bool:
         and ("review" not in wanted or row.review in REVIEWS[wanted["review"]])
         and ("effective" not in wanted or effective(row) is wanted["effective"])
         and ("toss_up" not in wanted or row.toss_up is wanted["toss_up"])
+        and ("bin" not in wanted or min(row.doubt, 1) == wanted["bin"])
         and ("conflict" not in wanted or is_conflict(row) is wanted["conflict"])
         and ("match_min" not in wanted or match >= wanted["match_min"])
         and ("match_max" not in wanted or 0 <= match <= wanted["match_max"])
@@ -205,27 +210,12 @@ def is_within(row: Row, thresholds, percent: float) -> bool:
     return threshold - percent <= row.match <= threshold + percent
 
 
-def doubt(row: Row, thresholds: list[Limits]) -> tuple[float, float]:
-    """The sort key of the order `doubt`: a group, and a number within it.
-
-    Groups: toss-ups, near the threshold, kept in a crowd, others, without threshold.
-    """
-    distance = margin(row, thresholds)
-    if row.toss_up:
-        return 0, distance
-    if is_within(row, thresholds, NEAR_PERCENT):
-        return 1, distance
-    if row.reason is Reason.VISIBLE and row.crowding >= CROWDED_PERCENT:
-        return 2, -row.crowding
-    return (4, 0) if distance == inf else (3, distance)
-
-
 def key(row: Row, order: str, thresholds: list[Limits]) -> Any:
     """The sort key of an order; rows of equal keys may come in any order."""
     match = (row.match is None, row.match or 0.0)
     return {
         "id": row.box_id,
-        "doubt": doubt(row, thresholds),
+        "doubt": -row.doubt,
         "match_percent": match,
         "-match_percent": (match[0], -match[1]),
         "crowding": -row.crowding,
@@ -253,7 +243,10 @@ def store_decisions(session: Session, rows: list[Row]) -> None:
         # The table's own insert: that of the class needs a statement for each change of
         # the columns that are null.
         session.execute(insert(DECISIONS), columns + strangers)
-    alike = ((row.class_id, int(row.reason), row.toss_up, row.review) for row in rows)
+    alike = (
+        (row.class_id, int(row.reason), row.toss_up, row.doubt, row.review)
+        for row in rows
+    )
     replace_tallies(session, DATASET, tallies_of(alike))
 
 
@@ -276,14 +269,14 @@ def stored_thresholds(thresholds: list[Limits], published: bool):
 
 
 def read_all_pages(
-    session: Session, wanted: BoxFilter, order: str, limits
+    session: Session, wanted: BoxFilter, order: str, limits, rare: int = RARE
 ) -> list[int]:
-    contents = TallyRepository(session).contents(DATASET)
+    tallies = TallyRepository(session).of_dataset(DATASET)
     found: list[int] = []
     cursor: str | None = ""
     sizes = iter(limits)
     while cursor is not None:
-        pages = BoxPages(session, wanted, contents)
+        pages = BoxPages(session, wanted, tallies, rare=rare)
         limit = next(sizes, 7)
         ids, cursor = pages.page(order, cursor, limit)
         assert len(ids) == limit or cursor is None
@@ -292,11 +285,13 @@ def read_all_pages(
 
 
 @pytest.mark.parametrize("published", [False, True], ids=["paper", "carlasimu"])
-@pytest.mark.parametrize("order", ORDERS)
+@pytest.mark.parametrize(
+    ("order", "rare"), [*((order, RARE) for order in ORDERS), ("doubt", 0)]
+)
 @settings(suppress_health_check=list(HealthCheck))
 @given(data=st.data(), wanted=FILTERS, limits=st.lists(st.integers(1, 9), max_size=5))
 def test_pages_list_all_boxes_of_the_filter_in_order(
-    session, order, published, data, wanted, limits
+    session, order, rare, published, data, wanted, limits
 ):
     thresholds = PUBLISHED if published else PAPER
     rows = data.draw(decision_rows(published))
@@ -305,7 +300,7 @@ def test_pages_list_all_boxes_of_the_filter_in_order(
         DATASET, thresholds=stored_thresholds(thresholds, published), **wanted
     )
 
-    found = read_all_pages(session, query, order, limits)
+    found = read_all_pages(session, query, order, limits, rare)
 
     expected = [row for row in rows if selected(row, wanted, thresholds)]
     assert sorted(found) == [row.box_id for row in expected]
@@ -314,7 +309,7 @@ def test_pages_list_all_boxes_of_the_filter_in_order(
     assert keys == sorted(keys)
     tallies = TallyRepository(session).of_dataset(DATASET)
     counted = BoxProbes(session).count(query)
-    if not query.has_ranges:
+    if not query.is_beyond_tallies:
         assert count_in_tallies(tallies, query) == counted
     assert counted == len(expected)
 
@@ -342,15 +337,14 @@ def test_dataset_of_many_classes_is_listed_in_the_same_order(
             answer = "keep" if len(rows) % 7 == 0 else None
             crowding = 70.0 if len(rows) % 5 == 0 else 0.0
             at = len(rows) + 1
-            rows.append(
-                Row(at, class_id, reason, match, crowding, large, toss_up, answer)
-            )
+            columns = large, toss_up, len(rows) % 9 - 2, answer
+            rows.append(Row(at, class_id, reason, match, crowding, *columns))
     store_decisions(session, rows)
     query = BoxFilter(
         DATASET, thresholds=stored_thresholds(thresholds, published=False), **wanted
     )
 
-    found = read_all_pages(session, query, order, repeat(400))
+    found = read_all_pages(session, query, order, repeat(400), rare=1)
 
     expected = [row.box_id for row in rows if selected(row, wanted, thresholds)]
     assert sorted(found) == expected

@@ -43,7 +43,7 @@ def evidences(draw) -> Evidence:
 
     def column(name):
         dtype = NUMBERS.dtype[name]
-        return draw(arrays.arrays(dtype, count))
+        return draw(arrays.arrays(dtype.base, (count, *dtype.shape)))
 
     index = draw(arrays.arrays(np.int32, count, elements=st.integers(0, 2)))
     xyxy = draw(arrays.arrays(np.float64, (count, 4)))

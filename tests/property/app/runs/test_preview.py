@@ -28,7 +28,7 @@ BOXES = st.lists(
 )
 PERCENT = st.sampled_from([0, 1, 10, 30, 70, 100])
 CONFIGS = st.fixed_dictionaries(
-    {},
+    {"profile": st.just("paper")},  # numbers of channels would need the images again
     optional={
         "threshold_small_box": PERCENT,
         "threshold_big_box": PERCENT,

@@ -124,6 +124,7 @@ def early_reason(box, config, max_distance, min_visible_pixels):
         BoxState.OUTSIDE_IMAGE: Reason.OUTSIDE_IMAGE,
         BoxState.COVERS_IMAGE: Reason.COVERS_IMAGE,
         BoxState.DEGENERATE: Reason.DEGENERATE,
+        BoxState.NOT_AHEAD: Reason.OUT_OF_RANGE,
     }
     if box["state"] in states:
         return states[box["state"]]

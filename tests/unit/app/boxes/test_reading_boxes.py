@@ -59,7 +59,8 @@ def reader_of_page(street: ServiceDataset, limit: int) -> Callable[[Session], ob
     def read(session: Session) -> object:
         wanted = to_filter(session, street.row(session), BoxSelection())
         request = PageRequest("id", None, limit)
-        return list_boxes(session, street.row(session), wanted, request)
+        reader = DecisionReader(session, street.row(session))
+        return list_boxes(session, reader, wanted, request)
 
     return read
 
@@ -80,9 +81,9 @@ def test_box_is_described_equally_singly_in_a_list_and_with_its_frame(street):
     with street.context.database.read() as session:
         wanted = to_filter(session, street.row(session), BoxSelection())
         request = PageRequest("crowding", None, 100)
-        listed, _ = list_boxes(session, street.row(session), wanted, request)
-        alone = [describe_box(session, box["box_id"]) for box in listed]
         dataset = DecisionReader(session, street.row(session))
+        listed, _ = list_boxes(session, dataset, wanted, request)
+        alone = [describe_box(session, box["box_id"]) for box in listed]
         frames = sorted({box["frame_id"] for box in listed}, reverse=True)
         framed = dataset.records(dataset.read_frames(frames))
 

@@ -1,47 +1,25 @@
-"""Counts that are summed from tallies, and which boxes need a review."""
+"""Counts that are summed from tallies."""
 
 from __future__ import annotations
 
-import pytest
-
 from app.boxes.counts import count, summary, tallies_of
-from app.boxes.current import TallyKey
-from app.verdicts import needs_review
+from app.boxes.filter import TallyKey
+from filter_core.decisions.doubt import Bin
 from filter_core.types import Reason
 
 SEEN, UNSEEN = int(Reason.VISIBLE), int(Reason.NO_VISIBLE_PIXELS)
-BLIND, OUTSIDE = int(Reason.NO_SEGMENTATION), int(Reason.OUTSIDE_IMAGE)
-
-
-@pytest.mark.parametrize(
-    ("reason", "toss_up", "review", "waits"),
-    [
-        pytest.param(SEEN, False, None, False, id="kept"),
-        pytest.param(SEEN, True, None, True, id="kept by a hair"),
-        pytest.param(SEEN, True, "keep", False, id="decided by a person"),
-        pytest.param(UNSEEN, False, None, True, id="rejected by its pixels"),
-        pytest.param(UNSEEN, False, "unsure", True, id="a person was unsure"),
-        pytest.param(UNSEEN, False, "reject", False, id="a person agreed"),
-        pytest.param(BLIND, False, None, True, id="not measured"),
-        pytest.param(OUTSIDE, False, None, False, id="nothing to see"),
-        pytest.param(int(Reason.DEGENERATE), False, None, False, id="no extent"),
-        pytest.param(int(Reason.UNMAPPED_CLASS), False, None, True, id="no class"),
-    ],
-)
-def test_needs_review_only_for_boxes_that_a_person_can_judge(
-    reason, toss_up, review, waits
-):
-    assert needs_review(reason, toss_up, review) is waits
+BLIND = int(Reason.NO_SEGMENTATION)
 
 
 def test_tallies_are_summed_by_verdict_reason_class_and_conflict():
     counts = count(
         {
-            TallyKey(1, SEEN, False, ""): 10,
-            TallyKey(1, SEEN, True, "reject"): 3,
-            TallyKey(1, UNSEEN, False, "keep"): 2,
-            TallyKey(2, UNSEEN, False, "reject"): 1,
-            TallyKey(2, BLIND, False, "unsure"): 4,
+            TallyKey(1, SEEN, False, Bin.SURE, ""): 8,
+            TallyKey(1, SEEN, False, Bin.ASK, ""): 2,
+            TallyKey(1, SEEN, True, Bin.ASK, "reject"): 3,
+            TallyKey(1, UNSEEN, False, Bin.WALL, "keep"): 2,
+            TallyKey(2, UNSEEN, False, Bin.ASK, "reject"): 1,
+            TallyKey(2, BLIND, False, Bin.ASK, "unsure"): 4,
         }
     )
 
@@ -51,8 +29,9 @@ def test_tallies_are_summed_by_verdict_reason_class_and_conflict():
         "rejected": 3,
         "unmeasured": 4,
         "reviewed": 6,
-        "to_review": 4,
+        "to_review": 6,
     }
+    assert counts.bins == {"ask": 6, "sure": 8, "small": 0, "wall": 0}
     assert counts.effective == {"kept": 12, "rejected": 4, "unmeasured": 4}
     assert (counts.conflicts, counts.unsure, counts.toss_ups) == (5, 4, 3)
     assert counts.by_reason == {
@@ -71,9 +50,10 @@ def test_tallies_are_summed_by_verdict_reason_class_and_conflict():
 
 
 def test_tallies_of_counts_equal_boxes():
-    rows = [(1, SEEN, False, None), (1, SEEN, False, "keep"), (1, SEEN, False, None)]
+    answers = [(7, None), (30, "keep"), (1, None), (-2, None)]
 
-    assert tallies_of(rows) == {
-        TallyKey(1, SEEN, False, ""): 2,
-        TallyKey(1, SEEN, False, "keep"): 1,
+    assert tallies_of((1, SEEN, False, *each) for each in answers) == {
+        TallyKey(1, SEEN, False, Bin.ASK, ""): 2,
+        TallyKey(1, SEEN, False, Bin.ASK, "keep"): 1,
+        TallyKey(1, SEEN, False, Bin.WALL, ""): 1,
     }

@@ -21,6 +21,7 @@ from app.db.base import Base
 from app.db.tables import Decision
 from app.measuring.columns import DatasetColumns
 from filter_core.config.filter import FilterConfig
+from filter_core.decisions.doubt import Bin, doubts
 from filter_core.decisions.rules import decide
 from filter_core.types import (
     NOT_MEASURED,
@@ -96,7 +97,7 @@ class StoredDecisions:
     """The boxes of a configuration: decided, and stored in a database."""
 
     def __init__(self, session, config):
-        self.session, evidence = session, evidence_for(config)
+        self.session, self.config, evidence = session, config, evidence_for(config)
         self.decisions = decide(evidence, config)
         count = len(evidence)
         self.ids = np.arange(1, count + 1)
@@ -116,6 +117,7 @@ class StoredDecisions:
             "reason": self.decisions.reason.tolist(),
             "large": self.decisions.large.tolist(),
             "toss_up": self.decisions.toss_up.tolist(),
+            "doubt": doubts(evidence, config, self.decisions).doubt.tolist(),
             "review": [None if id_ % 3 else "unsure" for id_ in self.ids.tolist()],
         }
         same = {"dataset_id": DATASET, "frame_id": 1, "revision": 0}
@@ -127,17 +129,17 @@ class StoredDecisions:
                 for row in zip(*columns.values(), strict=True)
             ],
         )
-        counted = ("class_id", "reason", "toss_up", "review")
+        counted = ("class_id", "reason", "toss_up", "doubt", "review")
         alike = zip(*(columns[name] for name in counted), strict=True)
         replace_tallies(session, DATASET, tallies_of(alike))
 
     def list_ids(self, order, wanted):
         """The ids of all pages of a list."""
-        contents = TallyRepository(self.session).contents(DATASET)
+        tallies = TallyRepository(self.session).of_dataset(DATASET)
         found: list[int] = []
         cursor: str | None = ""
         while cursor is not None:
-            pages = BoxPages(self.session, wanted, contents)
+            pages = BoxPages(self.session, wanted, tallies)
             page, cursor = pages.page(order, cursor, 50)
             found += page
         return found
@@ -180,7 +182,7 @@ def test_every_reviewed_box_is_listed_once_in_each_order(stored, order):
 @pytest.mark.parametrize("margin", [0.0, 0.5, 5.0, 60.0])
 def test_boxes_within_a_margin_are_the_same_in_sql_and_on_columns(stored, margin):
     wanted = BoxFilter(DATASET, thresholds=stored.thresholds, margin_max=margin)
-    chosen = selected(stored.numbers, stored.decisions, wanted)
+    chosen = selected(stored.numbers, stored.config, wanted)
     rows = select(Decision.box_id).where(*wanted.conditions())
 
     by_columns = stored.ids[chosen].tolist()
@@ -188,6 +190,18 @@ def test_boxes_within_a_margin_are_the_same_in_sql_and_on_columns(stored, margin
     assert sorted(stored.session.scalars(rows)) == by_columns
     for order in ORDERS:
         assert sorted(stored.list_ids(order, wanted)) == by_columns
+
+
+@pytest.mark.parametrize("bin_", Bin)
+def test_boxes_of_a_bin_are_the_same_in_sql_and_on_columns(stored, bin_):
+    wanted = BoxFilter(DATASET, thresholds=stored.thresholds, bin=bin_)
+    chosen = selected(stored.numbers, stored.config, wanted)
+    rows = select(Decision.box_id).where(*wanted.conditions())
+
+    by_columns = stored.ids[chosen].tolist()
+
+    assert sorted(stored.session.scalars(rows)) == by_columns
+    assert sorted(stored.list_ids("doubt", wanted)) == by_columns
 
 
 def test_every_reason_occurs():

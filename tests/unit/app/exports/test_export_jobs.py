@@ -24,7 +24,7 @@ from filter_core.formats.format import Need
 from filter_core.formats.registry import EXPORT_FORMATS, FORMATS, write_export
 from filter_core.types import VERDICTS
 from tests.support import frames as scene
-from tests.support.services import ServiceDataset, running_services
+from tests.support.services import ANSWERED_AT, ServiceDataset, running_services
 
 SOME_FORMATS = ("yolo", "coco", "manifest", "decisions-jsonl")
 
@@ -40,7 +40,7 @@ def fill(street):
     for number in range(3):
         files = {"image": scene.image(number), "segmentation": scene.segmentation()}
         street.put(f"{number}", scene.annotation(), **files)
-    street.review(street.box_ids()[0], "reject")
+    street.review(street.box_ids()[0], "reject", at=ANSWERED_AT)
 
 
 def request_unstarted_export(street, form="yolo"):
@@ -110,7 +110,13 @@ def test_format_declares_all_data_that_it_needs(street, form):
         written = [
             files_of(
                 form,
-                ExportFrames(street.context.storage.read, session, dataset, needs),
+                ExportFrames(
+                    street.context.storage.read,
+                    session,
+                    dataset,
+                    needs,
+                    street.context.drawers,
+                ),
                 classes,
             )
             for needs in (FORMATS[form].needs, get_args(Need))
@@ -123,7 +129,11 @@ def test_label_columns_equal_the_complete_decisions(street):
     with street.context.database.read() as session:
         frames = list(
             ExportFrames(
-                street.context.storage.read, session, street.row(session), ["decisions"]
+                street.context.storage.read,
+                session,
+                street.row(session),
+                ["decisions"],
+                street.context.drawers,
             )
         )
 

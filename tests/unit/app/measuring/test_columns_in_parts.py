@@ -99,7 +99,9 @@ def test_result_computed_in_parts_equals_the_result_at_once(street, question):
 
 
 def test_preview_with_other_accept_sets_is_equal_in_parts(street_with_histograms):
-    question = preview_question({"classes": {"car": {"accept": ["Sky"]}}})
+    question = preview_question(
+        {"profile": "paper", "classes": {"car": {"accept": ["Sky"]}}}
+    )
     whole = asked(street_with_histograms, 10**6, question)
 
     assert whole.flips.total == 2 * FRAMES

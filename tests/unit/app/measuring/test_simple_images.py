@@ -35,8 +35,8 @@ def encoded_image(wh=WH, suffix=".png"):
     return cv2.imencode(suffix, pixels)[1].tobytes()
 
 
-def annotation(boxes=1):
-    box = {"class": "car", "xyxy": [4, 4, 40, 40]}
+def annotation(boxes=1, distance=None):
+    box = {"class": "car", "xyxy": [4, 4, 40, 40], "distance": distance}
     return parse_annotation({"carla_version": "0.9.15", "boxes": [box] * boxes})
 
 
@@ -47,10 +47,13 @@ def add_text_chunk(png):
     return png[:33] + chunk + png[33:]
 
 
-def measure_and_count_processes(pool, png, *, wh=WH, boxes=1, plan=PLAN, **files):
+def measure_and_count_processes(
+    pool, png, *, wh=WH, boxes=1, plan=PLAN, distance=None, **files
+):
     """The percentage of matching pixels, and how many child processes were started."""
     before = processes()
-    found = measure_files(pool, plan, annotation(boxes), FrameFiles(png, wh, **files))
+    frame = annotation(boxes, distance)
+    found = measure_files(pool, plan, frame, FrameFiles(png, wh, **files))
     return float(found.evidence.match_percent[0]), len(processes() - before)
 
 
@@ -81,6 +84,7 @@ def test_simple_segmentation_is_measured_in_the_calling_thread(pool):
         {
             "png": encoded_image(),
             "plan": plan_for(DatasetReading("town"), FilterConfig(evidence="ordered")),
+            "distance": 9,
         },
     ],
     ids=["note", "large", "boxes", "mask", "dataset-mask", "channel"],

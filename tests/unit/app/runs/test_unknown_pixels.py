@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from app.context import ServiceContext
+from app.measuring.columns import ColumnCache
 from app.runs.flips import current_histogram
 from filter_core.config.filter import FilterConfig
 from filter_core.decisions.rules import decide
@@ -94,6 +95,25 @@ def test_service_stores_unknown_pixels_and_says_their_share_by_class(services):
     pixels = ((x1 - x0) * (y1 - y0)).sum()
     assert shares.unknown_percent == {"car": pytest.approx(100 * 40 / pixels)}
     assert np.sum(shares.classes["car"]) == len(BOXES)
+
+
+def test_histogram_is_without_boxes_that_have_too_few_visible_pixels(services):
+    street = services.dataset()
+    street.put("a", FRAME, segmentation=png(tags()))
+
+    with services.context.database.read() as session:
+        dataset = street.row(session)
+        measurement = dataset.active_measurement_id
+        cache = services.context.one(ColumnCache)
+        numbers = cache.load(session, dataset.id, measurement)
+    counts = [
+        numbers.share_counts((), 10, FilterConfig(min_visible_pixels=needed)).sum()
+        for needed in (1, 10**6)
+    ]
+
+    has_some = int((numbers.evidence.matched_pixels > 0).sum())
+    assert counts == [len(BOXES), len(BOXES) - has_some]
+    assert has_some > 0
 
 
 def test_numbers_of_the_first_version_have_no_unknown_pixels():

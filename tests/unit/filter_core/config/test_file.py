@@ -63,14 +63,14 @@ def test_carlasimu_config_file_loads_and_lists_unused_keys():
         threshold_small_box=12,
         size_big_box=65,
         threshold_big_box=45,
-        min_distance=1,
-        max_distance=50,
+        projection="naive",
+        min_forward=1,
     )
     assert loaded.unused_keys == (
         "sitting.cam_rgb.save_to_file",
         "sitting.cam_rgb.save_dir",
         "sitting.cam_rgb.3D",
-        "sitting.cam_rgb.filter",
+        "sitting.cam_rgb.max_distance",
         "sitting.cam_rgb.actors.vehicles",
         "sitting.cam_rgb.actors.walkers",
         "sitting.cam_rgb.num_image",
@@ -78,6 +78,15 @@ def test_carlasimu_config_file_loads_and_lists_unused_keys():
         "sitting.fiter_boundinbox",
         "sitting.time_screen_shot",
     )
+
+
+def test_filter_false_in_carlasimu_config_leaves_every_class_as_it_came():
+    config = load_config("sitting: {cam_rgb: {filter: False}}").config
+
+    for name in ("car", "walker", "street_light"):
+        assert config.limits_by_class((name,)).passed.all()
+    with pytest.raises(ConfigError, match="expected true or false, found 3"):
+        load_config("sitting: {cam_rgb: {filter: 3}}")
 
 
 def test_out_of_range_number_in_carlasimu_config_is_refused():
@@ -106,7 +115,7 @@ def test_another_file_of_carlasimu_is_refused(text, found):
         "expected a key of carlasimu's boundingBox.yaml that the filter uses "
         "(sitting.threshold_small_box, sitting.size_big_box, "
         "sitting.threshold_big_box, sitting.cam_rgb.min_distance or "
-        f"sitting.cam_rgb.max_distance), found {found}"
+        f"sitting.cam_rgb.filter), found {found}"
     )
 
 
@@ -158,3 +167,27 @@ def test_unused_keys_are_truncated_and_limited_to_100():
     unused = load_config(text).unused_keys
 
     assert unused == tuple(f"sitting.{'x' * 80}.k{number}" for number in range(100))
+
+
+@pytest.mark.parametrize(
+    ("text", "evidence", "min_visible_pixels"),
+    [
+        ("threshold_small_box: 20", "depth", 1),
+        ("", "depth", 1),
+        ("evidence: auto", "auto", 10),
+        ("profile: paper", "semantic", 1),
+        ("sitting: {threshold_small_box: 5}", "semantic", 1),
+    ],
+)
+def test_file_that_names_no_evidence_leaves_that_of_a_dataset(
+    text, evidence, min_visible_pixels
+):
+    active = FilterConfig(evidence="depth", threshold_small_box=3)
+
+    config = load_config(text).after(active)
+
+    assert (config.evidence, config.min_visible_pixels) == (
+        evidence,
+        min_visible_pixels,
+    )
+    assert config.threshold_small_box == load_config(text).config.threshold_small_box

@@ -80,7 +80,7 @@ def test_digest_of_the_default_configuration_is_stable():
     """It is stored with every run: stored decisions would lose their configuration."""
     digest = "02b9fd0b"
 
-    assert FilterConfig().digest.startswith(digest)
+    assert FilterConfig(profile="paper").digest.startswith(digest)
     assert len(FilterConfig().digest) == 64
 
 
@@ -136,15 +136,20 @@ FIRST_KEYS = {
 """The keys that every digest contains, even at their default. Never add one."""
 
 DEFAULTS_OF_NEW_KEYS: dict[str, object] = {
+    "review_min_side": 4,
     "depth_encoding": "auto",
     "tags": {},
     "tag_scale": "auto",
+    "min_visible_percent": 0,
+    "min_forward": None,
 }
 """The defaults of all later keys. Such a default must never change again."""
 
 
 def test_default_digest_is_the_sha256_of_the_first_keys():
-    assert FilterConfig().digest == canonical_digest(FIRST_KEYS)
+    assert FilterConfig(profile="paper").digest == canonical_digest(FIRST_KEYS)
+    strongest = {**FIRST_KEYS, "evidence": "auto", "min_visible_pixels": 10}
+    assert FilterConfig().digest == canonical_digest(strongest)
 
 
 def test_defaults_of_new_keys_are_pinned():
@@ -276,7 +281,7 @@ def test_class_limits_override_or_inherit_the_common_thresholds():
     limits = config.limits_by_class(["car", "van"])
 
     assert limits.threshold_small_box.tolist() == [10, 2]
-    assert limits.min_visible_pixels.tolist() == [1, 7]
+    assert limits.min_visible_pixels.tolist() == [10, 7]
     assert limits.threshold_big_box.tolist() == [50, 50]
     assert config.limits_of("van") == ClassLimits(
         threshold_small_box=2, min_visible_pixels=7
@@ -289,6 +294,7 @@ def test_filter_config_keys_keep_the_order_of_decide_config_keys():
     assert tuple(key for key in all_keys if key in deciding) == deciding
     assert set(all_keys) - set(deciding) == {
         "projection",
+        "min_forward",
         "palette",
         "encoding",
         "channel_order",
@@ -497,3 +503,27 @@ def test_limits_by_class_can_be_hashed_and_compared():
 
     assert {limits, others} == {others, limits}
     assert limits != others
+
+
+@pytest.mark.parametrize(
+    ("keys", "evidence", "min_visible_pixels"),
+    [
+        ({}, "auto", 10),
+        ({"threshold_small_box": 20}, "auto", 10),
+        ({"evidence": "auto"}, "auto", 10),
+        ({"evidence": "auto", "min_visible_pixels": 2}, "auto", 2),
+        ({"profile": "paper"}, "semantic", 1),
+        ({"profile": "paper", "evidence": "auto"}, "auto", 10),
+        ({"evidence": "instance"}, "instance", 1),
+    ],
+)
+def test_who_chooses_nothing_gets_the_strongest_evidence(
+    keys, evidence, min_visible_pixels
+):
+    config = FilterConfig.from_mapping(keys)
+
+    assert (config.evidence, config.min_visible_pixels) == (
+        evidence,
+        min_visible_pixels,
+    )
+    assert FilterConfig.from_mapping(config.as_dict()) == config

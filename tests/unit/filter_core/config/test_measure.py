@@ -17,7 +17,8 @@ ACCEPTING = {"classes": {"van": {"accept": ["Truck"]}}}
 
 
 def measuring(**keys):
-    return FilterConfig.from_mapping(keys).measuring()
+    """What the paper's filter measures, unless other evidence is named."""
+    return FilterConfig.from_mapping({"profile": "paper", **keys}).measuring()
 
 
 def stored(config):
@@ -47,6 +48,7 @@ def test_thresholds_do_not_change_the_measurement_digest(keys):
         {"tags": {40: "Pedestrian"}},
         {"tag_scale": 21},
         {"projection": "naive"},
+        {"min_forward": 1},
         {"evidence": "ordered"},
         {"profile": "carlasimu"},
     ],
@@ -139,10 +141,11 @@ def test_measurement_configuration_can_be_pickled():
 
 @pytest.mark.parametrize("extra", [(), ("lidar",), ("ordered", "instance")])
 @pytest.mark.parametrize("evidence", ["auto", "depth", "depth_center", "instance"])
-def test_equal_measurement_digests_have_equal_depth_required(evidence, extra):
+def test_equal_measurement_digests_have_equal_requirements(evidence, extra):
     """Configurations with different evidence can share one measurement's digest."""
     config = measuring(evidence=evidence).with_channels(extra)
     other = FilterConfig().measuring().as_measured(stored(config))
 
     assert other.digest == config.digest
-    assert other.depth_required == config.depth_required
+    for kind in ("depth", "instances"):
+        assert other.requires(kind) == config.requires(kind)

@@ -12,15 +12,16 @@ from filter_core.decisions.channel_rules import (
     channel_names,
     compared_by_channels,
     has_number,
+    own_percent,
 )
 from filter_core.decisions.rules import decide
 from filter_core.evidence_kinds import CHANNELS, SEMANTIC
-from filter_core.types import BoxState, ChannelNumbers
+from filter_core.types import BoxState, ChannelNumbers, Reason
 from tests.support.evidence import ACCEPTS_CAR, evidence_of
 
 
 def measured(**columns):
-    count = max(map(len, columns.values()))
+    count = max(map(np.size, columns.values()))
     numbers = ChannelNumbers.absent(count)
     for name, values in columns.items():
         getattr(numbers, name)[:] = values
@@ -52,7 +53,7 @@ def test_first_channel_with_a_measurement_decides():
 
     assert channel_names(decisions) == ["instance", "depth", "ordered", None]
     np.testing.assert_array_equal(number, [4, 7, 5, np.nan])
-    np.testing.assert_array_equal(needed, [6, 6, 2, np.nan])
+    np.testing.assert_array_equal(needed, [6, 6, 6, np.nan])
     instance, semantic = (
         has_number(evidence, "instance"),
         has_number(evidence, SEMANTIC),
@@ -75,3 +76,46 @@ def test_box_rejected_by_an_earlier_rule_is_decided_by_no_channel():
 
     assert channel_names(decisions) == [None] * 3 + ["depth"]
     np.testing.assert_array_equal(number, [np.nan] * 3 + [9])
+
+
+@pytest.mark.parametrize(
+    ("channel", "column"),
+    [
+        ("instance", "instance_pixels"),
+        ("depth", "depth_pixels"),
+        ("ordered", "owned_pixels"),
+    ],
+)
+def test_share_of_own_pixels_decides_whatever_counts_them(channel, column):
+    evidence = replace(
+        measured(**{column: [3, 4, 9, 9]}),
+        box_pixels=np.array([30, 40, 100, 30]),
+        measured=np.array([True, True, True, False]),  # the last: by its area
+        area_percent=np.array([1.0, 1.0, 1.0, 0.01]),
+    )
+    config = FilterConfig(
+        evidence=channel, min_visible_percent=10, min_visible_pixels=4
+    )
+
+    decisions = decide(evidence, config)
+    _, needed = compared_by_channels(evidence, config, decisions)
+
+    assert (decisions.reason == Reason.VISIBLE).tolist() == [False, True, False, False]
+    assert needed.tolist() == [4, 4, 10, 10]
+    assert own_percent(evidence, config.channels).tolist() == [10, 10, 9, 9]
+
+
+def test_share_of_own_pixels_is_that_of_the_deciding_channel():
+    evidence = measured(
+        instance_pixels=[100, -1, -1], owned_pixels=[50, 50, -1], center_gap=0.0
+    )
+
+    shares = [
+        own_percent(evidence, FilterConfig(evidence=name).channels).tolist()
+        for name in ("auto", "ordered", "depth_center", "semantic")
+    ]
+
+    nan = np.nan
+    np.testing.assert_array_equal(
+        shares, [[10, 5, nan], [5, 5, nan], [nan] * 3, [nan] * 3]
+    )

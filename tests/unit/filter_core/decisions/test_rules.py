@@ -199,7 +199,9 @@ def test_few_pixels_near_the_threshold_are_a_toss_up(matched, pixels, toss_up):
         "match_percent": 100 * matched / pixels,
     }
 
-    assert decide(evidence_of([box]), FilterConfig()).toss_up[0] == toss_up
+    config = FilterConfig(profile="paper")
+
+    assert decide(evidence_of([box]), config).toss_up[0] == toss_up
 
 
 def test_no_boxes_give_no_decisions():

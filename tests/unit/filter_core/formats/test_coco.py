@@ -9,7 +9,7 @@ import pytest
 
 from filter_core.annotation.parsing import parse_annotation
 from filter_core.errors import AnnotationErrors, LayoutError
-from filter_core.formats import coco_index
+from filter_core.formats import json_items
 from filter_core.formats.export import GivenAnnotation
 from filter_core.formats.recording import RecordingDescription
 from filter_core.formats.registry import read_source
@@ -333,6 +333,16 @@ def test_segmentation_of_one_image_is_not_taken_for_another():
     }
 
 
+def test_letter_of_a_category_that_is_no_utf8_spoils_nothing(tmp_path):
+    content = coco([image(1, "a.png")], [annotation(1, 1)]).encode()
+    text = content.replace(b'"name"', b'"x": "\xff", "name"', 1)
+    write_files(tmp_path, {"a.json": text, "a.png": b""})
+
+    (frame,) = read_source(tmp_path)
+
+    assert len(annotation_of(frame)["boxes"]) == 1
+
+
 def test_keypoints_beside_instances_are_not_read_twice(tmp_path):
     content = coco([image(1, "a.png")], [annotation(1, 1, keypoints=[1, 2, 2])])
     both = write_files(
@@ -352,9 +362,10 @@ def test_keypoints_beside_instances_are_not_read_twice(tmp_path):
 
     assert (frame.problem, other.problem, frames.unmatched) == (None, None, ())
     assert len(annotation_of(other)["boxes"]) == 1
-    note, missing = frames.notes()
+    note, missing, parts = frames.notes()
     assert "person_keypoints_val2017.json was not read" in note
     assert "images that are listed were not found" in missing
+    assert parts == "parts as they came: val2017 1"
 
 
 @pytest.mark.parametrize(
@@ -398,7 +409,7 @@ def test_overlong_number_is_refused_for_any_piece_size(tmp_path):
             file.open("rb") as opened,
             pytest.raises(LayoutError, match="byte 218: expected JSON in UTF-8, found"),
         ):
-            list(coco_index.read_object(opened, "x.json", piece_bytes=size))
+            list(json_items.read_object(opened, "x.json", piece_bytes=size))
 
 
 @pytest.mark.parametrize("filling", ["[],", '{"":0},', "0,"])
@@ -426,9 +437,9 @@ def test_values_are_complete_for_any_piece_size(tmp_path):
 
     for size in range(1, 40):
         with file.open("rb") as opened:
-            items = list(coco_index.read_object(opened, "x", piece_bytes=size))
+            items = list(json_items.read_object(opened, "x", piece_bytes=size))
         found = [
-            coco_index.decode_value(content.encode()[one.start : one.end], "x")
+            json_items.decode_value(content.encode()[one.start : one.end], "x")
             for one in items
         ]
         assert found == [123456, *images]

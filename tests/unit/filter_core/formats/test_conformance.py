@@ -9,7 +9,7 @@ import pytest
 
 from filter_core.formats import conformance
 from filter_core.formats.format import Format
-from filter_core.formats.reading import FrameSet, FrameSource
+from filter_core.formats.reading import BoxOrigin, FrameSet, FrameSource
 from filter_core.formats.registry import FORMATS
 from tests.support.folders import LAYOUT_FILES, write_files
 from tests.support.sources import CHECKOUT
@@ -28,7 +28,8 @@ EXAMPLES = {
 @pytest.mark.parametrize("name", [name for name, one in FORMATS.items() if one.read])
 def test_every_format_that_can_be_read_conforms(name, tmp_path, capsys):
     example = write_files(tmp_path, EXAMPLES[name])
-    module = f"filter_core.formats.{name}:{name.upper()}"
+    constant = name.upper().replace("-", "_")
+    module = f"{FORMATS[name].read.__module__}:{constant}"
 
     assert conformance.main([module, "--example", str(example)]) == 0
 
@@ -43,20 +44,29 @@ def test_example_of_the_documentation_conforms(monkeypatch, capsys):
     assert capsys.readouterr().out == "unghost_corners conforms.\n"
 
 
-def faults(found, tmp_path):
+def with_spans(box_spans, origin):
+    """A format with one box, and where it says that it is."""
+    box = {"class": "car", "xyxy": [1, 2, 3, 4]}
+    one = FrameSource("a", {"boxes": [box]}, origin=origin)
+    candidate = strict_format(frames=lambda: iter([one]))
+    candidate.spans(box_spans)
+    return candidate
+
+
+def faults(candidate, tmp_path):
     example = write_files(tmp_path / "mine", {"a.txt": "a\n", "b.txt": "b\n"})
-    return "\n".join(conformance.faults_of(found, example))
+    return "\n".join(conformance.faults_of(candidate, example))
 
 
 def strict_format(name="mine", **changes):
     """A format of texts, of which none may be changed; `changes` are of its frames."""
-    found = Format(name=name, title="Mine", docs_row="mine", recognised_by="a.txt")
+    candidate = Format(name=name, title="Mine", docs_row="mine", recognised_by="a.txt")
 
-    @found.recogniser
+    @candidate.recogniser
     def recognise(source):
         return "certain" if (source.path / "a.txt").is_file() else "none"
 
-    @found.reader
+    @candidate.reader
     def read(root: Path, options):
         frames = [
             FrameSource(key=path.stem, annotation=annotation(path), label=path.name)
@@ -65,7 +75,7 @@ def strict_format(name="mine", **changes):
         made = FrameSet("mine", lambda: iter(frames), count=len(frames))
         return replace(made, **changes)
 
-    return found
+    return candidate
 
 
 def annotation(path):
@@ -74,7 +84,7 @@ def annotation(path):
 
 
 @pytest.mark.parametrize(
-    ("found", "sentence"),
+    ("candidate", "sentence"),
     [
         (strict_format(), "With a.txt emptied, the reader fails with KeyError: ''; "),
         (strict_format("yolo"), "name: Unghost has a format 'yolo'; choose another"),
@@ -120,22 +130,30 @@ def annotation(path):
             "read_options: 'x' is no option of readers; these are cameras, class",
         ),
         (
+            with_spans(lambda file: [], None),
+            "Frame 'a' of the example has no origin, which spans need.",
+        ),
+        (
+            with_spans(lambda file: [], BoxOrigin(Path(__file__))),
+            "Frame 'a' of the example: box_spans does not have the places of all 1 ",
+        ),
+        (
             Format(name="none", title="", docs_row=""),
             "The format has no function with the decorator `reader`.",
         ),
     ],
 )
-def test_fault_of_a_format_is_a_sentence(found, sentence, tmp_path):
-    assert sentence in faults(found, tmp_path)
+def test_fault_of_a_format_is_a_sentence(candidate, sentence, tmp_path):
+    assert sentence in faults(candidate, tmp_path)
 
 
 def test_option_that_is_used_but_not_declared_is_told(tmp_path):
-    found = strict_format()
-    read = found.read
+    candidate = strict_format()
+    read = candidate.read
     assert read is not None
-    found.reader(lambda root, options: options.classes or read(root, options))
+    candidate.reader(lambda root, options: options.classes or read(root, options))
 
-    text = faults(found, tmp_path)
+    text = faults(candidate, tmp_path)
 
     assert (
         "The reader uses the option 'classes'; read_options does not list it." in text
@@ -162,10 +180,10 @@ def test_option_that_is_used_but_not_declared_is_told(tmp_path):
     ],
 )
 def test_wrong_answer_of_a_recogniser_is_a_sentence(answer, sentences, tmp_path):
-    found = strict_format()
-    found.recogniser(answer)
+    candidate = strict_format()
+    candidate.recogniser(answer)
 
-    text = faults(found, tmp_path)
+    text = faults(candidate, tmp_path)
 
     for sentence in sentences:
         assert sentence in text

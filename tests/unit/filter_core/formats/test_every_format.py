@@ -195,7 +195,8 @@ def test_exported_file_names_are_unique_ignoring_case(name, tmp_path):
 
 @pytest.mark.parametrize("name", ["coco", "yolo"], ids=["sub-folders", "flat names"])
 def test_first_of_case_colliding_names_is_not_renamed(name):
-    files = export(name, [frame(key, box(0)) for key in sorted(CASE_VARIANTS)])
+    frames = [frame(key, box(0)) for key in sorted(CASE_VARIANTS)]
+    files = export(name, frames, split=1)
 
     renamed = json.loads(files["manifest.json"])["renamed"]
     digests = [row["frame"] for row in renamed if "%~" in row["file"]]
@@ -232,7 +233,8 @@ def test_export_folder_is_written_completely_or_not_at_all(tmp_path):
 def write_into(folder, head):
     """Export one frame as YOLO into a folder."""
     with folder_sink(folder) as sink:
-        write_export("yolo", [frame("a", box(0))], sink, head, ExportOptions(split=1.0))
+        options = ExportOptions(split=(1.0,))
+        write_export("yolo", [frame("a", box(0))], sink, head, options)
 
 
 @pytest.mark.parametrize("name", ["/etc/x", "../x", "a/../../x", "a\\b", ""])

@@ -186,3 +186,29 @@ def test_calibration_without_label_file_is_listed_as_unmatched(tmp_path):
         ("000009.txt", "no label file for this calibration")
     ]
     assert [annotation_of(one)["boxes"] for one in frames] == [[]]
+
+
+def test_label_folders_of_parts_are_one_recording(tmp_path):
+    files = {
+        "label_2/a.txt": PEDESTRIAN,
+        "image_2/a.png": png(np.zeros((9, 9, 3), np.uint8)),
+    }
+    parts = {"val": files, "train": files}
+    write_files(
+        tmp_path,
+        {
+            f"{part}/{name}": content
+            for part, of_part in parts.items()
+            for name, content in of_part.items()
+        },
+    )
+
+    found = read_source(tmp_path)
+
+    frames = {one.key: annotation_of(one) for one in found}
+    assert (found.layout, found.count, found.unmatched) == ("kitti", 2, ())
+    assert {key: one["split"] for key, one in frames.items()} == {
+        "train/a": "train",
+        "val/a": "val",
+    }
+    assert all(len(one["boxes"]) == 1 for one in frames.values())

@@ -250,3 +250,40 @@ def test_class_of_another_name_is_joined_to_it(tmp_path):
     assert source.classes == ("traffic_light", "car")
     loaded = load_config(b"", below=describe(folder).config_keys())
     assert set(loaded.config.classes) == {"car"}
+
+
+@pytest.mark.parametrize(
+    ("description", "files", "maps"),
+    [
+        ("", ["Town03/1.png", "a/Town10HD_Opt_rain/2.png", "x_town05_3.png", "4.png"],
+         [None, "Town03", "Town10HD_Opt", "Town05"]),
+        ("", ["Mine_01/1.png", "downtown01/2.png", "Town011/3.png"],
+         ["Mine_01", None, None]),
+        ("map: none", ["Town03/1.png"], [None]),
+        ("map: Isle of Dogs", ["Town03/1.png"], ["Isle of Dogs"]),
+        ("files: {image: '{map}/{frame}.png'}", ["north/1.png", "2.png"],
+         [None, "north"]),
+        ("files: {image: '{map}_{frame}.png', labels: '{map}/{frame}.json'}",
+         ["north_1.png"], ["north"]),
+    ],
+)  # fmt: skip
+def test_map_is_told_by_names_or_said_by_the_description(
+    tmp_path, description, files, maps
+):
+    write_files(tmp_path, {RECORDING_NAME: description, **dict.fromkeys(files)})
+    write_files(tmp_path, {"north/1.json": '{"boxes": []}'})
+
+    recording = read_source(tmp_path)
+
+    assert [(frame.annotation or {}).get("map") for frame in recording] == maps
+    told = [note for note in recording.notes() if note.startswith("maps of frames")]
+    assert len(told) == (any(maps) and not description)
+
+
+def test_map_of_labels_wins_over_that_of_names(tmp_path):
+    rows = "image,town,class,x1,y1,x2,y2\nTown01/1.png,Town07,car,1,2,3,4\n"
+    write_files(tmp_path, {"Town01/1.png": None, "Town02/2.png": None, "b.csv": rows})
+
+    frames = list(read_source(tmp_path))
+
+    assert [(frame.annotation or {})["map"] for frame in frames] == ["Town07", "Town02"]

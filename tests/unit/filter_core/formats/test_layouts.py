@@ -10,7 +10,8 @@ from zipfile import ZipFile
 
 import pytest
 
-from filter_core.errors import LayoutError
+from filter_core.config.filter import FilterConfig
+from filter_core.errors import FilterError, LayoutError
 from filter_core.formats.outside import OUTSIDE_FILES_HINT
 from filter_core.formats.reading import (
     MAX_LABEL_BYTES,
@@ -19,7 +20,8 @@ from filter_core.formats.reading import (
 )
 from filter_core.formats.recording import RecordingDescription
 from filter_core.formats.registry import detect_layout, possible_layouts, read_source
-from tests.support.folders import annotation_of, write_files
+from filter_core.local import measure_source
+from tests.support.folders import LAYOUT_FILES, TASK, annotation_of, write_files
 from tests.support.shared_data import shared
 
 YOLO_LINE = "0 0.5 0.5 0.1 0.2\n"
@@ -64,7 +66,8 @@ def test_yolo_is_read_from_any_folder_nesting(tmp_path, images, labels):
     (frame,) = frames
 
     assert (frames.layout, frames.classes) == ("yolo", ("car", "van"))
-    assert (frame.key, frame.annotation) == ("train/1", {"boxes": [BOX]})
+    annotation = {"boxes": [BOX], "split": "train"}
+    assert (frame.key, frame.annotation) == ("train/1", annotation)
     assert frame.image == tmp_path / images
     assert frames.unmatched == ()
 
@@ -355,7 +358,7 @@ def test_data_yaml_can_say_that_lines_are_outlines(tmp_path):
 
 @pytest.mark.parametrize(
     ("name", "frames", "notes"),
-    [("linkou_roboflow", 9, 0), ("yolo_polygons", 1, 1)],
+    [("linkou_roboflow", 9, 1), ("yolo_polygons", 1, 1)],
 )
 def test_recorded_yolo_folders_are_read_whole(name, frames, notes):
     found = read_source(shared(f"cases/recordings/{name}"))
@@ -599,7 +602,7 @@ def test_carlasimu_layout_reads_widest_band_and_readme_class_numbers(tmp_path):
     (frame,) = frames
 
     assert (frames.layout, frames.classes) == ("carlasimu", ("bus", "car"))
-    assert frame.annotation == {"boxes": [BOX]}
+    assert frame.annotation == {"boxes": [{**BOX, "distance_range": [100, 200]}]}
     assert frame.segmentation == tmp_path / "seg/00000001.png"
     assert [(one.path, one.why) for one in frames.unmatched] == [
         ("label50/00000002.txt", "not in the widest band, label200")
@@ -842,3 +845,153 @@ def test_list_with_a_name_or_number_that_is_none_is_refused(tmp_path, files, wor
         list(read_source(tmp_path))
 
     assert words in refused.value.detail
+
+
+def test_cvat_is_read_with_parts_attributes_and_outlines(tmp_path):
+    write_files(tmp_path, LAYOUT_FILES["cvat"])
+
+    recording = read_source(tmp_path)
+    (frame,) = recording
+
+    assert (recording.layout, recording.classes, recording.unmatched) == (
+        "cvat",
+        ("car",),
+        (),
+    )
+    assert (frame.key, frame.image) == ("a/1", tmp_path / "images/a/1.png")
+    boxes = annotation_of(frame).pop("boxes")
+    assert frame.annotation == {
+        "camera": {"width": 80, "height": 60},
+        "split": "valid",
+    }
+    assert boxes[0] == {
+        "class": "car",
+        "xyxy": [1.0, 2.0, 10.5, 20.0],
+        "occluded": 1,
+        "attributes": {"colour": "red"},
+    }
+    assert boxes[1]["xyxy"] == pytest.approx([20, 20, 30, 30])
+    assert boxes[2] == {"class": "bus", "xyxy": [1.5, 2.0, 10.0, 8.25], "occluded": 0}
+    assert [note[0] for note in recording.notes()[:3]] == ["1"] * 3
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        ("<track></track>", "found tracks of CVAT for video"),
+        ('<image name="a.png"><box label="car" xtl="x"/></image>', "a finite number"),
+        ('<image name="a.png"><box xtl="1" ytl="1" xbr="2" ybr="2"/></image>', "label"),
+        ('<image name="a.png"><polygon label="a" points="1"/></image>', "x,y;x,y"),
+        ('<image name="a.png" xmlns:a="b"/>', "expected no namespaces"),
+        ("<image>", "cannot be read as XML"),
+    ],
+)
+def test_fault_of_a_cvat_file_is_named(tmp_path, content, words):
+    text = f"<annotations><version>1.1</version>{content}</annotations>"
+    write_files(tmp_path, {"a.xml": text, "a.png": b""})
+
+    with pytest.raises(FilterError) as caught:
+        measure_source(next(iter(read_source(tmp_path))), FilterConfig(), ())
+
+    assert caught.value.detail.startswith("a.xml")
+    assert words in caught.value.detail
+
+
+_REGION = {
+    "id": [1],
+    "original_width": 10,
+    "original_height": 10,
+    "value": {"x": 10, "y": 20, "width": 20, "height": 20},
+}
+_TASKS = [{"data": {"image": "1.png"}, "annotations": [{"result": [_REGION]}]}]
+
+
+@pytest.mark.parametrize(
+    "files",
+    [
+        {"a.json": json.dumps(_TASKS)},
+        {
+            "a.xml": "<annotations><version>1.1</version><image name='1.png' height='6'"
+            f" width='{'9' * 5000}'><box label='unknown' xtl='1' ytl='2' xbr='3' "
+            "ybr='4'/></image></annotations>"
+        },
+    ],
+)
+def test_id_or_size_that_is_none_is_left_out(tmp_path, files):
+    write_files(tmp_path, {**files, "1.png": b""})
+
+    (frame,) = read_source(tmp_path)
+
+    (box,) = annotation_of(frame)["boxes"]
+    assert box == {"class": "unknown", "xyxy": [1, 2, 3, 4]}
+
+
+def test_label_studio_is_read_as_the_annotation_in_force(tmp_path):
+    files = {**LAYOUT_FILES["label-studio"], "images/2.png": b""}
+    unlabelled = {"id": 13, "data": {"image": "2.png"}, "annotations": []}
+    predicted = {
+        "id": 14,
+        "data": {"image": "http://host/größe.png", "key": "b/3", "split": "val"},
+        "annotations": [],
+        "predictions": [{"result": []}],
+    }
+    tasks = [TASK, unlabelled, predicted]
+    content = json.dumps(tasks, ensure_ascii=False)
+    write_files(tmp_path, {**files, "tasks.json": content, "images/größe.png": b""})
+
+    recording = read_source(tmp_path)
+    frame, other = recording
+
+    assert (recording.layout, other.key) == ("label-studio", "b/3")
+    assert other.image == tmp_path / "images/größe.png"
+    assert other.annotation == {"split": "val", "boxes": []}
+    assert (frame.key, frame.image) == ("1", tmp_path / "images/1.png")
+    assert frame.annotation == {
+        "camera": {"width": 80, "height": 60},
+        "boxes": [
+            {"class": "car", "xyxy": [10.0, 30.0, 30.0, 36.0], "id": "r1"},
+            {"class": "bus", "xyxy": [8.0, 6.0, 40.0, 54.0], "id": "p1"},
+        ],
+    }
+    assert [one.why for one in recording.unmatched] == [
+        "no task lists this image",
+        "task 13: not labelled yet",
+    ]
+    assert [note[0] for note in recording.notes()[:3]] == ["1"] * 3
+
+
+def test_turned_rectangle_of_label_studio_is_read_as_the_one_around_it(tmp_path):
+    value = {"x": 50, "y": 50, "width": 10, "height": 20, "rotation": 90}
+    region = {
+        "id": "a",
+        "type": "rectanglelabels",
+        "original_width": 200,
+        "original_height": 100,
+        "value": {**value, "rectanglelabels": ["car"]},
+    }
+    task = {"data": {"image": "1.png"}, "annotations": [{"result": [region]}]}
+    write_files(tmp_path, {"tasks.json": json.dumps([task]), "1.png": b""})
+
+    (frame,) = read_source(tmp_path)
+
+    # 20 by 20 px, turned to the left of its first corner at (100, 50).
+    assert annotation_of(frame)["boxes"][0]["xyxy"] == pytest.approx([80, 50, 100, 70])
+
+
+def test_decisions_are_read_with_the_answers_of_people(tmp_path):
+    write_files(tmp_path, LAYOUT_FILES["decisions-jsonl"])
+
+    recording = read_source(tmp_path)
+    (frame,) = recording
+
+    assert recording.layout == "decisions-jsonl"
+    assert frame.image == tmp_path / "images/a/1.png"
+    assert frame.annotation == {
+        "camera": {"width": 80, "height": 60},
+        "split": "valid",
+        "boxes": [{"id": "7", "class": "car", "xyxy": [1, 2, 3, 4]}],
+    }
+    assert frame.answers == [
+        ("7", "reject", "ann", "no car", "2026-01-01T00:00:00Z"),
+    ]
+    assert "1 boxes have no rectangle" in recording.notes()[0]

@@ -79,6 +79,8 @@ def test_most_specific_pattern_wins_and_key_says_how_frames_are_called(tmp_path)
     """
     write_files(tmp_path, {RECORDING_NAME: description, "a/1.png": None})
     write_files(tmp_path, dict.fromkeys(("a/1_seg.png", "b/1.png")))
+    # No pattern of labels: an annotation has the name of its image.
+    write_files(tmp_path, {"b/1.json": json.dumps(BOXES), "2.json": json.dumps(BOXES)})
 
     frames = read_source(tmp_path)
     first, second = frames
@@ -86,6 +88,8 @@ def test_most_specific_pattern_wins_and_key_says_how_frames_are_called(tmp_path)
     assert (frames.layout, frames.count) == ("pairs", 2)
     assert (first.key, second.key) == ("1 of a", "1 of b")
     assert first.segmentation == tmp_path / "a/1_seg.png"
+    assert (annotation_of(first), annotation_of(second)) == ({"boxes": []}, BOXES)
+    assert [one.path for one in frames.unmatched] == ["2.json"]
 
 
 @pytest.mark.parametrize(
@@ -93,8 +97,12 @@ def test_most_specific_pattern_wins_and_key_says_how_frames_are_called(tmp_path)
     [
         ("files: {image: '{frame}.png'}\nkey: '{camera}/{frame}'",
          "key: expected only names that files.image has (frame), found 'camera'"),
-        ("layout: yolo\nfiles: {image: '{frame}.png'}\nboxes: {classes: [car]}",
-         "layout 'yolo' has no option 'files'"),
+        ("layout: yolo\nfiles: {labels: '{frame}.txt'}\nboxes: {classes: [car]}",
+         "layout 'yolo' has no pattern of labels"),
+        ("layout: manifest\nfiles: {image: '{frame}.png'}",
+         "layout 'manifest' has no option 'files'"),
+        ("layout: yolo\nfiles: {segmentation: '{frame}.png'}\nboxes: {classes: [car]}"
+         "\nsegmentation: {folder: seg}", "expected either segmentation.folder or"),
         ("files: {image: '{frame}.png', labels: '{frame}.csv'}\n"
          "segmentation: {folder: seg}", "expected segmentation among `files`"),
     ],

@@ -19,6 +19,7 @@ from tests.support.folders import write_files
 
 WHOLE = """
 layout: yolo
+split: folders
 segmentation:
   folder: tags
   palette: carla-0.9.14
@@ -36,6 +37,8 @@ boxes:
   corners: xyxy
 classes:
   sign: {accept: [TrafficSign]}
+companions: {velodyne: 2}
+map: Town04
 """
 OF_TABLES = ("files", "key", "fields", "cameras")
 
@@ -53,7 +56,7 @@ def test_every_key_of_a_description_reaches_reader_or_configuration(tmp_path):
     assert frame.segmentation == tmp_path / "tags/1.png"
     annotation = parse_annotation(frame.annotation or {})
     (box,) = annotation.boxes
-    assert (box.class_name, box.form) == ("car", "xyxyn")
+    assert (box.class_name, box.form, annotation.map) == ("car", "xyxyn", "Town04")
     assert box.values == pytest.approx([0.2, 0.3, 0.4, 0.5])
     assert description.config_keys() == {
         "palette": "carla-0.9.14",
@@ -107,7 +110,8 @@ def test_option_wins_over_the_file_and_a_configuration_over_both(tmp_path):
         ("layot: yolo", "recording.yaml: unknown key 'layot'; the nearest valid key "
          "is 'layout'"),
         ("layout: yollo", "layout: expected one of auto, yolo, coco, kitti, voc, "
-         'manifest, carlasimu, table, pairs, found "yollo"; did you mean \'yolo\'?'),
+         "cvat, label-studio, manifest, decisions-jsonl, "
+         'carlasimu, nuscenes, table, pairs, found "yollo"; did you mean \'yolo\'?'),
         ("segmentation: {palete: auto}", "recording.yaml: segmentation: unknown key "
          "'palete'; the nearest valid key is 'palette'"),
         ("depth: {encoding: rgb}", "depth: encoding: expected one of auto, carla"),
@@ -124,7 +128,7 @@ def test_option_wins_over_the_file_and_a_configuration_over_both(tmp_path):
         ("boxes: {classes: []}", "boxes: classes: expected a list of class names"),
         ("boxes: [car]", "boxes: expected a mapping of keys, found a list of 1"),
         ("classes: {car: {acept: [Car]}}", "classes.car: unknown key 'acept'"),
-        ("split: none", "recording.yaml: split is not supported yet"),
+        ("split: random", "recording.yaml: split: expected one of auto, none, lists"),
         ("files: {imag: x}", "recording.yaml: files: unknown key 'imag'; the nearest "
          "valid key is 'image'"),
         ("files: {image: x}", "files: image: expected a pattern with {frame} in it"),
@@ -132,6 +136,9 @@ def test_option_wins_over_the_file_and_a_configuration_over_both(tmp_path):
         ("files: {image: '{a}{frame}'}", "expected something between two names"),
         ("files: {image: '{frame}.png', depth: '{cam}/{frame}.png'}",
          'files: depth: expected only names that image has, too, found "{cam}"'),
+        ("files: {depth: ['{frame}.png', '{a}/{frame}.png']}", "files: depth: expected "
+         "a pattern, or a list of patterns that have the same names in braces"),
+        ("files: {labels: ['{frame}.txt']}", "files: labels: expected one pattern"),
         ("key: '{camera}'", "key: expected a text with {frame} in it"),
         ("boxes: {fields: {xmin: a}}", "boxes.fields: unknown key 'xmin'"),
         ("boxes: {fields: {x1: a, y1: b}}", "boxes.fields: expected the fields of one "

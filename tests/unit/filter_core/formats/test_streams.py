@@ -2,15 +2,31 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pytest
 
 from filter_core.config.filter import FilterConfig
-from filter_core.formats.looks import look_of
-from filter_core.formats.recording import RecordingDescription
+from filter_core.errors import LayoutError
+from filter_core.formats.patterns import FilePattern
+from filter_core.formats.reading import RECORDING_NAME
+from filter_core.formats.recording import (
+    RecordingDescription,
+    describe,
+    description_text,
+)
 from filter_core.formats.registry import read_source
+from filter_core.formats.streams import Streams
+from filter_core.formats.streams.looks import look_of
 from filter_core.local import filter_source
-from tests.support.folders import BOX, YOLO_LINE, street_tags, write_files
+from tests.support.folders import (
+    BOX,
+    LAYOUT_FILES,
+    YOLO_LINE,
+    street_tags,
+    write_files,
+)
 from tests.support.pictures import jpeg, painted, png
 from tests.support.shared_data import shared
 
@@ -338,7 +354,9 @@ def test_a_segmentation_that_could_be_of_two_pictures_is_of_none(tmp_path):
     found = read_source(tmp_path)
 
     assert frames_of(found) == {"front/1": {}, "left/1": {}}
-    assert [one.path for one in found.unmatched] == ["gt/1.png"]
+    (left,) = found.unmatched
+    assert left.path == "gt/1.png"
+    assert "2 frames are called like it" in left.why
 
 
 def test_a_folder_whose_images_all_have_other_looks_is_not_read_whole(tmp_path):
@@ -365,3 +383,263 @@ def test_a_grey_picture_among_pictures_costs_no_look_at_each(tmp_path):
 
     assert len(list(found)) == 300
     assert found.notes() == ()
+
+
+_COCO_IMAGES = [
+    {"id": number, "file_name": f"{camera}/0.png", "width": 80, "height": 60}
+    for number, camera in enumerate(("front", "left"))
+]
+_COCO = json.dumps({"images": _COCO_IMAGES, "annotations": [], "categories": []})
+_COCO_DRAFT = json.dumps(
+    {
+        "images": [{"id": 9, "file_name": "drafts/9.png"}],
+        "annotations": [],
+        "categories": [],
+    }
+)
+
+
+def _cvat(*names):
+    images = (f'<image name="{name}.png"/>' for name in names)
+    return f"<annotations><version>1.1</version>{''.join(images)}</annotations>"
+
+
+def _tasks(*names):
+    done = [{"result": ()}]
+    tasks = ({"data": {"image": f"{one}.png"}, "annotations": done} for one in names)
+    return json.dumps([*tasks])
+
+
+_OF_LAYOUT = {
+    "yolo": ("images", {"labels/{}.txt": "", "classes.txt": "car"}),
+    "kitti": ("image_2", {"label_2/{}.txt": ""}),
+    "voc": ("JPEGImages", {"Annotations/{}.xml": "<annotation></annotation>"}),
+    "carlasimu": ("images", {"labels/label50/{}.txt": ""}),
+    "coco": (
+        "images",
+        {"annotations/a.json": _COCO, "annotations/draft.json": _COCO_DRAFT},
+    ),
+    "cvat": (
+        "images",
+        {"a.xml": _cvat("front/0", "left/0"), "draft.xml": _cvat("drafts/9")},
+    ),
+    "label-studio": (
+        "images",
+        {"a.json": _tasks("front/0", "left/0"), "draft.json": _tasks("drafts/9")},
+    ),
+    "pairs": ("images", {"images/{}.json": '{"boxes": []}'}),
+    "table": ("images", {"labels/{}.csv": "class,x1,y1,x2,y2\ncar,1,2,3,4\n"}),
+}
+"""By layout: the folder of its pictures, and its labels of a frame."""
+
+
+@pytest.mark.parametrize("layout", _OF_LAYOUT)
+def test_description_says_roles_in_every_layout_whatever_names_say(tmp_path, layout):
+    pictures, labels = _OF_LAYOUT[layout]
+    names = ("front/0", "left/0", "drafts/9")
+    write_files(
+        tmp_path,
+        {
+            **{
+                label.format(name): text
+                for label, text in labels.items()
+                for name in names
+            },
+            **{f"{pictures}/{name}.png": None for name in names},
+            **{f"depth/{name}.png": None for name in names},
+            **{f"scans/{name.replace('/', '_')}.ply": "ply" for name in names},
+            "semantic/view 0 of front.png": None,
+        },
+    )
+    keys = [frame.key for frame in read_source(tmp_path, layout)]
+    described = """
+    files:
+      segmentation: "depth/{camera}/{frame}.png"
+      depth: "semantic/view {frame} of {camera}.png"
+      lidar: "scans/{camera}_{frame}.ply"
+      ignore: ["**/drafts/*", "**/draft.*", "scans/drafts_9.ply"]
+    """
+    (tmp_path / RECORDING_NAME).write_text(described)
+
+    recording = read_source(tmp_path)
+    front, left = recording
+
+    assert recording.layout == layout
+    assert recording.unmatched == ()
+    assert [front.key, left.key] == [key for key in keys if "9" not in key]
+    assert front.segmentation == tmp_path / "depth/front/0.png"
+    assert left.segmentation == tmp_path / "depth/left/0.png"
+    assert front.others == {
+        "depth": tmp_path / "semantic/view 0 of front.png",
+        "lidar": tmp_path / "scans/front_0.ply",
+    }
+    assert left.others == {"lidar": tmp_path / "scans/left_0.ply"}
+    told = {(one.role, one.images) for one in recording.streams if one.told_by}
+    assert {("segmentation", 2), ("depth", 1), ("lidar", 2)} <= told
+    assert sum(one.images for one in recording.streams if one.role == "image") == 2
+
+
+@pytest.mark.parametrize("layout", ["coco", "cvat", "label-studio"])
+def test_labels_of_many_frames_must_be_a_file(tmp_path, layout):
+    described = f"layout: {layout}\nboxes: {{labels: .}}"
+    write_files(tmp_path, {**LAYOUT_FILES[layout], RECORDING_NAME: described})
+
+    with pytest.raises(LayoutError) as refused:
+        read_source(tmp_path)
+
+    assert refused.value.detail.startswith("boxes.labels: expected a")
+    assert refused.value.detail.endswith(f"found {tmp_path.name}, which is no file")
+
+
+@pytest.mark.parametrize("layout", ["yolo", "pairs", "table"])
+def test_described_pictures_share_what_their_names_in_braces_say(tmp_path, layout):
+    """Both cameras have one point file, and numbers may differ in zeros before them."""
+    _, labels = _OF_LAYOUT[layout]
+    names = ("front/07", "left/07")
+    described = """
+    files:
+      image: "seg/{camera}/{frame}.png"
+      segmentation: "rgb/{frame}_{camera}.png"
+      lidar: "scan/{frame}.ply"
+    """
+    write_files(
+        tmp_path,
+        {
+            RECORDING_NAME: described,
+            **{
+                label.format(f"seg/{name}").replace("images/", ""): text
+                for label, text in labels.items()
+                for name in names
+            },
+            **{f"seg/{name}.png": None for name in names},
+            **dict.fromkeys(("rgb/7_front.png", "rgb/7_left.png", "rgb/8_left.png")),
+            "scan/7.ply": "ply",
+            "depth/left/07.png": None,
+        },
+    )
+
+    recording = read_source(tmp_path, layout)
+    front, left = recording
+
+    lidar, depth = tmp_path / "scan/7.ply", tmp_path / "depth/left/07.png"
+    assert front.image == tmp_path / "seg/front/07.png"
+    assert left.image == tmp_path / "seg/left/07.png"
+    assert front.segmentation == tmp_path / "rgb/7_front.png"
+    assert left.segmentation == tmp_path / "rgb/7_left.png"
+    assert (front.others, left.others) == (
+        {"lidar": lidar},
+        {"depth": depth, "lidar": lidar},
+    )
+    assert [one.path for one in recording.unmatched] == ["rgb/8_left.png"]
+
+
+def test_described_pictures_of_kitti_may_be_in_another_folder(tmp_path):
+    described = "files: {image: 'left/{frame}.png', depth: 'seg/d{frame}.png'}"
+    names = ("left/7.png", "seg/d7.png", "seg/7.png", "right/7.png")
+    write_files(tmp_path, {RECORDING_NAME: described, "label_2/7.txt": ""})
+    write_files(tmp_path, dict.fromkeys(names))
+
+    (frame,) = read_source(tmp_path)
+
+    assert frame.image is not None
+    assert frame.image.resolve() == tmp_path / "left/7.png"
+    assert frame.segmentation == tmp_path / "seg/7.png"
+    assert frame.others == {"depth": tmp_path / "seg/d7.png"}
+
+
+@pytest.mark.parametrize(
+    ("files", "patterns"),
+    [
+        ("seg/1.png seg/2.png rgb/1.jpg", {"seg/{frame}.png", "rgb/{frame}.jpg"}),
+        ("1.png 1_semseg.png 2_semseg.png", {"{frame}.png", "{frame}_semseg.png"}),
+        ("rgb7.png rgb8.png seg7.png", {"rgb{frame}.png", "seg{frame}.png"}),
+        (
+            "a/1.png a/1_gt.png a/2.png a/2_gt.png",
+            {"a/{frame}.png", "a/{frame}_gt.png"},
+        ),
+        ("train/images/1.png val/images/2.png", {"{part}/images/{frame}.png"}),
+        (
+            "front/rgb/1.jpg left/rgb/1.jpg front/seg/1.png left/seg/1.png",
+            {"{camera}/rgb/{frame}.jpg", "{camera}/seg/{frame}.png"},
+        ),
+        (
+            "CAM_FRONT/1.jpg CAM_LEFT/1.jpg SEGCAM_FRONT/1.png SEGCAM_LEFT/1.png",
+            {"CAM_{camera}/{frame}.jpg", "SEGCAM_{camera}/{frame}.png"},
+        ),
+        (
+            "t1/r1/left/rgb/1.png t2/r1/front/rgb/1.png t2/r1/left/depth/1.png",
+            {"{part}/r1/{camera}/rgb/{frame}.png", "t2/r1/left/depth/{frame}.png"},
+        ),
+        ("x/1.PNG x/2.png", {None}),
+        ("a:b/1.png", {None}),
+        ("a/rgb/1.png b/2/rgb/1.png", {"a/rgb/{frame}.png", "b/2/rgb/{frame}.png"}),
+    ],
+)
+def test_stream_is_what_its_pattern_matches_unless_another_is_more_specific(
+    tmp_path, files, patterns
+):
+    names = files.split()
+    write_files(tmp_path, dict.fromkeys(names, b""))
+
+    streams = Streams(tmp_path).facts
+
+    assert {one.pattern for one in streams} == patterns
+    found = [FilePattern(one.pattern) for one in streams if one.pattern is not None]
+    of_pattern: dict[str, list[str]] = {}
+    for name in names:
+        matching = [pattern for pattern in found if pattern.match(name) is not None]
+        for best in sorted(matching, key=lambda pattern: -pattern.fixed)[:1]:
+            of_pattern.setdefault(best.text, []).append(name)
+    assert {text: (len(all_), all_[0]) for text, all_ in of_pattern.items()} == {
+        one.pattern: (one.images, one.example) for one in streams if one.pattern
+    }
+
+
+@pytest.mark.parametrize("above", ["", "record_data/runs1/"])
+def test_folder_of_one_side_only_keeps_no_images_apart(tmp_path, above):
+    pictures = {f"{above}Camera_Center/{name}.jpg": b"" for name in (1953, 1954)}
+    tags = {name.replace("Camera_Center", "Segment_Camera"): b"" for name in pictures}
+    write_files(tmp_path, {**pictures, **tags, "README.md": b""})
+
+    recording = read_source(tmp_path)
+
+    segmentations = [frame.segmentation for frame in recording]
+    assert segmentations == [tmp_path / name for name in sorted(tags)]
+    assert recording.unmatched == ()
+
+
+def test_a_role_may_have_several_patterns(tmp_path):
+    names = ("a/gt/1.png", "a/1.png", "b/c/classes/2.png", "b/c/2.png")
+    patterns = ["{run}/gt/{frame}.png", "{run}/c/classes/{frame}.png"]
+    text = json.dumps({"files": {"segmentation": patterns, "depth": "d/{frame}.png"}})
+    write_files(tmp_path, {RECORDING_NAME: text, **dict.fromkeys(names)})
+
+    recording = read_source(tmp_path)
+    frames = {frame.key: frame.segmentation for frame in recording}
+
+    assert frames == {
+        "a/1": tmp_path / "a/gt/1.png",
+        "b/c/2": tmp_path / "b/c/classes/2.png",
+    }
+    description = describe(tmp_path)
+    assert description.files.document["segmentation"] == patterns
+    assert description_text(description, tmp_path).count("{frame}") == 3
+
+
+@pytest.mark.parametrize(
+    ("segmentation", "belongs"),
+    [
+        pytest.param("run/semantic_id.png", True, id="the only one of its folder"),
+        pytest.param("run/semantic_8.png", False, id="numbers differ"),
+        pytest.param("other/semantic_id.png", False, id="another folder"),
+    ],
+)
+def test_only_images_of_a_folder_belong_together(tmp_path, segmentation, belongs):
+    picture = "run/scene_rgb_7.png" if not belongs else "run/scene_rgb.png"
+    write_files(
+        tmp_path, {picture: png(photo()), segmentation: png(painted(street_tags()))}
+    )
+
+    (frame,) = read_source(tmp_path)
+
+    assert (frame.segmentation is not None) == belongs

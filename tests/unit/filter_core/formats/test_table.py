@@ -298,6 +298,9 @@ def test_rows_name_their_camera_or_a_rectangle_of_several_is_refused(tmp_path):
     [
         ({"boxes.csv": "label,x1,y1,x2,y2\ncar,1,2,3,4\n"}, "",
          "boxes.csv, row 2: expected the name of a frame"),
+        ({"boxes.csv": "image,x1,y1,x2,y2\n7,1,2,3,4\n"},
+         "boxes: {fields: {frame: image, class: kind, id: actor}}",
+         "found none called kind (class), actor (id), only image, x1, y1, x2, y2"),
         ({"boxes.csv": "frame,x1,x1\n1,2,3\n"}, "layout: table",
          "boxes.csv, row 1: expected each column once, found 'x1' again"),
         ({"boxes.npz": b"PK"}, "layout: table", "boxes.npz: expected arrays of NumPy"),
@@ -452,3 +455,28 @@ def test_examples_of_the_documentation_are_read(tmp_path):
     x_min, y_min, x_max, y_max = frame_boxes_2d(annotation, (80, 60)).xyxy[0]
     assert (y_min + y_max) / 2 == pytest.approx(30)
     assert x_min < 40 < x_max
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        ("x0", "y0", "x1", "y1"),
+        ("x_min (px)", "y_min (px)", "x_max (px)", "y_max (px)"),
+        ("tl_x", "tl_y", "br_x", "br_y"),
+        ("u_min", "v_min", "u_max", "v_max"),
+    ],
+)
+def test_table_is_recognised_by_columns_that_speak_for_themselves(tmp_path, names):
+    keys = dict(zip(names, ("xmin", "ymin", "xmax", "ymax"), strict=True))
+    rows = [
+        {"image": row["frame"], "label": row["label"]}
+        | {name: row[key] for name, key in keys.items()}
+        for row in ROWS
+    ]
+    root = write_files(tmp_path, {**IMAGES, "boxes.csv": delimited(rows)})
+
+    frames = read_source(root)
+
+    assert frames.layout == "table"
+    boxes = [box for frame in frames for box in annotation_of(frame)["boxes"]]
+    assert [box["xyxy"] for box in boxes] == [[1.5, 2, 3, 4], [5, 6, 7, 8]]

@@ -79,7 +79,7 @@ def test_first_pixel_is_decided_once_for_all_files(tmp_path, files, origin, why)
     (note,) = read_all(tmp_path)[1]
     assert why in note
     other = 1 - origin
-    assert f"--origin {other} or `boxes: {{origin: {other}}}`" in note
+    assert f"`boxes: {{origin: {other}}}` in recording.yaml says so" in note
     changed, notes = read_all(
         tmp_path, RecordingDescription(origin="1" if origin == 0 else "0")
     )

@@ -69,7 +69,7 @@ def test_data_yaml_has_train_val_and_names_in_order_and_no_path():
 
 
 def test_a_frame_without_boxes_has_an_empty_label_file():
-    files = export([frame("7")], split=1.0, images="none")
+    files = export([frame("7")], split=(1.0,), images="none")
 
     assert files["labels/train/7.txt"] == b""
     assert manifest_of(files)["counts"]["frames"] == {
@@ -82,7 +82,7 @@ def test_a_frame_without_boxes_has_an_empty_label_file():
 def test_boxes_are_clipped_before_they_are_normalised():
     amodal = box(0, xyxy=(80, 0, 100, 40), amodal_xyxy=[80, -40, 140, 40])
 
-    files = export([frame("7", amodal)], split=1.0, images="none", boxes="amodal")
+    files = export([frame("7", amodal)], split=(1.0,), images="none", boxes="amodal")
 
     text = files["labels/train/7.txt"].decode()
     assert text == "0 0.900000000 0.250000000 0.200000000 0.500000000\n"
@@ -133,7 +133,7 @@ def test_include_options_select_the_exported_boxes(options, out):
         box(5, "unmeasured", **REJECTED_BY_PERSON),
     ]
 
-    files = export([frame("7", *boxes)], split=1.0, images="none", **options)
+    files = export([frame("7", *boxes)], split=(1.0,), images="none", **options)
 
     dropped = [row["box"] for row in manifest_of(files)["boxes"]]
     assert sorted(dropped + out) == ["0", "1", "2", "3", "4", "5"]
@@ -189,7 +189,7 @@ def test_unmeasured_box_is_written_as_it_came_and_cut_to_the_image():
         box(1, "unmeasured", (90, 20, 100, 60), given={"xyxy": [90, 20, 130, 60]}),
     ]
 
-    files = export([frame("7", *boxes)], split=1.0, images="none")
+    files = export([frame("7", *boxes)], split=(1.0,), images="none")
 
     assert files["labels/train/7.txt"] == (
         b"0 0.200000000 0.500000000 0.200000000 0.500000000\n"
@@ -274,7 +274,7 @@ def test_manifest_names_no_image_that_is_missing():
 @pytest.mark.parametrize("split", [-0.1, 1.1])
 def test_split_outside_0_to_1_is_refused(split):
     with pytest.raises(ExportError, match="split"):
-        ExportOptions(split=split)
+        ExportOptions(split=(split,))
 
 
 HOSTILE = [
@@ -318,6 +318,9 @@ def test_ordinary_keys_are_not_changed_in_file_names(key):
     assert file_stem(key) == key
 
 
+OF_FRAME = {"map": "Town01", "camera": {"width": 100, "height": 80}}
+
+
 def test_decisions_jsonl_has_one_line_per_frame_in_order():
     files = {}
     frames = [frame("b", box(0), palette="carla-0.9.14"), frame("a")]
@@ -332,9 +335,10 @@ def test_decisions_jsonl_has_one_line_per_frame_in_order():
         {
             "key": "b",
             "palette": "carla-0.9.14",
+            **OF_FRAME,
             "decisions": [box(0).decision],
         },
-        {"key": "a", "palette": None, "decisions": []},
+        {"key": "a", "palette": None, **OF_FRAME, "decisions": []},
     ]
     counts = json.loads(files["manifest.json"])["counts"]
     assert in_out_counts(counts["boxes"]) == {

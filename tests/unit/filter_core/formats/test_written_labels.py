@@ -11,8 +11,9 @@ import yaml
 from filter_core.formats.files import number_text
 from filter_core.formats.kitti import kitti_types
 from filter_core.formats.voc import whole_pixels
-from tests.support.exporting import HEAD, box, export, frame
+from tests.support.exporting import HEAD, box, export, frame, labels_of
 
+COCO_TRAIN = "annotations/instances_train.json"
 POSE = {"x": 1, "y": 0, "z": 2, "pitch": 0, "yaw": 0, "roll": 0}
 CLIPPED = box("cut", (-10, 20, 30, 60), amodal_xyxy=[-10, 20, 30, 60])
 GHOST = box("ghost", (50, 10, 70, 30), "rejected")
@@ -241,6 +242,7 @@ def test_cvat_export_contains_verdict_and_reason_of_each_box():
     assert image.attrib == {
         "id": "0",
         "name": "a%3Cb.png",
+        "subset": "train",
         "width": "100",
         "height": "80",
     }
@@ -251,11 +253,19 @@ def test_cvat_export_contains_verdict_and_reason_of_each_box():
     assert said == {"id": "ghost", "verdict": "rejected", "reason": "below_threshold"}
 
 
-def test_label_studio_separates_predictions_from_annotations():
-    person = box("p", review={"verdict": "keep"}, effective_verdict="kept")
-    files = export("label-studio", [frame("a b", box(0, match_percent=40.0), person)])
+def test_label_studio_has_the_whole_labelling_and_what_the_filter_says():
+    person = box(
+        "p", verdict="rejected", review={"verdict": "keep"}, effective_verdict="kept"
+    )
+    ghosts = frame("done", box(0, verdict="rejected"))
+    files = export(
+        "label-studio", [frame("a b", box(0, match_percent=40.0), person), ghosts]
+    )
 
-    (task,) = document(files, "tasks.json")
+    task, done = document(files, "tasks.json")
+
+    # A frame without an annotation would not be labelled yet.
+    assert [one["result"] for one in done["annotations"]] == [[]]
 
     assert task["data"]["image"] == "/data/local-files/?d=images/a%20b.png"
     (prediction,) = task["predictions"]
@@ -271,7 +281,8 @@ def test_label_studio_separates_predictions_from_annotations():
         "rectanglelabels": ["car"],
     }
     (annotation,) = task["annotations"]
-    assert [one["id"] for one in annotation["result"]] == ["p"]
+    people = {one["id"]: one["origin"] for one in annotation["result"]}
+    assert people == {"0": "prediction", "p": "manual"}
     labels = elements(files, "label_config.xml").iter("Label")
     assert [one.attrib["value"] for one in labels] == list(HEAD.classes)
 
@@ -350,3 +361,136 @@ def test_crowd_box_is_dropped_by_formats_without_crowds():
     assert reasons == {"crowd": 1}
     (one,) = document(made["coco"], "annotations/instances_train.json")["annotations"]
     assert one["iscrowd"] == 1
+
+
+OWN_LINES = (
+    "car 0.10 1 1.57 10.00 20 30 60.0 1.5 1.6 4 1 2 20 0.1\n",
+    "DontCare -1 -1 -10 1.50 2 3 4 -1 -1 -1 -1000 -1000 -1000 -10\n",
+    "car 0 0 0 50 10 70 30 1.5 1.6 4 1 2 20 0.1\n",
+)
+OWN_XML = (
+    "<annotation><filename>x/a.png</filename>\n<object><name>car</name><bndbox>"
+    "<xmin>11</xmin><ymin>21</ymin><xmax>30</xmax><ymax>60</ymax></bndbox></object>",
+    "\n<object><name>car</name><mine/><bndbox><xmin>51</xmin><ymin>11</ymin>"
+    "<xmax>70</xmax><ymax>30</ymax></bndbox></object>",
+    "\n</annotation>",
+)
+OWN_SHARES = ("0 0.2 0.50 0.200 0.5 0.9 \n", "0 0.6 0.25 0.2 0.25")
+OWN_TEXT = {
+    "kitti": "".join(OWN_LINES),
+    "voc": "".join(OWN_XML),
+    "yolo": "".join(OWN_SHARES),
+}
+OWN_FILE = {
+    "kitti": "training/label_2/000007.txt",
+    "voc": "Annotations/a.xml",
+    "yolo": "labels/train/a.txt",
+}
+
+
+def came_as(name, key="a", class_name="car", **stored):
+    """A frame with a car and a ghost that came with a label file."""
+    labels = {"format": name, "file": "000007.txt", "text": OWN_TEXT[name], **stored}
+    boxes = [
+        box(0, class_name=class_name),
+        box(1, (50, 10, 70, 30), "rejected"),
+    ]
+    if name == "yolo":
+        for one, shares in zip(boxes, OWN_SHARES, strict=True):
+            del one.given["xyxy"]
+            one.given["cxcywhn"] = list(map(float, shares.split()[1:5]))
+    return frame(key, *boxes, annotation={"source_labels": labels})
+
+
+@pytest.mark.parametrize(
+    ("name", "left"),
+    [
+        ("kitti", "".join(OWN_LINES[:2])),
+        ("voc", OWN_XML[0] + OWN_XML[2]),
+        ("yolo", OWN_SHARES[0]),
+    ],
+)
+def test_labels_that_came_in_the_format_are_written_as_they_came(name, left):
+    files = export(name, [came_as(name)], split=1)
+
+    assert files[OWN_FILE[name]].decode() == left
+
+
+def test_kitti_export_writes_own_lines_with_the_present_class_and_numbers():
+    frames = [
+        came_as("kitti", "a"),
+        came_as("kitti", "b", class_name="walker"),
+        frame("c", box(0)),
+    ]
+
+    files = export("kitti", frames, split=1, rejected="dontcare")
+
+    labels = {
+        name.rpartition("/")[2]: content.decode().splitlines(keepends=True)
+        for name, content in files.items()
+        if name.startswith("training/label_2/")
+    }
+    renamed = OWN_LINES[0].replace("car", "walker")
+    assert labels["000007.txt"][:2] == [OWN_LINES[0], OWN_LINES[1]]
+    assert labels["000000.txt"][:2] == [renamed, OWN_LINES[1]]
+    assert labels["000007.txt"][2].startswith("DontCare -1 -1 -10.00 50.00 10.00")
+    assert sorted(labels) == ["000000.txt", "000001.txt", "000007.txt"]
+    assert files["ImageSets/train.txt"] == b"000007\n000000\n000001\n"
+    assert "training/image_2/000007.png" in files
+
+
+@pytest.mark.parametrize("name", OWN_FILE)
+@pytest.mark.parametrize(
+    "changed",
+    [
+        {"text": 7},
+        {"text": ""},
+        {"text": "\0 <"},
+        {"text": "<annotation>\ud800</annotation>"},
+        {"text": "car 1 2 three"},
+        {"format": "other"},
+        {"file": None},
+    ],
+)
+def test_other_labels_than_those_of_the_boxes_are_not_written(name, changed):
+    plain = came_as(name)
+    plain.given.frame.pop("source_labels")
+    other = came_as(name)
+    other.given.frame["source_labels"].update(changed)
+
+    files = [export(name, [one]) for one in (plain, other)]
+
+    assert labels_of(files[0]) == labels_of(files[1])
+    assert "frames_as_they_came" not in document(files[1], "manifest.json")
+
+
+def test_coco_export_has_own_ids_where_they_are_different():
+    categories = {"walker": {"id": 90, "name": "walker", "supercategory": "person"}}
+    stored = {"format": "coco", "image_id": 7, "categories": categories}
+    given = {"id": "31", "xywh": [10, 20.0, 20, 40], "track": 3}
+    frames = [
+        frame(
+            key,
+            box(31, class_name="walker", given=dict(given)),
+            annotation={"source_labels": stored},
+        )
+        for key in ("a", "b")
+    ]
+
+    written = document(
+        export("coco", [*frames, frame("c", box(0))], split=1), COCO_TRAIN
+    )
+
+    assert [one["id"] for one in written["images"]] == [7, 1, 2]
+    first, second, third = written["annotations"]
+    assert first == {
+        "id": 31,
+        "image_id": 7,
+        "category_id": 90,
+        "bbox": [10, 20.0, 20, 40],
+        "track": 3,
+    }
+    assert (second["id"], second["image_id"], third["id"]) == (1, 1, 2)
+    assert [one["id"] for one in written["categories"]] == [1, 2, 90]
+    assert written["categories"][2]["supercategory"] == "person"
+    assert "source_labels" not in written["images"][0]

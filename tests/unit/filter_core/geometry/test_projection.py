@@ -11,7 +11,12 @@ import pytest
 from filter_core.errors import FilterError
 from filter_core.geometry.box3d import EDGES, in_carla_order
 from filter_core.geometry.camera import Camera
-from filter_core.geometry.projection import DepthStatus, project_box, project_boxes
+from filter_core.geometry.projection import (
+    DepthStatus,
+    forward_distances,
+    project_box,
+    project_boxes,
+)
 from tests.support.geometry_oracle import (
     SMALL,
     box3d_vertices,
@@ -85,6 +90,15 @@ def test_all_240_clipped_rectangles_are_exact_in_any_order_of_the_corners():
 def test_all_240_vertices_and_projected_pixels_equal_carlas():
     for case in load_all_cases():
         check_carla(case)
+
+
+def test_centres_of_all_240_cases_are_as_far_ahead_as_carla_says():
+    for case in load_all_cases():
+        (forward,) = forward_distances(vertices_of(case)[None], camera_of(case))
+
+        assert forward == pytest.approx(
+            np.mean(case["carla"]["vertex_depth"]), abs=1e-3
+        )
 
 
 def test_naive_rectangles_of_all_240_cases_equal_carlas_tutorial():

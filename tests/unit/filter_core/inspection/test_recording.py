@@ -9,17 +9,19 @@ import numpy as np
 import pytest
 
 from filter_core.errors import LayoutError
-from filter_core.formats.reading import StreamFacts
+from filter_core.formats.reading import RECORDING_NAME, StreamFacts
 from filter_core.formats.recording import (
     RecordingDescription,
     describe,
     description_text,
 )
-from filter_core.inspection.files import Cameras, Split
+from filter_core.formats.splits import Split
+from filter_core.inspection.files import Cameras
 from filter_core.inspection.labels import Spread
 from filter_core.inspection.listing import Counted
 from filter_core.inspection.pictures import Reading, Size
 from filter_core.inspection.recording import inspect_recording
+from filter_core.inspection.remarks import remarks_on
 from tests.support.folders import (
     LAYOUT_FILES,
     YOLO_LINE,
@@ -28,7 +30,7 @@ from tests.support.folders import (
     write_files,
 )
 from tests.support.frames import write_manifest
-from tests.support.pictures import painted, png
+from tests.support.pictures import jpeg, painted, png
 from tests.support.sensors import depth_png, street_metres
 from tests.support.shared_data import shared
 
@@ -68,9 +70,8 @@ def test_everything_that_may_have_to_be_corrected_is_shown(tmp_path):
     found = inspect_recording(mixed_recording(tmp_path / "street"))
 
     assert (found.layout, found.frames, found.problems) == ("yolo", 21, ())
-    assert sum(one.images for one in found.streams if one.role == "image") == 46
     assert found.streams[0] == StreamFacts(
-        "image", 39, "train/images/000.png", ("name",)
+        "image", 46, "train/images/000.png", ("name",), "{part}/images/{frame}.png"
     )
     assert counts(found.left_over) == {"no label file for this image": 25}
     assert len(found.left_over[0].examples) == 10
@@ -111,6 +112,61 @@ def test_everything_that_may_have_to_be_corrected_is_shown(tmp_path):
         [2, 2, 2],
     )
     assert found.drawn[0].jpeg is not None
+
+
+@pytest.mark.parametrize(
+    ("segmentation", "remedy"),
+    [
+        (png(street_tags()), "Name the palette by `segmentation: {palette: NAME}` in"),
+        (
+            jpeg(painted(street_tags(), "carla-0.9.14")),
+            "`segmentation: {lossy: nearest}` in recording.yaml",
+        ),
+    ],
+)
+def test_remedies_are_keys_of_a_description(tmp_path, segmentation, remedy):
+    suffix = "jpg" if segmentation.startswith(b"\xff") else "png"
+    files = {"images/1.png": None, f"seg/1.{suffix}": segmentation}
+    files |= {"labels/1.txt": YOLO_LINE, "classes.txt": "car"}
+
+    found = inspect_recording(write_files(tmp_path, files))
+
+    texts = [remark.text for remark in remarks_on(found) if remark.is_serious]
+    assert any(remedy in text for text in texts), texts
+
+
+def test_remarks_about_classes_name_them_and_leave_out_blanks(tmp_path):
+    names = ("unknown", "CAAR", "Misc")
+    boxes = [{"id": name, "class": name, "xyxy": [1, 1, 9, 9]} for name in names]
+    files = {"1.png": png(street_tags()), "1.json": json.dumps({"boxes": boxes})}
+
+    remarks = remarks_on(inspect_recording(write_files(tmp_path, files)))
+
+    (unmapped,) = (remark for remark in remarks if remark.unknown_classes)
+    assert unmapped.unknown_classes == ("CAAR", "Misc", "unknown")
+    assert unmapped.remedies == [(("classes", "CAAR"), "car")]
+    assert unmapped.finding.endswith("CAAR (1), Misc (1), unknown (1)")
+
+
+def test_files_that_the_description_ignores_are_listed_with_this_reason(tmp_path):
+    names = ("images/1.png", "images/old/2.png", "labels/old/2.txt")
+    write_files(tmp_path, {**dict.fromkeys(names, b""), **LAYOUT_FILES["yolo"]})
+    write_files(tmp_path, {RECORDING_NAME: "files: {ignore: ['**/old/*', '**/1.png']}"})
+
+    found = inspect_recording(tmp_path)
+
+    assert (found.layout, found.frames, found.left_over) == ("yolo", 1, ())
+    ignored = "`files.ignore` of the description leaves it out"
+    assert counts(found.not_read) == {ignored: 5}
+
+
+def test_boxes_outside_of_a_drawn_frame_are_counted(tmp_path):
+    boxes = [{"class": "car", "xyxy": [x, 10, x + 20, 30]} for x in (10, 200, 300)]
+    write_files(tmp_path, {"1.png": None, "1.json": json.dumps({"boxes": boxes})})
+
+    (frame,) = inspect_recording(tmp_path).drawn
+
+    assert (len(frame.boxes), frame.outside) == (1, 2)
 
 
 def test_roboflow_export_of_three_parts():
@@ -207,7 +263,7 @@ def test_folder_of_two_layouts_is_read_in_the_likelier_and_it_is_said(tmp_path):
 
     assert (found.layout, found.layouts) == ("voc", ("voc", "yolo"))
     assert [problem.code for problem in found.problems] == ["several_layouts"]
-    assert "`layout: voc`" in found.problems[0].detail
+    assert "`layout: voc` or `layout: yolo` in" in found.problems[0].detail
     named = inspect_recording(root, RecordingDescription(layout="yolo"))
     assert (named.layout, named.problems) == ("yolo", ())
 
@@ -340,3 +396,15 @@ def test_spread_takes_evenly_from_any_number_of_things(count):
     assert things == sorted(set(things))
     steps = np.diff([*things, count])
     assert len(things) < 6 or steps.max() <= 3 * count / 6 + 1
+
+
+def test_images_whose_name_and_pixels_disagree_are_a_stream_with_its_pattern(tmp_path):
+    tags = png(np.repeat(street_tags()[:, :, None], 3, axis=2))
+    write_files(tmp_path, {f"cam/{number}.png": tags for number in (1, 2)})
+
+    inspection = inspect_recording(tmp_path)
+
+    (stream,) = inspection.streams
+    assert (stream.role, stream.images) == ("unclear", 2)
+    assert stream.pattern == "cam/{frame}.png"
+    assert "`files` in recording.yaml" in inspection.left_over[0].examples[0].why

@@ -81,7 +81,9 @@ def test_seven_carlasimu_files_are_converted_to_one_scenario(folder):
     assert scenario.map_layers == {"Buildings": False}
     boxes = scenario.boxes
     assert (boxes.vehicles, boxes.walkers, boxes.parked_vehicles) == (1, 0, 0)
-    assert (boxes.min_distance, boxes.max_distance) == (2, 60)
+    # Its distances do not limit what is recorded, and it labels every traffic light.
+    assert (boxes.min_distance, boxes.max_distance) == (0, 200)
+    assert boxes.traffic_lights
     assert scenario.classes == {"vehicle.carlamotors.carlacola": "lorry"}
 
 
@@ -164,6 +166,27 @@ def test_incomplete_set_of_files_is_converted(tmp_path):
     assert converted.scenario == {"weather": {"parameters": {"fog_density": 3.0}}}
 
 
+def test_empty_values_leave_what_the_simulator_has(tmp_path):
+    write_config_file(tmp_path, "weather.yaml", {"fog_density": 3, "wetness": None})
+    write_config_file(
+        tmp_path, "sensors.yaml", {"rgb_camera": {"fov": 80, "iso": None}}
+    )
+
+    converted = convert_carlasimu(tmp_path).scenario
+
+    assert converted["weather"] == {"parameters": {"fog_density": 3.0}}
+    assert converted["camera"] == {"fov": 80}
+    assert converted["sensors"] == {"rgb": {"attributes": {}}}
+
+
+def test_safe_leaves_out_the_two_blueprints_that_its_code_does(folder):
+    write_config_file(folder, "data.yaml", {**FILES["data.yaml"], "safe": True})
+
+    vehicles = parse_scenario(convert_carlasimu(folder).scenario, "x").vehicles
+
+    assert (vehicles.exclude, vehicles.safe) == (("*carlacola", "*firetruck"), False)
+
+
 WRONG = [
     ("data.yaml", {"number_of_vehicle": 3}, "is 'number_of_vehicles'"),
     ("data.yaml", {"light_state": {"LowBean": True}}, "nearest is 'LowBeam'"),
@@ -174,7 +197,6 @@ WRONG = [
     ("boundingBox.yaml", {"treshold": 3}, "is 'threshold"),
     ("weather.yaml", {"fog": 3}, "weather.yaml: weather.parameters.fog: .*'fog_"),
     ("weather.yaml", {"fog_density": "dense"}, "fog_density: expected a number"),
-    ("weather.yaml", {"fog_density": None}, "fog_density: expected a number"),
     ("weather.yaml", {3: 3}, "weather.parameters.3: unknown"),
     ("data.yaml", {"light_state": ["Fog"]}, "light_state: expected keys and values"),
     ("data.yaml", {"number_of_walkers": 3}, "number_of_walkers: expected keys and"),
@@ -245,12 +267,17 @@ def test_unused_keys_of_parts_are_listed_in_notes(tmp_path):
     assert "boundingBox.yaml: keys that are not used: save_dir, 3D" in notes
 
 
-def test_semantic_lidar_that_carlasimu_does_not_save_is_listed_in_notes(tmp_path):
+def test_sensors_that_carlasimu_does_not_save_are_listed_in_notes(tmp_path):
     write_config_file(tmp_path, "sensors.yaml", {"semantic_lidar": {"range": 9}})
-    write_config_file(tmp_path, "boundingBox.yaml", {"threshold_small_box": 10})
+    write_config_file(
+        tmp_path, "boundingBox.yaml", {"image_segmentation": {"save_to_file": False}}
+    )
 
-    notes = convert_carlasimu(tmp_path).notes
+    converted = convert_carlasimu(tmp_path)
 
+    notes = converted.notes
+    assert parse_scenario(converted.scenario, "x").sensors.segmentation is not None
+    assert any("the segmentation is recorded all the same" in note for note in notes)
     assert any("semantic_lidar is not recorded" in note for note in notes)
 
 

@@ -53,6 +53,8 @@ WRONG = [
     ("sensors: {rgb: false, segmentation: false}", "a frame needs rgb or segmentation"),
     ("boxes: {min_distance: 50, max_distance: 50}", "min_distance must be below"),
     ("boxes: {bands: [100, 50]}", "bands must rise"),
+    ("{map: Town01, maps: [Town02]}", "map and maps cannot be given together"),
+    ("maps: [Town01, /Game/Town01]", "maps: 'Town01' occurs twice"),
     ("frames: [", "cannot be read as YAML"),
     ("seed: 1\nframes: 5\nseed: 2", "'seed' occurs twice.*line 3"),
     (

@@ -6,15 +6,26 @@ import stat
 
 import pytest
 
-from unghost.cli.screen import Screen
-from unghost.cli.serve import DemoOptions, rendered_street
+from filter_core.formats.reading import MANIFEST_NAME
+from unghost.cli.serve import DemoOptions, rendered_frames, street_folder
+from unghost.street.street import TRUTH
 
 
 @pytest.mark.long
-def test_demo_data_folder_has_permissions_0700(tmp_path):
-    data = tmp_path / "data"
+def test_demo_renders_in_children_into_a_folder_with_permissions_0700(tmp_path):
+    data, options = tmp_path / "data", DemoOptions(frames=4)
+    street = street_folder(data, options)
 
-    street = rendered_street(data, DemoOptions(frames=1), Screen())
+    frames = rendered_frames(data, options)
+    first = next(frames)
+    assert not street.exists()
+    lines = [first, *frames]
 
-    assert any(street.iterdir())
     assert stat.S_IMODE(data.stat().st_mode) == 0o700
+    assert {path.name for path in street.iterdir()} >= {MANIFEST_NAME, TRUTH}
+    again = list(rendered_frames(data, options))
+    assert [one["key"] for one in again] == [
+        *("town-a/000000", "town-b/000000", "town-c/000000", "town-a/000001"),
+    ]
+    by_key = {one["key"]: one["boxes"] for one in lines}
+    assert by_key == {one["key"]: one["boxes"] for one in again}

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import httpx
 import pytest
 from typer.testing import CliRunner
 
@@ -16,7 +15,7 @@ from unghost.cli.screen import EXIT_CODES, Refused
 from unghost.client import errors
 from unghost.client.discovery import BadServerUrl, ForeignServer
 
-REQUEST = httpx.Request("GET", "http://127.0.0.1:8000/api/v1/datasets?limit=1")
+ADDRESS = "http://127.0.0.1:8000"
 TOWN = {
     "name": "town",
     "description": "",
@@ -62,7 +61,7 @@ PROBLEM = {
         pytest.param(ForeignServer("x"), 1, id="a token kept from another's server"),
         pytest.param(BadServerUrl("x"), 2, id="a wrong address"),
         pytest.param(errors.InvalidName("x"), 2, id="a name that is no address"),
-        pytest.param(httpx.ConnectError("no", request=REQUEST), 69, id="no answer"),
+        pytest.param(errors.NoResponse(ADDRESS, "no", sent=False), 69, id="no answer"),
         pytest.param(errors.Unavailable(503, PROBLEM), 69, id="no answer for now"),
         pytest.param(SimulatorAway("no"), 69, id="no simulator"),
         pytest.param(ScenarioError("no"), 1, id="a wrong scenario"),
@@ -90,7 +89,7 @@ def test_connection_error_message_names_address_and_its_origin(
     if variable is not None:
         monkeypatch.setenv("UNGHOST_SERVER", variable)
 
-    lines = list(error_lines(httpx.ConnectError("refused", request=REQUEST)))
+    lines = list(error_lines(errors.NoResponse(ADDRESS, "refused", sent=False)))
 
     assert lines == [
         "no response from http://127.0.0.1:8000: refused",
@@ -123,7 +122,7 @@ def test_message_does_not_repeat_a_single_fault():
 def test_message_about_a_refused_token_says_where_tokens_come_from():
     *_, hint = error_lines(errors.Unauthorized(401, PROBLEM))
 
-    assert "--token, UNGHOST_TOKEN, or the data folder" in hint
+    assert "--token, UNGHOST_TOKEN, `unghost auth login`, or the data" in hint
 
 
 def test_message_of_server_error_has_the_request_id():

@@ -18,7 +18,7 @@ from filter_core.formats.recording import LAYOUTS
 from filter_core.formats.registry import EXPORT_FORMATS
 from tests.support.imports import LARGE_MODULES
 from unghost.cli.program import app
-from unghost.cli.sources import SourceOptions
+from unghost.cli.sources import SourceOptions, with_options
 from unghost.client.discovery import BadServerUrl
 from unghost.wire.words import Role
 
@@ -62,7 +62,7 @@ def test_option_accepts_exactly_the_values_of_its_table(command, option, words):
         ("filter", LAYOUTS),
         ("push", LAYOUTS),
         ("convert", LAYOUTS),
-        ("convert", EXPORT_FORMATS),
+        ("convert", (*EXPORT_FORMATS, "same, which is that of SOURCE")),
         ("export", EXPORT_FORMATS),
     ],
 )
@@ -78,7 +78,7 @@ QUICK = (
     "--help",
     *(f"{name} --help" for name in ("stats", "filter", "push", "export")),
     *(f"{name} --help" for name in ("convert", "evaluate", "token create")),
-    "export street --format yolo --output a.zip",
+    "export street --format yolo --output a.zip --retry-for 0",
 )
 
 
@@ -161,3 +161,21 @@ def test_unknown_option_with_help_flag_is_a_usage_error():
     result = run("stats", "--nonsense", "--help")
 
     assert (result.exit_code, "--nonsense" in result.output) == (2, True)
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("`layout` in recording.yaml names it",
+         "`layout` in recording.yaml (--layout) names it"),
+        ("`boxes: {unit: percent}` or `boxes.corners`", "--unit percent or --corners"),
+        ("(`classes: {caar: car}`)", "(--class-map caar=car)"),
+        ("`segmentation: {lossy: nearest}`", "--lossy-segmentation nearest"),
+        ("`boxes: {classes: [car, bus]}`", "--classes car,bus"),
+        ("`classes: {Car: {name: car}}` joins two",
+         "`classes: {Car: {name: car}}` joins two"),
+        ("`files` and `cameras: {fov: 90}`", "`files` and `cameras: {fov: 90}`"),
+    ],
+)  # fmt: skip
+def test_keys_of_a_description_get_the_options_that_say_the_same(text, expected):
+    assert with_options(text) == expected

@@ -7,22 +7,22 @@ from dataclasses import replace
 import pytest
 
 from filter_core.config.filter import FilterConfig
+from filter_core.inspection.remarks import BoxSummary, RecordingAdvice
 from filter_core.local import ClassCount
 from unghost.cli.screen import Refused, Screen
 from unghost.cli.summary import (
-    Advice,
-    BoxSummary,
     DatasetAdvice,
     UnmappedOptions,
+    note_boxes,
     unmapped_names,
 )
 
 
 def noted(capsys, classes, advice=None):
     """Whether the summary asks for exit code 3, and its lines."""
-    summary = BoxSummary(advice or Advice())
+    summary = BoxSummary(advice or RecordingAdvice())
     summary.add(classes)
-    return summary.note(Screen()), capsys.readouterr().err.splitlines()
+    return note_boxes(Screen(), summary), capsys.readouterr().err.splitlines()
 
 
 @pytest.mark.parametrize(
@@ -52,12 +52,12 @@ def test_summary_notes_what_was_probably_not_understood(
 
 
 def test_counts_of_frames_add_up(capsys):
-    summary = BoxSummary()
+    summary = BoxSummary(RecordingAdvice())
     for _ in range(20):
         summary.add({"car": ClassCount(1, 1, 0, 100, 2), "bus": ClassCount(1)})
 
     assert summary.boxes == {"car": 20, "bus": 20}
-    assert summary.note(Screen())
+    assert note_boxes(Screen(), summary)
     said = capsys.readouterr().err
     assert "car (20)" in said
     assert "car (2.0 %)" in said
@@ -113,12 +113,14 @@ def test_class_map_decides_which_names_are_unknown():
 def test_command_stops_if_more_than_half_of_the_boxes_are_unknown(dragons, stops):
     boxes = {"car": 5, "dragon": dragons}
 
-    UnmappedOptions(allow_unmapped=True).require_known(boxes, FilterConfig(), Advice())
-    UnmappedOptions().require_known({}, FilterConfig(), Advice())
+    UnmappedOptions(allow_unmapped=True).require_known(
+        boxes, FilterConfig(), RecordingAdvice()
+    )
+    UnmappedOptions().require_known({}, FilterConfig(), RecordingAdvice())
     if stops:
         with pytest.raises(
             Refused, match=r"6 of 11 boxes .* dragon \(6\); --class-map"
         ):
-            UnmappedOptions().require_known(boxes, FilterConfig(), Advice())
+            UnmappedOptions().require_known(boxes, FilterConfig(), RecordingAdvice())
     else:
-        UnmappedOptions().require_known(boxes, FilterConfig(), Advice())
+        UnmappedOptions().require_known(boxes, FilterConfig(), RecordingAdvice())

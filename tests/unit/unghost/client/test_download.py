@@ -7,12 +7,10 @@ import os
 from dataclasses import replace
 from datetime import datetime, timezone
 
-import httpx
 import pytest
 
-from tests.support.scripted_server import QUICK_RETRIES, Reply
-from unghost import DamagedDownload, Export
-from unghost.client.call import PATIENCE
+from tests.support.scripted_server import SHORT_RETRIES, Reply
+from unghost import Client, DamagedDownload, Export, NoResponse
 
 CONTENT = bytes(range(256)) * 40
 EXPORT = Export(
@@ -30,6 +28,9 @@ EXPORT = Export(
     created_by="ada",
     created_at=datetime(2026, 1, 1, tzinfo=timezone.utc),
     finished_at=None,
+    name=None,
+    since=None,
+    version=None,
     download=None,
 )
 
@@ -70,10 +71,12 @@ def test_download_retries_are_reset_only_by_received_bytes(scripted, client, tmp
     client.download(EXPORT, tmp_path / "x.zip")
     assert (tmp_path / "x.zip").read_bytes() == CONTENT
 
-    scripted.answer(*[Reply(body=CONTENT, hang_up=0)] * 9)
-    with pytest.raises(httpx.RemoteProtocolError):
-        client.download(EXPORT, tmp_path / "y.zip")
-    assert scripted.replies
+    scripted.answer_always(Reply(body=CONTENT, hang_up=0))
+    with (
+        Client(scripted.url, "secret", retry=SHORT_RETRIES) as impatient,
+        pytest.raises(NoResponse),
+    ):
+        impatient.download(EXPORT, tmp_path / "y.zip")
 
 
 def test_download_waits_for_a_server_restart(scripted, client, tmp_path):
@@ -88,11 +91,12 @@ def test_download_waits_for_a_server_restart(scripted, client, tmp_path):
 
 
 def test_later_download_resumes_from_the_part_file(scripted, client, tmp_path):
-    scripted.answer(
-        *[Reply(body=CONTENT, hang_up=0)] * PATIENCE * QUICK_RETRIES.attempts
-    )
-    with pytest.raises(httpx.RemoteProtocolError):
-        client.download(EXPORT, tmp_path / "x.zip")
+    scripted.answer_always(Reply(body=CONTENT, hang_up=0))
+    with (
+        Client(scripted.url, "secret", retry=SHORT_RETRIES) as impatient,
+        pytest.raises(NoResponse),
+    ):
+        impatient.download(EXPORT, tmp_path / "x.zip")
     (part,) = tmp_path.iterdir()
     part.write_bytes(CONTENT[:7000])
 

@@ -116,7 +116,7 @@ def write_note(url: str, token_file: Path) -> None:
 
 def open_transport(url: str, token: str | None = None) -> closing[Transport]:
     """The transport of a client of this server, with the token that it finds."""
-    retry = RetryPolicy(attempts=1)
+    retry = RetryPolicy(for_s=0)
     return closing(Transport(find_server(url, token), timeout=60, retry=retry))
 
 

@@ -15,6 +15,7 @@ import pytest
 
 from tests.pins import stored
 from tests.support.response_checks import DECISION
+from tests.support.sensors import experiment_report
 from unghost.client.api import Api
 from unghost.client.call import Call, Listing, ListPage, query_of
 from unghost.wire import Decision, Selection
@@ -23,6 +24,7 @@ DOCUMENT = stored.read("openapi")
 SCHEMAS = DOCUMENT["components"]["schemas"]
 READ_FROM = {
     "Decision": "BoxPage",
+    "Boxes": "BoxPage",
     "int": "BoxPage",
     "Selection": "BoxPage",
     "HistoryEntry": "History",
@@ -42,6 +44,8 @@ class Recorder(Api):
     def _pages(self, listing: Listing[Any]) -> Call[ListPage[Any]]:
         return listing.page()
 
+    _boxes = _pages
+
 
 CLIENT: Any = Recorder()
 
@@ -53,6 +57,13 @@ class Given:
         return lambda *args, **kwargs: (args, kwargs)
 
 
+ANSWER = {
+    "frame": "town/1",
+    "box": "7",
+    "verdict": "keep",
+    "reviewer": "anna",
+    "created_at": "2026-01-01T00:00:00Z",
+}
 CALLS: Mapping[str, tuple[str, Callable[[Any], Any]]] = {
     "datasets": ("GET /datasets", lambda c: c.datasets()),
     "dataset": ("GET /datasets/{dataset}", lambda c: c.dataset("town")),
@@ -78,6 +89,7 @@ CALLS: Mapping[str, tuple[str, Callable[[Any], Any]]] = {
     ),
     "delete_dataset": ("DELETE /datasets/{dataset}", lambda c: c.delete_dataset("a")),
     "stats": ("GET /datasets/{dataset}/stats", lambda c: c.stats("town")),
+    "report": ("GET /datasets/{dataset}/report", lambda c: c.report("town")),
     "histogram": (
         "GET /datasets/{dataset}/histogram",
         lambda c: c.histogram("town", bins=9),
@@ -119,6 +131,9 @@ CALLS: Mapping[str, tuple[str, Callable[[Any], Any]]] = {
     "select_boxes": ("GET /boxes", lambda c: c.select_boxes("town", verdict="kept")),
     "box": ("GET /boxes/{box_id}", lambda c: c.box(7)),
     "delete_export": ("DELETE /exports/{export_id}", lambda c: c.delete_export(7)),
+    "alike": ("GET /boxes/{box_id}/alike", lambda c: c.alike(7)),
+    "track": ("GET /boxes/{box_id}/track", lambda c: c.track(7)),
+    "depth_slice": ("GET /boxes/{box_id}/slice", lambda c: c.depth_slice(7)),
     "history": ("GET /boxes/{box_id}/history", lambda c: c.history(7)),
     "queue": (
         "POST /datasets/{dataset}/queue",
@@ -137,6 +152,10 @@ CALLS: Mapping[str, tuple[str, Callable[[Any], Any]]] = {
     "bulk_review": (
         "POST /reviews/bulk",
         lambda c: c.bulk_review("town", "keep", SELECTION),
+    ),
+    "import_answers": (
+        "POST /datasets/{dataset}/reviews/import",
+        lambda c: c.import_answers("town", [ANSWER]),
     ),
     "undo": ("POST /review-batches/{batch_id}/undo", lambda c: c.undo(7)),
     "configs": ("GET /datasets/{dataset}/configs", lambda c: c.configs("town")),
@@ -163,6 +182,7 @@ CALLS: Mapping[str, tuple[str, Callable[[Any], Any]]] = {
     "diff": ("GET /runs/{run_id}/diff", lambda c: c.diff(7, 6)),
     "flips": ("GET /runs/{run_id}/diff", lambda c: c.flips(7, 6)),
     "exports": ("GET /datasets/{dataset}/exports", lambda c: c.exports("town")),
+    "parts": ("GET /datasets/{dataset}/parts", lambda c: c.parts("town", [0.8, 0.2])),
     "start_export": (
         "POST /datasets/{dataset}/exports",
         lambda c: c.start_export("town", "yolo", split=0.5),
@@ -184,6 +204,15 @@ CALLS: Mapping[str, tuple[str, Callable[[Any], Any]]] = {
     "evaluations": (
         "GET /datasets/{dataset}/evaluations",
         lambda c: c.evaluations("town", truth="people"),
+    ),
+    "versions": ("GET /datasets/{dataset}/versions", lambda c: c.versions("town")),
+    "set_experiment": (
+        "PUT /datasets/{dataset}/experiment",
+        lambda c: c.set_experiment("town", experiment_report()),
+    ),
+    "experiment": (
+        "GET /datasets/{dataset}/experiment",
+        lambda c: c.experiment("town"),
     ),
     "version": ("GET /version", lambda c: c.version()),
 }

@@ -6,15 +6,15 @@ import os
 from collections.abc import Iterator
 from typing import cast
 
-import httpx
 import numpy as np
 import pytest
 
 from tests.support.batch_server import BatchReply, BatchServer
-from tests.support.scripted_server import QUICK_RETRIES
+from tests.support.scripted_server import QUICK_RETRIES, SHORT_RETRIES
 from unghost import (
     Client,
     Conflict,
+    NoResponse,
     NotSent,
     OutgoingFrame,
     Sent,
@@ -108,10 +108,21 @@ def test_push_retries_are_reset_only_by_answered_frames(batches, client):
     batches.replies = [BatchReply(lines=1)] * 9
     assert len(list(client.push("town", many(9)))) == 9
 
-    batches.replies = [BatchReply(lines=0)] * 2 * QUICK_RETRIES.attempts
-    with pytest.raises(httpx.TransportError):
+
+def test_push_to_a_server_that_stays_away_says_what_is_stored(batches):
+    batches.replies = [BatchReply(lines=3), *[BatchReply(lines=0)] * 1000]
+
+    with (
+        Client(batches.url, "secret", retry=SHORT_RETRIES) as client,
+        pytest.raises(NoResponse) as caught,
+    ):
         list(client.push("town", many(9)))
-    assert batches.replies == []
+
+    assert str(caught.value) == (
+        f"no response from {batches.url}: the connection was closed before the "
+        "response was complete; gave up after 0 s; 3 frames are stored, and pushing "
+        "the same frames again sends only the others"
+    )
 
 
 def test_push_retries_a_busy_server(batches, client):
@@ -294,7 +305,7 @@ def test_push_limits_keys_per_request_for_known_frames(batches, client):
 
 
 def test_push_survives_server_restart_while_requesting_known_frames(batches, client):
-    batches.dropped_requests = 2 * QUICK_RETRIES.attempts - 1
+    batches.dropped_requests = 5
 
     assert outcomes_by_key(client.push("town", many(2))) == {
         "0": "stored",

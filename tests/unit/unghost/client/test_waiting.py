@@ -6,15 +6,13 @@ import gzip
 import json
 from contextlib import contextmanager
 
-import httpx
 import pytest
 
-from tests.support.scripted_server import QUICK_RETRIES, Reply, json_reply, problem
-from unghost import Client, Export, Run, UnexpectedAnswer
+from tests.support.scripted_server import SHORT_RETRIES, Reply, json_reply, problem
+from unghost import Client, Export, NoResponse, Run, UnexpectedAnswer
 from unghost.cli.export import wait_for_export
 from unghost.cli.runs import wait_for_run
 from unghost.cli.screen import Screen
-from unghost.client.call import PATIENCE
 from unghost.client.jobs import MAX_EVENT_BYTES
 
 JOB = {"dataset": "town", "total": 9, "created_at": "2026-01-01T00:00:00Z"}
@@ -38,8 +36,8 @@ def test_lost_server_while_waiting_for_a_run_prints_wait_command(closed_port, ca
     address = f"http://127.0.0.1:{closed_port}"
 
     with (
-        Client(address, "secret", retry=QUICK_RETRIES) as client,
-        pytest.raises(httpx.ConnectError),
+        Client(address, "secret", retry=SHORT_RETRIES) as client,
+        pytest.raises(NoResponse),
     ):
         wait_for_run(client, Run.read(RUN), Screen())
 
@@ -93,7 +91,7 @@ def test_interrupting_wait_for_run_with_cancel_says_what_became_of_it(
 
 
 def test_waiting_for_a_run_survives_a_server_restart(scripted, client):
-    silence = [Reply(hang_up=0)] * (PATIENCE * QUICK_RETRIES.attempts - 1)
+    silence = [Reply(hang_up=0)] * 5
     done = {**RUN, "state": "done", "done": 9}
     scripted.answer(json_reply(RUN), *silence, json_reply(done))
 
@@ -103,7 +101,7 @@ def test_waiting_for_a_run_survives_a_server_restart(scripted, client):
 
 
 def test_waiting_for_an_export_survives_a_server_restart(scripted, client):
-    silence = [Reply(hang_up=0)] * (PATIENCE * QUICK_RETRIES.attempts - 1)
+    silence = [Reply(hang_up=0)] * 5
     scripted.answer(*silence, json_reply(EXPORT))
 
     assert client.wait_for_export(4, timeout_s=60).state == "done"

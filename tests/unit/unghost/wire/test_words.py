@@ -75,5 +75,6 @@ def test_allowed_values_equal_those_of_database_constraints(table, column, taken
     assert re.findall(r"'(\w+)'", checks[column]) == list(taken)
 
 
-def test_limits_of_export_bands_equal_those_of_the_library():
-    assert (runs.MAX_BAND, runs.MAX_BANDS) == (export.MAX_BAND, export.MAX_BANDS)
+@pytest.mark.parametrize("limit", ["MAX_BAND", "MAX_BANDS", "MAX_PICTURES"])
+def test_limits_of_exports_equal_those_of_the_library(limit):
+    assert getattr(runs, limit) == getattr(export, limit)

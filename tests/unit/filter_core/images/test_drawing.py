@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from app.boxes.drawing import COLORS, DrawnBox, draw_boxes
+from filter_core.images.drawing import COLORS, DrawnBox, draw_boxes
 
 
 def drawn(verdict, xyxy=(10.0, 10.0, 90.0, 50.0), edges=None, *, solid=False):

@@ -1,0 +1,131 @@
+"""Boxes that are like another one, and the same object in other frames."""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections.abc import Mapping
+from typing import Final, TypedDict
+
+from sqlalchemy.orm import Session
+
+from app.boxes.current import TallyRepository
+from app.boxes.filter import to_filter
+from app.boxes.orders import BoxPages
+from app.boxes.queries import FrameRepository
+from app.boxes.reader import StoredDecision, read_box
+from app.measuring.queries import DatasetRepository
+from unghost.wire.boxes import BoxSelection
+
+_BANDS_M: Final = (0.0, 50.0, 100.0, 150.0, 200.0)
+_MOST_COMPARED: Final = 2000
+_MOST_ALIKE: Final = 200
+_NEARLY: Final = 10.0
+"""Points by which the numbers of boxes that are probably the same differ at most."""
+
+_HIDING: Final = 30.0
+"""Percent of a box that a tag covers at least to be what hides it."""
+
+_MOST_AROUND: Final = 5
+_MOST_MOVED_M: Final = 15.0
+"""Metres by which the distance of one object changes at most from frame to frame."""
+
+
+class BoxesAlike(TypedDict):
+    """A `wire.Alike` whose boxes are dicts."""
+
+    items: list[StoredDecision]
+    total: int
+    probable: int
+
+
+def boxes_alike(session: Session, box_id: int) -> BoxesAlike:
+    """Boxes without an answer of the same class, reason, cause, hider and band.
+
+    Raises
+    ------
+    NotFound
+        There is no such box.
+    """
+    reader, found = read_box(session, box_id)
+    (like,) = reader.records(found)
+    frame = FrameRepository(session).with_id(found.rows.frame_ids[0])
+    dataset = DatasetRepository(session).with_id(frame.dataset_id)
+    wanted: dict[str, object] = {"class": like["class"], "reason": like["reason"]}
+    distance = like["distance"]
+    if distance is not None:
+        band = bisect_right(_BANDS_M, distance)
+        wanted["distance_min"] = _BANDS_M[band - 1]
+        wanted["distance_max"] = (*_BANDS_M, None)[band]
+    selection = BoxSelection.model_validate({**wanted, "review": "none"})
+    pages = BoxPages(
+        session,
+        to_filter(session, dataset, selection),
+        TallyRepository(session).of_dataset(dataset.id),
+    )
+    ids, _ = pages.page("id", None, _MOST_COMPARED)
+    boxes = reader.read_boxes([one for one in ids if one != box_id])
+    causes = boxes.doubts.cause.tolist()
+    (cause,) = found.doubts.cause.tolist()
+    alike = [
+        one
+        for one, its_cause in zip(reader.records(boxes), causes, strict=True)
+        if its_cause == cause and _hider(one) == _hider(like)
+    ]
+    probable = [one for one in alike if _is_nearly(one, like)]
+    others = [one for one in alike if not _is_nearly(one, like)]
+    items = [*probable, *others][:_MOST_ALIKE]
+    return {
+        "items": items,
+        "total": len(alike),
+        "probable": min(len(probable), len(items)),
+    }
+
+
+def _hider(decision: StoredDecision) -> str | None:
+    """The tag that hides a large part of a box, if there is one."""
+    hiding = decision["hidden_by"]
+    return hiding[0]["name"] if hiding and hiding[0]["percent"] >= _HIDING else None
+
+
+def _is_nearly(one: StoredDecision, other: StoredDecision) -> bool:
+    pairs = (
+        (one["match_percent"], other["match_percent"]),
+        (one["crowding"], other["crowding"]),
+    )
+    return all(
+        a == b or (a is not None and b is not None and abs(a - b) <= _NEARLY)
+        for a, b in pairs
+    )
+
+
+def track_of(session: Session, box_id: int) -> list[Mapping[str, object]]:
+    """The boxes of one object in the frames around, each a `wire.TrackedBox` as a dict.
+
+    Raises
+    ------
+    NotFound
+        There is no such box.
+    """
+    reader, found = read_box(session, box_id)
+    frames = FrameRepository(session)
+    frame = frames.with_id(found.rows.frame_ids[0])
+    offsets = frames.recorded_around(frame, _MOST_AROUND)
+    ids = frames.boxes_named(offsets, frames.box(box_id))
+    boxes = reader.records(reader.read_boxes(ids))
+    by_offset = {offsets[one["frame_id"]]: one for one in boxes}
+    kept = {0: by_offset[0]}
+    for step in (-1, 1):
+        last, last_at = by_offset[0], 0
+        for at in range(step, step * (_MOST_AROUND + 1), step):
+            box = by_offset.get(at)
+            if box is None:
+                continue
+            if not _is_near(last, box, abs(at - last_at)):
+                break
+            kept[at], last, last_at = box, box, at
+    return [{**kept[at], "offset": at} for at in sorted(kept)]
+
+
+def _is_near(one: StoredDecision, other: StoredDecision, frames: int) -> bool:
+    a, b = one["distance"], other["distance"]
+    return a is None or b is None or abs(a - b) <= _MOST_MOVED_M * frames

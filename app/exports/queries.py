@@ -1,0 +1,48 @@
+"""SQL of versions, that is, of exports that have a name."""
+
+from __future__ import annotations
+
+from sqlalchemy import select
+from sqlalchemy.orm import Session, undefer
+
+from app.db.pages import NewestPage
+from app.db.tables import Dataset, Export
+from app.errors import NotFound
+
+
+class VersionRepository:
+    """Rows of `exports` that have a name."""
+
+    def __init__(self, session: Session, dataset: Dataset) -> None:
+        self._session, self._dataset_id = session, dataset.id
+
+    def named(self, name: str) -> Export:
+        """The version of this name; NotFound if there is none that is done."""
+        rows = select(Export).where(
+            Export.dataset_id == self._dataset_id,
+            Export.name == name,
+            Export.state == "done",
+        )
+        found = self._session.scalar(rows.options(undefer(Export.frames_state)))
+        if found is None:
+            raise NotFound("version", name)
+        return found
+
+    def export_of(self, name: str) -> int | None:
+        """The export that has a name, or will have it when it is done."""
+        rows = select(Export.id).where(
+            Export.dataset_id == self._dataset_id,
+            Export.name == name,
+            Export.state.not_in(("failed", "cancelled")),
+        )
+        return self._session.scalar(rows)
+
+    def page(self, page: NewestPage) -> list[Export]:
+        """The versions of a page, newest first, and one more if there is a next one."""
+        rows = select(Export).where(
+            Export.dataset_id == self._dataset_id, Export.name.is_not(None)
+        )
+        if page.before_id is not None:
+            rows = rows.where(Export.id < page.before_id)
+        rows = rows.order_by(Export.id.desc()).limit(page.limit + 1)
+        return list(self._session.scalars(rows))

@@ -1,0 +1,316 @@
+"""Compares the detectors of an experiment: differences between arms, with intervals.
+
+A *trial* is one detector, trained on one arm with one seed, and what it detects in a
+*test set*. Trials of one seed and test set differ in the labels only, so differences
+are taken in pairs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from statistics import fmean
+from typing import Final, NamedTuple, TypedDict
+
+import numpy as np
+
+from filter_core.evaluation.detections import (
+    IOUS,
+    Detections,
+    DetectionScore,
+    Objects,
+    match,
+    mean_precisions,
+    score_detections,
+)
+from filter_core.evaluation.scores import Measured, MeasuredObject
+from filter_core.types import BoxesXYXY, FloatArray, IntArray
+
+_ROLES: Final = {"perfect": " (ceiling)", "random": " (control)"}
+"""Arms that nobody can have, or would want."""
+
+_RESAMPLES: Final = 400
+
+_AT_A_TIME: Final = 50
+"""Resamples of one detector that are scored at the same time."""
+
+_SEED: Final = 2026
+
+_FEWEST_DRIVES: Final = 8
+"""With fewer drives in a test set, single frames are drawn instead."""
+
+
+@dataclass(frozen=True, eq=False)
+class EvaluationSet:
+    """The truth that all arms are scored against.
+
+    Attributes
+    ----------
+    name : str
+    classes : tuple of str
+    objects : Objects
+    tight_xyxy : (M, 4) float64, px
+        The rectangles around the visible pixels of the objects; NaN where unknown.
+    ghosts : Objects
+        Raw labels of objects that are not visible.
+    drive : (F,) int64
+        A number for the drive of each frame.
+    """
+
+    name: str
+    classes: tuple[str, ...]
+    objects: Objects
+    tight_xyxy: BoxesXYXY
+    ghosts: Objects
+    drive: IntArray
+
+    @property
+    def frames(self) -> int:
+        """How many there are."""
+        return len(self.drive)
+
+    @property
+    def drawn(self) -> IntArray:
+        """(F,) int64: what a resample draws as a whole: the drive, or the frame.
+
+        Frames of one drive show the same objects, so they tell less than as many
+        others.
+        """
+        drives = np.unique(self.drive, return_inverse=True)[1]
+        few = drives.max(initial=-1) + 1 < _FEWEST_DRIVES
+        return np.arange(self.frames) if few else drives
+
+
+class TrialKey(NamedTuple):
+    """Which trial: its test set by number, its arm and its seed."""
+
+    test: int
+    arm: str
+    seed: int
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """What a detector detects in a test set; `own` are the arm's labels there."""
+
+    key: TrialKey
+    detections: Detections
+    own: Objects
+
+
+class SeededObject(MeasuredObject):
+    """A number with its interval, and its values by seed."""
+
+    by_seed: dict[str, float]
+
+
+class ArmScore(TypedDict):
+    """The scores of an arm: means over its trials.
+
+    `means` are those of numbers of `DetectionScore`, and ``tight_map50`` against the
+    rectangles around visible pixels, ``own_map50`` against the arm's own labels.
+    """
+
+    trials: int
+    map50: SeededObject
+    map50_95: SeededObject
+    means: dict[str, float]
+    by_class: dict[str, dict[str, float]]
+    by_distance: dict[str, dict[str, float]]
+
+
+class DifferenceObject(SeededObject):
+    """How much better an arm is than the baseline, and whether that is shown.
+
+    It is shown if the interval does not contain 0, and if there are several seeds,
+    which all agree.
+    """
+
+    shown: bool
+
+
+class ComparisonObject(TypedDict):
+    """A comparison of arms as JSON."""
+
+    baseline: str
+    tests: list[str]
+    seeds: list[int]
+    arms: dict[str, ArmScore]
+    differences: dict[str, dict[str, DifferenceObject]]
+    verdict: str
+
+
+def compare(
+    tests: Sequence[EvaluationSet],
+    trials: Iterable[Trial],
+    progress: Callable[[int], None] = lambda _: None,
+) -> ComparisonObject:
+    """Score trials, and compare each arm with the first: the baseline.
+
+    Parameters
+    ----------
+    tests : sequence of EvaluationSet
+    trials : iterable of Trial
+        At least one. A trial is needed only while it is scored.
+    progress : callable
+        Called with the number of trials that have been scored.
+
+    Notes
+    -----
+    Scores are means over seeds, then over test sets. Intervals are the percentile
+    bootstrap: each resample draws drives (or frames) of a test set, the same for all
+    arms, and then seeds, both with replacement.
+    """
+    weights = [_weights(test, number) for number, test in enumerate(tests)]
+    scores: dict[TrialKey, _Scored] = {}
+    for trial in trials:
+        test = trial.key.test
+        scores[trial.key] = _score(trial, tests[test], weights[test])
+        progress(len(scores))
+    arms = list(dict.fromkeys(key.arm for key in scores))
+    differences = {
+        arm: {
+            "map50": _difference(scores, arm, arms[0], 0),
+            "map50_95": _difference(scores, arm, arms[0], 1),
+        }
+        for arm in arms[1:]
+    }
+    return {
+        "baseline": arms[0],
+        "tests": [test.name for test in tests],
+        "seeds": sorted({key.seed for key in scores}),
+        "arms": {arm: _arm_score(scores, arm) for arm in arms},
+        "differences": differences,
+        "verdict": verdict(arms[0], differences),
+    }
+
+
+class _Scored(NamedTuple):
+    """The scores of a trial; `values` is (1 + R, 2): mAP50 and mAP50-95, first of all
+    frames, then of each resample."""
+
+    score: DetectionScore
+    means: dict[str, float]
+    values: FloatArray
+
+
+def _weights(test: EvaluationSet, number: int) -> FloatArray:
+    """(1 + R, F) float64: how often each frame counts: once, then as it is drawn."""
+    unit = test.drawn
+    count = int(unit.max(initial=-1)) + 1
+    rng = np.random.default_rng([_SEED, number])
+    shares = np.full(count, 1 / max(count, 1))
+    drawn = rng.multinomial(count, shares, size=_RESAMPLES)[:, unit]
+    return np.concatenate([np.ones((1, test.frames)), drawn])
+
+
+def _score(trial: Trial, test: EvaluationSet, weights: FloatArray) -> _Scored:
+    detections, frames = trial.detections, test.frames
+    matches = match(test.objects, detections, frames)
+    parts = [
+        np.stack(mean_precisions(matches, weights[start : start + _AT_A_TIME]), axis=1)
+        for start in range(0, len(weights), _AT_A_TIME)
+    ]
+    score = score_detections(
+        test.objects, detections, test.ghosts, test.classes, frames
+    )
+    has_tight = ~np.isnan(test.tight_xyxy[:, 0])
+    tight = replace(test.objects[has_tight], xyxy=test.tight_xyxy[has_tight])
+
+    def map50(objects: Objects) -> float:
+        found = match(objects, detections, frames, IOUS[:1])
+        return float(mean_precisions(found, weights[:1])[0][0])
+
+    means = {
+        "precision": score["precision"],
+        "recall": score["recall"],
+        "tight_map50": map50(tight),
+        "own_map50": map50(trial.own),
+        "false_positives": score["false_positives"],
+        "on_ghosts": score["on_ghosts"],
+    }
+    return _Scored(score, means, np.concatenate(parts))
+
+
+def _seeded(values: Mapping[TrialKey, FloatArray]) -> SeededObject:
+    """The mean over test sets of the mean over seeds, of (1 + R,) numbers each."""
+    rng = np.random.default_rng(_SEED)
+    tests = sorted({key.test for key in values})
+    total = np.zeros(1 + _RESAMPLES)
+    for test in tests:
+        own = np.stack([one for key, one in values.items() if key.test == test], axis=1)
+        drawn = rng.integers(0, own.shape[1], own.shape)
+        drawn[0] = np.arange(own.shape[1])  # the first row is no resample
+        total += np.take_along_axis(own, drawn, axis=1).mean(axis=1) / len(tests)
+    low, high = np.quantile(total[1:], [0.025, 0.975]).tolist()
+    by_seed = {
+        str(seed): fmean(
+            float(one[0]) for key, one in values.items() if key.seed == seed
+        )
+        for seed in sorted({key.seed for key in values})
+    }
+    return {**Measured(float(total[0]), low, high).as_dict(), "by_seed": by_seed}
+
+
+def _difference(
+    scores: Mapping[TrialKey, _Scored], arm: str, baseline: str, column: int
+) -> DifferenceObject:
+    pairs = {
+        key: one.values[:, column] - scores[base].values[:, column]
+        for key, one in scores.items()
+        if key.arm == arm and (base := key._replace(arm=baseline)) in scores
+    }
+    if not pairs:
+        nothing = Measured(0.0, 0.0, 0.0).as_dict()
+        return {**nothing, "by_seed": {}, "shown": False}
+    seeded = _seeded(pairs)
+    signs = {np.sign(one) for one in seeded["by_seed"].values()}
+    is_apart = seeded["low"] > 0 or seeded["high"] < 0
+    several = len(seeded["by_seed"]) > 1
+    return {**seeded, "shown": bool(is_apart and several and len(signs) == 1)}
+
+
+def _arm_score(scores: Mapping[TrialKey, _Scored], arm: str) -> ArmScore:
+    own = {key: one for key, one in scores.items() if key.arm == arm}
+    listed = list(own.values())
+    return {
+        "trials": len(own),
+        "map50": _seeded({key: one.values[:, 0] for key, one in own.items()}),
+        "map50_95": _seeded({key: one.values[:, 1] for key, one in own.items()}),
+        "means": _means([one.means for one in listed]),
+        "by_class": _means_of_parts([one.score["by_class"] for one in listed]),
+        "by_distance": _means_of_parts([one.score["by_distance"] for one in listed]),
+    }
+
+
+def _means(rows: Sequence[Mapping[str, float]]) -> dict[str, float]:
+    """The mean of each number."""
+    return {name: fmean(row[name] for row in rows) for name in rows[0]}
+
+
+def _means_of_parts(
+    scores: Sequence[Mapping[str, Mapping[str, float]]],
+) -> dict[str, dict[str, float]]:
+    """The means of each part, such as a class, over the trials that have it."""
+    names = dict.fromkeys(name for one in scores for name in one)
+    return {
+        name: _means([one[name] for one in scores if name in one]) for name in names
+    }
+
+
+def verdict(
+    baseline: str, differences: Mapping[str, Mapping[str, DifferenceObject]]
+) -> str:
+    """One sentence: in which arms the detector is better or worse, and where not."""
+    said: dict[str, list[str]] = {"better": [], "worse": [], "no difference shown": []}
+    for arm, both in differences.items():
+        one = both["map50"]
+        title = "better" if one["value"] > 0 else "worse"
+        said[title if one["shown"] else "no difference shown"].append(
+            f"{arm}{_ROLES.get(arm, '')} {one['value']:+.3f} "
+            f"({one['low']:+.3f} to {one['high']:+.3f})"
+        )
+    parts = [f"{title}: {', '.join(arms)}" for title, arms in said.items() if arms]
+    if not parts:
+        return f"There is no arm to compare with {baseline}."
+    return f"mAP50 against {baseline}: {'; '.join(parts)}."

@@ -1,0 +1,270 @@
+// @ts-check
+// The home of a dataset: what a ghost is, one frame before and after, and a report: how many, of what, how far, why,
+// and what a person should look at.
+
+import { NearPicture } from "../boxes/crops.js";
+import { BINS } from "../boxes/filters.js";
+import { VerdictBar } from "../boxes/signs.js";
+import { EVIDENCE, reasonText } from "../boxes/wording.js";
+import { get, pictureUrl } from "../core/api.js";
+import { useDataset, useGrowth, useLazy, useLoaded, useTopBar } from "../core/hooks.js";
+import { html, useEffect, useRef, useState } from "../core/html.js";
+import { countOf, countText } from "../core/numbers.js";
+import { Failure, FailureLine, Notice } from "../core/parts.js";
+import { linkTo } from "../core/router.js";
+import { useMedia } from "../stage/media.js";
+
+/** @typedef {import("../core/app.js").App & {boxes: import("../boxes/store.js").Boxes}} App */
+/** @typedef {import("../core/openapi.js").Dataset} Dataset */
+/** @typedef {import("../core/openapi.js").Stats} Stats */
+/** @typedef {import("../core/openapi.js").FrameSummary} FrameItem */
+
+/** The words of the trade, explained where one points at them. */
+const WORDS = {
+  ghost:
+    "A box of an object of which the camera sees nothing, or next to nothing: " +
+    "behind a wall, behind a car, behind the camera.",
+  segmentation: "An image in which the simulator says for every pixel what it shows: car, road, building.",
+  evidence:
+    "What tells whether an object is seen: its own pixels (instances), depth, the order of the boxes, " +
+    "or the pixels of its class.",
+  doubt: "The filter may be wrong about it, and an eye can decide.",
+};
+
+/** A word that explains itself. @param {{name: keyof typeof WORDS, children?: unknown}} props */
+const Term = ({ name, children }) =>
+  html`<abbr class="term" title=${WORDS[name]} tabindex="0" aria-description=${WORDS[name]}>${children}</abbr>`;
+
+/** @param {{app: App, route: import("../core/router.js").Route}} props */
+export function HomeView({ app, route }) {
+  const name = route.params.dataset ?? "";
+  useTopBar(app, { title: name, dataset: name });
+  const dataset = useDataset(name);
+  useGrowth(dataset, dataset.value?.counts.frames ?? 0, dataset.value?.created_at);
+  const path = { dataset: name };
+  const loaded = useLoaded(
+    (signal) =>
+      Promise.all([
+        get("/api/v1/datasets/{dataset}/stats", { path, signal }),
+        get("/api/v1/datasets/{dataset}/report", { path, signal }),
+      ]),
+    [name, dataset.value?.counts.frames],
+  );
+  const [stats, report] = loaded.value ?? [null, null];
+  const failed = dataset.state === "error" && !dataset.value;
+  if (failed)
+    return html`<main id="main" class="page" tabindex="-1">
+      <${Failure} error=${dataset.error} onRetry=${dataset.reload} />
+    </main>`;
+  const worst = report?.worst_frames.filter(({ has_image }) => has_image) ?? [];
+  // One that has much to show on both sides of the line.
+  const [shown] = [...worst].sort(
+    ({ counts: a }, { counts: b }) => b.kept * b.rejected - a.kept * a.rejected,
+  );
+  const counts = dataset.value?.counts;
+  return html`<main id="main" class="page home" tabindex="-1" aria-busy=${!stats}>
+    <div class="page__head">
+      <h1>${name}</h1>
+      ${counts && html`<span class="faint">
+        ${countOf(counts.frames, "frame")} · ${countOf(counts.boxes, "box", "boxes")}</span>`}
+      <button class="button home__print" onClick=${() => print()}>Print</button>
+    </div>
+    ${loaded.error && html`<${FailureLine} error=${loaded.error} onRetry=${loaded.reload} />`}
+    ${counts?.boxes === 0 && html`<${Notice} title="No boxes yet">
+      <p>Boxes and ghosts are shown here once frames have been uploaded.</p>
+    <//>`}
+    ${counts && counts.boxes > 0 && html`<section class="home__start">
+      <div class="home__words">
+        <p>The simulator gives a box for every object, also for those that the camera cannot see:
+          ${" "}<${Term} name="ghost">ghosts<//>. Unghost compares each box with
+          the ${" "}<${Term} name="segmentation">images<//> of its frame, keeps what is seen and rejects the rest,
+          and says why. You look at the boxes that are ${" "}<${Term} name="doubt">in doubt<//>, one at a time;
+          every answer is saved at once and can be undone.</p>
+        <div class="home__buttons">
+          <a class="button button--primary button--large" href=${linkTo("queue", path)}>
+            Start review${counts.to_review > 0 && html` <span class="num">${countText(counts.to_review)}</span>`}</a>
+          <a class="button button--large" href=${linkTo("frames", path)}>Look at the frames</a>
+        </div>
+      </div>
+      ${shown && html`<${BeforeAfter} key=${shown.id} app=${app} id=${shown.id} />`}
+    </section>`}
+    ${stats && stats.boxes > 0 && html`<div class="home__report">
+      <${ByClass} dataset=${name} stats=${stats} />
+      <${ByDistance} bands=${report?.by_distance ?? []} />
+      <${ByCause} dataset=${name} stats=${stats} />
+      <${ForPeople} dataset=${name} stats=${stats} evidence=${dataset.value?.evidence ?? ""} />
+    </div>
+    ${worst.length > 0 && html`<section class="panelbox" aria-labelledby="worst-title">
+      <header class="panelbox__head"><h2 id="worst-title">Frames with the most ghosts</h2></header>
+      <ul class="thumbs">${worst.map((frame) => html`<li key=${frame.id}><${Worst} frame=${frame} /></li>`)}</ul>
+    </section>`}`}
+  </main>`;
+}
+
+/**
+ * A frame before and after the filter: all boxes left of the line, the kept ones right of it.
+ * @param {{app: App, id: number}} props
+ */
+export function BeforeAfter({ app, id }) {
+  const media = useMedia(app.boxes).of(id);
+  const { value: frame, error, retry } = useLazy(media.frame);
+  const { value: picture } = useLazy(media.picture);
+  const canvas = useRef(/** @type {HTMLCanvasElement | null} */ (null));
+  const [at, setAt] = useState(50);
+  const width = frame?.width ?? 16;
+  const height = frame?.height ?? 9;
+  useEffect(() => {
+    if (!canvas.current || !picture) return;
+    canvas.current.width = width;
+    canvas.current.height = height;
+    canvas.current.getContext("2d")?.drawImage(picture, 0, 0, width, height);
+  }, [picture, width, height]);
+  if (error) return html`<${FailureLine} error=${error} onRetry=${retry} />`;
+  const boxes = (frame ? app.boxes.all(frame.boxIds) : []).filter(({ xyxy }) => xyxy);
+  const kept = boxes.filter(({ effective_verdict: verdict }) => verdict === "kept");
+  /** @param {typeof boxes} some @param {string} verdict */
+  const drawn = (some, verdict) =>
+    some.map(({ box_id, xyxy }) => {
+      const [x0 = 0, y0 = 0, x1 = 0, y1 = 0] = xyxy ?? [];
+      const place = { x: x0, y: y0, width: x1 - x0, height: y1 - y0 };
+      return html`<rect key=${box_id} class="compare__box compare__box--${verdict}" ...${place} />`;
+    });
+  const line = (at * width) / 100;
+  return html`<figure class="compare" style=${{ aspectRatio: `${width} / ${height}` }}>
+    <canvas ref=${canvas} role="img" aria-label=${frame ? `Frame ${frame.key}` : "Loading a frame"}></canvas>
+    <svg viewBox=${`0 0 ${width} ${height}`} aria-hidden="true">
+      <clipPath id="compare-before"><rect x="0" y="0" width=${line} height=${height} /></clipPath>
+      <clipPath id="compare-after"><rect x=${line} y="0" width=${width - line} height=${height} /></clipPath>
+      <g clip-path="url(#compare-before)">${drawn(boxes, "raw")}</g>
+      <g clip-path="url(#compare-after)">${drawn(kept, "kept")}</g>
+      <line class="compare__line" x1=${line} x2=${line} y1="0" y2=${height} />
+    </svg>
+    <input class="compare__range" type="range" min="0" max="100" value=${at}
+      aria-label="Before the filter on the left, after it on the right"
+      onInput=${(/** @type {{currentTarget: HTMLInputElement}} */ event) => setAt(Number(event.currentTarget.value))} />
+    <figcaption><span>Before: ${countOf(boxes.length, "box", "boxes")}</span><span>After: ${countText(kept.length)}</span></figcaption>
+  </figure>`;
+}
+
+/**
+ * A frame before and after, as a page of its own.
+ * @param {{app: App, route: import("../core/router.js").Route}} props
+ */
+export function CompareView({ app, route }) {
+  const id = Number(route.params.id);
+  const { value: frame } = useLoaded(
+    (signal) => get("/api/v1/frames/{frame_id}", { path: { frame_id: id }, signal }),
+    [id],
+  );
+  useTopBar(app, { title: "Before and after", dataset: frame?.dataset ?? "" });
+  return html`<main id="main" class="page" tabindex="-1">
+    <div class="page__head">
+      <h1>${frame?.key ?? "Before and after"}</h1>
+      <a class="button page__settings" href=${linkTo("frame", { id })}>All about this frame</a>
+    </div>
+    <${BeforeAfter} key=${id} app=${app} id=${id} />
+  </main>`;
+}
+
+/** @typedef {{kept: number, rejected: number, unmeasured: number}} Counts */
+
+/**
+ * Rows of kept and rejected boxes.
+ * @param {{title: string, head: string, rows: readonly {name: unknown, counts: Counts}[]}} props
+ */
+function Table({ title, head, rows }) {
+  return html`<section class="panelbox" aria-label=${title}>
+    <header class="panelbox__head"><h2>${title}</h2></header>
+    <div class="tablewrap"><table class="table">
+      <thead><tr>
+        <th scope="col">${head}</th><th class="is-num" scope="col">Boxes</th><th class="is-num" scope="col">Ghosts</th>
+        <th class="table__bar" aria-hidden="true"></th>
+      </tr></thead>
+      <tbody>${rows.map(({ name, counts }) => {
+        const boxes = counts.kept + counts.rejected + counts.unmeasured;
+        const drawn = { ...counts, boxes, reviewed: 0, to_review: 0 };
+        return html`<tr>
+          <th scope="row">${name}</th>
+          <td class="is-num num">${countText(boxes)}</td>
+          <td class="is-num num">${countText(counts.rejected)}</td>
+          <td class="table__bar" aria-hidden="true"><${VerdictBar} counts=${drawn} /></td>
+        </tr>`;
+      })}</tbody>
+    </table></div>
+  </section>`;
+}
+
+/** @param {{dataset: string, stats: Stats}} props */
+function ByClass({ dataset, stats }) {
+  const rows = Object.entries(stats.by_class).sort(([, a], [, b]) => b.rejected - a.rejected);
+  /** @param {string} name */
+  const ghosts = (name) => linkTo("grid", { dataset }, { class: name, verdict: "rejected" });
+  const linked = rows.map(([name, counts]) => ({ counts, name: html`<a href=${ghosts(name)}>${name}</a>` }));
+  return html`<${Table} title="By class" head="Class" rows=${linked} />`;
+}
+
+/** @param {{bands: readonly import("../core/openapi.js").DistanceBand[]}} props */
+function ByDistance({ bands }) {
+  if (bands.length === 0) return null;
+  /** @param {import("../core/openapi.js").DistanceBand} band */
+  const name = ({ distance_from: from, distance_to: to }) => {
+    if (from === null) return "not known";
+    return to === null ? `from ${from} m` : `${from} to ${to} m`;
+  };
+  const rows = bands.map((band) => ({ name: name(band), counts: band }));
+  return html`<${Table} title="By distance" head="Distance" rows=${rows} />`;
+}
+
+/** @param {{dataset: string, stats: Stats}} props */
+function ByCause({ dataset, stats }) {
+  const rows = Object.entries(stats.by_reason)
+    .filter(([reason]) => reason !== "visible")
+    .sort(([, a], [, b]) => b - a);
+  return html`<section class="panelbox" aria-labelledby="cause-title">
+    <header class="panelbox__head"><h2 id="cause-title">By cause</h2></header>
+    <div class="tablewrap"><table class="table">
+      <thead><tr><th scope="col">Why not kept</th><th class="is-num" scope="col">Boxes</th></tr></thead>
+      <tbody>${rows.map(
+        ([reason, boxes]) => html`<tr key=${reason}>
+          <th scope="row"><a href=${linkTo("grid", { dataset }, { reason })}>${reasonText(reason)}</a></th>
+          <td class="is-num num">${countText(boxes)}</td>
+        </tr>`,
+      )}</tbody>
+    </table></div>
+  </section>`;
+}
+
+/** @param {{dataset: string, stats: Stats, evidence: string}} props */
+function ForPeople({ dataset, stats, evidence }) {
+  return html`<section class="panelbox" aria-labelledby="people-title">
+    <header class="panelbox__head"><h2 id="people-title">What needs a person</h2></header>
+    <dl class="facts">
+      ${BINS.map(
+        ({ value, text }) => html`<div key=${value}>
+          <dt><a href=${linkTo("grid", { dataset }, { bin: value })}>${text}</a></dt>
+          <dd class="num">${countText(stats.bins?.[value] ?? 0)}</dd>
+        </div>`,
+      )}
+      <div><dt>Answered</dt><dd class="num">${countText(stats.reviewed)}</dd></div>
+      <div><dt>The filter and a person disagree</dt><dd class="num">${countText(stats.conflicts)}</dd></div>
+      <div><dt><${Term} name="evidence">Evidence<//></dt><dd>${EVIDENCE[evidence]?.text ?? evidence}</dd></div>
+    </dl>
+    <p class="home__buttons">
+      <a class="button" href=${linkTo("runs", { dataset })}>Exports and runs</a>
+      <a class="button" href=${linkTo("quality", { dataset })}>Quality</a>
+    </p>
+    <p class="faint">As a file: <code>unghost report ${dataset} -o report.html</code></p>
+  </section>`;
+}
+
+/** @param {{frame: FrameItem}} props */
+function Worst({ frame: { id, key, counts } }) {
+  const url = pictureUrl("/api/v1/frames/{frame_id}/thumbnail", { path: { frame_id: id } });
+  return html`<a class="thumb" href=${linkTo("compare", { id })} title=${key}>
+    <div class="thumb__picture"><${NearPicture} url=${url} /></div>
+    <div class="thumb__text">
+      <span class="thumb__key">${key}</span><span class="faint num">${countOf(counts.rejected, "ghost")}</span>
+    </div>
+    <${VerdictBar} counts=${counts} />
+  </a>`;
+}

@@ -1,0 +1,36 @@
+"""`make experiment ARGS=--small` renders, trains with torchvision, and reports."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.support.sources import CHECKOUT
+
+TORCH = Path(os.environ.get("TRAIN_PYTHON", CHECKOUT / ".venv/train/bin/python"))
+
+pytestmark = [
+    pytest.mark.long,
+    pytest.mark.timeout(3600),
+    pytest.mark.skipif(
+        not TORCH.exists(),
+        reason="no environment with torch: make experiment makes one",
+    ),
+]
+
+
+def test_small_experiment_runs(tmp_path):
+    command = [sys.executable, "-m", "benchmarks.experiment", tmp_path, "--small"]
+
+    subprocess.run([*command, "--python", TORCH], cwd=CHECKOUT, check=True)
+
+    (report,) = tmp_path.glob("*/report.json")
+    found = json.loads(report.read_text())
+    assert list(found["arms"]) == ["raw", "perfect"]
+    assert {one["trials"] for one in found["arms"].values()} == {1}
+    assert found["noise"]["frames"] == 12

@@ -1,0 +1,140 @@
+"""The queue's question: its object, what hides it, other layers, and the depths."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from playwright.sync_api import expect
+
+from tests.support import sensors
+from tests.support.page import scenes
+from tests.support.page.accessibility import findings
+from tests.support.page.many_boxes import queue
+from tests.support.page.stage import layer, view, wait_for_drawing
+from tests.support.pictures import png
+
+pytestmark = pytest.mark.browser
+
+NEAR = {"id": "214", "class": "car", "xyxy": scenes.CAR, "distance": 30}
+GHOST = {"id": "218", "class": "car", "xyxy": [150, 240, 162, 246], "distance": 177}
+
+
+@pytest.fixture
+def hidden(make_scene):
+    return make_scene(boxes=[NEAR, GHOST])
+
+
+def ask(user, scene, name, **query):
+    page = user.open(queue(scene, boxes=str(scene.box_id(name)), **query))
+    expect(page.locator(".stage")).to_have_attribute("data-picture", "shown")
+    return page
+
+
+def test_question_names_the_object_and_what_it_is_inside_of(hidden, user):
+    page = ask(user, hidden, "218")
+
+    expect(page.locator(".question__ask")).to_have_text(
+        "Can you see any of this car? 12 × 6 px, 177 m away, inside car 214 at 30 m"
+    )
+    expect(page.locator(".stage")).to_have_attribute(
+        "data-hider", str(hidden.box_id("214"))
+    )
+
+
+def test_question_of_a_blind_review_does_not_name_other_boxes(hidden, user):
+    page = ask(user, hidden, "218", blind="on")
+
+    expect(page.locator(".question__ask")).to_have_text(
+        "Can you see any of this car? 12 × 6 px, 177 m away"
+    )
+    expect(page.locator(".stage")).to_have_attribute("data-hider", "")
+
+
+def test_rule_of_the_dataset_is_beside_the_question(hidden, user):
+    page = ask(user, hidden, "218")
+    expect(page.locator(".question__rule")).to_contain_text("Keep the box if you see")
+
+    rule = {"rule": "Wheels alone are enough."}
+    hidden.http.patch(f"/datasets/{hidden.dataset}", json=rule).raise_for_status()
+    page.reload()
+
+    expect(page.locator(".question__rule")).to_have_text(
+        "Rule Wheels alone are enough."
+    )
+
+
+def test_close_up_is_not_dimmed_and_shows_enough_to_recognise_the_place(hidden, user):
+    page = ask(user, hidden, "218")
+    wait_for_drawing(page)
+
+    drawn = layer(page, "base")
+    scale, *_ = view(page)
+    assert min(drawn.shape[:2]) / scale >= 96
+    corner = drawn[10, 10]
+    assert corner.tolist() == [scenes.GREY] * 3 + [255]
+
+
+def test_held_key_shows_the_picture_alone(hidden, user):
+    page = ask(user, hidden, "218")
+    wait_for_drawing(page)
+    assert layer(page, "top").any()
+
+    page.keyboard.down("h")
+    expect(page.locator(".stage")).to_have_attribute("data-bare", "true")
+    wait_for_drawing(page)
+    bare = layer(page, "top")
+    page.keyboard.up("h")
+
+    assert not bare.any()
+    expect(page.locator(".stage")).not_to_have_attribute("data-bare", "true")
+    wait_for_drawing(page)
+    assert layer(page, "top").any()
+
+
+@pytest.fixture
+def measured(make_scene):
+    """A scene of a near car and one hidden behind it, with depth and instances."""
+    scene = make_scene(boxes=[])
+    shown = png(np.full((sensors.HEIGHT, sensors.WIDTH, 3), scenes.GREY, np.uint8))
+    kinds = {"image": shown, **sensors.sensors()}
+    files = {kind: (f"{kind}.png", file, "image/png") for kind, file in kinds.items()}
+    annotation = json.dumps(sensors.ANNOTATION)
+    answer = scene.http.put(
+        f"/datasets/{scene.dataset}/frames/run/000002",
+        files={**files, "annotation": ("a.json", annotation, "application/json")},
+    )
+    assert answer.status_code == 201, answer.text
+    frame = scenes.get(scene.http, f"/frames/{answer.json()['frame']['id']}")
+    return scenes.Scene(scene.http, scene.dataset, frame)
+
+
+def test_other_layers_show_the_same_cut_and_depths_share_one_axis(measured, user):
+    page = ask(user, measured, "218")
+
+    cuts = page.locator(".layers__cut")
+    expect(cuts).to_have_text(["segmentation", "depth", "instances"])
+    expect(cuts.locator("img")).to_have_count(3)
+    expect(page.locator(".depths__words")).to_contain_text(
+        "Box 38 to 42 m, pixels 8.0 m: "
+    )
+    assert findings(page) == []
+    box = page.locator(".depths__box").bounding_box()
+    band = page.locator(".depths__band").first.bounding_box()
+    assert band["x"] + band["width"] < box["x"]
+
+
+def test_address_of_the_queue_names_its_box_and_opens_at_it(hidden, user):
+    page = user.open(queue(hidden, order="random"))
+    expect(page.locator(".stage")).to_have_attribute("data-picture", "shown")
+    user.press("j")
+    second = page.locator(".stage").get_attribute("data-box")
+    address = page.evaluate("location.hash")
+    assert f"box={second}" in address
+
+    page = user.open(address)
+    page.reload()
+
+    expect(page.locator(".stage")).to_have_attribute("data-box", second)
+    expect(page.locator(".strip-list__box")).to_have_count(2)

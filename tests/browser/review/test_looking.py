@@ -1,0 +1,149 @@
+"""Looking at a frame: clicks, the order of the list, and room for the picture."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from playwright.sync_api import expect
+
+from tests.support import sensors
+from tests.support.page import scenes
+from tests.support.page.stage import layer, point, view, wait_for_drawing
+from tests.support.page.windows import OVERFLOW
+from tests.support.pictures import png
+
+pytestmark = pytest.mark.browser
+
+CAR, GHOST = scenes.CAR, [100, 220, 180, 280]
+STACK = [
+    {"id": "real", "class": "car", "xyxy": CAR, "distance": 12.5},
+    {"id": "ghost", "class": "walker", "xyxy": GHOST, "distance": 60},
+    {"id": "far", "class": "truck", "xyxy": scenes.SKY, "distance": 150},
+]
+
+
+def click(page, x, y):
+    page.mouse.click(*point(page, x, y))
+
+
+def test_click_selects_the_visible_box_and_the_next_click_the_ghost_in_it(
+    make_scene, user
+):
+    page = user.open(make_scene(boxes=STACK).link())
+    expect(page.locator(".stage")).to_have_attribute("data-picture", "shown")
+
+    click(page, 140, 250)
+    expect(page.locator(".inspector__head h2")).to_have_text("car real")
+    click(page, 140, 250)
+
+    expect(page.locator(".inspector__head h2")).to_have_text("walker ghost")
+
+
+def test_click_selects_the_object_whose_pixels_were_clicked(make_scene, user):
+    scene = make_scene(boxes=[])
+    height, width = scenes.HEIGHT, scenes.WIDTH
+    tags, ids = np.ones((height, width), np.uint8), np.zeros((height, width), int)
+    # A bus, and a car in front of it whose box is as large as its pixels.
+    tags[100:300, 80:400], ids[100:300, 80:400] = 16, 500
+    tags[200:300, 120:240], ids[200:300, 120:240] = 14, 700
+    # A small kept box of the bus's own pixels lies within the bus.
+    boxes = [
+        {"id": "bus", "class": "bus", "xyxy": [80, 100, 400, 300], "distance": 30},
+        {"id": "car", "class": "car", "xyxy": [120, 200, 240, 300], "distance": 10},
+        {"id": "part", "class": "bus", "xyxy": [260, 120, 300, 160], "distance": 31},
+    ]
+    files = {
+        "image": scenes.picture(),
+        "segmentation": png(np.dstack([tags, 0 * tags, 0 * tags])),
+        "instances": sensors.instance_png(tags, ids),
+    }
+    camera = {"width": width, "height": height, "fov": 90}
+    text = json.dumps({"carla_version": "0.9.15", "camera": camera, "boxes": boxes})
+    answer = scene.http.put(
+        f"/datasets/{scene.dataset}/frames/run/000002",
+        files={
+            **{kind: (f"{kind}.png", file) for kind, file in files.items()},
+            "annotation": ("a.json", text, "application/json"),
+        },
+    )
+    assert answer.status_code == 201, answer.text
+    page = user.open(f"#/frames/{answer.json()['frame']['id']}")
+    expect(page.locator(".stage")).to_have_attribute("data-objects", "shown")
+
+    click(page, 280, 140)
+    expect(page.locator(".inspector__head h2")).to_have_text("bus bus")
+    click(page, 180, 250)
+
+    expect(page.locator(".inspector__head h2")).to_have_text("car car")
+
+
+def test_list_is_sorted_by_size_and_distance_and_keys_follow_it(make_scene, user):
+    page = user.open(make_scene(boxes=STACK).link())
+    names = page.locator(".box__name")
+    expect(names).to_have_text(["car real", "walker ghost", "truck far"])
+
+    page.get_by_label("Order").select_option("size")
+    expect(names).to_have_text(["car real", "truck far", "walker ghost"])
+    page.get_by_label("Order").select_option("distance")
+    expect(names).to_have_text(["car real", "walker ghost", "truck far"])
+    page.get_by_label("Order").select_option("doubt")
+    expect(names).to_have_count(3)
+    page.get_by_label("Order").select_option("size")
+    user.press("j", "j")
+
+    expect(page.locator(".inspector__head h2")).to_have_text("truck far")
+
+
+def test_far_boxes_fade_until_they_are_asked_for(make_scene, user):
+    page = user.open(make_scene(boxes=STACK).link())
+    wait_for_drawing(page)
+
+    def ink() -> float:
+        """How much the far box's lower edge differs from the picture's grey."""
+        scale, x0, y0 = view(page)
+        row = round(scenes.SKY[3] * scale + y0)
+        left, right = (round(x * scale + x0) for x in (scenes.SKY[0], scenes.SKY[2]))
+        drawn = layer(page, "base")[row - 3 : row + 3, left:right, :3].astype(float)
+        return float(np.abs(drawn - scenes.GREY).max())
+
+    faint = ink()
+    user.press("o")
+    wait_for_drawing(page)
+
+    assert 0 < 1.5 * faint < ink()
+
+
+def test_picture_has_most_of_the_window_and_all_of_it_without_panels(make_scene, user):
+    page = user.open(make_scene().link("real"))
+    expect(page.locator(".stage")).to_have_attribute("data-picture", "shown")
+
+    def share() -> float:
+        scale, *_ = view(page)
+        pixels = scenes.WIDTH * scenes.HEIGHT * scale**2
+        return float(pixels / page.evaluate("innerWidth * innerHeight"))
+
+    wait_for_drawing(page)
+    assert share() >= 0.55
+    expect(page.locator(".panel--list")).to_be_visible()
+    expect(page.locator(".panel--inspector")).to_be_visible()
+    user.press("p")
+    expect(page.locator(".panel--list")).to_be_hidden()
+    wait_for_drawing(page)
+    assert share() >= 0.7
+    assert page.evaluate(OVERFLOW) <= 0
+    user.press("p")
+
+    expect(page.locator(".panel--inspector")).to_be_visible()
+
+
+def test_tabs_of_the_dataset_stay_in_a_frame(make_scene, user):
+    scene = make_scene()
+    page = user.open(scene.link("real"))
+
+    page.get_by_role("navigation", name="Dataset").get_by_text("Queue").click()
+
+    expect(page).to_have_url(
+        f"{page.url.split('#')[0]}#/datasets/{scene.dataset}/queue"
+    )

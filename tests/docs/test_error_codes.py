@@ -1,0 +1,59 @@
+"""Every code of a problem that the service can send is in the table of codes."""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections.abc import Iterator
+
+from app.http.problems import HTTP_CODES
+from tests.support.sources import CHECKOUT
+from unghost.wire.codes import ERROR_CODES
+
+FAULTS = ("Fault", "Failure", "add")
+"""What has codes of single errors, or of runs and exports."""
+LOCAL = {"code", "no_geometry", "several_geometries"}
+"""A name that is passed on, and codes of faults."""
+
+
+def codes_in(source: ast.AST) -> Iterator[str]:
+    """Values of `code` of classes and of calls, and of a `Refusal`."""
+    for node in ast.walk(source):
+        if isinstance(node, ast.ClassDef):
+            for one in node.body:
+                text = re.fullmatch(r"code\b[^=]* = '(\w+)'", ast.unparse(one))
+                yield from text.groups() if text else ()
+        elif isinstance(node, ast.Call):
+            name = ast.unparse(node.func).rpartition(".")[2]
+            codes = [one.value for one in node.keywords if one.arg == "code"]
+            codes += node.args[1:2] if name == "Refusal" else []
+            for code in codes if name not in FAULTS else []:
+                yield from texts(code)
+
+
+def texts(value: ast.expr) -> Iterator[str]:
+    if isinstance(value, ast.Constant) and isinstance(value.value, str):
+        yield value.value
+
+
+def sent_codes() -> set[str]:
+    files = [
+        path
+        for name in ("app", "filter_core")
+        for path in (CHECKOUT / name).rglob("*.py")
+    ]
+    found = {
+        code for path in files for code in codes_in(ast.parse(path.read_text("utf-8")))
+    }
+    # Made of the name of a job, and of what is wrong with the boxes.
+    composed = {"run_over", "export_over", "wrong_unit", "wrong_corners"}
+    return (
+        {one for one in found if one}
+        | composed
+        | set(HTTP_CODES.values())
+        | {"http_error"}
+    )
+
+
+def test_every_code_is_in_the_table_and_every_code_of_the_table_is_sent():
+    assert sent_codes() - LOCAL == set(ERROR_CODES)

@@ -1,0 +1,185 @@
+"""Which boxes are asked about, which first, and why."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from filter_core.config.filter import FilterConfig
+from filter_core.decisions.doubt import (
+    BIN_NAMED,
+    Bin,
+    Cause,
+    bins_of,
+    doubts,
+    questions,
+)
+from filter_core.decisions.rules import decide
+from filter_core.types import BoxState, ChannelNumbers
+from tests.support.evidence import evidence_of
+
+TAGS = FilterConfig(profile="paper")
+SIDE = 20.0
+
+
+def box(match: float, *, side: float = SIDE, **more: object) -> dict[str, object]:
+    """A square box with a match in percent; whole pixels are not needed here."""
+    pixels = 400
+    return {
+        "xyxy": [0.0, 0.0, side, side],
+        "match_percent": match,
+        "box_pixels": pixels,
+        "matched_pixels": round(pixels * match / 100),
+        **more,
+    }
+
+
+def doubts_of(boxes, config=TAGS, **columns):
+    channels = ChannelNumbers.absent(len(boxes))
+    for name, numbers in columns.items():
+        getattr(channels, name)[:] = numbers
+    evidence = replace(evidence_of(boxes), channels=channels)
+    decisions = decide(evidence, config)
+    found = doubts(evidence, config, decisions)
+    covering = dict.fromkeys(range(len(boxes)), "the nearer car 214")
+    return found, questions(found, evidence, config, decisions, covering)
+
+
+@pytest.mark.parametrize(
+    ("one", "bin_", "cause", "question"),
+    [
+        pytest.param(box(60, crowding=96), Bin.ASK, Cause.COVERED,
+         "kept by its tags, but the nearer car 214 covers 96 % of it", id="covered"),
+        pytest.param(box(60, crowding=40), Bin.SURE, Cause.NONE, None,
+         id="more pixels match than the other box covers"),
+        pytest.param(box(60), Bin.SURE, Cause.NONE, None, id="alone"),
+        pytest.param(box(5), Bin.ASK, Cause.OWN_PIXELS,
+         "rejected, but 20 of its pixels match, more than another box can have",
+         id="own pixels"),
+        pytest.param(box(5, crowding=50), Bin.ASK, Cause.SOME_PIXELS,
+         "rejected, but 20 of its pixels match", id="pixels of either"),
+        pytest.param(box(0), Bin.WALL, Cause.NONE, None, id="wall"),
+        pytest.param(box(11), Bin.ASK, Cause.TOSS_UP,
+         "too few pixels to be certain on which side of the threshold it is",
+         id="toss-up"),
+        pytest.param(box(5, side=3.9), Bin.SMALL, Cause.NONE, None, id="small"),
+        pytest.param(box(0, side=3.9), Bin.SMALL, Cause.NONE, None, id="small wall"),
+        pytest.param(box(5, state=BoxState.OUTSIDE_IMAGE), Bin.SURE, Cause.NONE, None,
+         id="outside"),
+        pytest.param(box(5, measured=False), Bin.ASK, Cause.UNDECIDED,
+         "nothing has decided whether it is visible", id="not measured"),
+    ],
+)  # fmt: skip
+def test_box_has_its_bin_and_its_question(one, bin_, cause, question):
+    found, (sentence,) = doubts_of([one])
+
+    assert bins_of(found.doubt).tolist() == [bin_]
+    assert found.cause.tolist() == [cause]
+    assert sentence == question
+
+
+def test_own_pixels_that_are_too_few_are_asked_about():
+    config = FilterConfig(evidence="instance", min_visible_pixels=10)
+
+    found, sentences = doubts_of(
+        [box(60, crowding=96)] * 3, config, instance_pixels=[0, 9, 10]
+    )
+
+    assert bins_of(found.doubt).tolist() == [Bin.SURE, Bin.ASK, Bin.SURE]
+    assert sentences[1] == (
+        "rejected, but 9 of its own pixels can be seen, of the 10 that are needed"
+    )
+
+
+def test_kinds_of_evidence_that_disagree_are_the_doubt():
+    instances, depth = [0, 0, 90, 90], [0, 90, 90, 0]
+
+    found, sentences = doubts_of(
+        [box(60)] * 4, FilterConfig(), instance_pixels=instances, depth_pixels=depth
+    )
+
+    disagreement = "instances and depth disagree about it"
+    assert sentences == [None, disagreement, None, disagreement]
+    assert found.doubt[1] > found.doubt[3] > 0
+
+
+def test_what_is_too_small_follows_the_configuration():
+    boxes = [box(5, side=side) for side in (3.9, 4.0, 9.9, 10.0)]
+    larger = FilterConfig(profile="paper", review_min_side=10)
+
+    by_default, _ = doubts_of(boxes)
+    by_config, _ = doubts_of(boxes, larger)
+
+    assert (by_default.doubt == Bin.SMALL).tolist() == [True, False, False, False]
+    assert (by_config.doubt == Bin.SMALL).tolist() == [True, True, True, False]
+
+
+def test_of_several_causes_the_likeliest_error_counts():
+    tossed = box(9, crowding=0)
+
+    found, _ = doubts_of([tossed])
+
+    assert found.cause.tolist() == [Cause.OWN_PIXELS]
+
+
+BOX = st.builds(
+    box,
+    st.floats(0, 100),
+    side=st.floats(1, 200),
+    crowding=st.sampled_from([0.0, 30.0, 60.0, 99.0, 100.0]),
+    unknown_pixels=st.sampled_from([0, 50]),
+)
+CONFIG = st.builds(
+    FilterConfig,
+    profile=st.sampled_from(["paper", "carlasimu"]),
+    threshold_small_box=st.sampled_from([0, 10, 60]),
+)
+
+
+@given(boxes=st.lists(BOX, min_size=1, max_size=20), config=CONFIG)
+def test_every_box_is_in_one_bin_whatever_the_others_are(boxes, config):
+    together, _ = doubts_of(boxes, config)
+    alone = [doubts_of([one], config)[0].doubt[0] for one in boxes]
+
+    assert together.doubt.tolist() == alone
+    assert set(bins_of(together.doubt).tolist()) <= set(Bin)
+    assert together.doubt.max() <= 100
+    assert ((together.cause != Cause.NONE) == (together.doubt > 0)).all()
+
+
+@given(match=st.floats(0.5, 9.5), crowding=st.floats(0, 100))
+def test_pixels_are_less_likely_the_own_ones_the_more_another_box_covers(
+    match, crowding
+):
+    boxes = [box(match, crowding=one) for one in (0, crowding, 100)]
+
+    found, _ = doubts_of(boxes)
+
+    assert found.doubt.tolist() == sorted(found.doubt, reverse=True)
+
+
+@given(match=st.floats(11, 100), crowding=st.floats(0, 100))
+def test_kept_box_is_in_more_doubt_the_more_another_one_covers_it(match, crowding):
+    boxes = [box(match, crowding=one) for one in (0, crowding, 100)]
+
+    found, _ = doubts_of(boxes)
+
+    assert found.doubt.tolist() == sorted(found.doubt)
+
+
+@given(match=st.floats(0.5, 9.5), sides=st.tuples(st.floats(4, 50), st.floats(4, 50)))
+def test_an_eye_decides_better_about_a_larger_box(match, sides):
+    found, _ = doubts_of([box(match, side=side) for side in sorted(sides)])
+
+    assert found.doubt[0] <= found.doubt[1]
+
+
+def test_bins_come_in_the_order_of_doubt():
+    assert [bin_.label for bin_ in Bin] == list(BIN_NAMED)
+    assert list(Bin) == sorted(Bin, reverse=True)
+    doubt = np.array([-2, -1, 0, 1, 100], np.int16)
+    assert bins_of(doubt).tolist() == [-2, -1, 0, 1, 1]

@@ -1,0 +1,181 @@
+"""Folders as carlasimu writes them, on Windows and on Linux."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from filter_core.config.filter import FilterConfig
+from filter_core.errors import AnnotationErrors
+from filter_core.formats.registry import read_source
+from filter_core.images.drawing import decoded
+from filter_core.local import filter_source
+from filter_core.pipeline import filter_frame
+from tests.support.exporting import HEAD, box, convert, export, frame
+from tests.support.folders import annotation_of, write_carlasimu, write_files
+
+NEAR, MIDDLE, FAR = (f"0 0.{n} 0.5 0.1 0.2" for n in (2, 4, 6))
+BOXES = [(FAR, 180.0), (NEAR, 50.0), (MIDDLE, 50.1), (NEAR, 120.0)]
+
+
+@pytest.mark.parametrize("given", ["", "out", "out/cam"])
+def test_tree_of_windows_is_read_from_any_of_its_folders(tmp_path, given):
+    write_carlasimu(tmp_path, BOXES)
+
+    check_tree(tmp_path / given, tmp_path / "out", "/")
+
+
+@pytest.mark.parametrize("given", ["", r"out\cam"])
+def test_tree_of_linux_is_read_from_its_folders(tmp_path, given):
+    write_carlasimu(tmp_path, BOXES, separator="\\")
+
+    check_tree(tmp_path / given, tmp_path, "\\")
+
+
+def check_tree(given, place, separator):
+    frames = read_source(given)
+    (frame,) = frames
+
+    assert frames.layout == "carlasimu"
+    above = "" if separator == "/" else "out\\"
+    name = "00000993"
+    assert frame.segmentation == place / f"{above}seg" / f"{name}.png"
+    assert dict(frame.others) == {
+        "depth": place / f"{above}depth" / f"{name}.png",
+        "radar": place / f"{above}radar" / f"{name}.ply",
+    }
+    annotation = annotation_of(frame)
+    assert annotation["map"] == "Town10HD_Opt"
+    assert annotation["weather"] == {"cloudiness": 20, "fog_distance": 0.75}
+    # Of two boxes with the same line, the nearer one comes first.
+    assert [one["distance_range"] for one in annotation["boxes"]] == [
+        *([150, 200], [0, 50]),
+        *([50, 100], [100, 150]),
+    ]
+    assert any("LiDAR files are not read" in note for note in frames.notes())
+
+
+def test_distance_range_is_in_decisions_and_counts_for_limits(tmp_path):
+    frames = read_source(write_carlasimu(tmp_path, BOXES))
+
+    config = FilterConfig(min_distance=51, max_distance=150)
+    (outcome,) = filter_source(frames, config)
+
+    decisions = outcome.decisions or []
+    assert [(one["distance"], one["distance_range"]) for one in decisions] == [
+        (None, [150, 200]), (None, [0, 50]), (None, [50, 100]), (None, [100, 150]),
+    ]  # fmt: skip
+    # The third may be nearer or farther than 51 m.
+    assert [one["reason"] == "out_of_range" for one in decisions] == [
+        *(True, True),
+        *(False, False),
+    ]
+    assert decisions[0]["explanation"] == (
+        "rejected: it is 150 to 200 m away, at most 150 m are allowed"
+    )
+
+
+def test_single_band_bounds_the_distance_from_above(tmp_path):
+    frames = read_source(write_carlasimu(tmp_path, [(NEAR, 20)], bands=(70,)))
+
+    (frame,) = frames
+
+    (box,) = annotation_of(frame)["boxes"]
+    assert box["distance_range"] == [0, 70]
+
+
+@pytest.mark.parametrize("wrong", [[100, 50], [-1, 50], [50], "50-100", [None, 1]])
+def test_invalid_distance_range_is_refused(wrong):
+    box = {"class": "car", "xyxy": [0, 0, 1, 1], "distance_range": wrong}
+
+    with pytest.raises(AnnotationErrors, match="distance_range"):
+        filter_frame({"boxes": [box]}, None, FilterConfig())
+
+
+THEIR_NUMBERS = {
+    "car": 0,
+    "bus": 1,
+    "truck": 2,
+    "van": 3,
+    "walker": 4,
+    "street_light": 5,
+}
+
+
+def test_their_own_tree_comes_back_with_its_files_and_numbers(tmp_path):
+    source = write_carlasimu(tmp_path, BOXES)
+
+    files = convert("carlasimu", source, "carlasimu", drawn=True, pictures=1)
+
+    (theirs,), (ours,) = (
+        read_source(write_files(tmp_path / "again", files)),
+        read_source(source),
+    )
+    assert annotation_of(theirs) == {**annotation_of(ours), "split": "val"}
+    for name in ("out/cam/images/00000993.png", "out/seg/00000993.png"):
+        assert files[name] == (source / name).read_bytes(), name
+    theirs = json.loads((source / "out/cam/Readme.txt").read_text())
+    theirs["distance"].pop("min_distance")
+    assert json.loads(files["out/cam/Readme.txt"]) == theirs | {
+        "classes": THEIR_NUMBERS
+    }
+    before, after = (
+        decoded(files[f"out/cam/{folder}/00000993.png"])
+        for folder in ("images_bbox", "images_bbox_filter")
+    )
+    assert before.shape == (60, 80, 3)
+    assert before.any()
+    np.testing.assert_array_equal(before, after)  # every box is included
+    assert {name for name in files if name.startswith("pictures/")} == {
+        "pictures/after/00000993.png",
+        "pictures/before/00000993.png",
+        "pictures/index.html",
+        "pictures/sheet.png",
+    }
+    page = files["pictures/index.html"].decode()
+    assert "4 of 4 boxes are written" in page
+    assert decoded(files["pictures/sheet.png"]).shape[1] == 480
+
+
+def test_boxes_lie_in_the_bands_of_their_true_distance_under_their_numbers():
+    metres = {
+        "car": 50.0,
+        "pedestrian": 50.01,
+        "Traffic Light": 150.0,
+        "motorcycle": 200.0,
+        "truck": 200.5,
+    }
+    boxes = [
+        box(number, class_name=name, distance=distance)
+        for number, (name, distance) in enumerate(metres.items())
+    ]
+
+    files = export(
+        "carlasimu",
+        [frame("a", *boxes, map="Town01")],
+        replace(HEAD, classes=tuple(metres)),
+    )
+
+    numbers = {
+        band: [
+            line.split()[0]
+            for line in files[f"out/cam/labels/label{band}/a.txt"].decode().splitlines()
+        ]
+        for band in (50, 100, 150, 200)
+    }
+    assert json.loads(files["manifest.json"])["beyond_all_bands"] == 1
+    readme = json.loads(files["out/cam/Readme.txt"])
+    assert readme["classes"] == THEIR_NUMBERS | {"motorcycle": 6}
+    assert numbers == {
+        50: ["0"],
+        100: ["0", "4"],
+        150: ["0", "4", "5"],
+        200: ["0", "4", "5", "6"],
+    }
+    assert (readme["map"], readme["distance"]) == (
+        "Town01",
+        {"max_distance": [50, 100, 150, 200]},
+    )

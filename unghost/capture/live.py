@@ -1,0 +1,448 @@
+"""Clean boxes while a simulation runs: `live` in a script of one's own.
+
+The simulation stays the script's: nothing is spawned, moved or set. `decide_tick` is
+also what `unghost capture` decides with while it records.
+"""
+
+from __future__ import annotations
+
+import queue
+import threading
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from datetime import datetime, timezone
+from importlib import metadata
+from pathlib import Path
+from types import TracebackType
+from typing import Final, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from filter_core.config.file import load_config
+from filter_core.config.filter import FilterConfig
+from filter_core.decisions.record import Decision
+from filter_core.pipeline import FrameOptions, FrameResult, filter_frame
+from filter_core.values import nearest
+from unghost.capture.annotating import Annotator, Moment
+from unghost.capture.folder import (
+    MANIFEST_KEYS,
+    FrameRecord,
+    encode,
+    pixels_of,
+    unpacked_png,
+)
+from unghost.capture.rig import (
+    BLUEPRINTS,
+    CAMERAS,
+    Missed,
+    RunningSensor,
+    collect,
+    drain,
+    main_camera,
+)
+from unghost.capture.scenario import parse_scenario, short_name
+from unghost.capture.session import Scene
+from unghost.capture.simulator import (
+    Actor,
+    CaptureError,
+    Measurement,
+    Sensor,
+    World,
+    WorldSnapshot,
+    as_image,
+    load_carla,
+)
+
+Drop = Literal["nothing", "oldest"]
+
+_READ: Final = ("depth", "instances", "semantic_lidar")
+"""Sensors besides the segmentation whose files are evidence."""
+_RED: Final = 2
+_MOST_MISSED: Final = 20
+
+
+@dataclass(frozen=True, kw_only=True)
+class LiveOptions:
+    """Options of `live`.
+
+    Attributes
+    ----------
+    boxes : mapping
+        As the key ``boxes`` of a scenario: which objects get boxes.
+    ego : carla.Actor or None
+        The vehicle without a box; None: the parent of the camera.
+    version : str or None
+        Of the simulator; None: that of the client library.
+    drop : ``nothing`` or ``oldest``
+        What happens to ticks that come while a frame is decided: they wait, or all but
+        the newest are dropped and counted.
+    ticks : bool or None
+        Whether the world is ticked here; None: in synchronous mode, if there is no
+        `on_frame`.
+    wait_s : float
+        How long sensors may take for a tick, and the simulation for the next one.
+    """
+
+    boxes: Mapping[str, object] = field(default_factory=dict)
+    ego: Actor | None = None
+    version: str | None = None
+    drop: Drop = "nothing"
+    ticks: bool | None = None
+    wait_s: float = 10.0
+
+
+@dataclass(frozen=True, eq=False)
+class LiveFrame:
+    """One tick with its boxes, decided.
+
+    Attributes
+    ----------
+    tick : int
+        The simulator's number of the frame.
+    image : (H, W, 3) uint8 or None
+        Of the camera ``rgb``; blue, green, red, as OpenCV has them.
+    record : mapping
+        The annotation of the frame: camera, map, weather and all boxes.
+    result : FrameResult
+    """
+
+    tick: int
+    image: NDArray[np.uint8] | None
+    record: FrameRecord
+    result: FrameResult
+
+    @property
+    def decisions(self) -> Sequence[Decision]:
+        """All boxes with verdict and reason, in the order of the record."""
+        return self.result.decisions
+
+    @property
+    def boxes(self) -> list[Decision]:
+        """The clean boxes: those that are kept."""
+        return [one for one in self.decisions if one["verdict"] == "kept"]
+
+    def _repr_html_(self) -> str:
+        return self.result._repr_html_()  # what notebooks call
+
+
+def decide_tick(
+    config: FilterConfig,
+    key: str,
+    record: FrameRecord,
+    measured: Mapping[str, Measurement],
+    contents: Mapping[str, bytes],
+) -> FrameResult:
+    """Decide the boxes of one tick.
+
+    Parameters
+    ----------
+    config : FilterConfig
+    key : str
+        The frame's name in explanations and errors.
+    record : FrameRecord
+    measured : mapping
+        The measurements by the sensors' names; the segmentation is read from them.
+    contents : mapping
+        The files of other sensors, as `unghost.capture.folder.encode` makes them.
+    """
+    tags = None
+    if "segmentation" in measured:
+        pixels = pixels_of(as_image(measured["segmentation"]))
+        tags = np.ascontiguousarray(pixels[..., _RED])
+    files = {MANIFEST_KEYS[name]: contents[name] for name in _READ if name in contents}
+    return filter_frame(record, tags, config, FrameOptions(key=key, sensors=files))
+
+
+def live(
+    world: World,
+    *,
+    sensors: Mapping[str, Actor],
+    config: FilterConfig | Mapping[str, object] | Path | str | None = None,
+    on_frame: Callable[[LiveFrame], object] | None = None,
+    options: LiveOptions | None = None,
+) -> Live:
+    """Clean boxes of each tick of a running simulation.
+
+    Parameters
+    ----------
+    world : carla.World
+    sensors : mapping of str to carla.Sensor
+        Sensors of the script, by what they are: ``rgb``, ``segmentation``, ``depth``,
+        ``instances``, ``semantic_lidar``; at least ``rgb`` or ``segmentation``. All
+        cameras have one pose, size and angle, and ``sensor_tick`` 0. They are listened
+        to here, so that the script must not call ``listen`` itself.
+    config : FilterConfig, mapping, path of a YAML file or None
+        As `unghost filter --config` takes it.
+    on_frame : callable, optional
+        Called with each `LiveFrame` in a thread of its own; else iterate.
+    options : LiveOptions, optional
+
+    Returns
+    -------
+    Live
+        An iterator of `LiveFrame`; with `on_frame` it runs until `close`.
+
+    Raises
+    ------
+    CaptureError
+        Sensors that are unknown, no cameras or not alike, or none.
+    """
+    synchronous = world.get_settings().synchronous_mode
+    options = options or LiveOptions()
+    by_itself = synchronous and on_frame is None
+    own = by_itself if options.ticks is None else options.ticks
+    if own and not synchronous:
+        raise CaptureError("ticks: expected a world in synchronous mode, found another")
+    if isinstance(config, str | Path):
+        config = Path(config).read_text("utf-8")
+    if not isinstance(config, FilterConfig):
+        config = load_config(config or {}).config
+    running = _running(sensors)
+    made = Live(world, running, config, replace(options, ticks=own))
+    made.annotator = Annotator(
+        _scene(world, sensors, options), options.ego or _parent(running), running
+    )
+    made.start(on_frame)
+    return made
+
+
+class Live:
+    """An iterator over the ticks of a simulation; made by `live`.
+
+    It ends with `close`, also as a context manager. Neither actors nor settings change.
+
+    Attributes
+    ----------
+    dropped : int
+        Ticks that were left out because newer ones were there.
+    missed : Counter
+        Ticks that a sensor did not measure, by reason.
+    """
+
+    annotator: Annotator
+
+    def __init__(
+        self,
+        world: World,
+        sensors: Sequence[RunningSensor],
+        config: FilterConfig,
+        options: LiveOptions,
+    ) -> None:
+        self._world, self._sensors, self._config = world, sensors, config
+        self._wait_s, self._drop = options.wait_s, options.drop
+        self._ticks = options.ticks
+        self._coming: queue.Queue[WorldSnapshot | None] = queue.Queue()
+        self._callback: int | None = None
+        self._thread: threading.Thread | None = None
+        self._fault: BaseException | None = None
+        self._is_over = False
+        self._files = ThreadPoolExecutor(len(_READ), "unghost-live")
+        self.dropped = 0
+        self.missed: Counter[str] = Counter()
+
+    @property
+    def waiting(self) -> int:
+        """Ticks that have come and are not decided yet."""
+        return self._coming.qsize()
+
+    def start(self, on_frame: Callable[[LiveFrame], object] | None) -> None:
+        """Listen to the sensors and, unless it ticks itself, to the world's ticks."""
+        for one in self._sensors:
+            assert isinstance(one.actor, Sensor), "checked when it was made"
+            one.actor.listen(one.inbox.put)
+        if not self._ticks:
+            self._callback = self._world.on_tick(self._coming.put)
+        if on_frame is not None:
+            self._thread = threading.Thread(
+                target=self._run, args=(on_frame,), name="unghost-live", daemon=True
+            )
+            self._thread.start()
+
+    def __iter__(self) -> Iterator[LiveFrame]:
+        """Itself."""
+        return self
+
+    def __next__(self) -> LiveFrame:
+        """The next tick that all sensors measured.
+
+        Raises
+        ------
+        CaptureError
+            The simulation stands still, or sensors miss many ticks in a row.
+        StopIteration
+            It was closed.
+        """
+        missed: Counter[str] = Counter()
+        while missed.total() < _MOST_MISSED:
+            snapshot = self._snapshot()
+            found = collect(
+                self._sensors, snapshot.frame, self._wait_s, check=self._check
+            )
+            if not isinstance(found, Missed):
+                return self._decided(Moment(snapshot, found))
+            missed[str(found)] += 1
+            self.missed[str(found)] += 1
+            if self._ticks:
+                drain(self._sensors)
+        reason, count = missed.most_common(1)[0]
+        raise CaptureError(
+            f"no complete frame in {_MOST_MISSED} ticks, {count} times because {reason}"
+        )
+
+    def __enter__(self) -> Live:
+        """Itself; closed at the end of the block."""
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Close it."""
+        self.close()
+
+    def close(self) -> None:
+        """Stop listening; raises what `on_frame` or its thread raised, if anything."""
+        self._is_over = True
+        self._coming.put(None)
+        if self._callback is not None:
+            self._world.remove_on_tick(self._callback)
+            self._callback = None
+        if self._thread is not None and self._thread is not threading.current_thread():
+            self._thread.join()
+            self._thread = None
+        for one in self._sensors:
+            assert isinstance(one.actor, Sensor), "checked when it was made"
+            with suppress(RuntimeError):  # the script may have destroyed it
+                one.actor.stop()
+        self._files.shutdown()
+        fault, self._fault = self._fault, None
+        if fault is not None:
+            raise fault
+
+    def _run(self, on_frame: Callable[[LiveFrame], object]) -> None:
+        try:
+            for frame in self:
+                on_frame(frame)
+        except BaseException as error:
+            self._fault = error
+
+    def _check(self) -> None:
+        if self._is_over:
+            raise StopIteration
+
+    def _snapshot(self) -> WorldSnapshot:
+        """Of the next tick."""
+        self._check()
+        if self._ticks:
+            self._world.tick(self._wait_s)
+            return self._world.get_snapshot()
+        try:
+            snapshot = self._coming.get(timeout=self._wait_s)
+            while self._drop == "oldest" and not self._coming.empty():
+                newer = self._coming.get_nowait()
+                snapshot, self.dropped = newer or snapshot, self.dropped + 1
+        except queue.Empty:
+            raise CaptureError(
+                f"the simulation did not tick in {self._wait_s:g} s"
+            ) from None
+        self._check()
+        assert snapshot is not None, "only `close` puts None, which ended it above"
+        return snapshot
+
+    def _decided(self, moment: Moment) -> LiveFrame:
+        tick, measured = moment.snapshot.frame, moment.measured
+        names = [name for name in _READ if name in measured]
+        made = self._files.map(_file, names, [measured[name] for name in names])
+        now = datetime.now(timezone.utc).isoformat(timespec="milliseconds")
+        record = self.annotator.annotate(
+            moment,
+            captured_at=now.replace("+00:00", "Z"),
+            missed_before=self.missed.total() + self.dropped,
+        )
+        files = dict(zip(names, made, strict=True))
+        result = decide_tick(self._config, f"{tick:06d}", record, measured, files)
+        image = None
+        if "rgb" in measured:
+            image = pixels_of(as_image(measured["rgb"]))[..., :3].copy()
+        return LiveFrame(tick, image, record, result)
+
+
+def _file(name: str, measured: Measurement) -> bytes:
+    if name in CAMERAS:
+        return unpacked_png(as_image(measured))
+    return encode(name, measured)[1]
+
+
+def _running(sensors: Mapping[str, Actor]) -> list[RunningSensor]:
+    for name, actor in sensors.items():
+        expected = BLUEPRINTS.get(name)
+        if expected is None:
+            raise CaptureError(
+                f"sensors: unknown name {name!r}; the nearest is "
+                f"{nearest(name, tuple(BLUEPRINTS))!r}"
+            )
+        if actor.type_id != expected or not isinstance(actor, Sensor):
+            raise CaptureError(
+                f"sensors: expected {expected} as {name}, found {actor.type_id}"
+            )
+        if float(actor.attributes.get("sensor_tick", 0)) != 0:
+            raise CaptureError(
+                f"sensors: {name} has a sensor_tick; it must be 0, so that it measures "
+                "each tick"
+            )
+    if not sensors.keys() & {"rgb", "segmentation"}:
+        raise CaptureError("sensors: expected rgb or segmentation, found neither")
+    shapes = {
+        name: tuple(sensors[name].attributes.get(key) for key in _SHAPE)
+        for name in CAMERAS
+        if name in sensors
+    }
+    first, *others = shapes.items()
+    for name, shape in others:
+        if shape != first[1]:
+            raise CaptureError(
+                f"sensors: {name} has another size or angle than {first[0]}: {shape}, "
+                f"not {first[1]}"
+            )
+    return [
+        RunningSensor(name, sensors[name]) for name in BLUEPRINTS if name in sensors
+    ]
+
+
+_SHAPE: Final = ("image_size_x", "image_size_y", "fov")
+
+
+def _parent(sensors: Sequence[RunningSensor]) -> Actor:
+    """What the first camera is attached to, else itself, which has no box either."""
+    return sensors[0].actor.parent or sensors[0].actor
+
+
+def _scene(
+    world: World,
+    sensors: Mapping[str, Actor],
+    options: LiveOptions,
+) -> Scene:
+    off = dict.fromkeys(("rgb", "segmentation"), False)
+    document: dict[str, object] = {
+        "sensors": {**off, **dict.fromkeys(sensors, True)},
+        "boxes": options.boxes,
+    }
+    scenario = parse_scenario(document, "live")
+    camera = sensors[main_camera(scenario)]
+    fov = float(camera.attributes["fov"])
+    view = scenario.camera.model_copy(update={"fov": fov})
+    installed = metadata.version("carla")
+    return Scene(
+        carla=load_carla(),
+        world=world,
+        scenario=scenario.model_copy(update={"camera": view}),
+        server_version=options.version or installed,
+        client_version=installed,
+        map_name=short_name(world.get_map().name),
+    )

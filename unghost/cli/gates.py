@@ -1,0 +1,159 @@
+"""`--fail-if`: conditions under which `filter`, `push` and `stats` end with code 4."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from operator import eq, ge, gt, le, lt
+from pathlib import Path
+from typing import Annotated, Final, NamedTuple
+from xml.sax.saxutils import quoteattr
+
+import typer
+
+from unghost.cli.screen import GATE, Screen
+
+_OPERATORS: Final = {">": gt, ">=": ge, "<": lt, "<=": le, "=": eq}
+_CONDITION: Final = re.compile(
+    r"\s*(?P<name>[a-z_]+)\s*(?P<operator>>=|<=|=|>|<)"
+    r"\s*(?P<limit>[0-9]+(?:\.[0-9]+)?)\s*(?P<percent>%?)\s*"
+)
+OF_FRAMES: Final = ("frames", "refused")
+NAMES: Final = (*OF_FRAMES, "boxes", "kept", "rejected", "unmeasured", "unmapped")
+"""What every condition may be about; percent are of all frames or of all boxes."""
+_REPORTS: Final = (".xml", ".md")
+
+
+class Gate(NamedTuple):
+    """A condition that must not hold: ``rejected > 5%``."""
+
+    text: str
+    name: str
+    operator: str
+    limit: float
+    is_percent: bool
+
+
+class _Checked(NamedTuple):
+    gate: Gate
+    figure: str
+    has_failed: bool
+
+
+@dataclass(frozen=True, kw_only=True)
+class GateOptions:
+    """Conditions under which a command ends with exit code 4."""
+
+    fail_if: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--fail-if",
+            metavar="CONDITION",
+            help="End with exit code 4 if this holds, such as 'rejected > 5%' or "
+            f"'unmapped > 0': one of {', '.join(NAMES)}, then >, >=, <, <= or =, then "
+            "a number, or a share of all frames or boxes in percent. May be repeated.",
+        ),
+    ] = None
+    gate_report: Annotated[
+        Path | None,
+        typer.Option(
+            "--gate-report",
+            metavar="FILE",
+            help="Write the conditions and their figures: as JUnit's XML (.xml) or as "
+            "Markdown (.md).",
+            dir_okay=False,
+        ),
+    ] = None
+
+    def __post_init__(self) -> None:
+        """Refuse a condition that cannot be read, before any work is done."""
+        report = self.gate_report
+        if report is not None and report.suffix not in _REPORTS:
+            raise typer.BadParameter(
+                f"--gate-report {report}: expected a name that ends in "
+                f"{' or '.join(_REPORTS)}"
+            )
+        for text in self.fail_if or ():
+            _gate(text)
+
+    def check(self, counts: Mapping[str, int], screen: Screen, title: str) -> None:
+        """Print each condition with its figure, and write the report.
+
+        Parameters
+        ----------
+        counts
+            How many there are of each of `NAMES`.
+        screen
+        title
+            What was looked at, for the report.
+
+        Raises
+        ------
+        typer.Exit
+            With code 4: a condition holds.
+        """
+        checked = [_checked(_gate(text), counts) for text in self.fail_if or ()]
+        for gate, figure, has_failed in checked:
+            result = "failed" if has_failed else "passed"
+            screen.note(f"gate {result}: {gate.text}, it is {figure}")
+        if self.gate_report is not None:
+            as_text = _junit if self.gate_report.suffix == ".xml" else _markdown
+            self.gate_report.write_text(as_text(title, checked), "utf-8")
+        if any(one.has_failed for one in checked):
+            raise typer.Exit(GATE)
+
+
+def _gate(text: str) -> Gate:
+    found = _CONDITION.fullmatch(text)
+    if found is None:
+        raise typer.BadParameter(
+            f"--fail-if: expected a condition such as 'rejected > 5%', found {text!r}"
+        )
+    name = found["name"]
+    if name not in NAMES:
+        from filter_core.values import similar
+
+        meant = similar(name, NAMES)
+        hint = f"; did you mean {meant!r}?" if meant else ""
+        raise typer.BadParameter(
+            f"--fail-if: expected one of {', '.join(NAMES)}, found {name!r}{hint}"
+        )
+    limit, is_percent = float(found["limit"]), bool(found["percent"])
+    return Gate(text.strip(), name, found["operator"], limit, is_percent)
+
+
+def _checked(gate: Gate, counts: Mapping[str, int]) -> _Checked:
+    count = counts[gate.name]
+    whole_name = "frames" if gate.name in OF_FRAMES else "boxes"
+    whole = counts[whole_name]
+    percent = 100 * count / whole if whole else 0.0
+    value = percent if gate.is_percent else count
+    figure = f"{count:,}"
+    if gate.is_percent:
+        figure = f"{percent:.2f}% ({count:,} of {whole:,} {whole_name})"
+    return _Checked(gate, figure, _OPERATORS[gate.operator](value, gate.limit))
+
+
+def _junit(title: str, checked: Sequence[_Checked]) -> str:
+    failures = sum(one.has_failed for one in checked)
+    lines = [
+        '<?xml version="1.0" encoding="utf-8"?>',
+        f"<testsuite name={quoteattr(title)} tests={quoteattr(str(len(checked)))} "
+        f"failures={quoteattr(str(failures))}>",
+    ]
+    for gate, figure, has_failed in checked:
+        message = quoteattr(f"{gate.text}: it is {figure}")
+        inner = f"<failure message={message}/>" if has_failed else ""
+        name = quoteattr(f"not {gate.text}")
+        lines.append(f'  <testcase classname="unghost" name={name}>{inner}</testcase>')
+    return "\n".join([*lines, "</testsuite>", ""])
+
+
+def _markdown(title: str, checked: Sequence[_Checked]) -> str:
+    rows = [
+        f"| `{gate.text}` | {figure} | {'failed' if has_failed else 'passed'} |"
+        for gate, figure, has_failed in checked
+    ]
+    head = [f"### {title}", "", "| must not hold | it is | gate |", "|---|---|---|"]
+    return "\n".join([*head, *rows, ""])

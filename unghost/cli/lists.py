@@ -1,0 +1,259 @@
+"""Commands that list boxes, frames, refused frames and runs."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Final, Literal
+
+import typer
+
+from unghost.cli.options import DatasetOptions, ServerOptions, dataset_names
+from unghost.cli.screen import Refused
+from unghost.wire.words import Bin, JobState, ReviewState, Verdict
+
+if TYPE_CHECKING:
+    from unghost.client.keywords import BoxFilters
+    from unghost.client.tables import Columns
+    from unghost.wire import FrameSummary, RefusedFrame, Run
+
+TableFormat = Literal["csv", "json", "parquet"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class BoxesOptions(DatasetOptions):
+    """Options of `unghost boxes`."""
+
+    format: Annotated[
+        TableFormat,
+        typer.Option(help="How to write the table; json: one object per line."),
+    ] = "csv"
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "--output",
+            "-o",
+            metavar="FILE",
+            help="File to write; default: the standard output.",
+            dir_okay=False,
+        ),
+    ] = None
+    fields: Annotated[
+        str,
+        typer.Option(
+            metavar="NAMES",
+            help="Columns, separated by commas; default: all that are read fast. "
+            "docs/client.md lists them.",
+        ),
+    ] = ""
+    verdict: Annotated[
+        Verdict | None, typer.Option(help="Only boxes with this verdict of the filter.")
+    ] = None
+    effective: Annotated[
+        Verdict | None,
+        typer.Option(help="Only boxes with this verdict, answers of people included."),
+    ] = None
+    reason: Annotated[
+        str | None, typer.Option(help="Only boxes with one of these reasons.")
+    ] = None
+    class_name: Annotated[
+        str | None, typer.Option("--class", help="Only boxes of these classes.")
+    ] = None
+    review: Annotated[
+        ReviewState | None, typer.Option(help="Only boxes with such an answer.")
+    ] = None
+    bin: Annotated[
+        Bin | None, typer.Option(help="Only boxes to ask about, or others of a kind.")
+    ] = None
+    frame: Annotated[
+        str | None, typer.Option(metavar="KEY", help="Only boxes of this frame.")
+    ] = None
+    map: Annotated[
+        str | None, typer.Option(help="Only boxes of frames on this map.")
+    ] = None
+    camera: Annotated[
+        str | None, typer.Option(help="Only boxes of frames of this camera.")
+    ] = None
+    sequence: Annotated[
+        str | None, typer.Option(help="Only boxes of frames of this drive.")
+    ] = None
+    distance_min: Annotated[
+        float | None, typer.Option(min=0, help="Only boxes at least so far, in metres.")
+    ] = None
+    distance_max: Annotated[
+        float | None, typer.Option(min=0, help="Only boxes at most so far, in metres.")
+    ] = None
+
+    @property
+    def filters(self) -> BoxFilters:
+        """The filters that were given; None of the others."""
+        return {
+            "verdict": self.verdict,
+            "effective": self.effective,
+            "reason": self.reason,
+            "class_name": self.class_name,
+            "review": self.review,
+            "bin": self.bin,
+            "frame": self.frame,
+            "map": self.map,
+            "camera": self.camera,
+            "sequence": self.sequence,
+            "distance_min": self.distance_min,
+            "distance_max": self.distance_max,
+        }
+
+
+def boxes(options: BoxesOptions) -> None:
+    """Write the boxes of a dataset as a table: CSV, JSON or Parquet."""
+    kind = "json" if options.json else options.format
+    if kind == "parquet" and options.output is None:
+        raise Refused("--format parquet: expected --output FILE, found none")
+    with options.connect() as client:
+        table = client.boxes(options.dataset, **options.filters)
+        fields = options.fields.split(",") if options.fields else ()
+        with options.screen.progress(f"boxes of {options.dataset}", "boxes") as advance:
+            columns = table.columns(fields, progress=lambda rows: advance(rows, None))
+    if kind == "parquet":
+        assert options.output is not None
+        _write_parquet(columns, options.output)
+    elif options.output is None:
+        sys.stdout.write(_text_of(columns, kind))
+    else:
+        options.output.write_text(_text_of(columns, kind), "utf-8", newline="")
+    if options.output is not None:
+        count = len(next(iter(columns.values()), ()))
+        options.screen.note(f"{count:,} boxes in {options.output}")
+
+
+def _text_of(columns: Columns, kind: str) -> str:
+    rows = zip(*columns.values(), strict=True)
+    if kind == "json":
+        lines = (dict(zip(columns, row, strict=True)) for row in rows)
+        return "".join(f"{json.dumps(line, ensure_ascii=False)}\n" for line in lines)
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(columns)
+    writer.writerows(zip(*map(_cells, columns.values()), strict=True))
+    return text.getvalue()
+
+
+_FORMULA: Final = ("=", "+", "-", "@", "\t", "\r", "\n")
+
+
+def _cells(column: Sequence[object]) -> Sequence[object]:
+    """A column for CSV: words for truth; text like a formula gets an apostrophe."""
+    if isinstance(next(iter(column), None), bool):
+        return [str(value).lower() for value in column]
+    if not any(isinstance(value, str) for value in column):
+        return column
+    return [
+        f"'{value}" if isinstance(value, str) and value.startswith(_FORMULA) else value
+        for value in column
+    ]
+
+
+def _write_parquet(columns: Columns, file: Path) -> None:
+    from unghost.client.tables import to_arrow
+
+    try:
+        import pyarrow.parquet
+    except ImportError as error:
+        raise Refused(
+            "Parquet needs pyarrow, which is not installed here: pip install "
+            "'unghost[parquet]'"
+        ) from error
+    pyarrow.parquet.write_table(to_arrow(columns), file, compression="zstd")
+
+
+@dataclass(frozen=True, kw_only=True)
+class FramesOptions(DatasetOptions):
+    """Options of `unghost frames`."""
+
+    key: Annotated[
+        str, typer.Option(metavar="PREFIX", help="Only frames whose keys begin so.")
+    ] = ""
+    verdict: Annotated[
+        Verdict | None, typer.Option(help="Only frames that have such a box.")
+    ] = None
+    map: Annotated[str | None, typer.Option(help="Only frames on this map.")] = None
+    sequence: Annotated[str | None, typer.Option(help="Only frames of this drive.")] = (
+        None
+    )
+
+
+_FRAME_COLUMNS: Final = (
+    "frame",
+    "number",
+    "map",
+    "boxes",
+    "kept",
+    "rejected",
+    "to review",
+)
+
+
+def frames(options: FramesOptions) -> None:
+    """List the frames of a dataset with the counts of their boxes."""
+    with options.connect() as client:
+        listed = client.frames(
+            options.dataset,
+            key=options.key,
+            verdict=options.verdict,
+            map=options.map,
+            sequence=options.sequence,
+        )
+        options.screen.listing(_FRAME_COLUMNS, listed, _frame_row)
+
+
+def _frame_row(frame: FrameSummary) -> tuple[object, ...]:
+    counts = frame.counts
+    numbers = (counts.boxes, counts.kept, counts.rejected, counts.to_review)
+    return frame.key, frame.id, frame.map, *numbers
+
+
+def problems(options: DatasetOptions) -> None:
+    """List the frames that were refused, with the errors that their sender got."""
+    with options.connect() as client:
+        listed = client.problems(options.dataset)
+        columns = ("frame", "when", "code", "error")
+        options.screen.listing(columns, listed, _problem_row)
+
+
+def _problem_row(problem: RefusedFrame) -> tuple[object, ...]:
+    when = problem.created_at.isoformat(sep=" ", timespec="seconds")
+    return problem.key, when, problem.error.code, problem.error.detail
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunsOptions(ServerOptions):
+    """Options of `unghost runs`."""
+
+    dataset: Annotated[
+        str | None,
+        typer.Argument(
+            help="Name of the dataset; default: all datasets.",
+            autocompletion=dataset_names,
+        ),
+    ] = None
+    state: Annotated[JobState | None, typer.Option(help="Only runs in this state.")] = (
+        None
+    )
+
+
+def runs(options: RunsOptions) -> None:
+    """List the runs of a dataset or of all, newest first."""
+    with options.connect() as client:
+        listed = client.runs(options.dataset, state=options.state)
+        columns = ("run", "dataset", "state", "configuration", "by", "result")
+        options.screen.listing(columns, listed, _run_row)
+
+
+def _run_row(run: Run) -> tuple[object, ...]:
+    boxes = f"{run.changed} boxes changed" if run.state == "done" else ""
+    about = (run.state, run.config[:12], run.created_by)
+    return run.id, run.dataset, *about, boxes

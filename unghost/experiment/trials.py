@@ -1,0 +1,379 @@
+"""Runs the trials of an experiment, each in a folder of its own, and reads them back.
+
+A trainer is a command. It trains on the data set of one arm and writes what it detects
+in the part ``val`` as ``predictions.json``: results as COCO has them [1]_.
+
+References
+----------
+.. [1] "COCO results format", https://cocodataset.org/#format-results
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import os
+import platform
+import shlex
+import subprocess
+import sys
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Final, TypedDict
+
+import numpy as np
+
+from filter_core.evaluation.arms import NoiseObject
+from filter_core.evaluation.detections import Detections, Objects
+from filter_core.evaluation.trials import EvaluationSet, Trial, TrialKey
+from filter_core.formats.files import json_bytes, write_whole
+from filter_core.types import BoxesXYXY, FloatArray
+from unghost.experiment.datasets import (
+    OWN_LABELS,
+    TRUTH,
+    AnnotationObject,
+    TruthObject,
+    arm_folder,
+)
+
+BUILT_IN: Final = "torchvision"
+
+PREDICTIONS: Final = "predictions.json"
+
+SETTINGS: Final = "experiment.json"
+"""The file that says what the data sets were made with."""
+
+_RESULT: Final = "result.json"
+"""Written last: a trial that has it is finished."""
+
+_TRAINER: Final = "trainer.txt"
+
+_LOG: Final = "log.txt"
+
+_PLACES: Final = ("data", "seed", "output")
+
+_TAIL: Final = 2000
+"""Characters of a log that an error shows."""
+
+
+class SettingsObject(TypedDict):
+    """The file `SETTINGS`: what data sets were made with, and what came out."""
+
+    source: str
+    truth: str
+    object_pixels: int
+    split: float
+    config: str
+    noise: NoiseObject
+    frames: dict[str, int]
+
+
+class TrialError(Exception):
+    """A trainer that cannot run, has failed, or has written something else."""
+
+
+def trainer_command(trainer: str) -> list[str]:
+    """The words of a trainer's command, with ``{data}``, ``{seed}`` and ``{output}``.
+
+    Parameters
+    ----------
+    trainer : str
+        A command, or `BUILT_IN` with its own options.
+
+    Raises
+    ------
+    TrialError
+        A place is missing, or the built-in trainer's libraries are.
+    """
+    words = shlex.split(trainer)
+    if words[:1] == [BUILT_IN]:
+        missing = [name for name in ("torch", "torchvision") if find_spec(name) is None]
+        if missing:
+            raise TrialError(
+                f"--trainer {BUILT_IN} needs {' and '.join(missing)}, which "
+                f"{'are' if len(missing) > 1 else 'is'} not installed: "
+                "pip install 'unghost[train]', or name a command of another environment"
+            )
+        module = [sys.executable, "-m", "unghost.experiment"]
+        return [*module, *(f"{{{one}}}" for one in _PLACES), *words[1:]]
+    for place in _PLACES:
+        if not any(f"{{{place}}}" in word for word in words):
+            raise TrialError(
+                f"--trainer: expected {BUILT_IN} or a command with {{data}}, {{seed}} "
+                f"and {{output}}, found none of {{{place}}} in {trainer[:80]!r}"
+            )
+    return words
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """The folder of an experiment: the arms' data sets, and its trials.
+
+    Attributes
+    ----------
+    folder : Path
+    """
+
+    folder: Path
+
+    @property
+    def data(self) -> Path:
+        """The folder of the data sets; it is there when they are complete."""
+        return self.folder / "data"
+
+    @cached_property
+    def settings(self) -> SettingsObject:
+        """What the data sets were made with, and their label noise."""
+        text = (self.data / SETTINGS).read_text("utf-8")
+        settings: SettingsObject = json.loads(text)
+        return settings
+
+    def require_trainer(self, trainer: str) -> None:
+        """Note the trainer of the first trial; all others must have the same.
+
+        Raises
+        ------
+        TrialError
+            Earlier trials have another one.
+        """
+        path = self.folder / _TRAINER
+        if not path.exists():
+            write_whole(path, trainer.encode())
+        elif (first := path.read_text("utf-8")) != trainer:
+            raise TrialError(
+                f"{self.folder}: expected the trainer of its other trials, {first!r}, "
+                f"found {trainer!r}; choose another --output"
+            )
+
+    def trial_folder(self, arm: str, seed: int) -> Path:
+        """The folder of a trial."""
+        return self.folder / "trials" / arm / f"seed-{seed}"
+
+    def is_finished(self, arm: str, seed: int) -> bool:
+        """Whether a trial is."""
+        return (self.trial_folder(arm, seed) / _RESULT).is_file()
+
+    def finished(self) -> list[tuple[str, int]]:
+        """The arms and seeds of all finished trials, by name and number."""
+        found = (self.folder / "trials").glob(f"*/seed-*/{_RESULT}")
+        trials = ((one.parent.parent.name, one.parent.name) for one in found)
+        return sorted((arm, int(seed.removeprefix("seed-"))) for arm, seed in trials)
+
+    def run(
+        self, arm: str, seed: int, command: Sequence[str], parallel: int = 1
+    ) -> None:
+        """Train and detect; the trainer's output goes into a log.
+
+        Parameters
+        ----------
+        arm : str
+        seed : int
+        command : sequence of str
+            Of `trainer_command`.
+        parallel : int
+            How many trials run at the same time, which share the cores.
+
+        Raises
+        ------
+        TrialError
+            The command failed, with the end of its log; or it wrote no predictions.
+        """
+        output = self.trial_folder(arm, seed).resolve()
+        output.mkdir(parents=True, exist_ok=True)
+        places = {
+            "data": str(arm_folder(self.data, arm).resolve()),
+            "seed": str(seed),
+            "output": str(output),
+        }
+        words = [_filled(word, places) for word in command]
+        # Libraries of arrays would each take all cores, and wait for each other.
+        threads = max((os.cpu_count() or 1) // parallel, 1)
+        environment = {"OMP_NUM_THREADS": str(threads), **os.environ}
+        begun = time.monotonic()
+        with (output / _LOG).open("wb") as log:
+            try:
+                done = subprocess.run(
+                    words,
+                    stdout=log,
+                    stderr=subprocess.STDOUT,
+                    env=environment,
+                    check=False,
+                )
+            except OSError as error:
+                raise TrialError(f"{words[0]}: {error.strerror}") from error
+        if done.returncode:
+            said = (output / _LOG).read_text("utf-8", "replace")[-_TAIL:]
+            raise TrialError(
+                f"arm {arm}, seed {seed}: the trainer ended with exit code "
+                f"{done.returncode}; the end of {output / _LOG}:\n{said}"
+            )
+        found = [one.name for one in output.rglob(PREDICTIONS)]
+        if len(found) != 1:
+            raise TrialError(
+                f"arm {arm}, seed {seed}: expected one {PREDICTIONS} below {output}, "
+                f"found {len(found)}"
+            )
+        result = {
+            "arm": arm,
+            "seed": seed,
+            "command": shlex.join(words),
+            "seconds": round(time.monotonic() - begun, 1),
+            "machine": f"{platform.machine()}, {os.cpu_count()} cores",
+        }
+        write_whole(output / _RESULT, json_bytes(result))
+
+    @cached_property
+    def _truth(self) -> TruthObject:
+        truth: TruthObject = json.loads((self.data / TRUTH).read_text("utf-8"))
+        return truth
+
+    @cached_property
+    def _row_of_image(self) -> dict[int, int]:
+        return {one["id"]: row for row, one in enumerate(self._truth["images"])}
+
+    def test_set(self, name: str) -> EvaluationSet:
+        """The truth that all arms are scored against."""
+        truth = self._truth
+        tight = [one["tight_bbox"] or [math.nan] * 4 for one in truth["annotations"]]
+        drives: dict[object, int] = {}
+        return EvaluationSet(
+            name=name,
+            classes=tuple(one["name"] for one in truth["categories"]),
+            objects=self._objects(truth["annotations"]),
+            tight_xyxy=_xyxy(tight),
+            ghosts=self._objects(truth["ghosts"]),
+            drive=np.array(
+                [
+                    drives.setdefault(one["sequence"] or one["key"], len(drives))
+                    for one in truth["images"]
+                ],
+                np.int64,
+            ),
+        )
+
+    def trial(self, key: TrialKey) -> Trial:
+        """A finished trial."""
+        labels = arm_folder(self.data, key.arm) / OWN_LABELS
+        own = json.loads(labels.read_text("utf-8"))["annotations"]
+        (path,) = self.trial_folder(key.arm, key.seed).rglob(PREDICTIONS)
+        return Trial(key, self._detections(path), self._objects(own))
+
+    def _objects(self, rows: Sequence[AnnotationObject]) -> Objects:
+        distance = [one.get("distance") for one in rows]
+        return Objects(
+            np.array([self._row_of_image[one["image_id"]] for one in rows], np.int64),
+            np.array([one["category_id"] - 1 for one in rows], np.int64),
+            _xyxy([one["bbox"] for one in rows]),
+            np.array([one.get("ignore", 0) for one in rows], np.bool_),
+            np.array([math.nan if d is None else d for d in distance], np.float64),
+        )
+
+    def _detections(self, path: Path) -> Detections:
+        """Results as COCO has them; images may be called by their files' names, too.
+
+        Raises
+        ------
+        TrialError
+            Names the result that has an error.
+        """
+        names = {
+            name: self._row_of_image[one["id"]]
+            for one in self._truth["images"]
+            for name in (one["id"], one["file_name"], Path(one["file_name"]).stem)
+        }
+        classes = len(self._truth["categories"])
+        frame, label, boxes, score = [], [], [], []
+        try:
+            results = json.loads(path.read_text("utf-8"))
+            for number, one in enumerate(results):
+                row, category = names.get(one["image_id"]), one["category_id"]
+                box = np.array(one["bbox"], np.float64)
+                if row is None or category not in range(1, classes + 1):
+                    raise TrialError(
+                        f"{path}, result {number}: expected an image_id of the part "
+                        f"val and a category_id from 1 to {classes}, found "
+                        f"{one['image_id']!r} and {category!r}"
+                    )
+                if box.shape != (4,) or not np.isfinite(box).all() or box[2:].min() < 0:
+                    raise TrialError(
+                        f"{path}, result {number}: expected a bbox as x, y, width and "
+                        f"height in pixels, found {one['bbox']!r}"
+                    )
+                frame.append(row)
+                label.append(category - 1)
+                boxes.append(box)
+                score.append(float(one["score"]))
+        except (ValueError, TypeError, KeyError) as error:
+            raise TrialError(
+                f"{path}: expected results as COCO has them, a list of objects with "
+                f"image_id, category_id, bbox and score ({type(error).__name__}: "
+                f"{error})"
+            ) from error
+        return Detections(
+            np.array(frame, np.int64),
+            np.array(label, np.int64),
+            _xyxy(boxes),
+            np.array(score, np.float64),
+        )
+
+
+def joined(folders: Sequence[Path]) -> tuple[list[EvaluationSet], int, Iterator[Trial]]:
+    """The finished trials of several experiments.
+
+    Those with the same truth have one test set. Of trials of the same arm and seed in
+    one test set, the first is taken.
+
+    Returns
+    -------
+    tests : list of EvaluationSet
+    count : int
+        How many trials there are.
+    trials : iterator of Trial
+        Ordered by arm.
+
+    Raises
+    ------
+    TrialError
+        A folder has no data sets, or no trial is finished.
+    """
+    tests: list[EvaluationSet] = []
+    numbers: dict[bytes, int] = {}
+    arms: dict[str, None] = {}
+    taken: dict[TrialKey, Experiment] = {}
+    for experiment in map(Experiment, folders):
+        path = experiment.data / TRUTH
+        if not path.is_file():
+            raise TrialError(
+                f"{experiment.folder}: expected {TRUTH} in data, found none"
+            )
+        digest = hashlib.sha256(path.read_bytes()).digest()
+        if digest not in numbers:
+            numbers[digest] = len(tests)
+            tests.append(experiment.test_set(experiment.folder.resolve().name))
+        arms |= dict.fromkeys(experiment.settings["noise"]["arms"])
+        for arm, seed in experiment.finished():
+            taken.setdefault(TrialKey(numbers[digest], arm, seed), experiment)
+    if not taken:
+        raise TrialError(f"{folders[0]}: no trial is finished")
+    order = list(arms)
+    keys = sorted(taken, key=lambda key: (order.index(key.arm), key.test, key.seed))
+    return tests, len(keys), (taken[key].trial(key) for key in keys)
+
+
+def _filled(word: str, places: Mapping[str, str]) -> str:
+    """A word of a command with its places filled; other braces stay."""
+    for name, value in places.items():
+        word = word.replace(f"{{{name}}}", value)
+    return word
+
+
+def _xyxy(boxes: Sequence[Sequence[float] | FloatArray]) -> BoxesXYXY:
+    """Corners (N, 4) of boxes given by a corner and the size."""
+    xyxy = np.array(boxes, np.float64).reshape(-1, 4)
+    xyxy[:, 2:] += xyxy[:, :2]
+    return xyxy
