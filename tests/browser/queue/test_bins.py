@@ -42,7 +42,7 @@ def test_queue_has_the_boxes_to_review_and_says_why(street, user: Visitor):
     )
     user.open(f"#/datasets/{street.dataset}/frames")
     expect(page.locator(".page__head")).to_contain_text("2 need review")
-    expect(page.locator(".thumb")).to_contain_text("2 need review")
+    expect(page.locator("a.thumb")).to_contain_text("2 need review")
 
 
 def test_box_that_somebody_was_unsure_about_is_still_to_be_reviewed(
