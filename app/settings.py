@@ -179,12 +179,6 @@ class Settings(BaseSettings):
         description="Maximum number of open connections; unset: as many as the limit "
         "of open files allows, at most 2048.",
     )
-    max_connections_per_address: int | None = Field(
-        default=None,
-        ge=1,
-        description="Maximum number of open connections from one address, other than a "
-        "trusted proxy's; unset: half of all.",
-    )
     max_head_bytes: ByteSize = Field(
         default=ByteSize(64 * 1024),
         ge=1024,

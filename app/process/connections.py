@@ -2,24 +2,22 @@
 
 Each connection needs a file descriptor, as files and the database do, and clients need
 no token to connect. At the limit, the connection that has been idle longest is closed
-for the new one; if none is idle, one whose client has sent no valid token. If all
-connections, or all from one address, have a token and a request in progress, the new
-connection is refused.
+for the new one; if none is idle, one whose client has sent no valid token. If all have
+a token and a request in progress, the new connection is refused.
 """
 
 from __future__ import annotations
 
 import sys
 import time
-from collections import defaultdict
-from collections.abc import Iterable, Iterator
-from ipaddress import IPv4Network, IPv6Address, IPv6Network, ip_address, ip_network
+from collections.abc import Iterator
+from itertools import chain
 from typing import Final, Protocol
 
 from prometheus_client.core import CollectorRegistry, Counter, GaugeMetricFamily, Metric
 
 from app.logs import server_log
-from app.settings import ANY_HOST, Settings
+from app.settings import Settings
 
 RESERVED_DESCRIPTORS: Final = 320
 """Descriptors that are kept for other uses than connections of clients.
@@ -32,15 +30,10 @@ LEAST_CONNECTIONS: Final = 16
 MOST_TURNED_AWAY: Final = 64
 """How many refused connections get a response at the same time; others are closed."""
 _WARN_AGAIN_S: Final = 60.0
-_IPV6_NETWORK_BITS: Final = 64
 
 
 class Connection(Protocol):
     """The interface of a connection that `Connections` uses."""
-
-    @property
-    def address(self) -> str | None:
-        """The address of its peer, regardless of any header."""
 
     @property
     def is_quiet(self) -> bool:
@@ -57,108 +50,74 @@ class Connection(Protocol):
 class Connections:
     """The connections of one server; used on its event loop only.
 
-    `most` is the maximum number of connections, `most_of_one` that of one address. The
-    addresses of trusted proxies have no limit of their own: many people share them.
+    `most` is the maximum number of connections.
     """
 
-    def __init__(
-        self, most: int, most_of_one: int | None = None, proxies: Iterable[str] = ()
-    ) -> None:
+    def __init__(self, most: int) -> None:
         self.most = most
-        self.most_of_one = most_of_one or max(1, most // 2)
-        self._proxies = _Proxies(proxies)
-        self._open: dict[Connection, str] = {}
-        self._by_origin: defaultdict[str, int] = defaultdict(int)
-        self._waiting: dict[Connection, None] = {}
-        self._waiting_at: defaultdict[str, dict[Connection, None]] = defaultdict(dict)
+        self._open: dict[Connection, None] = {}
+        self._idle: dict[Connection, None] = {}
         self.turned_away: set[Connection] = set()
         """Refused connections whose response is being sent."""
         self._warned_at = float("-inf")
-        self._counted = CollectorRegistry()
+        self._counters = CollectorRegistry()
         self._made_room = Counter(
             "unghost_connections_closed_for_others_total",
             "Connections closed to make room for new ones.",
-            registry=self._counted,
+            registry=self._counters,
         )
         self._refused = Counter(
             "unghost_connections_refused_total",
             "Connections refused because the limit was reached.",
-            registry=self._counted,
+            registry=self._counters,
         )
 
     @classmethod
     def of(cls, settings: Settings) -> Connections:
-        """With the limits of the settings and of the available descriptors."""
+        """With the limit of the settings and of the available descriptors."""
         room = room_for_connections(descriptor_limit())
-        wanted = settings.max_connections
-        most = min(wanted or MOST_CONNECTIONS, room)
-        if wanted is not None and wanted > room:
+        most = settings.max_connections or MOST_CONNECTIONS
+        if settings.max_connections is not None and most > room:
             server_log.warning(
                 "UNGHOST_MAX_CONNECTIONS is %d, but the limit of open files allows "
                 "only %d connections",
-                wanted,
+                most,
                 room,
             )
-        of_one = settings.max_connections_per_address
-        return cls(most, of_one, settings.trusted_proxies)
+        return cls(min(most, room))
 
     def refusal(self, connection: Connection) -> str | None:
         """Admit a connection, closing another if necessary; or why it is refused."""
-        origin = origin_of(connection.address)
-        if self._count_at(origin, connection.address) >= self.most_of_one:
-            waiting = self._waiting_at[origin]
-            everybody = [one for one, at in self._open.items() if at == origin]
-            full = f"all {self.most_of_one} connections for one address"
-        elif len(self._open) >= self.most:
-            waiting, everybody = self._waiting, list(self._open)
-            full = f"all {self.most} connections of this service"
-        else:
-            self._enter(connection, origin)
-            return None
-        self._warn(full, origin)
-        giving_way = next(_candidates(waiting, everybody), None)
-        if giving_way is None:
-            self._refused.inc()
-            return f"{full} are in use; try again"
-        self._made_room.inc()
-        self.leave(giving_way)
-        giving_way.give_way()
-        self._enter(connection, origin)
+        if len(self._open) >= self.most:
+            self._warn()
+            idle = (one for one in self._idle if one.is_quiet)
+            unknown = (one for one in self._open if not one.is_known)
+            giving_way = next(chain(idle, unknown), None)
+            if giving_way is None:
+                self._refused.inc()
+                return (
+                    f"all {self.most} connections of this service are in use; try again"
+                )
+            self._made_room.inc()
+            self.leave(giving_way)
+            giving_way.give_way()
+        self._open[connection] = self._idle[connection] = None
         return None
-
-    def _count_at(self, origin: str, address: str | None) -> int:
-        return 0 if address in self._proxies else self._by_origin.get(origin, 0)
-
-    def _enter(self, connection: Connection, origin: str) -> None:
-        self._open[connection] = origin
-        self._by_origin[origin] += 1
-        self.wait(connection)
 
     def leave(self, connection: Connection) -> None:
         """Remove a connection that has ended, even if it was not admitted."""
         self.turned_away.discard(connection)
-        self.work(connection)
-        origin = self._open.pop(connection, None)
-        if origin is None:
-            return
-        self._by_origin[origin] -= 1
-        if not self._by_origin[origin]:
-            del self._by_origin[origin]
-            self._waiting_at.pop(origin, None)
+        self._idle.pop(connection, None)
+        self._open.pop(connection, None)
 
     def wait(self, connection: Connection) -> None:
         """Mark a connection as idle: it waits for a request."""
-        origin = self._open.get(connection)
-        if origin is not None:
-            self._waiting[connection] = None
-            self._waiting_at[origin][connection] = None
+        if connection in self._open:
+            self._idle[connection] = None
 
     def work(self, connection: Connection) -> None:
         """Mark a connection as not idle: a request has begun to arrive."""
-        origin = self._open.get(connection)
-        if origin is not None:
-            self._waiting.pop(connection, None)
-            self._waiting_at[origin].pop(connection, None)
+        self._idle.pop(connection, None)
 
     def metrics(self) -> Iterator[Metric]:
         """The metrics of connections."""
@@ -166,31 +125,14 @@ class Connections:
         yield GaugeMetricFamily("unghost_connections_open", text, len(self._open))
         text = "Connections that may be open at the same time."
         yield GaugeMetricFamily("unghost_connections_max", text, self.most)
-        yield from self._counted.collect()
+        yield from self._counters.collect()
 
-    def _warn(self, full: str, origin: str) -> None:
+    def _warn(self) -> None:
         now = time.monotonic()
-        if now - self._warned_at < _WARN_AGAIN_S:
-            return
-        self._warned_at = now
-        server_log.warning(
-            "%s are in use, and %s opened another: idle ones are closed to make room",
-            full,
-            origin,
-        )
-
-
-def origin_of(address: str | None) -> str:
-    """The key for counting an address: an IPv4 address, or the /64 network of IPv6."""
-    try:
-        found = ip_address(address or "")
-    except ValueError:
-        return address or "-"
-    if isinstance(found, IPv6Address):
-        if found.ipv4_mapped is not None:
-            return str(found.ipv4_mapped)
-        return str(ip_network((int(found), _IPV6_NETWORK_BITS), strict=False))
-    return str(found)
+        if now - self._warned_at >= _WARN_AGAIN_S:
+            self._warned_at = now
+            text = "all %d connections are in use: idle ones are closed to make room"
+            server_log.warning(text, self.most)
 
 
 def room_for_connections(limit: int | None) -> int:
@@ -201,34 +143,6 @@ def room_for_connections(limit: int | None) -> int:
     if limit is None:
         return MOST_CONNECTIONS
     return max(LEAST_CONNECTIONS, (limit - RESERVED_DESCRIPTORS) // 2)
-
-
-def _candidates(
-    waiting: Iterable[Connection], everybody: Iterable[Connection]
-) -> Iterator[Connection]:
-    """Connections that may be closed for a new one, the best candidate first."""
-    yield from (one for one in waiting if one.is_quiet)
-    yield from (one for one in everybody if not one.is_known)
-
-
-class _Proxies:
-    """Addresses and networks of the proxies that are trusted."""
-
-    def __init__(self, names: Iterable[str]) -> None:
-        given = set(names)
-        self._are_all = ANY_HOST in given
-        self._networks: list[IPv4Network | IPv6Network] = [
-            ip_network(name, strict=False) for name in given - {ANY_HOST}
-        ]
-
-    def __contains__(self, address: str | None) -> bool:
-        if self._are_all or not self._networks:
-            return self._are_all
-        try:
-            found = ip_address(address or "")
-        except ValueError:
-            return False
-        return any(found in network for network in self._networks)
 
 
 _WANTED: Final = 65_536

@@ -35,7 +35,6 @@ from app.http.problems import PROBLEM_TYPE, Refusal
 from app.incoming import Pieces
 from app.logs import AccessRecord, log_access, logged_with, server_log
 from app.process.connections import MOST_TURNED_AWAY, Connections
-from app.process.transport import Timer, WatchedTransport
 from app.settings import Settings
 
 LAST_S: Final = 15
@@ -154,6 +153,36 @@ _MALFORMED: Final = Refusal(
 )
 
 
+class _Timer:
+    """Calls a function once, some time after its latest start."""
+
+    def __init__(
+        self, loop: asyncio.AbstractEventLoop, call: Callable[[], None]
+    ) -> None:
+        self._loop, self._call = loop, call
+        self._pending: asyncio.TimerHandle | None = None
+
+    @property
+    def is_running(self) -> bool:
+        """Whether the call is pending."""
+        return self._pending is not None
+
+    def start(self, seconds: float) -> None:
+        """Call the function after this time, and not at an earlier start's."""
+        self.stop()
+        self._pending = self._loop.call_later(seconds, self._end)
+
+    def stop(self) -> None:
+        """Cancel the call, if it is pending."""
+        if self._pending is not None:
+            self._pending.cancel()
+            self._pending = None
+
+    def _end(self) -> None:
+        self._pending = None
+        self._call()
+
+
 class ProblemProtocol(HttpToolsProtocol):
     """Uvicorn's HTTP/1.1 with limits, and a problem document for malformed requests.
 
@@ -203,12 +232,17 @@ class ProblemProtocol(HttpToolsProtocol):
         self._overhead = 0  # bytes of a head, or of a body beside its content
         self._discarded = 0  # bytes of a body after its response
         self._fault = _MALFORMED  # the refusal if the parser stops
-        self._timer = Timer(self.loop, self._on_timeout)
+        self._timer = _Timer(self.loop, self._on_timeout)
         self._answered: RequestResponseCycle | None = None
-        self._writer = WatchedTransport(
-            cast("asyncio.Transport", transport), self.loop, settings.answer_wait_s
-        )
-        super().connection_made(cast("asyncio.Transport", self._writer))
+        if hasattr(socket, "TCP_USER_TIMEOUT"):
+            # Linux disconnects a client that has read nothing of a response for so
+            # long. It would keep the rest in memory for as long as it likes.
+            milliseconds = int(settings.answer_wait_s * 1000)
+            connection: socket.socket = transport.get_extra_info("socket")
+            connection.setsockopt(
+                socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, milliseconds
+            )
+        super().connection_made(cast("asyncio.Transport", transport))
         refusal = self._connections.refusal(self)
         if refusal is None:
             self._timer.start(self._head_wait_s)
@@ -218,7 +252,6 @@ class ProblemProtocol(HttpToolsProtocol):
     def connection_lost(self, exc: Exception | None) -> None:
         """Stop all timers, and notify the request that is being processed."""
         self._timer.stop()
-        self._writer.stop()
         self._connections.leave(self)
         answered = self._answered
         if answered is not None and not answered.response_complete:
@@ -226,11 +259,6 @@ class ProblemProtocol(HttpToolsProtocol):
             answered.disconnected = True
             answered.message_event.set()
         super().connection_lost(exc)
-
-    @property
-    def address(self) -> str | None:
-        """The address of the peer; behind a proxy, the proxy's address."""
-        return self.client[0] if self.client else None
 
     @property
     def is_known(self) -> bool:
@@ -385,7 +413,7 @@ class ProblemProtocol(HttpToolsProtocol):
         request_id = uuid.uuid4().hex
         answer = refusal.response(instance="", request_id=request_id)
         with logged_with(request_id):
-            client = self.address
+            client = self.client[0] if self.client else None
             log_access(AccessRecord("-", "-", None, refusal.status, 0.0, None, client))
         status = HTTPStatus(refusal.status)
         head = (

@@ -58,8 +58,6 @@ TESTED_ELSEWHERE = {
     "max_pixel_memory_bytes": PIXEL_WORK,
     "max_connections": "tests/api/process/test_connections.py::"
     "test_connection_over_the_limit_returns_503_with_retry_after",
-    "max_connections_per_address": "tests/api/process/test_connections.py::"
-    "test_connections_are_limited_per_address",
     "max_open_body_bytes": OPEN_BODIES,
     "max_open_body_bytes_per_token": OPEN_BODIES,
     "max_open_batches": "tests/api/ingest/test_batches.py::"

@@ -10,7 +10,6 @@ from contextlib import ExitStack, contextmanager
 import pytest
 
 from app.process.connections import (
-    origin_of,
     raise_descriptor_limit,
     room_for_connections,
 )
@@ -122,7 +121,7 @@ def test_service_recovers_after_running_out_of_descriptors(tmp_path):
         soft=400,
         hard=400,
         taken=345,
-        UNGHOST_MAX_CONNECTIONS_PER_ADDRESS="40",
+        UNGHOST_MAX_CONNECTIONS="40",
     )
     with full as (admin, log):
         with ExitStack() as held:
@@ -166,16 +165,15 @@ def open_busy_connection(service, held):
     return connection
 
 
-def health_response(service, source=""):
+def health_response(service):
     """The answer to a health check on a new connection."""
-    with open_connection(service.url, source) as connection:
+    with open_connection(service.url) as connection:
         connection.sendall(request_head("GET", "/healthz", {"Connection": "close"}))
         return read_until_closed(connection)
 
 
 def test_connection_over_the_limit_returns_503_with_retry_after(tmp_path):
-    settings = {"max_connections": 2, "max_connections_per_address": 2}
-    with live(tmp_path / "data", **settings) as service, ExitStack() as held:
+    with live(tmp_path / "data", max_connections=2) as service, ExitStack() as held:
         first, second = (
             open_busy_connection(service, held),
             open_busy_connection(service, held),
@@ -198,47 +196,8 @@ def test_connection_over_the_limit_returns_503_with_retry_after(tmp_path):
     assert undisturbed.startswith(b"HTTP/1.1 201 ")
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="others have one loopback address")
-def test_connections_are_limited_per_address(tmp_path):
-    settings = {"max_connections": 10, "max_connections_per_address": 2}
-    with live(tmp_path / "data", **settings) as service, ExitStack() as held:
-        open_busy_connection(service, held), open_busy_connection(service, held)
-        same = health_response(service)
-        other = health_response(service, "127.0.0.2")
-
-    assert same.startswith(b"HTTP/1.1 503 ")
-    assert b"all 2 connections for one address" in same
-    assert other.startswith(b"HTTP/1.1 200 ")
-
-
-def test_connections_of_a_trusted_proxy_are_not_limited_per_address(tmp_path):
-    settings = {"max_connections_per_address": 2, "trusted_proxies": ("127.0.0.0/8",)}
-    with live(tmp_path / "data", **settings) as service, ExitStack() as held:
-        for _ in range(5):
-            open_busy_connection(service, held)
-        answer = health_response(service)
-
-    assert answer.startswith(b"HTTP/1.1 200 ")
-
-
 @pytest.mark.parametrize(
     ("limit", "room"), [(None, 2048), (256, 16), (1024, 352), (4416, 2048)]
 )
 def test_room_for_connections_leaves_descriptors_for_files(limit, room):
     assert room_for_connections(limit) == room
-
-
-@pytest.mark.parametrize(
-    ("address", "place"),
-    [
-        ("192.0.2.1", "192.0.2.1"),
-        ("::ffff:192.0.2.1", "192.0.2.1"),
-        ("2001:db8:1:2:3:4:5:6", "2001:db8:1:2::/64"),
-        ("2001:db8:1:2::9", "2001:db8:1:2::/64"),
-        ("::1", "::/64"),
-        ("unix socket", "unix socket"),
-        (None, "-"),
-    ],
-)
-def test_ipv6_addresses_of_one_network_count_as_one_address(address, place):
-    assert origin_of(address) == place
