@@ -23,7 +23,6 @@ class AuditAction(str, Enum):
 
     TOKEN_CREATED = "token.created"
     TOKEN_REVOKED = "token.revoked"
-    TOKEN_RENEWED = "token.renewed"
     CODE_CREATED = "login_code.created"
     SESSION_OPENED = "session.opened"
     DATASET_CREATED = "dataset.created"

@@ -137,18 +137,16 @@ class Tokens:
         row = self._session.execute(_BY_SESSION, {"digest": digest, "now": now}).first()
         return TokenRow(*row) if row else None
 
-    def replace(
-        self, name: str, role: Role, digest: str, expires_at: datetime
-    ) -> Token:
+    def replace(self, name: str, role: Role, digest: str) -> Token:
         """Give the token of this name a new hash; what the former one opened ends."""
         token = self.by_name(name)
         if token is None:
-            token = Token(name=name, role=role, hash=digest, expires_at=expires_at)
+            token = Token(name=name, role=role, hash=digest)
             self.add(token)
             return token
         self._end_all_of(token.id)
         token.hash, token.role = digest, role
-        token.revoked_at, token.expires_at = None, expires_at
+        token.revoked_at = token.expires_at = None
         self._session.flush()
         return token
 

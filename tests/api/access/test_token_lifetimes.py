@@ -7,10 +7,7 @@ from datetime import datetime, timedelta, timezone
 
 import pytest
 
-from app.access.first_token import LIFETIME, RENEWED_BEFORE
-from app.access.service import MOST_SESSIONS
 from app.access.upkeep import write_upkeep
-from app.db.tables.access import Token
 from tests.support.databases import everything_in
 from tests.support.live import live
 
@@ -35,12 +32,6 @@ def parse_time(text):
 def token_named(client, name):
     items = client.get(TOKENS, params={"limit": 1000}).json()["items"]
     return next(item for item in items if item["name"] == name)
-
-
-def set_first_token_expiry(service, at):
-    """Set when the first token expires, as if time had passed."""
-    with service.app.state.database.write() as session:
-        session.get(Token, 1).expires_at = at
 
 
 def is_authenticated(service, token):
@@ -124,91 +115,19 @@ def test_a_session_counts_as_a_use_of_its_token(service, admin):
     assert token_named(admin, "browser")["last_used_at"] is not None
 
 
-def test_first_token_expires_after_30_days(serve):
-    service = serve()
-    with service.admin() as admin:
-        ends = parse_time(token_named(admin, "admin")["expires_at"])
-
-    assert LIFETIME - DAY / 24 < ends - now() <= LIFETIME == 30 * DAY
-
-
-def test_first_token_without_expiry_is_renewed_at_the_next_start(serve):
-    """The first tokens of earlier versions have no end."""
+def test_first_token_lasts_until_its_file_is_deleted(serve):
     before = serve()
+    with before.admin() as admin:
+        assert token_named(admin, "admin")["expires_at"] is None
     old = before.token
-    set_first_token_expiry(before, None)
+    assert serve().token == old
+    before.settings.token_file.unlink()
 
     after = serve()
 
     assert after.token != old
-    assert is_authenticated(after, old)
-    with after.admin() as admin:
-        assert parse_time(token_named(admin, "admin")["expires_at"]) is not None
-
-
-def test_the_first_token_is_renewed_while_the_service_runs(serve):
-    service = serve(session_hours=24 * 60)
-    old, soon = service.token, now() + RENEWED_BEFORE - DAY
-    with service.client() as page:
-        opened = page.post("/api/v1/session", json={"token": old}).json()
-    write_upkeep(service.app.state.services)
-    assert service.token == old
-    set_first_token_expiry(service, soon)
-
-    write_upkeep(service.app.state.services)
-
-    assert service.token != old
-    mode = stat.S_IMODE(service.settings.token_file.stat().st_mode)
-    assert mode == 0o600
-    # The old token still works, and so do the sessions opened with it.
-    assert is_authenticated(service, service.token)
-    assert is_authenticated(service, old)
-    assert is_authenticated(service, opened["session"])
-    with service.client() as script:
-        headers = {"Authorization": f"Bearer {old}"}
-        told = script.get("/api/v1/session", headers=headers).json()
-        reopened = script.post("/api/v1/session", json={"token": old}).json()
-        code = script.post("/api/v1/login-codes", headers=headers)
-    assert parse_time(told["expires_at"]) == soon
-    # Nothing that it opens is valid for longer than itself.
-    assert parse_time(reopened["expires_at"]) <= soon
-    assert code.status_code == 403
-    with service.admin() as admin:
-        assert (
-            parse_time(token_named(admin, "admin")["expires_at"])
-            > now() + LIFETIME - DAY
-        )
-        log = admin.get("/api/v1/audit").json()["items"]
-        noted = [(one["actor"], one["action"]) for one in log]
-        assert noted[:2] == [("admin", "session.opened"), ("unghost", "token.renewed")]
-        # Revoking it ends its old value, too, and the sessions opened with that.
-        create(admin, "another", role="admin", expires_in_days=None)
-        admin.delete(f"{TOKENS}/1")
-    assert not is_authenticated(service, old)
-    assert not is_authenticated(service, opened["session"])
-
-
-def test_renewed_first_token_stays_valid_beyond_the_session_limit(serve):
-    service = serve()
-    old = service.token
-    set_first_token_expiry(service, now() + DAY)
-    write_upkeep(service.app.state.services)
-
-    with service.client() as page:
-        for _ in range(MOST_SESSIONS + 1):
-            page.post("/api/v1/session", json={"token": service.token})
-
-    assert is_authenticated(service, old)
-
-
-def test_running_service_does_not_recreate_a_deleted_token_file(serve):
-    service = serve()
-    set_first_token_expiry(service, now() + DAY)
-    service.settings.token_file.unlink()
-
-    write_upkeep(service.app.state.services)
-
-    assert not service.settings.token_file.exists()
+    assert is_authenticated(after, after.token)
+    assert not is_authenticated(after, old)
 
 
 def test_token_file_that_is_a_link_is_replaced_and_its_target_stays(serve, tmp_path):
