@@ -22,9 +22,6 @@ import time
 import traceback
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import is_dataclass
-from enum import Enum
-from io import BytesIO
 from multiprocessing.connection import Connection
 from multiprocessing.util import Finalize
 from pathlib import Path
@@ -37,7 +34,7 @@ import cv2
 from app.logs import server_log
 from app.memory import keep_freed_memory
 from app.metrics import PIXEL_PROCESSES_ENDED
-from filter_core.errors import FilterError, restored
+from filter_core.errors import FilterError
 from filter_core.processes import child_context
 
 if TYPE_CHECKING:
@@ -51,14 +48,6 @@ _POLL_S: Final = 0.05
 """Interval at which a call checks whether its caller has cancelled it."""
 _END_S: Final = 1.0
 """How long to wait for the end of a process whose pipe is closed."""
-_NUMPY_MODULES: Final = frozenset(
-    f"numpy{inside}{name}"
-    for inside in (".core", "._core")
-    for name in (".multiarray", ".numeric")
-) | {"numpy"}
-_NUMPY_NAMES: Final = frozenset(
-    {"_reconstruct", "_frombuffer", "scalar", "ndarray", "dtype"}
-)
 _start_lock: Final = threading.Lock()
 """One for all pools: a start replaces the main module for a moment, and adds to a list
 that `multiprocessing` keeps of all processes without a lock."""
@@ -297,7 +286,7 @@ class _Child:
         try:
             self._pipe.send_bytes(message)
             self._wait(seconds, cancelled)
-            return _read_answer(self._pipe.recv_bytes())
+            return cast("tuple[str, object]", self._pipe.recv())
         except (EOFError, OSError) as exc:
             self._process.join(_END_S)
             raise _ChildDied(ending_text(self._process.exitcode)) from exc
@@ -325,43 +314,6 @@ class _Child:
         self._pipe.close()
         self._process.kill()
         self._process.join()
-
-
-def _read_answer(message: bytes) -> tuple[str, object]:
-    """Outcome and result of a call; raises `_ChildDied` if they cannot be read."""
-    try:
-        return cast("tuple[str, object]", _SafeUnpickler(BytesIO(message)).load())
-    except pickle.UnpicklingError as exc:
-        raise _ChildDied(str(exc)) from exc
-
-
-class _SafeUnpickler(pickle.Unpickler):
-    """Unpickles only arrays and values of the library.
-
-    A picture could exploit a bug in its decoder and take over the child, which could
-    then send any pickle. So only the names on an allowlist may occur in it. In the
-    other direction a child uses `pickle.loads`, since the service itself pickled the
-    message, in which pictures are only bytes.
-    """
-
-    def find_class(self, module: str, name: str) -> object:
-        """The object for a name in the pickle, if that name is allowed."""
-        known = module in _NUMPY_MODULES and name in _NUMPY_NAMES
-        if not known and module.partition(".")[0] != "filter_core":
-            raise pickle.UnpicklingError(
-                f"answered with {module}.{name}, which is not allowed"
-            )
-        found = super().find_class(module, name)
-        if not (known or found is restored or _is_value(found)):
-            raise pickle.UnpicklingError(
-                f"answered with {module}.{name}, which is not allowed"
-            )
-        return found
-
-
-def _is_value(found: object) -> bool:
-    is_named = isinstance(found, type) and issubclass(found, FilterError | Enum | tuple)
-    return is_named or (isinstance(found, type) and is_dataclass(found))
 
 
 def ending_text(exitcode: int | None) -> str:

@@ -9,6 +9,7 @@ memory before its size can be checked; and it blocks a thread.
 from __future__ import annotations
 
 import re
+import tarfile
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Final
@@ -116,6 +117,8 @@ _LENGTH_DIGITS: Final = 6
 """Records of an extended header have lengths of at most five digits."""
 _MOST_RECORDS: Final = 1000
 """Maximum number of records in an extended header; usual ones have a dozen."""
+_SIZE: Final = re.compile(rb" *[0-7]* *(?:\0|$)|\x80", re.DOTALL)
+"""Octal digits, or the first byte of a binary number of 95 bits."""
 _HERE: Final = re.compile(r"(?:\./)*")
 
 _FILE: Final = (b"0", b"\0", b"7")
@@ -309,37 +312,21 @@ def _read_header(block: bytes, *, first: bool) -> _Header:
                 raise UnsupportedMedia(
                     f"the archive is compressed by {program}; expected a plain tar"
                 )
-    if not _is_sound(block):
-        raise BadArchive("a header of the archive is damaged, or this is not a tar")
-    name = block[:100].split(b"\0", 1)[0]
-    if block[257:263] == b"ustar\0":
-        prefix = block[345:500].split(b"\0", 1)[0]
-        name = prefix + b"/" + name if prefix else name
-    size = _number(block[124:136])
-    if size is None:
+    try:
+        info = tarfile.TarInfo.frombuf(block, "utf-8", "surrogateescape")
+    except tarfile.HeaderError as error:
+        raise BadArchive(
+            "a header of the archive is damaged, or this is not a tar"
+        ) from error
+    name = info.name.encode("utf-8", "surrogateescape")
+    if not _SIZE.match(block, 124, 136):
         raise BadArchive(
             f"the size of {name[:80].decode('utf-8', 'replace')!r}: expected octal "
             f"digits or a positive binary number, found {block[124:136]!r}"
         )
-    return _Header(name, size, block[156:157])
-
-
-def _is_sound(block: bytes) -> bool:
-    """Whether the checksum is right: of unsigned or, in some archives, signed bytes."""
-    rest = block[:148] + b" " * 8 + block[156:]
-    found, unsigned = _number(block[148:156]), sum(rest)
-    return found == unsigned or found == unsigned - 256 * sum(one > 127 for one in rest)
-
-
-def _number(field: bytes) -> int | None:
-    """Octal digits, or for large sizes a binary number of 95 bits; None if neither.
-
-    A first byte of 0xFF marks a negative number, which is never valid here.
-    """
-    if field[0] == 0x80:
-        return int.from_bytes(field[1:], "big")
-    digits = field.split(b"\0", 1)[0].strip(b" ")
-    return None if digits.strip(b"01234567") else int(digits or b"0", 8)
+    # A folder of an old archive has the type of a file.
+    kind = _FOLDER if info.isdir() else block[156:157]
+    return _Header(name, info.size, kind)
 
 
 def _extension(header: _Header, content: bytes) -> bytes | None:

@@ -56,17 +56,3 @@ def die_once(note: Path) -> str:
     os.kill(os.getpid(), signal.SIGKILL)
     time.sleep(60)
     return "never"
-
-
-class MaliciousPickle:
-    """An object whose pickle would run a program when it is read."""
-
-    def __init__(self, note: Path) -> None:
-        self.note = note
-
-    def __reduce__(self) -> tuple[object, ...]:
-        return os.system, (f"touch {self.note}",)
-
-
-def return_malicious_pickle(note: Path) -> MaliciousPickle:
-    return MaliciousPickle(note)

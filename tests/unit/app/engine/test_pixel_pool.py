@@ -124,15 +124,6 @@ def test_work_that_kills_its_process_is_retried_once_and_then_refused(pool, tmp_
     assert pool.run(pool_tasks.own_pid)
 
 
-def test_pickled_answer_of_a_child_process_cannot_run_a_program(pool, tmp_path):
-    note = tmp_path / "note"
-
-    with pytest.raises(PixelsRefused, match=r"answered with posix\.system"):
-        pool.run(pool_tasks.return_malicious_pickle, note)
-
-    assert not note.exists()
-
-
 def test_work_is_retried_after_its_process_was_killed_from_outside(pool, tmp_path):
     assert pool.run(pool_tasks.die_once, tmp_path / "note") == "alive"
 

@@ -127,7 +127,9 @@ def header_with_size(field, kind=tarfile.REGTYPE):
 @pytest.mark.parametrize("kind", [tarfile.REGTYPE, tarfile.DIRTYPE, b"x", b"L"])
 @pytest.mark.timeout(10, func_only=True)
 def test_invalid_member_size_is_refused(field, kind):
-    with pytest.raises(BadArchive, match=r"^the size of 'a/?': expected octal digits"):
+    with pytest.raises(
+        BadArchive, match=r"^(the size of 'a/?':|a header of the archive) "
+    ):
         read(header_with_size(field, kind) + bytes(512) + END)
 
 
