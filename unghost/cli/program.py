@@ -93,6 +93,13 @@ TOKEN_COMMANDS: Final = {
     "list": "access:list_tokens",
     "revoke": "access:revoke_token",
 }
+HOOK_COMMANDS: Final = {
+    "create": "hooks:create",
+    "list": "hooks:hooks",
+    "delete": "hooks:delete",
+    "deliveries": "hooks:deliveries",
+    "ping": "hooks:ping",
+}
 
 
 Context: TypeAlias = Any
@@ -204,6 +211,10 @@ _GROUPS: Final = {
     "token": (
         "Create, list and revoke people's tokens; needs an admin's token.",
         TOKEN_COMMANDS,
+    ),
+    "hook": (
+        "Let the server call an address when work has ended; needs an admin's token.",
+        HOOK_COMMANDS,
     ),
 }
 
