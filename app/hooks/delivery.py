@@ -15,7 +15,7 @@ import hmac
 import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from datetime import timedelta
 from functools import cache, partial
 from ssl import SSLContext
@@ -25,7 +25,8 @@ import httpx
 
 from app.context import ServiceContext
 from app.db.base import utc_now
-from app.engine.chunk import Job
+from app.db.tables import Hook, HookDelivery
+from app.engine.chunk import Job, Stop
 from app.errors import Unprocessable
 from app.hooks.queries import (
     DeliveryRepository,
@@ -54,20 +55,24 @@ _REDIRECTS: Final = range(300, 400)
 
 @contextmanager
 def delivering(context: ServiceContext) -> Iterator[None]:
-    """Deliver what is due until the block ends or the service stops."""
-    task = Task("hooks", "deliver to hooks", partial(deliver_due, context), EVERY_S)
-    with repeating(context, task):
-        yield
+    """Deliver what is due until the block ends; attempts under way are abandoned."""
+    stop = Stop()
+    work = partial(deliver_due, context, stop)
+    with repeating(context, Task("hooks", "deliver to hooks", work, EVERY_S)):
+        try:
+            yield
+        finally:
+            stop.set()
 
 
-def deliver_due(context: ServiceContext) -> None:
+def deliver_due(context: ServiceContext, stop: Stop) -> None:
     """Queue the events of reviewed datasets, and try each delivery that is due."""
     _note_reviewed(context)
     with context.database.read() as session:
         hooks = DeliveryRepository(session).hooks_due(utc_now())
     if hooks:
         with ThreadPoolExecutor(AT_ONCE, "hook") as pool:
-            list(pool.map(partial(_deliver, context), hooks))
+            list(pool.map(partial(_deliver, context, stop), hooks))
 
 
 def signature(secret: str, webhook_id: str, timestamp: int, body: str) -> str:
@@ -95,7 +100,7 @@ def _note_reviewed(context: ServiceContext) -> None:
                 DeliveryRepository(session).queue(hooks, "dataset.reviewed", data)
 
 
-def _deliver(context: ServiceContext, hook_id: int) -> None:
+def _deliver(context: ServiceContext, stop: Stop, hook_id: int) -> None:
     """Try what is due for one hook, until an attempt fails."""
     database = context.database
     try:
@@ -104,11 +109,10 @@ def _deliver(context: ServiceContext, hook_id: int) -> None:
                 lease.take(session)
                 due = DeliveryRepository(session).due(hook_id, utc_now())
             for delivery, hook in due:
-                if context.engine.stopping.is_set():
+                if stop.is_set():
                     return
                 lease.check()
-                sent = delivery.webhook_id, delivery.body
-                status, failure = _send(context.settings, hook.url, hook.secret, *sent)
+                status, failure = _send(context.settings, stop, hook, delivery)
                 pause_s = PAUSES_S[delivery.attempts : delivery.attempts + 1]
                 due_at = None
                 if failure is not None and pause_s:
@@ -121,28 +125,34 @@ def _deliver(context: ServiceContext, hook_id: int) -> None:
                 if failure is not None:
                     server_log.warning("hook %d: %s", hook_id, failure)
                     return
-    except LeaseLost:  # another process delivers to this hook
-        return
+    except (LeaseLost, asyncio.CancelledError):
+        return  # another process delivers to this hook, or the service is stopping
 
 
 def _send(
-    settings: Settings, url: str, secret: str, webhook_id: str, body: str
+    settings: Settings, stop: Stop, hook: Hook, delivery: HookDelivery
 ) -> tuple[int | None, str | None]:
     """The status of the response to one attempt, and why it failed (None: it did not).
 
     Whether the host is allowed is checked again: the settings may be others than when
     the hook was registered.
+
+    Raises
+    ------
+    asyncio.CancelledError
+        The service is stopping: the attempt does not count.
     """
-    now = int(time.time())
+    now, webhook_id, body = int(time.time()), delivery.webhook_id, delivery.body
     headers = {
         "Content-Type": "application/json",
         "User-Agent": f"unghost/{VERSION}",
         "webhook-id": webhook_id,
         "webhook-timestamp": str(now),
-        "webhook-signature": signature(secret, webhook_id, now, body),
+        "webhook-signature": signature(hook.secret, webhook_id, now, body),
     }
     try:
-        post = _post(allowed_url(settings, url), headers, body.encode())
+        url = allowed_url(settings, hook.url)
+        post = _post(stop, url, headers, body.encode())
         status = asyncio.run(asyncio.wait_for(post, ANSWER_WITHIN_S))
     except Unprocessable as exc:
         return None, exc.detail[:300]
@@ -156,13 +166,28 @@ def _send(
     return status, f"the receiver responded with {status}{redirect}"
 
 
-async def _post(url: httpx.URL, headers: dict[str, str], body: bytes) -> int:
+async def _post(
+    stop: Stop, url: httpx.URL, headers: dict[str, str], body: bytes
+) -> int:
+    loop, task = asyncio.get_running_loop(), asyncio.current_task()
+    assert task is not None
+
+    def cancel() -> None:
+        with suppress(RuntimeError):  # it has just ended
+            loop.call_soon_threadsafe(task.cancel)
+
     # The content of the response is not read, and no proxy of the environment is used.
-    async with (
-        httpx.AsyncClient(verify=_authorities(), trust_env=False) as client,
-        client.stream("POST", url, content=body, headers=headers) as response,
-    ):
-        return response.status_code
+    client = httpx.AsyncClient(
+        verify=_authorities(), trust_env=False, timeout=ANSWER_WITHIN_S
+    )
+    with stop.calling(cancel):
+        if stop.is_set():
+            raise asyncio.CancelledError
+        async with (
+            client,
+            client.stream("POST", url, content=body, headers=headers) as response,
+        ):
+            return response.status_code
 
 
 @cache

@@ -8,7 +8,7 @@ import hmac
 import json
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from http.server import BaseHTTPRequestHandler, HTTPServer
 from typing import Any, NamedTuple
 
@@ -37,12 +37,15 @@ class Received(NamedTuple):
 
 
 class Receiver:
-    """What has arrived at `url`; `statuses` are those of the next responses (200)."""
+    """What has arrived at `url`; `statuses` are those of the next responses (200),
+    which wait for `may_respond`."""
 
     def __init__(self, port: int) -> None:
         self.url = f"http://127.0.0.1:{port}/hook"
         self.statuses: list[int] = []
         self.received: list[Received] = []
+        self.may_respond = threading.Event()
+        self.may_respond.set()
 
     def wait_for(self, number: int) -> list[Received]:
         """All requests, once there are so many."""
@@ -58,13 +61,15 @@ def receiving() -> Iterator[Receiver]:
         def do_POST(self) -> None:
             body = self.rfile.read(int(self.headers["Content-Length"]))
             status = receiver.statuses.pop(0) if receiver.statuses else 200
+            headers = {name.lower(): value for name, value in self.headers.items()}
+            receiver.received.append(Received(headers, body))
+            receiver.may_respond.wait()
             self.send_response(status)
             if status == 302:
                 self.send_header("Location", receiver.url)
             self.send_header("Content-Length", "0")
-            self.end_headers()
-            headers = {name.lower(): value for name, value in self.headers.items()}
-            receiver.received.append(Received(headers, body))
+            with suppress(OSError):  # the sender has left
+                self.end_headers()
 
         def log_message(self, *_: object) -> None:
             """Print nothing."""

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import time
 from functools import partial
 from typing import Any
 
 import pytest
 
+from app.hooks.delivery import ANSWER_WITHIN_S
 from tests.support import frames as scene
 from tests.support.api import BY_TAGS, Api
 from tests.support.documents import blocks, read
@@ -101,6 +103,23 @@ def test_refused_delivery_is_tried_again_after_a_restart(tmp_path, receiver):
     assert one.headers["webhook-id"] == two.headers["webhook-id"]
     assert one.body == two.body == over["body"].encode()
     assert two.is_signed_with(hook["secret"])
+
+
+def test_stop_does_not_wait_for_a_receiver(tmp_path, receiver):
+    receiver.may_respond.clear()
+    with live(tmp_path / "data", **HOSTS) as first, first.admin() as client:
+        hook = Api(client).post("/hooks", {"url": receiver.url}).json()
+        Api(client).post(f"/hooks/{hook['id']}/ping")
+        receiver.wait_for(1)
+        stopped_at = time.monotonic()
+    took_s = time.monotonic() - stopped_at
+    receiver.may_respond.set()
+
+    with live(tmp_path / "data", **HOSTS) as second, second.admin() as client:
+        (over,) = settled(Api(client), hook, 1)
+
+    assert took_s < ANSWER_WITHIN_S / 2
+    assert (over["state"], over["attempts"]) == ("delivered", 1)
 
 
 def test_redirect_is_not_followed(own_api, receiver):
