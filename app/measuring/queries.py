@@ -115,6 +115,9 @@ def is_deleted(session: Session, dataset_id: int) -> bool:
     return found is None or found.removed_at is not None
 
 
+_NAMED: Final = select(Dataset).where(Dataset.name == bindparam("named"), is_there())
+
+
 class DatasetRepository:
     """Rows of `datasets` and `dataset_classes`."""
 
@@ -123,8 +126,7 @@ class DatasetRepository:
 
     def named(self, name: str) -> Dataset:
         """The dataset; NotFound if there is none of this name."""
-        rows = select(Dataset).where(Dataset.name == name, is_there())
-        found = self._session.scalar(rows)
+        found = self._session.scalar(_NAMED, {"named": name})
         if found is None:
             raise NotFound("dataset", name)
         return found
