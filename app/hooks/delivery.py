@@ -159,7 +159,10 @@ def _send(
     except asyncio.TimeoutError:
         return None, f"no response within {ANSWER_WITHIN_S:.0f} seconds"
     except (httpx.HTTPError, OSError) as exc:
-        return None, f"no response: {str(exc) or type(exc).__name__}"[:300]
+        cause: BaseException = exc
+        while cause.__cause__ is not None:  # the last one names address and reason
+            cause = cause.__cause__
+        return None, f"no response: {str(cause) or type(cause).__name__}"[:300]
     if status in _SUCCESS:
         return status, None
     redirect = ", and redirects are not followed" if status in _REDIRECTS else ""

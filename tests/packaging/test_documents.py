@@ -38,7 +38,9 @@ class Reader:
     """Types commands in one folder, where one server runs once it was started."""
 
     def __init__(self, installation: Installation, folder: Path, port: int) -> None:
-        self.folder, self.server = folder, None
+        self.folder = folder
+        self.server: subprocess.Popen[bytes] | None = None
+        self.program = str(installation.command("unghost"))
         self.url = f"http://127.0.0.1:{port}"
         programs = f"{installation.python.parent}{os.pathsep}{os.environ['PATH']}"
         self.environ = {
@@ -51,24 +53,38 @@ class Reader:
 
     def types(self, command: str) -> None:
         """Run a command, which must succeed; `unghost serve` goes on running."""
-        shell = ["sh", "-euc", command.replace("http://127.0.0.1:8000", self.url)]
-        place = {"cwd": self.folder, "env": self.environ}
         if command == "unghost serve":
             if self.server is None:
-                quiet = subprocess.DEVNULL
-                self.server = subprocess.Popen(
-                    ["unghost", "serve"], **place, stdout=quiet, stderr=quiet
-                )
-                token = self.folder / "unghost-data/token"
-                until(lambda: token.exists() and self.is_ready())
+                self.start()
             return
-        done = subprocess.run(shell, **place, capture_output=True, text=True)
+        shell = ["sh", "-euc", command.replace("http://127.0.0.1:8000", self.url)]
+        done = self.run(shell)
         assert done.returncode == 0, f"{command}\n{done.stdout}\n{done.stderr}"
 
+    def start(self) -> None:
+        self.server = subprocess.Popen(
+            [self.program, "serve"],
+            cwd=self.folder,
+            env=self.environ,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+        token = self.folder / "unghost-data/token"
+        until(lambda: token.exists() and self.is_ready())
+
+    def run(self, command: list[str]) -> subprocess.CompletedProcess[str]:
+        return subprocess.run(
+            command,
+            cwd=self.folder,
+            env=self.environ,
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+
     def is_ready(self) -> bool:
-        listed = ["unghost", "dataset", "list", "--retry-for", "0"]
-        done = subprocess.run(listed, cwd=self.folder, env=self.environ, check=False)
-        return done.returncode == 0
+        listed = [self.program, "dataset", "list", "--retry-for", "0"]
+        return self.run(listed).returncode == 0
 
 
 @pytest.fixture

@@ -491,15 +491,17 @@ class Api:
     ) -> Call[wire.Run]:
         """Activate a configuration; the run that applies it is returned at once.
 
-        `config` is a mapping of keys, the path of a YAML file, or the digest of a
-        stored version. Keys that are not named have their defaults.
+        `config` is a mapping of keys, the path of a YAML file (a text that ends in
+        ``.yaml`` or ``.yml``, too), or the digest of a stored version. Keys that are
+        not named have their defaults.
 
         With `instead_of`, the digest of the version that you have seen as the active
         one, `StaleReview` is raised if another is or becomes active.
         """
         path = dataset_path(dataset, "config")
         headers = {} if instead_of is None else {"If-Match": f'"{instead_of}"'}
-        if isinstance(config, str):
+        is_digest = isinstance(config, str) and not config.endswith((".yaml", ".yml"))
+        if is_digest:
             body: dict[str, object] = {"digest": config}
         elif isinstance(config, Mapping):
             body = {"config": config}

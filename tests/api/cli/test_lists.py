@@ -40,9 +40,7 @@ def test_boxes_are_written_as_csv_json_and_parquet(unghost, dataset, tmp_path):
     )
     text = unghost("boxes", dataset, *filters)
     lines = unghost("boxes", dataset, *filters, "--format", "json").records
-    saved = unghost(
-        "boxes", dataset, "--format", "parquet", "-o", tmp_path / "a.parquet"
-    )
+    saved = unghost("boxes", dataset, "-o", tmp_path / "a.parquet")
     table = pyarrow.parquet.read_table(tmp_path / "a.parquet")
 
     rows = list(csv.DictReader(io.StringIO(text.out)))
@@ -83,6 +81,7 @@ def test_datasets_are_created_shown_edited_and_deleted(unghost):
         "dataset", "edit", name, "--description", "rain", "--palette", "carla-0.9.14"
     )
     shown = unghost("dataset", "show", name).out.splitlines()
+    misspelt = unghost("dataset", "show", "by-hnd")
     asked = unghost("dataset", "delete", name)
     deleted = unghost("dataset", "delete", name, "--yes")
 
@@ -90,6 +89,7 @@ def test_datasets_are_created_shown_edited_and_deleted(unghost):
     assert (again.code, kept[0]["classes"]) == (1, ["car", "van"])
     assert edited.code == 0, edited.err
     assert {"description\train", "palette\tcarla-0.9.14", "frames\t0"} <= set(shown)
+    assert "there is no dataset 'by-hnd'; did you mean 'by-hand'?" in misspelt.err
     assert (asked.code, "--yes" in asked.err) == (1, True)
     assert deleted.err.endswith("deleted\n")
     assert unghost("dataset", "show", name).code == 1

@@ -227,6 +227,15 @@ CALLS: Mapping[str, tuple[str, Callable[[Any], Any]]] = {
 """A call of each method, and the route that it is sent to."""
 
 
+def test_text_with_the_ending_of_a_file_is_a_path(tmp_path):
+    file = tmp_path / "filter.yaml"
+    file.write_text("threshold_small_box: 8\n")
+    described = inspect.unwrap(Api.set_config)
+
+    assert described(None, "town", str(file)).content == file.read_bytes()
+    assert described(None, "town", "c0ffee").json == {"digest": "c0ffee"}
+
+
 def path_of(route: str) -> str:
     path = route.partition(" ")[2]
     return path if path == "/version" else f"/api/v1{path}"
