@@ -289,7 +289,7 @@ def unghost(
 def main() -> NoReturn:
     """Run the command line and exit with one of the documented codes."""
     notes = logging.StreamHandler()
-    notes.setFormatter(_OneLine("unghost: %(message)s"))
+    notes.setFormatter(OneLine("unghost: %(message)s"))
     # Not of "unghost": a server logs its own messages below it, in its own form.
     logging.getLogger("unghost.client").addHandler(notes)
     try:
@@ -311,10 +311,10 @@ def main() -> NoReturn:
     sys.exit(DONE)
 
 
-class _OneLine(logging.Formatter):
+class OneLine(logging.Formatter):
     """Escapes what a server or a file may have put into a message.
 
-    While nothing answers, it says at once which servers run on this machine.
+    While no server answers, it says at once which servers run on this machine.
     """
 
     def format(self, record: logging.LogRecord) -> str:

@@ -8879,6 +8879,8 @@ export interface operations {
                 cursor?: string | null;
                 /** @description Whether to return `total` and `snapshot` too. */
                 count?: boolean;
+                /** @description Names of fields, separated by commas: each item has these alone, whatever its schema requires. Default: all. */
+                fields?: string | null;
             };
             header?: never;
             path?: never;

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import json
+import logging
+import os
+
 import pytest
 from typer.testing import CliRunner
 
@@ -10,7 +14,7 @@ from tests.support.frames import write_manifest
 from tests.support.scripted_server import json_reply, problem
 from unghost import wire
 from unghost.capture.simulator import ScenarioError, SimulatorAway
-from unghost.cli.program import app, error_lines, exit_code
+from unghost.cli.program import OneLine, app, error_lines, exit_code
 from unghost.cli.screen import EXIT_CODES, Refused
 from unghost.client import errors
 from unghost.client.discovery import BadServerUrl, ForeignServer
@@ -181,3 +185,18 @@ def test_control_characters_about_a_wrong_option_are_escaped(scripted, tmp_path)
 
     assert answer.exit_code == 2
     assert r"no \u001b[2J" in answer.output
+
+
+def test_waiting_for_a_server_names_those_that_run_here(tmp_path, monkeypatch):
+    notes = tmp_path / "unghost" / "servers"
+    notes.mkdir(parents=True)
+    url = "http://127.0.0.1:8123"
+    (notes / "a.json").write_text(json.dumps({"url": url, "pid": os.getpid()}))
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    away = errors.NoResponse("http://127.0.0.1:8000", "refused", sent=False)
+    line = logging.LogRecord("n", 30, "", 0, "%s; trying again", (away,), None)
+
+    assert OneLine().format(line) == (
+        "no response from http://127.0.0.1:8000: refused; trying again. "
+        f"On this machine runs {url}: --server selects it"
+    )

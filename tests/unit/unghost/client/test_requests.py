@@ -227,15 +227,6 @@ CALLS: Mapping[str, tuple[str, Callable[[Any], Any]]] = {
 """A call of each method, and the route that it is sent to."""
 
 
-def test_text_with_the_ending_of_a_file_is_a_path(tmp_path):
-    file = tmp_path / "filter.yaml"
-    file.write_text("threshold_small_box: 8\n")
-    described = inspect.unwrap(Api.set_config)
-
-    assert described(None, "town", str(file)).content == file.read_bytes()
-    assert described(None, "town", "c0ffee").json == {"digest": "c0ffee"}
-
-
 def path_of(route: str) -> str:
     path = route.partition(" ")[2]
     return path if path == "/version" else f"/api/v1{path}"
@@ -328,6 +319,13 @@ def test_config_of_text_is_sent_as_yaml():
 
     assert (call.content, call.json) == (b"min_visible_pixels: 9", None)
     assert call.headers == {"Content-Type": "application/yaml"}
+
+
+def test_text_with_the_ending_of_a_file_is_its_path(tmp_path):
+    file = tmp_path / "filter.yaml"
+    file.write_text("threshold_small_box: 8\n")
+
+    assert CLIENT.set_config("town", str(file)).content == file.read_bytes()
 
 
 @pytest.mark.parametrize(
