@@ -87,8 +87,9 @@ def test_each_expected_error_has_an_exit_code(error, code):
     ],
 )
 def test_connection_error_message_names_address_and_its_origin(
-    monkeypatch, variable, origin
+    monkeypatch, tmp_path, variable, origin
 ):
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))  # no server runs
     monkeypatch.delenv("UNGHOST_SERVER", raising=False)
     if variable is not None:
         monkeypatch.setenv("UNGHOST_SERVER", variable)
