@@ -8,6 +8,7 @@ AppError                     the base of all of them
 |-- Unauthorised             no credentials, or none that are valid
 |-- Forbidden                valid credentials without the right to do this
 |-- NotFound                 no such thing
+|   |-- NoSuchDataset        no dataset has this name
 |   |-- NoSuchClass          the dataset exists, but has no class of this name
 |   `-- NoSuchFile           the frame exists, but was stored without this file
 |-- Conflict                 in conflict with the current state or stored content
@@ -110,6 +111,14 @@ class NotFound(AppError):
 
     def __init__(self, kind: str, key: object) -> None:
         super().__init__(f"there is no {kind} {key!r}")
+
+
+class NoSuchDataset(NotFound):
+    """There is no dataset of this name; `meant` is the nearest of the others."""
+
+    def __init__(self, name: str, meant: str | None) -> None:
+        hint = f"; did you mean {meant!r}?" if meant else ""
+        AppError.__init__(self, f"there is no dataset {name!r}{hint}")
 
 
 class NoSuchClass(NotFound):

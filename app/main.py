@@ -21,6 +21,7 @@ from app.boxes.routes import router as boxes_router
 from app.datasets.routes import router as datasets_router
 from app.exports.routes import downloads_router, links_router
 from app.exports.routes import router as exports_router
+from app.hooks.routes import router as hooks_router
 from app.http import openapi, problems
 from app.http.bodies import MAX_READERS
 from app.http.deps import MAX_BATCHES, MAX_FOLDERS, MAX_UPLOADS, MAX_WRITERS
@@ -71,6 +72,7 @@ ROUTERS: Final = (
     links_router,
     downloads_router,
     folders_router,
+    hooks_router,
     frame_pictures_router,
     upload_router,
     frames_router,

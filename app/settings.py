@@ -100,6 +100,11 @@ class Settings(BaseSettings):
         description="Addresses or networks, separated by commas, of proxies whose "
         "X-Forwarded-For and X-Forwarded-Proto are trusted.",
     )
+    hook_hosts: Annotated[tuple[str, ...], NoDecode] = Field(
+        default=(),
+        description="Hosts to which hooks may be sent, separated by commas, each with "
+        "or without a port: names or literal addresses; unset: none.",
+    )
     log_level: LogLevel = Field(
         default="info", description="debug, info, warning or error."
     )
@@ -333,7 +338,7 @@ class Settings(BaseSettings):
         "heartbeat.",
     )
 
-    @field_validator("allowed_hosts", "trusted_proxies", mode="before")
+    @field_validator("allowed_hosts", "trusted_proxies", "hook_hosts", mode="before")
     @classmethod
     def _split_hosts(cls, value: object) -> object:
         if isinstance(value, str):
@@ -377,6 +382,19 @@ class Settings(BaseSettings):
                     f"found {each[:60]!r}"
                 )
         return value
+
+    @field_validator("hook_hosts")
+    @classmethod
+    def _check_hook_hosts(cls, value: tuple[str, ...]) -> tuple[str, ...]:
+        """Refuse what is no host; names are compared in lower case."""
+        for each in value:
+            name = re.sub(r":[0-9]{1,5}$", "", each)
+            if not _HOST_NAME.fullmatch(name):
+                raise ValueError(
+                    "expected hosts without a scheme, such as ci.example.org, "
+                    f"10.0.0.7:8080 or [fd00::1], found {each[:60]!r}"
+                )
+        return tuple(each.lower() for each in value)
 
     @field_validator("storage_endpoint")
     @classmethod

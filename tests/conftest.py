@@ -109,7 +109,8 @@ def bare_unghost(tmp_path: Path) -> CommandLine:
 @pytest.fixture(scope="session")
 def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningServer]:
     """One server for all tests that only add datasets, with names of their own."""
-    with running_server(tmp_path_factory.mktemp("server") / "data") as running:
+    folder = tmp_path_factory.mktemp("server") / "data"
+    with running_server(folder, {"UNGHOST_HOOK_HOSTS": "127.0.0.1"}) as running:
         yield running
 
 

@@ -40,6 +40,8 @@ class AuditAction(str, Enum):
     EXPORT_CREATED = "export.created"
     EXPORT_CANCELLED = "export.cancelled"
     EXPORT_DELETED = "export.deleted"
+    HOOK_CREATED = "hook.created"
+    HOOK_DELETED = "hook.deleted"
 
 
 OFTEN: Final = (AuditAction.CODE_CREATED, AuditAction.SESSION_OPENED)

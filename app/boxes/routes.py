@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import threading
+from collections.abc import Mapping, Sequence
 from typing import Annotated
 
 from anyio import CapacityLimiter, to_thread
@@ -55,8 +56,10 @@ from app.http.routing import (
     without_length,
 )
 from app.measuring.queries import DatasetRepository
+from filter_core.values import similar
 from unghost.wire.boxes import (
     BOX_COLUMNS,
+    BOX_FIELDS,
     USUAL_COLUMNS,
     Alike,
     Box,
@@ -171,11 +174,15 @@ def list_boxes(
     query: Annotated[BoxListQuery, Query()],
 ) -> Response:
     """Boxes of a dataset, sorted by id, doubt, match or crowding."""
+    names = None if query.fields is None else _named(query.fields, BOX_FIELDS)
     dataset = DatasetRepository(session).named(query.dataset)
     reader = boxes.DecisionReader(session, dataset)
     wanted = to_filter(session, dataset, query)
     page = PageRequest(query.sort, query.cursor, query.limit)
-    items, cursor = boxes.list_boxes(session, reader, wanted, page)
+    found, cursor = boxes.list_boxes(session, reader, wanted, page)
+    items: Sequence[Mapping[str, object]] = found
+    if names is not None:
+        items = [{name: box[name] for name in names} for box in items]
     if not query.count:
         return page_response(request, items, cursor)
     total = count_boxes(services, session, dataset, wanted)
@@ -188,13 +195,9 @@ def get_table(
     request: Request, session: ReadSession, query: Annotated[BoxTableQuery, Query()]
 ) -> Response:
     """Boxes of a dataset as columns, frame by frame: for data frames and tables."""
-    names = USUAL_COLUMNS if query.fields is None else query.fields.split(",")
-    unknown = [name for name in names if name not in BOX_COLUMNS]
-    if unknown:
-        raise BadRequest(
-            f"fields: expected some of {', '.join(BOX_COLUMNS)}; found {unknown[0]!r}",
-            code="unknown_field",
-        )
+    names = USUAL_COLUMNS
+    if query.fields is not None:
+        names = _named(query.fields, BOX_COLUMNS)
     dataset = DatasetRepository(session).named(query.dataset)
     reader = boxes.DecisionReader(session, dataset)
     wanted = to_filter(session, dataset, query)
@@ -207,6 +210,27 @@ def get_table(
     )
     table = {"columns": columns, "rows": rows, "next_cursor": cursor}
     return page_with_link(request, table, cursor)
+
+
+def _named(fields: str, known: Sequence[str]) -> tuple[str, ...]:
+    """The names of a parameter `fields`, in their order, each once.
+
+    Raises
+    ------
+    BadRequest
+        ``unknown_field``: one is not known; the error names the nearest.
+    """
+    names = tuple(dict.fromkeys(name.strip() for name in fields.split(",")))
+    for name in names:
+        if name not in known:
+            meant = similar(name, known)
+            hint = f"; did you mean {meant!r}?" if meant else ""
+            raise BadRequest(
+                f"fields: expected some of {', '.join(known)}; found {name[:80]!r}"
+                f"{hint}",
+                code="unknown_field",
+            )
+    return names
 
 
 @router.get("/boxes/{box_id}", response_model=Box)

@@ -135,8 +135,12 @@ def kind_of(job: Job) -> AnyKind:
 
 
 def is_open(session: Session, job: Job) -> bool:
-    """Whether a job is queued or running: it has neither ended nor been deleted."""
-    row = find_job(session, kind_of(job).table, job.id)
+    """Whether a job is queued or running: it has neither ended nor been deleted.
+
+    False for a lease of something else, such as a hook.
+    """
+    kind = _KINDS.get(job.kind)
+    row = None if kind is None else find_job(session, kind.table, job.id)
     return row is not None and row.state in OPEN
 
 

@@ -8,7 +8,7 @@ Rows of chunks are in `app.jobs.chunks`, rows of leases in `app.jobs.leases`.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Final, TypeVar
 
 from sqlalchemy import delete, func, select, update
@@ -87,6 +87,15 @@ def tell_done(session: Session, row: type[JobRow], job_id: int, done: int) -> No
     session.execute(update(row).where(*further).values(done=done))
 
 
+_AT_END: Final[list[Callable[[Session, JobRow], None]]] = []
+
+
+def call_at_end(call: Callable[[Session, JobRow], None]) -> None:
+    """Call a function in each transaction of this process that ends a job."""
+    if call not in _AT_END:
+        _AT_END.append(call)
+
+
 def close(
     session: Session,
     row: JobRow,
@@ -110,6 +119,8 @@ def close(
         row.error = dict(error)
     session.flush()
     ChunkRepository(session).forget(job_of(row), keep_quarantined=state == "failed")
+    for call in _AT_END:
+        call(session, row)
 
 
 def forget_jobs(session: Session, table: type[JobRow], dataset_id: int) -> None:

@@ -39,12 +39,13 @@ from app.db.tables import (
     Run,
     Tally,
 )
-from app.errors import Conflict, NotFound, Unprocessable
+from app.errors import Conflict, NoSuchDataset, NotFound, Unprocessable
 from app.measuring.frame_files import described
 from app.metrics import REFUSED
 from filter_core.decisions.doubt import DOUBT_VERSION
 from filter_core.errors import AnnotationError, FilterError
 from filter_core.pipeline import SegmentationReport
+from filter_core.values import similar
 from unghost.wire.datasets import MAX_CLASSES
 
 # Built once: building a statement takes longer than executing it.
@@ -115,6 +116,20 @@ def is_deleted(session: Session, dataset_id: int) -> bool:
     return found is None or found.removed_at is not None
 
 
+_MOST_NAMES: Final = 1_000
+"""Among so many datasets, the newest, the one is looked for that was meant."""
+
+
+def _no_dataset(session: Session, name: str) -> NoSuchDataset:
+    """The error that names the nearest of the other datasets."""
+    others = select(Dataset.name).where(is_there()).order_by(Dataset.id.desc())
+    known = list(session.scalars(others.limit(_MOST_NAMES)))
+    return NoSuchDataset(name, similar(name, known))
+
+
+_NAMED: Final = select(Dataset).where(Dataset.name == bindparam("named"), is_there())
+
+
 class DatasetRepository:
     """Rows of `datasets` and `dataset_classes`."""
 
@@ -123,10 +138,9 @@ class DatasetRepository:
 
     def named(self, name: str) -> Dataset:
         """The dataset; NotFound if there is none of this name."""
-        rows = select(Dataset).where(Dataset.name == name, is_there())
-        found = self._session.scalar(rows)
+        found = self._session.scalar(_NAMED, {"named": name})
         if found is None:
-            raise NotFound("dataset", name)
+            raise _no_dataset(self._session, name)
         return found
 
     def with_id(self, dataset_id: int) -> Dataset:
@@ -732,7 +746,7 @@ def active_row(session: Session, name: str) -> ActiveRow:
     """The active row of a dataset, by its name; raises NotFound."""
     found = run(session, _ACTIVE, name=name).first()
     if found is None:
-        raise NotFound("dataset", name)
+        raise _no_dataset(session, name)
     return ActiveRow._make(found)
 
 

@@ -18,12 +18,14 @@ from app.engine.cluster import ClusterEngine, Scheduler
 from app.engine.dask import Certificates
 from app.engine.local import LocalEngine
 from app.exports.service import EXPORTS
+from app.hooks.delivery import delivering
+from app.hooks.queries import job_ended
 from app.http.deps import MAX_FOLDERS
 from app.http.idempotency import forget_old_responses
 from app.incoming import OpenBodies
 from app.jobs.kind import register
 from app.jobs.leases import running_watchdog
-from app.jobs.queries import installation_id
+from app.jobs.queries import call_at_end, installation_id
 from app.jobs.service import start
 from app.maintenance.background import Task, repeating
 from app.maintenance.datafolder import (
@@ -94,6 +96,7 @@ def running(settings: Settings) -> Iterator[ServiceContext]:
                 removing(services),
                 checking_for_damage(services),
                 keeping_tokens(services),
+                delivering(services),
                 repeating(services, trimming),
             ):
                 yield services
@@ -136,8 +139,9 @@ def attached(settings: Settings) -> Iterator[ServiceContext]:
 
 
 def register_kinds() -> None:
-    """Register all kinds of jobs in this process."""
+    """Register all kinds of jobs in this process, and who is told of their ends."""
     register(RUNS, EXPORTS)
+    call_at_end(job_ended)
 
 
 def _engine(settings: Settings, database: Database) -> LocalEngine:

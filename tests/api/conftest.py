@@ -18,8 +18,9 @@ from tests.support.slow_datasets import slow_server
 from unghost import Client
 from unghost.wire.words import Role
 
-LIMITS = {"max_json_bytes": 5_000, "max_body_bytes": 10_000}
+LIMITS: dict[str, object] = {"max_json_bytes": 5_000, "max_body_bytes": 10_000}
 LIMITS |= {"max_batch_bytes": 1_000_000, "max_answers_per_box": 12}
+LIMITS |= {"hook_hosts": ("127.0.0.1",)}
 Serve = Callable[..., Live]
 AsRole = Callable[[Role], httpx.Client]
 

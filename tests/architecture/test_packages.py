@@ -19,6 +19,7 @@ LEVELS: Final = (
     {"ops", "datasets"},
     {"ingest"},
     {"review", "quality", "process"},
+    {"hooks"},
     {"exports"},
     {"runs"},
     {"boxes"},

@@ -19,6 +19,7 @@ from tests.support.syntax import name_of
 OWNERS: Final = {
     "access": ("Token", "LoginSession", "LoginCode", "DownloadLink", "AuditEntry"),
     "boxes": ("Blob", "Frame", "FrameFile", "Box", "IdBlock", "Decision", "Tally"),
+    "hooks": ("Hook", "HookDelivery", "PendingReview"),
     "http": ("IdempotencyKey",),
     "exports": ("Export",),
     "jobs": ("Chunk", "Lease", "Installation"),

@@ -16,7 +16,7 @@ from tests.support.frames import write_manifest
 from tests.support.waiting import until
 from unghost import Client
 
-(PROGRAM,) = blocks(read("docs/pipeline.md"), "python")
+(PROGRAM, *_) = blocks(read("docs/pipeline.md"), "python")
 
 TRAINER = """
 import sys, pathlib, yaml

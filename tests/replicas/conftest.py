@@ -67,6 +67,7 @@ def replicas(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Replicas]:
     data = tmp_path_factory.mktemp("shared") / "data"
     with migrated_postgres() as url, ExitStack() as opened:
         settings = {"UNGHOST_DATABASE_URL": url, "UNGHOST_WORKERS": "1"}
+        settings["UNGHOST_HOOK_HOSTS"] = "127.0.0.1"
         pair = []
         for _ in range(2):
             server = opened.enter_context(running_server(data, settings))

@@ -8,11 +8,13 @@ from contextlib import ExitStack
 from functools import partial
 
 from app.access.gate import REMEMBERED_S
+from app.hooks.delivery import EVERY_S
 from tests.support import frames as scene
 from tests.support import plain_http
 from tests.support.api import BASE, Api
 from tests.support.databases import empty_postgres
 from tests.support.event_reader import events, open_events
+from tests.support.receiver import receiving
 from tests.support.servers import start, stop, token_of, wait_for_link
 from tests.support.slow_datasets import FROM_PIXELS, OTHER_PIXELS, create_slow_dataset
 from tests.support.waiting import until
@@ -324,3 +326,19 @@ def test_null_character_in_a_name_is_a_client_error(replicas):
     ]
 
     assert {answer.status_code for answer in answers} <= {404, 422}
+
+
+def test_each_event_is_delivered_once_by_one_of_two_servers(replicas):
+    one, two = (each.api for each in replicas.both)
+    with receiving() as receiver:
+        hook = one.post("/hooks", {"url": receiver.url}).json()
+        for number in range(6):
+            (one, two)[number % 2].post(f"/hooks/{hook['id']}/ping")
+        receiver.wait_for(6)
+        log = f"/hooks/{hook['id']}/deliveries"
+        until(lambda: not any(entry["due_at"] for entry in two.json(log)["items"]))
+        time.sleep(2 * EVERY_S)
+        delivered = [request.headers["webhook-id"] for request in receiver.received]
+    two.delete(f"/hooks/{hook['id']}")
+
+    assert len(delivered) == len(set(delivered)) == 6

@@ -68,6 +68,9 @@ _WRITING = {
 _ADMINISTRATION = {
     *(("DELETE", DATASET), ("GET", f"{V1}/audit"), ("GET", f"{V1}/tokens")),
     ("POST", f"{DATASET}/reviews/import"),
+    *(("GET", f"{V1}/hooks"), ("POST", f"{V1}/hooks")),
+    *(("DELETE", f"{V1}/hooks/{{hook_id}}"), ("POST", f"{V1}/hooks/{{hook_id}}/ping")),
+    ("GET", f"{V1}/hooks/{{hook_id}}/deliveries"),
     *(("POST", f"{V1}/tokens"), ("DELETE", f"{V1}/tokens/{{token_id}}")),
 }
 REQUIRED_ROLES |= {("GET", path): "viewer" for path in _READING}
@@ -116,6 +119,7 @@ def values_of_paths(number: int) -> dict[str, object]:
         "export_id",
         "token_id",
         "code_id",
+        "hook_id",
     )
     return {
         **dict.fromkeys((*ids, "batch_id"), number),

@@ -90,7 +90,8 @@ class FilterOptions(OutputOptions, LocalFilterOptions, UnmappedOptions, GateOpti
     ] = _STDOUT
 
     def __post_init__(self) -> None:
-        """Decisions must not take the place of what they were made from."""
+        """Decisions must not take the place of what they were made from, and are no
+        table."""
         super().__post_init__()
         from filter_core.formats.reading import MANIFEST_NAME
 
@@ -98,6 +99,12 @@ class FilterOptions(OutputOptions, LocalFilterOptions, UnmappedOptions, GateOpti
         manifest = source / MANIFEST_NAME if source.is_dir() else source
         if self.output.resolve() == manifest.resolve():
             raise typer.BadParameter(f"--output {self.output} is the source itself")
+        if (suffix := self.output.suffix) in (".csv", ".parquet"):
+            raise typer.BadParameter(
+                f"--output {self.output}: expected a name such as decisions.jsonl: a "
+                f"line of JSON per frame is written; `unghost convert {source} --to "
+                f"decisions-{suffix[1:]} --filter --output FOLDER` writes a table"
+            )
 
 
 @reads_archives

@@ -30,9 +30,12 @@ class BoxesOptions(DatasetOptions):
     """Options of `unghost boxes`."""
 
     format: Annotated[
-        TableFormat,
-        typer.Option(help="How to write the table; json: one object per line."),
-    ] = "csv"
+        TableFormat | None,
+        typer.Option(
+            help="How to write the table; json: one object per line. Default: what the "
+            "name of the file ends in, else csv."
+        ),
+    ] = None
     output: Annotated[
         Path | None,
         typer.Option(
@@ -108,9 +111,18 @@ class BoxesOptions(DatasetOptions):
         }
 
 
+_FORMATS: Final[dict[str, TableFormat]] = {
+    ".parquet": "parquet",
+    ".json": "json",
+    ".jsonl": "json",
+}
+"""What a file is written as whose name ends so, if --format does not say it."""
+
+
 def boxes(options: BoxesOptions) -> None:
     """Write the boxes of a dataset as a table: CSV, JSON or Parquet."""
-    kind = "json" if options.json else options.format
+    suffix = options.output.suffix if options.output is not None else ""
+    kind = "json" if options.json else options.format or _FORMATS.get(suffix, "csv")
     if kind == "parquet" and options.output is None:
         raise Refused("--format parquet: expected --output FILE, found none")
     with options.connect() as client:

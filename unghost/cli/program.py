@@ -93,6 +93,13 @@ TOKEN_COMMANDS: Final = {
     "list": "access:list_tokens",
     "revoke": "access:revoke_token",
 }
+HOOK_COMMANDS: Final = {
+    "create": "hooks:create",
+    "list": "hooks:hooks",
+    "delete": "hooks:delete",
+    "deliveries": "hooks:deliveries",
+    "ping": "hooks:ping",
+}
 
 
 Context: TypeAlias = Any
@@ -205,6 +212,10 @@ _GROUPS: Final = {
         "Create, list and revoke people's tokens; needs an admin's token.",
         TOKEN_COMMANDS,
     ),
+    "hook": (
+        "Let the server call an address when work has ended; needs an admin's token.",
+        HOOK_COMMANDS,
+    ),
 }
 
 
@@ -278,7 +289,7 @@ def unghost(
 def main() -> NoReturn:
     """Run the command line and exit with one of the documented codes."""
     notes = logging.StreamHandler()
-    notes.setFormatter(_OneLine("unghost: %(message)s"))
+    notes.setFormatter(OneLine("unghost: %(message)s"))
     # Not of "unghost": a server logs its own messages below it, in its own form.
     logging.getLogger("unghost.client").addHandler(notes)
     try:
@@ -300,11 +311,27 @@ def main() -> NoReturn:
     sys.exit(DONE)
 
 
-class _OneLine(logging.Formatter):
-    """Escapes what a server or a file may have put into a message."""
+class OneLine(logging.Formatter):
+    """Escapes what a server or a file may have put into a message.
+
+    While no server answers, it says at once which servers run on this machine.
+    """
 
     def format(self, record: logging.LogRecord) -> str:
-        return one_line(super().format(record))
+        from unghost.client.errors import NoResponse
+
+        text = one_line(super().format(record))
+        error = record.args[0] if isinstance(record.args, tuple) else None
+        others = _others(error.address) if isinstance(error, NoResponse) else ""
+        return f"{text}. {others}: --server selects it" if others else text
+
+
+def _others(address: str) -> str:
+    """Which other servers run on this machine, as a sentence; empty if none do."""
+    from unghost.client.discovery import noted_servers
+
+    others = sorted({*noted_servers(os.environ)} - {address})
+    return f"On this machine runs {' and '.join(others)}" if others else ""
 
 
 _TOKEN_HINT: Final = (
@@ -343,16 +370,14 @@ def exit_code(error: Exception) -> int | None:
 
 def error_lines(error: Exception) -> Iterator[str]:
     """The error message: a sentence, then lines with details."""
-    from unghost.client.discovery import noted_servers
     from unghost.client.errors import ApiError, NoResponse, Unauthorized
 
     if isinstance(error, NoResponse):
         yield one_line(error.detail)
         origin = _origin(error.address)
         yield f"{origin}; --server URL or UNGHOST_SERVER selects another."
-        others = set(noted_servers(os.environ)) - {error.address}
-        if others:
-            yield f"On this machine runs {' and '.join(sorted(others))}."
+        if others := _others(error.address):
+            yield f"{others}."
         else:
             yield "Is the server running? `unghost serve` starts one."
     elif isinstance(error, ApiError):

@@ -184,8 +184,10 @@ def ensure_dataset(
         there = getattr(dataset, option)
         if there != value:
             raise Refused(
-                f"dataset {name!r} has {option} {there!r}, not {value!r}; change it in "
-                "the dataset's settings, which measures every frame again"
+                f"dataset {name!r} has {option} {there!r}, not {value!r}; leave "
+                f"--{option.replace('_', '-')} out, or change the dataset, which "
+                f"measures every frame again: `unghost dataset edit {name} "
+                f"--{option.replace('_', '-')} {value}`"
             )
     _ensure_config(client, dataset, new.config, screen)
     return dataset

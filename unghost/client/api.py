@@ -53,6 +53,7 @@ if TYPE_CHECKING:
     from unghost.wire.words import (
         Answer,
         ExportFormat,
+        HookEvent,
         JobState,
         QueueOrder,
         Role,
@@ -490,15 +491,17 @@ class Api:
     ) -> Call[wire.Run]:
         """Activate a configuration; the run that applies it is returned at once.
 
-        `config` is a mapping of keys, the path of a YAML file, or the digest of a
-        stored version. Keys that are not named have their defaults.
+        `config` is a mapping of keys, the path of a YAML file (a text that ends in
+        ``.yaml`` or ``.yml``, too), or the digest of a stored version. Keys that are
+        not named have their defaults.
 
         With `instead_of`, the digest of the version that you have seen as the active
         one, `StaleReview` is raised if another is or becomes active.
         """
         path = dataset_path(dataset, "config")
         headers = {} if instead_of is None else {"If-Match": f'"{instead_of}"'}
-        if isinstance(config, str):
+        is_digest = isinstance(config, str) and not config.endswith((".yaml", ".yml"))
+        if is_digest:
             body: dict[str, object] = {"digest": config}
         elif isinstance(config, Mapping):
             body = {"config": config}
@@ -684,6 +687,48 @@ class Api:
     def audit(self) -> Listing[wire.AuditEntry]:
         """The entries of the audit log, newest first; for admins."""
         return Listing(f"{API}/audit", wire.AuditEntry)
+
+    # Hooks: addresses that are told when work has ended.
+
+    @listing
+    def hooks(self) -> Listing[wire.Hook]:
+        """Every hook, newest first; for admins."""
+        return Listing(f"{API}/hooks", wire.Hook)
+
+    @endpoint
+    def create_hook(
+        self,
+        url: str,
+        events: Sequence[HookEvent] = ("run.ended", "export.ended", "dataset.reviewed"),
+        *,
+        dataset: str | None = None,
+    ) -> Call[wire.NewHook]:
+        """Let the server send events to an address, of one dataset or of all.
+
+        The secret that signs them is in this response and nowhere else, so that this is
+        not retried. For admins; the server's setting `UNGHOST_HOOK_HOSTS` lists the
+        hosts that are allowed.
+        """
+        body: dict[str, object] = {"url": url, "events": list(events)}
+        body["dataset"] = dataset
+        read = result(wire.NewHook)
+        return Call("POST", f"{API}/hooks", read, json=body, repeatable=False)
+
+    @endpoint
+    def delete_hook(self, hook_id: int) -> Call[None]:
+        """Delete a hook with the log of its deliveries. For admins."""
+        return Call("DELETE", f"{API}/hooks/{hook_id}", nothing)
+
+    @listing
+    def hook_deliveries(self, hook_id: int) -> Listing[wire.Delivery]:
+        """What was and will be sent to a hook, newest first. For admins."""
+        return Listing(f"{API}/hooks/{hook_id}/deliveries", wire.Delivery)
+
+    @endpoint
+    def ping_hook(self, hook_id: int) -> Call[wire.Delivery]:
+        """Send an event `ping` to a hook; `hook_deliveries` has the outcome."""
+        path = f"{API}/hooks/{hook_id}/ping"
+        return Call("POST", path, result(wire.Delivery), json={})
 
     # Quality: the accuracy of the filter and of each channel.
 

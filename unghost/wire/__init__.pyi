@@ -84,6 +84,12 @@ from unghost.wire.frames import (
     StoredFrame as StoredFrame,
     ThumbnailQuery as ThumbnailQuery,
 )
+from unghost.wire.hooks import (
+    Delivery as Delivery,
+    Hook as Hook,
+    HookIn as HookIn,
+    NewHook as NewHook,
+)
 from unghost.wire.model import (
     Fault as Fault,
     MissingKey as MissingKey,

@@ -280,6 +280,19 @@ class BoxListQuery(BoxSelection):
     count: bool = Field(
         default=False, description="Whether to return `total` and `snapshot` too."
     )
+    fields: str | None = Field(
+        default=None,
+        max_length=1000,
+        description="Names of fields, separated by commas: each item has these alone, "
+        "whatever its schema requires. Default: all.",
+        examples=["frame,id,class,effective_verdict"],
+    )
+
+
+BOX_FIELDS: Final = tuple(
+    field.alias or name for name, field in Decision.model_fields.items()
+)
+"""The names of all fields of a box in a list."""
 
 
 class BoxColumns(SparseModel):

@@ -36,6 +36,7 @@ ERROR_CODES: Final[Mapping[str, str]] = {
     "unsupported_media_type": "the media type or the encoding is not accepted",
     # Access.
     "code_over": "the code of the login link was used, or has expired",
+    "hook_host": "`UNGHOST_HOOK_HOSTS` does not list the host of the hook",
     "forbidden": "the role of the token does not allow this",
     "link_over": "the download link has expired",
     "others_answers": "other people have answered boxes of the frame: an admin can do "

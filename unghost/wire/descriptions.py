@@ -316,6 +316,10 @@ FIELDS: Final[Mapping[str, Described]] = {
         "run_id": ("Number of the run.", 3),
         "batch_id": ("Number of the bulk answer.", 4),
         "code_id": ("Number of the login link.", 6),
+        "hook_id": ("Number of the hook.", 1),
+        # Hooks.
+        "events": ("Of what it is told.", ["run.ended"]),
+        "event": ("What has happened.", "run.ended"),
     }.items()
 }
 """By the name that a field or a parameter has in JSON and in URLs."""

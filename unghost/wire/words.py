@@ -154,3 +154,11 @@ WrongVerdict: TypeAlias = Literal["kept_hidden", "rejected_visible"]
 # People
 Role: TypeAlias = Literal["viewer", "reviewer", "admin"]
 """What a token may do; each role may do what the one before may."""
+
+# Hooks
+HookEvent: TypeAlias = Literal["run.ended", "export.ended", "dataset.reviewed"]
+"""What a hook is told of."""
+DeliveredEvent: TypeAlias = Literal[HookEvent, "ping"]
+"""What is delivered: an event, or a trial."""
+DeliveryState: TypeAlias = Literal["waiting", "delivered", "failed"]
+"""Whether a delivery will be tried (again), has arrived, or was given up."""

@@ -11,6 +11,7 @@ from app.db.tables.frames import (
     IdBlock,
     Problem,
 )
+from app.db.tables.hooks import Hook, HookDelivery, PendingReview
 from app.db.tables.jobs import (
     Chunk,
     Export,
@@ -35,11 +36,14 @@ __all__ = [
     "Frame",
     "FrameEvidence",
     "FrameFile",
+    "Hook",
+    "HookDelivery",
     "IdBlock",
     "Installation",
     "JobRow",
     "Lease",
     "Measurement",
+    "PendingReview",
     "Problem",
     "Review",
     "ReviewBatch",

@@ -696,6 +696,91 @@ export interface paths {
         patch?: never;
         trace?: never;
     };
+    "/api/v1/hooks": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * List Hooks
+         * @description All hooks, newest first; without their secrets.
+         */
+        get: operations["list_hooks"];
+        put?: never;
+        /**
+         * Create Hook
+         * @description Register a hook, to which events are sent. Only this response has its secret.
+         */
+        post: operations["create_hook"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/api/v1/hooks/{hook_id}": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        post?: never;
+        /**
+         * Delete Hook
+         * @description Delete a hook and its log; what waits for it is not sent any more.
+         */
+        delete: operations["delete_hook"];
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/api/v1/hooks/{hook_id}/deliveries": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * List Deliveries
+         * @description What was and will be sent to a hook, newest first; of those that are over, the
+         *     newest 200.
+         */
+        get: operations["list_deliveries"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/api/v1/hooks/{hook_id}/ping": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Ping Hook
+         * @description Send an event `ping` to a hook, to try it; its log has the outcome.
+         */
+        post: operations["ping_hook"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
     "/api/v1/frames/{frame_id}/thumbnail": {
         parameters: {
             query?: never;
@@ -3091,6 +3176,78 @@ export interface components {
             question: string | null;
         };
         /**
+         * Delivery
+         * @description An event for a hook, and how far its delivery has come.
+         */
+        Delivery: {
+            /**
+             * Id
+             * @description Its number on the server.
+             * @example 7
+             */
+            id: number;
+            /**
+             * Webhook Id
+             * @description The header `webhook-id`: the same in each attempt.
+             * @example msg_5f0c2f7a9d4e4b1c8a6d3e21
+             */
+            webhook_id: string;
+            /**
+             * Event
+             * @description What has happened.
+             * @example run.ended
+             * @enum {string}
+             */
+            event: "run.ended" | "export.ended" | "dataset.reviewed" | "ping";
+            /**
+             * State
+             * @description Its state; `done`, `failed` and `cancelled` are final.
+             * @example done
+             * @enum {string}
+             */
+            state: "waiting" | "delivered" | "failed";
+            /**
+             * Attempts
+             * @description How often it was tried.
+             * @example 1
+             */
+            attempts: number;
+            /**
+             * Status
+             * @description Status of the last response; null if there was none.
+             * @example 200
+             */
+            status: number | null;
+            /**
+             * Error
+             * @description Why the last attempt failed; null if it did not.
+             */
+            error: string | null;
+            /**
+             * Body
+             * @description What is sent, byte for byte.
+             */
+            body: string;
+            /**
+             * Due At
+             * @description When it is tried next; null if it is over.
+             */
+            due_at: string | null;
+            /**
+             * Created At
+             * Format: date-time
+             * @description When it was created (RFC 3339, UTC).
+             * @example 2026-01-31T12:00:00Z
+             */
+            created_at: string;
+            /**
+             * Finished At
+             * @description When it ended; null until then.
+             * @example 2026-01-31T12:00:00Z
+             */
+            finished_at: string | null;
+        };
+        /**
          * DepthBand
          * @description The pixels of a box between two depths.
          */
@@ -4611,6 +4768,77 @@ export interface components {
             probability?: number | null;
         };
         /**
+         * Hook
+         * @description A hook, without its secret.
+         */
+        Hook: {
+            /**
+             * Id
+             * @description Its number on the server.
+             * @example 7
+             */
+            id: number;
+            /**
+             * Url
+             * @description Where events are sent.
+             * @example https://ci.example.org/unghost
+             */
+            url: string;
+            /**
+             * Events
+             * @description Of what it is told.
+             * @example [
+             *       "run.ended"
+             *     ]
+             */
+            events: ("run.ended" | "export.ended" | "dataset.reviewed")[];
+            /**
+             * Dataset
+             * @description Its dataset; null: it is told of all.
+             * @example town10
+             */
+            dataset: string | null;
+            /**
+             * Created By
+             * @description Name of the token that asked for it.
+             * @example ann
+             */
+            created_by: string;
+            /**
+             * Created At
+             * Format: date-time
+             * @description When it was created (RFC 3339, UTC).
+             * @example 2026-01-31T12:00:00Z
+             */
+            created_at: string;
+        };
+        /**
+         * HookIn
+         * @description A new hook.
+         */
+        HookIn: {
+            /**
+             * Url
+             * @description Where events are sent by POST: `https://` or `http://`, at a host that the setting `UNGHOST_HOOK_HOSTS` lists.
+             * @example https://ci.example.org/unghost
+             */
+            url: string;
+            /**
+             * Events
+             * @description Of what it is told.
+             * @example [
+             *       "run.ended"
+             *     ]
+             */
+            events?: ("run.ended" | "export.ended" | "dataset.reviewed")[];
+            /**
+             * Dataset
+             * @description Only events of this dataset; null: of all.
+             * @example town10
+             */
+            dataset?: string | null;
+        };
+        /**
          * IgnoreMask
          * @description Pixels that are never counted, such as the bonnet: as polygons or as a PNG.
          */
@@ -4859,6 +5087,56 @@ export interface components {
             high: number;
         };
         /**
+         * NewHook
+         * @description A hook that was just created, with its secret, shown only here.
+         */
+        NewHook: {
+            /**
+             * Id
+             * @description Its number on the server.
+             * @example 7
+             */
+            id: number;
+            /**
+             * Url
+             * @description Where events are sent.
+             * @example https://ci.example.org/unghost
+             */
+            url: string;
+            /**
+             * Events
+             * @description Of what it is told.
+             * @example [
+             *       "run.ended"
+             *     ]
+             */
+            events: ("run.ended" | "export.ended" | "dataset.reviewed")[];
+            /**
+             * Dataset
+             * @description Its dataset; null: it is told of all.
+             * @example town10
+             */
+            dataset: string | null;
+            /**
+             * Created By
+             * @description Name of the token that asked for it.
+             * @example ann
+             */
+            created_by: string;
+            /**
+             * Created At
+             * Format: date-time
+             * @description When it was created (RFC 3339, UTC).
+             * @example 2026-01-31T12:00:00Z
+             */
+            created_at: string;
+            /**
+             * Secret
+             * @description With it each delivery is signed, as Standard Webhooks says.
+             */
+            secret: string;
+        };
+        /**
          * NewLoginCode
          * @description A login link that was just created, with its code, shown only here.
          */
@@ -5010,6 +5288,19 @@ export interface components {
              */
             next_cursor: string | null;
         };
+        /** Page[Delivery] */
+        Page_Delivery_: {
+            /**
+             * Items
+             * @description The items of this page.
+             */
+            items: components["schemas"]["Delivery"][];
+            /**
+             * Next Cursor
+             * @description Send it as `cursor` for the next page; null on the last.
+             */
+            next_cursor: string | null;
+        };
         /** Page[Export] */
         Page_Export_: {
             /**
@@ -5030,6 +5321,19 @@ export interface components {
              * @description The items of this page.
              */
             items: components["schemas"]["FrameSummary"][];
+            /**
+             * Next Cursor
+             * @description Send it as `cursor` for the next page; null on the last.
+             */
+            next_cursor: string | null;
+        };
+        /** Page[Hook] */
+        Page_Hook_: {
+            /**
+             * Items
+             * @description The items of this page.
+             */
+            items: components["schemas"]["Hook"][];
             /**
              * Next Cursor
              * @description Send it as `cursor` for the next page; null on the last.
@@ -7982,7 +8286,7 @@ export interface components {
              * @example not_found
              * @enum {string}
              */
-            code: "bad_request" | "bad_cursor" | "bad_idempotency_key" | "bad_key" | "bad_multipart" | "bad_snapshot" | "client_disconnected" | "head_too_large" | "http_error" | "idempotency_key_reuse" | "invalid_request" | "json_too_large" | "malformed_http" | "method_not_allowed" | "misdirected_host" | "not_confirmed" | "range_not_satisfiable" | "repeated_parameter" | "request_timeout" | "too_large" | "unknown_field" | "unknown_parameter" | "unknown_reason" | "unknown_review" | "unprocessable" | "unsupported_media_type" | "code_over" | "forbidden" | "link_over" | "others_answers" | "token_expired" | "token_revoked" | "unauthorised" | "not_found" | "already_undone" | "class_exists" | "class_in_use" | "classes_change" | "classes_frozen" | "conflict" | "count_changed" | "dataset_exists" | "export_not_done" | "export_open" | "export_over" | "export_removed" | "frame_conflict" | "not_in_force" | "nothing_before" | "other_dataset" | "run_not_done" | "run_over" | "same_class" | "version_exists" | "stale_config" | "stale_review" | "stale_revision" | "stale_snapshot" | "ambiguous_palette" | "bad_annotation" | "bad_archive" | "bad_camera" | "bad_ignore_mask" | "bad_image" | "bad_input" | "bad_lidar" | "bad_segmentation" | "depth_too_coarse" | "family_not_named" | "foreign_colors" | "foreign_tags" | "image_size_mismatch" | "image_size_unknown" | "image_too_large" | "lossy_depth" | "lossy_segmentation" | "misplaced_member" | "missing_annotation" | "missing_camera" | "not_finite" | "not_json" | "pixels_refused" | "repeated_part" | "segmentation_contradiction" | "several_families" | "too_many_classes" | "unknown_carla_version" | "unknown_class" | "unknown_depth" | "unknown_palette" | "unknown_part" | "unknown_size" | "unknown_tag" | "bad_config" | "bad_export" | "bad_form" | "bad_layout" | "bad_profile" | "bad_projection" | "bad_shape" | "bad_yaml" | "config_too_large" | "count_mismatch" | "empty_file" | "needs_pixels" | "no_histogram" | "not_available" | "too_many_answers" | "too_many_jobs" | "unknown_key" | "wrong_corners" | "wrong_unit" | "damaged_file" | "database_busy" | "database_damaged" | "internal" | "not_ready" | "storage_away" | "storage_full" | "storage_read_only" | "too_many_connections" | "too_many_requests" | "try_later";
+            code: "bad_request" | "bad_cursor" | "bad_idempotency_key" | "bad_key" | "bad_multipart" | "bad_snapshot" | "client_disconnected" | "head_too_large" | "http_error" | "idempotency_key_reuse" | "invalid_request" | "json_too_large" | "malformed_http" | "method_not_allowed" | "misdirected_host" | "not_confirmed" | "range_not_satisfiable" | "repeated_parameter" | "request_timeout" | "too_large" | "unknown_field" | "unknown_parameter" | "unknown_reason" | "unknown_review" | "unprocessable" | "unsupported_media_type" | "code_over" | "hook_host" | "forbidden" | "link_over" | "others_answers" | "token_expired" | "token_revoked" | "unauthorised" | "not_found" | "already_undone" | "class_exists" | "class_in_use" | "classes_change" | "classes_frozen" | "conflict" | "count_changed" | "dataset_exists" | "export_not_done" | "export_open" | "export_over" | "export_removed" | "frame_conflict" | "not_in_force" | "nothing_before" | "other_dataset" | "run_not_done" | "run_over" | "same_class" | "version_exists" | "stale_config" | "stale_review" | "stale_revision" | "stale_snapshot" | "ambiguous_palette" | "bad_annotation" | "bad_archive" | "bad_camera" | "bad_ignore_mask" | "bad_image" | "bad_input" | "bad_lidar" | "bad_segmentation" | "depth_too_coarse" | "family_not_named" | "foreign_colors" | "foreign_tags" | "image_size_mismatch" | "image_size_unknown" | "image_too_large" | "lossy_depth" | "lossy_segmentation" | "misplaced_member" | "missing_annotation" | "missing_camera" | "not_finite" | "not_json" | "pixels_refused" | "repeated_part" | "segmentation_contradiction" | "several_families" | "too_many_classes" | "unknown_carla_version" | "unknown_class" | "unknown_depth" | "unknown_palette" | "unknown_part" | "unknown_size" | "unknown_tag" | "bad_config" | "bad_export" | "bad_form" | "bad_layout" | "bad_profile" | "bad_projection" | "bad_shape" | "bad_yaml" | "config_too_large" | "count_mismatch" | "empty_file" | "needs_pixels" | "no_histogram" | "not_available" | "too_many_answers" | "too_many_jobs" | "unknown_key" | "wrong_corners" | "wrong_unit" | "damaged_file" | "database_busy" | "database_damaged" | "internal" | "not_ready" | "storage_away" | "storage_full" | "storage_read_only" | "too_many_connections" | "too_many_requests" | "try_later";
             /**
              * Request Id
              * @description Identifies the request in the server's log.
@@ -8261,6 +8565,7 @@ export type DatasetCounts = components['schemas']['DatasetCounts'];
 export type DatasetIn = components['schemas']['DatasetIn'];
 export type DatasetPatch = components['schemas']['DatasetPatch'];
 export type Decision = components['schemas']['Decision'];
+export type Delivery = components['schemas']['Delivery'];
 export type DepthBand = components['schemas']['DepthBand'];
 export type DepthSlice = components['schemas']['DepthSlice'];
 export type Diff = components['schemas']['Diff'];
@@ -8289,6 +8594,8 @@ export type HiddenBy = components['schemas']['HiddenBy'];
 export type Histogram = components['schemas']['Histogram'];
 export type History = components['schemas']['History'];
 export type HistoryEntry = components['schemas']['HistoryEntry'];
+export type Hook = components['schemas']['Hook'];
+export type HookIn = components['schemas']['HookIn'];
 export type IgnoreMask = components['schemas']['IgnoreMask'];
 export type ImportedAnswer = components['schemas']['ImportedAnswer'];
 export type ImportedAnswers = components['schemas']['ImportedAnswers'];
@@ -8300,14 +8607,17 @@ export type LogIn = components['schemas']['LogIn'];
 export type LoginCode = components['schemas']['LoginCode'];
 export type MapCounts = components['schemas']['MapCounts'];
 export type Measure = components['schemas']['Measure'];
+export type NewHook = components['schemas']['NewHook'];
 export type NewLoginCode = components['schemas']['NewLoginCode'];
 export type NewSession = components['schemas']['NewSession'];
 export type NewToken = components['schemas']['NewToken'];
 export type PageAuditEntry = components['schemas']['Page_AuditEntry_'];
 export type PageConfigVersion = components['schemas']['Page_ConfigVersion_'];
 export type PageDataset = components['schemas']['Page_Dataset_'];
+export type PageDelivery = components['schemas']['Page_Delivery_'];
 export type PageExport = components['schemas']['Page_Export_'];
 export type PageFrameSummary = components['schemas']['Page_FrameSummary_'];
+export type PageHook = components['schemas']['Page_Hook_'];
 export type PageRefusedFrame = components['schemas']['Page_RefusedFrame_'];
 export type PageRun = components['schemas']['Page_Run_'];
 export type PageToken = components['schemas']['Page_Token_'];
@@ -8569,6 +8879,8 @@ export interface operations {
                 cursor?: string | null;
                 /** @description Whether to return `total` and `snapshot` too. */
                 count?: boolean;
+                /** @description Names of fields, separated by commas: each item has these alone, whatever its schema requires. Default: all. */
+                fields?: string | null;
             };
             header?: never;
             path?: never;
@@ -10405,6 +10717,215 @@ export interface operations {
                 };
                 content: {
                     "application/x-ndjson": unknown;
+                };
+            };
+            400: components["responses"]["Problem400"];
+            401: components["responses"]["Problem401"];
+            403: components["responses"]["Problem403"];
+            404: components["responses"]["Problem404"];
+            408: components["responses"]["Problem408"];
+            409: components["responses"]["Problem409"];
+            412: components["responses"]["Problem412"];
+            413: components["responses"]["Problem413"];
+            415: components["responses"]["Problem415"];
+            421: components["responses"]["Problem421"];
+            422: components["responses"]["Problem422"];
+            429: components["responses"]["Problem429"];
+            431: components["responses"]["Problem431"];
+            500: components["responses"]["Problem500"];
+            503: components["responses"]["Problem503"];
+        };
+    };
+    list_hooks: {
+        parameters: {
+            query?: {
+                /**
+                 * @description Maximum number of items on a page.
+                 * @example 100
+                 */
+                limit?: number;
+                /** @description `next_cursor` of the page before this one. */
+                cursor?: string | null;
+            };
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Page_Hook_"];
+                };
+            };
+            400: components["responses"]["Problem400"];
+            401: components["responses"]["Problem401"];
+            403: components["responses"]["Problem403"];
+            404: components["responses"]["Problem404"];
+            408: components["responses"]["Problem408"];
+            421: components["responses"]["Problem421"];
+            422: components["responses"]["Problem422"];
+            429: components["responses"]["Problem429"];
+            431: components["responses"]["Problem431"];
+            500: components["responses"]["Problem500"];
+            503: components["responses"]["Problem503"];
+        };
+    };
+    create_hook: {
+        parameters: {
+            query?: never;
+            header?: {
+                /** @description A request repeated with the same key gets the same response, and is not executed again. */
+                "Idempotency-Key"?: string;
+            };
+            path?: never;
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "application/json": components["schemas"]["HookIn"];
+            };
+        };
+        responses: {
+            /** @description Successful Response */
+            201: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["NewHook"];
+                };
+            };
+            400: components["responses"]["Problem400"];
+            401: components["responses"]["Problem401"];
+            403: components["responses"]["Problem403"];
+            404: components["responses"]["Problem404"];
+            408: components["responses"]["Problem408"];
+            409: components["responses"]["Problem409"];
+            412: components["responses"]["Problem412"];
+            413: components["responses"]["Problem413"];
+            415: components["responses"]["Problem415"];
+            421: components["responses"]["Problem421"];
+            422: components["responses"]["Problem422"];
+            429: components["responses"]["Problem429"];
+            431: components["responses"]["Problem431"];
+            500: components["responses"]["Problem500"];
+            503: components["responses"]["Problem503"];
+        };
+    };
+    delete_hook: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                /**
+                 * @description Number of the hook.
+                 * @example 1
+                 */
+                hook_id: number;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            204: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content?: never;
+            };
+            400: components["responses"]["Problem400"];
+            401: components["responses"]["Problem401"];
+            403: components["responses"]["Problem403"];
+            404: components["responses"]["Problem404"];
+            408: components["responses"]["Problem408"];
+            409: components["responses"]["Problem409"];
+            412: components["responses"]["Problem412"];
+            413: components["responses"]["Problem413"];
+            415: components["responses"]["Problem415"];
+            421: components["responses"]["Problem421"];
+            422: components["responses"]["Problem422"];
+            429: components["responses"]["Problem429"];
+            431: components["responses"]["Problem431"];
+            500: components["responses"]["Problem500"];
+            503: components["responses"]["Problem503"];
+        };
+    };
+    list_deliveries: {
+        parameters: {
+            query?: {
+                /**
+                 * @description Maximum number of items on a page.
+                 * @example 100
+                 */
+                limit?: number;
+                /** @description `next_cursor` of the page before this one. */
+                cursor?: string | null;
+            };
+            header?: never;
+            path: {
+                /**
+                 * @description Number of the hook.
+                 * @example 1
+                 */
+                hook_id: number;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Page_Delivery_"];
+                };
+            };
+            400: components["responses"]["Problem400"];
+            401: components["responses"]["Problem401"];
+            403: components["responses"]["Problem403"];
+            404: components["responses"]["Problem404"];
+            408: components["responses"]["Problem408"];
+            421: components["responses"]["Problem421"];
+            422: components["responses"]["Problem422"];
+            429: components["responses"]["Problem429"];
+            431: components["responses"]["Problem431"];
+            500: components["responses"]["Problem500"];
+            503: components["responses"]["Problem503"];
+        };
+    };
+    ping_hook: {
+        parameters: {
+            query?: never;
+            header?: {
+                /** @description A request repeated with the same key gets the same response, and is not executed again. */
+                "Idempotency-Key"?: string;
+            };
+            path: {
+                /**
+                 * @description Number of the hook.
+                 * @example 1
+                 */
+                hook_id: number;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            202: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Delivery"];
                 };
             };
             400: components["responses"]["Problem400"];

@@ -48,6 +48,7 @@ def path_values(service):
             "box_id": frame["decisions"][0]["box_id"],
             "digest": admin.get("/api/v1/datasets/hers/config").json()["digest"],
             "code_id": 1,
+            "hook_id": 1,
             "export_id": admin.post(
                 "/api/v1/datasets/hers/exports", json={"format": "yolo"}
             ).json()["id"],

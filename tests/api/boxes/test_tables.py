@@ -85,12 +85,23 @@ def test_pages_of_a_table_have_whole_frames_and_a_link(boxes):
     assert keys == [key for key, *_ in PLACES for _ in range(2)]
 
 
-def test_unknown_column_is_named(boxes):
-    query = {"dataset": NAME, "fields": "frame,Box"}
-    response = boxes.http.get("/api/v1/boxes/table", params=query)
+@pytest.mark.parametrize("path", ["/boxes", "/boxes/table"])
+def test_unknown_field_is_named_with_the_nearest(boxes, path):
+    response = boxes.get(path, dataset=NAME, fields="frame,verdikt")
 
     assert (response.status_code, response.json()["code"]) == (400, "unknown_field")
-    assert response.json()["detail"].endswith("found 'Box'")
+    assert response.json()["detail"].endswith(
+        "found 'verdikt'; did you mean 'verdict'?"
+    )
+
+
+def test_list_of_boxes_has_only_the_fields_that_were_asked_for(boxes):
+    whole = boxes.json("/boxes", dataset=NAME)["items"]
+    some = boxes.json("/boxes", dataset=NAME, fields="frame, id,class,question")
+
+    names = ("frame", "id", "class", "question")
+    assert some["items"] == [{name: box[name] for name in names} for box in whole]
+    assert [*some["items"][0]] == [*names]
 
 
 @pytest.mark.parametrize(

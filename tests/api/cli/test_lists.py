@@ -12,6 +12,7 @@ import pytest
 from tests.support import frames
 from tests.support.command_line import CommandLine
 from tests.support.frames import write_manifest
+from tests.support.receiver import receiving
 from unghost import Client, Invalid
 
 NAME = "lists"
@@ -39,9 +40,7 @@ def test_boxes_are_written_as_csv_json_and_parquet(unghost, dataset, tmp_path):
     )
     text = unghost("boxes", dataset, *filters)
     lines = unghost("boxes", dataset, *filters, "--format", "json").records
-    saved = unghost(
-        "boxes", dataset, "--format", "parquet", "-o", tmp_path / "a.parquet"
-    )
+    saved = unghost("boxes", dataset, "-o", tmp_path / "a.parquet")
     table = pyarrow.parquet.read_table(tmp_path / "a.parquet")
 
     rows = list(csv.DictReader(io.StringIO(text.out)))
@@ -82,6 +81,7 @@ def test_datasets_are_created_shown_edited_and_deleted(unghost):
         "dataset", "edit", name, "--description", "rain", "--palette", "carla-0.9.14"
     )
     shown = unghost("dataset", "show", name).out.splitlines()
+    misspelt = unghost("dataset", "show", "by-hnd")
     asked = unghost("dataset", "delete", name)
     deleted = unghost("dataset", "delete", name, "--yes")
 
@@ -89,6 +89,7 @@ def test_datasets_are_created_shown_edited_and_deleted(unghost):
     assert (again.code, kept[0]["classes"]) == (1, ["car", "van"])
     assert edited.code == 0, edited.err
     assert {"description\train", "palette\tcarla-0.9.14", "frames\t0"} <= set(shown)
+    assert "there is no dataset 'by-hnd'; did you mean 'by-hand'?" in misspelt.err
     assert (asked.code, "--yes" in asked.err) == (1, True)
     assert deleted.err.endswith("deleted\n")
     assert unghost("dataset", "show", name).code == 1
@@ -156,3 +157,25 @@ def test_shells_complete_names_formats_and_layouts(unghost, dataset, typed, word
     completed = CommandLine(unghost.folder, {**unghost.settings, **asked})()
 
     assert words <= {line.split(",")[-1] for line in completed.out.splitlines()}
+
+
+def test_hooks_are_created_tried_listed_and_deleted(unghost, dataset):
+    with receiving() as receiver:
+        made = unghost("hook", "create", receiver.url, "--dataset", dataset)
+        number = made.err.split()[1].rstrip(":")
+        tried = unghost("hook", "ping", number)
+        receiver.statuses = [500]
+        failed = unghost("hook", "ping", number)
+    listed = unghost("hook", "list").out
+    log = unghost("hook", "deliveries", number, "--json").records
+    deleted = unghost("hook", "delete", number)
+    elsewhere = unghost("hook", "create", "https://ci.example.org/")
+
+    assert made.out.startswith("whsec_")
+    assert receiver.received[0].is_signed_with(made.out.strip())
+    assert tried.out == f"hook {number}: status 200\n"
+    assert (failed.code, "the receiver responded with 500" in failed.err) == (1, True)
+    assert f"{number}\t{receiver.url}\t" in listed
+    assert [one["state"] for one in log] == ["waiting", "delivered"]
+    assert deleted.code == 0
+    assert (elsewhere.code, "UNGHOST_HOOK_HOSTS" in elsewhere.err) == (1, True)

@@ -180,6 +180,9 @@ def test_filter_does_not_overwrite_its_source(bare_unghost, tmp_path, named):
 
     assert answer.code == USAGE
     assert "is the source itself" in answer.err
+    table = bare_unghost("filter", folder, "-o", tmp_path / "decisions.csv")
+    assert table.code == USAGE
+    assert f"`unghost convert {folder} --to decisions-csv --filter" in table.err
     assert (folder / "manifest.jsonl").read_bytes() == before
 
 

@@ -138,7 +138,11 @@ def test_what_is_no_picture_is_refused_with_what_was_found(
 @pytest.mark.parametrize(
     ("known", "model", "others"),
     [
-        (keywords.BoxFilters, wire.BoxListQuery, {"dataset", "cursor", "count"}),
+        (
+            keywords.BoxFilters,
+            wire.BoxListQuery,
+            {"dataset", "cursor", "count", "fields"},
+        ),
         (keywords.FrameFilters, wire.FrameListQuery, {"cursor"}),
         (keywords.DatasetOptions, wire.DatasetIn, {"name"}),
         (keywords.DatasetChanges, wire.DatasetPatch, set()),

@@ -146,6 +146,15 @@ def call_access_routes(api: Api) -> None:
     until(lambda: api.http.get("/readyz").is_success)
 
 
+def call_hook_routes(api: Api, street: str) -> None:
+    wanted = {"url": "http://127.0.0.1:9/", "dataset": street}
+    made = successful_json(api.post("/hooks", wanted))
+    successful_json(api.post(f"/hooks/{made['id']}/ping"))
+    assert api.json("/hooks")["items"]
+    assert api.json(f"/hooks/{made['id']}/deliveries")["items"]
+    assert api.delete(f"/hooks/{made['id']}").status_code == 204
+
+
 def call_frame_routes(api: Api, street: str) -> None:
     for _ in range(2):
         api.upload_frame(street, "d")
@@ -258,6 +267,7 @@ def test_every_json_response_has_every_field_of_its_model(api, street):
     api.http.event_hooks["response"].append(answers.keep)
 
     call_access_routes(api)
+    call_hook_routes(api, street)
     call_frame_routes(api, street)
     call_box_routes(api, street)
     call_config_routes(api, street)

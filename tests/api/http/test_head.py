@@ -41,9 +41,12 @@ def path_values(service):
         admin.get(f"/api/v1/exports/{export}/events")  # returns when the export is done
         link = admin.post(f"/api/v1/exports/{export}/download-links").json()["url"]
         code = admin.post("/api/v1/login-codes").json()["id"]
+        hook = {"url": "http://127.0.0.1:9/", "dataset": "street"}
+        hook_id = admin.post("/api/v1/hooks", json=hook).json()["id"]
         dataset = admin.get(STREET).json()
     return {
         "code_id": code,
+        "hook_id": hook_id,
         "key": link.partition("?key=")[2],
         "dataset": "street",
         "key:any": "a",

@@ -38,6 +38,7 @@ def path_values(service):
         "box_id": box,
         "export_id": 1,
         "code_id": 1,
+        "hook_id": 1,
         "run_id": dataset["active_run"],
         "digest": dataset["config"],
     }

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import json
+import logging
+import os
+
 import pytest
 from typer.testing import CliRunner
 
@@ -10,7 +14,7 @@ from tests.support.frames import write_manifest
 from tests.support.scripted_server import json_reply, problem
 from unghost import wire
 from unghost.capture.simulator import ScenarioError, SimulatorAway
-from unghost.cli.program import app, error_lines, exit_code
+from unghost.cli.program import OneLine, app, error_lines, exit_code
 from unghost.cli.screen import EXIT_CODES, Refused
 from unghost.client import errors
 from unghost.client.discovery import BadServerUrl, ForeignServer
@@ -83,8 +87,9 @@ def test_each_expected_error_has_an_exit_code(error, code):
     ],
 )
 def test_connection_error_message_names_address_and_its_origin(
-    monkeypatch, variable, origin
+    monkeypatch, tmp_path, variable, origin
 ):
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))  # no server runs
     monkeypatch.delenv("UNGHOST_SERVER", raising=False)
     if variable is not None:
         monkeypatch.setenv("UNGHOST_SERVER", variable)
@@ -181,3 +186,18 @@ def test_control_characters_about_a_wrong_option_are_escaped(scripted, tmp_path)
 
     assert answer.exit_code == 2
     assert r"no \u001b[2J" in answer.output
+
+
+def test_waiting_for_a_server_names_those_that_run_here(tmp_path, monkeypatch):
+    notes = tmp_path / "unghost" / "servers"
+    notes.mkdir(parents=True)
+    url = "http://127.0.0.1:8123"
+    (notes / "a.json").write_text(json.dumps({"url": url, "pid": os.getpid()}))
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    away = errors.NoResponse("http://127.0.0.1:8000", "refused", sent=False)
+    line = logging.LogRecord("n", 30, "", 0, "%s; trying again", (away,), None)
+
+    assert OneLine().format(line) == (
+        "no response from http://127.0.0.1:8000: refused; trying again. "
+        f"On this machine runs {url}: --server selects it"
+    )

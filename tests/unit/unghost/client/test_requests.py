@@ -190,6 +190,14 @@ CALLS: Mapping[str, tuple[str, Callable[[Any], Any]]] = {
     "cancel_export": ("POST /exports/{export_id}/cancel", lambda c: c.cancel_export(7)),
     "export": ("GET /exports/{export_id}", lambda c: c.export(7)),
     "session": ("GET /session", lambda c: c.session()),
+    "hooks": ("GET /hooks", lambda c: c.hooks()),
+    "create_hook": ("POST /hooks", lambda c: c.create_hook("http://ci/a")),
+    "delete_hook": ("DELETE /hooks/{hook_id}", lambda c: c.delete_hook(7)),
+    "hook_deliveries": (
+        "GET /hooks/{hook_id}/deliveries",
+        lambda c: c.hook_deliveries(7),
+    ),
+    "ping_hook": ("POST /hooks/{hook_id}/ping", lambda c: c.ping_hook(7)),
     "tokens": ("GET /tokens", lambda c: c.tokens()),
     "create_token": ("POST /tokens", lambda c: c.create_token("ada", "viewer")),
     "revoke_token": ("DELETE /tokens/{token_id}", lambda c: c.revoke_token(7)),
@@ -311,6 +319,13 @@ def test_config_of_text_is_sent_as_yaml():
 
     assert (call.content, call.json) == (b"min_visible_pixels: 9", None)
     assert call.headers == {"Content-Type": "application/yaml"}
+
+
+def test_text_with_the_ending_of_a_file_is_its_path(tmp_path):
+    file = tmp_path / "filter.yaml"
+    file.write_text("threshold_small_box: 8\n")
+
+    assert CLIENT.set_config("town", str(file)).content == file.read_bytes()
 
 
 @pytest.mark.parametrize(

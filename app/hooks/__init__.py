@@ -1,0 +1,1 @@
+"""Hooks: signed requests to other servers when a job or a review has ended."""

@@ -1,0 +1,138 @@
+"""Hooks: registering them, and the addresses that they may have."""
+
+from __future__ import annotations
+
+import base64
+import secrets
+from typing import Final
+
+import httpx
+from sqlalchemy.orm import Session
+
+from app.access.audit import AuditAction, AuditTrail
+from app.db.tables import Hook, HookDelivery
+from app.errors import Unprocessable
+from app.hooks.queries import DeliveryRepository, HookRepository
+from app.measuring.queries import DatasetRepository
+from app.settings import Settings, bracketed
+from unghost.wire import hooks as wire
+from unghost.wire.words import DeliveryState
+
+SECRET_PREFIX: Final = "whsec_"
+_SECRET_BYTES: Final = 32
+
+
+def allowed_url(settings: Settings, url: str) -> httpx.URL:
+    """The address of a hook, whose host `UNGHOST_HOOK_HOSTS` lists.
+
+    Raises
+    ------
+    Unprocessable
+        It is no address of HTTP, or has a name, a password or a fragment;
+        ``hook_host``: its host is not listed.
+    """
+    try:
+        found = httpx.URL(url)
+    except httpx.InvalidURL as exc:
+        raise Unprocessable(f"url {url[:80]!r} is no address: {exc}") from exc
+    if found.scheme not in ("http", "https") or not found.raw_host:
+        raise Unprocessable(
+            f"url: expected an address such as https://ci.example.org/unghost, found "
+            f"{url[:80]!r}"
+        )
+    if found.userinfo or found.fragment:
+        raise Unprocessable(
+            "url: expected an address without a name, a password and a fragment: "
+            "whoever receives it checks the signature"
+        )
+    host = bracketed(found.raw_host.decode("ascii").lower())
+    port = found.port or {"http": 80, "https": 443}[found.scheme]
+    if not {host, f"{host}:{port}"} & set(settings.hook_hosts):
+        listed = ", ".join(settings.hook_hosts) or "none"
+        raise Unprocessable(
+            f"this server sends nothing to {host}: its admin has to start it with "
+            f"{host} in UNGHOST_HOOK_HOSTS, which lists {listed}",
+            code="hook_host",
+        )
+    return found
+
+
+def create_hook(
+    audit: AuditTrail, settings: Settings, wanted: wire.HookIn
+) -> wire.NewHook:
+    """Register a hook; only the result has its secret.
+
+    Raises
+    ------
+    Unprocessable
+        As `allowed_url`.
+    NotFound
+        There is no such dataset.
+    """
+    allowed_url(settings, wanted.url)
+    dataset = None
+    if wanted.dataset is not None:
+        dataset = DatasetRepository(audit.session).named(wanted.dataset)
+    secret = SECRET_PREFIX + base64.b64encode(
+        secrets.token_bytes(_SECRET_BYTES)
+    ).decode("ascii")
+    hook = Hook(
+        url=wanted.url,
+        events=list(dict.fromkeys(wanted.events)),
+        dataset_id=None if dataset is None else dataset.id,
+        secret=secret,
+        created_by=audit.name,
+    )
+    HookRepository(audit.session).add(hook)
+    audit.note(AuditAction.HOOK_CREATED, hook.id, url=hook.url, dataset=wanted.dataset)
+    shown = describe_hook(hook, wanted.dataset)
+    return wire.NewHook(**dict(shown), secret=secret)
+
+
+def delete_hook(audit: AuditTrail, hook_id: int) -> None:
+    """Delete a hook with its log; what is due is not sent any more."""
+    hooks = HookRepository(audit.session)
+    hook = hooks.with_id(hook_id)
+    hooks.delete(hook)
+    audit.note(AuditAction.HOOK_DELETED, hook_id, url=hook.url)
+
+
+def ping(session: Session, hook_id: int) -> wire.Delivery:
+    """Queue a trial delivery for a hook."""
+    hook = HookRepository(session).with_id(hook_id)
+    (row,) = DeliveryRepository(session).queue([hook], "ping", {"hook": hook_id})
+    return describe_delivery(row)
+
+
+def describe_hook(hook: Hook, dataset: str | None) -> wire.Hook:
+    """A hook as responses show it."""
+    return wire.Hook.model_validate(
+        {
+            "id": hook.id,
+            "url": hook.url,
+            "events": hook.events,
+            "dataset": dataset,
+            "created_by": hook.created_by,
+            "created_at": hook.created_at,
+        }
+    )
+
+
+def describe_delivery(row: HookDelivery) -> wire.Delivery:
+    """A delivery as responses show it."""
+    state: DeliveryState = "failed" if row.error else "delivered"
+    return wire.Delivery.model_validate(
+        {
+            "id": row.id,
+            "webhook_id": row.webhook_id,
+            "event": row.event,
+            "state": state if row.due_at is None else "waiting",
+            "attempts": row.attempts,
+            "status": row.answered,
+            "error": row.error,
+            "body": row.body,
+            "due_at": row.due_at,
+            "created_at": row.created_at,
+            "finished_at": row.finished_at,
+        }
+    )

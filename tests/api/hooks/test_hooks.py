@@ -1,0 +1,172 @@
+"""Hooks: signed, tried again, continued after a restart, and only to allowed hosts."""
+
+from __future__ import annotations
+
+import time
+from functools import partial
+from typing import Any
+
+import pytest
+
+from app.hooks.delivery import ANSWER_WITHIN_S
+from tests.support import frames as scene
+from tests.support.api import BY_TAGS, Api
+from tests.support.documents import blocks, read
+from tests.support.live import live
+from tests.support.receiver import receiving
+from tests.support.waiting import until
+
+(VERIFIER,) = blocks(read("docs/api.md"), "python")
+HOSTS = {"hook_hosts": ("127.0.0.1",)}
+
+
+@pytest.fixture
+def receiver():
+    with receiving() as found:
+        yield found
+
+
+def log_of(api, hook):
+    return api.json(f"/hooks/{hook['id']}/deliveries")["items"]
+
+
+def settled(api, hook, number):
+    """The log of a hook, newest first, once so many deliveries are over."""
+
+    def over():
+        log = log_of(api, hook)
+        is_over = len(log) >= number and not any(one["due_at"] for one in log)
+        return log if is_over else None
+
+    return until(over)
+
+
+def test_ends_of_jobs_and_of_a_review_are_sent_and_signed(own_api, receiver):
+    dataset = own_api.dataset(config=BY_TAGS)
+    car = {"class": "car", "xyxy": scene.ON_THE_CAR}
+    boxes = [{**car, "distance": 10}, {**car, "distance": 20}]
+    own_api.upload_frame(dataset, "a", {**scene.annotation(), "boxes": boxes})
+    hook = own_api.post("/hooks", {"url": receiver.url, "dataset": dataset}).json()
+
+    own_api.run(dataset, {**BY_TAGS, "min_visible_pixels": 3})
+    export = own_api.wait_for_job(
+        own_api.post(f"/datasets/{dataset}/exports", {"format": "yolo", "name": "v1"})
+    )
+    receiver.wait_for(2)
+    for box in own_api.boxes(dataset):
+        own_api.review(box["box_id"], "keep", 0)
+    requests = receiver.wait_for(3)
+
+    assert all(one.is_signed_with(hook["secret"]) for one in requests)
+    shown: dict[str, Any] = {}
+    exec(VERIFIER, shown)
+    is_genuine = partial(shown["is_genuine"], hook["secret"])
+    assert all(is_genuine(one.headers, one.body) for one in requests)
+    assert not is_genuine(requests[0].headers, requests[0].body + b" ")
+    types = [one.content["type"] for one in requests]
+    assert types == ["run.ended", "export.ended", "dataset.reviewed"]
+    assert requests[1].content["data"] == {
+        "dataset": dataset,
+        "export": export["id"],
+        "state": "done",
+        "error": None,
+        "url": f"/api/v1/exports/{export['id']}",
+        "format": "yolo",
+        "name": "v1",
+        "version": export["version"],
+    }
+    log = settled(own_api, hook, 3)
+    assert [one["state"] for one in log] == ["delivered"] * 3
+    assert [one["webhook_id"] for one in log] == [
+        one.headers["webhook-id"] for one in reversed(requests)
+    ]
+    assert hook["secret"] not in own_api.get("/hooks").text
+
+
+def test_refused_delivery_is_tried_again_after_a_restart(tmp_path, receiver):
+    receiver.statuses = [500]
+    with live(tmp_path / "data", **HOSTS) as first, first.admin() as client:
+        api = Api(client)
+        hook = api.post("/hooks", {"url": receiver.url}).json()
+        api.post(f"/hooks/{hook['id']}/ping")
+        receiver.wait_for(1)
+        until(lambda: log_of(api, hook)[0]["attempts"])
+        (waiting,) = log_of(api, hook)
+
+    with live(tmp_path / "data", **HOSTS) as second, second.admin() as client:
+        one, two = receiver.wait_for(2)
+        (over,) = settled(Api(client), hook, 1)
+
+    assert (waiting["state"], waiting["status"]) == ("waiting", 500)
+    assert waiting["error"] == "the receiver responded with 500"
+    assert (over["state"], over["attempts"], over["error"]) == ("delivered", 2, None)
+    assert one.headers["webhook-id"] == two.headers["webhook-id"]
+    assert one.body == two.body == over["body"].encode()
+    assert two.is_signed_with(hook["secret"])
+
+
+def test_stop_does_not_wait_for_a_receiver(tmp_path, receiver):
+    receiver.may_respond.clear()
+    with live(tmp_path / "data", **HOSTS) as first, first.admin() as client:
+        hook = Api(client).post("/hooks", {"url": receiver.url}).json()
+        Api(client).post(f"/hooks/{hook['id']}/ping")
+        receiver.wait_for(1)
+        stopped_at = time.monotonic()
+    took_s = time.monotonic() - stopped_at
+    receiver.may_respond.set()
+
+    with live(tmp_path / "data", **HOSTS) as second, second.admin() as client:
+        (over,) = settled(Api(client), hook, 1)
+
+    assert took_s < ANSWER_WITHIN_S / 2
+    assert (over["state"], over["attempts"]) == ("delivered", 1)
+
+
+def test_redirect_is_not_followed(own_api, receiver):
+    receiver.statuses = [302]
+    hook = own_api.post("/hooks", {"url": receiver.url}).json()
+
+    own_api.post(f"/hooks/{hook['id']}/ping")
+    receiver.wait_for(1)
+    until(lambda: log_of(own_api, hook)[0]["attempts"])
+
+    (delivery,) = log_of(own_api, hook)
+    own_api.delete(f"/hooks/{hook['id']}")
+    assert len(receiver.received) == 1
+    assert delivery["error"].endswith("302, and redirects are not followed")
+
+
+@pytest.mark.parametrize(
+    "url",
+    ["http://10.0.0.7/", "http://127.0.0.2/", "https://2130706433/", "http://[::1]/"],
+)
+def test_host_that_is_not_listed_is_refused_with_the_remedy(own_api, url):
+    response = own_api.post("/hooks", {"url": url})
+
+    assert (response.status_code, response.json()["code"]) == (422, "hook_host")
+    host = url.split("/")[2]
+    assert response.json()["detail"] == (
+        f"this server sends nothing to {host}: its admin has to start it with {host} "
+        "in UNGHOST_HOOK_HOSTS, which lists 127.0.0.1"
+    )
+
+
+def test_host_that_is_no_longer_listed_gets_nothing(tmp_path, receiver):
+    with live(tmp_path / "data", **HOSTS) as first, first.admin() as client:
+        hook = Api(client).post("/hooks", {"url": receiver.url}).json()
+
+    with live(tmp_path / "data") as second, second.admin() as client:
+        api = Api(client)
+        api.post(f"/hooks/{hook['id']}/ping")
+        until(lambda: log_of(api, hook)[0]["attempts"])
+        (refused,) = log_of(api, hook)
+
+    assert receiver.received == []
+    assert "UNGHOST_HOOK_HOSTS, which lists none" in refused["error"]
+
+
+@pytest.mark.parametrize(
+    "url", ["ftp://127.0.0.1/", "127.0.0.1", "http://a:b@127.0.0.1/", "http://"]
+)
+def test_address_that_cannot_be_called_is_refused(own_api, url):
+    assert own_api.post("/hooks", {"url": url}).json()["code"] == "unprocessable"
