@@ -1959,6 +1959,11 @@ export interface components {
              */
             sequence: (string | null)[];
             /**
+             * Weather
+             * @description `weather.preset` of the annotations; `other` without one.
+             */
+            weather: (string | null)[];
+            /**
              * Box
              * @description The ids that the sender gave the boxes.
              */
@@ -2233,13 +2238,13 @@ export interface components {
             margin_max?: number | null;
             /**
              * Distance Min
-             * @description Only boxes at least so many metres away.
+             * @description Only boxes at least so many metres away; all of their `distance_range`.
              * @example 0
              */
             distance_min?: number | null;
             /**
              * Distance Max
-             * @description Only boxes at most so many metres away.
+             * @description Only boxes at most so many metres away; all of their `distance_range`.
              * @example 50
              */
             distance_max?: number | null;
@@ -2265,6 +2270,11 @@ export interface components {
              * @description Only boxes of frames of this drive.
              */
             sequence?: string | null;
+            /**
+             * Weather
+             * @description Only boxes of frames with this `weather.preset`; `other`: with a weather that has none.
+             */
+            weather?: string | null;
         };
         /**
          * BoxTable
@@ -4818,7 +4828,7 @@ export interface components {
         };
         /**
          * MapCounts
-         * @description The frames of a map, and their boxes.
+         * @description The frames of a map, a weather, a camera or a drive, and their boxes.
          */
         MapCounts: {
             /**
@@ -5138,6 +5148,36 @@ export interface components {
             split: {
                 [key: string]: number;
             };
+        };
+        /**
+         * PlaceCounts
+         * @description Boxes of a map or a weather, by effective verdict.
+         */
+        PlaceCounts: {
+            /**
+             * Kept
+             * @description Boxes that the filter keeps.
+             * @example 700
+             */
+            kept: number;
+            /**
+             * Rejected
+             * @description Boxes that the filter rejects.
+             * @example 120
+             */
+            rejected: number;
+            /**
+             * Unmeasured
+             * @description Boxes without a verdict.
+             * @example 20
+             */
+            unmeasured: number;
+            /**
+             * Name
+             * @description Null for boxes of frames without one.
+             * @example town10
+             */
+            name: string | null;
         };
         /**
          * Plan
@@ -5857,9 +5897,19 @@ export interface components {
         Report: {
             /**
              * By Distance
-             * @description The bands that have boxes, the nearest first.
+             * @description The bands that have boxes, the nearest first. A box with a `distance_range` is in the band that has all of it.
              */
             by_distance: components["schemas"]["DistanceBand"][];
+            /**
+             * By Map
+             * @description By map, in order of name; empty if no frame has one.
+             */
+            by_map: components["schemas"]["PlaceCounts"][];
+            /**
+             * By Weather
+             * @description By preset of the weather; `other` is a weather without a preset.
+             */
+            by_weather: components["schemas"]["PlaceCounts"][];
             /**
              * Worst Frames
              * @description The twelve frames with the most rejected boxes.
@@ -6459,6 +6509,27 @@ export interface components {
              * @description Frames and boxes by map, of the frames that name one.
              */
             by_map: {
+                [key: string]: components["schemas"]["MapCounts"];
+            };
+            /**
+             * By Weather
+             * @description The same by preset of the weather; `other` without a preset.
+             */
+            by_weather: {
+                [key: string]: components["schemas"]["MapCounts"];
+            };
+            /**
+             * By Camera
+             * @description The same by `camera.name` of the annotations.
+             */
+            by_camera: {
+                [key: string]: components["schemas"]["MapCounts"];
+            };
+            /**
+             * By Sequence
+             * @description The same by drive.
+             */
+            by_sequence: {
                 [key: string]: components["schemas"]["MapCounts"];
             };
             /**
@@ -8313,6 +8384,7 @@ export type PageRun = components['schemas']['Page_Run_'];
 export type PageToken = components['schemas']['Page_Token_'];
 export type Pair = components['schemas']['Pair'];
 export type Parts = components['schemas']['Parts'];
+export type PlaceCounts = components['schemas']['PlaceCounts'];
 export type Plan = components['schemas']['Plan'];
 export type Preview = components['schemas']['Preview'];
 export type PreviewIn = components['schemas']['PreviewIn'];
@@ -8530,12 +8602,12 @@ export interface operations {
                  */
                 margin_max?: number | null;
                 /**
-                 * @description Only boxes at least so many metres away.
+                 * @description Only boxes at least so many metres away; all of their `distance_range`.
                  * @example 0
                  */
                 distance_min?: number | null;
                 /**
-                 * @description Only boxes at most so many metres away.
+                 * @description Only boxes at most so many metres away; all of their `distance_range`.
                  * @example 50
                  */
                 distance_max?: number | null;
@@ -8553,6 +8625,8 @@ export interface operations {
                 camera?: string | null;
                 /** @description Only boxes of frames of this drive. */
                 sequence?: string | null;
+                /** @description Only boxes of frames with this `weather.preset`; `other`: with a weather that has none. */
+                weather?: string | null;
                 /**
                  * @description Name of the dataset.
                  * @example town10
@@ -8648,12 +8722,12 @@ export interface operations {
                  */
                 margin_max?: number | null;
                 /**
-                 * @description Only boxes at least so many metres away.
+                 * @description Only boxes at least so many metres away; all of their `distance_range`.
                  * @example 0
                  */
                 distance_min?: number | null;
                 /**
-                 * @description Only boxes at most so many metres away.
+                 * @description Only boxes at most so many metres away; all of their `distance_range`.
                  * @example 50
                  */
                 distance_max?: number | null;
@@ -8671,6 +8745,8 @@ export interface operations {
                 camera?: string | null;
                 /** @description Only boxes of frames of this drive. */
                 sequence?: string | null;
+                /** @description Only boxes of frames with this `weather.preset`; `other`: with a weather that has none. */
+                weather?: string | null;
                 /**
                  * @description Name of the dataset.
                  * @example town10
@@ -10882,12 +10958,12 @@ export interface operations {
                  */
                 margin_max?: number | null;
                 /**
-                 * @description Only boxes at least so many metres away.
+                 * @description Only boxes at least so many metres away; all of their `distance_range`.
                  * @example 0
                  */
                 distance_min?: number | null;
                 /**
-                 * @description Only boxes at most so many metres away.
+                 * @description Only boxes at most so many metres away; all of their `distance_range`.
                  * @example 50
                  */
                 distance_max?: number | null;
@@ -10905,6 +10981,8 @@ export interface operations {
                 camera?: string | null;
                 /** @description Only boxes of frames of this drive. */
                 sequence?: string | null;
+                /** @description Only boxes of frames with this `weather.preset`; `other`: with a weather that has none. */
+                weather?: string | null;
                 /**
                  * @description Only frames whose key begins with this.
                  * @example town/000007
