@@ -659,9 +659,12 @@ def _export_frame(
         read_image = partial(read_file, source.image, "image")
         draw = partial(_drawn, source.image)
         frame = replace(frame, read_image=read_image, media_type=media_type, draw=draw)
-    if "segmentation" in needs and source.segmentation is not None:
-        read_tags = partial(read_file, source.segmentation, "segmentation")
-        frame = replace(frame, read_segmentation=read_tags)
+    if "files" in needs:
+        files: dict[str, Path | None] = {**source.others}
+        files["segmentation"] = source.segmentation
+        files["lidar"] = source.plain_points or files.get("lidar")
+        readers = {k: partial(read_file, path, k) for k, path in files.items() if path}
+        frame = replace(frame, read_files=readers)
     classes = count_by_class(measured.evidence, verdicts)
     return _Exported(frame, classes, measured.notes)
 

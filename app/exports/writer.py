@@ -296,7 +296,7 @@ class ExportFrames:
         wh = (frame.width, frame.height)
         text = content.annotations.get(frame.id, "{}")
         files = content.files.get(frame.id, {})
-        image, segmentation = files.get("image"), files.get("segmentation")
+        image = files.get("image")
         evidence = content.evidence.get(frame.id)
         rows = content.rows.get(frame.id, _NO_ROWS)
         columns = content.columns
@@ -317,9 +317,9 @@ class ExportFrames:
             split=as_text(said.get("split")),
             media_type=image.media_type if image else "image/png",
             read_image=partial(self._read, image.sha256) if image else None,
-            read_segmentation=(
-                partial(self._read, segmentation.sha256) if segmentation else None
-            ),
+            read_files={
+                kind: partial(self._read, file.sha256) for kind, file in files.items()
+            },
             draw=partial(self._draw, image.sha256) if image else None,
             palette=None if evidence is None else evidence.palette,
             decisions=content.decisions[rows],

@@ -55,7 +55,7 @@ def check_tree(given, place, separator):
         *([150, 200], [0, 50]),
         *([50, 100], [100, 150]),
     ]
-    assert any("LiDAR files are not read" in note for note in frames.notes())
+    assert any("LiDAR files are not measured" in note for note in frames.notes())
 
 
 def test_distance_range_is_in_decisions_and_counts_for_limits(tmp_path):
@@ -115,7 +115,11 @@ def test_their_own_tree_comes_back_with_its_files_and_numbers(tmp_path):
         read_source(source),
     )
     assert annotation_of(theirs) == {**annotation_of(ours), "split": "val"}
-    for name in ("out/cam/images/00000993.png", "out/seg/00000993.png"):
+    for name in (
+        *("out/cam/images/00000993.png", "out/seg/00000993.png"),
+        *("out/depth/00000993.png", "out/radar/00000993.ply"),
+        "out/lidar/00000993.ply",
+    ):
         assert files[name] == (source / name).read_bytes(), name
     theirs = json.loads((source / "out/cam/Readme.txt").read_text())
     theirs["distance"].pop("min_distance")
