@@ -82,7 +82,7 @@ from filter_core.pipeline import (
     box_class,
     read_and_measure,
 )
-from filter_core.segmentation.reading import SegmentationOptions
+from filter_core.segmentation.reading import SegmentationOptions, in_colors
 from filter_core.types import (
     NOT_MEASURED,
     REJECTED,
@@ -664,9 +664,20 @@ def _export_frame(
         files["segmentation"] = source.segmentation
         files["lidar"] = source.plain_points or files.get("lidar")
         readers = {k: partial(read_file, path, k) for k, path in files.items() if path}
+        if "segmentation" in readers:
+            reading = SegmentationOptions(
+                measured.palette or "auto", carla_version=annotation.carla_version
+            )
+            readers["segmentation"] = partial(
+                _in_colors, readers["segmentation"], reading
+            )
         frame = replace(frame, read_files=readers)
     classes = count_by_class(measured.evidence, verdicts)
     return _Exported(frame, classes, measured.notes)
+
+
+def _in_colors(read: Callable[[], bytes], options: SegmentationOptions) -> bytes:
+    return in_colors(read(), options)
 
 
 def _drawn(image: Path, boxes: Sequence[DrawnBox]) -> bytes:

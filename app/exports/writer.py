@@ -49,6 +49,7 @@ from filter_core.formats.same import SOURCE_LABELS
 from filter_core.formats.tally import Counts
 from filter_core.images.drawing import DrawnBox, png_with_boxes
 from filter_core.pipeline import named_class
+from filter_core.segmentation.reading import SegmentationOptions, in_colors
 from filter_core.types import DecidedBoxes, DecisionColumns
 from filter_core.values import JsonObject, as_text
 
@@ -292,6 +293,14 @@ class ExportFrames:
     def _draw(self, digest: str, boxes: Sequence[DrawnBox]) -> bytes:
         return self._drawers.run(png_with_boxes, self._read(digest), boxes)
 
+    def _colored(self, digest: str, evidence: EvidenceRow | None) -> bytes:
+        content = self._read(digest)
+        palette = None if evidence is None else evidence.palette
+        if palette is None:
+            return content
+        options = SegmentationOptions(palette=palette)
+        return self._drawers.run(in_colors, content, options)
+
     def _frame(self, frame: FrameHead, content: _Content) -> ExportFrame:
         wh = (frame.width, frame.height)
         text = content.annotations.get(frame.id, "{}")
@@ -318,7 +327,12 @@ class ExportFrames:
             media_type=image.media_type if image else "image/png",
             read_image=partial(self._read, image.sha256) if image else None,
             read_files={
-                kind: partial(self._read, file.sha256) for kind, file in files.items()
+                kind: (
+                    partial(self._colored, file.sha256, evidence)
+                    if kind == "segmentation"
+                    else partial(self._read, file.sha256)
+                )
+                for kind, file in files.items()
             },
             draw=partial(self._draw, image.sha256) if image else None,
             palette=None if evidence is None else evidence.palette,

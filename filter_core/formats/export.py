@@ -90,7 +90,8 @@ class ExportFrame:
     read_image : callable or None
         Gives the image's bytes; called only if images are copied.
     read_files : mapping of str to callable
-        Likewise, of ``segmentation``, ``depth``, ``radar`` and ``lidar``, where given.
+        Likewise, of ``segmentation``, ``depth``, ``radar`` and ``lidar``, where given;
+        tags of a known family come in its colours.
     draw : callable or None
         Gives the image with boxes drawn on it, as PNG.
     palette : str or None
