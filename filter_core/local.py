@@ -82,7 +82,7 @@ from filter_core.pipeline import (
     box_class,
     read_and_measure,
 )
-from filter_core.segmentation.reading import SegmentationOptions
+from filter_core.segmentation.reading import SegmentationOptions, in_colors
 from filter_core.types import (
     NOT_MEASURED,
     REJECTED,
@@ -659,11 +659,25 @@ def _export_frame(
         read_image = partial(read_file, source.image, "image")
         draw = partial(_drawn, source.image)
         frame = replace(frame, read_image=read_image, media_type=media_type, draw=draw)
-    if "segmentation" in needs and source.segmentation is not None:
-        read_tags = partial(read_file, source.segmentation, "segmentation")
-        frame = replace(frame, read_segmentation=read_tags)
+    if "files" in needs:
+        files: dict[str, Path | None] = {**source.others}
+        files["segmentation"] = source.segmentation
+        files["lidar"] = source.plain_points or files.get("lidar")
+        readers = {k: partial(read_file, path, k) for k, path in files.items() if path}
+        if "segmentation" in readers:
+            reading = SegmentationOptions(
+                measured.palette or "auto", carla_version=annotation.carla_version
+            )
+            readers["segmentation"] = partial(
+                _in_colors, readers["segmentation"], reading
+            )
+        frame = replace(frame, read_files=readers)
     classes = count_by_class(measured.evidence, verdicts)
     return _Exported(frame, classes, measured.notes)
+
+
+def _in_colors(read: Callable[[], bytes], options: SegmentationOptions) -> bytes:
+    return in_colors(read(), options)
 
 
 def _drawn(image: Path, boxes: Sequence[DrawnBox]) -> bytes:

@@ -62,6 +62,9 @@ class FrameOptions:
     sensors : Mapping
         The bytes of other sensors' files, by kind: ``depth``, ``instances`` and
         ``lidar``. A file is read if the configuration has a channel that needs it.
+    pixels : Mapping
+        (H, W, 3) uint8 in place of the files ``depth`` and ``instances``: blue, green
+        and red, as OpenCV has them.
     max_side : int, px
         The largest width and height of an image.
     """
@@ -71,6 +74,7 @@ class FrameOptions:
     dataset: SegmentationOptions = field(default_factory=SegmentationOptions)
     ignore: Mask | None = None
     sensors: Mapping[str, bytes] = field(default_factory=dict)
+    pixels: Mapping[str, NDArray[np.uint8]] = field(default_factory=dict)
     max_side: int = MAX_SIDE
 
 
@@ -298,6 +302,7 @@ def measure_frame(
         lidar=annotation.sensors.get("lidar"),
         ignore=options.ignore,
         contents=options.sensors,
+        pixels=options.pixels,
         max_side=options.max_side,
         tags_of_numbers=_tags_of_numbers(annotation, segmentation, config),
     )

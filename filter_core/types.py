@@ -412,7 +412,7 @@ class Evidence:
     def __len__(self) -> int:
         return len(self.class_index)
 
-    def distance_bounds(self, rows: slice) -> tuple[FloatArray, FloatArray]:
+    def distance_bounds(self, rows: slice = _ALL) -> tuple[FloatArray, FloatArray]:
         """(M,), (M,) metres: between which distances some of the boxes are.
 
         Twice the distance where it is known, and NaN where nothing is.

@@ -86,6 +86,7 @@ from unghost.wire.datasets import (
 )
 from unghost.wire.frames import (
     DistanceBand as DistanceBand,
+    PlaceCounts as PlaceCounts,
     Frame as Frame,
     Report as Report,
     SegmentationReport as SegmentationReport,

@@ -255,11 +255,15 @@ def classified_again(session: Session, box_ids: IntArray, class_ids: IntArray) -
 
 def numbers_of_lists(evidence: Evidence) -> dict[str, list[float | None]]:
     """The columns of `decisions` by which lists sort and filter, from the evidence."""
+    low, high = evidence.distance_bounds()
+    known = evidence.distance == evidence.distance
     return {
         "match_percent": floats_or_none(evidence.match_percent),
         # Never NaN: it is computed from the rectangles, and 0 for one without area.
         "crowding": evidence.crowding.tolist(),
         "distance": floats_or_none(evidence.distance),
+        "distance_from": floats_or_none(np.where(known, np.nan, low)),
+        "distance_to": floats_or_none(np.where(known, np.nan, high)),
     }
 
 

@@ -145,6 +145,7 @@ class BoxFilter:
     map: str | None = None
     camera: str | None = None
     sequence: str | None = None
+    weather: str | None = None
     thresholds: tuple[ClassThresholds, ...] = ()
     not_by: str = ""
 
@@ -179,6 +180,7 @@ class BoxFilter:
         """The frames that can have such boxes, as SQL: newest revisions alone."""
         places = {Frame.key: self.frame, Frame.map: self.map}
         places |= {Frame.camera: self.camera, Frame.sequence: self.sequence}
+        places[Frame.weather] = self.weather
         return [
             Frame.dataset_id == self.dataset_id,
             Frame.superseded_at.is_(None),
@@ -188,7 +190,7 @@ class BoxFilter:
     @property
     def has_places(self) -> bool:
         """Whether it selects boxes by their frames, which are not in tallies."""
-        places = (self.frame, self.map, self.camera, self.sequence)
+        places = (self.frame, self.map, self.camera, self.sequence, self.weather)
         return any(text is not None for text in places)
 
     def selects(self, key: TallyKey) -> bool:
@@ -242,9 +244,11 @@ class BoxFilter:
         if self.match_max is not None:
             found.append(Decision.match_percent <= self.match_max)
         if self.distance_min is not None:
-            found.append(Decision.distance >= self.distance_min)
+            nearest = func.coalesce(Decision.distance, Decision.distance_from)
+            found.append(nearest >= self.distance_min)
         if self.distance_max is not None:
-            found.append(Decision.distance <= self.distance_max)
+            farthest = func.coalesce(Decision.distance, Decision.distance_to)
+            found.append(farthest <= self.distance_max)
         if self.margin_max is not None:
             found.append(is_near(self.thresholds, self.margin_max))
         return found
@@ -278,6 +282,7 @@ def to_filter(session: Session, dataset: Dataset, wanted: BoxSelection) -> BoxFi
         map=wanted.map,
         camera=wanted.camera,
         sequence=wanted.sequence,
+        weather=wanted.weather,
         thresholds=class_thresholds(config, classes),
     )
 
@@ -448,7 +453,8 @@ def _in_ranges(
     numbers: DatasetColumns, decisions: Decisions, wanted: BoxFilter
 ) -> BoolArray:
     """Which boxes are in the filter's ranges of numbers."""
-    match, distance = numbers.evidence.match_percent, numbers.evidence.distance
+    match = numbers.evidence.match_percent
+    nearest, farthest = numbers.evidence.distance_bounds()
     chosen = np.ones(len(numbers), np.bool_)
     if wanted.margin_max is not None:
         threshold = _thresholds(numbers, decisions, wanted.thresholds)
@@ -457,7 +463,8 @@ def _in_ranges(
     has_no_match = np.isin(decisions.reason, _WITHOUT_MATCH)
     for column, low, high in (
         (np.where(has_no_match, np.nan, match), wanted.match_min, wanted.match_max),
-        (distance, wanted.distance_min, wanted.distance_max),
+        (nearest, wanted.distance_min, None),
+        (farthest, None, wanted.distance_max),
     ):
         if low is not None:
             chosen &= column >= low

@@ -6,6 +6,7 @@ import hashlib
 import json
 import math
 import threading
+from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
@@ -124,10 +125,13 @@ def _summary(
 def report_of(session: Session, dataset: Dataset) -> dict[str, object]:
     """A `wire.Report`: where the ghosts of a dataset are."""
     ghosts = GhostRepository(session)
-    bands: dict[int | None, dict[str, int]] = {}
-    for (band, reason, answer), boxes in ghosts.by_distance(dataset.id).items():
-        counts = bands.setdefault(band, {one.value: 0 for one in VERDICTS})
-        counts[effective_verdict(reason, answer)] += boxes
+    bands: dict[int | None, Counter[str]] = defaultdict(_none_of_each)
+    maps: dict[str | None, Counter[str]] = defaultdict(_none_of_each)
+    weathers: dict[str | None, Counter[str]] = defaultdict(_none_of_each)
+    for row in ghosts.by_place(dataset.id):
+        verdict = effective_verdict(row.reason, row.answer)
+        for counts in (bands[row.band], maps[row.map], weathers[row.weather]):
+            counts[verdict] += row.boxes
     ends: dict[int | None, int] = {end - 50: end for end in BANDS_M}
     in_turn = sorted(bands, key=lambda band: math.inf if band is None else band)
     ids = ghosts.worst_frames(dataset.id, WORST)
@@ -137,8 +141,20 @@ def report_of(session: Session, dataset: Dataset) -> dict[str, object]:
             {"distance_from": band, "distance_to": ends.get(band), **bands[band]}
             for band in in_turn
         ],
+        "by_map": _by_name(maps),
+        "by_weather": _by_name(weathers),
         "worst_frames": frame_summaries(session, dataset, frames),
     }
+
+
+def _none_of_each() -> Counter[str]:
+    return Counter({one.value: 0 for one in VERDICTS})
+
+
+def _by_name(found: Mapping[str | None, Counter[str]]) -> list[dict[str, object]]:
+    """In order of name, boxes without one last; none if no frame has one."""
+    names = sorted(found, key=lambda name: (name is None, name or ""))
+    return [] if names == [None] else [{"name": name, **found[name]} for name in names]
 
 
 WORST: Final = 12

@@ -14,12 +14,14 @@ from sqlalchemy import (
     Executable,
     Row,
     Text,
+    and_,
     bindparam,
     case,
     delete,
     exists,
     func,
     literal_column,
+    or_,
     select,
     type_coerce,
     update,
@@ -145,6 +147,10 @@ class FrameOfPart(NamedTuple):
     split: str | None
 
 
+PLACES: Final = ("map", "weather", "camera", "sequence")
+"""Columns of frames that say where, how and by what they were recorded."""
+
+
 class FramePlace(NamedTuple):
     """The columns of a frame that tables of boxes repeat for each box."""
 
@@ -153,6 +159,7 @@ class FramePlace(NamedTuple):
     map: str | None
     camera: str | None
     sequence: str | None
+    weather: str | None
     boxes: int
 
 
@@ -214,9 +221,9 @@ class FrameRepository:
 
         As many as have `boxes` boxes together, at least one.
         """
-        columns = (Frame.id, Frame.key, Frame.map, Frame.camera, Frame.sequence)
+        places = (Frame.map, Frame.camera, Frame.sequence, Frame.weather)
         rows = (
-            select(*columns, Frame.box_count)
+            select(Frame.id, Frame.key, *places, Frame.box_count)
             .where(*wanted.frame_conditions(), Frame.id > after)
             .order_by(Frame.id)
             .limit(boxes)
@@ -297,22 +304,24 @@ class FrameRepository:
         )
         return [FrameHead(*row) for row in self._session.execute(rows)]
 
-    def counts_by_map(self, dataset_id: int) -> dict[str, tuple[int, int]]:
-        """Current frames and their boxes by map, of the frames that name one."""
+    def counts_by_place(self, dataset_id: int) -> dict[str, dict[str, tuple[int, int]]]:
+        """Current frames and their boxes by map, weather, camera and sequence.
+
+        Only those of the frames that name one; in order of name.
+        """
+        columns = {name: getattr(Frame, name) for name in PLACES}
         rows = (
-            select(Frame.map, func.count(), func.sum(Frame.box_count))
-            .where(
-                Frame.dataset_id == dataset_id,
-                Frame.superseded_at.is_(None),
-                Frame.map.is_not(None),
-            )
-            .group_by(Frame.map)
-            .order_by(Frame.map)
+            select(*columns.values(), func.count(), func.sum(Frame.box_count))
+            .where(Frame.dataset_id == dataset_id, Frame.superseded_at.is_(None))
+            .group_by(*columns.values())
         )
-        return {
-            str(name): (frames, int(boxes))
-            for name, frames, boxes in self._session.execute(rows)
-        }
+        found: dict[str, dict[str, tuple[int, int]]] = {name: {} for name in PLACES}
+        for *places, frames, boxes in self._session.execute(rows):
+            for of, name in zip(found.values(), places, strict=True):
+                if name is not None:
+                    frames_before, boxes_before = of.get(name, (0, 0))
+                    of[name] = (frames_before + frames, boxes_before + int(boxes))
+        return {what: dict(sorted(of.items())) for what, of in found.items()}
 
     def keys(self, dataset_id: int) -> set[str]:
         """The keys of all current frames."""
@@ -617,28 +626,47 @@ BANDS_M: Final = (50, 100, 150, 200)
 """Ends of the bands of distance of a report."""
 
 
+class GhostRow(NamedTuple):
+    """How many boxes are alike.
+
+    `band` is the first metre of the band that a box is in with all that is known of its
+    distance; None if that is nothing, or does not tell one.
+    """
+
+    map: str | None
+    weather: str | None
+    band: int | None
+    reason: int
+    answer: str | None
+    boxes: int
+
+
 class GhostRepository:
     """SQL about where the ghosts of a dataset are."""
 
     def __init__(self, session: Session) -> None:
         self._session = session
 
-    def by_distance(
-        self, dataset_id: int
-    ) -> dict[tuple[int | None, int, str | None], int]:
-        """How many boxes each band, reason and answer have together.
-
-        A band is the number of its first metre; None: without a distance.
-        """
-        ends = [(Decision.distance < end, end - 50) for end in BANDS_M]
-        band = case((Decision.distance.is_(None), None), *ends, else_=BANDS_M[-1])
-        key = band, Decision.reason, Decision.review
+    def by_place(self, dataset_id: int) -> list[GhostRow]:
+        """How many boxes each map, weather, band, reason and answer have together."""
+        distance, low, high = (
+            *(Decision.distance, Decision.distance_from),
+            Decision.distance_to,
+        )
+        ends = [
+            (or_(distance < end, and_(low >= end - 50, high <= end)), end - 50)
+            for end in BANDS_M
+        ]
+        beyond = or_(distance.is_not(None), low >= BANDS_M[-1])
+        band = case(*ends, (beyond, BANDS_M[-1]), else_=None)
+        key = Frame.map, Frame.weather, band, Decision.reason, Decision.review
         rows = (
             select(*key, func.count())
+            .join(Frame, Frame.id == Decision.frame_id)
             .where(Decision.dataset_id == dataset_id)
             .group_by(*key)
         )
-        return {(row[0], row[1], row[2]): row[3] for row in self._session.execute(rows)}
+        return [GhostRow(*row) for row in self._session.execute(rows)]
 
     def worst_frames(self, dataset_id: int, limit: int) -> list[int]:
         """The ids of the frames with the most rejected boxes, the worst first."""

@@ -270,6 +270,7 @@ def table_of_boxes(
         "map": lambda: [frame.map for frame in of_box],
         "camera": lambda: [frame.camera for frame in of_box],
         "sequence": lambda: [frame.sequence for frame in of_box],
+        "weather": lambda: [frame.weather for frame in of_box],
         "revision": lambda: boxes.rows.revisions,
         "bin": lambda: [_BINS[bin_] for bin_ in bins_of(boxes.doubts.doubt).tolist()],
     }

@@ -242,9 +242,12 @@ def statistics(session: Session, dataset: Dataset) -> wire.Stats:
         reasons_by_class={
             names[key]: of for key, of in counts.reasons_by_class.items()
         },
-        by_map={
-            name: wire.MapCounts(frames=count, boxes=boxes)
-            for name, (count, boxes) in frames.counts_by_map(dataset.id).items()
+        **{
+            f"by_{what}": {
+                name: wire.MapCounts(frames=count, boxes=boxes)
+                for name, (count, boxes) in of.items()
+            }
+            for what, of in frames.counts_by_place(dataset.id).items()
         },
         config=active.digest,
         run=dataset.active_run_id,

@@ -49,6 +49,7 @@ from filter_core.formats.same import SOURCE_LABELS
 from filter_core.formats.tally import Counts
 from filter_core.images.drawing import DrawnBox, png_with_boxes
 from filter_core.pipeline import named_class
+from filter_core.segmentation.reading import SegmentationOptions, in_colors
 from filter_core.types import DecidedBoxes, DecisionColumns
 from filter_core.values import JsonObject, as_text
 
@@ -292,11 +293,19 @@ class ExportFrames:
     def _draw(self, digest: str, boxes: Sequence[DrawnBox]) -> bytes:
         return self._drawers.run(png_with_boxes, self._read(digest), boxes)
 
+    def _colored(self, digest: str, evidence: EvidenceRow | None) -> bytes:
+        content = self._read(digest)
+        palette = None if evidence is None else evidence.palette
+        if palette is None:
+            return content
+        options = SegmentationOptions(palette=palette)
+        return self._drawers.run(in_colors, content, options)
+
     def _frame(self, frame: FrameHead, content: _Content) -> ExportFrame:
         wh = (frame.width, frame.height)
         text = content.annotations.get(frame.id, "{}")
         files = content.files.get(frame.id, {})
-        image, segmentation = files.get("image"), files.get("segmentation")
+        image = files.get("image")
         evidence = content.evidence.get(frame.id)
         rows = content.rows.get(frame.id, _NO_ROWS)
         columns = content.columns
@@ -317,9 +326,14 @@ class ExportFrames:
             split=as_text(said.get("split")),
             media_type=image.media_type if image else "image/png",
             read_image=partial(self._read, image.sha256) if image else None,
-            read_segmentation=(
-                partial(self._read, segmentation.sha256) if segmentation else None
-            ),
+            read_files={
+                kind: (
+                    partial(self._colored, file.sha256, evidence)
+                    if kind == "segmentation"
+                    else partial(self._read, file.sha256)
+                )
+                for kind, file in files.items()
+            },
             draw=partial(self._draw, image.sha256) if image else None,
             palette=None if evidence is None else evidence.palette,
             decisions=content.decisions[rows],

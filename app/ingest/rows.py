@@ -252,6 +252,7 @@ def _frame_row(frame: NewFrame) -> dict[str, object]:
         "captured_at": annotation.captured_at,
         "camera": annotation.camera_name,
         "sequence": annotation.sequence,
+        "weather": annotation.weather_name,
         "annotation": annotation.raw,
         "created_by": frame.created_by,
         "created_at": frame.created_at,

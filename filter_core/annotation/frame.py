@@ -143,6 +143,19 @@ class FrameAnnotation:
     split: str | None = None
     raw: Mapping[str, object] = field(default_factory=dict)
 
+    @property
+    def weather_name(self) -> str | None:
+        """The weather's preset, ``other`` without one; None if no weather is told."""
+        weather = self.raw.get("weather")
+        if not isinstance(weather, Mapping):
+            return None
+        preset = weather.get("preset")
+        is_name = isinstance(preset, str) and 0 < len(preset) <= _LONGEST_PRESET
+        return str(preset) if is_name else "other"
+
+
+_LONGEST_PRESET: Final = 256
+
 
 def frame_boxes_2d(
     annotation: FrameAnnotation,

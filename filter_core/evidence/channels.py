@@ -72,6 +72,9 @@ class Sensors:
     contents : Mapping
         The bytes of files by their kinds, ``depth``, ``instances`` and ``lidar``; a
         file is read only if a channel to be measured needs it.
+    pixels : Mapping
+        (H, W, 3) uint8 in place of such files, ``depth`` and ``instances``: blue, green
+        and red.
     max_side : int, px
         Largest width and height of the pictures among these files.
     tags_of_numbers : (256,) uint8 or None
@@ -83,16 +86,18 @@ class Sensors:
     lidar: Transform | None = None
     ignore: Mask | None = None
     contents: Mapping[str, bytes] = field(default_factory=dict)
+    pixels: Mapping[str, NDArray[np.uint8]] = field(default_factory=dict)
     max_side: int = MAX_SIDE
     tags_of_numbers: NDArray[np.uint8] | None = None
 
     def measurable_channels(self, config: MeasureConfig) -> tuple[str, ...]:
         """The channels of a configuration that need no file, or whose file is there."""
-        return tuple(
-            name
-            for name in config.channels
-            if self.contents.keys() >= {*files_for([name])}
-        )
+        there = self.contents.keys() | self.pixels.keys()
+        return tuple(name for name in config.channels if there >= {*files_for([name])})
+
+    def picture(self, kind: str) -> bytes | NDArray[np.uint8]:
+        """The depth or instance image: its pixels if they are there, else its file."""
+        return self.pixels[kind] if kind in self.pixels else self.contents[kind]
 
 
 def measure_evidence(
@@ -200,7 +205,7 @@ def _measure_depth(
     with _noting("depth", "depth is", config, notes):
         with error_context(pointer="/depth"):
             depth = read_depth(
-                sensors.contents["depth"],
+                sensors.picture("depth"),
                 config.depth_encoding,
                 expected_wh=boxes.image_wh,
                 max_side=sensors.max_side,
@@ -250,7 +255,7 @@ def _read_points(sensors: Sensors) -> LidarPoints:
 def _read_instances(sensors: Sensors, wh: tuple[int, int]) -> InstanceImage:
     with error_context(pointer="/instances"):
         return read_instances(
-            sensors.contents["instances"],
+            sensors.picture("instances"),
             sensors.segmentation,
             expected_wh=wh,
             max_side=sensors.max_side,

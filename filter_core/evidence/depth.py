@@ -25,6 +25,7 @@ from filter_core.images.decoding import decode_color, decode_image
 from filter_core.images.header import (
     MAX_SIDE,
     ImageHeader,
+    header_of_pixels,
     read_image_header,
     require_size,
 )
@@ -119,7 +120,7 @@ _LAST_OF_16: Final = np.iinfo(np.uint16).max * _STEPS_PER_MM
 
 
 def read_depth(
-    content: bytes,
+    content: bytes | NDArray[np.uint8],
     encoding: DepthEncoding = "auto",
     *,
     expected_wh: tuple[int, int] | None = None,
@@ -129,8 +130,9 @@ def read_depth(
 
     Parameters
     ----------
-    content : bytes of a PNG
-        RGB or RGBA of 8 bits, as CARLA writes it, or grey of 16 bits.
+    content : bytes of a PNG, or (H, W, 3) uint8
+        RGB or RGBA of 8 bits, as CARLA writes it, or grey of 16 bits. Pixels are blue,
+        green and red.
     encoding : DepthEncoding
     expected_wh : (width, height), px
     max_side : int, px
@@ -159,10 +161,16 @@ def read_depth(
     .. [1] CARLA documentation, "Sensors reference", depth camera.
     """
     with file_context("depth"):
-        header = read_image_header(content, max_side=max_side)
+        header = (
+            header_of_pixels(content)
+            if isinstance(content, np.ndarray)
+            else read_image_header(content, max_side=max_side)
+        )
     if expected_wh is not None:
         require_size(header, expected_wh, what="the depth image", than="the image")
     _refuse_form(header, encoding)
+    if isinstance(content, np.ndarray):
+        return _in_order(content, encoding)
     is_wide = header.bit_depth == 16
     with file_context("depth"):
         pixels = (

@@ -19,7 +19,12 @@ from filter_core.classes import accepts
 from filter_core.errors import ImageError, file_context
 from filter_core.evidence.silhouettes import Silhouette
 from filter_core.images.decoding import decode_color
-from filter_core.images.header import MAX_SIDE, read_image_header, require_size
+from filter_core.images.header import (
+    MAX_SIDE,
+    header_of_pixels,
+    read_image_header,
+    require_size,
+)
 from filter_core.images.pixels import ChannelOrder, sampled
 from filter_core.segmentation.codes import Segmentation
 from filter_core.segmentation.palettes import LAST_TAG
@@ -67,7 +72,7 @@ class InstanceImage:
 
 
 def read_instances(
-    content: bytes,
+    content: bytes | NDArray[np.uint8],
     segmentation: Segmentation | None = None,
     *,
     expected_wh: tuple[int, int] | None = None,
@@ -78,7 +83,7 @@ def read_instances(
 
     Parameters
     ----------
-    content : bytes of a PNG, RGB or RGBA
+    content : bytes of a PNG, RGB or RGBA, or (H, W, 3) uint8: blue, green, red
         Red is the tag, green and blue are 16 bits of an id [1]_.
     segmentation : Segmentation of the same frame, optional
     expected_wh : (width, height), px
@@ -105,7 +110,11 @@ def read_instances(
     .. [1] CARLA documentation, "Sensors reference", instance segmentation camera.
     """
     with file_context("instances"):
-        header = read_image_header(content, max_side=max_side)
+        header = (
+            header_of_pixels(content)
+            if isinstance(content, np.ndarray)
+            else read_image_header(content, max_side=max_side)
+        )
     if expected_wh is not None:
         require_size(header, expected_wh, what="the instance image", than="the image")
     if header.media_type != "image/png":
@@ -114,7 +123,11 @@ def read_instances(
         found = f"{header.color_model} with {header.bit_depth} bits"
         raise _fault("RGB or RGBA with 8 bits", found)
     with file_context("instances"):
-        pixels = decode_color(content, header, "bgr")
+        pixels = (
+            content
+            if isinstance(content, np.ndarray)
+            else decode_color(content, header, "bgr")
+        )
     if pixels is None:
         raise ImageError("the instance image cannot be decoded: it is damaged")
     table = _TAGS if tags_of_numbers is None else tags_of_numbers

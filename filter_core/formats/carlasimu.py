@@ -84,7 +84,7 @@ CARLASIMU: Final = Format(
     brief="the folders of the paper's tool",
     recognised_by="carlasimu's labels/labelNN/ (label/ with img/ or Readme.txt)",
     read_options=FOLDER_OPTIONS | {"classes", "default_class"},
-    needs=LABEL_NEEDS | {"segmentation"},
+    needs=LABEL_NEEDS | {"files"},
     options=LABEL_OPTIONS | {"bands", "drawn"},
     numbers_classes=True,
 )
@@ -172,7 +172,7 @@ def read_carlasimu(root: Path, options: RecordingDescription) -> FrameSet:
     above = camera.name.split("\\")[0]
     beside = auxiliary_folders(camera, camera.parent, of=above)
     radar = next(filter(Path.is_dir, _beside(camera, "radar")), None)
-    has_lidar = any(map(Path.is_dir, _beside(camera, "lidar")))
+    lidar = next(filter(Path.is_dir, _beside(camera, "lidar")), None)
     folders = LabelFolders(
         images=images,
         labels=labels,
@@ -196,25 +196,27 @@ def read_carlasimu(root: Path, options: RecordingDescription) -> FrameSet:
                 yield frame
                 continue
             others = dict(frame.others)
-            points = radar and radar / f"{Path(frame.label).stem}.ply"
-            if points and points.is_file():
+            name = f"{Path(frame.label).stem}.ply"
+            if points := _file_in(radar, name):
                 others["radar"] = points
             own = {**of_all, **frame.annotation}
             ranged = partial(_with_ranges, own, within, frame.label)
-            yield annotated(replace(frame, others=others), ranged)
+            plain = _file_in(lidar, name)
+            known = replace(frame, others=others, plain_points=plain)
+            yield annotated(known, ranged)
 
     return replace(
         frames,
         frames=read,
         unmatched=(*frames.unmatched, *narrower),
         texts=lambda: (*(texts() if texts else ()), camera / _README),
-        notes=lambda: (*notes(), *((_PLAIN_LIDAR,) if has_lidar else ())),
+        notes=lambda: (*notes(), *((_PLAIN_LIDAR,) if lidar else ())),
     )
 
 
 _PLAIN_LIDAR: Final = (
-    "the LiDAR files are not read: carlasimu writes points without tags, which are no "
-    "evidence"
+    "the LiDAR files are not measured: carlasimu writes points without tags, which "
+    "are no evidence"
 )
 
 
@@ -226,6 +228,11 @@ def _beside(camera: Path, sensor: str) -> Iterator[Path]:
         for place in (camera, camera.parent)
         for name in (sensor, f"{above}\\{sensor}")
     )
+
+
+def _file_in(folder: Path | None, name: str) -> Path | None:
+    path = folder and folder / name
+    return path if path and path.is_file() else None
 
 
 def _with_ranges(
@@ -311,6 +318,7 @@ def _read_readme(root: Path) -> Mapping[str, object]:
 class CarlaSimuWriter:
     """Writes ``out/cam`` with images, labels and ``Readme.txt``, and ``out/seg``.
 
+    Also ``out/depth``, ``out/lidar`` and ``out/radar`` where a frame has such a file.
     Classes have the numbers that the tool gives them, by what their names mean; others
     follow. A box beyond the widest band is in none, as there, and is counted.
     """
@@ -373,15 +381,20 @@ class CarlaSimuWriter:
             self._facts["map"][frame.map] += 1
         if isinstance(weather, Mapping):
             self._facts["weather"][_weather_text(weather)] += 1
-        if context.options.images == "copy" and frame.read_segmentation:
-            content = frame.read_segmentation()
-            suffix = IMAGE_SUFFIX[read_image_header(content).media_type]
-            context.sink(f"out/seg/{out.stem}{suffix}", [content])
+        if context.options.images == "copy":
+            self._copy_files(out)
         if context.options.drawn and frame.draw:
             rows = set(out.boxes.row.tolist())
             for folder, only in (("images_bbox", None), ("images_bbox_filter", rows)):
                 boxes = list(drawn_boxes(frame.boxes, only=only, metres=True))
                 context.sink(f"out/cam/{folder}/{out.stem}.png", [frame.draw(boxes)])
+
+    def _copy_files(self, out: OutFrame) -> None:
+        for kind, folder in _FOLDERS.items():
+            if read := out.frame.read_files.get(kind):
+                content = read()
+                name = f"out/{folder}/{out.stem}{_suffix_of(content)}"
+                self._context.sink(name, [content])
 
     def finish(self) -> None:
         """``Readme.txt``: what the tool said where the frames are its own, else ours.
@@ -418,6 +431,25 @@ class CarlaSimuWriter:
         ordered = {name: document[name] for name in names if name in document}
         text = json.dumps(ordered, indent=4, ensure_ascii=False)
         self._context.sink(f"out/cam/{_README}", [text.encode("utf-8", "replace")])
+
+
+_FOLDERS: Final = {
+    "segmentation": "seg",
+    "depth": "depth",
+    "lidar": "lidar",
+    "radar": "radar",
+}
+"""The folders of the tool by the files of a frame."""
+
+_CLOUDS: Final = {b"ply": ".ply", b"\x93NUMPY": ".npy"}
+
+
+def _suffix_of(content: bytes) -> str:
+    """The suffix of a picture or a point cloud, as its first bytes tell."""
+    for start, suffix in _CLOUDS.items():
+        if content.startswith(start):
+            return suffix
+    return IMAGE_SUFFIX[read_image_header(content).media_type]
 
 
 def _weather_text(weather: Mapping[str, object]) -> str:

@@ -89,8 +89,9 @@ class ExportFrame:
         Of the image: ``image/png`` or ``image/jpeg``.
     read_image : callable or None
         Gives the image's bytes; called only if images are copied.
-    read_segmentation : callable or None
-        Likewise, of the segmentation.
+    read_files : mapping of str to callable
+        Likewise, of ``segmentation``, ``depth``, ``radar`` and ``lidar``, where given;
+        tags of a known family come in its colours.
     draw : callable or None
         Gives the image with boxes drawn on it, as PNG.
     palette : str or None
@@ -111,7 +112,7 @@ class ExportFrame:
     split: str | None = None
     media_type: str = "image/png"
     read_image: Callable[[], bytes] | None = None
-    read_segmentation: Callable[[], bytes] | None = None
+    read_files: Mapping[str, Callable[[], bytes]] = field(default_factory=dict)
     draw: Callable[[Sequence[DrawnBox]], bytes] | None = None
     palette: str | None = None
     decisions: Sequence[Mapping[str, object]] = ()

@@ -51,14 +51,14 @@ LABEL_OPTIONS: Final = SELECTION_OPTIONS | {
 """The `ExportOptions` of a format of labels; some have more, or not all of these."""
 
 Need: TypeAlias = Literal[
-    "annotation", "image", "segmentation", "decisions", "decision_columns"
+    "annotation", "image", "files", "decisions", "decision_columns"
 ]
 """Data of a frame that only some formats need.
 
 Every format gets the columns that labels are written from (`DecidedBoxes`).
 ``annotation``: the annotation as given, which is parsed on first use
 (`ExportFrame.given`); ``image``: the image, and its type, which gives the suffix of
-its path; ``segmentation``: that image; ``decisions``: a dictionary for each box, as in
+its path; ``files``: its other files; ``decisions``: a dictionary for each box, as in
 the API, which takes the most time; ``decision_columns``: the columns of tables
 (`ExportFrame.columns`).
 """

@@ -44,7 +44,7 @@ from filter_core.formats.recording import RecordingDescription
 from filter_core.formats.same import BoxSpan, spans_of_items
 from filter_core.formats.writing import EVERY_KEY, ExportContext, OutFrame, Traits
 from filter_core.json_text import read_json
-from filter_core.values import shown
+from filter_core.values import JsonObject, shown
 
 SEMANTIC_LIDAR_POINT: Final = np.dtype(
     [
@@ -233,6 +233,7 @@ def _read_line(line: bytes, at: str, folders: _Folders) -> FrameSource:
             for kind in FRAME_FILES
             if (given := raw.pop(kind, None)) is not None
         }
+        points = _plain_points(raw, at, folders)
     except LayoutError as exc:
         return FrameSource(key=key, annotation=None, problem=exc)
     return FrameSource(
@@ -241,7 +242,26 @@ def _read_line(line: bytes, at: str, folders: _Folders) -> FrameSource:
         image=files.pop("image", None),
         segmentation=files.pop("segmentation", None),
         others=files,
+        plain_points=points,
     )
+
+
+def _plain_points(raw: JsonObject, at: str, folders: _Folders) -> Path | None:
+    """The LiDAR points without tags of a capture, which ``extra.files`` names.
+
+    That key may be anybody's, so what leads to no file in the folder is no problem.
+    """
+    extra = raw.get("extra")
+    named = extra.get("files") if isinstance(extra, dict) else None
+    if not isinstance(named, dict):
+        return None
+    with suppress(LayoutError):
+        path = folders.file(_PLAIN_POINTS, named.get(_PLAIN_POINTS), at)
+        return path if path.is_file() else None
+    return None
+
+
+_PLAIN_POINTS: Final = "lidar_intensity"
 
 
 def _path(folder: Path, given: str) -> Path:

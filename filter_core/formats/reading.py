@@ -166,6 +166,8 @@ class FrameSource:
         Those of people on its boxes.
     labelled : Labelled or None
         None if no person is known to have labelled it in another program.
+    plain_points : Path or None
+        LiDAR points without tags, which are no evidence; exports may copy them.
     """
 
     key: str
@@ -179,6 +181,7 @@ class FrameSource:
     shown: Mapping[str, str] = field(default_factory=dict)
     answers: Sequence[GivenAnswer] = ()
     labelled: Labelled | None = None
+    plain_points: Path | None = None
 
 
 def missing_image(frame: FrameSource) -> LayoutError | None:

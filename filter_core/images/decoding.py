@@ -197,7 +197,8 @@ _CHANNELS: Final = {"rgb": 3, "rgba": 4}
 _METHODS: Final = slice(26, 29)
 """The position of compression, filters and interlacing in the header; usually 0."""
 
-_NO_FILTER, _SUB = 0, 1
+_SUB: Final = 1
+"""The highest filter that does not depend on the row above; 0 is none."""
 
 _BARE: Final = 33
 """Where the pixels begin if nothing but the header comes before them."""
@@ -252,9 +253,12 @@ class InflatedPng:
         filters, stored = self.rows[:, 0], self.rows[:, 1:].reshape(self.shape)
         if len(self.head) != _BARE or int(filters.max()) > _SUB:
             return None
-        pixels = np.add.accumulate(stored, axis=1, dtype=np.uint8)
-        if not filters.all():
-            pixels[filters == _NO_FILTER] = stored[filters == _NO_FILTER]
+        is_sub = filters == _SUB
+        if is_sub.all():
+            return np.add.accumulate(stored, axis=1, dtype=np.uint8)
+        pixels = np.ascontiguousarray(stored)
+        if is_sub.any():
+            pixels[is_sub] = np.add.accumulate(stored[is_sub], axis=1, dtype=np.uint8)
         return pixels
 
     def uncompressed(self) -> NDArray[np.uint8]:

@@ -6,6 +6,9 @@ from dataclasses import dataclass
 from mmap import mmap
 from typing import Final, Literal, TypeAlias
 
+import numpy as np
+from numpy.typing import NDArray
+
 from filter_core.errors import ImageError, ImageSizeMismatch, ImageTooLarge
 from filter_core.images.jpeg import read_jpeg
 from filter_core.images.png import SIGNATURE, read_png
@@ -127,6 +130,26 @@ def _check_sides(wh: tuple[int, int], max_side: int) -> None:
         raise ImageTooLarge(
             f"the header says {width} x {height} pixels, no side may exceed {max_side}"
         )
+
+
+def header_of_pixels(pixels: NDArray[np.uint8]) -> ImageHeader:
+    """The header that a PNG of (H, W, 3) uint8 would have.
+
+    Raises
+    ------
+    ImageError
+        They have another form.
+    """
+    if pixels.ndim != _COLOR_DIMENSIONS or pixels.shape[2] != len(_COLORS):
+        raise ImageError(f"pixels: expected (H, W, 3), found {pixels.shape}")
+    if pixels.dtype != np.uint8:
+        raise ImageError(f"pixels: expected uint8, found {pixels.dtype}")
+    height, width, _ = pixels.shape
+    return ImageHeader("image/png", width, height, 8, "rgb")
+
+
+_COLORS: Final = "rgb"
+_COLOR_DIMENSIONS: Final = 3
 
 
 def require_size(

@@ -22,6 +22,7 @@ MOST_TILES: Final = 60
 CAPTION_PX: Final = 28
 _COLUMNS: Final = 4
 _TILE_WIDTH_PX: Final = 480
+_GAP_PX: Final = 12
 _CORNER: Final = (6, CAPTION_PX)
 _WHITE: Final = (255, 255, 255)
 _GROUND: Final = 32
@@ -36,10 +37,12 @@ def captioned(caption: str, picture: Picture) -> Picture:
 
 def tile_of(before: Picture, after: Picture, caption: str) -> Picture:
     """A small picture of a frame before and after, below its caption."""
-    pair = np.hstack([before, after])
-    height = max(1, round(pair.shape[0] * _TILE_WIDTH_PX / pair.shape[1]))
-    small = cv2.resize(pair, (_TILE_WIDTH_PX, height), interpolation=cv2.INTER_AREA)
-    return captioned(caption, small.astype(np.uint8, copy=False))
+    pair, width = np.hstack([before, after]), _TILE_WIDTH_PX - _GAP_PX
+    height = max(1, round(pair.shape[0] * width / pair.shape[1]))
+    small = cv2.resize(pair, (width, height), interpolation=cv2.INTER_AREA)
+    tile = captioned(caption, small.astype(np.uint8, copy=False))
+    gap = ((0, _GAP_PX), (0, _GAP_PX), (0, 0))  # to the next ones
+    return np.pad(tile, gap, constant_values=_GROUND)
 
 
 def sheet_of(tiles: Sequence[Picture]) -> Picture | None:

@@ -16,8 +16,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from filter_core.errors import ImageError, SegmentationError, file_context
+from filter_core.errors import FilterError, ImageError, SegmentationError, file_context
 from filter_core.images.decoding import decode_color, decode_image
+from filter_core.images.drawing import as_png
 from filter_core.images.header import (
     MAX_SIDE,
     ImageHeader,
@@ -384,3 +385,19 @@ def _noted(segmentation: Segmentation, notes: tuple[str, ...]) -> Segmentation:
     if not notes:
         return segmentation
     return replace(segmentation, notes=(*segmentation.notes, *notes))
+
+
+def in_colors(content: bytes, options: SegmentationOptions) -> bytes:
+    """A segmentation in the colours of its family, as CARLA's converter saves it.
+
+    A file that has colours already, or that these options do not read, comes back as it
+    is.
+    """
+    try:
+        read = read_segmentation(content, options)
+    except FilterError:
+        return content
+    if read.encoding == "palette":
+        return content
+    painted = FAMILIES[read.family].paint(read.tags)
+    return as_png(np.ascontiguousarray(painted[..., ::-1]))

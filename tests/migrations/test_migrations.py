@@ -136,6 +136,32 @@ def test_foreign_keys_are_enforced_and_deletes_cascade(engine):
         assert session.scalars(select(tables.DatasetClass.id)).all() == []
 
 
+def test_frames_get_the_weather_and_boxes_the_distances_that_they_came_with(engine):
+    migrate(engine, SCRIPTS, "0023")
+    fill(engine, "0023")
+    told = {"weather": {"preset": "WetNoon"}, "boxes": [{"distance_range": [50, 100]}]}
+    with engine.begin() as connection:
+        frame, box = connection.execute(
+            text("SELECT frame_id, box_id FROM decisions LIMIT 1")
+        ).one()
+        connection.execute(
+            text("UPDATE frames SET annotation = :told, first_box_id = :box"),
+            {"told": json.dumps(told), "box": box},
+        )
+        connection.execute(text("UPDATE decisions SET distance = NULL"))
+
+    migrate(engine, SCRIPTS)
+
+    with engine.connect() as connection:
+        assert connection.execute(
+            text(
+                "SELECT weather, distance_from, distance_to FROM decisions "
+                "JOIN frames ON frames.id = frame_id WHERE frame_id = :frame"
+            ),
+            {"frame": frame},
+        ).first() == ("WetNoon", 50, 100)
+
+
 def test_exports_keep_their_ids_through_downgrade_and_upgrade(engine):
     migrate(engine, SCRIPTS)
     with Session(engine) as session, session.begin():

@@ -117,7 +117,14 @@ class Conversion:
     def as_yaml(self) -> str:
         """The file: the notes as comments, then the scenario."""
         comments = "".join(f"# {note}\n" for note in self.notes)
-        return comments + yaml.safe_dump(self.scenario, sort_keys=False)
+        return comments + yaml.dump(self.scenario, Dumper=_Plain, sort_keys=False)
+
+
+class _Plain(yaml.SafeDumper):
+    """Writes a value that two keys share twice, not as an alias."""
+
+    def ignore_aliases(self, data: object) -> bool:
+        return True
 
 
 def convert_carlasimu(folder: Path) -> Conversion:

@@ -10,7 +10,6 @@ import queue
 import threading
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from datetime import datetime, timezone
@@ -19,6 +18,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Final, Literal
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -33,7 +33,6 @@ from unghost.capture.folder import (
     FrameRecord,
     encode,
     pixels_of,
-    unpacked_png,
 )
 from unghost.capture.rig import (
     BLUEPRINTS,
@@ -59,8 +58,9 @@ from unghost.capture.simulator import (
 
 Drop = Literal["nothing", "oldest"]
 
-_READ: Final = ("depth", "instances", "semantic_lidar")
-"""Sensors besides the segmentation whose files are evidence."""
+_PICTURES: Final = ("depth", "instances")
+"""Cameras besides the segmentation whose pixels are evidence."""
+_POINTS: Final = "semantic_lidar"
 _RED: Final = 2
 _MOST_MISSED: Final = 20
 
@@ -134,7 +134,7 @@ def decide_tick(
     key: str,
     record: FrameRecord,
     measured: Mapping[str, Measurement],
-    contents: Mapping[str, bytes],
+    points: bytes | None,
 ) -> FrameResult:
     """Decide the boxes of one tick.
 
@@ -145,16 +145,24 @@ def decide_tick(
         The frame's name in explanations and errors.
     record : FrameRecord
     measured : mapping
-        The measurements by the sensors' names; the segmentation is read from them.
-    contents : mapping
-        The files of other sensors, as `unghost.capture.folder.encode` makes them.
+        The measurements by the sensors' names. Pixels are read from them.
+    points : bytes or None
+        The file of the semantic LiDAR, as `unghost.capture.folder.encode` makes it.
     """
     tags = None
     if "segmentation" in measured:
         pixels = pixels_of(as_image(measured["segmentation"]))
-        tags = np.ascontiguousarray(pixels[..., _RED])
-    files = {MANIFEST_KEYS[name]: contents[name] for name in _READ if name in contents}
-    return filter_frame(record, tags, config, FrameOptions(key=key, sensors=files))
+        tags = np.asarray(cv2.extractChannel(pixels, _RED), np.uint8)
+    pictures = {name: _colors(measured[name]) for name in _PICTURES if name in measured}
+    files = {} if points is None else {MANIFEST_KEYS[_POINTS]: points}
+    options = FrameOptions(key=key, sensors=files, pixels=pictures)
+    return filter_frame(record, tags, config, options)
+
+
+def _colors(measured: Measurement) -> NDArray[np.uint8]:
+    """(H, W, 3): blue, green and red of an image, in memory of their own."""
+    pixels = pixels_of(as_image(measured))
+    return np.asarray(cv2.cvtColor(pixels, cv2.COLOR_BGRA2BGR), np.uint8)
 
 
 def live(
@@ -240,7 +248,6 @@ class Live:
         self._thread: threading.Thread | None = None
         self._fault: BaseException | None = None
         self._is_over = False
-        self._files = ThreadPoolExecutor(len(_READ), "unghost-live")
         self.dropped = 0
         self.missed: Counter[str] = Counter()
 
@@ -320,7 +327,6 @@ class Live:
             assert isinstance(one.actor, Sensor), "checked when it was made"
             with suppress(RuntimeError):  # the script may have destroyed it
                 one.actor.stop()
-        self._files.shutdown()
         fault, self._fault = self._fault, None
         if fault is not None:
             raise fault
@@ -357,26 +363,17 @@ class Live:
 
     def _decided(self, moment: Moment) -> LiveFrame:
         tick, measured = moment.snapshot.frame, moment.measured
-        names = [name for name in _READ if name in measured]
-        made = self._files.map(_file, names, [measured[name] for name in names])
         now = datetime.now(timezone.utc).isoformat(timespec="milliseconds")
         record = self.annotator.annotate(
             moment,
             captured_at=now.replace("+00:00", "Z"),
             missed_before=self.missed.total() + self.dropped,
         )
-        files = dict(zip(names, made, strict=True))
-        result = decide_tick(self._config, f"{tick:06d}", record, measured, files)
-        image = None
-        if "rgb" in measured:
-            image = pixels_of(as_image(measured["rgb"]))[..., :3].copy()
+        cloud = measured.get(_POINTS)
+        points = None if cloud is None else encode(_POINTS, cloud)[1]
+        result = decide_tick(self._config, f"{tick:06d}", record, measured, points)
+        image = _colors(measured["rgb"]) if "rgb" in measured else None
         return LiveFrame(tick, image, record, result)
-
-
-def _file(name: str, measured: Measurement) -> bytes:
-    if name in CAMERAS:
-        return unpacked_png(as_image(measured))
-    return encode(name, measured)[1]
 
 
 def _running(sensors: Mapping[str, Actor]) -> list[RunningSensor]:

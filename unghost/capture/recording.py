@@ -335,9 +335,9 @@ class _Recorder:
         files = dict(zip(measured, encoded, strict=True))
         result = None
         try:
-            contents = {name: content for name, (_, content) in files.items()}
+            points = files["semantic_lidar"][1] if "semantic_lidar" in files else None
             config = self._request.config
-            result = decide_tick(config, key, frame, measured, contents)
+            result = decide_tick(config, key, frame, measured, points)
         except FilterError as error:
             if not self._recorded.undecided:
                 self._session.note(f"{key}: its boxes are not decided: {error}")

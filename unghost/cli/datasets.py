@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import html
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final
@@ -20,8 +20,8 @@ from unghost.wire.words import ChannelOrder, Encoding, LossyPolicy, Palette
 if TYPE_CHECKING:
     from unghost.client.client import Client
     from unghost.client.keywords import DatasetChanges
-    from unghost.wire.datasets import Dataset, Stats
-    from unghost.wire.frames import FrameSummary, Report
+    from unghost.wire.datasets import Dataset, MapCounts, Stats
+    from unghost.wire.frames import FrameSummary, PlaceCounts, Report
 
 _DATASET_COLUMNS: Final = (
     "dataset",
@@ -221,16 +221,19 @@ class StatsOptions(DatasetOptions, GateOptions):
 
 
 def stats(options: StatsOptions) -> None:
-    """Count a dataset's boxes by verdict, reason, class and map.
+    """Count a dataset's boxes by verdict, reason, class, distance, map and weather.
 
     Conflicts are boxes that the filter keeps and a person rejects, or the reverse.
     Exit code 4 if a condition of --fail-if holds.
     """
     with options.connect() as client:
         numbers = client.stats(options.dataset)
+        ghosts = client.report(options.dataset)
         refused = client.dataset(options.dataset).counts.problems
-    options.screen.record(numbers.raw)
-    _print_stats(numbers, options.screen)
+    # The frames of the report have addresses, and no counts that are not here.
+    of_report = {k: v for k, v in ghosts.raw.items() if k != "worst_frames"}
+    options.screen.record({**numbers.raw, "report": of_report})
+    _print_stats(numbers, ghosts, options.screen)
     counts = gate_counts(numbers, refused)
     options.check(counts, options.screen, f"unghost stats {options.dataset}")
 
@@ -347,13 +350,28 @@ def gate_counts(numbers: Stats, refused: int) -> dict[str, int]:
     }
 
 
-def _print_stats(numbers: Stats, screen: Screen) -> None:
+def _print_stats(numbers: Stats, ghosts: Report, screen: Screen) -> None:
     totals = [(name.replace("_", " "), getattr(numbers, name)) for name in _TOTALS]
     screen.table(("dataset", "number"), totals)
     screen.table(("reason", "boxes", "%"), _reasons(numbers), tag="reason")
     screen.table(_CLASS_COLUMNS, _classes(numbers), tag="class")
-    maps = ((name, of.frames, of.boxes) for name, of in numbers.by_map.items())
-    screen.table(("map", "frames", "boxes"), maps, tag="map")
+    screen.table(_BAND_COLUMNS, _bands(ghosts), tag="distance")
+    for what, places, frames in (
+        ("map", ghosts.by_map, numbers.by_map),
+        ("weather", ghosts.by_weather, numbers.by_weather),
+    ):
+        columns = (what, "frames", *_BAND_COLUMNS[1:])
+        screen.table(columns, _places(places, frames), tag=what)
+
+
+def _places(
+    places: Sequence[PlaceCounts], frames: Mapping[str, MapCounts]
+) -> Iterator[tuple[object, ...]]:
+    for of in places:
+        boxes = of.kept + of.rejected + of.unmeasured
+        counted = frames[of.name].frames if of.name else None
+        row = (boxes, of.kept, of.rejected, of.unmeasured)
+        yield of.name or "not known", counted, *row, _percent(of.kept, boxes)
 
 
 def _reasons(numbers: Stats) -> Iterator[tuple[object, ...]]:

@@ -288,7 +288,8 @@ class _Painter:
         reasons: Counter[str] = Counter(
             box["reason"] for box in judged.decisions if box["verdict"] != "kept"
         )
-        tile = tile_of(before, after, f"{judged.source.key}: {rejected} rejected")
+        counts = f"{judged.count('kept')} of {len(judged.decisions)} boxes"
+        tile = tile_of(before, after, f"{judged.source.key}: {counts}")
         return Drawn(_figure(stem, judged), reasons, tile)
 
     def _on(self, background: Picture, boxes: Iterable[DrawnBox | None]) -> Picture:
@@ -374,6 +375,8 @@ def _figure(stem: str, judged: Judged) -> str:
     from filter_core.images.sheet import figure_of
 
     flips = f", {judged.flips} flips" if judged.rivals else ""
+    unmeasured = judged.count("unmeasured")
+    unknown = f", {unmeasured} unmeasured" if unmeasured else ""
     rows = [
         (f"{box['class']} {box['id']}", box["explanation"])
         for box in judged.decisions
@@ -381,6 +384,6 @@ def _figure(stem: str, judged: Judged) -> str:
     ]
     words = (
         f"{len(judged.decisions)} boxes, {judged.count('kept')} kept,\n"
-        f"{judged.count('rejected')} rejected{flips}."
+        f"{judged.count('rejected')} rejected{unknown}{flips}."
     )
     return figure_of(judged.source.key, f"{stem}.png", words, rows, side="side")

@@ -85,6 +85,9 @@ class BoxesOptions(DatasetOptions):
     sequence: Annotated[
         str | None, typer.Option(help="Only boxes of frames of this drive.")
     ] = None
+    weather: Annotated[
+        str | None, typer.Option(help="Only boxes of frames with this weather.")
+    ] = None
     distance_min: Annotated[
         float | None, typer.Option(min=0, help="Only boxes at least so far, in metres.")
     ] = None
@@ -106,6 +109,7 @@ class BoxesOptions(DatasetOptions):
             "map": self.map,
             "camera": self.camera,
             "sequence": self.sequence,
+            "weather": self.weather,
             "distance_min": self.distance_min,
             "distance_max": self.distance_max,
         }
@@ -196,6 +200,20 @@ class FramesOptions(DatasetOptions):
     sequence: Annotated[str | None, typer.Option(help="Only frames of this drive.")] = (
         None
     )
+    camera: Annotated[str | None, typer.Option(help="Only frames of this camera.")] = (
+        None
+    )
+    weather: Annotated[
+        str | None, typer.Option(help="Only frames with this weather.")
+    ] = None
+    distance_min: Annotated[
+        float | None,
+        typer.Option(min=0, help="Only frames with a box at least so far, in metres."),
+    ] = None
+    distance_max: Annotated[
+        float | None,
+        typer.Option(min=0, help="Only frames with a box at most so far, in metres."),
+    ] = None
 
 
 _FRAME_COLUMNS: Final = (
@@ -218,6 +236,10 @@ def frames(options: FramesOptions) -> None:
             verdict=options.verdict,
             map=options.map,
             sequence=options.sequence,
+            camera=options.camera,
+            weather=options.weather,
+            distance_min=options.distance_min,
+            distance_max=options.distance_max,
         )
         options.screen.listing(_FRAME_COLUMNS, listed, _frame_row)
 

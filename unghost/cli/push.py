@@ -32,6 +32,7 @@ from unghost.cli.sources import (
     default_class_of,
     kind_of,
     naming_reading,
+    note_unused_keys,
     open_source,
     outgoing,
     reads_archives,
@@ -159,9 +160,8 @@ def push(options: PushOptions) -> None:
         if name not in settings
     }
     config = GivenConfig.of(options.config, described)
-    if config.loaded and config.loaded.unused_keys:
-        unused = ", ".join(config.loaded.unused_keys)
-        options.screen.note(f"keys that are not used: {unused}")
+    if config.loaded:
+        note_unused_keys(config.loaded.unused_keys, options.screen)
     frames = open_source(options.source, options.layout, description)
     found = check.watch(frames)
     settings = {**settings, **options.reading}

@@ -23,7 +23,7 @@ from unghost.cli.options import (
     note_unknown_classes,
 )
 from unghost.cli.screen import Screen, most_first
-from unghost.cli.sources import SEGMENTATION_SETTINGS
+from unghost.cli.sources import SEGMENTATION_SETTINGS, note_unused_keys
 
 if TYPE_CHECKING:
     from filter_core.config.file import LoadedConfig
@@ -354,8 +354,7 @@ def set_config(options: ConfigSetOptions) -> None:
                         f"default: {json.dumps(change.before)} -> "
                         f"{json.dumps(change.after)} (--merge keeps it)"
                     )
-        if loaded.unused_keys:
-            screen.note(f"keys that are not used: {', '.join(loaded.unused_keys)}")
+        note_unused_keys(loaded.unused_keys, screen)
         run = client.set_config(
             options.dataset, version.digest, instead_of=active.digest
         )

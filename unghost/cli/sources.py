@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Collection, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import Field, dataclass, replace
 from functools import wraps
 from pathlib import Path
@@ -445,9 +445,18 @@ def read_config(
             "profile carlasimu: boxes are decided as the paper's published code does, "
             f"projection: {loaded.config.projection}"
         )
-    if loaded.unused_keys:
-        screen.note(f"keys that are not used: {', '.join(loaded.unused_keys)}")
+    note_unused_keys(loaded.unused_keys, screen)
     return FilterConfig.from_mapping({**loaded.config.as_dict(), **options.reading})
+
+
+def note_unused_keys(keys: Sequence[str], screen: Screen) -> None:
+    """Tell about keys of carlasimu's file that concern only its recording."""
+    if keys:
+        more = f" and {len(keys) - _NAMED_KEYS} more" if len(keys) > _NAMED_KEYS else ""
+        screen.note(f"keys that are not used: {', '.join(keys[:_NAMED_KEYS])}{more}")
+
+
+_NAMED_KEYS: Final = 3
 
 
 def shown_by(

@@ -34,6 +34,7 @@ class BoxSelection(TypedDict, total=False):
     map: str | None
     camera: str | None
     sequence: str | None
+    weather: str | None
 
 
 class BoxFilters(BoxSelection, total=False):

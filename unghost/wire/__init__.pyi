@@ -70,6 +70,7 @@ from unghost.wire.frames import (
     BatchEnd as BatchEnd,
     BatchLine as BatchLine,
     DistanceBand as DistanceBand,
+    PlaceCounts as PlaceCounts,
     CropQuery as CropQuery,
     Frame as Frame,
     FrameDetails as FrameDetails,

@@ -268,6 +268,11 @@ class BoxSelection(RequestModel):
     sequence: PlaceName | None = Field(
         default=None, description="Only boxes of frames of this drive."
     )
+    weather: PlaceName | None = Field(
+        default=None,
+        description="Only boxes of frames with this `weather.preset`; `other`: with a "
+        "weather that has none.",
+    )
 
 
 class BoxListQuery(BoxSelection):
@@ -307,6 +312,9 @@ class BoxColumns(SparseModel):
     map: list[str | None]
     camera: list[str | None] = Field(description="`camera.name` of the annotations.")
     sequence: list[str | None] = Field(description="Drives that the frames are of.")
+    weather: list[str | None] = Field(
+        description="`weather.preset` of the annotations; `other` without one."
+    )
     box: list[str] = Field(description="The ids that the sender gave the boxes.")
     class_name: list[str] = Field(alias="class")
     verdict: list[Verdict]

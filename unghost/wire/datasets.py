@@ -268,7 +268,7 @@ class RefusedFrame(ResponseModel):
 
 
 class MapCounts(_OfBoxes, _OfFrames):
-    """The frames of a map, and their boxes."""
+    """The frames of a map, a weather, a camera or a drive, and their boxes."""
 
 
 class Stats(FrameCounts, _OfFrames):
@@ -292,6 +292,15 @@ class Stats(FrameCounts, _OfFrames):
     reasons_by_class: Annotated[Mapping[str, Mapping[Reason, int]], IfAbsent({})]
     by_map: Annotated[Mapping[str, MapCounts], IfAbsent({})] = Field(
         description="Frames and boxes by map, of the frames that name one."
+    )
+    by_weather: Annotated[Mapping[str, MapCounts], IfAbsent({})] = Field(
+        description="The same by preset of the weather; `other` without a preset."
+    )
+    by_camera: Annotated[Mapping[str, MapCounts], IfAbsent({})] = Field(
+        description="The same by `camera.name` of the annotations."
+    )
+    by_sequence: Annotated[Mapping[str, MapCounts], IfAbsent({})] = Field(
+        description="The same by drive."
     )
     config: str
     run: int

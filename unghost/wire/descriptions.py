@@ -146,8 +146,14 @@ FIELDS: Final[Mapping[str, Described]] = {
         # Filters.
         "match_max": ("Only boxes with at most this `match_percent`.", 20),
         "margin_max": ("Only boxes at most so far from their threshold.", 2),
-        "distance_min": ("Only boxes at least so many metres away.", 0),
-        "distance_max": ("Only boxes at most so many metres away.", 50),
+        "distance_min": (
+            "Only boxes at least so many metres away; all of their `distance_range`.",
+            0,
+        ),
+        "distance_max": (
+            "Only boxes at most so many metres away; all of their `distance_range`.",
+            50,
+        ),
         # Answers of people.
         "comment": ("A comment of the person.", "behind a tree"),
         "reviewer": ("Name of the person who answered.", "ann"),

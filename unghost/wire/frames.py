@@ -51,11 +51,24 @@ class DistanceBand(VerdictCounts):
     )
 
 
+class PlaceCounts(VerdictCounts):
+    """Boxes of a map or a weather, by effective verdict."""
+
+    name: str | None = Field(description="Null for boxes of frames without one.")
+
+
 class Report(ResponseModel):
     """Where the ghosts of a dataset are."""
 
     by_distance: tuple[DistanceBand, ...] = Field(
-        description="The bands that have boxes, the nearest first."
+        description="The bands that have boxes, the nearest first. A box with a "
+        "`distance_range` is in the band that has all of it."
+    )
+    by_map: Annotated[tuple[PlaceCounts, ...], IfAbsent(())] = Field(
+        description="By map, in order of name; empty if no frame has one."
+    )
+    by_weather: Annotated[tuple[PlaceCounts, ...], IfAbsent(())] = Field(
+        description="By preset of the weather; `other` is a weather without a preset."
     )
     worst_frames: tuple[FrameSummary, ...] = Field(
         description="The twelve frames with the most rejected boxes."

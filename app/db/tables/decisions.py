@@ -46,8 +46,9 @@ def _by_number(name: str, *columns: str, where: str = "") -> Iterator[Index]:
 class Decision(Base):
     """The current verdict of a box: derived, refreshed by uploads, runs and reviews.
 
-    `match_percent`, `crowding` and `distance` are copied from the evidence, `review`
+    `match_percent`, `crowding` and the distances are copied from the evidence, `review`
     and `revision` from the latest review, because lists sort and filter by them.
+    `distance_from` and `distance_to` are NULL where `distance` is not.
     `doubt` is what `filter_core.decisions.doubt` gives: which bin the box is in, and
     for boxes to ask about, how much an answer is worth.
     """
@@ -97,6 +98,8 @@ class Decision(Base):
     doubt: Mapped[int] = mapped_column(SmallInteger, server_default=text("0"))
     review: Mapped[str | None] = mapped_column(String(8))
     revision: Mapped[int] = mapped_column(default=0)
+    distance_from: Mapped[float | None]
+    distance_to: Mapped[float | None]
 
 
 class Tally(Base):

@@ -72,6 +72,8 @@ class Frame(Base):
     camera: Mapped[str | None] = mapped_column(String(256))
     """The name of the camera, as the annotation says; as is the drive."""
     sequence: Mapped[str | None] = mapped_column(String(256))
+    weather: Mapped[str | None] = mapped_column(String(256))
+    """The preset of the annotation's weather; ``other`` without one."""
 
 
 class FrameFile(Base):

@@ -4,7 +4,7 @@
 import { html } from "../core/html.js";
 import { Icon } from "../core/icons.js";
 import { Segments, Select } from "../core/parts.js";
-import { BINS } from "./filters.js";
+import { BINS, PLACE_KEYS } from "./filters.js";
 import { REASONS } from "./wording.js";
 
 /** @typedef {import("../core/router.js").Query} Query */
@@ -66,4 +66,42 @@ export function FilterMenus({ query, keys = ["reason", "class", "review"], own, 
     })}
     ${children}
     ${onClear && html`<button class="button button--quiet" onClick=${onClear}><${Icon} name="cross" />Clear</button>`}`;
+}
+
+const PLACES = {
+  map: { label: "Map", any: "Any map" },
+  weather: { label: "Weather", any: "Any weather" },
+  camera: { label: "Camera", any: "Any camera" },
+  sequence: { label: "Drive", any: "Any drive" },
+};
+
+const BANDS = ["0-50", "50-100", "100-150", "150-200", "200-"];
+
+/** A band of distance in words. @param {string | number | null} from @param {string | number | null} to  metres */
+export const bandText = (from, to) => (to === null || to === "" ? `from ${from} m` : `${from || 0} to ${to} m`);
+
+/**
+ * The frames' maps, weathers, cameras and drives as menus, where the dataset has several, and bands of distance.
+ * @param {{stats: import("../core/openapi.js").Stats | null, query: Query, onChange: (query: Query) => void}} props
+ *   `stats`: null until they are loaded
+ */
+export function PlaceFilters({ stats, query, onChange }) {
+  const { distance_min: from = "", distance_max: to = "" } = query;
+  /** @param {string} band */
+  const choice = (band) => ({ value: band, text: bandText(...parts(band)) });
+  /** @param {string} band @returns {[string, string]} */
+  const parts = (band) => [band.split("-")[0] ?? "", band.split("-")[1] ?? ""];
+  const set = from || to ? `${from || 0}-${to}` : "";
+  const bands = !set || BANDS.includes(set) ? BANDS : [...BANDS, set];
+  return html`${PLACE_KEYS.map((key) => {
+      const names = Object.keys(stats?.[`by_${key}`] ?? {});
+      if (names.length < 2 && !query[key]) return null;
+      return html`<${Select} key=${key} ...${PLACES[key]} value=${query[key] ?? ""} choices=${classChoices(names)}
+        onChange=${(/** @type {string} */ name) => onChange({ ...query, [key]: name })} />`;
+    })}
+    <${Select} label="Distance" any="Any distance" value=${set} choices=${bands.map(choice)}
+      onChange=${(/** @type {string} */ band) => {
+        const [distance_min, distance_max] = parts(band);
+        onChange({ ...query, distance_min, distance_max });
+      }} />`;
 }

@@ -14,6 +14,14 @@ import { answerOf, isUnanswered } from "./box.js";
  */
 export const FILTER_KEYS = /** @type {const} */ (["verdict", "by_filter", "reason", "class", "review"]);
 
+/** Where, how and by what the frames of boxes were recorded. */
+export const PLACE_KEYS = /** @type {const} */ (["map", "weather", "camera", "sequence"]);
+
+const DISTANCE_KEYS = /** @type {const} */ (["distance_min", "distance_max"]);
+
+/** What lists of frames and of boxes filter by, beside the filters of a frame. */
+export const LIST_KEYS = /** @type {readonly string[]} */ ([...FILTER_KEYS, ...PLACE_KEYS, ...DISTANCE_KEYS]);
+
 /** The verdict filters that the key V switches between. */
 export const VERDICT_CYCLE = /** @type {const} */ (["", "kept", "rejected"]);
 
@@ -40,9 +48,9 @@ function matchesReview(box, wanted) {
 /** @param {readonly Decision[]} boxes @param {Query} query */
 export const shownBoxes = (boxes, query) => boxes.filter((box) => isShown(box, query));
 
-/** Only the filters of an address. @param {Query} query @returns {Query} */
+/** Only the filters of an address that lists share. @param {Query} query @returns {Query} */
 export function filtersOf(query) {
-  return Object.fromEntries(FILTER_KEYS.flatMap((key) => (query[key] ? [[key, query[key]]] : [])));
+  return Object.fromEntries(LIST_KEYS.flatMap((key) => (query[key] ? [[key, query[key]]] : [])));
 }
 
 /** Orders of the list of a frame's boxes; without one, as they came in. */
@@ -109,10 +117,10 @@ export function countsBy(boxes, key) {
 
 const FLAGS = /** @type {const} */ (["toss_up", "conflict"]);
 
-const NUMBERS = /** @type {const} */ (["match_min", "match_max", "distance_min", "distance_max"]);
+const NUMBERS = /** @type {const} */ (["match_min", "match_max", ...DISTANCE_KEYS]);
 
 /** Filters in the menu "More". */
-const MORE_KEYS = /** @type {readonly string[]} */ ([...FLAGS, ...NUMBERS]);
+const MORE_KEYS = /** @type {readonly string[]} */ ([...FLAGS, ...NUMBERS, ...PLACE_KEYS]);
 
 export const BOX_FILTER_KEYS = /** @type {readonly string[]} */ ([...FILTER_KEYS, "bin", ...MORE_KEYS]);
 
@@ -150,6 +158,7 @@ export function selectionOf(query) {
   if (query.reason) found.reason = query.reason;
   if (query.class) found.class = query.class;
   if (review) found.review = review;
+  for (const key of PLACE_KEYS) if (query[key]) found[key] = query[key];
   const bin = BINS.find(({ value }) => value === query.bin)?.value;
   if (bin) found.bin = bin;
   for (const key of FLAGS) if (query[key] === "true") found[key] = true;

@@ -2044,6 +2044,11 @@ export interface components {
              */
             sequence: (string | null)[];
             /**
+             * Weather
+             * @description `weather.preset` of the annotations; `other` without one.
+             */
+            weather: (string | null)[];
+            /**
              * Box
              * @description The ids that the sender gave the boxes.
              */
@@ -2318,13 +2323,13 @@ export interface components {
             margin_max?: number | null;
             /**
              * Distance Min
-             * @description Only boxes at least so many metres away.
+             * @description Only boxes at least so many metres away; all of their `distance_range`.
              * @example 0
              */
             distance_min?: number | null;
             /**
              * Distance Max
-             * @description Only boxes at most so many metres away.
+             * @description Only boxes at most so many metres away; all of their `distance_range`.
              * @example 50
              */
             distance_max?: number | null;
@@ -2350,6 +2355,11 @@ export interface components {
              * @description Only boxes of frames of this drive.
              */
             sequence?: string | null;
+            /**
+             * Weather
+             * @description Only boxes of frames with this `weather.preset`; `other`: with a weather that has none.
+             */
+            weather?: string | null;
         };
         /**
          * BoxTable
@@ -5046,7 +5056,7 @@ export interface components {
         };
         /**
          * MapCounts
-         * @description The frames of a map, and their boxes.
+         * @description The frames of a map, a weather, a camera or a drive, and their boxes.
          */
         MapCounts: {
             /**
@@ -5442,6 +5452,36 @@ export interface components {
             split: {
                 [key: string]: number;
             };
+        };
+        /**
+         * PlaceCounts
+         * @description Boxes of a map or a weather, by effective verdict.
+         */
+        PlaceCounts: {
+            /**
+             * Kept
+             * @description Boxes that the filter keeps.
+             * @example 700
+             */
+            kept: number;
+            /**
+             * Rejected
+             * @description Boxes that the filter rejects.
+             * @example 120
+             */
+            rejected: number;
+            /**
+             * Unmeasured
+             * @description Boxes without a verdict.
+             * @example 20
+             */
+            unmeasured: number;
+            /**
+             * Name
+             * @description Null for boxes of frames without one.
+             * @example town10
+             */
+            name: string | null;
         };
         /**
          * Plan
@@ -6161,9 +6201,19 @@ export interface components {
         Report: {
             /**
              * By Distance
-             * @description The bands that have boxes, the nearest first.
+             * @description The bands that have boxes, the nearest first. A box with a `distance_range` is in the band that has all of it.
              */
             by_distance: components["schemas"]["DistanceBand"][];
+            /**
+             * By Map
+             * @description By map, in order of name; empty if no frame has one.
+             */
+            by_map: components["schemas"]["PlaceCounts"][];
+            /**
+             * By Weather
+             * @description By preset of the weather; `other` is a weather without a preset.
+             */
+            by_weather: components["schemas"]["PlaceCounts"][];
             /**
              * Worst Frames
              * @description The twelve frames with the most rejected boxes.
@@ -6763,6 +6813,27 @@ export interface components {
              * @description Frames and boxes by map, of the frames that name one.
              */
             by_map: {
+                [key: string]: components["schemas"]["MapCounts"];
+            };
+            /**
+             * By Weather
+             * @description The same by preset of the weather; `other` without a preset.
+             */
+            by_weather: {
+                [key: string]: components["schemas"]["MapCounts"];
+            };
+            /**
+             * By Camera
+             * @description The same by `camera.name` of the annotations.
+             */
+            by_camera: {
+                [key: string]: components["schemas"]["MapCounts"];
+            };
+            /**
+             * By Sequence
+             * @description The same by drive.
+             */
+            by_sequence: {
                 [key: string]: components["schemas"]["MapCounts"];
             };
             /**
@@ -8623,6 +8694,7 @@ export type PageRun = components['schemas']['Page_Run_'];
 export type PageToken = components['schemas']['Page_Token_'];
 export type Pair = components['schemas']['Pair'];
 export type Parts = components['schemas']['Parts'];
+export type PlaceCounts = components['schemas']['PlaceCounts'];
 export type Plan = components['schemas']['Plan'];
 export type Preview = components['schemas']['Preview'];
 export type PreviewIn = components['schemas']['PreviewIn'];
@@ -8840,12 +8912,12 @@ export interface operations {
                  */
                 margin_max?: number | null;
                 /**
-                 * @description Only boxes at least so many metres away.
+                 * @description Only boxes at least so many metres away; all of their `distance_range`.
                  * @example 0
                  */
                 distance_min?: number | null;
                 /**
-                 * @description Only boxes at most so many metres away.
+                 * @description Only boxes at most so many metres away; all of their `distance_range`.
                  * @example 50
                  */
                 distance_max?: number | null;
@@ -8863,6 +8935,8 @@ export interface operations {
                 camera?: string | null;
                 /** @description Only boxes of frames of this drive. */
                 sequence?: string | null;
+                /** @description Only boxes of frames with this `weather.preset`; `other`: with a weather that has none. */
+                weather?: string | null;
                 /**
                  * @description Name of the dataset.
                  * @example town10
@@ -8960,12 +9034,12 @@ export interface operations {
                  */
                 margin_max?: number | null;
                 /**
-                 * @description Only boxes at least so many metres away.
+                 * @description Only boxes at least so many metres away; all of their `distance_range`.
                  * @example 0
                  */
                 distance_min?: number | null;
                 /**
-                 * @description Only boxes at most so many metres away.
+                 * @description Only boxes at most so many metres away; all of their `distance_range`.
                  * @example 50
                  */
                 distance_max?: number | null;
@@ -8983,6 +9057,8 @@ export interface operations {
                 camera?: string | null;
                 /** @description Only boxes of frames of this drive. */
                 sequence?: string | null;
+                /** @description Only boxes of frames with this `weather.preset`; `other`: with a weather that has none. */
+                weather?: string | null;
                 /**
                  * @description Name of the dataset.
                  * @example town10
@@ -11403,12 +11479,12 @@ export interface operations {
                  */
                 margin_max?: number | null;
                 /**
-                 * @description Only boxes at least so many metres away.
+                 * @description Only boxes at least so many metres away; all of their `distance_range`.
                  * @example 0
                  */
                 distance_min?: number | null;
                 /**
-                 * @description Only boxes at most so many metres away.
+                 * @description Only boxes at most so many metres away; all of their `distance_range`.
                  * @example 50
                  */
                 distance_max?: number | null;
@@ -11426,6 +11502,8 @@ export interface operations {
                 camera?: string | null;
                 /** @description Only boxes of frames of this drive. */
                 sequence?: string | null;
+                /** @description Only boxes of frames with this `weather.preset`; `other`: with a weather that has none. */
+                weather?: string | null;
                 /**
                  * @description Only frames whose key begins with this.
                  * @example town/000007

@@ -2,11 +2,11 @@
 // The frames of a dataset as thumbnails, with filters; more are loaded while one scrolls.
 
 import { NearPicture } from "../boxes/crops.js";
-import { FilterMenus, VerdictFilter, classChoices } from "../boxes/filter_bar.js";
-import { FILTER_KEYS, filtersOf, selectionOf } from "../boxes/filters.js";
+import { FilterMenus, PlaceFilters, VerdictFilter, classChoices } from "../boxes/filter_bar.js";
+import { LIST_KEYS, filtersOf, selectionOf } from "../boxes/filters.js";
 import { VerdictBar } from "../boxes/signs.js";
 import { get, pictureUrl } from "../core/api.js";
-import { useDataset, useLazy, usePages, useTopBar, useTyped, useValue } from "../core/hooks.js";
+import { useDataset, useLazy, useLoaded, usePages, useTopBar, useTyped, useValue } from "../core/hooks.js";
 import { html, useEffect, useRef, useState } from "../core/html.js";
 import { Icon } from "../core/icons.js";
 import { countOf, countText } from "../core/numbers.js";
@@ -38,6 +38,8 @@ export function FramesView({ app, route }) {
   const [isOpen, setOpen] = useState(false);
   const dataset = useDataset(name, uploads);
   const counts = dataset.value?.counts;
+  const path = { dataset: name };
+  const stats = useLoaded((signal) => get("/api/v1/datasets/{dataset}/stats", { path, signal }), [name, uploads]);
   /** @param {Query} query */
   const setQuery = (query) => app.router.replace(linkTo("frames", { dataset: name }, query));
 
@@ -53,7 +55,8 @@ export function FramesView({ app, route }) {
       ${dataset.state === "error"
         ? html`<${Failure} error=${dataset.error} onRetry=${dataset.reload} />`
         : html`${dataset.value && html`<${Evidence} app=${app} dataset=${name} evidence=${dataset.value.evidence} />`}
-            <${FrameFilters} classes=${dataset.value?.classes ?? []} query=${route.query} onChange=${setQuery} />
+            <${FrameFilters} classes=${dataset.value?.classes ?? []} stats=${stats.value} query=${route.query}
+              onChange=${setQuery} />
             <${FrameGrid} key=${`${name} ${uploads} ${JSON.stringify(apiParams(route.query))}`} app=${app} dataset=${name} query=${route.query}
               total=${counts?.frames ?? null} onClear=${() => setQuery({})} />`}
     </main>`;
@@ -63,7 +66,7 @@ export function FramesView({ app, route }) {
 const apiParams = (query) => ({ ...selectionOf(filtersOf(query)), key: query.key });
 
 /** @param {Query} query */
-const hasFilters = (query) => [...FILTER_KEYS, "key"].some((key) => query[key]);
+const hasFilters = (query) => [...LIST_KEYS, "key"].some((key) => query[key]);
 
 /** @param {{app: App, dataset: string, query: Query, total: number | null, onClear: () => void}} props */
 function FrameGrid({ app, dataset, query, total, onClear }) {
@@ -127,11 +130,15 @@ function NoFrames({ isFiltered, onClear }) {
 
 const TYPING_PAUSE_MS = 250;
 
-/** @param {{classes: readonly string[], query: Query, onChange: (query: Query) => void}} props */
-function FrameFilters({ classes, query, onChange }) {
+/**
+ * @param {{classes: readonly string[], stats: import("../core/openapi.js").Stats | null, query: Query,
+ *   onChange: (query: Query) => void}} props
+ */
+function FrameFilters({ classes, stats, query, onChange }) {
   return html`<div class="filters" role="search" aria-label="Filter frames">
     <${VerdictFilter} query=${query} onChange=${onChange} />
     <${FilterMenus} query=${query} own=${{ class: { choices: classChoices(classes) } }} onChange=${onChange} onClear=${hasFilters(query) ? () => onChange({}) : null}>
+      <${PlaceFilters} stats=${stats} query=${query} onChange=${onChange} />
       <${KeyPrefix} value=${query.key ?? ""} onChange=${(/** @type {string} */ key) => onChange({ ...query, key })} />
     <//>
   </div>`;

@@ -3,13 +3,14 @@
 // and what a person should look at.
 
 import { NearPicture } from "../boxes/crops.js";
+import { bandText } from "../boxes/filter_bar.js";
 import { BINS } from "../boxes/filters.js";
 import { VerdictBar } from "../boxes/signs.js";
 import { EVIDENCE, reasonText } from "../boxes/wording.js";
 import { get, pictureUrl } from "../core/api.js";
 import { useDataset, useGrowth, useLazy, useLoaded, useTopBar } from "../core/hooks.js";
 import { html, useEffect, useRef, useState } from "../core/html.js";
-import { countOf, countText } from "../core/numbers.js";
+import { capital, countOf, countText } from "../core/numbers.js";
 import { Failure, FailureLine, Notice } from "../core/parts.js";
 import { linkTo } from "../core/router.js";
 import { useMedia } from "../stage/media.js";
@@ -90,7 +91,9 @@ export function HomeView({ app, route }) {
     </section>`}
     ${stats && stats.boxes > 0 && html`<div class="home__report">
       <${ByClass} dataset=${name} stats=${stats} />
-      <${ByDistance} bands=${report?.by_distance ?? []} />
+      <${ByDistance} dataset=${name} bands=${report?.by_distance ?? []} />
+      <${ByPlace} dataset=${name} what="map" places=${report?.by_map ?? []} />
+      <${ByPlace} dataset=${name} what="weather" places=${report?.by_weather ?? []} />
       <${ByCause} dataset=${name} stats=${stats} />
       <${ForPeople} dataset=${name} stats=${stats} evidence=${dataset.value?.evidence ?? ""} />
     </div>
@@ -203,16 +206,32 @@ function ByClass({ dataset, stats }) {
   return html`<${Table} title="By class" head="Class" rows=${linked} />`;
 }
 
-/** @param {{bands: readonly import("../core/openapi.js").DistanceBand[]}} props */
-function ByDistance({ bands }) {
+/** @param {{dataset: string, bands: readonly import("../core/openapi.js").DistanceBand[]}} props */
+function ByDistance({ dataset, bands }) {
   if (bands.length === 0) return null;
   /** @param {import("../core/openapi.js").DistanceBand} band */
   const name = ({ distance_from: from, distance_to: to }) => {
     if (from === null) return "not known";
-    return to === null ? `from ${from} m` : `${from} to ${to} m`;
+    const query = { verdict: "rejected", distance_min: `${from}`, distance_max: to === null ? "" : `${to}` };
+    return html`<a href=${linkTo("grid", { dataset }, query)}>${bandText(from, to)}</a>`;
   };
   const rows = bands.map((band) => ({ name: name(band), counts: band }));
   return html`<${Table} title="By distance" head="Distance" rows=${rows} />`;
+}
+
+/**
+ * Nothing where no frame names a map or a weather.
+ * @param {{dataset: string, what: "map" | "weather", places: readonly import("../core/openapi.js").PlaceCounts[]}} props
+ */
+function ByPlace({ dataset, what, places }) {
+  if (places.length === 0) return null;
+  /** @param {string | null} name */
+  const link = (name) =>
+    name === null
+      ? "not known"
+      : html`<a href=${linkTo("grid", { dataset }, { [what]: name, verdict: "rejected" })}>${name}</a>`;
+  const rows = places.map((counts) => ({ name: link(counts.name), counts }));
+  return html`<${Table} title=${`By ${what}`} head=${capital(what)} rows=${rows} />`;
 }
 
 /** @param {{dataset: string, stats: Stats}} props */

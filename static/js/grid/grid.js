@@ -2,7 +2,7 @@
 // The grid view: filters, status, bulk answers that are not saved yet, and the bar for selected boxes.
 
 import { isUnanswered } from "../boxes/box.js";
-import { FilterMenus, VerdictFilter, classChoices } from "../boxes/filter_bar.js";
+import { FilterMenus, PlaceFilters, VerdictFilter, classChoices } from "../boxes/filter_bar.js";
 import { SORTS, countOfMore, cycleVerdict, isFiltered, isShown, selectionOf, sortOf, withoutFilters } from "../boxes/filters.js";
 import { get } from "../core/api.js";
 import { useActions, useClosing, useDataset, useLoaded, useTask, useTopBar, useTyped, useValue } from "../core/hooks.js";
@@ -37,7 +37,8 @@ export function GridView({ app, route }) {
       <h1 class="sr-only">Boxes of ${name} as a grid</h1>
       ${failed
         ? html`<${Failure} error=${dataset.error} onRetry=${dataset.reload} />`
-        : html`<${GridFilters} app=${app} classes=${dataset.value?.classes ?? []} query=${route.query} onChange=${setQuery} />
+        : html`<${GridFilters} app=${app} dataset=${name} classes=${dataset.value?.classes ?? []} query=${route.query}
+              onChange=${setQuery} />
             <${UnsentBulkAnswers} app=${app} dataset=${name} />
             <${LeftOut} app=${app} dataset=${name} />
             <${Boxes} app=${app} dataset=${name} query=${route.query} onQuery=${setQuery}
@@ -248,15 +249,17 @@ const TYPING_PAUSE_MS = 400;
 const SMALLEST_PX = 72;
 const LARGEST_PX = 360;
 
-/** @param {{app: App, classes: readonly string[], query: Query, onChange: (query: Query) => void}} props */
-function GridFilters({ app, classes, query, onChange }) {
+/**
+ * @param {{app: App, dataset: string, classes: readonly string[], query: Query, onChange: (query: Query) => void}} props
+ */
+function GridFilters({ app, dataset, classes, query, onChange }) {
   const [isOpen, setOpen] = useState(false);
   return html`<div class="grid-filters" role="search" aria-label="Filter boxes">
     <${VerdictFilter} query=${query} onChange=${onChange} />
     <button class="button grid-filters__toggle ${isFiltered(query) ? "is-set" : ""}" aria-expanded=${isOpen} onClick=${() => setOpen(!isOpen)}><${Icon} name="filter" />Filters</button>
     <div class="grid-filters__rest ${isOpen ? "is-open" : ""}">
       <${FilterMenus} query=${query} keys=${["bin", "reason", "class", "review"]} own=${{ class: { choices: classChoices(classes) } }} onChange=${onChange} onClear=${isFiltered(query) ? () => onChange(withoutFilters(query)) : null}>
-        <${MoreFilters} query=${query} onChange=${onChange} />
+        <${MoreFilters} dataset=${dataset} query=${query} onChange=${onChange} />
       <//>
     </div>
     <span class="grid-filters__middle"></span>
@@ -284,8 +287,8 @@ function SizeSlider({ app }) {
   </label>`;
 }
 
-/** The less common filters, in a menu. @param {{query: Query, onChange: (query: Query) => void}} props */
-function MoreFilters({ query, onChange }) {
+/** The less common filters, in a menu. @param {{dataset: string, query: Query, onChange: (query: Query) => void}} props */
+function MoreFilters({ dataset, query, onChange }) {
   const root = useRef(/** @type {HTMLDivElement | null} */ (null));
   const [isOpen, setOpen] = useState(false);
   useClosing(root, isOpen, () => setOpen(false));
@@ -300,8 +303,16 @@ function MoreFilters({ query, onChange }) {
       <label class="switch"><input type="checkbox" checked=${query.conflict === "true"} onChange=${flag("conflict")} /><span>The filter contradicts a person</span></label>
       <${Range} text="Match" unit="%" keys=${["match_min", "match_max"]} most=${100} query=${query} onChange=${onChange} />
       <${Range} text="Distance" unit="m" keys=${["distance_min", "distance_max"]} query=${query} onChange=${onChange} />
+      <${Places} dataset=${dataset} query=${query} onChange=${onChange} />
     </div>`}
   </div>`;
+}
+
+/** Asks for the names only while the menu is open. @param {{dataset: string, query: Query, onChange: (query: Query) => void}} props */
+function Places({ dataset, query, onChange }) {
+  const path = { dataset };
+  const stats = useLoaded((signal) => get("/api/v1/datasets/{dataset}/stats", { path, signal }), [dataset]);
+  return html`<${PlaceFilters} stats=${stats.value} query=${query} onChange=${onChange} />`;
 }
 
 /** @param {{text: string, unit: string, keys: [string, string], most?: number, query: Query, onChange: (query: Query) => void}} props */

@@ -366,8 +366,15 @@ def test_report_counts_effective_verdicts_by_distance_and_lists_worst_frames(api
     box = {"class": "car", "xyxy": scene.IN_THE_SKY}
     near = {**box, "id": "near", "distance": 49.9}
     far = {**box, "id": "far", "distance": 200}
-    api.upload_frame(dataset, "a", {"boxes": [near]})
-    worst = api.upload_frame(dataset, "b", {"boxes": [near, far]})["frame"]["id"]
+    bands = [
+        {**box, "id": str(index), "distance_range": ends}
+        for index, ends in enumerate(([0, 50], [50, 100], [30, 70]))
+    ]
+    rain = {"map": "Town01", "weather": {"preset": "WetNoon", "wetness": 50}}
+    api.upload_frame(dataset, "a", {"boxes": [near, *bands], **rain})
+    mist = {"map": "Town02", "weather": {"fog_density": 5}}
+    boxes = {"boxes": [near, far, *[{**box, "id": f"{n}"} for n in range(3)]]}
+    worst = api.upload_frame(dataset, "b", {**boxes, **mist})["frame"]["id"]
     (kept,) = (box for box in api.boxes(dataset) if box["id"] == "far")
     api.review(kept["box_id"], "keep")
 
@@ -375,8 +382,24 @@ def test_report_counts_effective_verdicts_by_distance_and_lists_worst_frames(api
 
     none = {"kept": 0, "rejected": 0, "unmeasured": 0}
     assert found["by_distance"] == [
-        {**none, "rejected": 2, "distance_from": 0, "distance_to": 50},
+        {**none, "rejected": 3, "distance_from": 0, "distance_to": 50},
+        {**none, "rejected": 1, "distance_from": 50, "distance_to": 100},
         {**none, "kept": 1, "distance_from": 200, "distance_to": None},
+        {**none, "rejected": 4, "distance_from": None, "distance_to": None},
     ]
+    first, second = {**none, "rejected": 4}, {**none, "kept": 1, "rejected": 4}
+    assert found["by_map"] == [
+        {"name": "Town01", **first},
+        {"name": "Town02", **second},
+    ]
+    assert found["by_weather"] == [
+        {"name": "WetNoon", **first},
+        {"name": "other", **second},
+    ]
+    counts = api.get(f"/datasets/{dataset}/stats").json()["by_weather"]
+    assert counts["other"] == {"frames": 1, "boxes": 5}
+    wanted = {"weather": "WetNoon", "distance_max": 50}
+    listed = api.json(f"/datasets/{dataset}/frames", **wanted)["items"]
+    assert [frame["key"] for frame in listed] == ["a"]
     assert len(found["worst_frames"]) == 2
     assert worst in [frame["id"] for frame in found["worst_frames"]]

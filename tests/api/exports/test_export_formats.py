@@ -181,6 +181,10 @@ def test_a_tree_of_carlasimu_comes_back_from_a_server(server, client, tmp_path):
         json.loads((one / "out/cam/Readme.txt").read_text()) for one in (made, source)
     ]
     assert readmes[0] == readmes[1] | {"classes": readmes[0]["classes"]}
+    for name in ("seg/00000993.png", "depth/00000993.png", "radar/00000993.ply"):
+        assert (made / "out" / name).read_bytes() == (
+            source / "out" / name
+        ).read_bytes()
     for folder in ("images_bbox", "images_bbox_filter"):
         assert (made / f"out/cam/{folder}/00000993.png").stat().st_size > 0
     assert "00000993" in (made / "pictures/index.html").read_text()

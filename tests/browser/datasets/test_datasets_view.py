@@ -36,6 +36,9 @@ def test_home_of_a_dataset_reports_its_ghosts_and_starts_the_review(scene, user)
 
     expect(page.get_by_role("row", name="car 3 2")).to_be_visible()
     expect(page.get_by_role("row", name="0 to 50 m 2 1")).to_be_visible()
+    expect(page.get_by_role("link", name="0 to 50 m")).to_have_attribute(
+        "href", re.compile("distance_max=50")
+    )
     expect(page.get_by_role("row", name="outside the image 1")).to_be_visible()
     expect(page.get_by_role("link", name="run/000001")).to_contain_text("3 ghosts")
     page.get_by_role("link", name="Start review").click()

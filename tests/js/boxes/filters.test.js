@@ -47,7 +47,8 @@ test("the next box without an answer is searched from the front again at the end
 });
 
 test("only the filters of an address are kept for another view", () => {
-  assert.deepEqual(filtersOf({ box: "3", verdict: "kept", key: "a" }), { verdict: "kept" });
+  const kept = { verdict: "kept", map: "Town01", distance_max: "50" };
+  assert.deepEqual(filtersOf({ box: "3", key: "a", ...kept }), kept);
 });
 
 test("boxes are counted by class", () => {
@@ -55,10 +56,10 @@ test("boxes are counted by class", () => {
 });
 
 test("filters of the address are read as the server's types, and invalid values are left out", () => {
-  const query = { verdict: "kept", toss_up: "true", conflict: "no", match_min: "5", match_max: "many", distance_max: "-1", box: "7" };
+  const query = { verdict: "kept", toss_up: "true", conflict: "no", match_min: "5", match_max: "many", distance_max: "-1", box: "7", map: "Town01" };
 
-  assert.deepEqual(selectionOf(query), { effective: "kept", toss_up: true, match_min: 5 });
-  assert.equal(countOfMore(query), 2);
+  assert.deepEqual(selectionOf(query), { effective: "kept", map: "Town01", toss_up: true, match_min: 5 });
+  assert.equal(countOfMore(query), 3);
 });
 
 test("boxes are listed in order of doubt unless the address names another order", () => {

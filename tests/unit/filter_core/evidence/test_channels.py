@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import cv2
 import numpy as np
 import pytest
@@ -87,6 +89,22 @@ def test_each_channel_rejects_the_hidden_car(evidence, contents, explanation):
     assert far["explanation"] == explanation
     assert far["evidence"] == ("instance" if evidence == "auto" else evidence)
     assert far["threshold"] is None
+
+
+def test_pixels_decide_as_the_files_that_have_them_and_other_arrays_are_refused():
+    files = {"depth": depth_file(), "instances": instance_file()}
+    pixels = {name: pixels_of(content)[..., :3] for name, content in files.items()}
+    tags, _, _ = scene()
+
+    result = filter_frame(ANNOTATION, tags, options=FrameOptions(pixels=pixels))
+
+    assert result.decisions == decided("auto", **files)
+    for name, picture in pixels.items():
+        wide: Any = picture.astype(np.uint16)
+        for wrong in (picture[..., 0], wide):
+            options = FrameOptions(pixels={name: wrong})
+            with pytest.raises(ImageError, match=f"{name}: pixels: expected"):
+                filter_frame(ANNOTATION, tags, options=options)
 
 
 def test_instance_decision_has_tight_rectangle_and_visible_pixels():

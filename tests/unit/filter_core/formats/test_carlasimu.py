@@ -15,7 +15,13 @@ from filter_core.images.drawing import decoded
 from filter_core.local import filter_source
 from filter_core.pipeline import filter_frame
 from tests.support.exporting import HEAD, box, convert, export, frame
-from tests.support.folders import annotation_of, write_carlasimu, write_files
+from tests.support.folders import (
+    annotation_of,
+    street_tags,
+    write_carlasimu,
+    write_files,
+)
+from tests.support.pictures import painted, png
 
 NEAR, MIDDLE, FAR = (f"0 0.{n} 0.5 0.1 0.2" for n in (2, 4, 6))
 BOXES = [(FAR, 180.0), (NEAR, 50.0), (MIDDLE, 50.1), (NEAR, 120.0)]
@@ -55,7 +61,7 @@ def check_tree(given, place, separator):
         *([150, 200], [0, 50]),
         *([50, 100], [100, 150]),
     ]
-    assert any("LiDAR files are not read" in note for note in frames.notes())
+    assert any("LiDAR files are not measured" in note for note in frames.notes())
 
 
 def test_distance_range_is_in_decisions_and_counts_for_limits(tmp_path):
@@ -115,7 +121,11 @@ def test_their_own_tree_comes_back_with_its_files_and_numbers(tmp_path):
         read_source(source),
     )
     assert annotation_of(theirs) == {**annotation_of(ours), "split": "val"}
-    for name in ("out/cam/images/00000993.png", "out/seg/00000993.png"):
+    for name in (
+        *("out/cam/images/00000993.png", "out/seg/00000993.png"),
+        *("out/depth/00000993.png", "out/radar/00000993.ply"),
+        "out/lidar/00000993.ply",
+    ):
         assert files[name] == (source / name).read_bytes(), name
     theirs = json.loads((source / "out/cam/Readme.txt").read_text())
     theirs["distance"].pop("min_distance")
@@ -138,6 +148,38 @@ def test_their_own_tree_comes_back_with_its_files_and_numbers(tmp_path):
     page = files["pictures/index.html"].decode()
     assert "4 of 4 boxes are written" in page
     assert decoded(files["pictures/sheet.png"]).shape[1] == 480
+
+
+def test_a_capture_becomes_their_tree_with_colours_and_points_and_is_read_again(
+    tmp_path,
+):
+    line = {
+        "key": "a",
+        "segmentation": "tags.png",
+        "carla_version": "0.9.15",
+        "boxes": [{"class": "car", "xyxy": [10, 20, 30, 40], "distance": 60}],
+        "extra": {"files": {"lidar_intensity": "points.ply"}},
+        "image": "rgb.png",
+    }
+    source = write_files(
+        tmp_path / "capture",
+        {
+            "manifest.jsonl": json.dumps(line),
+            "tags.png": png(street_tags()),
+            "rgb.png": png(np.zeros((60, 80, 3), np.uint8)),
+            "points.ply": "ply",
+        },
+    )
+
+    files = convert("carlasimu", source)
+
+    assert files["out/lidar/a.ply"] == b"ply"
+    np.testing.assert_array_equal(
+        decoded(files["out/seg/a.png"]), decoded(png(painted(street_tags())))
+    )
+    found = read_source(write_files(tmp_path / "again", files))
+    (again,) = filter_source(found, FilterConfig())
+    assert (again.decisions or [])[0]["distance_range"] == [50, 100]
 
 
 def test_boxes_lie_in_the_bands_of_their_true_distance_under_their_numbers():
