@@ -9,8 +9,9 @@ import { EVIDENCE, reasonText } from "../boxes/wording.js";
 import { get, pictureUrl } from "../core/api.js";
 import { useDataset, useGrowth, useLazy, useLoaded, useTopBar } from "../core/hooks.js";
 import { html, useEffect, useRef, useState } from "../core/html.js";
+import { Icon } from "../core/icons.js";
 import { countOf, countText } from "../core/numbers.js";
-import { Failure, FailureLine, Notice } from "../core/parts.js";
+import { Failure, FailureLine, Notice, useCopy } from "../core/parts.js";
 import { linkTo } from "../core/router.js";
 import { useMedia } from "../stage/media.js";
 
@@ -130,7 +131,7 @@ export function BeforeAfter({ app, id }) {
       return html`<rect key=${box_id} class="compare__box compare__box--${verdict}" ...${place} />`;
     });
   const line = (at * width) / 100;
-  return html`<figure class="compare" style=${{ aspectRatio: `${width} / ${height}` }}>
+  return html`<figure class="compare" style=${{ aspectRatio: `${width} / ${height}`, "--ratio": width / height }}>
     <canvas ref=${canvas} role="img" aria-label=${frame ? `Frame ${frame.key}` : "Loading a frame"}></canvas>
     <svg viewBox=${`0 0 ${width} ${height}`} aria-hidden="true">
       <clipPath id="compare-before"><rect x="0" y="0" width=${line} height=${height} /></clipPath>
@@ -139,6 +140,7 @@ export function BeforeAfter({ app, id }) {
       <g clip-path="url(#compare-after)">${drawn(kept, "kept")}</g>
       <line class="compare__line" x1=${line} x2=${line} y1="0" y2=${height} />
     </svg>
+    <span class="compare__grip" style=${{ left: `${at}%` }} aria-hidden="true"><${Icon} name="slide" /></span>
     <input class="compare__range" type="range" min="0" max="100" value=${at}
       aria-label="Before the filter on the left, after it on the right"
       onInput=${(/** @type {{currentTarget: HTMLInputElement}} */ event) => setAt(Number(event.currentTarget.value))} />
@@ -147,23 +149,51 @@ export function BeforeAfter({ app, id }) {
 }
 
 /**
- * A frame before and after, as a page of its own.
+ * A frame before and after, as a page of its own: a link to it is for everybody who may read.
  * @param {{app: App, route: import("../core/router.js").Route}} props
  */
 export function CompareView({ app, route }) {
   const id = Number(route.params.id);
-  const { value: frame } = useLoaded(
+  const { value: loaded, error, reload } = useLoaded(
     (signal) => get("/api/v1/frames/{frame_id}", { path: { frame_id: id }, signal }),
     [id],
   );
-  useTopBar(app, { title: "Before and after", dataset: frame?.dataset ?? "" });
-  return html`<main id="main" class="page" tabindex="-1">
+  const frame = loaded?.id === id ? loaded : null;
+  const { dataset = "", key = "" } = frame ?? loaded ?? {};
+  const link = useCopy(location.href);
+  useTopBar(app, {
+    title: key ? `${key} · before and after` : "Before and after",
+    dataset,
+    crumbs: [
+      { text: "Datasets", href: linkTo("datasets") },
+      ...(dataset ? [{ text: dataset, href: linkTo("frames", { dataset }) }, { text: key }] : []),
+    ],
+  });
+  if (error) return html`<main id="main" class="page" tabindex="-1"><${Failure} error=${error} onRetry=${reload} /></main>`;
+  return html`<main id="main" class="page" tabindex="-1" aria-busy=${!frame}>
     <div class="page__head">
-      <h1>${frame?.key ?? "Before and after"}</h1>
-      <a class="button page__settings" href=${linkTo("frame", { id })}>All about this frame</a>
+      <h1>${key || "Before and after"}</h1>
+      <div class="compare__buttons">
+        <${Neighbour} id=${frame?.previous_id ?? null} icon="left" text="Previous frame" />
+        <${Neighbour} id=${frame?.next_id ?? null} icon="right" text="Next frame" />
+        <button class="button" onClick=${link.copy}>
+          <${Icon} name=${link.isCopied ? "check" : "copy"} />${link.isCopied ? "Copied" : "Copy link"}
+        </button>
+        <a class="button" href=${linkTo("frame", { id })}>All about this frame</a>
+      </div>
     </div>
-    <${BeforeAfter} key=${id} app=${app} id=${id} />
+    ${frame?.has_image === false
+      ? html`<${Notice} title="This frame has no image"><p>There is no picture on which its boxes could be compared.</p><//>`
+      : html`<div class="compare__page"><${BeforeAfter} key=${id} app=${app} id=${id} /></div>`}
   </main>`;
+}
+
+/** @param {{id: number | null, icon: string, text: string}} props */
+function Neighbour({ id, icon, text }) {
+  if (id === null) return null;
+  return html`<a class="button button--icon" href=${linkTo("compare", { id })} aria-label=${text} title=${text}>
+    <${Icon} name=${icon} />
+  </a>`;
 }
 
 /** @typedef {{kept: number, rejected: number, unmeasured: number}} Counts */
