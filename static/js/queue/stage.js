@@ -47,7 +47,7 @@ export function QueueStage({ app, box, see, media, view, actions, stageRef, rule
   <div class="queue__picture" data-layers=${layers || undefined}>
   ${layers > 0 && frame && html`<${Layers} box=${box} frame=${frame} hider=${hider} />`}
   <${StageView} app=${app} frame=${frame} media=${media} boxes=${boxes} selected=${box} isCrop=${mode === "crop"} hider=${hider?.box} scene=${box.box_id}
-    label=${`Box: ${isBlind ? `${box.class} ${box.id}` : spokenText(box)}`} onCrop=${() => view.set(view.get() === "crop" ? "frame" : "crop")} stageRef=${stageRef}>
+    label=${`Box: ${isBlind ? `${box.class} ${box.id}` : spokenText(box)}`} onCrop=${() => view.set(view.get() === "crop" ? "frame" : "crop")} stageRef=${stageRef} onSwipe=${(/** @type {"left" | "right"} */ side) => (side === "left" ? actions.reject : actions.keep)?.()}>
     ${frame && html`<${Minimap} app=${app} frame=${frame} picture=${picture} box=${box} mode=${mode} onClick=${actions.crop} />`}
     ${frame && html`<${QueueLook} app=${app} frame=${frame} mode=${mode} isBlind=${isBlind} actions=${actions} />`}
   <//></div>`;
