@@ -266,7 +266,13 @@ export function usePages(key, size, load) {
     back.current = undefined;
   }, [pages]);
   useLayoutEffect(() => () => void left.set(key, { shown: shown.current, scroll: scrollY }), [key]);
-  return { ...pages, more };
+
+  /** Add items that have come since: what is on show stays where it is. */
+  const append = useCallback(
+    (/** @type {(known: readonly T[]) => readonly T[]} */ newer) => setPages((now) => ({ ...now, items: [...now.items, ...newer(now.items)] })),
+    [],
+  );
+  return { ...pages, more, append };
 }
 
 /** For so long after the browser is online again, what fails is tried again. */

@@ -11,7 +11,7 @@ import { useDataset, useGrowth, useLazy, useLoaded, useTopBar } from "../core/ho
 import { html, useEffect, useRef, useState } from "../core/html.js";
 import { Icon } from "../core/icons.js";
 import { countOf, countText } from "../core/numbers.js";
-import { Failure, FailureLine, Notice, useCopy } from "../core/parts.js";
+import { Failure, FailureLine, Notice, WideTable, useCopy } from "../core/parts.js";
 import { linkTo } from "../core/router.js";
 import { useMedia } from "../stage/media.js";
 
@@ -59,9 +59,13 @@ export function HomeView({ app, route }) {
     </main>`;
   const worst = report?.worst_frames.filter(({ has_image }) => has_image) ?? [];
   // One that has much to show on both sides of the line.
-  const [shown] = [...worst].sort(
+  const [best] = [...worst].sort(
     ({ counts: a }, { counts: b }) => b.kept * b.rejected - a.kept * a.rejected,
   );
+  // While frames come in, the picture that somebody looks at stays.
+  const first = useRef(best);
+  first.current ??= best;
+  const shown = first.current;
   const counts = dataset.value?.counts;
   return html`<main id="main" class="page home" tabindex="-1" aria-busy=${!stats}>
     <div class="page__head">
@@ -205,7 +209,7 @@ function Neighbour({ id, icon, text }) {
 function Table({ title, head, rows }) {
   return html`<section class="panelbox" aria-label=${title}>
     <header class="panelbox__head"><h2>${title}</h2></header>
-    <div class="tablewrap"><table class="table">
+    <${WideTable} label=${title}><table class="table">
       <thead><tr>
         <th scope="col">${head}</th><th class="is-num" scope="col">Boxes</th><th class="is-num" scope="col">Ghosts</th>
         <th class="table__bar" aria-hidden="true"></th>
@@ -220,7 +224,7 @@ function Table({ title, head, rows }) {
           <td class="table__bar" aria-hidden="true"><${VerdictBar} counts=${drawn} /></td>
         </tr>`;
       })}</tbody>
-    </table></div>
+    </table><//>
   </section>`;
 }
 
@@ -252,7 +256,7 @@ function ByCause({ dataset, stats }) {
     .sort(([, a], [, b]) => b - a);
   return html`<section class="panelbox" aria-labelledby="cause-title">
     <header class="panelbox__head"><h2 id="cause-title">By cause</h2></header>
-    <div class="tablewrap"><table class="table">
+    <${WideTable} label="By cause"><table class="table">
       <thead><tr><th scope="col">Why not kept</th><th class="is-num" scope="col">Boxes</th></tr></thead>
       <tbody>${rows.map(
         ([reason, boxes]) => html`<tr key=${reason}>
@@ -260,7 +264,7 @@ function ByCause({ dataset, stats }) {
           <td class="is-num num">${countText(boxes)}</td>
         </tr>`,
       )}</tbody>
-    </table></div>
+    </table><//>
   </section>`;
 }
 

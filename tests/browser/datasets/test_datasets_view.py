@@ -80,3 +80,13 @@ def test_home_of_a_dataset_shows_frames_while_they_come_in(http, make_scene, use
     scene.push("run/000002")
 
     expect(page.get_by_role("link", name="run/000002")).to_be_visible()
+
+    user.open(f"#/datasets/{scene.dataset}/frames")
+    shown = page.locator("a.thumb")
+    expect(shown).to_have_count(2)
+    page.evaluate("document.querySelector('a.thumb').dataset.seen = 'before'")
+    scene.push("run/000000")
+    expect(shown).to_have_count(3)
+    expect(shown.nth(0)).to_have_attribute("data-seen", "before")
+    expect(shown.nth(2)).to_contain_text("run/000000")
+    expect(page.locator(".page__count")).to_have_text("3 frames")
