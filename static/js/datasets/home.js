@@ -5,12 +5,12 @@
 import { NearPicture } from "../boxes/crops.js";
 import { BINS } from "../boxes/filters.js";
 import { VerdictBar } from "../boxes/signs.js";
-import { EVIDENCE, reasonText } from "../boxes/wording.js";
+import { EVIDENCE, evidenceText, reasonText } from "../boxes/wording.js";
 import { get, pictureUrl } from "../core/api.js";
 import { useDataset, useGrowth, useLazy, useLoaded, useTopBar } from "../core/hooks.js";
 import { html, useEffect, useRef, useState } from "../core/html.js";
 import { Icon } from "../core/icons.js";
-import { countOf, countText } from "../core/numbers.js";
+import { agoText, countOf, countText, percentText, sizeText } from "../core/numbers.js";
 import { Failure, FailureLine, Notice, WideTable, useCopy } from "../core/parts.js";
 import { linkTo } from "../core/router.js";
 import { useMedia } from "../stage/media.js";
@@ -98,6 +98,8 @@ export function HomeView({ app, route }) {
       <${ByDistance} bands=${report?.by_distance ?? []} />
       <${ByCause} dataset=${name} stats=${stats} />
       <${ForPeople} dataset=${name} stats=${stats} evidence=${dataset.value?.evidence ?? ""} />
+      <${Evidence} dataset=${name} frames=${stats.frames} />
+      <${Exports} dataset=${name} />
     </div>
     ${worst.length > 0 && html`<section class="panelbox" aria-labelledby="worst-title">
       <header class="panelbox__head"><h2 id="worst-title">Frames with the most ghosts</h2></header>
@@ -268,6 +270,60 @@ function ByCause({ dataset, stats }) {
   </section>`;
 }
 
+/** How right each kind of evidence is, where instance images tell the truth. @param {{dataset: string, frames: number}} props */
+function Evidence({ dataset, frames }) {
+  const path = { dataset };
+  const { value } = useLoaded(
+    (signal) => get("/api/v1/datasets/{dataset}/evaluations", { path, query: { truth: "instances" }, signal }),
+    [dataset, frames],
+  );
+  const measured = Object.entries(value?.channels ?? {});
+  if (measured.length === 0) return null;
+  return html`<section class="panelbox" aria-labelledby="evidence-title">
+    <header class="panelbox__head"><h2 id="evidence-title">Evidence</h2></header>
+    <${WideTable} label="Evidence"><table class="table">
+      <thead><tr>
+        <th scope="col">Right by the instances</th><th class="is-num" scope="col">Precision</th>
+        <th class="is-num" scope="col">Recall</th>
+      </tr></thead>
+      <tbody>${measured.map(
+        ([name, score]) => html`<tr key=${name}>
+          <th scope="row">${evidenceText(name)}</th>
+          <td class="is-num num">${percentText(shareOf(score.precision))}</td>
+          <td class="is-num num">${percentText(shareOf(score.recall))}</td>
+        </tr>`,
+      )}</tbody>
+    </table><//>
+    <p class="home__buttons"><a class="button" href=${linkTo("quality", path)}>Quality</a></p>
+  </section>`;
+}
+
+/** In percent. @param {import("../core/openapi.js").Measure | null} measure */
+const shareOf = (measure) => (measure ? 100 * measure.value : null);
+
+const NEWEST_EXPORTS = 5;
+
+/** @param {{dataset: string}} props */
+function Exports({ dataset }) {
+  const path = { dataset };
+  const { value } = useLoaded(
+    (signal) => get("/api/v1/datasets/{dataset}/exports", { path, query: { limit: NEWEST_EXPORTS }, signal }),
+    [dataset],
+  );
+  const items = value?.items ?? [];
+  return html`<section class="panelbox" aria-labelledby="exports-title">
+    <header class="panelbox__head"><h2 id="exports-title">Exports</h2></header>
+    <dl class="facts">${items.map(
+      ({ id, name, format, state, created_at, size_bytes: size }) => html`<div key=${id}>
+        <dt>${name ? `${name}, ${format}` : format}</dt>
+        <dd>${state === "done" && size ? sizeText(size) : state} <span class="faint">${agoText(created_at)}</span></dd>
+      </div>`,
+    )}</dl>
+    ${value && items.length === 0 && html`<p class="faint">No labels have been exported yet.</p>`}
+    <p class="home__buttons"><a class="button" href=${linkTo("runs", path)}>Exports and runs</a></p>
+  </section>`;
+}
+
 /** @param {{dataset: string, stats: Stats, evidence: string}} props */
 function ForPeople({ dataset, stats, evidence }) {
   return html`<section class="panelbox" aria-labelledby="people-title">
@@ -283,10 +339,6 @@ function ForPeople({ dataset, stats, evidence }) {
       <div><dt>The filter and a person disagree</dt><dd class="num">${countText(stats.conflicts)}</dd></div>
       <div><dt><${Term} name="evidence">Evidence<//></dt><dd>${EVIDENCE[evidence]?.text ?? evidence}</dd></div>
     </dl>
-    <p class="home__buttons">
-      <a class="button" href=${linkTo("runs", { dataset })}>Exports and runs</a>
-      <a class="button" href=${linkTo("quality", { dataset })}>Quality</a>
-    </p>
     <p class="faint">As a file: <code>unghost report ${dataset} -o report.html</code></p>
   </section>`;
 }
