@@ -77,6 +77,10 @@ def _in_full_view(box: StoredDecision) -> bool:
     return _seen_percent(box) >= 40
 
 
+def _large_in_full_view(box: StoredDecision) -> bool:
+    return _in_full_view(box) and (box["visible_pixels"] or 0) >= 1000
+
+
 def _behind_other_things(box: StoredDecision) -> bool:
     return box["visible_pixels"] == 0 and _class_percent(box) <= 10
 
@@ -100,7 +104,7 @@ def _hardly_seen(box: StoredDecision) -> bool:
 
 _Kind: TypeAlias = Callable[[StoredDecision], bool]
 _LESSON: Final[tuple[tuple[_Kind, ...], ...]] = (
-    (_in_full_view,),
+    (_large_in_full_view, _in_full_view),
     (_behind_other_things,),
     (_partly_hidden,),
     (_ghost,),

@@ -75,22 +75,22 @@ export function HomeView({ app, route }) {
       <button class="button home__print" onClick=${() => print()}>Print</button>
     </div>
     ${loaded.error && html`<${FailureLine} error=${loaded.error} onRetry=${loaded.reload} />`}
-    ${counts?.boxes === 0 && html`<${Notice} title="No boxes yet">
-      <p>Boxes and ghosts are shown here once frames have been uploaded.</p>
-    <//>`}
-    ${counts && counts.boxes > 0 && html`<section class="home__start">
+    ${counts && html`<section class="home__start">
       <div class="home__words">
         <p>The simulator gives a box for every object, also for those that the camera cannot see:
           ${" "}<${Term} name="ghost">ghosts<//>. Unghost compares each box with
           the ${" "}<${Term} name="segmentation">images<//> of its frame, keeps what is seen and rejects the rest,
           and says why. You look at the boxes that are ${" "}<${Term} name="doubt">in doubt<//>, one at a time;
           every answer is saved at once and can be undone.</p>
-        <div class="home__buttons">
+        ${counts.boxes > 0 && html`<div class="home__buttons">
           <a class="button button--primary button--large" href=${linkTo("queue", path)}>
             Start review${counts.to_review > 0 && html` <span class="num">${countText(counts.to_review)}</span>`}</a>
           <a class="button button--large" href=${linkTo("frames", path)}>Look at the frames</a>
-        </div>
+        </div>`}
       </div>
+      ${counts.boxes === 0 && html`<${Notice} title="No boxes yet">
+        <p>Frames, boxes and ghosts are shown here as soon as they come in.</p>
+      <//>`}
       ${shown && html`<${BeforeAfter} key=${shown.id} app=${app} id=${shown.id} />`}
     </section>`}
     ${stats && stats.boxes > 0 && html`<div class="home__report">

@@ -6,7 +6,7 @@ import { BINS, cycleVerdict, isFiltered, withoutFilters, withoutList } from "../
 import { useBoxes } from "../boxes/store.js";
 import { distanceText, spokenText } from "../boxes/wording.js";
 import { get } from "../core/api.js";
-import { useActions, useDataset, useLoaded, useTopBar, useValue } from "../core/hooks.js";
+import { useActions, useDataset, useGrowth, useLoaded, useTopBar, useValue } from "../core/hooks.js";
 import { html, useCallback, useEffect, useMemo, useRef, useState } from "../core/html.js";
 import { Icon } from "../core/icons.js";
 import { countOf, countText } from "../core/numbers.js";
@@ -38,6 +38,12 @@ export function QueueView({ app, route }) {
   useTopBar(app, { title: `Queue · ${name}`, dataset: name });
   const dataset = useDataset(name);
   const { session, isChecked } = sessionOf(app, name, route.query, dataset.value?.active_run);
+  const frames = dataset.value?.counts.frames ?? 0;
+  useGrowth(dataset, frames, dataset.value?.created_at);
+  // Who was faster than the frames come in gets the boxes that have come since.
+  useEffect(() => {
+    if (session.supply.get().isEnd && session.listed.length === 0) session.lookAgain();
+  }, [session, frames]);
   /** @param {Query} query */
   const setQuery = ({ box: _, ...query }) => app.router.replace(linkTo("queue", { dataset: name }, query));
   const failed = dataset.state === "error" && !dataset.value;
