@@ -31,8 +31,8 @@ WIDE: Final[ViewportSize] = {"width": 1440, "height": 900}
 NARROW: Final[ViewportSize] = {"width": 390, "height": 844}
 SCHEMES: Final[tuple[Literal["light", "dark"], ...]] = ("light", "dark")
 WEBP_QUALITY: Final = 80
-EDGE_PX: Final = 100
-"""Nearer to the image's edge a box does not show well."""
+_MOSTLY: Final = 80
+"""Percent of a box that shows objects of its class."""
 PICTURES_SHOWN: Final = """() => !document.querySelector("[aria-busy=true]")
   && [...document.images].every((image) =>
     (image.complete && image.naturalWidth > 0)
@@ -66,7 +66,25 @@ def _close_up(page: Page) -> None:
     page.wait_for_timeout(400)
 
 
+def _skip_lesson(page: Page) -> None:
+    page.get_by_role("button", name="Skip the lesson").click()
+    page.wait_for_timeout(2500)
+
+
+def _keep(page: Page) -> None:
+    """Answer the first box of the lesson that has no answer."""
+    expect(page.locator(STAGE)).to_be_visible()
+    page.wait_for_timeout(400)
+    page.keyboard.press("a")
+    expect(page.locator(".coach--right, .coach--wrong")).to_be_visible()
+    page.keyboard.press("j")
+    page.wait_for_timeout(1500)
+    page.keyboard.press("a")
+    page.wait_for_timeout(1500)
+
+
 _GRID: Final = f"#/datasets/{DATASET}/grid?verdict=rejected"
+_QUEUE: Final = f"#/datasets/{DATASET}/queue"
 _QUALITY: Final = f"#/datasets/{DATASET}/quality"
 _THRESHOLDS: Final = (
     f"#/datasets/{DATASET}/thresholds"
@@ -84,14 +102,17 @@ PICTURES: Final = (
     Picture("frames", f"#/datasets/{DATASET}/frames", "a.thumb img"),
     Picture("frame", "#/frames/{frame}?box={box}", STAGE),
     Picture("frame-crop", "#/frames/{frame}?box={box}", STAGE, act=_close_up),
-    Picture("queue", f"#/datasets/{DATASET}/queue", STAGE),
+    Picture("queue", _QUEUE, STAGE, act=_skip_lesson),
+    Picture("home", f"#/datasets/{DATASET}", ".compare__box--kept"),
+    Picture("compare", "#/frames/{frame}/compare", ".compare__box--kept"),
+    Picture("lesson", _QUEUE, ".coach", act=_keep),
     Picture("grid", _GRID, "main img", act=_all_crops),
     Picture("thresholds", _THRESHOLDS, ".flip img"),
     Picture("quality", _QUALITY, ".curve__drawing canvas"),
     Picture("runs", f"#/datasets/{DATASET}/runs", "main article"),
     Picture("thresholds-narrow", _THRESHOLDS, ".flip img", NARROW),
     Picture("frame-narrow", "#/frames/{frame}?box={box}", STAGE, NARROW),
-    Picture("queue-narrow", f"#/datasets/{DATASET}/queue", STAGE, NARROW),
+    Picture("queue-narrow", _QUEUE, STAGE, NARROW, act=_skip_lesson),
     Picture("frames-narrow", f"#/datasets/{DATASET}/frames", "a.thumb img", NARROW),
     Picture("datasets-narrow", "#/datasets", ".card img", NARROW),
     Picture("grid-narrow", _GRID, "main img", NARROW, act=_all_crops),
@@ -125,9 +146,10 @@ def served_demo(data: Path) -> Iterator[str]:
     """The address of a demo of our own, rendered the first time."""
     data.mkdir(parents=True, exist_ok=True)
     command = [sys.executable, "-m", "unghost.cli", "demo", "--port", "0"]
-    process = subprocess.Popen(
-        [*command, "--data", str(data)], stdout=subprocess.PIPE, text=True
-    )
+    command += ["--data", str(data)]
+    # The page is there before the frames are.
+    subprocess.run([*command, "--exit-when-ready"], check=True)
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
     try:
         yield _address(process)
     finally:
@@ -156,17 +178,10 @@ def launched() -> Iterator[Browser]:
 
 
 def best_ghost(client: Client) -> Decision:
-    """The largest box that a truck or a bus covers almost whole."""
-    found = client.boxes(DATASET, verdict="rejected", reason="no_visible_pixels")
-    return max(filter(shows_well, found), key=lambda box: box.area_percent or 0)
-
-
-def shows_well(box: Decision) -> bool:
-    """Whether a box is hidden by one vehicle, and well inside the image."""
-    if not box.xyxy or not box.hidden_by or box.xyxy[0] < EDGE_PX:
-        return False
-    hider = box.hidden_by[0]
-    return hider.name in ("Truck", "Bus") and hider.percent > 95
+    """The largest box in which nothing but other objects of its class are seen."""
+    found = client.boxes(DATASET, verdict="rejected", reason="hidden_by_instance")
+    behind = (box for box in found if (box.match_percent or 0) > _MOSTLY)
+    return max(behind, key=lambda box: box.area_percent or 0)
 
 
 def take(

@@ -118,6 +118,7 @@ def create_dataset(
         audit.name,
         None if body.recording is None else body.recording.root,
         body.rule,
+        body.coached,
     )
     dataset = datasets.create_dataset(session, wanted)
     audit.note(AuditAction.DATASET_CREATED, dataset.name)

@@ -57,6 +57,7 @@ class NewDataset:
     author: str
     recording: Mapping[str, object] | None = None
     rule: str = ""
+    coached: bool = False
 
 
 def create_dataset(session: Session, wanted: NewDataset) -> Dataset:
@@ -68,6 +69,7 @@ def create_dataset(session: Session, wanted: NewDataset) -> Dataset:
             name=reading.name,
             description=wanted.description,
             rule=wanted.rule,
+            coached=wanted.coached,
             recording=checked_recording(wanted.recording),
             created_by=author,
             **reading.as_columns(),
@@ -125,7 +127,7 @@ def change_dataset(
     )
 
 
-_DESCRIBING: Final = ("description", "rule", "recording")
+_DESCRIBING: Final = ("description", "rule", "coached", "recording")
 """Changes of a dataset after which nothing is measured again."""
 
 
@@ -195,6 +197,7 @@ def describe_dataset(session: Session, dataset: Dataset) -> wire.Dataset:
         name=dataset.name,
         description=dataset.description,
         rule=dataset.rule,
+        coached=dataset.coached,
         classes=tuple(DatasetRepository(session).listed_classes(dataset.id)),
         classes_frozen=dataset.classes_frozen_at is not None,
         renamed_classes=dataset.renamed_classes,

@@ -184,6 +184,21 @@ class ReviewRepository:
     def __init__(self, session: Session) -> None:
         self._session = session
 
+    def has_others(
+        self, dataset_id: int, reviewer: str, box_ids: Collection[int]
+    ) -> bool:
+        """Whether a person has answered a box of a dataset that is not one of these."""
+        theirs = (
+            select(Review.id)
+            .join(Decision, Decision.box_id == Review.box_id)
+            .where(
+                Decision.dataset_id == dataset_id,
+                Review.reviewer == reviewer,
+                Review.box_id.not_in(box_ids),
+            )
+        )
+        return bool(self._session.scalar(select(exists(theirs))))
+
     def state(self, box_id: int) -> CurrentBox:
         """The current state of a box; raises NotFound if the box is not current."""
         rows = select(*_STATE).where(Decision.box_id == box_id)

@@ -19,12 +19,14 @@ from app.http.routing import ApiRouter
 from app.http.transaction import WriteSession, commit_and_respond
 from app.measuring.queries import DatasetRepository
 from app.review.bulk import review_many, undo_batch
+from app.review.coached import coached_boxes
 from app.review.history import history
 from app.review.queue import QueueRequest, next_boxes, remaining_boxes
 from app.review.service import import_answers, review_box, undo_answer
 from unghost.wire.boxes import (
     AnswersIn,
     BulkIn,
+    Coached,
     History,
     ImportedAnswers,
     Queue,
@@ -70,6 +72,15 @@ def take_from_queue(
     # no-store: a repeated request may get other boxes, so its response is not kept.
     headers = {"Cache-Control": "no-store"}
     return json_response(next_boxes(session, found, wanted, queue), headers=headers)
+
+
+@queue_router.get("/datasets/{dataset}/coached", response_model=Coached)
+def get_coached(
+    dataset: DatasetName, session: ReadSession, principal: CurrentPrincipal
+) -> Response:
+    """The boxes by which the caller learns to answer; their truth is known."""
+    found = DatasetRepository(session).named(dataset)
+    return json_response({"items": coached_boxes(session, found, principal.name)})
 
 
 router = ApiRouter(prefix="/api/v1", tag="reviews")

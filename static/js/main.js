@@ -20,10 +20,13 @@ function element(id) {
   return found;
 }
 
-/** The credential of a login link. It is removed from the address and the history before anything else happens. */
-function takeLogin() {
+/**
+ * The credential of a login link. It is removed from the address and the history before anything else happens.
+ * @param {string} [before]  the address before, to which the page returns
+ */
+function takeLogin(before = "") {
   const login = loginOf(location.hash);
-  if (login) history.replaceState(null, "", "#/datasets");
+  if (login) history.replaceState(null, "", before.startsWith("#/") ? before : "#/datasets");
   return login;
 }
 
@@ -57,8 +60,8 @@ if (app.isSignedIn.get()) {
 }
 
 // A login link opened over the running page.
-addEventListener("hashchange", async () => {
-  const login = takeLogin();
+addEventListener("hashchange", async ({ oldURL }) => {
+  const login = takeLogin(new URL(oldURL).hash);
   if (!login) return;
   app.router.read();
   const error = await signIn(login);

@@ -7,6 +7,7 @@ import pytest
 from playwright.sync_api import FloatRect, Locator, Route, ViewportSize, expect
 
 from tests.support.page import many_boxes
+from tests.support.page.accessibility import findings
 from tests.support.page.scenes import MakeScene, Scene
 from tests.support.page.windows import (
     OVERFLOW,
@@ -186,6 +187,8 @@ def test_numbers_and_units_do_not_wrap_in_a_narrow_window(
 
     assert shares.evaluate_all(BROKEN_WORDS) == []
     assert shares.evaluate_all(BELOW_SIGN) == []
+    # The table of people is wider than the window: keys must be able to scroll it.
+    assert findings(page) == []
 
 
 def respond_with_many_answers(route: Route) -> None:
@@ -193,4 +196,5 @@ def respond_with_many_answers(route: Route) -> None:
     quality = route.fetch().json()
     counts = {"kept_keep": 409, "rejected_reject": 383, "kept_reject": 111}
     quality["confusion"] |= {**counts, "rejected_keep": 29}
+    quality["reviewers"][0] |= {"name": "a" * 60, "answers": 123_456}
     route.fulfill(json=quality)

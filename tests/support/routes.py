@@ -34,7 +34,10 @@ _READING = {
     *(f"{V1}/session", f"{V1}/datasets", DATASET, f"{V1}/configs/{{digest}}"),
     *(
         f"{DATASET}/{what}"
-        for what in ("stats", "histogram", "problems", "quality", "report")
+        for what in (
+            *("stats", "histogram", "problems", "quality"),
+            *("report", "coached"),
+        )
     ),
     *(f"{DATASET}/{what}" for what in ("frames", "frames/{key:any}", "runs")),
     *(f"{DATASET}/{what}" for what in ("exports", "evaluations", "configs", "config")),

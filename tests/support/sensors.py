@@ -121,6 +121,42 @@ def write_coarse_depth(folder: Path) -> tuple[Path, Path]:
     return folder / "frames", config
 
 
+def lesson() -> dict[str, bytes]:
+    """A frame with five boxes whose truth is clear: two cars are seen, three are not.
+
+    `full` is seen as a whole, `walled` and `gone` are not at all, `partly` is a tenth,
+    and in `behind` only the car of `full` is seen.
+    """
+    tags = np.full((360, 640), ROAD, np.uint8)
+    ids = np.zeros(tags.shape, int)
+    for number, seen in ((1, np.s_[100:180, 20:120]), (3, np.s_[100:180, 300:310])):
+        tags[seen], ids[seen] = CAR, number
+    places = {
+        "full": ([20, 100, 120, 180], 10),
+        "walled": ([150, 100, 250, 180], 20),
+        "partly": ([300, 100, 400, 180], 20),
+        "gone": ([430, 100, 530, 180], 30),
+        "behind": ([30, 110, 110, 170], 40),
+    }
+    boxes = [
+        {
+            "id": name,
+            "class": "car",
+            "instance_id": number,
+            "xyxy": xyxy,
+            "distance": distance,
+        }
+        for number, (name, (xyxy, distance)) in enumerate(places.items(), start=1)
+    ]
+    annotation = {"carla_version": "0.9.15", "boxes": boxes}
+    return {
+        "annotation": json.dumps(annotation).encode(),
+        "image": png(np.full((360, 640, 3), 118, np.uint8)),
+        "segmentation": png(painted(tags)),
+        "instances": instance_png(tags, ids),
+    }
+
+
 def experiment_report() -> dict[str, object]:
     """A report of `unghost worth-it`: one arm is better, one is not."""
     map50 = {"value": 0.06, "low": 0.05, "high": 0.07}

@@ -7,6 +7,7 @@ import html
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final
 
@@ -22,6 +23,8 @@ if TYPE_CHECKING:
     from unghost.client.keywords import DatasetChanges
     from unghost.wire.datasets import Dataset, MapCounts, Stats
     from unghost.wire.frames import FrameSummary, PlaceCounts, Report
+    from unghost.wire.quality import Evaluation
+    from unghost.wire.runs import Export
 
 _DATASET_COLUMNS: Final = (
     "dataset",
@@ -266,6 +269,8 @@ def report(options: ReportOptions) -> None:
         ghosts = client.report(options.dataset)
         frames = ghosts.worst_frames[:_PICTURED]
         pictures = "".join(_pictured(client, frame) for frame in frames)
+        evidence = client.evaluations(options.dataset)
+        exports = list(islice(client.exports(options.dataset), _EXPORTS))
     kept = numbers.effective
     said = (
         f"{numbers.frames:,} frames, {numbers.boxes:,} boxes: {kept.kept:,} are "
@@ -279,13 +284,23 @@ def report(options: ReportOptions) -> None:
         Table("class", "By class", "", _CLASS_COLUMNS, list(_classes(numbers))),
         Table("distance", "By distance", "", _BAND_COLUMNS, list(_bands(ghosts))),
         Table("reason", "By cause", "", _REASON_COLUMNS, list(_reasons(numbers))),
+        Table(
+            "evidence",
+            "Evidence",
+            f"Each kind that was measured against the instance images: the truth about "
+            f"{evidence.boxes:,} boxes is known. Recall is the share of the visible "
+            "objects that are kept, precision that of the kept boxes that are visible.",
+            _EVIDENCE_COLUMNS,
+            list(_evidence(evidence)),
+        ),
         Table("left", "What needs a person", "", _LEFT_COLUMNS, left),
+        Table("export", "Exports", "", _EXPORT_COLUMNS, list(_exports(exports))),
     )
     page = document(
         html.escape(dataset.name),
         [
             f"<header>\n<h1>{html.escape(dataset.name)}</h1>\n{header}</header>",
-            *map(table_section, tables),
+            *(table_section(table) for table in tables if table.rows),
             section("The frames with the most ghosts", pictures),
         ],
     )
@@ -298,6 +313,10 @@ def report(options: ReportOptions) -> None:
 
 _PICTURED: Final = 6
 """Frames whose pictures are in a report."""
+_EXPORTS: Final = 10
+"""Of the exports, the newest so many are in a report."""
+_EVIDENCE_COLUMNS: Final = ("evidence", "boxes measured", "precision", "recall", "F1")
+_EXPORT_COLUMNS: Final = ("export", "format", "finished", "MB", "SHA-256")
 _REASON_COLUMNS: Final = ("reason", "boxes", "%")
 _LEFT_COLUMNS: Final = ("boxes without an answer", "number")
 _BAND_COLUMNS: Final = ("metres", "boxes", "kept", "rejected", "unmeasured", "% kept")
@@ -320,6 +339,22 @@ def _bands(ghosts: Report) -> Iterator[tuple[object, ...]]:
         else:
             name = f"{band.distance_from:g}-{band.distance_to:g}"
         yield name, *row, _percent(band.kept, boxes)
+
+
+def _evidence(found: Evaluation) -> Iterator[tuple[object, ...]]:
+    for name, score in found.channels.items():
+        measures = (score.precision, score.recall, score.f1)
+        shares = (one and f"{100 * one.value:.1f} %" for one in measures)
+        yield name, score.judged, *shares
+
+
+def _exports(exports: Sequence[Export]) -> Iterator[tuple[object, ...]]:
+    for one in exports:
+        if one.state != "done" or one.finished_at is None:
+            continue
+        size = None if one.size_bytes is None else round(one.size_bytes / 1e6, 1)
+        name = one.name or str(one.id)
+        yield name, one.format, f"{one.finished_at:%Y-%m-%d %H:%M}", size, one.sha256
 
 
 def _pictured(client: Client, frame: FrameSummary) -> str:

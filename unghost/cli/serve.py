@@ -234,7 +234,7 @@ class _Filling:
         token = self._token_file.read_text(encoding="utf-8").strip()
         report = PushReport(Screen())
         with Client(url, token) as client:
-            ensure_dataset(client, _DEMO_DATASET, NewDataset(), self._screen)
+            client.create_dataset(_DEMO_DATASET, exist_ok=True, coached=True)
             is_new = not street_folder(self._data, self._options).exists()
             title = f"{'render and ' if is_new else ''}filter the street"
             with self._screen.progress(title, "frames") as bar:

@@ -173,6 +173,12 @@ class Api:
         return Call("GET", path, result(wire.Report))
 
     @endpoint
+    def coached(self, dataset: str) -> Call[wire.Coached]:
+        """The boxes by which the caller learns to answer; their truth is known."""
+        path = dataset_path(dataset, "coached")
+        return Call("GET", path, result(wire.Coached))
+
+    @endpoint
     def histogram(self, dataset: str, *, bins: int = 50) -> Call[wire.Histogram]:
         """Boxes per bin of match percent, for each class."""
         path = dataset_path(dataset, "histogram")

@@ -57,6 +57,7 @@ class DatasetChanges(TypedDict, total=False):
 
     description: str
     rule: str
+    coached: bool
     palette: words.Palette
     encoding: words.Encoding
     channel_order: words.ChannelOrder

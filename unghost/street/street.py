@@ -376,4 +376,8 @@ def _write_lines(path: Path, rows: list[dict[str, object]]) -> None:
 
 
 if __name__ == "__main__":
-    _render_part(*sys.argv[1:])
+    try:
+        _render_part(*sys.argv[1:])
+    except BrokenPipeError:
+        # Who started it has ended. Python would report this again at its own end.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

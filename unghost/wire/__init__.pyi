@@ -25,6 +25,7 @@ from unghost.wire.boxes import (
     BoxTableQuery as BoxTableQuery,
     BulkIn as BulkIn,
     Claim as Claim,
+    Coached as Coached,
     Decision as Decision,
     DepthBand as DepthBand,
     DepthSlice as DepthSlice,

@@ -213,6 +213,17 @@ class Track(ResponseModel):
     )
 
 
+class Coached(ResponseModel):
+    """Boxes by which somebody who is new to a dataset learns to answer."""
+
+    items: tuple[Decision, ...] = Field(
+        description="Five boxes, each harder than the one before. An instance image "
+        "tells the truth: those with `visible_pixels` are seen, the others are ghosts. "
+        "None if the dataset is not `coached`, if the caller has answered another box "
+        "of it, or if it has too few such boxes."
+    )
+
+
 class Claim(ResponseModel):
     """The time until which a box of the queue is reserved for the caller."""
 

@@ -47,6 +47,11 @@ Rule = Annotated[
         description="By which rule people keep boxes, shown beside each question.",
     ),
 ]
+_COACHED: Final = (
+    "Whether the queue begins, for somebody who has answered none of its boxes, with "
+    "five whose truth instance images tell, and says after each answer whether it was "
+    "right."
+)
 Pixel = Annotated[float, Field(allow_inf_nan=False)]
 Point = Annotated[list[Pixel], Field(min_length=2, max_length=2)]
 Polygon = Annotated[list[Point], Field(min_length=3, max_length=1000, fail_fast=True)]
@@ -103,6 +108,7 @@ class DatasetIn(RequestModel):
     ]
     description: Description = ""
     rule: Rule = ""
+    coached: bool = Field(default=False, description=_COACHED)
     classes: Annotated[list[ClassName], Field(max_length=MAX_CLASSES)] | None = Field(
         default=None,
         description="Names of the classes in their order; default: the eight classes "
@@ -141,6 +147,7 @@ class DatasetPatch(RequestModel):
 
     description: Description | None = None
     rule: Rule | None = None
+    coached: bool | None = Field(default=None, description=_COACHED)
     palette: Palette | None = None
     encoding: Encoding | None = None
     channel_order: ChannelOrder | None = None
@@ -225,6 +232,7 @@ class Dataset(ResponseModel):
     rule: Annotated[str, IfAbsent("")] = Field(
         description="By which rule people keep boxes, shown beside each question."
     )
+    coached: Annotated[bool, IfAbsent(False)] = Field(description=_COACHED)
     classes: tuple[str, ...]
     classes_frozen: Annotated[bool, IfAbsent(False)]
     renamed_classes: Annotated[Mapping[str, str], IfAbsent({})] = Field(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from datetime import datetime
 from typing import Any
 
-from sqlalchemy import ForeignKey, String, Text, UniqueConstraint, text
+from sqlalchemy import ForeignKey, String, Text, UniqueConstraint, false, text
 from sqlalchemy.orm import Mapped, column_property, mapped_column
 
 from app.db.base import Base, JsonText, Key, UtcDateTime, utc_now
@@ -23,6 +23,8 @@ class Dataset(Base):
     description: Mapped[str] = mapped_column(Text, default="")
     rule: Mapped[str] = mapped_column(Text, default="", server_default=text("''"))
     """By which rule people keep boxes, shown beside each question."""
+    coached: Mapped[bool] = mapped_column(default=False, server_default=false())
+    """Whether the queue begins with boxes whose truth it tells."""
     palette: Mapped[str] = mapped_column(String(32), default="auto")
     encoding: Mapped[str] = mapped_column(String(16), default="auto")
     channel_order: Mapped[str] = mapped_column(String(8), default="auto")

@@ -168,6 +168,9 @@ export function useTyped(value, onChange, pauseMs) {
 const GROWTH_MS = 2000;
 const STILL_MS = 20_000;
 
+/** What is rendered or recorded may take as long until the first comes. */
+const EMPTY_MS = 300_000;
+
 /**
  * Load again while frames come in, so that somebody who looks on sees them.
  * @param {{state: string, reload: () => void}} loaded @param {number} count  of what is there @param {string} [since]  when the newest dataset was made
@@ -178,7 +181,7 @@ export function useGrowth({ state, reload }, count, since) {
   useEffect(() => {
     if (state !== "ready" || document.visibilityState !== "visible") return;
     const grewAt = Math.max(last.current.at, Date.parse(since ?? "") || -Infinity);
-    if (Date.now() - grewAt > STILL_MS) return;
+    if (Date.now() - grewAt > (count === 0 ? EMPTY_MS : STILL_MS)) return;
     const timer = setTimeout(reload, GROWTH_MS);
     return () => clearTimeout(timer);
   });
@@ -266,7 +269,13 @@ export function usePages(key, size, load) {
     back.current = undefined;
   }, [pages]);
   useLayoutEffect(() => () => void left.set(key, { shown: shown.current, scroll: scrollY }), [key]);
-  return { ...pages, more };
+
+  /** Add items that have come since: what is on show stays where it is. */
+  const append = useCallback(
+    (/** @type {(known: readonly T[]) => readonly T[]} */ newer) => setPages((now) => ({ ...now, items: [...now.items, ...newer(now.items)] })),
+    [],
+  );
+  return { ...pages, more, append };
 }
 
 /** For so long after the browser is online again, what fails is tried again. */

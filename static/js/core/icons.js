@@ -19,6 +19,8 @@ const PATHS = {
   fit: "M2.5 6V2.5H6M10 2.5h3.5V6M13.5 10v3.5H10M6 13.5H2.5V10",
   panels: "M2 3h12v10H2zM10 3v10",
   screen: "M2.5 2.5h11v8h-11zM5.5 13.5h5M6 6.5h4",
+  slide: "M5.5 4.5 2 8l3.5 3.5M10.5 4.5 14 8l-3.5 3.5",
+  halves: "M2 3h12v10H2zM8 1.5v13M10.5 6v4",
   far: "M2 13h6V7H2zM10.5 5h3V2h-3zM8 7l2.5-2",
   crop: "M4.5 1.5v10h10M1.5 4.5h10v10",
   plus: "M8 3v10M3 8h10",

@@ -1069,6 +1069,26 @@ export interface paths {
         patch?: never;
         trace?: never;
     };
+    "/api/v1/datasets/{dataset}/coached": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Get Coached
+         * @description The boxes by which the caller learns to answer; their truth is known.
+         */
+        get: operations["get_coached"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
     "/api/v1/boxes/{box_id}/reviews": {
         parameters: {
             query?: never;
@@ -2524,6 +2544,17 @@ export interface components {
             merge_into?: string;
         };
         /**
+         * Coached
+         * @description Boxes by which somebody who is new to a dataset learns to answer.
+         */
+        Coached: {
+            /**
+             * Items
+             * @description Five boxes, each harder than the one before. An instance image tells the truth: those with `visible_pixels` are seen, the others are ghosts. None if the dataset is not `coached`, if the caller has answered another box of it, or if it has too few such boxes.
+             */
+            items: components["schemas"]["Decision"][];
+        };
+        /**
          * ConfigVersion
          * @description One immutable version of a dataset's filter configuration, with its digest.
          */
@@ -2630,6 +2661,11 @@ export interface components {
              * @description By which rule people keep boxes, shown beside each question.
              */
             rule: string;
+            /**
+             * Coached
+             * @description Whether the queue begins, for somebody who has answered none of its boxes, with five whose truth instance images tell, and says after each answer whether it was right.
+             */
+            coached: boolean;
             /**
              * Classes
              * @description Names of the classes in their order.
@@ -2805,6 +2841,11 @@ export interface components {
              */
             rule?: string;
             /**
+             * Coached
+             * @description Whether the queue begins, for somebody who has answered none of its boxes, with five whose truth instance images tell, and says after each answer whether it was right.
+             */
+            coached?: boolean;
+            /**
              * Classes
              * @description Names of the classes in their order; default: the eight classes of CARLA.
              * @example [
@@ -2867,6 +2908,11 @@ export interface components {
              * @description By which rule people keep boxes, shown beside each question.
              */
             rule?: string;
+            /**
+             * Coached
+             * @description Whether the queue begins, for somebody who has answered none of its boxes, with five whose truth instance images tell, and says after each answer whether it was right.
+             */
+            coached?: boolean;
             /**
              * Palette
              * @description The table of tags of the segmentations.
@@ -8629,6 +8675,7 @@ export type BulkIn = components['schemas']['BulkIn'];
 export type ChannelScore = components['schemas']['ChannelScore'];
 export type Claim = components['schemas']['Claim'];
 export type ClassPatch = components['schemas']['ClassPatch'];
+export type Coached = components['schemas']['Coached'];
 export type ConfigVersion = components['schemas']['ConfigVersion'];
 export type Confusion = components['schemas']['Confusion'];
 export type Dataset = components['schemas']['Dataset'];
@@ -11843,6 +11890,43 @@ export interface operations {
             412: components["responses"]["Problem412"];
             413: components["responses"]["Problem413"];
             415: components["responses"]["Problem415"];
+            421: components["responses"]["Problem421"];
+            422: components["responses"]["Problem422"];
+            429: components["responses"]["Problem429"];
+            431: components["responses"]["Problem431"];
+            500: components["responses"]["Problem500"];
+            503: components["responses"]["Problem503"];
+        };
+    };
+    get_coached: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                /**
+                 * @description Name of the dataset.
+                 * @example town10
+                 */
+                dataset: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Coached"];
+                };
+            };
+            400: components["responses"]["Problem400"];
+            401: components["responses"]["Problem401"];
+            403: components["responses"]["Problem403"];
+            404: components["responses"]["Problem404"];
+            408: components["responses"]["Problem408"];
             421: components["responses"]["Problem421"];
             422: components["responses"]["Problem422"];
             429: components["responses"]["Problem429"];

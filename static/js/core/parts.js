@@ -1,10 +1,10 @@
 // @ts-check
-// General controls: Notice, Failure, FailureLine, Command, RecordingDownload, Dialog, Segments, Select, useFault,
-// NumberField, FileList.
+// General controls: Notice, Failure, FailureLine, WideTable, Command, RecordingDownload, Dialog, Segments, Select,
+// useFault, NumberField, FileList.
 
 import { ApiError } from "./api.js";
 import { useRetryOnline } from "./hooks.js";
-import { html, useEffect, useId, useRef, useState } from "./html.js";
+import { html, useEffect, useId, useLayoutEffect, useRef, useState } from "./html.js";
 import { Icon } from "./icons.js";
 import { countText } from "./numbers.js";
 import { linkTo } from "./router.js";
@@ -41,6 +41,20 @@ export function FailureLine({ what, error, onRetry }) {
     <${Icon} name="warn" /><span class="failure__text">${what && `${what}: `}${error.message}</span>
     ${onRetry && html`<button type="button" class="button button--small" onClick=${onRetry}>Try again</button>`}
   </p>`;
+}
+
+/** A table that scrolls sideways where it is too wide: keys can scroll it, too. @param {{label: string, children?: unknown}} props */
+export function WideTable({ label, children }) {
+  const root = useRef(/** @type {HTMLDivElement | null} */ (null));
+  const [isWide, setWide] = useState(false);
+  useLayoutEffect(() => {
+    const wrap = /** @type {HTMLDivElement} */ (root.current);
+    const sizes = new ResizeObserver(() => setWide(wrap.scrollWidth > wrap.clientWidth));
+    for (const element of [wrap, ...wrap.children]) sizes.observe(element);
+    return () => sizes.disconnect();
+  }, []);
+  const scrolled = isWide ? { role: "group", "aria-label": label, tabindex: 0 } : {};
+  return html`<div class="tablewrap" ref=${root} ...${scrolled}>${children}</div>`;
 }
 
 /** A name that may break behind its dots and underscores, and nowhere else. @param {{text: string}} props */

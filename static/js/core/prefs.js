@@ -14,13 +14,14 @@ import { createValue } from "./observable.js";
  * @property {boolean} far  far boxes are drawn as strong as others
  * @property {boolean} panels  shown beside the picture
  * @property {boolean} blind  hide verdicts and earlier answers until one has answered
+ * @property {boolean} lessons  a queue begins with its lesson, where it has one
  * @property {number} cropSize  of the crops in the grid, about so many px wide
  */
 
 const STORAGE_KEY = "unghost.prefs.v1";
 
 /** @type {Prefs} */
-const DEFAULTS = { theme: "system", mask: false, opacity: 0.5, lit: true, edges: true, crop: false, far: false, panels: true, blind: false, cropSize: 168 };
+const DEFAULTS = { theme: "system", mask: false, opacity: 0.5, lit: true, edges: true, crop: false, far: false, panels: true, blind: false, lessons: true, cropSize: 168 };
 
 /** Keep a value in the browser, if there is room. @param {Pick<Storage, "setItem">} storage @param {string} name @param {unknown} value */
 export function keep(storage, name, value) {

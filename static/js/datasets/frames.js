@@ -6,7 +6,7 @@ import { FilterMenus, PlaceFilters, VerdictFilter, classChoices } from "../boxes
 import { LIST_KEYS, filtersOf, selectionOf } from "../boxes/filters.js";
 import { VerdictBar } from "../boxes/signs.js";
 import { get, pictureUrl } from "../core/api.js";
-import { useDataset, useLazy, useLoaded, usePages, useTopBar, useTyped, useValue } from "../core/hooks.js";
+import { useDataset, useGrowth, useLazy, useLoaded, usePages, useTopBar, useTyped, useValue } from "../core/hooks.js";
 import { html, useEffect, useRef, useState } from "../core/html.js";
 import { Icon } from "../core/icons.js";
 import { countOf, countText } from "../core/numbers.js";
@@ -20,6 +20,9 @@ import { DatasetDialog } from "./settings.js";
 /** @typedef {import("../core/router.js").Query} Query */
 
 const PAGE_SIZE = 60;
+
+/** Most frames that are appended at once while a dataset grows. */
+const MOST_NEWER = 1000;
 
 /** The switch to stronger evidence, loaded after the frames are asked for. */
 const STRONGER = createLazy(async () => (await import("../tuning/evidence.js")).StrongerEvidence);
@@ -37,6 +40,7 @@ export function FramesView({ app, route }) {
   const uploads = useValue(app.uploads.ended);
   const [isOpen, setOpen] = useState(false);
   const dataset = useDataset(name, uploads);
+  useGrowth(dataset, dataset.value?.counts.frames ?? 0, dataset.value?.created_at);
   const counts = dataset.value?.counts;
   const path = { dataset: name };
   const stats = useLoaded((signal) => get("/api/v1/datasets/{dataset}/stats", { path, signal }), [name, uploads]);
@@ -70,10 +74,22 @@ const hasFilters = (query) => [...LIST_KEYS, "key"].some((key) => query[key]);
 
 /** @param {{app: App, dataset: string, query: Query, total: number | null, onClear: () => void}} props */
 function FrameGrid({ app, dataset, query, total, onClear }) {
-  const { items, isDone, error, more } = usePages(`${dataset} ${JSON.stringify(apiParams(query))}`, PAGE_SIZE, (limit, cursor) =>
+  const { items, isDone, error, more, append } = usePages(`${dataset} ${JSON.stringify(apiParams(query))}`, PAGE_SIZE, (limit, cursor) =>
     get("/api/v1/datasets/{dataset}/frames", { path: { dataset }, query: { ...apiParams(query), limit, cursor } }),
   );
   const isFiltered = hasFilters(query);
+  const seen = useRef(total);
+  useEffect(() => {
+    const grown = (total ?? 0) - (seen.current ?? total ?? 0);
+    seen.current = total;
+    const lacks = !isFiltered && (total ?? 0) > items.length;
+    if (!isDone || (grown <= 0 && !lacks)) return;
+    const newest = { ...apiParams(query), sort: /** @type {const} */ ("-id"), limit: Math.min(grown + PAGE_SIZE, MOST_NEWER) };
+    get("/api/v1/datasets/{dataset}/frames", { path: { dataset }, query: newest }).then(
+      ({ items: found }) => append((known) => found.filter(({ id }) => !known.some((one) => one.id === id)).reverse()),
+      app.toasts.fail,
+    );
+  }, [total, isDone]);
   if (error && items.length === 0) return html`<${Failure} error=${error} onRetry=${more} />`;
   if (isDone && items.length === 0) return html`<${NoFrames} isFiltered=${isFiltered} onClear=${onClear} />`;
   return html`<p class="page__count" role="status">${countLine(items.length, isDone, isFiltered, total)}</p>

@@ -6,12 +6,13 @@ import { NearPicture } from "../boxes/crops.js";
 import { bandText } from "../boxes/filter_bar.js";
 import { BINS } from "../boxes/filters.js";
 import { VerdictBar } from "../boxes/signs.js";
-import { EVIDENCE, reasonText } from "../boxes/wording.js";
+import { EVIDENCE, evidenceText, reasonText } from "../boxes/wording.js";
 import { get, pictureUrl } from "../core/api.js";
 import { useDataset, useGrowth, useLazy, useLoaded, useTopBar } from "../core/hooks.js";
 import { html, useEffect, useRef, useState } from "../core/html.js";
-import { capital, countOf, countText } from "../core/numbers.js";
-import { Failure, FailureLine, Notice } from "../core/parts.js";
+import { Icon } from "../core/icons.js";
+import { agoText, capital, countOf, countText, percentText, sizeText } from "../core/numbers.js";
+import { Failure, FailureLine, Notice, WideTable, useCopy } from "../core/parts.js";
 import { linkTo } from "../core/router.js";
 import { useMedia } from "../stage/media.js";
 
@@ -59,9 +60,13 @@ export function HomeView({ app, route }) {
     </main>`;
   const worst = report?.worst_frames.filter(({ has_image }) => has_image) ?? [];
   // One that has much to show on both sides of the line.
-  const [shown] = [...worst].sort(
+  const [best] = [...worst].sort(
     ({ counts: a }, { counts: b }) => b.kept * b.rejected - a.kept * a.rejected,
   );
+  // While frames come in, the picture that somebody looks at stays.
+  const first = useRef(best);
+  first.current ??= best;
+  const shown = first.current;
   const counts = dataset.value?.counts;
   return html`<main id="main" class="page home" tabindex="-1" aria-busy=${!stats}>
     <div class="page__head">
@@ -71,22 +76,22 @@ export function HomeView({ app, route }) {
       <button class="button home__print" onClick=${() => print()}>Print</button>
     </div>
     ${loaded.error && html`<${FailureLine} error=${loaded.error} onRetry=${loaded.reload} />`}
-    ${counts?.boxes === 0 && html`<${Notice} title="No boxes yet">
-      <p>Boxes and ghosts are shown here once frames have been uploaded.</p>
-    <//>`}
-    ${counts && counts.boxes > 0 && html`<section class="home__start">
+    ${counts && html`<section class="home__start">
       <div class="home__words">
         <p>The simulator gives a box for every object, also for those that the camera cannot see:
           ${" "}<${Term} name="ghost">ghosts<//>. Unghost compares each box with
           the ${" "}<${Term} name="segmentation">images<//> of its frame, keeps what is seen and rejects the rest,
           and says why. You look at the boxes that are ${" "}<${Term} name="doubt">in doubt<//>, one at a time;
           every answer is saved at once and can be undone.</p>
-        <div class="home__buttons">
+        ${counts.boxes > 0 && html`<div class="home__buttons">
           <a class="button button--primary button--large" href=${linkTo("queue", path)}>
             Start review${counts.to_review > 0 && html` <span class="num">${countText(counts.to_review)}</span>`}</a>
           <a class="button button--large" href=${linkTo("frames", path)}>Look at the frames</a>
-        </div>
+        </div>`}
       </div>
+      ${counts.boxes === 0 && html`<${Notice} title="No boxes yet">
+        <p>Frames, boxes and ghosts are shown here as soon as they come in.</p>
+      <//>`}
       ${shown && html`<${BeforeAfter} key=${shown.id} app=${app} id=${shown.id} />`}
     </section>`}
     ${stats && stats.boxes > 0 && html`<div class="home__report">
@@ -96,6 +101,8 @@ export function HomeView({ app, route }) {
       <${ByPlace} dataset=${name} what="weather" places=${report?.by_weather ?? []} />
       <${ByCause} dataset=${name} stats=${stats} />
       <${ForPeople} dataset=${name} stats=${stats} evidence=${dataset.value?.evidence ?? ""} />
+      <${Evidence} dataset=${name} frames=${stats.frames} />
+      <${Exports} dataset=${name} />
     </div>
     ${worst.length > 0 && html`<section class="panelbox" aria-labelledby="worst-title">
       <header class="panelbox__head"><h2 id="worst-title">Frames with the most ghosts</h2></header>
@@ -133,7 +140,7 @@ export function BeforeAfter({ app, id }) {
       return html`<rect key=${box_id} class="compare__box compare__box--${verdict}" ...${place} />`;
     });
   const line = (at * width) / 100;
-  return html`<figure class="compare" style=${{ aspectRatio: `${width} / ${height}` }}>
+  return html`<figure class="compare" style=${{ aspectRatio: `${width} / ${height}`, "--ratio": width / height }}>
     <canvas ref=${canvas} role="img" aria-label=${frame ? `Frame ${frame.key}` : "Loading a frame"}></canvas>
     <svg viewBox=${`0 0 ${width} ${height}`} aria-hidden="true">
       <clipPath id="compare-before"><rect x="0" y="0" width=${line} height=${height} /></clipPath>
@@ -142,6 +149,7 @@ export function BeforeAfter({ app, id }) {
       <g clip-path="url(#compare-after)">${drawn(kept, "kept")}</g>
       <line class="compare__line" x1=${line} x2=${line} y1="0" y2=${height} />
     </svg>
+    <span class="compare__grip" style=${{ left: `${at}%` }} aria-hidden="true"><${Icon} name="slide" /></span>
     <input class="compare__range" type="range" min="0" max="100" value=${at}
       aria-label="Before the filter on the left, after it on the right"
       onInput=${(/** @type {{currentTarget: HTMLInputElement}} */ event) => setAt(Number(event.currentTarget.value))} />
@@ -150,23 +158,51 @@ export function BeforeAfter({ app, id }) {
 }
 
 /**
- * A frame before and after, as a page of its own.
+ * A frame before and after, as a page of its own: a link to it is for everybody who may read.
  * @param {{app: App, route: import("../core/router.js").Route}} props
  */
 export function CompareView({ app, route }) {
   const id = Number(route.params.id);
-  const { value: frame } = useLoaded(
+  const { value: loaded, error, reload } = useLoaded(
     (signal) => get("/api/v1/frames/{frame_id}", { path: { frame_id: id }, signal }),
     [id],
   );
-  useTopBar(app, { title: "Before and after", dataset: frame?.dataset ?? "" });
-  return html`<main id="main" class="page" tabindex="-1">
+  const frame = loaded?.id === id ? loaded : null;
+  const { dataset = "", key = "" } = frame ?? loaded ?? {};
+  const link = useCopy(location.href);
+  useTopBar(app, {
+    title: key ? `${key} · before and after` : "Before and after",
+    dataset,
+    crumbs: [
+      { text: "Datasets", href: linkTo("datasets") },
+      ...(dataset ? [{ text: dataset, href: linkTo("frames", { dataset }) }, { text: key }] : []),
+    ],
+  });
+  if (error) return html`<main id="main" class="page" tabindex="-1"><${Failure} error=${error} onRetry=${reload} /></main>`;
+  return html`<main id="main" class="page" tabindex="-1" aria-busy=${!frame}>
     <div class="page__head">
-      <h1>${frame?.key ?? "Before and after"}</h1>
-      <a class="button page__settings" href=${linkTo("frame", { id })}>All about this frame</a>
+      <h1>${key || "Before and after"}</h1>
+      <div class="compare__buttons">
+        <${Neighbour} id=${frame?.previous_id ?? null} icon="left" text="Previous frame" />
+        <${Neighbour} id=${frame?.next_id ?? null} icon="right" text="Next frame" />
+        <button class="button" onClick=${link.copy}>
+          <${Icon} name=${link.isCopied ? "check" : "copy"} />${link.isCopied ? "Copied" : "Copy link"}
+        </button>
+        <a class="button" href=${linkTo("frame", { id })}>All about this frame</a>
+      </div>
     </div>
-    <${BeforeAfter} key=${id} app=${app} id=${id} />
+    ${frame?.has_image === false
+      ? html`<${Notice} title="This frame has no image"><p>There is no picture on which its boxes could be compared.</p><//>`
+      : html`<div class="compare__page"><${BeforeAfter} key=${id} app=${app} id=${id} /></div>`}
   </main>`;
+}
+
+/** @param {{id: number | null, icon: string, text: string}} props */
+function Neighbour({ id, icon, text }) {
+  if (id === null) return null;
+  return html`<a class="button button--icon" href=${linkTo("compare", { id })} aria-label=${text} title=${text}>
+    <${Icon} name=${icon} />
+  </a>`;
 }
 
 /** @typedef {{kept: number, rejected: number, unmeasured: number}} Counts */
@@ -178,7 +214,7 @@ export function CompareView({ app, route }) {
 function Table({ title, head, rows }) {
   return html`<section class="panelbox" aria-label=${title}>
     <header class="panelbox__head"><h2>${title}</h2></header>
-    <div class="tablewrap"><table class="table">
+    <${WideTable} label=${title}><table class="table">
       <thead><tr>
         <th scope="col">${head}</th><th class="is-num" scope="col">Boxes</th><th class="is-num" scope="col">Ghosts</th>
         <th class="table__bar" aria-hidden="true"></th>
@@ -193,7 +229,7 @@ function Table({ title, head, rows }) {
           <td class="table__bar" aria-hidden="true"><${VerdictBar} counts=${drawn} /></td>
         </tr>`;
       })}</tbody>
-    </table></div>
+    </table><//>
   </section>`;
 }
 
@@ -241,7 +277,7 @@ function ByCause({ dataset, stats }) {
     .sort(([, a], [, b]) => b - a);
   return html`<section class="panelbox" aria-labelledby="cause-title">
     <header class="panelbox__head"><h2 id="cause-title">By cause</h2></header>
-    <div class="tablewrap"><table class="table">
+    <${WideTable} label="By cause"><table class="table">
       <thead><tr><th scope="col">Why not kept</th><th class="is-num" scope="col">Boxes</th></tr></thead>
       <tbody>${rows.map(
         ([reason, boxes]) => html`<tr key=${reason}>
@@ -249,7 +285,61 @@ function ByCause({ dataset, stats }) {
           <td class="is-num num">${countText(boxes)}</td>
         </tr>`,
       )}</tbody>
-    </table></div>
+    </table><//>
+  </section>`;
+}
+
+/** How right each kind of evidence is, where instance images tell the truth. @param {{dataset: string, frames: number}} props */
+function Evidence({ dataset, frames }) {
+  const path = { dataset };
+  const { value } = useLoaded(
+    (signal) => get("/api/v1/datasets/{dataset}/evaluations", { path, query: { truth: "instances" }, signal }),
+    [dataset, frames],
+  );
+  const measured = Object.entries(value?.channels ?? {});
+  if (measured.length === 0) return null;
+  return html`<section class="panelbox" aria-labelledby="evidence-title">
+    <header class="panelbox__head"><h2 id="evidence-title">Evidence</h2></header>
+    <${WideTable} label="Evidence"><table class="table">
+      <thead><tr>
+        <th scope="col">Right by the instances</th><th class="is-num" scope="col">Precision</th>
+        <th class="is-num" scope="col">Recall</th>
+      </tr></thead>
+      <tbody>${measured.map(
+        ([name, score]) => html`<tr key=${name}>
+          <th scope="row">${evidenceText(name)}</th>
+          <td class="is-num num">${percentText(shareOf(score.precision))}</td>
+          <td class="is-num num">${percentText(shareOf(score.recall))}</td>
+        </tr>`,
+      )}</tbody>
+    </table><//>
+    <p class="home__buttons"><a class="button" href=${linkTo("quality", path)}>Quality</a></p>
+  </section>`;
+}
+
+/** In percent. @param {import("../core/openapi.js").Measure | null} measure */
+const shareOf = (measure) => (measure ? 100 * measure.value : null);
+
+const NEWEST_EXPORTS = 5;
+
+/** @param {{dataset: string}} props */
+function Exports({ dataset }) {
+  const path = { dataset };
+  const { value } = useLoaded(
+    (signal) => get("/api/v1/datasets/{dataset}/exports", { path, query: { limit: NEWEST_EXPORTS }, signal }),
+    [dataset],
+  );
+  const items = value?.items ?? [];
+  return html`<section class="panelbox" aria-labelledby="exports-title">
+    <header class="panelbox__head"><h2 id="exports-title">Exports</h2></header>
+    <dl class="facts">${items.map(
+      ({ id, name, format, state, created_at, size_bytes: size }) => html`<div key=${id}>
+        <dt>${name ? `${name}, ${format}` : format}</dt>
+        <dd>${state === "done" && size ? sizeText(size) : state} <span class="faint">${agoText(created_at)}</span></dd>
+      </div>`,
+    )}</dl>
+    ${value && items.length === 0 && html`<p class="faint">No labels have been exported yet.</p>`}
+    <p class="home__buttons"><a class="button" href=${linkTo("runs", path)}>Exports and runs</a></p>
   </section>`;
 }
 
@@ -268,10 +358,6 @@ function ForPeople({ dataset, stats, evidence }) {
       <div><dt>The filter and a person disagree</dt><dd class="num">${countText(stats.conflicts)}</dd></div>
       <div><dt><${Term} name="evidence">Evidence<//></dt><dd>${EVIDENCE[evidence]?.text ?? evidence}</dd></div>
     </dl>
-    <p class="home__buttons">
-      <a class="button" href=${linkTo("runs", { dataset })}>Exports and runs</a>
-      <a class="button" href=${linkTo("quality", { dataset })}>Quality</a>
-    </p>
     <p class="faint">As a file: <code>unghost report ${dataset} -o report.html</code></p>
   </section>`;
 }

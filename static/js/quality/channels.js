@@ -8,7 +8,7 @@ import { useLoaded, useTask } from "../core/hooks.js";
 import { html, useState } from "../core/html.js";
 import { Icon } from "../core/icons.js";
 import { countOf, countText, percentText } from "../core/numbers.js";
-import { FailureLine, Segments } from "../core/parts.js";
+import { FailureLine, Segments, WideTable } from "../core/parts.js";
 import { linkTo } from "../core/router.js";
 import { RunStrip, isOver, useOpenRun, useWatched } from "../jobs/job.js";
 import { MeasureCell } from "./comparison.js";
@@ -103,14 +103,14 @@ function useMeasuring(app, dataset, onDone) {
 function ChannelTable({ dataset, found, by, active }) {
   const channels = Object.entries(found.channels);
   if (by === "all") return html`<${OverallTable} dataset=${dataset} channels=${channels} found=${found} active=${active} />`;
-  return html`<div class="tablewrap" role="group" aria-label="Kinds of evidence" tabindex="0"><table class="table groups channels channels--matrix">
+  return html`<${WideTable} label="Kinds of evidence"><table class="table groups channels channels--matrix">
     <caption class="sr-only">F1 of each kind of evidence by ${by}</caption>
     <thead><tr><th scope="col">${by === "class" ? "Class" : "Distance"}</th>${channels.map(([name]) => html`<th scope="col" key=${name}>${evidenceText(name)} <span class="faint">F1</span></th>`)}</tr></thead>
     <tbody>${groupsOf(channels, by).map(({ key, text, scores }) => html`<tr key=${key}>
       <th scope="row">${text}</th>
       ${scores.map((score, at) => html`<td key=${at}><${MeasureCell} measure=${score?.f1 ?? null} name=${`F1 of ${evidenceText(channels[at]?.[0] ?? "")}`} /></td>`)}
     </tr>`)}</tbody>
-  </table></div>`;
+  </table><//>`;
 }
 
 /** @param {readonly [string, ChannelScore][]} channels @param {string} by @returns {{key: string, text: string, scores: (Score | undefined)[]}[]} */
@@ -122,7 +122,7 @@ function groupsOf(channels, by) {
 }
 
 /** @param {{dataset: string, channels: readonly [string, ChannelScore][], found: Evaluation, active: string}} props */
-const OverallTable = ({ dataset, channels, found: { boxes, unfiltered }, active }) => html`<div class="tablewrap" role="group" aria-label="Kinds of evidence" tabindex="0"><table class="table groups channels">
+const OverallTable = ({ dataset, channels, found: { boxes, unfiltered }, active }) => html`<${WideTable} label="Kinds of evidence"><table class="table groups channels">
   <caption class="sr-only">Precision, recall and F1 of each kind of evidence</caption>
   <thead><tr><th scope="col">Evidence</th><th class="is-num" scope="col" title="Boxes that it could measure">Measured</th><th scope="col">Precision</th><th scope="col">Recall</th><th scope="col">F1</th><th class="is-num" scope="col" title=${COUNTED.kept}>Kept ghosts</th><th class="is-num" scope="col" title=${COUNTED.lost}>Lost boxes</th><th scope="col" title="The boxes that it got most clearly wrong">Worst</th></tr></thead>
   <tbody>${unfiltered && html`<tr><th scope="row">No filter<span class="faint channels__about">Every box as it is recorded</span></th>
@@ -139,7 +139,7 @@ const OverallTable = ({ dataset, channels, found: { boxes, unfiltered }, active 
     <td class="is-num num">${countText(score.rejected_visible)}</td>
     <td><${WorstLink} dataset=${dataset} name=${name} worst=${score.worst} /></td>
   </tr>`)}</tbody>
-</table></div>`;
+</table><//>`;
 
 /** A link to the boxes that a kind of evidence got most clearly wrong. @param {{dataset: string, name: string, worst: ChannelScore["worst"]}} props */
 function WorstLink({ dataset, name, worst }) {

@@ -4,7 +4,7 @@
 import { html, useState } from "../core/html.js";
 import { Icon } from "../core/icons.js";
 import { countOf, countText } from "../core/numbers.js";
-import { Segments } from "../core/parts.js";
+import { Segments, WideTable } from "../core/parts.js";
 import { linkTo } from "../core/router.js";
 import { CELLS, COUNTED, WORDS, answersIn, bandQuery, bandText, boxesOf, intervalText, percentOf, shareOf, shareText } from "./measures.js";
 
@@ -90,10 +90,10 @@ export function PerGroup({ dataset, quality }) {
     <header class="panelbox__head"><h2 id="groups-title">${by === "class" ? "By class" : "By distance"}</h2>
       <span class="faint">dot: measured; line: 95 % interval; axis from 0 to 100 %</span>
       <span class="panelbox__tools"><${Segments} label="Compare by" value=${by} choices=${CHOICES} onChange=${setBy} /></span></header>
-    <div class="tablewrap"><table class="table groups">
+    <${WideTable} label="Scores"><table class="table groups">
       <thead><tr><th scope="col">${by === "class" ? "Class" : "Distance"}</th><th class="is-num" scope="col">${WORDS[quality.truth].column}</th><th scope="col">Precision</th><th scope="col">Recall</th><th scope="col">F1</th><th class="is-num" scope="col" title=${COUNTED.kept}>Kept ghosts</th><th class="is-num" scope="col" title=${COUNTED.lost}>Lost boxes</th></tr></thead>
       <tbody>${groups.map((group) => html`<${Row} key=${group.key} dataset=${dataset} truth=${quality.truth} group=${group} />`)}</tbody>
-    </table></div>
+    </table><//>
   </section>`;
 }
 

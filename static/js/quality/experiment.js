@@ -5,7 +5,7 @@ import { ApiError, get } from "../core/api.js";
 import { useLoaded } from "../core/hooks.js";
 import { html } from "../core/html.js";
 import { countText } from "../core/numbers.js";
-import { Command, FailureLine } from "../core/parts.js";
+import { Command, FailureLine, WideTable } from "../core/parts.js";
 import { MeasureCell } from "./comparison.js";
 import { percentOf } from "./measures.js";
 
@@ -49,7 +49,7 @@ function Arms({ report }) {
   const arms = Object.entries(report.arms);
   const most = Math.max(0.01, ...arms.map(([, { map50 }]) => map50?.high ?? 0));
   const hasTrials = arms.some(([, { trials }]) => trials > 0);
-  return html`<div class="tablewrap" role="group" aria-label="Ways of cleaning labels" tabindex="0">
+  return html`<${WideTable} label="Ways of cleaning labels">
     <table class="table groups channels">
       <caption class="sr-only">Labels of each way of cleaning, and detectors trained on them</caption>
       <thead><tr><th scope="col">Labels</th><th class="is-num" scope="col">Boxes</th>
@@ -65,7 +65,7 @@ function Arms({ report }) {
         ${hasTrials && html`<td><${MeasureCell} measure=${arm.map50} name="mAP50" most=${most} /></td>
           <td>${arm.difference && html`<${Against} difference=${arm.difference} />`}</td>`}
       </tr>`)}</tbody>
-    </table></div>
+    </table><//>
     <p class="faint channels__note">${report.verdict} ${report.truth}
       ${" "}${countText(report.frames)} frames, ${countText(report.objects)} objects.
       ${report.trainer && html` Trained by <code>${report.trainer}</code>.`}</p>`;

@@ -47,6 +47,16 @@ export function afterAnswer(line, id) {
   return currentOf(line) === id ? nextOpen(done) : done;
 }
 
+/** The box was answered, and stays current. @param {Line} line @param {number} id @returns {Line} */
+export const answeredHere = (line, id) => ({ ...line, answered: new Set([...line.answered, id]) });
+
+/** Without boxes that nobody has answered. @param {Line} line @param {readonly number[]} ids @returns {Line} */
+export function without(line, ids) {
+  const isGone = (/** @type {number} */ id) => ids.includes(id) && !line.answered.has(id);
+  const before = line.ids.slice(0, line.at).filter((id) => !isGone(id));
+  return { ...line, ids: line.ids.filter((id) => !isGone(id)), at: before.length };
+}
+
 /** The answer was undone: the box is current again. @param {Line} line @param {number} id @returns {Line} */
 export function afterUndo(line, id) {
   const rest = new Set(line.answered);

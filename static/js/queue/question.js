@@ -43,6 +43,7 @@ export function Question({ box, frame, hider, rule, offset }) {
   return html`<div class="question">
     <p class="question__ask"><b>${offset === 0 ? `Can you see any of this ${box.class.replaceAll("_", " ")}?` : `${Math.abs(offset)} frame${Math.abs(offset) === 1 ? "" : "s"} ${offset < 0 ? "earlier" : "later"}:`}</b> <span class="num">${objectText(box, hider)}</span></p>
     <p class="question__rule"><span class="faint">Rule</span> ${rule || USUAL_RULE}</p>
+    <p class="swipehint" aria-hidden="true"><span>← swipe to reject</span><span>swipe to keep →</span></p>
     ${frame?.files?.depth && box.xyxy && !isWithheld(box) && html`<${DepthStrip} key=${box.box_id} box=${box} hider=${hider} />`}
   </div>`;
 }

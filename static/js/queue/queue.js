@@ -1,12 +1,12 @@
 // @ts-check
 // The queue view: stage, panel, and what is shown when there is no box.
 
-import { answerOf, asShown } from "../boxes/box.js";
+import { answerOf, asShown, isWithheld } from "../boxes/box.js";
 import { BINS, cycleVerdict, isFiltered, withoutFilters, withoutList } from "../boxes/filters.js";
 import { useBoxes } from "../boxes/store.js";
 import { distanceText, spokenText } from "../boxes/wording.js";
 import { get } from "../core/api.js";
-import { useActions, useDataset, useLoaded, useTopBar, useValue } from "../core/hooks.js";
+import { useActions, useDataset, useGrowth, useLoaded, useTopBar, useValue } from "../core/hooks.js";
 import { html, useCallback, useEffect, useMemo, useRef, useState } from "../core/html.js";
 import { Icon } from "../core/icons.js";
 import { countOf, countText } from "../core/numbers.js";
@@ -38,6 +38,12 @@ export function QueueView({ app, route }) {
   useTopBar(app, { title: `Queue · ${name}`, dataset: name });
   const dataset = useDataset(name);
   const { session, isChecked } = sessionOf(app, name, route.query, dataset.value?.active_run);
+  const frames = dataset.value?.counts.frames ?? 0;
+  useGrowth(dataset, frames, dataset.value?.created_at);
+  // Who was faster than the frames come in gets the boxes that have come since.
+  useEffect(() => {
+    if (session.supply.get().isEnd && session.listed.length === 0) session.lookAgain();
+  }, [session, frames]);
   /** @param {Query} query */
   const setQuery = ({ box: _, ...query }) => app.router.replace(linkTo("queue", { dataset: name }, query));
   const failed = dataset.state === "error" && !dataset.value;
@@ -88,10 +94,22 @@ function SessionView({ app, session, query, rule, isEmpty, onQuery }) {
   const verdicts = useValue(session.tally).verdicts;
   const box = app.boxes.get(currentOf(line) ?? 0) ?? null;
   const isBlindNow = isBlind(query, prefs);
-  const isHidden = box !== null && isBlindNow && !verdicts.has(box.box_id);
+  const lesson = useValue(session.lesson);
+  // In a lesson, the filter tells nothing before the answer.
+  const isAsked = box !== null && lesson.includes(box.box_id) && !session.isTold(box);
   /** What this session may show of a box. */
-  const see = useCallback((/** @type {import("../boxes/box.js").Decision} */ one) => asShown(one, isBlindNow, ({ box_id }) => verdicts.has(box_id)), [isBlindNow, verdicts]);
+  const see = useCallback(
+    (/** @type {import("../boxes/box.js").Decision} */ one) => asShown(one, isBlindNow || isAsked, ({ box_id }) => verdicts.has(box_id)),
+    [isBlindNow, isAsked, verdicts],
+  );
   const shown = box && see(box);
+  const isHidden = shown !== null && isWithheld(shown);
+  const taught = box && lesson.includes(box.box_id) && {
+    at: lesson.indexOf(box.box_id) + 1,
+    count: lesson.length,
+    onNext: () => actions.show(nextOpen(session.line.get())),
+    onSkip: () => session.skipLesson(),
+  };
   track.current = useTrack(app.boxes, box?.box_id ?? 0);
   const peeked = app.boxes.get(useValue(peek));
   const staged = peeked && track.current.some(({ boxId }) => boxId === peeked.box_id) ? see(peeked) : shown;
@@ -102,13 +120,13 @@ function SessionView({ app, session, query, rule, isEmpty, onQuery }) {
     <${QueueStrip} app=${app} session=${session} line=${line} isHidden=${isHidden} onShow=${actions.show} />
     ${box && shown && staged
       ? html`<div class="review__stage queue__stage">
-            <${QueueStage} app=${app} box=${staged} see=${see} media=${media.of(staged.frame_id)} view=${view} actions=${actions.byName} stageRef=${stage} rule=${rule} offset=${offset}
+            <${QueueStage} app=${app} box=${staged} see=${see} media=${media.of(staged.frame_id)} view=${view} actions=${actions.byName} stageRef=${stage} rule=${rule} offset=${offset} lesson=${taught}
               strip=${html`<${TrackStrip} app=${app} places=${track.current} shownId=${staged.box_id} see=${see} isBlind=${isHidden} onShow=${actions.peek} actions=${actions.byName} />`} />
             <${OvertakenNotices} app=${app} session=${session} onShow=${actions.show} />
             <${AnswerBar} app=${app} box=${shown} isWaiting=${isWaiting} actions=${actions.byName} />
           </div>
           ${isHidden
-            ? html`<${BlindPanel} key=${box.box_id} box=${shown} session=${session} onSee=${() => onQuery({ ...query, blind: "off" })} />`
+            ? html`<${BlindPanel} key=${box.box_id} box=${shown} session=${session} onSee=${isAsked ? null : () => onQuery({ ...query, blind: "off" })} />`
             : html`<${Inspector} app=${app} frame=${null} box=${box} boxes=${[]} actions=${actions} commentRef=${comment} isWaiting=${isWaiting} />`}`
       : html`<${NoBox} app=${app} session=${session} query=${query} actions=${actions} isEmpty=${isEmpty} onQuery=${onQuery} />`}
     ${alike && html`<${AlikeDialog} app=${app} session=${session} answered=${alike} onClose=${() => setAlike(null)} />`}
@@ -298,7 +316,7 @@ function createQueueActions(app, session, page) {
 
 /** @typedef {ReturnType<typeof createQueueActions>} QueueActions */
 
-/** @param {{box: import("../boxes/box.js").Decision, session: import("./session.js").Session, onSee: () => void}} props */
+/** @param {{box: import("../boxes/box.js").Decision, session: import("./session.js").Session, onSee: (() => void) | null}} props  `onSee`: null if they cannot be shown before */
 function BlindPanel({ box, session, onSee }) {
   const last = useValue(session.comparisons).at(-1);
   return html`<aside class="panel panel--inspector" aria-label="Selected box">
@@ -309,7 +327,7 @@ function BlindPanel({ box, session, onSee }) {
       <div><dt>Frame</dt><dd>${box.frame}</dd></div>
       ${distanceText(box) && html`<div><dt>Distance</dt><dd class="num">${distanceText(box)}</dd></div>`}
     </dl>
-    <button class="button" onClick=${onSee}>Show verdicts</button>
+    ${onSee && html`<button class="button" onClick=${onSee}>Show verdicts</button>`}
   </aside>`;
 }
 

@@ -7,7 +7,9 @@ import { listedOf, selectionOf } from "../boxes/filters.js";
 import { REASONS } from "../boxes/wording.js";
 import { ApiError, get, post } from "../core/api.js";
 import { createValue } from "../core/observable.js";
-import { EMPTY, afterAnswer, afterUndo, compared, currentOf, extended, lookedAt, movedTo, nextOpen, upcoming } from "./line.js";
+import {
+  EMPTY, afterAnswer, afterUndo, answeredHere, compared, currentOf, extended, lookedAt, movedTo, nextOpen, upcoming, without,
+} from "./line.js";
 
 /** @typedef {import("../boxes/box.js").Answer} Answer */
 /** @typedef {import("../review/answers.js").ReviewApp} App */
@@ -52,10 +54,11 @@ export function hasOnlyDoubts(query) {
  * @property {{times: readonly number[], verdicts: ReadonlyMap<number, Answer>}} tally  the times of the answers (ms), and
  *   the answers by box
  * @property {readonly {boxId: number, isComment: boolean}[]} entries  the answers and comments, in their order
+ * @property {readonly number[]} lesson  the boxes whose truth is told
  */
 
 /** @type {Past} */
-const NO_PAST = Object.freeze({ line: EMPTY, comparisons: [], tally: { times: [], verdicts: new Map() }, entries: [] });
+const NO_PAST = Object.freeze({ line: EMPTY, comparisons: [], tally: { times: [], verdicts: new Map() }, entries: [], lesson: [] });
 
 const BATCH = 12;
 const REFILL_BELOW = 6;
@@ -80,6 +83,7 @@ function createQueueSession(app, dataset, query, past = NO_PAST) {
   const order = orderOf(query);
   const listed = listedOf(query);
   const entries = [...past.entries];
+  const lesson = createValue(past.lesson);
   let isAsking = false;
 
   async function refill() {
@@ -113,17 +117,33 @@ function createQueueSession(app, dataset, query, past = NO_PAST) {
     const fromQueue = () =>
       post("/api/v1/datasets/{dataset}/queue", { path: { dataset }, body: { order, filters, limit, exclude } });
     const coming = listed.length > 0 ? listedBoxes(listed) : fromQueue();
-    await coming.then((out) => receive(out, before), (error) => supply.set({ state: "error", error, isEnd: false }));
+    const taught = await lessonOf();
+    await coming.then((out) => receive(out, before, taught), (error) => supply.set({ state: "error", error, isEnd: false }));
     isAsking = false;
+  }
+
+  /** The boxes of the lesson, when the queue begins; none if this person has had it. @returns {Promise<readonly Decision[]>} */
+  async function lessonOf() {
+    const isStart = line.get().ids.length === 0 && lesson.get().length === 0;
+    if (!isStart || order !== "doubt" || listed.length > 0 || !hasOnlyDoubts(query) || !app.prefs.get().lessons) return [];
+    return get("/api/v1/datasets/{dataset}/coached", { path: { dataset } }).then(
+      ({ items }) => items,
+      () => [],
+    );
   }
 
   /**
    * @param {Pick<import("../core/openapi.js").Queue, "remaining" | "unsure" | "claimed_by_others">
    *   & {items: readonly Decision[]}} out
    * @param {ReadonlySet<number>} before  boxes whose answers were stored before this was requested
+   * @param {readonly Decision[]} taught  the boxes of the lesson
    */
-  function receive({ items, remaining, unsure, claimed_by_others: elsewhere }, before) {
+  function receive({ items, remaining, unsure, claimed_by_others: elsewhere }, before, taught) {
     const known = line.get().ids.length;
+    if (taught.length > 0) {
+      lesson.set(take(taught));
+      line.set(extended(line.get(), taught.filter((box) => !isTold(box)).map(({ box_id }) => box_id)));
+    }
     line.set(extended(line.get(), take(items)));
     // The server's counts may have boxes that were answered after the request, or not. What the page has counted itself
     // is kept if it lies within these limits.
@@ -165,6 +185,9 @@ function createQueueSession(app, dataset, query, past = NO_PAST) {
     counts.set({ ...rest, left: Math.max(0, left + moved(null)), unsure: Math.max(0, unsure + flagged) });
   }
 
+  /** Whether this person has answered a box of the lesson. @param {Decision} box */
+  const isTold = (box) => tally.get().verdicts.has(box.box_id) || (answerOf(box) !== null && box.review?.reviewer === app.owner());
+
   /** Whether the counts of this queue are of boxes like this one. @param {Decision} box */
   const isCounted = (box) => !hasOnlyDoubts(query) || box.bin === "ask";
 
@@ -178,6 +201,8 @@ function createQueueSession(app, dataset, query, past = NO_PAST) {
     supply,
     comparisons,
     tally,
+    lesson,
+    isTold,
     refill,
 
     /** @param {Line} next */
@@ -194,7 +219,7 @@ function createQueueSession(app, dataset, query, past = NO_PAST) {
     },
 
     /**
-     * Answer the current box, and go on to the next.
+     * Answer the current box, and go on to the next; a box of the lesson stays on show.
      * @param {Decision} box @param {Answer} verdict @param {string} comment
      * @param {{lookedMs: number | null, isBlindly: boolean}} look  `isBlindly`: the person did not see the filter's verdict
      * @returns {boolean} false: there is no room for it
@@ -207,9 +232,17 @@ function createQueueSession(app, dataset, query, past = NO_PAST) {
       if (comparison) comparisons.set([...comparisons.get(), comparison]);
       const { times, verdicts } = tally.get();
       tally.set({ times: [...times, Date.now()], verdicts: new Map([...verdicts, [box.box_id, verdict]]) });
-      recount(before, verdict);
-      this.show(afterAnswer(line.get(), box.box_id));
+      if (isCounted(box)) recount(before, verdict);
+      const isTaught = lesson.get().includes(box.box_id);
+      this.show(isTaught ? answeredHere(line.get(), box.box_id) : afterAnswer(line.get(), box.box_id));
       return true;
+    },
+
+    /** Go on without the lesson, also the next time. */
+    skipLesson() {
+      app.prefs.change({ lessons: false });
+      this.show(without(line.get(), lesson.get()));
+      lesson.set([]);
     },
 
     /** The answer that was given last in this session, of those in force. @returns {{boxId: number, verdict: Answer} | null} */
@@ -275,7 +308,7 @@ function createQueueSession(app, dataset, query, past = NO_PAST) {
       verdicts.delete(id);
       if (given && before) verdicts.set(id, before);
       tally.set({ times: tally.get().times.slice(0, undone?.isComment ? undefined : -1), verdicts });
-      if (given) recount(given, counted(box));
+      if (given && isCounted(box)) recount(given, counted(box));
       line.set(afterUndo(line.get(), id));
     },
 
@@ -292,7 +325,7 @@ function createQueueSession(app, dataset, query, past = NO_PAST) {
     },
 
     /** What the person has done: with it, another session can continue this one. @returns {Past} */
-    past: () => ({ line: lookedAt(line.get()), comparisons: comparisons.get(), tally: tally.get(), entries }),
+    past: () => ({ line: lookedAt(line.get()), comparisons: comparisons.get(), tally: tally.get(), entries, lesson: lesson.get() }),
 
     /** Release the boxes of this session. */
     end: () => releases.splice(0).forEach((release) => release()),

@@ -10,6 +10,7 @@ import { Toggle, useKeyText, withKey } from "../core/keymap.js";
 import { Failure } from "../core/parts.js";
 import { hiderOf } from "../stage/geometry.js";
 import { LookBar, StageView } from "../stage/view.js";
+import { Coach } from "./coach.js";
 import { Layers, Question, layersOf } from "./question.js";
 
 /** @typedef {import("../core/app.js").Actions} Actions */
@@ -22,10 +23,10 @@ const NONE = [];
 
 /**
  * @param {{app: App, box: Decision, see: (box: Decision) => Decision, media: import("../stage/media.js").Media, view: import("../core/observable.js").Value<"crop" | "frame">,
- *   actions: Actions, stageRef: {current: import("../stage/stage.js").Stage | null}, rule: string, offset: number, strip: unknown}} props
- *   `offset`: how many frames later than the asked one the box is; `strip`: shown below the question; `box`: withheld until it is answered in a blind review; then its frame's other boxes are not shown either; `see`: what may be shown of those
+ *   actions: Actions, stageRef: {current: import("../stage/stage.js").Stage | null}, rule: string, offset: number, lesson: import("./coach.js").Lesson | null, strip: unknown}} props
+ *   `offset`: how many frames later than the asked one the box is; `lesson`: null if the box is of none; `strip`: shown below the question; `box`: withheld until it is answered in a blind review; then its frame's other boxes are not shown either; `see`: what may be shown of those
  */
-export function QueueStage({ app, box, see, media, view, actions, stageRef, rule, offset, strip }) {
+export function QueueStage({ app, box, see, media, view, actions, stageRef, rule, offset, lesson, strip }) {
   const mode = useValue(view);
   const isBlind = isWithheld(box);
   const { value: frame = null, error, retry } = useLazy(media.frame);
@@ -42,11 +43,11 @@ export function QueueStage({ app, box, see, media, view, actions, stageRef, rule
   useRetries(error, retry, box.frame_id);
   if (error) return html`<div class="stage__note queue__note"><${Failure} error=${error} onRetry=${retry} /></div>`;
   const layers = mode === "crop" && box.xyxy ? layersOf(frame).length : 0;
-  return html`<${Question} box=${box} frame=${frame} hider=${hider} rule=${rule} offset=${offset} />${strip}
+  return html`${lesson && html`<${Coach} app=${app} lesson=${lesson} box=${box} hider=${hider} />`}<${Question} box=${box} frame=${frame} hider=${hider} rule=${rule} offset=${offset} />${strip}
   <div class="queue__picture" data-layers=${layers || undefined}>
   ${layers > 0 && frame && html`<${Layers} box=${box} frame=${frame} hider=${hider} />`}
   <${StageView} app=${app} frame=${frame} media=${media} boxes=${boxes} selected=${box} isCrop=${mode === "crop"} hider=${hider?.box} scene=${box.box_id}
-    label=${`Box: ${isBlind ? `${box.class} ${box.id}` : spokenText(box)}`} onCrop=${() => view.set(view.get() === "crop" ? "frame" : "crop")} stageRef=${stageRef}>
+    label=${`Box: ${isBlind ? `${box.class} ${box.id}` : spokenText(box)}`} onCrop=${() => view.set(view.get() === "crop" ? "frame" : "crop")} stageRef=${stageRef} onSwipe=${(/** @type {"left" | "right"} */ side) => (side === "left" ? actions.reject : actions.keep)?.()}>
     ${frame && html`<${Minimap} app=${app} frame=${frame} picture=${picture} box=${box} mode=${mode} onClick=${actions.crop} />`}
     ${frame && html`<${QueueLook} app=${app} frame=${frame} mode=${mode} isBlind=${isBlind} actions=${actions} />`}
   <//></div>`;

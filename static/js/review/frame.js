@@ -304,6 +304,8 @@ function FrameSteps({ frame, query }) {
   return html`<div class="framesteps" role="group" aria-label="Frames">
     ${query.follow &&
     html`<a class="button button--small" href=${linkTo("frame", { id: frame.id }, { ...query, follow: "" })}>Following the newest: stop</a>`}
+    ${frame.has_image &&
+    html`<a class="button button--quiet button--icon" href=${linkTo("compare", { id: frame.id })} aria-label="Before and after" title="Before and after the filter"><${Icon} name="halves" /></a>`}
     <${Step} id=${frame.previous_id} query=${query} icon="left" text="Previous frame" />
     <${Step} id=${frame.next_id} query=${query} icon="right" text="Next frame" />
   </div>`;

@@ -7,7 +7,7 @@ import { useLoaded, useNewest, useTask } from "../core/hooks.js";
 import { html, useState } from "../core/html.js";
 import { Icon } from "../core/icons.js";
 import { agoText, countOf, countText, sizeText } from "../core/numbers.js";
-import { Dialog, FailureLine, useCopy, useDialog } from "../core/parts.js";
+import { Dialog, FailureLine, WideTable, useCopy, useDialog } from "../core/parts.js";
 import { Canceller, JobBar, StateBadge, isOver, percentDone, useLookAgain } from "../jobs/job.js";
 
 /** @typedef {import("../core/app.js").App} App */
@@ -118,10 +118,10 @@ function ExportCounts({ counts }) {
     </dl>
     ${classes.length > 0 &&
     html`<details class="perclass"><summary>Per class</summary>
-      <div class="tablewrap"><table class="table">
+      <${WideTable} label="Per class"><table class="table">
         <thead><tr><th scope="col">Class</th><th class="is-num" scope="col">In</th><th class="is-num" scope="col">Written</th><th class="is-num" scope="col">Dropped</th><th class="is-num" scope="col">Clipped</th></tr></thead>
         <tbody>${classes.map((row) => html`<tr key=${row.name}><th scope="row">${row.name}</th>${row.counts.map((n) => html`<td class="is-num num">${countText(n)}</td>`)}</tr>`)}</tbody>
-      </table></div>
+      </table><//>
     </details>`}`;
 }
 

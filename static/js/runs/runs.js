@@ -6,7 +6,7 @@ import { get } from "../core/api.js";
 import { useDataset, useLoaded, useNewest, usePages, useTopBar } from "../core/hooks.js";
 import { html, useState } from "../core/html.js";
 import { agoText, countOf, countText, tookText } from "../core/numbers.js";
-import { Failure, FailureLine } from "../core/parts.js";
+import { Failure, FailureLine, WideTable } from "../core/parts.js";
 import { linkTo } from "../core/router.js";
 import { CancelButton, JobBar, StateBadge, isOver, percentDone, useLookAgain } from "../jobs/job.js";
 import { differences } from "../tuning/config.js";
@@ -117,13 +117,13 @@ function Between({ app, diff }) {
 function PerClass({ diff }) {
   const rows = Object.entries(diff.by_class).sort(([, a], [, b]) => b - a);
   const most = Math.max(1, ...rows.map(([, n]) => n));
-  return html`<div class="tablewrap"><table class="table">
+  return html`<${WideTable} label="Flips by class"><table class="table">
     <thead><tr><th scope="col">Class</th><th class="is-num" scope="col">Flips</th><th class="table__bar" aria-hidden="true"></th></tr></thead>
     <tbody>
       ${rows.map(([name, n]) => html`<tr key=${name}><th scope="row">${name}</th><td class="is-num num">${countText(n)}</td><td class="table__bar" aria-hidden="true"><span class="meter meter--accent"><i style=${{ width: `${(100 * n) / most}%` }}></i></span></td></tr>`)}
       <tr><th scope="row">All classes</th><td class="is-num num">${countText(diff.total)}</td><td class="table__bar" aria-hidden="true"></td></tr>
     </tbody>
-  </table></div>`;
+  </table><//>`;
 }
 
 /** Which keys the two configurations differ in. @param {{diff: RunDiff}} props */

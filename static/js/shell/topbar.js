@@ -115,7 +115,10 @@ function MenuPanel({ app, close }) {
 }
 
 /** Whether the tabs of the dataset are shown above this view. @param {import("../core/router.js").Route} route */
-export const hasTabs = (route) => ROUTES.some(({ name, nav }) => (nav || name === "frame") && name === route.name);
+export const hasTabs = (route) => ROUTES.some(({ name, nav }) => (nav || ofFrame(name)) && name === route.name);
+
+/** Views of one frame, whose address does not name its dataset. @param {string} name */
+const ofFrame = (name) => name === "frame" || name === "compare";
 
 /** The tabs of a dataset. Their links keep the filters. @param {{app: import("../review/answers.js").ReviewApp}} props */
 function DatasetTabs({ app }) {
@@ -124,11 +127,10 @@ function DatasetTabs({ app }) {
   useLayoutEffect(() => list.current?.querySelector("[aria-current]")?.scrollIntoView({ block: "nearest", inline: "center" }), [route.name]);
   const { dataset: shown } = useValue(app.topBar);
   if (!hasTabs(route)) return null;
-  // The address of a frame does not name its dataset.
   const dataset = route.params.dataset ?? shown;
   const tabs = dataset ? ROUTES.filter(({ nav }) => nav) : [];
   /** @param {string} name */
-  const current = (name) => (name === route.name ? "page" : name === "frames" && route.name === "frame" ? "true" : undefined);
+  const current = (name) => (name === route.name ? "page" : name === "frames" && ofFrame(route.name) ? "true" : undefined);
   return html`<nav class="tabs" aria-label="Dataset">
     <ul class="tabs__list" ref=${list}>
       ${tabs.map(

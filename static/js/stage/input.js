@@ -10,6 +10,8 @@
  * @property {(at: Point | null) => void} hover
  * @property {(at: Point) => void} click
  * @property {(at: Point) => void} doubleClick
+ * @property {() => boolean} canSwipe  whether one finger that moves swipes, and does not pan
+ * @property {(dx: number, isEnd: boolean) => void} swipe  so many px to the right since it began; 0: it was given up
  */
 
 /** A pointer that moved less than this has clicked. */
@@ -22,6 +24,8 @@ export function listen(host, gestures) {
   const pointers = new Map();
   let travelled = 0;
   let pinched = false;
+  /** Where a finger that swipes has begun, px of the window: what it swipes may follow it. @type {number | null} */
+  let swiped = null;
   const stop = new AbortController();
 
   /** @param {MouseEvent} event @returns {Point} */
@@ -39,7 +43,8 @@ export function listen(host, gestures) {
     if (pointers.size === 0) {
       travelled = 0;
       pinched = false;
-    }
+      swiped = event.pointerType === "touch" && gestures.canSwipe() ? event.clientX : null;
+    } else endSwipe();
     pointers.set(event.pointerId, at(event));
   });
 
@@ -47,10 +52,23 @@ export function listen(host, gestures) {
     const before = pointers.get(event.pointerId);
     const now = at(event);
     if (!before) return gestures.hover(now);
-    if (pointers.size === 2) pinch(event.pointerId, before, now);
+    if (swiped !== null) swipe(event.clientX - swiped, before, now);
+    else if (pointers.size === 2) pinch(event.pointerId, before, now);
     else drag(before, now);
     pointers.set(event.pointerId, now);
   });
+
+  /** A second finger, or the browser, has taken the gesture over. */
+  function endSwipe() {
+    if (swiped !== null) gestures.swipe(0, true);
+    swiped = null;
+  }
+
+  /** @param {number} dx @param {Point} before @param {Point} now */
+  function swipe(dx, before, now) {
+    travelled += Math.hypot(now.x - before.x, now.y - before.y);
+    if (travelled >= CLICK_RADIUS_PX) gestures.swipe(dx, false);
+  }
 
   /** @param {Point} before @param {Point} now */
   function drag(before, now) {
@@ -74,10 +92,13 @@ export function listen(host, gestures) {
   on("pointerup", (event) => {
     const isLast = pointers.delete(event.pointerId) && pointers.size === 0;
     host.classList.remove("is-dragging");
+    if (swiped !== null && travelled >= CLICK_RADIUS_PX) gestures.swipe(event.clientX - swiped, true);
+    swiped = null;
     if (isLast && !pinched && travelled < CLICK_RADIUS_PX && event.button === 0) gestures.click(at(event));
   });
 
   on("pointercancel", (event) => {
+    endSwipe();
     pointers.delete(event.pointerId);
     host.classList.remove("is-dragging");
   });

@@ -34,6 +34,7 @@ import { createDrawnBoxes, paintAllBoxes, paintBase, paintTop, readInks } from "
  * @property {(boxId: number | null) => void} onSelect
  * @property {(scale: number) => void} onZoom
  * @property {(isOnBox: boolean) => void} onCrop  a double click
+ * @property {((dx: number, isEnd: boolean) => void) | null} onSwipe  as `swipe` of a gesture; null: a finger pans
  */
 
 const CLICK_SLACK_PX = 4;
@@ -174,6 +175,8 @@ export function createStage(host, events) {
       const current = hits.find(({ box_id }) => box_id === snapshot?.selected?.box_id);
       events.onSelect(nextOfStack(hits, current)?.box_id ?? null);
     },
+    canSwipe: () => events.onSwipe !== null && mode !== "free",
+    swipe: (dx, isEnd) => events.onSwipe?.(dx, isEnd),
     doubleClick(at) {
       events.onCrop(hitsAt(at)[0] !== undefined);
     },

@@ -3,7 +3,8 @@
 
 import { isWithheld } from "../boxes/box.js";
 import { useLazy, useRetries, useValue } from "../core/hooks.js";
-import { html, useLayoutEffect, useMemo, useRef } from "../core/html.js";
+import { html, useLayoutEffect, useMemo, useRef, useState } from "../core/html.js";
+import { Icon } from "../core/icons.js";
 import { Toggle } from "../core/keymap.js";
 import { FailureLine, Notice } from "../core/parts.js";
 import { onThemeChange } from "../core/prefs.js";
@@ -19,11 +20,11 @@ import { createStage } from "./stage.js";
 /**
  * The boxes are shown as soon as the frame is known; the picture and the segmentation follow.
  * @param {{app: App, frame: Frame | null, media: import("./media.js").Media, boxes: readonly Decision[], selected: Decision | null, isCrop: boolean,
- *   hider?: Decision | null, scene?: number, label: string, onSelect?: (boxId: number | null) => void, onCrop: (isOnBox: boolean) => void,
+ *   hider?: Decision | null, scene?: number, label: string, onSelect?: (boxId: number | null) => void, onSwipe?: (side: "left" | "right") => void, onCrop: (isOnBox: boolean) => void,
  *   stageRef: {current: import("./stage.js").Stage | null}, children?: unknown}} props
- *   `frame`: null until it is loaded; `isCrop`, `hider`, `scene`: `crop`, `hider`, `scene` of a Snapshot (stage.js); `onCrop`: a double click
+ *   `frame`: null until it is loaded; `isCrop`, `hider`, `scene`: `crop`, `hider`, `scene` of a Snapshot (stage.js); `onCrop`: a double click; `onSwipe`: a finger has moved the picture far enough; without it, a finger pans
  */
-export function StageView({ app, frame, media, boxes, selected, isCrop, hider = null, scene, label, onSelect, onCrop, stageRef, children }) {
+export function StageView({ app, frame, media, boxes, selected, isCrop, hider = null, scene, label, onSelect, onSwipe, onCrop, stageRef, children }) {
   const host = useRef(/** @type {HTMLDivElement | null} */ (null));
   const prefs = useValue(app.prefs);
   const isBare = useValue(app.isBare);
@@ -41,8 +42,17 @@ export function StageView({ app, frame, media, boxes, selected, isCrop, hider = 
   const noSegmentation = noMask ?? noPixels;
   useRetries(noPicture, retryPicture, media);
 
+  const [swiped, setSwiped] = useState(0);
+  const swipe = useRef(onSwipe);
+  swipe.current = onSwipe;
+  /** @param {number} dx @param {boolean} isEnd */
+  const moved = (dx, isEnd) => {
+    setSwiped(isEnd ? 0 : dx);
+    if (isEnd && Math.abs(dx) >= SWIPE_PX) swipe.current?.(dx < 0 ? "left" : "right");
+  };
+
   useLayoutEffect(() => {
-    const stage = createStage(/** @type {HTMLElement} */ (host.current), { onSelect: onSelect ?? (() => {}), onCrop, onZoom: app.zoom.set });
+    const stage = createStage(/** @type {HTMLElement} */ (host.current), { onSelect: onSelect ?? (() => {}), onCrop, onSwipe: onSwipe ? moved : null, onZoom: app.zoom.set });
     stageRef.current = stage;
     const stop = onThemeChange(app.prefs, () => requestAnimationFrame(stage.restyle));
     return () => {
@@ -61,7 +71,7 @@ export function StageView({ app, frame, media, boxes, selected, isCrop, hider = 
   }, [frame, picture, mask, prefs.opacity, boxes, selected, highlight, prefs.edges, isCrop, hider, isBare, objects, prefs.far]);
 
   return html`<div class="stage-wrap">
-    <div class="stage" ref=${host} role="img" aria-label=${label} data-box=${selected?.box_id ?? ""} data-mode=${isCrop ? "crop" : "frame"}
+    <div class="stage" ref=${host} style=${{ transform: swiped ? `translateX(${swiped}px)` : "" }} role="img" aria-label=${label} data-box=${selected?.box_id ?? ""} data-mode=${isCrop ? "crop" : "frame"}
       data-picture=${picture ? "shown" : hasNoPicture ? "none" : noPicture ? "failed" : "loading"} data-mask=${mask ? "on" : "off"} data-highlighted=${highlight?.count ?? ""} data-hider=${hider?.box_id ?? ""} data-bare=${isBare || undefined} data-objects=${objects ? "shown" : undefined}></div>
     ${hasNoPicture && html`<div class="stage__note"><${Notice} title="This frame has no image"><p>Its boxes and numbers are here all the same.</p><//></div>`}
     ${!picture && !hasNoPicture && !noPicture && html`<div class="stage__loading shimmer" aria-hidden="true"></div>`}
@@ -69,7 +79,19 @@ export function StageView({ app, frame, media, boxes, selected, isCrop, hider = 
       ${noPicture && html`<${FailureLine} what="Image" error=${noPicture} onRetry=${retryPicture} />`}
       ${noSegmentation && html`<${FailureLine} what="Segmentation" error=${noSegmentation} onRetry=${() => (retryMask(), retryPixels())} />`}
     </div>
+    ${swiped !== 0 && html`<${Swipe} dx=${swiped} />`}
     ${children}
+  </div>`;
+}
+
+/** So far a finger moves the picture to answer. */
+const SWIPE_PX = 96;
+
+/** What a swipe will answer if the finger is lifted. @param {{dx: number}} props */
+function Swipe({ dx }) {
+  const verdict = dx < 0 ? "reject" : "keep";
+  return html`<div class="swipe swipe--${verdict} ${Math.abs(dx) >= SWIPE_PX ? "is-far" : ""}" aria-hidden="true">
+    <${Icon} name=${dx < 0 ? "cross" : "check"} />${dx < 0 ? "Reject" : "Keep"}
   </div>`;
 }
 
@@ -132,9 +154,9 @@ export function LookBar({ app, actions, isCrop, isFit, hasZoomText = false, chil
     <${Toggle} app=${app} action="bare" icon="image" isHeld=${true} run=${actions.bare} />
     <${Toggle} app=${app} action="crop" icon="crop" isOn=${isCrop} run=${actions.crop} />
     <${Toggle} app=${app} action="fit" icon="fit" isOn=${isFit} run=${actions.fit} />
-    <${Toggle} app=${app} action="zoomOut" icon="minus" run=${actions.zoomOut} />
+    <span class="bar__pinch"><${Toggle} app=${app} action="zoomOut" icon="minus" run=${actions.zoomOut} />
     ${hasZoomText && html`<${ZoomText} app=${app} />`}
-    <${Toggle} app=${app} action="zoomIn" icon="plus" run=${actions.zoomIn} />
+    <${Toggle} app=${app} action="zoomIn" icon="plus" run=${actions.zoomIn} /></span>
     <span class="bar__wide"><${Toggle} app=${app} action="panels" icon="panels" isOn=${!panels} run=${actions.panels} />
     <${Toggle} app=${app} action="fullScreen" icon="screen" run=${actions.fullScreen} /></span>
   </div>`;

@@ -5,7 +5,7 @@ import { reasonText } from "../boxes/wording.js";
 import { html } from "../core/html.js";
 import { Icon } from "../core/icons.js";
 import { countOf, countText, percentText } from "../core/numbers.js";
-import { NumberField, Segments } from "../core/parts.js";
+import { NumberField, Segments, WideTable } from "../core/parts.js";
 import { appliesTo, classPath, valueOf } from "./config.js";
 import { Delta } from "./flips.js";
 import { Histogram, together, typedPercent } from "./histogram.js";
@@ -165,7 +165,7 @@ export function Reasons({ tuning, selected }) {
   const reasons = Object.keys({ ...before, ...after }).sort((a, b) => (before[b] ?? 0) - (before[a] ?? 0));
   return html`<section class="panelbox" aria-labelledby="reasons-title">
     <header class="panelbox__head"><h2 id="reasons-title">Reasons${selected ? `: ${selected}` : ""}</h2></header>
-    <div class="tablewrap"><table class="table">
+    <${WideTable} label="Reasons"><table class="table">
       <thead><tr><th scope="col">Reason</th><th class="is-num" scope="col">Active</th><th class="is-num" scope="col">New</th><th class="is-num" scope="col">Change</th><th class="table__bar" aria-hidden="true"></th></tr></thead>
       <tbody>
         ${reasons.map(
@@ -178,6 +178,6 @@ export function Reasons({ tuning, selected }) {
           </tr>`,
         )}
       </tbody>
-    </table></div>
+    </table><//>
   </section>`;
 }

@@ -7,7 +7,7 @@ import { useNewest, useTask } from "../core/hooks.js";
 import { html, useState } from "../core/html.js";
 import { Icon } from "../core/icons.js";
 import { agoText, countOf, countText } from "../core/numbers.js";
-import { Dialog, FailureLine, Words, useCopy, useDialog } from "../core/parts.js";
+import { Dialog, FailureLine, WideTable, Words, useCopy, useDialog } from "../core/parts.js";
 import {
   classPath,
   differences,
@@ -113,13 +113,13 @@ export function ConfigPanel({ tuning, keys, settings }) {
       <span class="faint">all keys; how segmentations are read is changed in the dataset's settings</span>
     </header>
     ${keys.error && html`<${FailureLine} error=${keys.error} onRetry=${keys.reload} />`}
-    <div class="tablewrap"><table class="table table--keys" aria-busy=${keys.state === "loading"}>
+    <${WideTable} label="Configuration"><table class="table table--keys" aria-busy=${keys.state === "loading"}>
       <thead><tr><th scope="col">Key</th><th scope="col">Value</th><th scope="col">Active</th><th class="table__text" scope="col">Meaning</th></tr></thead>
       <tbody>
         ${keys.value?.map((field) => html`<tr key=${field.key}><th scope="row"><code><${Words} text=${field.key} /></code></th><td><${Value} tuning=${tuning} field=${field} /></td><td class="num faint">${valueText(keyValue(active.config, field))}</td><td class="table__text faint">${field.help}<${OwnSetting} value=${ownSetting(settings, tried, field)} /></td></tr>`)}
         ${ofClasses.map((row) => html`<tr key=${row.path}><th scope="row"><code><${Words} text=${row.path} /></code></th><td class="num">${valueText(row.after)}</td><td class="num faint">${valueText(valueOf(active.config, row.path))}</td><td class="table__text faint">for this class only</td></tr>`)}
       </tbody>
-    </table></div>
+    </table><//>
     <${ClassKeys} tuning=${tuning} classes=${settings.classes} />
     <${Yaml} text=${toYaml(tried)} />
   </section>`;
@@ -228,9 +228,9 @@ function whatText({ preview, counted, tried }) {
 }
 
 /** @param {{rows: readonly import("./config.js").Difference[], names?: readonly string[]}} props */
-export const DiffTable = ({ rows, names = ["Active", "New"] }) => html`<div class="tablewrap"><table class="table difftable">
+export const DiffTable = ({ rows, names = ["Active", "New"] }) => html`<${WideTable} label="Differences"><table class="table difftable">
   <thead><tr><th scope="col">Key</th><th scope="col">${names[0]}</th><th scope="col">${names[1]}</th></tr></thead>
   <tbody>
     ${rows.map((row) => html`<tr key=${row.path}><th scope="row"><code><${Words} text=${row.path} /></code></th><td><del>${valueText(row.before)}</del></td><td><ins>${valueText(row.after)}</ins></td></tr>`)}
   </tbody>
-</table></div>`;
+</table><//>`;

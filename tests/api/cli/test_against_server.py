@@ -465,12 +465,16 @@ def test_push_gives_a_new_dataset_what_its_folder_was_read_with(
     assert line.endswith("\tdescribed")
 
 
-def test_report_is_one_file_with_counts_and_pictures(unghost, unchanged_dataset):
-    answer = unghost("report", unchanged_dataset, "-o", "report.html", "--json")
+def test_report_is_one_file_with_counts_exports_and_pictures(unghost, pushed_dataset):
+    unghost(
+        "export", pushed_dataset, "--format", "yolo", "--name", "v1", "-o", "v1.zip"
+    )
+    answer = unghost("report", pushed_dataset, "-o", "report.html", "--json")
 
     assert answer.code == DONE
     page = (unghost.folder / "report.html").read_text("utf-8")
-    stats = unghost("stats", unchanged_dataset, "--json").records[0]
+    stats = unghost("stats", pushed_dataset, "--json").records[0]
+    assert "<td>v1</td><td>yolo</td>" in page
     assert answer.records == [{"output": "report.html", "boxes": stats["boxes"]}]
     assert f"{stats['boxes']:,} boxes" in page
     assert all(f"<td>{name}</td>" in page for name in stats["by_class"])

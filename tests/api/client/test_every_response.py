@@ -252,7 +252,7 @@ def call_job_routes(api: Api, street: str) -> None:
 
 def call_dataset_routes(api: Api, street: str) -> None:
     at = f"/datasets/{street}"
-    for path in ("", "/stats", "/histogram", "/report"):
+    for path in ("", "/stats", "/histogram", "/report", "/coached"):
         api.json(at + path)
     refused = api.json(f"{at}/problems")["items"]
     assert [frame["key"] for frame in refused] == ["run/c"]

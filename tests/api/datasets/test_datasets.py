@@ -21,6 +21,7 @@ def test_new_dataset_is_returned_with_every_field(api):
         "name": "whole.set-1_a",
         "description": "a street",
         "rule": "",
+        "coached": False,
         "classes": [
             "car",
             "truck",
@@ -165,15 +166,18 @@ def test_invalid_path_or_parameter_has_its_status_and_code(api, path, status, co
     assert (answer.status_code, answer.json()["code"]) == (status, code)
 
 
-@pytest.mark.parametrize("key", ["description", "rule"])
-def test_dataset_description_is_changed_without_a_run(api, key):
-    name = api.dataset(**{key: "old"})
-    assert api.json(f"/datasets/{name}")[key] == "old"
+@pytest.mark.parametrize(
+    ("key", "old", "new"),
+    [("description", "old", "new"), ("rule", "old", "new"), ("coached", True, False)],
+)
+def test_dataset_description_is_changed_without_a_run(api, key, old, new):
+    name = api.dataset(**{key: old})
+    assert api.json(f"/datasets/{name}")[key] == old
 
-    answer = api.http.patch(f"{BASE}/datasets/{name}", json={key: "new"})
+    answer = api.http.patch(f"{BASE}/datasets/{name}", json={key: new})
 
-    assert (answer.status_code, answer.json()[key]) == (200, "new")
-    assert api.json(f"/datasets/{name}")[key] == "new"
+    assert (answer.status_code, answer.json()[key]) == (200, new)
+    assert api.json(f"/datasets/{name}")[key] == new
 
 
 def test_description_of_a_recording_is_kept_and_replaced_without_a_run(api):

@@ -45,9 +45,11 @@ def test_home_of_a_dataset_reports_its_ghosts_and_starts_the_review(scene, user)
     expect(page.locator("[data-view=queue]")).to_be_visible()
 
 
-def test_slider_shows_all_boxes_before_and_the_kept_ones_after(scene, user):
-    page = user.open(f"#/datasets/{scene.dataset}")
-    page.get_by_role("link", name="run/000001").click()
+def test_slider_of_any_frame_is_a_link_that_a_guest_can_open(
+    scene, user, open_window, http
+):
+    page = user.open(scene.link())
+    page.get_by_role("link", name="Before and after").click()
     expect(page).to_have_url(re.compile(r"/compare$"))
     before = page.locator("#compare-before rect")
     expect(page.locator(".compare__box--raw")).to_have_count(4)
@@ -60,6 +62,18 @@ def test_slider_shows_all_boxes_before_and_the_kept_ones_after(scene, user):
     expect(before).to_have_attribute("width", "640")
     expect(page.get_by_text("Before: 4 boxes")).to_be_visible()
 
+    page.context.grant_permissions(["clipboard-read", "clipboard-write"])
+    page.get_by_role("button", name="Copy link").click()
+    expect(page.get_by_role("button", name="Copied")).to_be_visible()
+    link = page.evaluate("navigator.clipboard.readText()")
+    token = http.post("/tokens", json={"name": "guest", "role": "viewer"}).json()
+    guest = open_window(sign_in=False).page
+    guest.goto(link)
+    guest.get_by_label("Token or login link").fill(token["token"])
+    guest.get_by_role("button", name="Sign in").click()
+    expect(guest.locator(".compare__box--kept")).to_have_count(2)
+    expect(guest.locator(".tabs [aria-current]")).to_have_text("Frames")
+
 
 def test_home_of_a_dataset_shows_frames_while_they_come_in(http, make_scene, user):
     scene = make_scene(boxes=[])
@@ -69,3 +83,13 @@ def test_home_of_a_dataset_shows_frames_while_they_come_in(http, make_scene, use
     scene.push("run/000002")
 
     expect(page.get_by_role("link", name="run/000002")).to_be_visible()
+
+    user.open(f"#/datasets/{scene.dataset}/frames")
+    shown = page.locator("a.thumb")
+    expect(shown).to_have_count(2)
+    page.evaluate("document.querySelector('a.thumb').dataset.seen = 'before'")
+    scene.push("run/000000")
+    expect(shown).to_have_count(3)
+    expect(shown.nth(0)).to_have_attribute("data-seen", "before")
+    expect(shown.nth(2)).to_contain_text("run/000000")
+    expect(page.locator(".page__count")).to_have_text("3 frames")

@@ -138,3 +138,34 @@ def test_address_of_the_queue_names_its_box_and_opens_at_it(hidden, user):
 
     expect(page.locator(".stage")).to_have_attribute("data-box", second)
     expect(page.locator(".strip-list__box")).to_have_count(2)
+
+
+def test_lesson_says_after_each_answer_whether_it_was_right_and_why(
+    make_scene, user, http
+):
+    scene = make_scene(boxes=[], config={"evidence": "auto"})
+    at = f"/datasets/{scene.dataset}"
+    http.patch(at, json={"coached": True}).raise_for_status()
+    http.put(f"{at}/frames/lesson", files=sensors.lesson()).raise_for_status()
+    page = user.open(f"#{at}/queue")
+    coach = page.locator(".coach")
+    expect(coach).to_contain_text("Box 1 of 5 to learn by.")
+    expect(page.get_by_text("hidden until you have answered")).to_be_visible()
+
+    user.press("a")
+    expect(coach).to_contain_text("Right, keep it: 8\u2009000 pixels of this car")
+    page.get_by_role("button", name="Next box").click()
+    user.press("x")
+    expect(coach).to_contain_text("Right, a ghost: none of the 8\u2009000 pixels")
+    user.press("x")  # the same answer again goes on
+    expect(coach).to_contain_text("Box 3 of 5 to learn by.")
+    user.press("x")
+    expect(coach).to_contain_text("Keep it: 800 pixels of this car")
+    assert findings(page) == []
+
+    page.reload()
+    expect(coach).to_contain_text("Keep it: 800 pixels of this car")
+    user.press("j")
+    expect(coach).to_contain_text("Box 4 of 5 to learn by.")
+    page.get_by_role("button", name="Skip the lesson").click()
+    expect(coach).to_be_hidden()

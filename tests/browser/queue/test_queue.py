@@ -348,6 +348,11 @@ def test_end_of_queue_shows_summary_and_next_steps(scene, user):
     expect(page.locator(".notice")).to_contain_text("You answered 4 boxes")
     user.wait_until_saved()
     assert len(answers(scene)) == 4
+    scene.push("run/000002")  # the queue goes on with what has come since
+    expect(page.locator(".inspector__head")).to_contain_text("car hidden")
+    user.press("x", "x", "x", "x")
+    expect(page.locator(".notice")).to_contain_text("You answered 8 boxes")
+    user.wait_until_saved()
     page.get_by_role("link", name="Audit the answers").click()
     expect(page.locator(".notice")).to_contain_text("nobody audits himself")
     for name in ("ghost", "real"):

@@ -22,6 +22,7 @@ function queueOf(count) {
   };
   const boxes = new Map();
   const app = /** @type {any} */ ({
+    prefs: createValue({ lessons: true }),
     sender: { state: createValue({ waiting: new Map(), waitingInBulk: new Set() }) },
     boxes: {
       receive: (/** @type {any[]} */ items) => items.map((box) => (boxes.set(box.box_id, box), box.box_id)),

@@ -89,6 +89,7 @@ CALLS: Mapping[str, tuple[str, Callable[[Any], Any]]] = {
     ),
     "delete_dataset": ("DELETE /datasets/{dataset}", lambda c: c.delete_dataset("a")),
     "stats": ("GET /datasets/{dataset}/stats", lambda c: c.stats("town")),
+    "coached": ("GET /datasets/{dataset}/coached", lambda c: c.coached("town")),
     "report": ("GET /datasets/{dataset}/report", lambda c: c.report("town")),
     "histogram": (
         "GET /datasets/{dataset}/histogram",
