@@ -7,10 +7,12 @@ RUN python -m pip wheel --no-cache-dir --no-deps --wheel-dir /wheels .
 FROM python:3.12-slim
 LABEL org.opencontainers.image.title="Unghost" \
       org.opencontainers.image.licenses="Apache-2.0"
-# For PostgreSQL, S3 and a cluster of workers, build with --build-arg EXTRAS="[cluster,postgres,s3]".
-ARG EXTRAS=""
+# For PostgreSQL, S3 and a cluster of workers, build with --build-arg LOCK=requirements-cluster.lock.
+ARG LOCK=requirements.lock
+COPY requirements*.lock /locks/
 COPY --from=build /wheels /wheels
-RUN python -m pip install --no-cache-dir "$(ls /wheels/*.whl)$EXTRAS" && rm -r /wheels \
+RUN python -m pip install --no-cache-dir --require-hashes --requirement "/locks/$LOCK" \
+    && python -m pip install --no-cache-dir --no-deps /wheels/*.whl && rm -r /locks /wheels \
     && useradd --system --uid 10001 --home-dir /data unghost \
     && install --directory --owner unghost --mode 700 /data
 USER unghost

@@ -2,7 +2,7 @@
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
 .DELETE_ON_ERROR:
-.PHONY: help demo serve setup test test-postgres test-long check fmt lint types imports js unit browser bench experiment readers migrate docs screenshots clean
+.PHONY: help demo serve setup test test-postgres test-long check fmt lint types imports js unit browser bench experiment readers lock migrate docs screenshots clean
 
 VENV ?= .venv
 BIN := $(VENV)/bin
@@ -108,6 +108,19 @@ $(VENV)/.readers: | $(DEVELOPMENT)
 	$(VENV)/readers/bin/pip install --quiet ultralytics supervision datumaro label-studio-sdk fiftyone
 	@touch $@
 
+lock: $(VENV)/.uv ## Lock the newest versions of other packages, with their hashes (CONTRIBUTING.md)
+	$(LOCK) --output-file requirements.lock
+	$(LOCK) --constraint requirements.lock --output-file requirements-cluster.lock \
+		--extra cluster --extra parquet --extra postgres --extra s3
+
+LOCK := $(VENV)/uv/bin/uv pip compile pyproject.toml --quiet --upgrade --universal --python-version 3.10 \
+	--generate-hashes --no-emit-index-url --no-annotate --custom-compile-command "make lock"
+
+$(VENV)/.uv: | $(VENV)/pyvenv.cfg
+	$(BIN)/python -m venv $(VENV)/uv
+	$(VENV)/uv/bin/pip install --quiet uv
+	@touch $@
+
 migrate: $(PROGRAM) ## Bring the data folder's database to the newest schema
 	$(BIN)/python -m tools.migrate
 
@@ -131,9 +144,10 @@ $(SYSTEM): $(DEVELOPMENT) tools/ensure_programs.py
 $(VENV)/pyvenv.cfg:
 	@sh tools/make_venv.sh $(VENV)
 
-$(PROGRAM): pyproject.toml setup.py | $(VENV)/pyvenv.cfg
+$(PROGRAM): pyproject.toml setup.py requirements.lock | $(VENV)/pyvenv.cfg
 	@echo "Installing Unghost into $(VENV) (the first time takes a minute) ..."
-	@$(PIP) install --editable .
+	@$(PIP) install --require-hashes --requirement requirements.lock
+	@$(PIP) install --no-deps --editable .
 	@touch $@
 
 # A recent pip chooses versions faster. Modules are not compiled here: most are never imported,

@@ -3,10 +3,14 @@
 `static/` and `migrations/` lie at the top of the repository, where people look for
 them. In a wheel they live inside the package, as `app/_static` and `app/_migrations`,
 so that they cannot collide with other projects; `app.package` finds them in either.
+
+Two builds of a commit give the same bytes: SOURCE_DATE_EPOCH sets the times of the
+files, and their modes are the same whatever the umask of who builds.
 """
 
 from __future__ import annotations
 
+import os
 import shutil
 from pathlib import Path
 
@@ -30,6 +34,9 @@ class BuildWithResources(build_py):
             target = Path(self.build_lib, "app", inside)
             shutil.rmtree(target, ignore_errors=True)
             shutil.copytree(source, target, ignore=NOT_SHIPPED)
+        for path in Path(self.build_lib).rglob("*"):
+            path.chmod(0o755 if path.is_dir() else 0o644)
 
 
+os.umask(0o022)
 setup(cmdclass={"build_py": BuildWithResources})

@@ -6,11 +6,14 @@ import ast
 import re
 import sys
 from importlib import metadata
+from itertools import product
 
 import pytest
 from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
 from packaging.version import Version
 
+from tests.support.documents import read
 from tests.support.sources import PRODUCT, python_sources
 from tests.support.syntax import facts
 
@@ -24,7 +27,7 @@ MODULE_OF = {
 LOWEST_VERSIONS = {
     "defusedxml": "0.7.1",
     "h11": "0.16",  # malformed chunks
-    "python-multipart": "0.0.34",  # endless headers of parts
+    "python-multipart": "0.0.31",  # endless headers of parts
     "starlette": "0.49.1",  # very many ranges
 }
 EXTRAS = ("parquet", "postgres", "s3", "cluster", "carla", "train")
@@ -73,6 +76,50 @@ def test_every_import_is_declared():
 
 def test_every_declared_package_is_used():
     assert declared() - imported() - NOT_IMPORTED == set()
+
+
+PYTHONS = ("3.10", "3.11", "3.12", "3.13", "3.14")
+PLATFORMS = ("linux", "darwin", "win32")
+
+
+@pytest.mark.parametrize(
+    ("lock", "extras"),
+    [
+        ("requirements.lock", ()),
+        ("requirements-cluster.lock", ("cluster", "parquet", "postgres", "s3")),
+    ],
+)
+def test_lock_has_one_allowed_version_of_each_declared_package(lock, extras):
+    project = pytest.importorskip("tomllib").loads(read("pyproject.toml"))["project"]
+    declared = [*project["dependencies"]]
+    for extra in extras:
+        declared += project["optional-dependencies"][extra]
+    pinned = [Requirement(one) for one in re.findall(r"^(\w.*?) \\$", read(lock), re.M)]
+
+    for python, platform in product(PYTHONS, PLATFORMS):
+        machine = {
+            "python_version": python,
+            "python_full_version": f"{python}.9",
+            "sys_platform": platform,
+            "platform_machine": "x86_64",
+        }
+        chosen = {
+            canonicalize_name(one.name): next(iter(one.specifier)).version
+            for one in pinned
+            if one.marker is None or one.marker.evaluate(machine)
+        }
+        for one in map(Requirement, declared):
+            if one.marker is None or one.marker.evaluate(machine):
+                assert chosen[canonicalize_name(one.name)] in one.specifier
+
+
+def test_locks_have_a_hash_for_each_package_and_name_no_server():
+    for lock in ("requirements.lock", "requirements-cluster.lock"):
+        packages = re.split(r"\n(?=\w)", read(lock).partition("\n")[2])[1:]
+
+        assert len(packages) > 50
+        assert [one for one in packages if "--hash=sha256:" not in one] == []
+        assert "://" not in read(lock)
 
 
 @pytest.mark.parametrize("name", LOWEST_VERSIONS)

@@ -1,14 +1,12 @@
 """ARCHITECTURE.md agrees with the code where a program can compare them.
 
-That is: files, names, steps of walks, imports and figures.
+That is: files, names, steps of walks and imports.
 """
 
 from __future__ import annotations
 
 import ast
 import re
-from collections import Counter
-from collections.abc import Container
 from functools import cache
 from pathlib import PurePosixPath
 
@@ -23,14 +21,7 @@ from app.jobs.leases import LEASE_LASTS, RENEW_EVERY_S, WATCHDOG_EVERY_S
 from app.runs.measure import COMMIT_EVERY_S
 from app.settings import Settings
 from tests.support.documents import names_in_rows
-from tests.support.sources import (
-    CHECKOUT,
-    PRODUCT,
-    Source,
-    page_sources,
-    python_sources,
-)
-from tests.support.syntax import facts
+from tests.support.sources import CHECKOUT, page_sources, python_sources
 
 TEXT = (CHECKOUT / "ARCHITECTURE.md").read_text("utf-8")
 WORDS = " ".join(TEXT.split())
@@ -185,9 +176,9 @@ def named_modules(text: str) -> list[str]:
 
 
 def test_every_step_of_a_walk_names_a_module_that_exists():
-    required = {"An upload", "An answer", "A threshold", "A run", "An export"}
+    required = {"A request", "An upload", "An answer", "A threshold", "A run"}
 
-    assert {heading for heading, _ in walks()} >= required | {"A command"}
+    assert {heading for heading, _ in walks()} >= required
     assert [step for _, step in walks() if not named_modules(step)] == []
 
 
@@ -217,65 +208,6 @@ def test_commands_that_import_the_service_match_the_import_contract():
 def test_figures_in_sentences_match_the_code(sentence, figure, expected):
     assert sentence in WORDS
     assert figure == expected
-
-
-def figures_now() -> dict[str, str]:
-    """The column "now" of the table of figures."""
-    table = TEXT.partition("\n## Figures\n")[2]
-    rows = re.findall(r"^\| (.+?) \| .+? \| (.+?) \| .+? \|$", table, re.MULTILINE)
-    return {name: now.replace(",", "") for name, now in rows}
-
-
-def modules_imported_by(source: Source, modules: Container[str]) -> set[str]:
-    """Which of these modules a module imports."""
-    names = set()
-    for node in facts(source).imports:
-        if isinstance(node, ast.Import):
-            names |= {alias.name for alias in node.names}
-        else:
-            parts = {f"{node.module}.{alias.name}" for alias in node.names}
-            names |= {one if one in modules else f"{node.module}" for one in parts}
-    return {name for name in names if name in modules}
-
-
-def test_table_of_figures_counts_the_code():
-    product = python_sources(*PRODUCT)
-    texts = [source.text for source in product]
-    scripts = [one for one in page_sources() if one.name.startswith("static/js/")]
-    now = figures_now()
-
-    assert int(now["Python files"]) == len(product)
-    lines = sum(text.count("\n") for text in texts)
-    assert int(now["lines of Python"]) == pytest.approx(lines, rel=0.003)
-    assert int(now["`Any`"]) == len(re.findall(r"\bAny\b", "\n".join(texts)))
-    assert int(now["files of the page's scripts"]) == len(scripts)
-    in_app = sum(source.name.startswith("app/") for source in product)
-    assert f"{in_app} of the Python files are in `app`" in WORDS
-
-
-def test_table_of_figures_counts_small_modules_with_one_importer():
-    product = python_sources(*PRODUCT)
-    modules = {
-        source.name.removesuffix(".py").removesuffix("/__init__").replace("/", "."): (
-            source
-        )
-        for source in product
-    }
-    importers = Counter(
-        imported
-        for source in product
-        for imported in modules_imported_by(source, modules)
-    )
-    small = [
-        name
-        for name, source in modules.items()
-        if importers[name] == 1
-        and source.text.count("\n") < 80
-        and not source.name.endswith(("__init__.py", "__main__.py"))
-    ]
-
-    named = "modules of under 80 lines that one other module imports"
-    assert int(figures_now()[named]) == len(small)
 
 
 def test_table_of_stored_data_has_every_table_of_the_database_once():

@@ -7,15 +7,18 @@ comes from the wheel and from nowhere else.
 from __future__ import annotations
 
 import shutil
-import subprocess
-import sys
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
-from tests.support.installation import Installation, install, install_lowest
+from tests.support.installation import (
+    Installation,
+    build_distributions,
+    install,
+    install_lowest,
+)
 from tests.support.sources import CHECKOUT
 
 # Tests that run meanwhile write and remove files in some of these.
@@ -30,8 +33,7 @@ def distributions(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with the sdist, and the wheel that was built from that sdist."""
     source = tmp_path_factory.mktemp("source") / "unghost"
     shutil.copytree(CHECKOUT, source, ignore=NOT_SOURCE)
-    build = [sys.executable, "-m", "build", "--no-isolation", "--skip-dependency-check"]
-    subprocess.run(build, cwd=source, check=True, capture_output=True, text=True)
+    build_distributions(source)
     return source / "dist"
 
 

@@ -152,13 +152,13 @@ def test_services_and_workers_share_database_storage_and_engine():
     assert len(of_each) == 1
 
 
-def test_image_installs_the_extras_that_the_cluster_needs():
+def test_image_installs_the_locked_packages_that_the_cluster_needs():
     last = parse_dockerfile((CHECKOUT / "Dockerfile").read_text("utf-8"))[-1]
 
-    assert last.all("ARG") == ['EXTRAS=""']
-    assert '"$(ls /wheels/*.whl)$EXTRAS"' in last.all("RUN")[0]
-    assert {SERVICES[name]["build"]["args"]["EXTRAS"] for name in OWN_SERVICES} == {
-        "[cluster,postgres,s3]"
+    assert last.all("ARG") == ["LOCK=requirements.lock"]
+    assert '--require-hashes --requirement "/locks/$LOCK"' in last.all("RUN")[0]
+    assert {SERVICES[name]["build"]["args"]["LOCK"] for name in OWN_SERVICES} == {
+        "requirements-cluster.lock"
     }
 
 

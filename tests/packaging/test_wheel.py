@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.support.installation import Installation
+from tests.support.installation import Installation, build_distributions
 from tests.support.sources import CHECKOUT
 
 
@@ -69,6 +69,23 @@ def test_the_sdist_has_what_the_wheel_is_built_from(distributions: Path):
     assert {"LICENSE", "README.md", "pyproject.toml", "setup.py"} <= names
     assert {f"static/{name}" for name in expected_files("static", "*")} <= names
     assert {f"migrations/{name}" for name in expected_files("migrations", "*")} <= names
+
+
+def test_another_build_gives_the_same_wheel(
+    distributions: Path, wheel: Path, tmp_path: Path
+):
+    (archive,) = distributions.glob("unghost-*.tar.gz")
+    with tarfile.open(archive) as sdist:
+        sdist.extractall(tmp_path, filter="data")
+    (source,) = tmp_path.iterdir()
+    for path in source.rglob("*.py"):
+        path.chmod(0o600)  # as a checkout has them for who keeps files private
+
+    build_distributions(source, "--wheel", umask=0o077)
+
+    (again,) = (source / "dist").iterdir()
+    assert again.name == wheel.name
+    assert again.read_bytes() == wheel.read_bytes()
 
 
 def test_installed_command_prints_its_help(installation: Installation):

@@ -1,7 +1,8 @@
-"""Installs the built wheel into an environment apart from this checkout."""
+"""Builds the wheel, and installs it into an environment apart from this checkout."""
 
 from __future__ import annotations
 
+import os
 import re
 import subprocess
 import sys
@@ -33,6 +34,22 @@ class Installation:
     def command(self, name: str) -> Path:
         """The path of an installed console script."""
         return self.python.with_name(name)
+
+
+def build_distributions(source: Path, *options: str, umask: int = -1) -> None:
+    """Build in the folder `source`, as a release is built; into its folder `dist`."""
+    subprocess.run(
+        [
+            *(sys.executable, "-m", "build"),
+            *("--no-isolation", "--skip-dependency-check", *options),
+        ],
+        cwd=source,
+        env={**os.environ, "SOURCE_DATE_EPOCH": "1790000000"},
+        umask=umask,
+        check=True,
+        capture_output=True,
+        text=True,
+    )
 
 
 def install(wheel: Path, folder: Path) -> Installation:
