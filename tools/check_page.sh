@@ -30,6 +30,11 @@ echo "The page's JavaScript: $(echo "$report" | sed -n 's/^[#ℹ] pass //p') tes
 command -v npm >/dev/null 2>&1 || skipped "npm is not installed" "types"
 fetched
 npm run --silent types
+if ! report=$(npm run --silent formatted 2>&1); then
+    echo "$report"
+    echo "static/js is not formatted: cd tests/js && npm run format"
+    exit 1
+fi
 cd ../../tools/page_types
 fetched
 if ! report=$(npm run --silent check 2>&1); then

@@ -5,7 +5,7 @@
 /** @typedef {import("../core/openapi.js").Review["verdict"]} Answer  a person's answer; clear removes it */
 /** @typedef {{verdict: Answer, comment: string}} AnswerWithComment */
 /**
- * @typedef {StoredDecision["verdict"] | "withheld"} Verdict  the filter's verdict; withheld: hidden until the person has
+ * @typedef {StoredDecision["verdict"] | "withheld"} Verdict the filter's verdict; withheld: hidden until the person has
  *   answered, on this page only
  */
 /**
@@ -25,8 +25,11 @@ export function answerOf(box) {
  * The answer in force, in the form in which one is given; clear if there is none.
  * @param {Decision} box @returns {AnswerWithComment & {boxId: number}}
  */
-export const currentAnswer = ({ box_id, review }) =>
-  ({ boxId: box_id, verdict: review?.verdict ?? "clear", comment: review?.comment ?? "" });
+export const currentAnswer = ({ box_id, review }) => ({
+  boxId: box_id,
+  verdict: review?.verdict ?? "clear",
+  comment: review?.comment ?? "",
+});
 
 /** @param {Decision} box */
 export const isUnanswered = (box) => answerOf(box) === null;

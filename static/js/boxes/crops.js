@@ -1,5 +1,6 @@
 // @ts-check
-// Crops of boxes: fetched a few at a time, cached, and drawn in a square. Used by the grid, the queue's strip and the flips.
+// Crops of boxes: fetched a few at a time, cached, and drawn in a square. Used by the grid, the queue's strip and the
+// flips.
 
 import { ApiError, blob, pictureUrl } from "../core/api.js";
 import { useRetries, useRetryOnline } from "../core/hooks.js";
@@ -20,7 +21,10 @@ const KEPT = 800;
  * @param {(url: string, signal: AbortSignal) => Promise<Crop>} fetchCrop
  * @param {{onError?: (error: unknown) => void, discard?: (crop: Crop) => void, parallel?: number, kept?: number}} [how]
  */
-export function createCrops(fetchCrop, { onError = () => {}, discard = () => {}, parallel = PARALLEL, kept = KEPT } = {}) {
+export function createCrops(
+  fetchCrop,
+  { onError = () => {}, discard = () => {}, parallel = PARALLEL, kept = KEPT } = {},
+) {
   /** Oldest use first. @type {Map<string, Crop>} */
   const have = new Map();
   /** @type {Set<Wish>} */
@@ -85,7 +89,11 @@ export function createCrops(fetchCrop, { onError = () => {}, discard = () => {},
     /** The crop if it is here. @param {string} url */
     ready: (url) => have.get(url) ?? null,
 
-    /** Request a crop. Returns a function to be called when the crop is no longer needed. @param {string} url @param {(answer: CropAnswer) => void} tell */
+    /**
+     * Request a crop. Returns a function to be called when the crop is no longer needed.
+     * @param {string} url
+     * @param {(answer: CropAnswer) => void} tell
+     */
     want(url, tell) {
       use(url, 1);
       const wish = { url, tell };
@@ -117,8 +125,17 @@ export function createCrops(fetchCrop, { onError = () => {}, discard = () => {},
 
 /** @typedef {ReturnType<typeof createCrops>} Crops */
 
-/** @param {number} boxId @param {Xyxy} xyxy  which another run may have measured otherwise @param {{pad: number, height: number}} how */
-const cropUrl = (boxId, xyxy, how) => pictureUrl("/api/v1/boxes/{box_id}/crop", { path: { box_id: boxId }, query: how }, `-${xyxy.map(Math.round).join("-")}`);
+/**
+ * @param {number} boxId
+ * @param {Xyxy} xyxy which another run may have measured otherwise
+ * @param {{pad: number, height: number}} how
+ */
+const cropUrl = (boxId, xyxy, how) =>
+  pictureUrl(
+    "/api/v1/boxes/{box_id}/crop",
+    { path: { box_id: boxId }, query: how },
+    `-${xyxy.map(Math.round).join("-")}`,
+  );
 
 /** @typedef {{width: number, height: number}} Size */
 /** @typedef {{left: number, top: number, width: number, height: number}} Place  px in the cell */
@@ -138,7 +155,13 @@ function squareAround([x0, y0, x1, y1]) {
   return { x: (x0 + x1 - side) / 2, y: (y0 + y1 - side) / 2, side };
 }
 
-/** What to ask the server for: enough around the box to fill the square. @param {Xyxy} xyxy @param {number} cell css px @param {number} density device px per css px @returns {{pad: number, height: number}} */
+/**
+ * What to ask the server for: enough around the box to fill the square.
+ * @param {Xyxy} xyxy
+ * @param {number} cell css px
+ * @param {number} density device px per css px
+ * @returns {{pad: number, height: number}}
+ */
 export function cropRequest(xyxy, cell, density) {
   const [x0, y0, x1, y1] = xyxy;
   const long = Math.max(x1 - x0, y1 - y0, 1);
@@ -151,7 +174,11 @@ export function cropRequest(xyxy, cell, density) {
   return { pad: Math.round(pad * 100) / 100, height };
 }
 
-/** The part of the image that the server cuts out, as long as the image goes on. @param {Xyxy} xyxy @param {number} pad */
+/**
+ * The part of the image that the server cuts out, as long as the image goes on.
+ * @param {Xyxy} xyxy
+ * @param {number} pad
+ */
 function windowOf([x0, y0, x1, y1], pad) {
   const margin = pad * Math.max(x1 - x0, y1 - y0, 1);
   return {
@@ -191,8 +218,20 @@ export function boxIn(xyxy, cell) {
   return boxPlace(x0 - x, y0 - y, x1 - x0, y1 - y0, cell / side);
 }
 
-/** @param {number} left @param {number} top @param {number} width @param {number} height @param {number} scale @returns {Place} */
-const boxPlace = (left, top, width, height, scale) => ({ left: left * scale, top: top * scale, width: width * scale, height: height * scale });
+/**
+ * @param {number} left
+ * @param {number} top
+ * @param {number} width
+ * @param {number} height
+ * @param {number} scale
+ * @returns {Place}
+ */
+const boxPlace = (left, top, width, height, scale) => ({
+  left: left * scale,
+  top: top * scale,
+  width: width * scale,
+  height: height * scale,
+});
 
 /** @typedef {{left: number, top: number, right: number, bottom: number}} Window */
 
@@ -204,7 +243,11 @@ const boxPlace = (left, top, width, height, scale) => ({ left: left * scale, top
 function clipped(asked, natural, frame) {
   const shape = natural.width / natural.height;
   if (frame) {
-    const inside = { ...asked, right: Math.min(asked.right, frame.width), bottom: Math.min(asked.bottom, frame.height) };
+    const inside = {
+      ...asked,
+      right: Math.min(asked.right, frame.width),
+      bottom: Math.min(asked.bottom, frame.height),
+    };
     if (isLike(shapeOf(inside), shape, natural)) return inside;
   }
   if (isLike(shapeOf(asked), shape, natural)) return asked;
@@ -215,7 +258,12 @@ function clipped(asked, natural, frame) {
 /** @param {Window} window */
 const shapeOf = ({ left, top, right, bottom }) => (right - left) / Math.max(1, bottom - top);
 
-/** Equal but for the rounding of either side to whole pixels. @param {number} a @param {number} b @param {Size} natural */
+/**
+ * Equal but for the rounding of either side to whole pixels.
+ * @param {number} a
+ * @param {number} b
+ * @param {Size} natural
+ */
 const isLike = (a, b, { width, height }) => Math.abs(a / b - 1) <= 1.5 / Math.min(width, height);
 
 /** Of the whole page. */
@@ -232,7 +280,11 @@ async function load(address, signal) {
 
 /** @typedef {{url: string, state: "waiting" | "shown" | "none" | "failed", crop: Crop | null}} SeenCrop */
 
-/** A crop, requested while its cell is on the page, and again after a failure that may pass. @param {string} url @returns {SeenCrop} */
+/**
+ * A crop, requested while its cell is on the page, and again after a failure that may pass.
+ * @param {string} url
+ * @returns {SeenCrop}
+ */
 export function useCrop(url) {
   const [seen, setSeen] = useState(/** @type {(CropAnswer & {url: string}) | null} */ (null));
   const [attempt, setAttempt] = useState(0);
@@ -253,14 +305,19 @@ const NEAR = "400px";
 function useNear(place) {
   const [isNear, setNear] = useState(false);
   useEffect(() => {
-    const watcher = new IntersectionObserver((entries) => setNear(entries.at(-1)?.isIntersecting ?? false), { rootMargin: NEAR });
+    const watcher = new IntersectionObserver((entries) => setNear(entries.at(-1)?.isIntersecting ?? false), {
+      rootMargin: NEAR,
+    });
     if (place.current) watcher.observe(place.current);
     return () => watcher.disconnect();
   }, []);
   return isNear;
 }
 
-/** A picture that is requested when it comes near the visible part, and given up when it leaves. @param {{url: string}} props */
+/**
+ * A picture that is requested when it comes near the visible part, and given up when it leaves.
+ * @param {{url: string}} props
+ */
 export function NearPicture({ url }) {
   const place = useRef(/** @type {HTMLImageElement | null} */ (null));
   const { crop } = useCrop(useNear(place) ? url : "");
@@ -276,12 +333,20 @@ const lookedAt = new Set();
 /** How many of these boxes had their picture on the screen. @param {readonly number[]} ids */
 export const countLookedAt = (ids) => ids.filter((id) => lookedAt.has(id)).length;
 
-/** Note that a box is looked at when its picture is on the screen. @param {number} boxId @param {Crop | null} crop @param {number} size */
+/**
+ * Note that a box is looked at when its picture is on the screen.
+ * @param {number} boxId
+ * @param {Crop | null} crop
+ * @param {number} size
+ */
 function useLook(boxId, crop, size) {
   const picture = useRef(/** @type {HTMLImageElement | null} */ (null));
   useEffect(() => {
     if (!picture.current || lookedAt.has(boxId) || size < LEAST_LOOKED_PX) return;
-    const watcher = new IntersectionObserver((entries) => entries.some(({ isIntersecting }) => isIntersecting) && lookedAt.add(boxId), { threshold: 0.5 });
+    const watcher = new IntersectionObserver(
+      (entries) => entries.some(({ isIntersecting }) => isIntersecting) && lookedAt.add(boxId),
+      { threshold: 0.5 },
+    );
     watcher.observe(picture.current);
     return () => watcher.disconnect();
   }, [boxId, crop, size]);
@@ -303,21 +368,37 @@ export function Picture({ box, size, frameSize }) {
     [crop, size, frameSize, ask?.pad, box_id],
   );
   const picture = useLook(box_id, crop, size);
-  if (!xyxy) return html`<div class="cell__none"><${Icon} name="image" /><span>${box.reason === "outside_image" ? "outside" : "no area"}</span></div>`;
-  const outline = html`<span class="cell__box cell__box--${box.effective_verdict}" style=${shareOf(places?.box ?? boxIn(xyxy, size), size)} />`;
-  if (!places || !crop) return html`<div class="cell__none cell__none--low ${state === "waiting" ? "shimmer" : ""}">${state === "waiting" ? "" : state === "failed" ? "not loaded" : "no picture"}</div>${outline}`;
-  return html`<img ref=${picture} class="cell__image" src=${crop.src} alt="" draggable=${false} style=${shareOf(places.picture, size)} />${outline}`;
+  if (!xyxy)
+    return html`<div
+      class="cell__none"><${Icon} name="image" /><span>${box.reason === "outside_image" ? "outside" : "no area"}</span>
+    </div>`;
+  const outline = html`<span class="cell__box cell__box--${box.effective_verdict}"
+    style=${shareOf(places?.box ?? boxIn(xyxy, size), size)} />`;
+  if (!places || !crop)
+    return html`<div
+      class="cell__none cell__none--low ${state === "waiting" ? "shimmer" : ""}">
+      ${state === "waiting" ? "" : state === "failed" ? "not loaded" : "no picture"}</div>${outline}`;
+  return html`<img ref=${picture} class="cell__image" src=${crop.src} alt="" draggable=${false}
+    style=${shareOf(places.picture, size)} />${outline}`;
 }
 
-/** A place as share of the square, which may be drawn a little larger or smaller. @param {Place} place @param {number} size */
+/**
+ * A place as share of the square, which may be drawn a little larger or smaller.
+ * @param {Place} place
+ * @param {number} size
+ */
 const shareOf = ({ left, top, width, height }, size) => {
   const percent = (/** @type {number} */ px) => `${(100 * px) / size}%`;
   return { left: percent(left), top: percent(top), width: percent(width), height: percent(height) };
 };
 
-/** A `Picture` that is requested when it comes near the visible part, and given up when it leaves. @param {{box: PicturedBox, size: number}} props */
+/**
+ * A `Picture` that is requested when it comes near the visible part, and given up when it leaves.
+ * @param {{box: PicturedBox, size: number}} props
+ */
 export function NearBox({ box, size }) {
   const place = useRef(/** @type {HTMLSpanElement | null} */ (null));
   const isNear = useNear(place);
-  return html`<span class="nearbox" ref=${place}>${isNear && html`<${Picture} box=${box} size=${size} frameSize=${null} />`}</span>`;
+  return html`<span class="nearbox"
+    ref=${place}>${isNear && html`<${Picture} box=${box} size=${size} frameSize=${null} />`}</span>`;
 }

@@ -1,5 +1,6 @@
 // @ts-check
-// The controls of the filters that every list of boxes has: verdict, reason, class, review, and a button that clears them.
+// The controls of the filters that every list of boxes has: verdict, reason, class, review, and a button that clears
+// them.
 
 import { html } from "../core/html.js";
 import { Icon } from "../core/icons.js";
@@ -9,7 +10,9 @@ import { REASONS } from "./wording.js";
 
 /** @typedef {import("../core/router.js").Query} Query */
 /** @typedef {readonly {value: string, text: string}[]} Choices */
-/** @typedef {{label: string, any: string, choices: Choices}} Control  `any`: the text of the choice that filters nothing */
+/**
+ * @typedef {{label: string, any: string, choices: Choices}} Control `any`: the text of the choice that filters nothing
+ */
 /** @typedef {"verdict" | "reason" | "class" | "review" | "bin"} Key */
 
 /** @type {Choices} */
@@ -47,25 +50,31 @@ const CONTROLS = {
   bin: { label: "Doubt", any: "In doubt or not", choices: BINS },
 };
 
-/** The verdict as a row of buttons. @param {{query: Query, choices?: Choices, onChange: (query: Query) => void}} props */
+/**
+ * The verdict as a row of buttons.
+ * @param {{query: Query, choices?: Choices, onChange: (query: Query) => void}} props
+ */
 export function VerdictFilter({ query, choices = VERDICT_CHOICES, onChange }) {
-  return html`<${Segments} label="Verdict" value=${query.verdict ?? ""} choices=${[{ value: "", text: "All" }, ...choices]}
+  return html`<${Segments} label="Verdict" value=${query.verdict ?? ""}
+    choices=${[{ value: "", text: "All" }, ...choices]}
     onChange=${(/** @type {string} */ verdict) => onChange({ ...query, verdict })} />`;
 }
 
 /**
  * The filters as menus, then what the view adds, then a button that clears all.
- * @param {{query: Query, keys?: readonly Key[], own: Partial<Record<Key, Partial<Control>>>, onChange: (query: Query) => void,
+ * @param {{query: Query, keys?: readonly Key[], own: Partial<Record<Key, Partial<Control>>>, onChange: (query: Query)
+ *   => void,
  *   onClear?: (() => void) | null, children?: unknown}} props
- *   `own`: what differs in this view, such as the classes of its dataset; `onClear`: null while there is nothing to clear
+ * `own`: what differs in this view, such as the classes of its dataset; `onClear`: null while there is nothing to clear
  */
 export function FilterMenus({ query, keys = ["reason", "class", "review"], own, onChange, onClear = null, children }) {
   return html`${keys.map((key) => {
-      const { label, any, choices } = { ...CONTROLS[key], ...own[key] };
-      return html`<${Select} key=${key} label=${label} any=${any} value=${query[key] ?? ""} choices=${choices} onChange=${(/** @type {string} */ value) => onChange({ ...query, [key]: value })} />`;
-    })}
-    ${children}
-    ${onClear && html`<button class="button button--quiet" onClick=${onClear}><${Icon} name="cross" />Clear</button>`}`;
+    const { label, any, choices } = { ...CONTROLS[key], ...own[key] };
+    return html`<${Select} key=${key} label=${label} any=${any} value=${query[key] ?? ""} choices=${choices}
+      onChange=${(/** @type {string} */ value) => onChange({ ...query, [key]: value })} />`;
+  })}
+  ${children}
+  ${onClear && html`<button class="button button--quiet" onClick=${onClear}><${Icon} name="cross" />Clear</button>`}`;
 }
 
 const PLACES = {
@@ -94,14 +103,14 @@ export function PlaceFilters({ stats, query, onChange }) {
   const set = from || to ? `${from || 0}-${to}` : "";
   const bands = !set || BANDS.includes(set) ? BANDS : [...BANDS, set];
   return html`${PLACE_KEYS.map((key) => {
-      const names = Object.keys(stats?.[`by_${key}`] ?? {});
-      if (names.length < 2 && !query[key]) return null;
-      return html`<${Select} key=${key} ...${PLACES[key]} value=${query[key] ?? ""} choices=${classChoices(names)}
-        onChange=${(/** @type {string} */ name) => onChange({ ...query, [key]: name })} />`;
-    })}
-    <${Select} label="Distance" any="Any distance" value=${set} choices=${bands.map(choice)}
-      onChange=${(/** @type {string} */ band) => {
-        const [distance_min, distance_max] = parts(band);
-        onChange({ ...query, distance_min, distance_max });
-      }} />`;
+    const names = Object.keys(stats?.[`by_${key}`] ?? {});
+    if (names.length < 2 && !query[key]) return null;
+    return html`<${Select} key=${key} ...${PLACES[key]} value=${query[key] ?? ""} choices=${classChoices(names)}
+      onChange=${(/** @type {string} */ name) => onChange({ ...query, [key]: name })} />`;
+  })}
+  <${Select} label="Distance" any="Any distance" value=${set} choices=${bands.map(choice)}
+    onChange=${(/** @type {string} */ band) => {
+      const [distance_min, distance_max] = parts(band);
+      onChange({ ...query, distance_min, distance_max });
+    }} />`;
 }

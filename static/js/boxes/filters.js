@@ -9,7 +9,8 @@ import { answerOf, isUnanswered } from "./box.js";
 /** @typedef {import("../core/router.js").Query} Query */
 
 /**
- * The filters that live in the address; a list of frames and a frame share them. `verdict` is the one in force, as every
+ * The filters that live in the address; a list of frames and a frame share them. `verdict` is the one in force, as
+ * every
  * box is drawn: a person's, else the filter's. `by_filter` is the filter's, whatever people say.
  */
 export const FILTER_KEYS = /** @type {const} */ (["verdict", "by_filter", "reason", "class", "review"]);
@@ -86,7 +87,13 @@ export function neighbour(boxes, query, selected, step) {
   return search(boxes, selected, step, (box) => isShown(box, query));
 }
 
-/** The next shown box without an answer, continuing at the start after the end. @param {readonly Decision[]} boxes @param {Query} query @param {number | null} selected @returns {Decision | null} */
+/**
+ * The next shown box without an answer, continuing at the start after the end.
+ * @param {readonly Decision[]} boxes
+ * @param {Query} query
+ * @param {number | null} selected
+ * @returns {Decision | null}
+ */
 export function nextUnanswered(boxes, query, selected) {
   /** @param {Decision} box */
   const wanted = (box) => box.box_id !== selected && isUnanswered(box) && isShown(box, query);
@@ -107,7 +114,12 @@ function search(boxes, selected, step, wanted) {
   return null;
 }
 
-/** How many boxes have each value of a key, for the choices of a filter. @param {readonly Decision[]} boxes @param {"verdict" | "reason" | "class"} key @returns {Map<string, number>} */
+/**
+ * How many boxes have each value of a key, for the choices of a filter.
+ * @param {readonly Decision[]} boxes
+ * @param {"verdict" | "reason" | "class"} key
+ * @returns {Map<string, number>}
+ */
 export function countsBy(boxes, key) {
   /** @type {Map<string, number>} */
   const counts = new Map();
@@ -146,7 +158,11 @@ export const sortOf = (query) => SORTS.find(({ value }) => value === query.sort)
 const VERDICTS = /** @type {const} */ (["kept", "rejected", "unmeasured"]);
 const REVIEWS = /** @type {const} */ (["undecided", "decided", "keep", "reject", "unsure", "none", "any"]);
 
-/** The filters of an address as parameters of the API; invalid values are left out. @param {Query} query @returns {BoxSelection} */
+/**
+ * The filters of an address as parameters of the API; invalid values are left out.
+ * @param {Query} query
+ * @returns {BoxSelection}
+ */
 export function selectionOf(query) {
   /** @type {BoxSelection} */
   const found = {};
@@ -187,14 +203,24 @@ const without = (query, keys) => Object.fromEntries(Object.entries(query).filter
 /** @param {Query} query @returns {Query} without any filter; the order stays */
 export const withoutFilters = (query) => without(query, BOX_FILTER_KEYS);
 
-/** @param {Query} query @returns {Query} without the filters that a frame has; those of the grid alone stay for the way back */
+/**
+ * @param {Query} query
+ * @returns {Query} without the filters that a frame has; those of the grid alone stay for the way back
+ */
 export const withoutFrameFilters = (query) => without(query, FILTER_KEYS);
 
 const MOST = 50;
 
-/** The ids of single boxes that an address lists; invalid ones are left out. @param {Query} query @returns {number[]} */
+/**
+ * The ids of single boxes that an address lists; invalid ones are left out.
+ * @param {Query} query
+ * @returns {number[]}
+ */
 export function listedOf(query) {
-  const ids = (query.boxes ?? "").split(",").map(Number).filter((id) => Number.isSafeInteger(id) && id > 0);
+  const ids = (query.boxes ?? "")
+    .split(",")
+    .map(Number)
+    .filter((id) => Number.isSafeInteger(id) && id > 0);
   return [...new Set(ids)].slice(0, MOST);
 }
 

@@ -16,7 +16,8 @@ export const ANSWER_ICONS = { keep: "check", reject: "cross", unsure: "question"
 export function AnswerSign({ box, isWaiting }) {
   const answer = answerOf(box);
   if (!answer) return null;
-  return html`<span class="sign sign--${answer} ${isWaiting ? "is-waiting" : ""}" role="img" aria-label=${`answered ${answer}${isWaiting ? ", not saved yet" : ""}`}>
+  return html`<span class="sign sign--${answer} ${isWaiting ? "is-waiting" : ""}" role="img"
+    aria-label=${`answered ${answer}${isWaiting ? ", not saved yet" : ""}`}>
     <${Icon} name=${ANSWER_ICONS[answer]} />
   </span>`;
 }
@@ -24,13 +25,17 @@ export function AnswerSign({ box, isWaiting }) {
 /** @param {{verdict: string}} props */
 export function VerdictBadge({ verdict }) {
   const icon = { kept: "check", rejected: "cross", withheld: "blind" }[verdict] ?? "question";
-  return html`<span class="badge badge--${verdict}"><${Icon} name=${icon} />${verdict === "withheld" ? "hidden" : verdict}</span>`;
+  return html`<span
+    class="badge badge--${verdict}"><${Icon} name=${icon} />${verdict === "withheld" ? "hidden" : verdict}</span>`;
 }
 
 /** The swatch draws the stroke that the stage draws: solid, dashed, dotted. @param {{verdict: string}} props */
 export const StrokeSwatch = ({ verdict }) => html`<span class="stroke stroke--${verdict}" aria-hidden="true"></span>`;
 
-/** Kept, rejected and unmeasured as one bar, with the numbers for screen readers. @param {{counts: FrameCounts}} props */
+/**
+ * Kept, rejected and unmeasured as one bar, with the numbers for screen readers.
+ * @param {{counts: FrameCounts}} props
+ */
 export function VerdictBar({ counts }) {
   const { boxes, kept, rejected, unmeasured } = counts;
   const text = `${countText(kept)} kept, ${countText(rejected)} rejected, ${countText(unmeasured)} unmeasured`;
@@ -50,9 +55,13 @@ export function ReviewProgress({ counts }) {
   const left = counts.to_review ? countOf(counts.to_review, "needs review", "need review") : "nothing to review";
   return html`<div class="progress">
     <div class="progress__text">
-      <span>${countOf(counts.reviewed, "answer")}</span><span title="Boxes without keep or reject that the queue asks about: the filter may be wrong, and an eye can decide">${left}</span>
+      <span>${countOf(counts.reviewed, "answer")}</span>
+      <span
+        title="Boxes without keep or reject that the queue asks about: the filter may be wrong, and an eye can decide">
+        ${left}</span>
     </div>
-    <div class="progress__track" role="progressbar" aria-label="reviewed" aria-valuemin="0" aria-valuemax="100" aria-valuenow=${percent}>
+    <div class="progress__track" role="progressbar" aria-label="reviewed" aria-valuemin="0" aria-valuemax="100"
+      aria-valuenow=${percent}>
       <span class="progress__fill" style=${{ width: `${percent}%` }} />
     </div>
   </div>`;

@@ -10,7 +10,9 @@ import { asShown, seenRevision, withAnswer } from "./box.js";
 /** @typedef {import("./box.js").AnswerWithComment} AnswerWithComment */
 /** @typedef {import("./box.js").Decision} Decision */
 
-/** If more boxes than this have changed at the server, the grid reads its lists again, and frames are not loaded for it. */
+/**
+ * If more boxes than this have changed at the server, the grid reads its lists again, and frames are not loaded for it.
+ */
 const MOST_LOADED = 20;
 
 /** For how many answers the boxes are held. */
@@ -170,7 +172,9 @@ export function createBoxes(later) {
         } catch (error) {
           if (mayComeLater(error)) {
             toLoad.push([frameId, boxIds]); // after all others
-            await new Promise((done) => retries.wait(() => done(null), error instanceof ApiError ? error.retryAfterS : null));
+            await new Promise((done) =>
+              retries.wait(() => done(null), error instanceof ApiError ? error.retryAfterS : null),
+            );
             continue;
           }
         }
@@ -210,7 +214,8 @@ export function createBoxes(later) {
     },
 
     /**
-     * Remember boxes that were just answered, for the next 500 answers. An earlier response with such a box may still be
+     * Remember boxes that were just answered, for the next 500 answers. An earlier response with such a box may still
+     * be
      * on its way. When it comes, `receive` drops it, as its revision is lower. Otherwise the store might have forgotten
      * the revision.
      * @param {readonly number[]} ids

@@ -34,7 +34,8 @@ export const REASONS = {
 const WITHHELD = "hidden until you answer";
 
 /** @param {string} reason */
-export const reasonText = (reason) => (reason === "withheld" ? WITHHELD : (REASONS[reason] ?? reason.replaceAll("_", " ")));
+export const reasonText = (reason) =>
+  reason === "withheld" ? WITHHELD : (REASONS[reason] ?? reason.replaceAll("_", " "));
 
 /** @type {Record<Verdict, string>} the sign that goes with the colour */
 export const VERDICT_SIGN = { kept: "✓", rejected: "✕", unmeasured: "?", withheld: "•" };
@@ -43,16 +44,22 @@ export const VERDICT_SIGN = { kept: "✓", rejected: "✕", unmeasured: "?", wit
 export const ANSWER_TEXT = { keep: "keep", reject: "reject", unsure: "unsure", clear: "removed the answer" };
 
 /** "Car" or "Motorcycle + Rider". @param {Decision} box */
-export const acceptedText = (box) =>
-  box.accepted_tags?.map(({ name }) => name).join(" + ") || box.class;
+export const acceptedText = (box) => box.accepted_tags?.map(({ name }) => name).join(" + ") || box.class;
 
-/** Whether no channel decided the box: the share of matching pixels did, or nothing was measured. @param {Decision} box */
+/**
+ * Whether no channel decided the box: the share of matching pixels did, or nothing was measured.
+ * @param {Decision} box
+ */
 export const isByShare = ({ evidence }) => !evidence || evidence === "semantic";
 
 /** The share of matching pixels if it decided, else an empty text. @param {Decision} box */
 export const matchText = (box) => (isMeasured(box) && isByShare(box) ? shareText(box) : "");
 
-/** What the box's label says: "4.1 % Car < 10 % · hidden by Vegetation 71 %"; if a channel decided, the server's sentence. @param {Decision} box */
+/**
+ * What the box's label says: "4.1 % Car < 10 % · hidden by Vegetation 71 %"; if a channel decided, the server's
+ *   sentence.
+ * @param {Decision} box
+ */
 export function labelText(box) {
   if (!isByShare(box)) return sentenceText(box);
   return [measureText(box), hiddenText(box)].filter(Boolean).join(" · ");
@@ -121,7 +128,10 @@ const FAR_M = 100;
 /** Boxes that are farther away fade, until a person asks for them. @param {Decision} box */
 export const isFar = ({ distance, distance_range: range }) => (distance ?? range?.[0] ?? 0) > FAR_M;
 
-/** The server's sentence after its verdict: "its Car pixels belong to nearer boxes, above all car 122". @param {Decision} box */
+/**
+ * The server's sentence after its verdict: "its Car pixels belong to nearer boxes, above all car 122".
+ * @param {Decision} box
+ */
 const sentenceText = ({ explanation, reason }) => explanation?.replace(/^\w+: /, "") || reasonText(reason);
 
 /** @param {Decision} box */
@@ -135,7 +145,9 @@ function measureText(box) {
       // A box that is rejected at exactly its threshold was decided under profile carlasimu, where that is too low.
       return `${shareText(box)} ${tags}${thresholdText(box, box.match_percent === box.threshold ? "≤" : "<")}`;
     case "no_visible_pixels":
-      return box.matched_pixels ? `too few ${tags.replaceAll(" + ", " or ")} pixels` : `no ${tags.replaceAll(" + ", " or ")} pixel`;
+      return box.matched_pixels
+        ? `too few ${tags.replaceAll(" + ", " or ")} pixels`
+        : `no ${tags.replaceAll(" + ", " or ")} pixel`;
     case "out_of_range":
       return `${distanceText(box) ?? "–"}: out of range`;
     case "withheld":

@@ -1,11 +1,15 @@
 // @ts-check
-// Every call of the API goes through here. Paths, parameters, bodies and responses are type-checked against openapi.d.ts.
+// Every call of the API goes through here. Paths, parameters, bodies and responses are type-checked against
+// openapi.d.ts.
 
 import { createValue } from "./observable.js";
 
 /** @typedef {import("./openapi.js").paths} Paths */
 /** @typedef {"get" | "post" | "put" | "patch" | "delete"} Method */
-/** @typedef {Partial<Omit<import("./openapi.js").Problem, "current">> & {current?: import("./openapi.js").Decision | null}} Problem  of a 412, `current` is the box as it is now */
+/**
+ * @typedef {Partial<Omit<import("./openapi.js").Problem, "current">> & {current?: import("./openapi.js").Decision |
+ *   null}} Problem of a 412, `current` is the box as it is now
+ */
 
 /**
  * The paths that have an operation of this method.
@@ -32,14 +36,16 @@ import { createValue } from "./observable.js";
  * (Idempotency-Key); `session` is sent in place of the page's own; `signal` abandons the call.
  * @template {Method} M
  * @template {PathOf<M>} P
- * @typedef {Pick<Operation<M, P>["parameters"], "path" | "query"> & Body<Operation<M, P>> & {key?: string, session?: string, signal?: AbortSignal}} Given
+ * @typedef {Pick<Operation<M, P>["parameters"], "path" | "query"> & Body<Operation<M, P>> & {key?: string, session?:
+ *   string, signal?: AbortSignal}} Given
  */
 
 /**
  * The JSON of the response to a call; nothing where there is none.
  * @template {Method} M
  * @template {PathOf<M>} P
- * @typedef {{[S in 200 | 201 | 202]: Operation<M, P>["responses"] extends Record<S, {content: {"application/json": infer A}}> ? A : never}[200 | 201 | 202]} ApiResponse
+ * @typedef {{[S in 200 | 201 | 202]: Operation<M, P>["responses"] extends Record<S, {content: {"application/json":
+ *   infer A}}> ? A : never}[200 | 201 | 202]} ApiResponse
  */
 
 /**
@@ -56,7 +62,11 @@ let onSignedOut = () => {};
 /** A word of the session that pictures have in their addresses; it is no secret. */
 let pictures = "";
 
-/** Set the secret of the session that requests are sent with. @param {string} secret  empty: none @param {string} [word]  of its pictures */
+/**
+ * Set the secret of the session that requests are sent with.
+ * @param {string} secret empty: none
+ * @param {string} [word] of its pictures
+ */
 export const setSession = (secret, word = "") => void ([session, pictures] = [secret, word]);
 
 /** Set who is told when the server no longer accepts the session. @param {(error: ApiError) => void} tell */
@@ -101,7 +111,8 @@ const LONGEST_RETRY_S = 30;
 /** @typedef {(run: () => void, delayMs: number) => void} Later */
 
 /**
- * When to try again what the server could not take: after a second, then after twice as long each time, up to half a minute.
+ * When to try again what the server could not take: after a second, then after twice as long each time, up to half a
+ * minute.
  * @param {Later} [later]
  */
 export function createRetries(later = (run, delayMs) => void setTimeout(run, delayMs)) {
@@ -109,7 +120,10 @@ export function createRetries(later = (run, delayMs) => void setTimeout(run, del
   let waits = 0;
   let isNextSkipped = false;
   return {
-    /** @param {() => void} run  not called if another wait has begun since @param {number | null} [seconds]  to wait instead, as the server has asked */
+    /**
+     * @param {() => void} run not called if another wait has begun since
+     * @param {number | null} [seconds] to wait instead, as the server has asked
+     */
     wait(run, seconds) {
       const mine = ++waits;
       later(() => mine === waits && run(), isNextSkipped ? 0 : (seconds ?? nextS) * 1000);
@@ -117,19 +131,26 @@ export function createRetries(later = (run, delayMs) => void setTimeout(run, del
       isNextSkipped = false;
     },
 
-    /** The next wait is the shortest again, and not skipped: the server has taken something, or somebody asks to try now. */
+    /**
+     * The next wait is the shortest again, and not skipped: the server has taken something, or somebody asks to try
+     *   now.
+     */
     reset() {
       nextS = FIRST_RETRY_S;
       isNextSkipped = false;
     },
 
-    /** The next wait is none: somebody asks to try now, while a request is under way. If that fails, it is sent again at once. */
+    /**
+     * The next wait is none: somebody asks to try now, while a request is under way. If that fails, it is sent again at
+     *   once.
+     */
     skipNext: () => void (isNextSkipped = true),
   };
 }
 
 /**
- * Fetch from this server. If the server responds with 401 to the page's own session, the callback of `whenSignedOut` is called.
+ * Fetch from this server. If the server responds with 401 to the page's own session, the callback of `whenSignedOut` is
+ * called.
  * @param {string} address @param {RequestInit} [init] @param {string} [shown]  the session, empty for none
  * @returns {Promise<Response>} a successful response; anything else is thrown as ApiError or NoResponse
  */
@@ -139,13 +160,18 @@ export async function send(address, init = {}, shown = session) {
   const response = await whole(fetch(address, { credentials: "omit", ...init, headers }), init.signal);
   isReached.set(true);
   if (response.ok) return response;
-  const error = new ApiError(response.status, problemOf(await whole(response.text(), init.signal)), retryAfterOf(response));
+  const error = new ApiError(
+    response.status,
+    problemOf(await whole(response.text(), init.signal)),
+    retryAfterOf(response),
+  );
   if (response.status === 401 && shown && shown === session) onSignedOut(error);
   throw error;
 }
 
 /**
- * A response or its body. If it does not come, breaks off, or cannot be read, there is no response: the same request may
+ * A response or its body. If it does not come, breaks off, or cannot be read, there is no response: the same request
+ * may
  * succeed later. (A request that was abandoned is left as it is.)
  * @template T @param {Promise<T>} part @param {AbortSignal | null} [signal] @returns {Promise<T>}
  */
@@ -182,7 +208,9 @@ function addressOf(path, { path: named = {}, query = {} } = {}) {
   });
   // The browser would resolve these parts: the request would go to another address.
   if (/\/\.\.?(\/|$)/.test(filled)) throw new ApiError(404, { detail: `There is nothing at ${filled}.` }, null);
-  const set = Object.entries(query).flatMap(([key, value]) => (value === undefined || value === null || value === "" ? [] : [[key, String(value)]]));
+  const set = Object.entries(query).flatMap(([key, value]) =>
+    value === undefined || value === null || value === "" ? [] : [[key, String(value)]],
+  );
   return filled + (set.length > 0 ? `?${new URLSearchParams(set)}` : "");
 }
 
@@ -194,12 +222,16 @@ function addressOf(path, { path: named = {}, query = {} } = {}) {
 export const url = (path, ...[given]) => addressOf(path, given);
 
 /**
- * The address of a drawn picture. A browser keeps it for the whole session: a box or a frame never gets another picture,
+ * The address of a drawn picture. A browser keeps it for the whole session: a box or a frame never gets another
+ * picture,
  * but another server, or a new one at this address, may have other frames under the same numbers.
  * @template {"/api/v1/boxes/{box_id}/crop" | "/api/v1/frames/{frame_id}/thumbnail"} P
- * @param {P} path @param {Pick<Operation<"get", P>["parameters"], "path" | "query">} given @param {string} [version]  what else it depends on
+ * @param {P} path
+ * @param {Pick<Operation<"get", P>["parameters"], "path" | "query">} given
+ * @param {string} [version] what else it depends on
  */
-export const pictureUrl = (path, given, version = "") => addressOf(path, { ...given, query: { ...given.query, v: pictures && pictures + version } });
+export const pictureUrl = (path, given, version = "") =>
+  addressOf(path, { ...given, query: { ...given.query, v: pictures && pictures + version } });
 
 /** @param {string} address @param {AbortSignal} [signal] @returns {Promise<Blob>} */
 export const blob = async (address, signal) => whole((await send(address, { signal })).blob(), signal);
@@ -207,7 +239,10 @@ export const blob = async (address, signal) => whole((await send(address, { sign
 /** The JSON at an address that is no path of the API. @param {string} address @returns {Promise<any>} */
 export const json = async (address) => whole((await send(address)).json());
 
-/** @typedef {{path?: Record<string, string | number>, query?: Record<string, Parameter>, body?: unknown, key?: string, session?: string, signal?: AbortSignal}} AnyGiven */
+/**
+ * @typedef {{path?: Record<string, string | number>, query?: Record<string, Parameter>, body?: unknown, key?: string,
+ *   session?: string, signal?: AbortSignal}} AnyGiven
+ */
 
 /** @param {string} method @param {string} path @param {AnyGiven} [given] */
 function respond(method, path, { body, key, signal, session: shown, ...where } = {}) {
@@ -217,13 +252,20 @@ function respond(method, path, { body, key, signal, session: shown, ...where } =
   if (key) headers.set("Idempotency-Key", key);
   // What is deleted stays so when the page is left: a session that ends before the page is loaded again.
   const keepalive = method === "DELETE";
-  return send(addressOf(path, where), { method, headers, signal, keepalive, body: isJson ? JSON.stringify(body) : body }, shown);
+  return send(
+    addressOf(path, where),
+    { method, headers, signal, keepalive, body: isJson ? JSON.stringify(body) : body },
+    shown,
+  );
 }
 
 /** @param {string} method @param {string} path @param {AnyGiven} [given] */
 async function call(method, path, given) {
   const response = await respond(method, path, given);
-  return whole(response.text().then((text) => (text ? JSON.parse(text) : undefined)), given?.signal);
+  return whole(
+    response.text().then((text) => (text ? JSON.parse(text) : undefined)),
+    given?.signal,
+  );
 }
 
 /**

@@ -146,7 +146,12 @@ function createToasts() {
     dismiss,
     show,
 
-    /** Say why something failed. @param {Error} error @param {string} [what]  what failed @param {ToastAction} [action] */
+    /**
+     * Say why something failed.
+     * @param {Error} error
+     * @param {string} [what] what failed
+     * @param {ToastAction} [action]
+     */
     fail: (error, what = "", action) => void show(`${what && `${what}: `}${error.message}`, { kind: "error", action }),
   };
 }

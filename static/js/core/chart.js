@@ -11,7 +11,21 @@ import { onThemeChange } from "./prefs.js";
 /** The longest delay of a redraw by `redrawSoon`. */
 const SOON_MS = 150;
 
-const TOKENS = ["text", "text-soft", "text-faint", "line", "line-strong", "surface", "accent", "kept-strong", "rejected-strong", "kept", "rejected", "unsure", "unmeasured-strong"];
+const TOKENS = [
+  "text",
+  "text-soft",
+  "text-faint",
+  "line",
+  "line-strong",
+  "surface",
+  "accent",
+  "kept-strong",
+  "rejected-strong",
+  "kept",
+  "rejected",
+  "unsure",
+  "unmeasured-strong",
+];
 
 /** The colours as they are now. @param {Element} element @returns {Ink} */
 function readInk(element) {
@@ -44,10 +58,13 @@ export function drawChart(element, prefs, describe, data) {
   let soon = 0;
   const later = globalThis.requestIdleCallback ?? ((run) => setTimeout(run, SOON_MS));
   const redrawSoon = () => {
-    soon ||= later(() => {
-      soon = 0;
-      if (!isStopped) redraw();
-    }, { timeout: SOON_MS });
+    soon ||= later(
+      () => {
+        soon = 0;
+        if (!isStopped) redraw();
+      },
+      { timeout: SOON_MS },
+    );
   };
   const sight = new IntersectionObserver(([entry]) => {
     isSeen = entry?.isIntersecting ?? true;

@@ -25,7 +25,8 @@ import { NumberField, faultText, useFault } from "./parts.js";
  * @property {boolean} isShare  a number from 0 to 1
  * @property {string} hint  of numbers: what an empty field shows
  * @property {boolean} needsPixels  of a configuration key: a change of it requires measuring the images again
- * @property {readonly string[]} evidence  of a configuration key: the kinds of evidence whose rules read it; empty: all of them
+ * @property {readonly string[]} evidence of a configuration key: the kinds of evidence whose rules read it; empty: all
+ *   of them
  */
 
 /** @typedef {Record<string, string>} Texts */
@@ -56,9 +57,17 @@ export const useMeasuredClasses = () => useLoaded(measuredClasses, []).value ?? 
 /** The properties of an API object, as fields of a form. @param {string} name  of the object @param {Words} [words] */
 export const useFields = (name, words) => useLoaded(async () => fieldsOf(await describeApi(), name, words), [name]);
 
-/** Those properties of an API object for which there is a control. @param {Schema} openapi @param {string} name @param {Words} [words] @returns {Field[]} */
+/**
+ * Those properties of an API object for which there is a control.
+ * @param {Schema} openapi
+ * @param {string} name
+ * @param {Words} [words]
+ * @returns {Field[]}
+ */
 export const fieldsOf = (openapi, name, words = {}) =>
-  Object.entries(openapi.components?.schemas?.[name]?.properties ?? {}).flatMap(([key, schema]) => fieldOf(key, schema, words) ?? []);
+  Object.entries(openapi.components?.schemas?.[name]?.properties ?? {}).flatMap(
+    ([key, schema]) => fieldOf(key, schema, words) ?? [],
+  );
 
 /** @type {Record<string, string>} */
 const UNITS = { percent: "%", pixels: "px", metres: "m" };
@@ -111,10 +120,19 @@ function kindOf(schema) {
 /** @param {readonly string[]} types */
 const isNumeric = (types) => types.includes("number") || types.includes("integer");
 
-/** The options to be sent: what was chosen, else the default. @param {readonly Field[]} fields @param {Record<string, unknown>} chosen */
-export const optionsOf = (fields, chosen) => Object.fromEntries(fields.map(({ key, initial }) => [key, key in chosen ? chosen[key] : initial]));
+/**
+ * The options to be sent: what was chosen, else the default.
+ * @param {readonly Field[]} fields
+ * @param {Record<string, unknown>} chosen
+ */
+export const optionsOf = (fields, chosen) =>
+  Object.fromEntries(fields.map(({ key, initial }) => [key, key in chosen ? chosen[key] : initial]));
 
-/** The typed text as a number; null if it is not one that the field allows. @param {Pick<Field, "min" | "max" | "isWhole">} field @param {string} text */
+/**
+ * The typed text as a number; null if it is not one that the field allows.
+ * @param {Pick<Field, "min" | "max" | "isWhole">} field
+ * @param {string} text
+ */
 export function parseNumber({ min, max, isWhole }, text) {
   const number = Number(text.trim() || NaN);
   return number >= min && number <= max && (!isWhole || Number.isInteger(number)) ? number : null;
@@ -155,33 +173,48 @@ export function AskField({ field, value, onChange }) {
 
 /** @typedef {{currentTarget: HTMLInputElement | HTMLSelectElement | HTMLTextAreaElement}} Given */
 
-/** The control of a field. @param {Asked & {label?: string, isSet?: boolean}} props  `label`: its accessible name, where no visible label names it; `isSet`: it was changed */
+/**
+ * The control of a field.
+ * @param {Asked & {label?: string, isSet?: boolean}} props `label`: its accessible name, where no visible label names
+ *   it; `isSet`: it was changed
+ */
 export function Control({ field, value, onChange, label = field.text, isSet = false }) {
   const { key, kind, choices, min, max, unit, isWhole, isEmptyAllowed, isShare, hint } = field;
   const onGiven = (/** @type {Given} */ { currentTarget }) => onChange(currentTarget.value);
   switch (kind) {
     case "switch":
-      return html`<input type="checkbox" name=${key} checked=${value === true} onChange=${() => onChange(value !== true)} />`;
+      return html`<input type="checkbox" name=${key} checked=${value === true}
+        onChange=${() => onChange(value !== true)} />`;
     case "choice":
-      return html`<span class="select"><select name=${key} aria-label=${label} value=${String(value)} onChange=${onGiven}>
-        ${choices.map((choice) => html`<option value=${choice.value}>${choice.text}</option>`)}
-      </select></span>`;
+      return html`<span
+        class="select"><select name=${key} aria-label=${label} value=${String(value)} onChange=${onGiven}>
+          ${choices.map((choice) => html`<option value=${choice.value}>${choice.text}</option>`)}
+        </select></span>`;
     case "text":
-      return html`<textarea name=${key} aria-label=${label} rows="2" maxlength=${max} value=${String(value ?? "")} onInput=${onGiven}></textarea>`;
+      return html`<textarea name=${key} aria-label=${label} rows="2" maxlength=${max} value=${String(value ?? "")}
+        onInput=${onGiven}></textarea>`;
     case "numbers":
       return html`<${Listed} label=${label} initial=${Array.isArray(value) ? value.join(", ") : ""}
         parse=${parseNumbers} expected="numbers, separated by commas" hint=${hint} onEach=${onChange} />`;
     case "pairs":
       return html`<${Listed} key=${JSON.stringify(value)} label=${label} parse=${parsePairs}
-        initial=${Object.entries(value ?? {}).map((pair) => pair.join(": ")).join(", ")}
+        initial=${Object.entries(value ?? {})
+          .map((pair) => pair.join(": "))
+          .join(", ")}
         expected="pairs, separated by commas" hint="none, or 40: Pedestrian" onDone=${onChange} />`;
     default:
       if (isShare) {
-        return html`<span class="ask__number"><input type="range" class="slider" aria-label=${label} min=${min} max=${max} step="0.05" value=${Number(value)} onInput=${(/** @type {Given} */ { currentTarget }) => onChange(Number(currentTarget.value))} />
+        return html`<span
+          class="ask__number">
+          <input type="range" class="slider" aria-label=${label} min=${min} max=${max} step="0.05"
+            value=${Number(value)}
+            onInput=${(/** @type {Given} */ { currentTarget }) => onChange(Number(currentTarget.value))} />
           <output class="num">${percentOf(Number(value))}</output></span>`;
       }
-      return html`<${NumberField} label=${label} unit=${unit} step=${isWhole || unit !== "%" ? 1 : 0.5} isEmptyAllowed=${isEmptyAllowed} isSet=${isSet} expected=${rangeText(field)}
-        value=${typeof value === "number" ? value : null} parse=${(/** @type {string} */ text) => parseNumber(field, text)} onChange=${onChange} />`;
+      return html`<${NumberField} label=${label} unit=${unit} step=${isWhole || unit !== "%" ? 1 : 0.5}
+        isEmptyAllowed=${isEmptyAllowed} isSet=${isSet} expected=${rangeText(field)}
+        value=${typeof value === "number" ? value : null}
+        parse=${(/** @type {string} */ text) => parseNumber(field, text)} onChange=${onChange} />`;
   }
 }
 
@@ -211,7 +244,7 @@ export function Listed({ label, name, initial, parse, expected = "", hint, onEac
   };
   return html`<span class="numberfield">
     <span class="search"><input class="num" type="text" name=${name} aria-label=${label} value=${text}
-      placeholder=${hint} ...${attributes} onInput=${onInput} onChange=${onChange} /></span>
+        placeholder=${hint} ...${attributes} onInput=${onInput} onChange=${onChange} /></span>
     ${line}
   </span>`;
 }

@@ -21,7 +21,9 @@ export function useValue(value) {
  * @template T @param {import("./observable.js").Lazy<T> | null} lazy  null: it is not wanted
  */
 export function useLazy(lazy) {
-  const [settled, setSettled] = useState(/** @type {{lazy: import("./observable.js").Lazy<T> | null, error: Error | null}} */ ({ lazy: null, error: null }));
+  const [settled, setSettled] = useState(
+    /** @type {{lazy: import("./observable.js").Lazy<T> | null, error: Error | null}} */ ({ lazy: null, error: null }),
+  );
   const [attempt, setAttempt] = useState(0);
   const value = lazy?.value;
   useEffect(() => {
@@ -56,7 +58,9 @@ export function useLazy(lazy) {
  */
 export function useLoaded(load, deps) {
   const [attempt, setAttempt] = useState(0);
-  const [found, setFound] = useState(/** @type {{value: T | null, error: Error | null, done: boolean}} */ ({ value: null, error: null, done: false }));
+  const [found, setFound] = useState(
+    /** @type {{value: T | null, error: Error | null, done: boolean}} */ ({ value: null, error: null, done: false }),
+  );
   useEffect(() => {
     const stop = new AbortController();
     setFound((last) => ({ ...last, error: null, done: false }));
@@ -69,18 +73,30 @@ export function useLoaded(load, deps) {
   const reload = useCallback(() => setAttempt((n) => n + 1), []);
   const { value, error, done } = found;
   if (error) return { state: "error", value, error, reload };
-  return done && value !== null ? { state: "ready", value, error: null, reload } : { state: "loading", value, error: null, reload };
+  return done && value !== null
+    ? { state: "ready", value, error: null, reload }
+    : { state: "loading", value, error: null, reload };
 }
 
-/** The dataset of a view. @param {string} name @param {unknown} [state]  when it changes, the dataset is loaded again */
-export const useDataset = (name, state) => useLoaded((signal) => get("/api/v1/datasets/{dataset}", { path: { dataset: name }, signal }), [name, state]);
+/**
+ * The dataset of a view.
+ * @param {string} name
+ * @param {unknown} [state] when it changes, the dataset is loaded again
+ */
+export const useDataset = (name, state) =>
+  useLoaded((signal) => get("/api/v1/datasets/{dataset}", { path: { dataset: name }, signal }), [name, state]);
 
 /** Most items of a list that the API returns at once. */
 const MOST_AT_ONCE = 1000;
 
 /** @template T @typedef {{items: T[], next_cursor: string | null}} ListPage  a page of a list, as the API returns it */
 
-/** All items of a list. @template T @param {(query: {limit: number, cursor?: string}) => Promise<ListPage<T>>} load @returns {Promise<ListPage<T>>} */
+/**
+ * All items of a list.
+ * @template T
+ * @param {(query: {limit: number, cursor?: string}) => Promise<ListPage<T>>} load
+ * @returns {Promise<ListPage<T>>}
+ */
 async function allOf(load) {
   const page = await load({ limit: MOST_AT_ONCE });
   while (page.next_cursor !== null) {
@@ -92,7 +108,8 @@ async function allOf(load) {
 }
 
 /** All datasets. @param {unknown} [state]  when it changes, they are loaded again */
-export const useDatasets = (state) => useLoaded((signal) => allOf((query) => get("/api/v1/datasets", { query, signal })), [state]);
+export const useDatasets = (state) =>
+  useLoaded((signal) => allOf((query) => get("/api/v1/datasets", { query, signal })), [state]);
 
 /**
  * The newest items of a list. `showOlder` loads the older ones, too; it is null if all items are shown.
@@ -103,7 +120,10 @@ export const useDatasets = (state) => useLoaded((signal) => allOf((query) => get
  */
 export function useNewest(size, load, deps) {
   const [isAll, setAll] = useState(false);
-  const loaded = useLoaded((signal) => (isAll ? allOf((query) => load(query, signal)) : load({ limit: size }, signal)), [...deps, isAll]);
+  const loaded = useLoaded(
+    (signal) => (isAll ? allOf((query) => load(query, signal)) : load({ limit: size }, signal)),
+    [...deps, isAll],
+  );
   return { ...loaded, showOlder: !isAll && loaded.value?.next_cursor ? () => setAll(true) : null };
 }
 
@@ -129,7 +149,11 @@ export function useTask(act, tell) {
   return { ...state, run };
 }
 
-/** Offer actions to the keyboard while a view is on the page; active before the view's first paint. @param {import("./app.js").App} app @param {import("./app.js").Actions} actions */
+/**
+ * Offer actions to the keyboard while a view is on the page; active before the view's first paint.
+ * @param {import("./app.js").App} app
+ * @param {import("./app.js").Actions} actions
+ */
 export function useActions(app, actions) {
   useLayoutEffect(() => {
     app.actions.set([...app.actions.get(), actions]);
@@ -173,7 +197,9 @@ const EMPTY_MS = 300_000;
 
 /**
  * Load again while frames come in, so that somebody who looks on sees them.
- * @param {{state: string, reload: () => void}} loaded @param {number} count  of what is there @param {string} [since]  when the newest dataset was made
+ * @param {{state: string, reload: () => void}} loaded
+ * @param {number} count of what is there
+ * @param {string} [since] when the newest dataset was made
  */
 export function useGrowth({ state, reload }, count, since) {
   const last = useRef({ count, at: -Infinity });
@@ -187,7 +213,12 @@ export function useGrowth({ state, reload }, count, since) {
   });
 }
 
-/** Close an open menu when Escape is pressed or when somebody clicks outside it. @param {{current: HTMLElement | null}} root @param {boolean} isOpen @param {() => void} close */
+/**
+ * Close an open menu when Escape is pressed or when somebody clicks outside it.
+ * @param {{current: HTMLElement | null}} root
+ * @param {boolean} isOpen
+ * @param {() => void} close
+ */
 export function useClosing(root, isOpen, close) {
   useEffect(() => {
     if (!isOpen) return;
@@ -209,14 +240,18 @@ export function useClosing(root, isOpen, close) {
 }
 
 /** @typedef {{text: string, href?: string}} Crumb  one step of the path to a view; the last one has no address */
-/** @typedef {{dataset: string, crumbs: readonly Crumb[], tools: unknown}} TopBar  what the top bar shows: `dataset` is the current dataset, or ""; `tools` are shown in the bar */
+/**
+ * @typedef {{dataset: string, crumbs: readonly Crumb[], tools: unknown}} TopBar what the top bar shows: `dataset` is
+ *   the current dataset, or ""; `tools` are shown in the bar
+ */
 
 /** @param {string} dataset @returns {Crumb[]} */
 const pathTo = (dataset) => [{ text: "Datasets", href: linkTo("datasets") }, ...(dataset ? [{ text: dataset }] : [])];
 
 /**
  * Set what the top bar shows while a view is on the page.
- * @param {import("./app.js").App} app @param {{title: string, dataset?: string, crumbs?: readonly Crumb[], tools?: unknown}} head
+ * @param {import("./app.js").App} app
+ * @param {{title: string, dataset?: string, crumbs?: readonly Crumb[], tools?: unknown}} head
  */
 export function useTopBar(app, { title, dataset = "", crumbs = pathTo(dataset), tools = null }) {
   useTitle(title);
@@ -235,14 +270,18 @@ export function useTitle(title) {
  * @typedef {{items: readonly T[], cursor: string | null, isDone: boolean, error: Error | null}} Pages
  */
 
-/** Lists that were left, by key: how many items were shown, and the scroll position, to be restored. @type {Map<string, {shown: number, scroll: number}>} */
+/**
+ * Lists that were left, by key: how many items were shown, and the scroll position, to be restored.
+ * @type {Map<string, {shown: number, scroll: number}>}
+ */
 const left = new Map();
 
 /**
  * @template T
  * @param {string} key  identifies the list
  * @param {number} size  of a page
- * @param {(limit: number, cursor: string | undefined) => Promise<{items: readonly T[], next_cursor: string | null}>} load
+ * @param {(limit: number, cursor: string | undefined) => Promise<{items: readonly T[], next_cursor: string | null}>}
+ *   load
  */
 export function usePages(key, size, load) {
   const [pages, setPages] = useState(/** @type {Pages<T>} */ ({ items: [], cursor: null, isDone: false, error: null }));
@@ -256,7 +295,8 @@ export function usePages(key, size, load) {
     isBusy.current = true;
     const limit = pages.items.length ? size : Math.min(Math.max(size, back.current?.shown ?? 0), MOST_AT_ONCE);
     await load(limit, pages.cursor ?? undefined).then(
-      ({ items, next_cursor: cursor }) => setPages({ items: [...pages.items, ...items], cursor, isDone: cursor === null, error: null }),
+      ({ items, next_cursor: cursor }) =>
+        setPages({ items: [...pages.items, ...items], cursor, isDone: cursor === null, error: null }),
       (error) => setPages({ ...pages, error }),
     );
     isBusy.current = false;
@@ -272,7 +312,8 @@ export function usePages(key, size, load) {
 
   /** Add items that have come since: what is on show stays where it is. */
   const append = useCallback(
-    (/** @type {(known: readonly T[]) => readonly T[]} */ newer) => setPages((now) => ({ ...now, items: [...now.items, ...newer(now.items)] })),
+    (/** @type {(known: readonly T[]) => readonly T[]} */ newer) =>
+      setPages((now) => ({ ...now, items: [...now.items, ...newer(now.items)] })),
     [],
   );
   return { ...pages, more, append };
@@ -285,7 +326,8 @@ let wasOnlineAgainAt = -Infinity;
 globalThis.addEventListener?.("online", () => void (wasOnlineAgainAt = Date.now()));
 
 /**
- * Try again when the browser is online again. The first attempt then may fail, too, for instance if a request from before
+ * Try again when the browser is online again. The first attempt then may fail, too, for instance if a request from
+ * before
  * is still under way for the same module.
  * @param {unknown} failure  another object after each failure; null: there is none
  * @param {() => void} [onRetry]

@@ -1,5 +1,6 @@
 // @ts-check
-// The keyboard shortcuts: one table, read by the key listener, the hints on buttons, and the help dialog where keys can be changed.
+// The keyboard shortcuts: one table, read by the key listener, the hints on buttons, and the help dialog where keys can
+// be changed.
 
 import { useValue } from "./hooks.js";
 import { html, useState } from "./html.js";
@@ -11,7 +12,8 @@ import { keep } from "./prefs.js";
 
 /**
  * @typedef {"Answer" | "Look" | "Move" | "In the grid" | "Page"} Group
- * @typedef {{action: string, keys: readonly string[], help: string, group: Group, where?: string}} Binding  `where`: the only view in which the row is active; there, its keys take precedence over those of other rows
+ * @typedef {{action: string, keys: readonly string[], help: string, group: Group, where?: string}} Binding `where`: the
+ *   only view in which the row is active; there, its keys take precedence over those of other rows
  * @typedef {{off: boolean, keys: Record<string, readonly string[]>}} KeySettings
  * @typedef {{key: string, shiftKey: boolean, ctrlKey: boolean, metaKey: boolean, altKey: boolean}} KeyPress
  */
@@ -34,11 +36,29 @@ export const KEYMAP = [
   { action: "nextFrame", keys: ["PageDown"], help: "Next frame", group: "Move" },
   { action: "previousFrame", keys: ["PageUp"], help: "Previous frame", group: "Move" },
   { action: "grid", keys: ["G"], help: "Boxes as a grid; from the grid, frames", group: "Move" },
-  { action: "select", keys: ["Space", "Enter"], help: "Select or deselect the box", group: "In the grid", where: "grid" },
+  {
+    action: "select",
+    keys: ["Space", "Enter"],
+    help: "Select or deselect the box",
+    group: "In the grid",
+    where: "grid",
+  },
   { action: "open", keys: ["C"], help: "Open the box in its frame", group: "In the grid", where: "grid" },
-  { action: "selectAll", keys: ["Ctrl+A"], help: "Select all boxes that match the filters", group: "In the grid", where: "grid" },
+  {
+    action: "selectAll",
+    keys: ["Ctrl+A"],
+    help: "Select all boxes that match the filters",
+    group: "In the grid",
+    where: "grid",
+  },
   { action: "clear", keys: ["Delete"], help: "Remove the answers", group: "In the grid", where: "grid" },
-  { action: "left", keys: ["ArrowLeft"], help: "Left; Shift with an arrow extends the selection", group: "In the grid", where: "grid" },
+  {
+    action: "left",
+    keys: ["ArrowLeft"],
+    help: "Left; Shift with an arrow extends the selection",
+    group: "In the grid",
+    where: "grid",
+  },
   { action: "right", keys: ["ArrowRight"], help: "Right", group: "In the grid", where: "grid" },
   { action: "up", keys: ["ArrowUp"], help: "Up", group: "In the grid", where: "grid" },
   { action: "down", keys: ["ArrowDown"], help: "Down", group: "In the grid", where: "grid" },
@@ -101,13 +121,23 @@ const isLetter = (name) => /^\p{L}$/u.test(name);
  */
 export function lossText(before, after, name) {
   const now = new Map(boundKeys(after).map((row) => [row.action, row.keys]));
-  const losers = boundKeys(before).filter(({ action, keys }) => keys.includes(name) && !now.get(action)?.includes(name));
+  const losers = boundKeys(before).filter(
+    ({ action, keys }) => keys.includes(name) && !now.get(action)?.includes(name),
+  );
   return losers
-    .map(({ action, help }) => `${shownKey(name)} is no longer a key for: ${help}${now.get(action)?.length ? "" : ", which has no key now"}`)
+    .map(
+      ({ action, help }) =>
+        `${shownKey(name)} is no longer a key for: ${help}${now.get(action)?.length ? "" : ", which has no key now"}`,
+    )
     .join(". ");
 }
 
-/** The rows that are active in a view. A key that a row of this view uses is removed from the general rows. @param {KeySettings} settings @param {string} view @returns {Binding[]} */
+/**
+ * The rows that are active in a view. A key that a row of this view uses is removed from the general rows.
+ * @param {KeySettings} settings
+ * @param {string} view
+ * @returns {Binding[]}
+ */
 export function keysIn(settings, view) {
   const rows = boundKeys(settings).filter(({ where }) => where === undefined || where === view);
   const taken = new Set(rows.flatMap(({ where, keys }) => (where ? keys : [])));
@@ -134,7 +164,8 @@ export const useKeyText = (app, action) => keyText(action, useValue(app.keys), u
 export const useKeys = (app) => keysIn(useValue(app.keys), useValue(app.router.route).name);
 
 /**
- * The action of a key press in a view, or null. Key presses with Alt are left to the browser, and those with Ctrl or Cmd too, unless they are in the table.
+ * The action of a key press in a view, or null. Key presses with Alt are left to the browser, and those with Ctrl or
+ * Cmd too, unless they are in the table.
  * @param {KeyPress} press @param {KeySettings} settings @param {string} [view]
  */
 export function actionOf(press, settings, view = "") {
@@ -169,7 +200,17 @@ export function rebind(settings, action, name) {
 }
 
 /** @type {Record<string, string>} */
-const SHOWN = { ArrowRight: "→", ArrowLeft: "←", ArrowUp: "↑", ArrowDown: "↓", Escape: "Esc", PageDown: "PgDn", PageUp: "PgUp", Backspace: "⌫", Delete: "Del" };
+const SHOWN = {
+  ArrowRight: "→",
+  ArrowLeft: "←",
+  ArrowUp: "↑",
+  ArrowDown: "↓",
+  Escape: "Esc",
+  PageDown: "PgDn",
+  PageUp: "PgUp",
+  Backspace: "⌫",
+  Delete: "Del",
+};
 
 /** @param {string} name */
 const shownKey = (name) => SHOWN[name] ?? name.replace("Shift+", "⇧");
@@ -201,7 +242,8 @@ const HELD = new Set([
 ]);
 
 /** Whether the browser would click a focused button again, because Enter is held down. @param {KeyboardEvent} event */
-const clicksAgain = ({ repeat, key, target }) => repeat && key === "Enter" && target instanceof Element && target.closest("button") !== null;
+const clicksAgain = ({ repeat, key, target }) =>
+  repeat && key === "Enter" && target instanceof Element && target.closest("button") !== null;
 
 /** @param {import("./app.js").App} app */
 export function watchKeys(app) {
@@ -220,7 +262,12 @@ export function watchKeys(app) {
   });
 }
 
-/** @param {import("./app.js").App} app @param {string} action @param {KeyPress} [press]  the key press that asked for it @returns {boolean} whether a view on the page offers this action */
+/**
+ * @param {import("./app.js").App} app
+ * @param {string} action
+ * @param {KeyPress} [press] the key press that asked for it
+ * @returns {boolean} whether a view on the page offers this action
+ */
 export function perform(app, action, press) {
   const run = app.actions.get().findLast((offered) => offered[action])?.[action];
   run?.(press);
@@ -259,7 +306,13 @@ export function HelpDialog({ app, onClose }) {
   /** @param {KeyboardEvent} event */
   const onKeyDown = (event) => {
     if (!changing) return actionOf(event, settings, here) === "help" ? dialog.close() : undefined;
-    if (["Shift", "Control", "Alt", "Meta", "Tab"].includes(event.key) || event.ctrlKey || event.metaKey || event.altKey) return undefined;
+    if (
+      ["Shift", "Control", "Alt", "Meta", "Tab"].includes(event.key) ||
+      event.ctrlKey ||
+      event.metaKey ||
+      event.altKey
+    )
+      return undefined;
     event.preventDefault();
     if (event.key !== "Escape") {
       const changed = rebind(settings, changing, nameOf(event));
@@ -270,16 +323,25 @@ export function HelpDialog({ app, onClose }) {
   };
 
   /** @param {Binding} row */
-  const isHere = ({ action, where }) => (where ? where === here : action === "help" || app.actions.get().some((offered) => offered[action]));
+  const isHere = ({ action, where }) =>
+    where ? where === here : action === "help" || app.actions.get().some((offered) => offered[action]);
   const held = new Map(keysIn(settings, here).map((row) => [row.action, row]));
-  const rows = boundKeys(settings).map((row) => (isHere(row) ? { row: held.get(row.action) ?? row, isOff: false } : { row, isOff: true }));
-  return html`<${Dialog} dialog=${dialog} id="help-title" title="Keys" isLight=${true} onClose=${onClose} onKeyDown=${onKeyDown}>
+  const rows = boundKeys(settings).map((row) =>
+    isHere(row) ? { row: held.get(row.action) ?? row, isOff: false } : { row, isOff: true },
+  );
+  return html`<${Dialog} dialog=${dialog} id="help-title" title="Keys" isLight=${true} onClose=${onClose}
+    onKeyDown=${onKeyDown}>
     <div class="help">
       ${GROUPS.map(
         (group) => html`<section class="help__group">
           <h3>${group}</h3>
           <dl>
-            ${rows.filter(({ row }) => row.group === group).map(({ row, isOff }) => html`<${Row} key=${row.action} app=${app} row=${row} isOff=${isOff} changing=${changing} onChange=${setChanging} />`)}
+            ${rows
+              .filter(({ row }) => row.group === group)
+              .map(
+                ({ row, isOff }) => html`<${Row} key=${row.action}
+                  app=${app} row=${row} isOff=${isOff} changing=${changing} onChange=${setChanging} />`,
+              )}
           </dl>
         </section>`,
       )}
@@ -287,7 +349,8 @@ export function HelpDialog({ app, onClose }) {
     <p class="help__taken" role="status">${taken}</p>
     <footer class="dialog__foot">
       <label class="switch">
-        <input type="checkbox" checked=${!settings.off} onChange=${() => app.keys.set({ ...settings, off: !settings.off })} />
+        <input type="checkbox" checked=${!settings.off}
+          onChange=${() => app.keys.set({ ...settings, off: !settings.off })} />
         <span>Single-key shortcuts</span>
       </label>
       <button class="button" onClick=${() => (setTaken(""), app.keys.set(DEFAULT_SETTINGS))}>Restore defaults</button>
@@ -295,7 +358,10 @@ export function HelpDialog({ app, onClose }) {
   <//>`;
 }
 
-/** @param {{app: App, row: Binding, isOff: boolean, changing: string, onChange: (action: string) => void}} props  `isOff`: not active in the current view */
+/**
+ * @param {{app: App, row: Binding, isOff: boolean, changing: string, onChange: (action: string) => void}} props
+ *   `isOff`: not active in the current view
+ */
 function Row({ app, row, isOff, changing, onChange }) {
   const isChanging = changing === row.action;
   return html`<div class="help__row ${isOff ? "is-off" : ""}">
@@ -303,7 +369,8 @@ function Row({ app, row, isOff, changing, onChange }) {
     <dd>
       <span class="sr-only">${row.keys.join(" or ") || "no key"}</span>
       <${Keys} app=${app} keys=${row.keys} where=${row.where} />
-      <button class="button button--quiet button--small ${isChanging ? "is-changing" : ""}" aria-label=${`Change the key: ${row.help}`} onClick=${() => onChange(isChanging ? "" : row.action)}>
+      <button class="button button--quiet button--small ${isChanging ? "is-changing" : ""}"
+        aria-label=${`Change the key: ${row.help}`} onClick=${() => onChange(isChanging ? "" : row.action)}>
         ${isChanging ? "Press a key…" : "Change"}
       </button>
     </dd>
@@ -324,11 +391,16 @@ export function Keys({ app, keys, where }) {
 /** Keep the focus where it is when a button is clicked, so that keys still reach the stage. @param {Event} event */
 export const keepFocus = (event) => event.preventDefault();
 
-/** @param {{app: App, action: string, icon: string, isOn?: boolean, isHeld?: boolean, run: (() => void) | undefined}} props  `isHeld`: it acts as long as it is pressed */
+/**
+ * @param {{app: App, action: string, icon: string, isOn?: boolean, isHeld?: boolean, run: (() => void) | undefined}}
+ *   props `isHeld`: it acts as long as it is pressed
+ */
 export function Toggle({ app, action, icon, isOn, isHeld = false, run }) {
   const key = useKeyText(app, action);
   const help = KEYMAP.find((row) => row.action === action)?.help ?? action;
-  return html`<button class="button button--quiet button--icon" aria-pressed=${isOn} aria-label=${help} title=${withKey(help, key)} onMouseDown=${keepFocus} onPointerDown=${isHeld ? run : undefined} onClick=${isHeld ? undefined : run}>
+  return html`<button class="button button--quiet button--icon" aria-pressed=${isOn} aria-label=${help}
+    title=${withKey(help, key)} onMouseDown=${keepFocus} onPointerDown=${isHeld ? run : undefined}
+    onClick=${isHeld ? undefined : run}>
     <${Icon} name=${icon} />
   </button>`;
 }

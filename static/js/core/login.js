@@ -5,7 +5,10 @@
 import { setSession } from "./api.js";
 import { createValue } from "./observable.js";
 
-/** @typedef {import("./openapi.js").NewSession & {pictures?: string}} NewSession  `pictures`: a word in the addresses of its pictures */
+/**
+ * @typedef {import("./openapi.js").NewSession & {pictures?: string}} NewSession `pictures`: a word in the addresses of
+ *   its pictures
+ */
 
 export const SESSION_KEY = "unghost.session.v1";
 
@@ -19,7 +22,10 @@ export function createLogin(storage) {
   /** The person whose answers this page holds: the first one who was signed in on it. */
   let owner = current.get()?.name ?? "";
 
-  /** @param {NewSession | null} next @returns {boolean} false: it belongs to another person, and the page has to be loaded again */
+  /**
+   * @param {NewSession | null} next
+   * @returns {boolean} false: it belongs to another person, and the page has to be loaded again
+   */
   function take(next) {
     if (next && owner && next.name !== owner) return false;
     owner ||= next?.name ?? "";
@@ -41,10 +47,16 @@ export function createLogin(storage) {
       return take(opened);
     },
 
-    /** Another tab has signed in or out. @returns {boolean} false: as another person; nothing that this page holds may be sent any more */
+    /**
+     * Another tab has signed in or out.
+     * @returns {boolean} false: as another person; nothing that this page holds may be sent any more
+     */
     follow: () => take(stored(storage)),
 
-    /** The server no longer accepts the session. A newer one, from another tab, stays. @returns {boolean} as `follow` */
+    /**
+     * The server no longer accepts the session. A newer one, from another tab, stays.
+     * @returns {boolean} as `follow`
+     */
     end() {
       if (stored(storage)?.session === current.get()?.session) storage.removeItem(SESSION_KEY);
       return take(stored(storage));

@@ -20,8 +20,7 @@ export const countText = (n) => GROUPED.format(n).replaceAll(",", "\u2009");
 export const capital = (text) => `${text[0]?.toUpperCase() ?? ""}${text.slice(1)}`;
 
 /** @param {number} n @param {string} one @param {string} [many] */
-export const countOf = (n, one, many = `${one}s`) =>
-  `${countText(n)} ${n === 1 ? one : many}`;
+export const countOf = (n, one, many = `${one}s`) => `${countText(n)} ${n === 1 ? one : many}`;
 
 /**
  * Three digits are enough to compare. More are shown where the rounded number would be 0, 100 or `against`, or beyond
@@ -36,13 +35,22 @@ export function percentText(percent, against = null) {
 /** Rounded to whole percent, but not to 0 or 100. @param {number} percent */
 export const wholePercentText = (percent) => roundedText(percent, percent < 1 ? 2 : 0);
 
-/** Not rounded, but for what a sum of decimals leaves behind: 0.30000000000000004 is "0.3 %". @param {number} percent */
+/**
+ * Not rounded, but for what a sum of decimals leaves behind: 0.30000000000000004 is "0.3 %".
+ * @param {number} percent
+ */
 export const exactPercentText = (percent) => `${Number(percent.toPrecision(15))} %`;
 
-/** With at least so many decimals, less zeros at the end. @param {number} percent @param {number} decimals @param {number | null} [against] */
+/**
+ * With at least so many decimals, less zeros at the end.
+ * @param {number} percent
+ * @param {number} decimals
+ * @param {number | null} [against]
+ */
 function roundedText(percent, decimals, against = null) {
   const marks = against === null ? [0, 100] : [0, 100, against];
-  const isOnItsSides = (/** @type {number} */ shown) => marks.every((mark) => Math.sign(shown - mark) === Math.sign(percent - mark));
+  const isOnItsSides = (/** @type {number} */ shown) =>
+    marks.every((mark) => Math.sign(shown - mark) === Math.sign(percent - mark));
   let shown = Number(percent.toFixed(decimals));
   while (!isOnItsSides(shown) && decimals < 15) shown = Number(percent.toFixed(++decimals));
   return `${shown} %`;

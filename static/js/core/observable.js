@@ -36,7 +36,8 @@ export function createValue(initial) {
 /**
  * Something that is loaded when it is first asked for.
  * @template T
- * @typedef {{value: T | undefined, get: (signal?: AbortSignal) => Promise<T>}} Lazy  `value` is undefined until it is there
+ * @typedef {{value: T | undefined, get: (signal?: AbortSignal) => Promise<T>}} Lazy `value` is undefined until it is
+ *   there
  */
 
 /**

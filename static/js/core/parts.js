@@ -19,21 +19,31 @@ export function Notice({ title, children, icon = "image", actions }) {
   </section>`;
 }
 
-/** In place of a view or a list that could not be loaded: why, in the server's words, and a button to try again. @param {{error: Error, onRetry: () => void}} props */
+/**
+ * In place of a view or a list that could not be loaded: why, in the server's words, and a button to try again.
+ * @param {{error: Error, onRetry: () => void}} props
+ */
 export function Failure({ error, onRetry }) {
   useRetryOnline(error instanceof ApiError ? null : error, onRetry);
   const { problem = null, status = 0 } = error instanceof ApiError ? error : {};
   return html`<${Notice} icon="warn" title=${problem?.title ?? "This could not be loaded"}
-    actions=${html`${status === 404 && html`<a class="button button--primary" href=${linkTo("datasets")}>All datasets</a>`}<button class="button" onClick=${onRetry}>Try again</button>`}>
+    actions=${html`${
+      status === 404 &&
+      html`<a class="button button--primary"
+        href=${linkTo("datasets")}>All datasets</a>`
+    }
+    <button class="button" onClick=${onRetry}>Try again</button>`}>
     <p role="alert">${error.message}</p>
     ${problem?.request_id && html`<p class="faint">Request ${problem.request_id}</p>`}
   <//>`;
 }
 
 /**
- * A part of a view that could not be loaded, or something that was asked for and not done, in one line: why, in the server's words.
+ * A part of a view that could not be loaded, or something that was asked for and not done, in one line: why, in the
+ * server's words.
  * @param {{what?: string, error: {message: string}, onRetry?: () => void}} props
- *   `what`: the part, where its place does not say it; `onRetry`: with a button to try again; without one, the button that was pressed is still there
+ * `what`: the part, where its place does not say it; `onRetry`: with a button to try again; without one, the button
+ * that was pressed is still there
  */
 export function FailureLine({ what, error, onRetry }) {
   useRetryOnline(error instanceof ApiError ? null : error, onRetry);
@@ -43,7 +53,10 @@ export function FailureLine({ what, error, onRetry }) {
   </p>`;
 }
 
-/** A table that scrolls sideways where it is too wide: keys can scroll it, too. @param {{label: string, children?: unknown}} props */
+/**
+ * A table that scrolls sideways where it is too wide: keys can scroll it, too.
+ * @param {{label: string, children?: unknown}} props
+ */
 export function WideTable({ label, children }) {
   const root = useRef(/** @type {HTMLDivElement | null} */ (null));
   const [isWide, setWide] = useState(false);
@@ -63,10 +76,15 @@ export const Words = ({ text }) => text.split(/(?<=[._])/).map((part, i) => (i ?
 /** Of a text that is shortened, so many characters at its end are always shown. */
 const TAIL = 10;
 
-/** One line. Where there is no room for all of it, characters in its middle are left out. @param {{text: string}} props */
+/**
+ * One line. Where there is no room for all of it, characters in its middle are left out.
+ * @param {{text: string}} props
+ */
 export function MiddleCut({ text }) {
   const characters = [...text];
-  return html`<span class="middlecut"><span class="middlecut__head">${characters.slice(0, -TAIL).join("")}</span><span class="middlecut__tail">${characters.slice(-TAIL).join("")}</span></span>`;
+  return html`<span
+    class="middlecut"><span class="middlecut__head">${characters.slice(0, -TAIL).join("")}</span>
+    <span class="middlecut__tail">${characters.slice(-TAIL).join("")}</span></span>`;
 }
 
 /** Copy a text; `isCopied` is true for a moment afterwards. @param {string} text */
@@ -81,7 +99,11 @@ export function useCopy(text) {
 
 /** @param {string} text @returns {Promise<boolean>} false: the browser does not allow it */
 async function isInClipboard(text) {
-  if (navigator.clipboard) return navigator.clipboard.writeText(text).then(() => true, () => false);
+  if (navigator.clipboard)
+    return navigator.clipboard.writeText(text).then(
+      () => true,
+      () => false,
+    );
   // On a page that is not served securely there is only the older way: to copy what is selected.
   const field = Object.assign(document.createElement("textarea"), { value: text });
   (document.querySelector("dialog[open]") ?? document.body).append(field);
@@ -114,16 +136,29 @@ export function useDialog() {
 
 /**
  * A window over the page, with a title and a cross.
- * @param {{dialog: ReturnType<typeof useDialog>, id: string, title: string, kind?: string, isLight?: boolean, children?: unknown,
- *   onClose: () => void, onKeyDown?: (event: KeyboardEvent) => void}} props  `isLight`: a click outside closes it, because no input would be lost
+ * @param {{dialog: ReturnType<typeof useDialog>, id: string, title: string, kind?: string, isLight?: boolean,
+ *   children?: unknown,
+ * onClose: () => void, onKeyDown?: (event: KeyboardEvent) => void}} props `isLight`: a click outside closes it, because
+ * no input would be lost
  */
-export function Dialog({ dialog: { ref, close }, id, title, kind = "", isLight = false, children, onClose, onKeyDown }) {
-  return html`<dialog class="dialog ${kind && `dialog--${kind}`}" ref=${ref} aria-labelledby=${id} onClose=${onClose} onKeyDown=${onKeyDown}
+export function Dialog({
+  dialog: { ref, close },
+  id,
+  title,
+  kind = "",
+  isLight = false,
+  children,
+  onClose,
+  onKeyDown,
+}) {
+  return html`<dialog class="dialog ${kind && `dialog--${kind}`}" ref=${ref} aria-labelledby=${id} onClose=${onClose}
+    onKeyDown=${onKeyDown}
     onClick=${(/** @type {MouseEvent} */ event) => isLight && event.target === ref.current && close()}>
     <div class="dialog__body">
       <header class="dialog__head">
         <h2 id=${id}>${title}</h2>
-        <button class="button button--quiet button--icon" aria-label="Close" onClick=${close}><${Icon} name="cross" /></button>
+        <button class="button button--quiet button--icon" aria-label="Close"
+          onClick=${close}><${Icon} name="cross" /></button>
       </header>
       ${children}
     </div>
@@ -142,22 +177,31 @@ export function Command({ text }) {
   </div>`;
 }
 
-/** A choice among a few values, as a row of buttons. @param {{label: string, value: string, choices: readonly {value: string, text: string, title?: string}[], onChange: (value: string) => void}} props */
+/**
+ * A choice among a few values, as a row of buttons.
+ * @param {{label: string, value: string, choices: readonly {value: string, text: string, title?: string}[], onChange:
+ *   (value: string) => void}} props
+ */
 export function Segments({ label, value, choices, onChange }) {
   return html`<div class="segments" role="group" aria-label=${label}>
     ${choices.map(
-      (choice) => html`<button type="button" class="segments__item" title=${choice.title} aria-pressed=${choice.value === value} onClick=${() => onChange(choice.value)}>
+      (choice) => html`<button type="button" class="segments__item" title=${choice.title}
+        aria-pressed=${choice.value === value} onClick=${() => onChange(choice.value)}>
         ${choice.text}
       </button>`,
     )}
   </div>`;
 }
 
-/** @param {{label: string, value: string, choices: readonly {value: string, text: string}[], any: string, onChange: (value: string) => void}} props */
+/**
+ * @param {{label: string, value: string, choices: readonly {value: string, text: string}[], any: string, onChange:
+ *   (value: string) => void}} props
+ */
 export function Select({ label, value, choices, any, onChange }) {
   const known = value === "" || choices.some((choice) => choice.value === value);
   return html`<span class="select ${value ? "is-set" : ""}">
-    <select aria-label=${label} value=${value} onChange=${(/** @type {{currentTarget: HTMLSelectElement}} */ event) => onChange(event.currentTarget.value)}>
+    <select aria-label=${label} value=${value}
+      onChange=${(/** @type {{currentTarget: HTMLSelectElement}} */ event) => onChange(event.currentTarget.value)}>
       <option value="">${any}</option>
       ${choices.map((choice) => html`<option value=${choice.value}>${choice.text}</option>`)}
       ${!known && html`<option value=${value}>${value}</option>`}
@@ -167,9 +211,11 @@ export function Select({ label, value, choices, any, onChange }) {
 
 /**
  * What is wrong with a typed number: "Expected 0 to 100, found 131."
- * @param {string} expected @param {{text: string, isBad: boolean}} typed  `isBad`: it is no number; then browsers give no text
+ * @param {string} expected
+ * @param {{text: string, isBad: boolean}} typed `isBad`: it is no number; then browsers give no text
  */
-export const faultText = (expected, { text, isBad }) => `Expected ${expected}, found ${isBad ? "no number" : text.trim() || "nothing"}.`;
+export const faultText = (expected, { text, isBad }) =>
+  `Expected ${expected}, found ${isBad ? "no number" : text.trim() || "nothing"}.`;
 
 /**
  * How a control says what is wrong with what was typed: attributes of the control, and a line below it.
@@ -185,10 +231,22 @@ export function useFault(fault) {
 
 /**
  * A field for a number. While what is typed is not allowed, it says why.
- * @param {{label: string, value: number | null, unit: string, expected: string, step?: number, isEmptyAllowed?: boolean, isSet?: boolean,
- *   parse: (text: string) => number | null, onChange: (value: number | null) => void}} props  `expected`: which numbers `parse` allows
+ * @param {{label: string, value: number | null, unit: string, expected: string, step?: number, isEmptyAllowed?:
+ *   boolean, isSet?: boolean,
+ * parse: (text: string) => number | null, onChange: (value: number | null) => void}} props `expected`: which numbers
+ * `parse` allows
  */
-export function NumberField({ label, value, unit, expected, step = 0.5, isEmptyAllowed = false, isSet = false, parse, onChange }) {
+export function NumberField({
+  label,
+  value,
+  unit,
+  expected,
+  step = 0.5,
+  isEmptyAllowed = false,
+  isSet = false,
+  parse,
+  onChange,
+}) {
   const [typed, setTyped] = useState(/** @type {{text: string, isBad: boolean} | null} */ (null));
   const shown = typed?.text ?? (value === null ? "" : String(value));
   /** @param {{text: string, isBad: boolean}} given */
@@ -227,7 +285,9 @@ export function FileList({ title, items, total = items.length, isOpen = false })
     <summary>${title} <span class="num">${countText(total)}</span></summary>
     <ul tabindex="0" aria-label=${title}>
       ${listed.map(
-        ({ name, why, more = [] }) => html`<li><b>${name}</b> <span>${why}</span>${more.length > 0 && html`<ul>${more.map((line) => html`<li>${line}</li>`)}</ul>`}</li>`,
+        ({ name, why, more = [] }) =>
+          html`<li><b>${name}</b> <span>${why}</span>
+            ${more.length > 0 && html`<ul>${more.map((line) => html`<li>${line}</li>`)}</ul>`}</li>`,
       )}
       ${total > listed.length && html`<li class="faint">and ${countText(total - listed.length)} more</li>`}
     </ul>

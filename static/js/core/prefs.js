@@ -21,9 +21,26 @@ import { createValue } from "./observable.js";
 const STORAGE_KEY = "unghost.prefs.v1";
 
 /** @type {Prefs} */
-const DEFAULTS = { theme: "system", mask: false, opacity: 0.5, lit: true, edges: true, crop: false, far: false, panels: true, blind: false, lessons: true, cropSize: 168 };
+const DEFAULTS = {
+  theme: "system",
+  mask: false,
+  opacity: 0.5,
+  lit: true,
+  edges: true,
+  crop: false,
+  far: false,
+  panels: true,
+  blind: false,
+  lessons: true,
+  cropSize: 168,
+};
 
-/** Keep a value in the browser, if there is room. @param {Pick<Storage, "setItem">} storage @param {string} name @param {unknown} value */
+/**
+ * Keep a value in the browser, if there is room.
+ * @param {Pick<Storage, "setItem">} storage
+ * @param {string} name
+ * @param {unknown} value
+ */
 export function keep(storage, name, value) {
   try {
     storage.setItem(name, JSON.stringify(value));
@@ -50,7 +67,10 @@ export function createPrefs(storage) {
 function loadPrefs(storage) {
   try {
     const stored = JSON.parse(storage.getItem(STORAGE_KEY) ?? "{}");
-    const known = Object.entries(DEFAULTS).map(([key, value]) => [key, typeof stored[key] === typeof value ? stored[key] : value]);
+    const known = Object.entries(DEFAULTS).map(([key, value]) => [
+      key,
+      typeof stored[key] === typeof value ? stored[key] : value,
+    ]);
     return Object.fromEntries(known);
   } catch {
     return DEFAULTS;

@@ -68,7 +68,11 @@ export function linkTo(name, params = {}, query = {}) {
   return `#/${path}${search && `?${search}`}`;
 }
 
-/** What a login link carries; null for any other address. Links with a token are of earlier versions. @param {string} hash @returns {{kind: "code" | "token", secret: string} | null} */
+/**
+ * What a login link carries; null for any other address. Links with a token are of earlier versions.
+ * @param {string} hash
+ * @returns {{kind: "code" | "token", secret: string} | null}
+ */
 export function loginOf(hash) {
   const [, kind, secret = ""] = /^#(code|token)=(.+)$/.exec(hash) ?? [];
   return kind === "code" || kind === "token" ? { kind, secret: decoded(secret) } : null;
@@ -89,7 +93,10 @@ export function createRouter() {
       location.hash = hash;
     },
 
-    /** Same view, other details: no new entry in the history. A view that was left changes nothing. @param {string} hash */
+    /**
+     * Same view, other details: no new entry in the history. A view that was left changes nothing.
+     * @param {string} hash
+     */
     replace(hash) {
       if (hash === location.hash || parseHash(hash).name !== parseHash(location.hash).name) return;
       history.replaceState(history.state, "", hash);

@@ -21,22 +21,27 @@ export function DatasetsView({ app }) {
   const uploads = useValue(app.uploads.ended);
   const loaded = useDatasets(uploads);
   const datasets = loaded.value?.items;
-  const newest = datasets?.map(({ created_at }) => created_at).sort().at(-1);
+  const newest = datasets
+    ?.map(({ created_at }) => created_at)
+    .sort()
+    .at(-1);
   useGrowth(loaded, datasets?.reduce((sum, { counts }) => sum + counts.frames, 0) ?? 0, newest);
   return html`<main id="main" class="page" tabindex="-1" aria-busy=${loaded.state === "loading"}>
-      ${loaded.state === "error" && html`<${Failure} error=${loaded.error} onRetry=${loaded.reload} />`}
-      ${loaded.state === "loading" && !datasets && html`<${Skeleton} />`}
-      ${datasets?.length === 0 && html`<${Empty} app=${app} />`}
-      ${datasets && datasets.length > 0 && html`<${Cards} app=${app} datasets=${datasets} />`}
-    </main>`;
+    ${loaded.state === "error" && html`<${Failure} error=${loaded.error} onRetry=${loaded.reload} />`}
+    ${loaded.state === "loading" && !datasets && html`<${Skeleton} />`}
+    ${datasets?.length === 0 && html`<${Empty} app=${app} />`}
+    ${datasets && datasets.length > 0 && html`<${Cards} app=${app} datasets=${datasets} />`}
+  </main>`;
 }
 
 /** @param {{app: App, datasets: readonly Dataset[]}} props */
 function Cards({ app, datasets }) {
-  return html`<div class="page__head"><h1>Datasets</h1><span class="faint">${countText(datasets.length)}</span><${UploadButtons} app=${app} /></div>
-    <ul class="cards">
-      ${datasets.map((dataset) => html`<li key=${dataset.name}><${Card} app=${app} dataset=${dataset} /></li>`)}
-    </ul>`;
+  return html`<div
+    class="page__head"><h1>Datasets</h1><span class="faint">${countText(datasets.length)}</span>
+    <${UploadButtons} app=${app} /></div>
+  <ul class="cards">
+    ${datasets.map((dataset) => html`<li key=${dataset.name}><${Card} app=${app} dataset=${dataset} /></li>`)}
+  </ul>`;
 }
 
 /** @param {{app: App, dataset: Dataset}} props */
@@ -44,7 +49,13 @@ function Card({ app, dataset }) {
   const { name, description, counts, thumbnail_frame_id: thumbnail } = dataset;
   return html`<a class="card" href=${linkTo("home", { dataset: name })}>
     <div class="card__picture">
-      ${thumbnail ? html`<${NearPicture} url=${pictureUrl("/api/v1/frames/{frame_id}/thumbnail", { path: { frame_id: thumbnail } })} />` : html`<${Icon} name="image" class="card__none" />`}
+      ${
+        thumbnail
+          ? html`<${NearPicture}
+            url=${pictureUrl("/api/v1/frames/{frame_id}/thumbnail", { path: { frame_id: thumbnail } })} />`
+          : html`<${Icon}
+            name="image" class="card__none" />`
+      }
     </div>
     <div class="card__body">
       <h2 class="card__title">${name}</h2>
@@ -63,7 +74,11 @@ function Legend({ counts }) {
   return html`<div class="legend">
     <span><${StrokeSwatch} verdict="kept" /><b>${countText(counts.kept)}</b> kept</span>
     <span><${StrokeSwatch} verdict="rejected" /><b>${countText(counts.rejected)}</b> rejected</span>
-    ${counts.unmeasured > 0 && html`<span><${StrokeSwatch} verdict="unmeasured" /><b>${countText(counts.unmeasured)}</b> unmeasured</span>`}
+    ${
+      counts.unmeasured > 0 &&
+      html`<span><${StrokeSwatch} verdict="unmeasured" />
+        <b>${countText(counts.unmeasured)}</b> unmeasured</span>`
+    }
   </div>`;
 }
 
@@ -84,6 +99,14 @@ function Empty({ app }) {
 
 function Skeleton() {
   return html`<div class="page__head"><h1>Datasets</h1></div>
-    <div class="cards" aria-hidden="true">${[0, 1, 2].map(() => html`<div class="card card--skeleton"><div class="card__picture shimmer" /><div class="card__body"><div class="skeleton" /><div class="skeleton skeleton--short" /><div class="skeleton" /></div></div>`)}</div>
-    <p class="sr-only" role="status">Loading datasets</p>`;
+  <div class="cards"
+    aria-hidden="true">
+    ${[0, 1, 2].map(
+      () => html`<div
+        class="card card--skeleton"><div class="card__picture shimmer" />
+        <div
+          class="card__body"><div class="skeleton" /><div class="skeleton skeleton--short" /><div class="skeleton" />
+        </div></div>`,
+    )}</div>
+  <p class="sr-only" role="status">Loading datasets</p>`;
 }

@@ -48,22 +48,44 @@ export function FramesView({ app, route }) {
   const setQuery = (query) => app.router.replace(linkTo("frames", { dataset: name }, query));
 
   return html`<main id="main" class="page" tabindex="-1">
-      <div class="page__head">
-        <h1>${name}</h1>
-        ${counts && html`<span class="faint">${countOf(counts.frames, "frame")} · ${countOf(counts.boxes, "box", "boxes")} · ${countOf(counts.to_review, "needs review", "need review")}</span>`}
-        ${counts && html`<button class="button page__settings" onClick=${() => setOpen(true)}>
-          <${Icon} name="settings" />Dataset settings${counts.problems > 0 && html`<span class="warn">${countOf(counts.problems, "refused frame")}</span>`}
-        </button>`}
-        ${isOpen && dataset.value && html`<${DatasetDialog} app=${app} dataset=${dataset.value} onClose=${() => setOpen(false)} onChanged=${dataset.reload} />`}
-      </div>
-      ${dataset.state === "error"
+    <div class="page__head">
+      <h1>${name}</h1>
+      ${
+        counts &&
+        html`<span
+          class="faint">
+          ${countOf(counts.frames, "frame")} · ${countOf(counts.boxes, "box", "boxes")} · ${countOf(
+            counts.to_review,
+            "needs review",
+            "need review",
+          )}</span>`
+      }
+      ${
+        counts &&
+        html`<button class="button page__settings" onClick=${() => setOpen(true)}>
+          <${Icon}
+            name="settings" />Dataset settings
+          ${counts.problems > 0 && html`<span class="warn">${countOf(counts.problems, "refused frame")}</span>`}
+        </button>`
+      }
+      ${
+        isOpen &&
+        dataset.value &&
+        html`<${DatasetDialog} app=${app} dataset=${dataset.value}
+          onClose=${() => setOpen(false)} onChanged=${dataset.reload} />`
+      }
+    </div>
+    ${
+      dataset.state === "error"
         ? html`<${Failure} error=${dataset.error} onRetry=${dataset.reload} />`
         : html`${dataset.value && html`<${Evidence} app=${app} dataset=${name} evidence=${dataset.value.evidence} />`}
-            <${FrameFilters} classes=${dataset.value?.classes ?? []} stats=${stats.value} query=${route.query}
-              onChange=${setQuery} />
-            <${FrameGrid} key=${`${name} ${uploads} ${JSON.stringify(apiParams(route.query))}`} app=${app} dataset=${name} query=${route.query}
-              total=${counts?.frames ?? null} onClear=${() => setQuery({})} />`}
-    </main>`;
+        <${FrameFilters} classes=${dataset.value?.classes ?? []} stats=${stats.value} query=${route.query}
+          onChange=${setQuery} />
+        <${FrameGrid} key=${`${name} ${uploads} ${JSON.stringify(apiParams(route.query))}`} app=${app}
+          dataset=${name} query=${route.query}
+          total=${counts?.frames ?? null} onClear=${() => setQuery({})} />`
+    }
+  </main>`;
 }
 
 /** @param {Query} query */
@@ -74,8 +96,11 @@ const hasFilters = (query) => [...LIST_KEYS, "key"].some((key) => query[key]);
 
 /** @param {{app: App, dataset: string, query: Query, total: number | null, onClear: () => void}} props */
 function FrameGrid({ app, dataset, query, total, onClear }) {
-  const { items, isDone, error, more, append } = usePages(`${dataset} ${JSON.stringify(apiParams(query))}`, PAGE_SIZE, (limit, cursor) =>
-    get("/api/v1/datasets/{dataset}/frames", { path: { dataset }, query: { ...apiParams(query), limit, cursor } }),
+  const { items, isDone, error, more, append } = usePages(
+    `${dataset} ${JSON.stringify(apiParams(query))}`,
+    PAGE_SIZE,
+    (limit, cursor) =>
+      get("/api/v1/datasets/{dataset}/frames", { path: { dataset }, query: { ...apiParams(query), limit, cursor } }),
   );
   const isFiltered = hasFilters(query);
   const seen = useRef(total);
@@ -84,7 +109,11 @@ function FrameGrid({ app, dataset, query, total, onClear }) {
     seen.current = total;
     const lacks = !isFiltered && (total ?? 0) > items.length;
     if (!isDone || (grown <= 0 && !lacks)) return;
-    const newest = { ...apiParams(query), sort: /** @type {const} */ ("-id"), limit: Math.min(grown + PAGE_SIZE, MOST_NEWER) };
+    const newest = {
+      ...apiParams(query),
+      sort: /** @type {const} */ ("-id"),
+      limit: Math.min(grown + PAGE_SIZE, MOST_NEWER),
+    };
     get("/api/v1/datasets/{dataset}/frames", { path: { dataset }, query: newest }).then(
       ({ items: found }) => append((known) => found.filter(({ id }) => !known.some((one) => one.id === id)).reverse()),
       app.toasts.fail,
@@ -93,12 +122,19 @@ function FrameGrid({ app, dataset, query, total, onClear }) {
   if (error && items.length === 0) return html`<${Failure} error=${error} onRetry=${more} />`;
   if (isDone && items.length === 0) return html`<${NoFrames} isFiltered=${isFiltered} onClear=${onClear} />`;
   return html`<p class="page__count" role="status">${countLine(items.length, isDone, isFiltered, total)}</p>
-    <ul class="thumbs" aria-busy=${!isDone && items.length === 0}>
-      ${items.map((frame) => html`<li key=${frame.id}><${Thumb} app=${app} frame=${frame} query=${query} /></li>`)}
-      ${items.length === 0 && Array.from({ length: 12 }, () => html`<li class="thumb thumb--skeleton" aria-hidden="true"><div class="thumb__picture shimmer" /></li>`)}
-    </ul>
-    ${error && html`<${FailureLine} error=${error} onRetry=${more} />`}
-    ${!isDone && !error && html`<${Sentinel} onSeen=${more} />`}`;
+  <ul class="thumbs" aria-busy=${!isDone && items.length === 0}>
+    ${items.map((frame) => html`<li key=${frame.id}><${Thumb} app=${app} frame=${frame} query=${query} /></li>`)}
+    ${
+      items.length === 0 &&
+      Array.from(
+        { length: 12 },
+        () => html`<li class="thumb thumb--skeleton"
+          aria-hidden="true"><div class="thumb__picture shimmer" /></li>`,
+      )
+    }
+  </ul>
+  ${error && html`<${FailureLine} error=${error} onRetry=${more} />`}
+  ${!isDone && !error && html`<${Sentinel} onSeen=${more} />`}`;
 }
 
 /** @param {number} shown @param {boolean} isDone @param {boolean} isFiltered @param {number | null} total */
@@ -113,23 +149,41 @@ function countLine(shown, isDone, isFiltered, total) {
 function Sentinel({ onSeen }) {
   const element = useRef(/** @type {HTMLDivElement | null} */ (null));
   useEffect(() => {
-    const watcher = new IntersectionObserver((entries) => entries.some((entry) => entry.isIntersecting) && onSeen(), { rootMargin: "600px" });
+    const watcher = new IntersectionObserver((entries) => entries.some((entry) => entry.isIntersecting) && onSeen(), {
+      rootMargin: "600px",
+    });
     if (element.current) watcher.observe(element.current);
     return () => watcher.disconnect();
   }, [onSeen]);
-  return html`<div class="more" ref=${element}><span class="spinner" aria-hidden="true"></span><span class="sr-only">Loading more frames</span></div>`;
+  return html`<div class="more"
+    ref=${element}><span class="spinner" aria-hidden="true"></span><span class="sr-only">Loading more frames</span>
+  </div>`;
 }
 
 /** @param {{app: App, frame: FrameItem, query: Query}} props */
 function Thumb({ app, frame, query }) {
   const { id, key, counts, has_image, lossy } = frame;
-  const waiting = counts.to_review ? countOf(counts.to_review, "needs review", "need review") : !counts.boxes ? "no boxes" : counts.reviewed ? "reviewed" : "nothing to review";
+  const waiting = counts.to_review
+    ? countOf(counts.to_review, "needs review", "need review")
+    : !counts.boxes
+      ? "no boxes"
+      : counts.reviewed
+        ? "reviewed"
+        : "nothing to review";
   return html`<a class="thumb" href=${linkTo("frame", { id }, query)} title=${key}>
     <div class="thumb__picture">
-      ${has_image ? html`<${NearPicture} url=${pictureUrl("/api/v1/frames/{frame_id}/thumbnail", { path: { frame_id: id } })} />` : html`<${Icon} name="image" />`}
+      ${
+        has_image
+          ? html`<${NearPicture}
+            url=${pictureUrl("/api/v1/frames/{frame_id}/thumbnail", { path: { frame_id: id } })} />`
+          : html`<${Icon}
+            name="image" />`
+      }
       ${lossy && html`<span class="thumb__flag">lossy</span>`}
     </div>
-    <div class="thumb__text"><span class="thumb__key">${key}</span><span class="faint num">${countText(counts.boxes)}</span></div>
+    <div
+      class="thumb__text"><span class="thumb__key">${key}</span>
+      <span class="faint num">${countText(counts.boxes)}</span></div>
     <${VerdictBar} counts=${counts} />
     <div class="thumb__text faint"><span>${waiting}</span></div>
   </a>`;
@@ -138,9 +192,10 @@ function Thumb({ app, frame, query }) {
 /** @param {{isFiltered: boolean, onClear: () => void}} props */
 function NoFrames({ isFiltered, onClear }) {
   return isFiltered
-    ? html`<${Notice} icon="filter" title="No frame matches" actions=${html`<button class="button" onClick=${onClear}>Clear the filters</button>`}>
-        <p>Every frame of this dataset is hidden by the filters.</p>
-      <//>`
+    ? html`<${Notice} icon="filter" title="No frame matches"
+      actions=${html`<button class="button" onClick=${onClear}>Clear the filters</button>`}>
+      <p>Every frame of this dataset is hidden by the filters.</p>
+    <//>`
     : html`<${Notice} title="No frames yet"><p>No frames have been uploaded to this dataset.</p><//>`;
 }
 
@@ -153,7 +208,8 @@ const TYPING_PAUSE_MS = 250;
 function FrameFilters({ classes, stats, query, onChange }) {
   return html`<div class="filters" role="search" aria-label="Filter frames">
     <${VerdictFilter} query=${query} onChange=${onChange} />
-    <${FilterMenus} query=${query} own=${{ class: { choices: classChoices(classes) } }} onChange=${onChange} onClear=${hasFilters(query) ? () => onChange({}) : null}>
+    <${FilterMenus} query=${query} own=${{ class: { choices: classChoices(classes) } }} onChange=${onChange}
+      onClear=${hasFilters(query) ? () => onChange({}) : null}>
       <${PlaceFilters} stats=${stats} query=${query} onChange=${onChange} />
       <${KeyPrefix} value=${query.key ?? ""} onChange=${(/** @type {string} */ key) => onChange({ ...query, key })} />
     <//>
@@ -164,6 +220,7 @@ function FrameFilters({ classes, stats, query, onChange }) {
 function KeyPrefix({ value, onChange }) {
   const { shown, onInput, onBlur } = useTyped(value, onChange, TYPING_PAUSE_MS);
   return html`<label class="search"><span class="sr-only">Key starts with</span>
-    <input type="search" value=${shown} placeholder="Key starts with…" spellcheck=${false} onInput=${onInput} onBlur=${onBlur} />
+    <input type="search" value=${shown} placeholder="Key starts with…" spellcheck=${false} onInput=${onInput}
+      onBlur=${onBlur} />
   </label>`;
 }

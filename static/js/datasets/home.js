@@ -60,9 +60,7 @@ export function HomeView({ app, route }) {
     </main>`;
   const worst = report?.worst_frames.filter(({ has_image }) => has_image) ?? [];
   // One that has much to show on both sides of the line.
-  const [best] = [...worst].sort(
-    ({ counts: a }, { counts: b }) => b.kept * b.rejected - a.kept * a.rejected,
-  );
+  const [best] = [...worst].sort(({ counts: a }, { counts: b }) => b.kept * b.rejected - a.kept * a.rejected);
   // While frames come in, the picture that somebody looks at stays.
   const first = useRef(best);
   first.current ??= best;
@@ -71,43 +69,63 @@ export function HomeView({ app, route }) {
   return html`<main id="main" class="page home" tabindex="-1" aria-busy=${!stats}>
     <div class="page__head">
       <h1>${name}</h1>
-      ${counts && html`<span class="faint">
-        ${countOf(counts.frames, "frame")} · ${countOf(counts.boxes, "box", "boxes")}</span>`}
+      ${
+        counts &&
+        html`<span class="faint">
+          ${countOf(counts.frames, "frame")} · ${countOf(counts.boxes, "box", "boxes")}</span>`
+      }
       <button class="button home__print" onClick=${() => print()}>Print</button>
     </div>
     ${loaded.error && html`<${FailureLine} error=${loaded.error} onRetry=${loaded.reload} />`}
-    ${counts && html`<section class="home__start">
-      <div class="home__words">
-        <p>The simulator gives a box for every object, also for those that the camera cannot see:
-          ${" "}<${Term} name="ghost">ghosts<//>. Unghost compares each box with
-          the ${" "}<${Term} name="segmentation">images<//> of its frame, keeps what is seen and rejects the rest,
-          and says why. You look at the boxes that are ${" "}<${Term} name="doubt">in doubt<//>, one at a time;
-          every answer is saved at once and can be undone.</p>
-        ${counts.boxes > 0 && html`<div class="home__buttons">
-          <a class="button button--primary button--large" href=${linkTo("queue", path)}>
-            Start review${counts.to_review > 0 && html` <span class="num">${countText(counts.to_review)}</span>`}</a>
-          <a class="button button--large" href=${linkTo("frames", path)}>Look at the frames</a>
-        </div>`}
+    ${
+      counts &&
+      html`<section class="home__start">
+        <div class="home__words">
+          <p>The simulator gives a box for every object, also for those that the camera cannot see:
+            ${" "}<${Term} name="ghost">ghosts<//>. Unghost compares each box with
+            the ${" "}<${Term} name="segmentation">images<//> of its frame, keeps what is seen and rejects the rest,
+            and says why. You look at the boxes that are ${" "}<${Term} name="doubt">in doubt<//>, one at a time;
+            every answer is saved at once and can be undone.</p>
+          ${
+            counts.boxes > 0 &&
+            html`<div class="home__buttons">
+              <a class="button button--primary button--large" href=${linkTo("queue", path)}>
+                Start review${counts.to_review > 0 && html` <span class="num">${countText(counts.to_review)}</span>`}
+              </a>
+              <a class="button button--large" href=${linkTo("frames", path)}>Look at the frames</a>
+            </div>`
+          }
+        </div>
+        ${
+          counts.boxes === 0 &&
+          html`<${Notice} title="No boxes yet">
+            <p>Frames, boxes and ghosts are shown here as soon as they come in.</p>
+          <//>`
+        }
+        ${shown && html`<${BeforeAfter} key=${shown.id} app=${app} id=${shown.id} />`}
+      </section>`
+    }
+    ${
+      stats &&
+      stats.boxes > 0 &&
+      html`<div class="home__report">
+        <${ByClass} dataset=${name} stats=${stats} />
+        <${ByDistance} dataset=${name} bands=${report?.by_distance ?? []} />
+        <${ByPlace} dataset=${name} what="map" places=${report?.by_map ?? []} />
+        <${ByPlace} dataset=${name} what="weather" places=${report?.by_weather ?? []} />
+        <${ByCause} dataset=${name} stats=${stats} />
+        <${ForPeople} dataset=${name} stats=${stats} evidence=${dataset.value?.evidence ?? ""} />
+        <${Evidence} dataset=${name} frames=${stats.frames} />
+        <${Exports} dataset=${name} />
       </div>
-      ${counts.boxes === 0 && html`<${Notice} title="No boxes yet">
-        <p>Frames, boxes and ghosts are shown here as soon as they come in.</p>
-      <//>`}
-      ${shown && html`<${BeforeAfter} key=${shown.id} app=${app} id=${shown.id} />`}
-    </section>`}
-    ${stats && stats.boxes > 0 && html`<div class="home__report">
-      <${ByClass} dataset=${name} stats=${stats} />
-      <${ByDistance} dataset=${name} bands=${report?.by_distance ?? []} />
-      <${ByPlace} dataset=${name} what="map" places=${report?.by_map ?? []} />
-      <${ByPlace} dataset=${name} what="weather" places=${report?.by_weather ?? []} />
-      <${ByCause} dataset=${name} stats=${stats} />
-      <${ForPeople} dataset=${name} stats=${stats} evidence=${dataset.value?.evidence ?? ""} />
-      <${Evidence} dataset=${name} frames=${stats.frames} />
-      <${Exports} dataset=${name} />
-    </div>
-    ${worst.length > 0 && html`<section class="panelbox" aria-labelledby="worst-title">
-      <header class="panelbox__head"><h2 id="worst-title">Frames with the most ghosts</h2></header>
-      <ul class="thumbs">${worst.map((frame) => html`<li key=${frame.id}><${Worst} frame=${frame} /></li>`)}</ul>
-    </section>`}`}
+      ${
+        worst.length > 0 &&
+        html`<section class="panelbox" aria-labelledby="worst-title">
+          <header class="panelbox__head"><h2 id="worst-title">Frames with the most ghosts</h2></header>
+          <ul class="thumbs">${worst.map((frame) => html`<li key=${frame.id}><${Worst} frame=${frame} /></li>`)}</ul>
+        </section>`
+      }`
+    }
   </main>`;
 }
 
@@ -153,7 +171,8 @@ export function BeforeAfter({ app, id }) {
     <input class="compare__range" type="range" min="0" max="100" value=${at}
       aria-label="Before the filter on the left, after it on the right"
       onInput=${(/** @type {{currentTarget: HTMLInputElement}} */ event) => setAt(Number(event.currentTarget.value))} />
-    <figcaption><span>Before: ${countOf(boxes.length, "box", "boxes")}</span><span>After: ${countText(kept.length)}</span></figcaption>
+    <figcaption><span>Before: ${countOf(boxes.length, "box", "boxes")}</span>
+      <span>After: ${countText(kept.length)}</span></figcaption>
   </figure>`;
 }
 
@@ -163,10 +182,11 @@ export function BeforeAfter({ app, id }) {
  */
 export function CompareView({ app, route }) {
   const id = Number(route.params.id);
-  const { value: loaded, error, reload } = useLoaded(
-    (signal) => get("/api/v1/frames/{frame_id}", { path: { frame_id: id }, signal }),
-    [id],
-  );
+  const {
+    value: loaded,
+    error,
+    reload,
+  } = useLoaded((signal) => get("/api/v1/frames/{frame_id}", { path: { frame_id: id }, signal }), [id]);
   const frame = loaded?.id === id ? loaded : null;
   const { dataset = "", key = "" } = frame ?? loaded ?? {};
   const link = useCopy(location.href);
@@ -178,7 +198,8 @@ export function CompareView({ app, route }) {
       ...(dataset ? [{ text: dataset, href: linkTo("frames", { dataset }) }, { text: key }] : []),
     ],
   });
-  if (error) return html`<main id="main" class="page" tabindex="-1"><${Failure} error=${error} onRetry=${reload} /></main>`;
+  if (error)
+    return html`<main id="main" class="page" tabindex="-1"><${Failure} error=${error} onRetry=${reload} /></main>`;
   return html`<main id="main" class="page" tabindex="-1" aria-busy=${!frame}>
     <div class="page__head">
       <h1>${key || "Before and after"}</h1>
@@ -191,9 +212,12 @@ export function CompareView({ app, route }) {
         <a class="button" href=${linkTo("frame", { id })}>All about this frame</a>
       </div>
     </div>
-    ${frame?.has_image === false
-      ? html`<${Notice} title="This frame has no image"><p>There is no picture on which its boxes could be compared.</p><//>`
-      : html`<div class="compare__page"><${BeforeAfter} key=${id} app=${app} id=${id} /></div>`}
+    ${
+      frame?.has_image === false
+        ? html`<${Notice}
+          title="This frame has no image"><p>There is no picture on which its boxes could be compared.</p><//>`
+        : html`<div class="compare__page"><${BeforeAfter} key=${id} app=${app} id=${id} /></div>`
+    }
   </main>`;
 }
 
@@ -215,21 +239,22 @@ function Table({ title, head, rows }) {
   return html`<section class="panelbox" aria-label=${title}>
     <header class="panelbox__head"><h2>${title}</h2></header>
     <${WideTable} label=${title}><table class="table">
-      <thead><tr>
-        <th scope="col">${head}</th><th class="is-num" scope="col">Boxes</th><th class="is-num" scope="col">Ghosts</th>
-        <th class="table__bar" aria-hidden="true"></th>
-      </tr></thead>
-      <tbody>${rows.map(({ name, counts }) => {
-        const boxes = counts.kept + counts.rejected + counts.unmeasured;
-        const drawn = { ...counts, boxes, reviewed: 0, to_review: 0 };
-        return html`<tr>
-          <th scope="row">${name}</th>
-          <td class="is-num num">${countText(boxes)}</td>
-          <td class="is-num num">${countText(counts.rejected)}</td>
-          <td class="table__bar" aria-hidden="true"><${VerdictBar} counts=${drawn} /></td>
-        </tr>`;
-      })}</tbody>
-    </table><//>
+        <thead><tr>
+            <th scope="col">${head}</th><th class="is-num" scope="col">Boxes</th>
+            <th class="is-num" scope="col">Ghosts</th>
+            <th class="table__bar" aria-hidden="true"></th>
+          </tr></thead>
+        <tbody>${rows.map(({ name, counts }) => {
+          const boxes = counts.kept + counts.rejected + counts.unmeasured;
+          const drawn = { ...counts, boxes, reviewed: 0, to_review: 0 };
+          return html`<tr>
+            <th scope="row">${name}</th>
+            <td class="is-num num">${countText(boxes)}</td>
+            <td class="is-num num">${countText(counts.rejected)}</td>
+            <td class="table__bar" aria-hidden="true"><${VerdictBar} counts=${drawn} /></td>
+          </tr>`;
+        })}</tbody>
+      </table><//>
   </section>`;
 }
 
@@ -257,7 +282,8 @@ function ByDistance({ dataset, bands }) {
 
 /**
  * Nothing where no frame names a map or a weather.
- * @param {{dataset: string, what: "map" | "weather", places: readonly import("../core/openapi.js").PlaceCounts[]}} props
+ * @param {{dataset: string, what: "map" | "weather", places: readonly import("../core/openapi.js").PlaceCounts[]}}
+ *   props
  */
 function ByPlace({ dataset, what, places }) {
   if (places.length === 0) return null;
@@ -278,18 +304,21 @@ function ByCause({ dataset, stats }) {
   return html`<section class="panelbox" aria-labelledby="cause-title">
     <header class="panelbox__head"><h2 id="cause-title">By cause</h2></header>
     <${WideTable} label="By cause"><table class="table">
-      <thead><tr><th scope="col">Why not kept</th><th class="is-num" scope="col">Boxes</th></tr></thead>
-      <tbody>${rows.map(
-        ([reason, boxes]) => html`<tr key=${reason}>
-          <th scope="row"><a href=${linkTo("grid", { dataset }, { reason })}>${reasonText(reason)}</a></th>
-          <td class="is-num num">${countText(boxes)}</td>
-        </tr>`,
-      )}</tbody>
-    </table><//>
+        <thead><tr><th scope="col">Why not kept</th><th class="is-num" scope="col">Boxes</th></tr></thead>
+        <tbody>${rows.map(
+          ([reason, boxes]) => html`<tr key=${reason}>
+            <th scope="row"><a href=${linkTo("grid", { dataset }, { reason })}>${reasonText(reason)}</a></th>
+            <td class="is-num num">${countText(boxes)}</td>
+          </tr>`,
+        )}</tbody>
+      </table><//>
   </section>`;
 }
 
-/** How right each kind of evidence is, where instance images tell the truth. @param {{dataset: string, frames: number}} props */
+/**
+ * How right each kind of evidence is, where instance images tell the truth.
+ * @param {{dataset: string, frames: number}} props
+ */
 function Evidence({ dataset, frames }) {
   const path = { dataset };
   const { value } = useLoaded(
@@ -301,18 +330,18 @@ function Evidence({ dataset, frames }) {
   return html`<section class="panelbox" aria-labelledby="evidence-title">
     <header class="panelbox__head"><h2 id="evidence-title">Evidence</h2></header>
     <${WideTable} label="Evidence"><table class="table">
-      <thead><tr>
-        <th scope="col">Right by the instances</th><th class="is-num" scope="col">Precision</th>
-        <th class="is-num" scope="col">Recall</th>
-      </tr></thead>
-      <tbody>${measured.map(
-        ([name, score]) => html`<tr key=${name}>
-          <th scope="row">${evidenceText(name)}</th>
-          <td class="is-num num">${percentText(shareOf(score.precision))}</td>
-          <td class="is-num num">${percentText(shareOf(score.recall))}</td>
-        </tr>`,
-      )}</tbody>
-    </table><//>
+        <thead><tr>
+            <th scope="col">Right by the instances</th><th class="is-num" scope="col">Precision</th>
+            <th class="is-num" scope="col">Recall</th>
+          </tr></thead>
+        <tbody>${measured.map(
+          ([name, score]) => html`<tr key=${name}>
+            <th scope="row">${evidenceText(name)}</th>
+            <td class="is-num num">${percentText(shareOf(score.precision))}</td>
+            <td class="is-num num">${percentText(shareOf(score.recall))}</td>
+          </tr>`,
+        )}</tbody>
+      </table><//>
     <p class="home__buttons"><a class="button" href=${linkTo("quality", path)}>Quality</a></p>
   </section>`;
 }

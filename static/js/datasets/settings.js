@@ -24,18 +24,29 @@ export function DatasetDialog({ app, dataset, onClose, onChanged }) {
   return html`<${Dialog} dialog=${dialog} id="dataset-title" title=${dataset.name} kind="upload" onClose=${onClose}>
     <div class="settings">
       <${Problems} app=${app} dataset=${dataset} />
-      ${recording && html`<${RecordingDownload} text=${recording}
-        about="How the folder of these frames was read; beside the data, it lets every command read it like this." />`}
+      ${
+        recording &&
+        html`<${RecordingDownload} text=${recording}
+          about="How the folder of these frames was read; beside the data, it lets every command read it like this." />`
+      }
       <${Changes} app=${app} dataset=${dataset} onDone=${() => (onChanged(), dialog.close())} />
       <${Removal} app=${app} dataset=${dataset} />
     </div>
   <//>`;
 }
 
-/** Frames that were refused and have not been uploaded successfully since. @param {{app: App, dataset: Dataset}} props */
+/**
+ * Frames that were refused and have not been uploaded successfully since.
+ * @param {{app: App, dataset: Dataset}} props
+ */
 function Problems({ app, dataset }) {
-  const loaded = useLoaded((signal) => get("/api/v1/datasets/{dataset}/problems", { path: { dataset: dataset.name }, query: { limit: 200 }, signal }), [dataset.name]);
-  if (loaded.state === "error") return html`<${FailureLine} what="Refused frames" error=${loaded.error} onRetry=${loaded.reload} />`;
+  const loaded = useLoaded(
+    (signal) =>
+      get("/api/v1/datasets/{dataset}/problems", { path: { dataset: dataset.name }, query: { limit: 200 }, signal }),
+    [dataset.name],
+  );
+  if (loaded.state === "error")
+    return html`<${FailureLine} what="Refused frames" error=${loaded.error} onRetry=${loaded.reload} />`;
   const items = (loaded.value?.items ?? []).map(({ key, error }) => ({ name: key, why: error.detail }));
   if (loaded.value && items.length === 0) return html`<p class="faint">No frame was refused.</p>`;
   // The counts may be older than the list.
@@ -43,7 +54,10 @@ function Problems({ app, dataset }) {
   return html`<${FileList} title="Refused frames" items=${items} total=${total} isOpen=${true} />`;
 }
 
-/** What can be changed of a dataset: its description, and how its segmentations are read. @param {{app: App, dataset: Dataset, onDone: () => void}} props */
+/**
+ * What can be changed of a dataset: its description, and how its segmentations are read.
+ * @param {{app: App, dataset: Dataset, onDone: () => void}} props
+ */
 function Changes({ app, dataset, onDone }) {
   const fields = useFields("DatasetPatch", WORDS);
   const [chosen, setChosen] = useState(/** @type {Record<string, any>} */ ({}));
@@ -54,7 +68,10 @@ function Changes({ app, dataset, onDone }) {
     if (Object.keys(body).length === 0) return onDone();
     const changed = await patch("/api/v1/datasets/{dataset}", { path: { dataset: dataset.name }, body });
     // The answer is a run where every frame is measured again.
-    if ("state" in changed) app.toasts.show("All frames are being measured again.", { action: { text: "Show the run", href: linkTo("runs", { dataset: dataset.name }) } });
+    if ("state" in changed)
+      app.toasts.show("All frames are being measured again.", {
+        action: { text: "Show the run", href: linkTo("runs", { dataset: dataset.name }) },
+      });
     else app.toasts.show("Saved.");
     return onDone();
   });
@@ -65,8 +82,10 @@ function Changes({ app, dataset, onDone }) {
   };
   /** @param {Field} field */
   const ask = (field) => html`<label class="field" title=${field.help}><span>${field.text}</span>
-    <${Control} field=${field} value=${chosen[field.key] ?? stored[field.key]} onChange=${(/** @type {unknown} */ value) => setChosen({ ...chosen, [field.key]: value })} /></label>`;
-  if (fields.state === "error") return html`<${FailureLine} what="Settings" error=${fields.error} onRetry=${fields.reload} />`;
+    <${Control} field=${field} value=${chosen[field.key] ?? stored[field.key]}
+      onChange=${(/** @type {unknown} */ value) => setChosen({ ...chosen, [field.key]: value })} /></label>`;
+  if (fields.state === "error")
+    return html`<${FailureLine} what="Settings" error=${fields.error} onRetry=${fields.reload} />`;
   if (!fields.value) return html`<div class="skeleton skeleton--tall shimmer"></div>`;
   return html`<form class="upload" onSubmit=${submit}>
     ${fields.value.filter(({ kind }) => kind === "text").map(ask)}
@@ -94,7 +113,11 @@ function Removal({ app, dataset }) {
     <summary>Delete this dataset</summary>
     <p>Its frames, boxes and all answers will be deleted permanently. Type <b>${dataset.name}</b> to confirm.</p>
     <div class="settings__confirm">
-      <label class="field"><span class="sr-only">Name of the dataset</span><input value=${typed} autocomplete="off" spellcheck=${false} onInput=${(/** @type {{currentTarget: HTMLInputElement}} */ event) => setTyped(event.currentTarget.value)} /></label>
+      <label
+        class="field"><span class="sr-only">Name of the dataset</span>
+        <input value=${typed} autocomplete="off" spellcheck=${false}
+          onInput=${(/** @type {{currentTarget: HTMLInputElement}} */ event) => setTyped(event.currentTarget.value)} />
+      </label>
       <button class="button button--danger" disabled=${isBusy || typed !== dataset.name} onClick=${run}>Delete</button>
     </div>
     ${error && html`<${FailureLine} error=${error} />`}

@@ -11,7 +11,17 @@ import { Icon } from "../core/icons.js";
 import { useKeyText, withKey } from "../core/keymap.js";
 import { MiddleCut } from "../core/parts.js";
 import { linkTo } from "../core/router.js";
-import { HEAD_PX, MOVES, cellsIn, layoutOf, moved, offsetAt, offsetToShow, rowsInSight, scrollTopFor } from "./layout.js";
+import {
+  HEAD_PX,
+  MOVES,
+  cellsIn,
+  layoutOf,
+  moved,
+  offsetAt,
+  offsetToShow,
+  rowsInSight,
+  scrollTopFor,
+} from "./layout.js";
 import { createPicking, extended, focused, isSelected, lassoed, listenToLasso } from "./selection.js";
 
 /** @typedef {import("../review/answers.js").ReviewApp} App */
@@ -41,7 +51,10 @@ export function GridCells({ app, place, frameSize, actions }) {
   now.current = { layout, offset, view };
 
   useMeasures(host, place, now, setView);
-  useEffect(() => pager.want(sight.first * layout.columns, sight.end * layout.columns), [sight.first, sight.end, layout.columns, pager]);
+  useEffect(
+    () => pager.want(sight.first * layout.columns, sight.end * layout.columns),
+    [sight.first, sight.end, layout.columns, pager],
+  );
 
   useKeysOfGrid(app, host, { place, now, actions });
   useLasso(host, { place, now, setLasso });
@@ -51,12 +64,19 @@ export function GridCells({ app, place, frameSize, actions }) {
   const waiting = app.sender.state.get().waitingInBulk;
   const openTitle = withKey("Open in its frame", useKeyText(app, "open"));
   const focusId = pager.idAt(selection.focus);
-  return html`<div class="grid-scroll" ref=${host} tabindex="0" role="grid" aria-label="Boxes" aria-multiselectable="true" data-known=${pager.known()}
-    aria-rowcount=${layout.rows} aria-colcount=${layout.columns} aria-busy=${pager.known() === 0} aria-activedescendant=${focusId === undefined ? undefined : `cell-${focusId}`}>
+  return html`<div class="grid-scroll" ref=${host} tabindex="0" role="grid" aria-label="Boxes"
+    aria-multiselectable="true" data-known=${pager.known()}
+    aria-rowcount=${layout.rows} aria-colcount=${layout.columns} aria-busy=${pager.known() === 0}
+    aria-activedescendant=${focusId === undefined ? undefined : `cell-${focusId}`}>
     <div class="grid-space" role="presentation" style=${{ height: `${layout.height}px` }}>
       ${rows.map(
-        (row) => html`<${Row} key=${row} app=${app} row=${row} top=${HEAD_PX + row * layout.pitch + view.scrollTop - offset} layout=${layout} frameSize=${frameSize} waiting=${waiting}
-          cells=${Array.from({ length: Math.min(layout.columns, layout.count - row * layout.columns) }, (_, i) => cellAt(place, row * layout.columns + i, blind))}
+        (
+          row,
+        ) => html`<${Row} key=${row} app=${app} row=${row} top=${HEAD_PX + row * layout.pitch + view.scrollTop - offset}
+          layout=${layout} frameSize=${frameSize} waiting=${waiting}
+          cells=${Array.from({ length: Math.min(layout.columns, layout.count - row * layout.columns) }, (_, i) =>
+            cellAt(place, row * layout.columns + i, blind),
+          )}
           openTitle=${openTitle} onPick=${onPick} onOpen=${onOpen} />`,
       )}
       ${lasso && html`<div class="lasso" role="presentation" style=${placeOf(lasso, view.scrollTop - offset)} />`}
@@ -69,7 +89,13 @@ function cellAt({ pager, selection }, index, isBlind) {
   const now = selection.get();
   const id = pager.idAt(index);
   const box = pager.at(index);
-  return { index, id, box: box && asShown(box, isBlind), isSelected: id === undefined ? now.all : isSelected(now, id), isFocused: index === now.focus };
+  return {
+    index,
+    id,
+    box: box && asShown(box, isBlind),
+    isSelected: id === undefined ? now.all : isSelected(now, id),
+    isFocused: index === now.focus,
+  };
 }
 
 /** @param {import("./layout.js").Rect} rect @param {number} shift */
@@ -80,7 +106,9 @@ const placeOf = ({ x0, y0, x1, y1 }, shift) => ({
   height: `${Math.abs(y1 - y0)}px`,
 });
 
-/** @typedef {{current: {layout: Layout, offset: number, view: {width: number, height: number, scrollTop: number}}}} Now */
+/**
+ * @typedef {{current: {layout: Layout, offset: number, view: {width: number, height: number, scrollTop: number}}}} Now
+ */
 
 /**
  * How large the view is and how far it is scrolled; the same boxes stay visible when its size changes.
@@ -106,7 +134,7 @@ function useMeasures(host, place, now, setView) {
   const shape = view.width ? `${layout.columns} ${layout.pitch}` : "";
   useLayoutEffect(() => {
     if (!shape || !host.current) return;
-    host.current.scrollTop = scrollTopFor(layout, anchor.current * layout.pitch / layout.columns, view.height);
+    host.current.scrollTop = scrollTopFor(layout, (anchor.current * layout.pitch) / layout.columns, view.height);
   }, [shape]);
   useLayoutEffect(() => {
     if (!shape) return;
@@ -150,7 +178,8 @@ function useKeysOfGrid(app, host, { place, now, actions }) {
 
 /**
  * @param {{current: HTMLDivElement | null}} host
- * @param {{place: import("./pager.js").Place, now: Now, setLasso: (rect: import("./layout.js").Rect | null) => void}} grid
+ * @param {{place: import("./pager.js").Place, now: Now, setLasso: (rect: import("./layout.js").Rect | null) => void}}
+ *   grid
  */
 function useLasso(host, { place, now, setLasso }) {
   useEffect(() => {
@@ -158,7 +187,10 @@ function useLasso(host, { place, now, setLasso }) {
     const { pager, selection } = place;
     let before = selection.get();
     return listenToLasso(element, {
-      corner: () => ({ left: PADDING_PX, top: HEAD_PX - offsetAt(now.current.layout, element.scrollTop, now.current.view.height) }),
+      corner: () => ({
+        left: PADDING_PX,
+        top: HEAD_PX - offsetAt(now.current.layout, element.scrollTop, now.current.view.height),
+      }),
       begin: () => void (before = selection.get()),
       change(rect, adds) {
         const inside = cellsIn(now.current.layout, rect);
@@ -174,48 +206,77 @@ function useLasso(host, { place, now, setLasso }) {
 /** Below this there is no room for two things on one line. */
 const SMALL_PX = 112;
 
-/** @typedef {{index: number, id: number | undefined, box: Decision | null | undefined, isSelected: boolean, isFocused: boolean}} CellState */
+/**
+ * @typedef {{index: number, id: number | undefined, box: Decision | null | undefined, isSelected: boolean, isFocused:
+ *   boolean}} CellState
+ */
 /** @typedef {(event: MouseEvent, index: number) => void} OnPick */
 
 /**
- * @typedef {{app: App, row: number, top: number, layout: Layout, frameSize: Size | null, waiting: ReadonlySet<number>, cells: readonly CellState[],
+ * @typedef {{app: App, row: number, top: number, layout: Layout, frameSize: Size | null, waiting: ReadonlySet<number>,
+ *   cells: readonly CellState[],
  *   openTitle: string, onPick: OnPick, onOpen: (index: number) => void}} RowProps
  */
 
 /** @param {RowProps} props */
 function Row({ app, row, top, layout, frameSize, waiting, cells, openTitle, onPick, onOpen }) {
-  return html`<div class="grid-row ${layout.cell < SMALL_PX ? "is-small" : ""}" role="row" aria-rowindex=${row + 1} style=${{ transform: `translateY(${top}px)`, gridTemplateColumns: `repeat(${layout.columns}, ${layout.cell}px)` }}>
+  return html`<div class="grid-row ${layout.cell < SMALL_PX ? "is-small" : ""}" role="row" aria-rowindex=${row + 1}
+    style=${{ transform: `translateY(${top}px)`, gridTemplateColumns: `repeat(${layout.columns}, ${layout.cell}px)` }}>
     ${cells.map(
-      (cell, column) => html`<${Cell} key=${cell.index} app=${app} cell=${cell} column=${column} size=${layout.cell} frameSize=${frameSize}
-        isWaiting=${cell.id !== undefined && waiting.has(cell.id)} openTitle=${openTitle} onPick=${onPick} onOpen=${onOpen} />`,
+      (cell, column) => html`<${Cell} key=${cell.index} app=${app} cell=${cell} column=${column} size=${layout.cell}
+        frameSize=${frameSize}
+        isWaiting=${cell.id !== undefined && waiting.has(cell.id)} openTitle=${openTitle} onPick=${onPick}
+        onOpen=${onOpen} />`,
     )}
   </div>`;
 }
 
-/** @typedef {{app: App, cell: CellState, column: number, size: number, frameSize: Size | null, isWaiting: boolean, openTitle: string, onPick: OnPick, onOpen: (index: number) => void}} CellProps */
+/**
+ * @typedef {{app: App, cell: CellState, column: number, size: number, frameSize: Size | null, isWaiting: boolean,
+ *   openTitle: string, onPick: OnPick, onOpen: (index: number) => void}} CellProps
+ */
 
 /** @extends {Component<CellProps>} */
 class Cell extends Component {
   /** @param {CellProps} next */
   shouldComponentUpdate(next) {
     const { cell, size, frameSize, isWaiting, openTitle, onPick } = this.props;
-    const isSame = cell.id === next.cell.id && cell.box === next.cell.box && cell.isSelected === next.cell.isSelected && cell.isFocused === next.cell.isFocused;
+    const isSame =
+      cell.id === next.cell.id &&
+      cell.box === next.cell.box &&
+      cell.isSelected === next.cell.isSelected &&
+      cell.isFocused === next.cell.isFocused;
     // A click counts from the selection as it is now.
-    return !isSame || size !== next.size || frameSize !== next.frameSize || isWaiting !== next.isWaiting || openTitle !== next.openTitle || onPick !== next.onPick;
+    return (
+      !isSame ||
+      size !== next.size ||
+      frameSize !== next.frameSize ||
+      isWaiting !== next.isWaiting ||
+      openTitle !== next.openTitle ||
+      onPick !== next.onPick
+    );
   }
 
   /** @param {CellProps} props */
   render({ app, cell, column, size, frameSize, isWaiting, openTitle, onPick, onOpen }) {
     const { id, box, index, isSelected, isFocused } = cell;
     const flags = `${isSelected ? "is-selected" : ""} ${isFocused ? "is-focused" : ""}`;
-    return html`<div class="cell ${flags}" role="gridcell" id=${id === undefined ? undefined : `cell-${id}`} aria-selected=${isSelected} aria-colindex=${column + 1} data-index=${index}
+    return html`<div class="cell ${flags}" role="gridcell" id=${id === undefined ? undefined : `cell-${id}`}
+      aria-selected=${isSelected} aria-colindex=${column + 1} data-index=${index}
       onClick=${(/** @type {MouseEvent} */ event) => onPick(event, index)} onDblClick=${() => onOpen(index)}>
-      <span class="sr-only">${box ? `${spokenText(box)}, frame ${box.frame}` : box === null ? "Loading" : "No longer matches the filters"}</span>
+      <span
+        class="sr-only">
+        ${box ? `${spokenText(box)}, frame ${box.frame}` : box === null ? "Loading" : "No longer matches the filters"}
+      </span>
       <div class="cell__picture" aria-hidden="true" style=${{ height: `${size}px` }}>
         ${box && html`<${Picture} box=${box} size=${size} frameSize=${frameSize} />`}
         ${box === null && html`<div class="cell__none shimmer" />`}
         ${box === undefined && html`<div class="cell__none">no longer matches</div>`}
-        ${box && html`<${Marks} box=${box} isWaiting=${isWaiting} openTitle=${openTitle} onOpen=${() => onOpen(index)} />`}
+        ${
+          box &&
+          html`<${Marks} box=${box} isWaiting=${isWaiting} openTitle=${openTitle}
+            onOpen=${() => onOpen(index)} />`
+        }
       </div>
       ${box ? html`<${Caption} box=${box} />` : html`<div class="cell__caption" />`}
     </div>`;
@@ -231,7 +292,9 @@ function Caption({ box }) {
     <span class="cell__class"><${StrokeSwatch} verdict=${box.effective_verdict} /><span>${box.class}</span></span>
     <span class="cell__percent num">${matchText(box)}</span>
     <span class="cell__reason">${reasonText(box.reason)}</span>
-    <a class="cell__frame" href=${linkTo("frame", { id: box.frame_id }, { box: String(box.box_id) })} tabindex="-1" draggable=${false} title=${`Frame ${box.frame}`} onClick=${stop} onDblClick=${stop}><${MiddleCut} text=${box.frame} /></a>
+    <a class="cell__frame" href=${linkTo("frame", { id: box.frame_id }, { box: String(box.box_id) })} tabindex="-1"
+      draggable=${false} title=${`Frame ${box.frame}`} onClick=${stop}
+      onDblClick=${stop}><${MiddleCut} text=${box.frame} /></a>
   </div>`;
 }
 
@@ -243,7 +306,8 @@ function Marks({ box, isWaiting, openTitle, onOpen }) {
     onOpen();
   };
   return html`<span class="cell__tick" aria-hidden="true"><${Icon} name="check" class="icon--bold" /></span>
-    ${box.toss_up && html`<span class="cell__tossup" title="A toss-up: too few pixels to be certain">±</span>`}
-    <span class="cell__answer" aria-hidden="true"><${AnswerSign} box=${box} isWaiting=${isWaiting} /></span>
-    <button class="cell__open" tabindex="-1" aria-hidden="true" title=${openTitle} onClick=${open} onDblClick=${stop}><${Icon} name="fit" /></button>`;
+  ${box.toss_up && html`<span class="cell__tossup" title="A toss-up: too few pixels to be certain">±</span>`}
+  <span class="cell__answer" aria-hidden="true"><${AnswerSign} box=${box} isWaiting=${isWaiting} /></span>
+  <button class="cell__open" tabindex="-1" aria-hidden="true" title=${openTitle} onClick=${open}
+    onDblClick=${stop}><${Icon} name="fit" /></button>`;
 }

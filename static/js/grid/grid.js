@@ -3,9 +3,27 @@
 
 import { isUnanswered } from "../boxes/box.js";
 import { FilterMenus, PlaceFilters, VerdictFilter, classChoices } from "../boxes/filter_bar.js";
-import { SORTS, countOfMore, cycleVerdict, isFiltered, isShown, selectionOf, sortOf, withoutFilters } from "../boxes/filters.js";
+import {
+  SORTS,
+  countOfMore,
+  cycleVerdict,
+  isFiltered,
+  isShown,
+  selectionOf,
+  sortOf,
+  withoutFilters,
+} from "../boxes/filters.js";
 import { get } from "../core/api.js";
-import { useActions, useClosing, useDataset, useLoaded, useTask, useTopBar, useTyped, useValue } from "../core/hooks.js";
+import {
+  useActions,
+  useClosing,
+  useDataset,
+  useLoaded,
+  useTask,
+  useTopBar,
+  useTyped,
+  useValue,
+} from "../core/hooks.js";
 import { html, useEffect, useMemo, useRef, useState } from "../core/html.js";
 import { Icon } from "../core/icons.js";
 import { keyText, useKeyText, withKey } from "../core/keymap.js";
@@ -34,16 +52,18 @@ export function GridView({ app, route }) {
   const setQuery = (query) => app.router.replace(linkTo("grid", { dataset: name }, query));
   const failed = dataset.state === "error" && !dataset.value;
   return html`<main id="main" class="grid-view" tabindex="-1">
-      <h1 class="sr-only">Boxes of ${name} as a grid</h1>
-      ${failed
+    <h1 class="sr-only">Boxes of ${name} as a grid</h1>
+    ${
+      failed
         ? html`<${Failure} error=${dataset.error} onRetry=${dataset.reload} />`
         : html`<${GridFilters} app=${app} dataset=${name} classes=${dataset.value?.classes ?? []} query=${route.query}
-              onChange=${setQuery} />
-            <${UnsentBulkAnswers} app=${app} dataset=${name} />
-            <${LeftOut} app=${app} dataset=${name} />
-            <${Boxes} app=${app} dataset=${name} query=${route.query} onQuery=${setQuery}
-              inAll=${dataset.value?.counts.boxes ?? null} />`}
-    </main>`;
+          onChange=${setQuery} />
+        <${UnsentBulkAnswers} app=${app} dataset=${name} />
+        <${LeftOut} app=${app} dataset=${name} />
+        <${Boxes} app=${app} dataset=${name} query=${route.query} onQuery=${setQuery}
+          inAll=${dataset.value?.counts.boxes ?? null} />`
+    }
+  </main>`;
 }
 
 /** @param {{app: App, dataset: string, query: Query, inAll: number | null, onQuery: (query: Query) => void}} props */
@@ -68,18 +88,23 @@ function Boxes({ app, dataset, query, inAll, onQuery }) {
 
   const total = pager.total();
   if (pager.known() === 0 && pager.error()) return html`<${Failure} error=${pager.error()} onRetry=${pager.retry} />`;
-  if (pager.isWhole() && pager.known() === 0) return html`<${NoBoxes} query=${query} inAll=${inAll} onQuery=${onQuery} />`;
+  if (pager.isWhole() && pager.known() === 0)
+    return html`<${NoBoxes} query=${query} inAll=${inAll} onQuery=${onQuery} />`;
   const selected = sizeOf(selection, total);
   return html`<${GridStatus} app=${app} pager=${pager} query=${query} inAll=${inAll} selected=${selected}
-      onUpdate=${update} onAll=${() => select(everything(selection))} />
-    <${GridCells} key=${place.key} app=${app} place=${place} frameSize=${frameSize} actions=${actions} />
-    <${SelectionBar} app=${app} selected=${selected} isAll=${selection.all} actions=${actions.byName} onNone=${() => select(nothing(selection))} />
-    <div class="sr-only" role="status">${selected ? `${countOf(selected, "box", "boxes")} selected` : ""}</div>`;
+    onUpdate=${update} onAll=${() => select(everything(selection))} />
+  <${GridCells} key=${place.key} app=${app} place=${place} frameSize=${frameSize} actions=${actions} />
+  <${SelectionBar} app=${app} selected=${selected} isAll=${selection.all} actions=${actions.byName}
+    onNone=${() => select(nothing(selection))} />
+  <div class="sr-only" role="status">${selected ? `${countOf(selected, "box", "boxes")} selected` : ""}</div>`;
 }
 
 const ANSWERS_TO_MANY = [...ANSWERS, { action: "clear", icon: "minus", text: "Remove" }];
 
-/** The buttons for answers on the selected boxes. @param {{app: App, selected: number, isAll: boolean, actions: Record<string, () => void>, onNone: () => void}} props */
+/**
+ * The buttons for answers on the selected boxes.
+ * @param {{app: App, selected: number, isAll: boolean, actions: Record<string, () => void>, onNone: () => void}} props
+ */
 function SelectionBar({ app, selected, isAll, actions, onNone }) {
   const escape = useKeyText(app, "escape");
   if (selected === 0) return null;
@@ -87,11 +112,17 @@ function SelectionBar({ app, selected, isAll, actions, onNone }) {
     <span class="bar__count"><b class="num">${countText(selected)}</b> ${isAll ? "of this filter" : "selected"}</span>
     ${ANSWERS_TO_MANY.map((row) => html`<${AnswerButton} app=${app} row=${row} actions=${actions} />`)}
     <span class="bar__rule" aria-hidden="true"></span>
-    <button class="answer" aria-label="Select none" title=${withKey("Select none", escape)} onClick=${onNone}><${Icon} name="cross" /></button>
+    <button class="answer" aria-label="Select none" title=${withKey("Select none", escape)}
+      onClick=${onNone}><${Icon} name="cross" /></button>
   </div>`;
 }
 
-/** The list of boxes that match the filters, as it was left; `update` reads it again. @param {App} app @param {string} dataset @param {Query} query */
+/**
+ * The list of boxes that match the filters, as it was left; `update` reads it again.
+ * @param {App} app
+ * @param {string} dataset
+ * @param {Query} query
+ */
 function usePlace(app, dataset, query) {
   const [reading, setReading] = useState(0);
   const key = `${dataset} ${JSON.stringify([sortOf(query), selectionOf(query)])}`;
@@ -122,29 +153,50 @@ function usePager(app, { pager }) {
   }, [pager]);
 }
 
-/** The size of the first frame; nearly always all frames of a dataset have the same. @param {App} app @param {string} dataset */
+/**
+ * The size of the first frame; nearly always all frames of a dataset have the same.
+ * @param {App} app
+ * @param {string} dataset
+ */
 function useFrameSize(app, dataset) {
-  const frames = useLoaded((signal) => get("/api/v1/datasets/{dataset}/frames", { path: { dataset }, query: { limit: 1 }, signal }), [dataset]);
+  const frames = useLoaded(
+    (signal) => get("/api/v1/datasets/{dataset}/frames", { path: { dataset }, query: { limit: 1 }, signal }),
+    [dataset],
+  );
   const frame = frames.value?.items[0];
   return useMemo(() => (frame?.width && frame.height ? { width: frame.width, height: frame.height } : null), [frame]);
 }
 
 /** @param {{query: Query, inAll: number | null, onQuery: (query: Query) => void}} props */
 function NoBoxes({ query, inAll, onQuery }) {
-  if (!isFiltered(query)) return html`<${Notice} icon="grid" title="No boxes yet"><p>No frames have been uploaded to this dataset.</p><//>`;
+  if (!isFiltered(query))
+    return html`<${Notice} icon="grid" title="No boxes yet"><p>No frames have been uploaded to this dataset.</p><//>`;
   const clear = html`<button class="button" onClick=${() => onQuery(withoutFilters(query))}>Clear the filters</button>`;
   return html`<${Notice} icon="filter" title="No box matches" actions=${clear}>
-    <p>${inAll ? `All ${countOf(inAll, "box", "boxes")} of this dataset are hidden by the filters.` : "Every box is hidden by the filters."}</p>
+    <p>
+      ${
+        inAll
+          ? `All ${countOf(inAll, "box", "boxes")} of this dataset are hidden by the filters.`
+          : "Every box is hidden by the filters."
+      }</p>
   <//>`;
 }
 
-/** How many boxes match a filter, and the snapshot that identifies their current state. @param {string} dataset @param {import("../core/openapi.js").BoxSelection} filter */
+/**
+ * How many boxes match a filter, and the snapshot that identifies their current state.
+ * @param {string} dataset
+ * @param {import("../core/openapi.js").BoxSelection} filter
+ */
 async function countBoxes(dataset, filter) {
   const { total, snapshot } = await get("/api/v1/boxes", { query: { dataset, ...filter, limit: 1, count: true } });
   return typeof total === "number" && snapshot ? { total, snapshot } : null;
 }
 
-/** How many boxes that match a filter have an answer; null: all of them. @param {string} dataset @param {import("../core/openapi.js").BoxSelection} filter */
+/**
+ * How many boxes that match a filter have an answer; null: all of them.
+ * @param {string} dataset
+ * @param {import("../core/openapi.js").BoxSelection} filter
+ */
 async function countAnswered(dataset, filter) {
   const { review } = filter;
   if (review === "none") return 0;
@@ -155,7 +207,8 @@ async function countAnswered(dataset, filter) {
 
 /**
  * @param {App} app @param {string} dataset
- * @param {() => {place: import("./pager.js").Place, query: import("../core/router.js").Query}} page  the current place and query
+ * @param {() => {place: import("./pager.js").Place, query: import("../core/router.js").Query}} page the current place
+ *   and query
  */
 function createGridActions(app, dataset, page) {
   /** Read again for each action: keys may be pressed faster than the page is drawn. */
@@ -171,7 +224,12 @@ function createGridActions(app, dataset, page) {
   function answer(verdict) {
     const { selection, pager, query } = now();
     const total = pager.total();
-    if (selection.all && total !== null) app.bulkAnswers.answerAll(dataset, verdict, selectionOf(query), { total, snapshot: pager.snapshot(), knownIds: [...pager.revisions().keys()] });
+    if (selection.all && total !== null)
+      app.bulkAnswers.answerAll(dataset, verdict, selectionOf(query), {
+        total,
+        snapshot: pager.snapshot(),
+        knownIds: [...pager.revisions().keys()],
+      });
     else if (selection.ids.size) answerSelected(verdict, [...selection.ids]);
     else return app.toasts.show(`Select boxes first: ${howToSelect()}.`);
     select(nothing(selection));
@@ -179,7 +237,14 @@ function createGridActions(app, dataset, page) {
 
   /** @param {Answer} verdict @param {number[]} ids */
   function answerSelected(verdict, ids) {
-    const unanswered = new Set(verdict === "clear" ? app.boxes.all(ids).filter(isUnanswered).map(({ box_id }) => box_id) : []);
+    const unanswered = new Set(
+      verdict === "clear"
+        ? app.boxes
+            .all(ids)
+            .filter(isUnanswered)
+            .map(({ box_id }) => box_id)
+        : [],
+    );
     const meant = ids.filter((id) => !unanswered.has(id));
     if (meant.length === 0) app.toasts.show("None of these boxes has an answer.");
     else app.bulkAnswers.answer(dataset, verdict, meant, now().pager.revisions());
@@ -250,15 +315,19 @@ const SMALLEST_PX = 72;
 const LARGEST_PX = 360;
 
 /**
- * @param {{app: App, dataset: string, classes: readonly string[], query: Query, onChange: (query: Query) => void}} props
+ * @param {{app: App, dataset: string, classes: readonly string[], query: Query, onChange: (query: Query) => void}}
+ *   props
  */
 function GridFilters({ app, dataset, classes, query, onChange }) {
   const [isOpen, setOpen] = useState(false);
   return html`<div class="grid-filters" role="search" aria-label="Filter boxes">
     <${VerdictFilter} query=${query} onChange=${onChange} />
-    <button class="button grid-filters__toggle ${isFiltered(query) ? "is-set" : ""}" aria-expanded=${isOpen} onClick=${() => setOpen(!isOpen)}><${Icon} name="filter" />Filters</button>
+    <button class="button grid-filters__toggle ${isFiltered(query) ? "is-set" : ""}" aria-expanded=${isOpen}
+      onClick=${() => setOpen(!isOpen)}><${Icon} name="filter" />Filters</button>
     <div class="grid-filters__rest ${isOpen ? "is-open" : ""}">
-      <${FilterMenus} query=${query} keys=${["bin", "reason", "class", "review"]} own=${{ class: { choices: classChoices(classes) } }} onChange=${onChange} onClear=${isFiltered(query) ? () => onChange(withoutFilters(query)) : null}>
+      <${FilterMenus} query=${query} keys=${["bin", "reason", "class", "review"]}
+        own=${{ class: { choices: classChoices(classes) } }} onChange=${onChange}
+        onClear=${isFiltered(query) ? () => onChange(withoutFilters(query)) : null}>
         <${MoreFilters} dataset=${dataset} query=${query} onChange=${onChange} />
       <//>
     </div>
@@ -271,7 +340,8 @@ function GridFilters({ app, dataset, classes, query, onChange }) {
 /** @param {{value: string, onChange: (value: string) => void}} props */
 function Order({ value, onChange }) {
   return html`<span class="select">
-    <select aria-label="Order" value=${value} onChange=${(/** @type {{currentTarget: HTMLSelectElement}} */ event) => onChange(event.currentTarget.value)}>
+    <select aria-label="Order" value=${value}
+      onChange=${(/** @type {{currentTarget: HTMLSelectElement}} */ event) => onChange(event.currentTarget.value)}>
       ${SORTS.map((sort) => html`<option value=${sort.value}>${sort.text}</option>`)}
     </select>
   </span>`;
@@ -283,44 +353,72 @@ function SizeSlider({ app }) {
   /** @param {{currentTarget: HTMLInputElement}} event */
   const onInput = ({ currentTarget }) => app.prefs.change({ cropSize: Number(currentTarget.value) });
   return html`<label class="size"><${Icon} name="grid" /><span class="sr-only">Size of the crops</span>
-    <input class="slider" type="range" min=${SMALLEST_PX} max=${LARGEST_PX} step="4" value=${cropSize} onInput=${onInput} />
+    <input class="slider" type="range" min=${SMALLEST_PX} max=${LARGEST_PX} step="4" value=${cropSize}
+      onInput=${onInput} />
   </label>`;
 }
 
-/** The less common filters, in a menu. @param {{dataset: string, query: Query, onChange: (query: Query) => void}} props */
+/**
+ * The less common filters, in a menu.
+ * @param {{dataset: string, query: Query, onChange: (query: Query) => void}} props
+ */
 function MoreFilters({ dataset, query, onChange }) {
   const root = useRef(/** @type {HTMLDivElement | null} */ (null));
   const [isOpen, setOpen] = useState(false);
   useClosing(root, isOpen, () => setOpen(false));
   const count = countOfMore(query);
   /** @param {string} key */
-  const flag = (key) => (/** @type {{currentTarget: HTMLInputElement}} */ event) => onChange({ ...query, [key]: event.currentTarget.checked ? "true" : "" });
+  const flag = (key) => (/** @type {{currentTarget: HTMLInputElement}} */ event) =>
+    onChange({ ...query, [key]: event.currentTarget.checked ? "true" : "" });
   return html`<div class="menu" ref=${root}>
-    <button class="button ${count ? "is-set" : ""}" aria-expanded=${isOpen} onClick=${() => setOpen(!isOpen)}><${Icon} name="filter" />More${count > 0 && html` <b class="num">${count}</b>`}</button>
-    ${isOpen &&
-    html`<div class="menu__panel more-filters" role="group" aria-label="More filters">
-      <label class="switch" title="Boxes with too few pixels to be certain on which side of the threshold they are"><input type="checkbox" checked=${query.toss_up === "true"} onChange=${flag("toss_up")} /><span>Toss-ups only</span></label>
-      <label class="switch"><input type="checkbox" checked=${query.conflict === "true"} onChange=${flag("conflict")} /><span>The filter contradicts a person</span></label>
-      <${Range} text="Match" unit="%" keys=${["match_min", "match_max"]} most=${100} query=${query} onChange=${onChange} />
-      <${Range} text="Distance" unit="m" keys=${["distance_min", "distance_max"]} query=${query} onChange=${onChange} />
-      <${Places} dataset=${dataset} query=${query} onChange=${onChange} />
-    </div>`}
+    <button class="button ${count ? "is-set" : ""}" aria-expanded=${isOpen}
+      onClick=${() => setOpen(!isOpen)}><${Icon} name="filter" />More${count > 0 && html` <b class="num">${count}</b>`}
+    </button>
+    ${
+      isOpen &&
+      html`<div class="menu__panel more-filters" role="group" aria-label="More filters">
+        <label class="switch"
+          title="Boxes with too few pixels to be certain on which side of the threshold they are">
+          <input type="checkbox" checked=${query.toss_up === "true"} onChange=${flag("toss_up")} />
+          <span>Toss-ups only</span></label>
+        <label
+          class="switch"><input type="checkbox" checked=${query.conflict === "true"} onChange=${flag("conflict")} />
+          <span>The filter contradicts a person</span></label>
+        <${Range} text="Match" unit="%" keys=${["match_min", "match_max"]} most=${100} query=${query}
+          onChange=${onChange} />
+        <${Range} text="Distance" unit="m" keys=${["distance_min", "distance_max"]} query=${query}
+          onChange=${onChange} />
+        <${Places} dataset=${dataset} query=${query} onChange=${onChange} />
+      </div>`
+    }
   </div>`;
 }
 
-/** Asks for the names only while the menu is open. @param {{dataset: string, query: Query, onChange: (query: Query) => void}} props */
+/**
+ * Asks for the names only while the menu is open.
+ * @param {{dataset: string, query: Query, onChange: (query: Query) => void}} props
+ */
 function Places({ dataset, query, onChange }) {
   const path = { dataset };
   const stats = useLoaded((signal) => get("/api/v1/datasets/{dataset}/stats", { path, signal }), [dataset]);
   return html`<${PlaceFilters} stats=${stats.value} query=${query} onChange=${onChange} />`;
 }
 
-/** @param {{text: string, unit: string, keys: [string, string], most?: number, query: Query, onChange: (query: Query) => void}} props */
+/**
+ * @param {{text: string, unit: string, keys: [string, string], most?: number, query: Query, onChange: (query: Query) =>
+ *   void}} props
+ */
 function Range({ text, unit, keys, most, query, onChange }) {
   return html`<fieldset class="range">
     <legend>${text}</legend>
-    ${keys.map((key, i) => html`<${RangeEnd} key=${key} label=${`${text}, ${i ? "at most" : "at least"}`} hint=${i ? "to" : "from"} most=${most} value=${query[key] ?? ""}
-      onChange=${(/** @type {string} */ value) => onChange({ ...query, [key]: value })} />`)}
+    ${keys.map(
+      (
+        key,
+        i,
+      ) => html`<${RangeEnd} key=${key} label=${`${text}, ${i ? "at most" : "at least"}`} hint=${i ? "to" : "from"}
+        most=${most} value=${query[key] ?? ""}
+        onChange=${(/** @type {string} */ value) => onChange({ ...query, [key]: value })} />`,
+    )}
     <span class="faint">${unit}</span>
   </fieldset>`;
 }
@@ -328,10 +426,14 @@ function Range({ text, unit, keys, most, query, onChange }) {
 /** @param {{label: string, hint: string, most?: number, value: string, onChange: (value: string) => void}} props */
 function RangeEnd({ label, hint, most, value, onChange }) {
   const { shown, onInput, onBlur } = useTyped(value, onChange, TYPING_PAUSE_MS);
-  return html`<input type="number" min="0" max=${most} step="any" inputmode="decimal" aria-label=${label} placeholder=${hint} value=${shown} onInput=${onInput} onBlur=${onBlur} />`;
+  return html`<input type="number" min="0" max=${most} step="any" inputmode="decimal" aria-label=${label}
+    placeholder=${hint} value=${shown} onInput=${onInput} onBlur=${onBlur} />`;
 }
 
-/** @param {{app: App, pager: Pager, query: Query, inAll: number | null, selected: number, onUpdate: () => void, onAll: () => void}} props */
+/**
+ * @param {{app: App, pager: Pager, query: Query, inAll: number | null, selected: number, onUpdate: () => void, onAll:
+ *   () => void}} props
+ */
 function GridStatus({ app, pager, query, inAll, selected, onUpdate, onAll }) {
   const total = pager.total();
   const key = useKeyText(app, "select");
@@ -339,25 +441,48 @@ function GridStatus({ app, pager, query, inAll, selected, onUpdate, onAll }) {
   const hidden = total !== null && inAll !== null && isFiltered(query) ? Math.max(0, inAll - total) : 0;
   return html`<div class="grid-status">
     <p role="status">
-      ${total === null && pager.known() === 0 ? "Loading boxes" : html`<b class="num">${total === null ? `${countText(pager.known())}+` : countText(total)}</b> ${total === 1 ? "box" : "boxes"}`}
+      ${
+        total === null && pager.known() === 0
+          ? "Loading boxes"
+          : html`<b
+            class="num">${total === null ? `${countText(pager.known())}+` : countText(total)}</b> ${
+              total === 1 ? "box" : "boxes"
+            }`
+      }
       ${hidden > 0 && html`<span class="faint"> · ${countText(hidden)} hidden by the filters</span>`}
     </p>
-    ${left > 0 && html`<button class="button button--small" onClick=${onUpdate}>${countOf(left, "box no longer matches", "boxes no longer match")} · update</button>`}
+    ${
+      left > 0 &&
+      html`<button class="button button--small"
+        onClick=${onUpdate}>${countOf(left, "box no longer matches", "boxes no longer match")} · update</button>`
+    }
     ${pager.error() && html`<${FailureLine} error=${pager.error()} onRetry=${pager.retry} />`}
     <span class="grid-status__middle"></span>
-    <span class="faint grid-status__hint">${selected ? "" : `Click${key ? `, drag or ${key}` : " or drag"} selects`}</span>
-    ${total !== null && total > 0 && html`<button class="button button--small" onClick=${onAll}>Select all ${countText(total)}</button>`}
+    <span
+      class="faint grid-status__hint">${selected ? "" : `Click${key ? `, drag or ${key}` : " or drag"} selects`}</span>
+    ${
+      total !== null &&
+      total > 0 &&
+      html`<button class="button button--small"
+        onClick=${onAll}>Select all ${countText(total)}</button>`
+    }
   </div>`;
 }
 
-/** The boxes that the last bulk answer, or its undo, did not change, if it was on this dataset. @param {{app: App, dataset: string}} props */
+/**
+ * The boxes that the last bulk answer, or its undo, did not change, if it was on this dataset.
+ * @param {{app: App, dataset: string}} props
+ */
 function LeftOut({ app, dataset }) {
   const report = useValue(app.bulkAnswers.report);
   if (report?.dataset !== dataset) return null;
   const shown = report.boxes.slice(0, 12);
   return html`<div class="strip" role="status">
-    <${Icon} name="warn" /><p>${report.text} ${shown.map((id) => html`<${BoxLink} app=${app} id=${id} />`)}${report.boxes.length > shown.length && html` and ${countText(report.boxes.length - shown.length)} more`}</p>
-    <button class="button button--quiet button--icon" aria-label="Dismiss" onClick=${() => app.bulkAnswers.report.set(null)}><${Icon} name="cross" /></button>
+    <${Icon} name="warn" />
+    <p>${report.text} ${shown.map((id) => html`<${BoxLink} app=${app} id=${id} />`)}
+      ${report.boxes.length > shown.length && html` and ${countText(report.boxes.length - shown.length)} more`}</p>
+    <button class="button button--quiet button--icon" aria-label="Dismiss"
+      onClick=${() => app.bulkAnswers.report.set(null)}><${Icon} name="cross" /></button>
   </div>`;
 }
 
@@ -365,21 +490,31 @@ function LeftOut({ app, dataset }) {
 function BoxLink({ app, id }) {
   const box = app.boxes.get(id);
   if (!box) return html`<span class="strip__box num">${id}</span>`;
-  return html`<a class="strip__box" href=${linkTo("frame", { id: box.frame_id }, { box: String(id) })}>${box.class} ${box.id}</a>`;
+  return html`<a class="strip__box"
+    href=${linkTo("frame", { id: box.frame_id }, { box: String(id) })}>${box.class} ${box.id}</a>`;
 }
 
 /** @type {Record<string, string>} */
 const STATES = { changed: "Not done", waiting: "Not sent yet", refused: "Refused" };
 
-/** Bulk answers, and their undos, that the server has not stored, each with what the person can do about it. @param {{app: App, dataset: string}} props */
+/**
+ * Bulk answers, and their undos, that the server has not stored, each with what the person can do about it.
+ * @param {{app: App, dataset: string}} props
+ */
 function UnsentBulkAnswers({ app, dataset }) {
   const { bulkItems } = useValue(app.sender.state);
   const undone = new Set(bulkItems.map(({ item }) => isBulkUndo(item) && item.bulkKey)); // only the undo is listed
-  const unsent = bulkItems.filter(({ item, state }) => item.dataset === dataset && state !== "sending" && !undone.has(item.key));
+  const unsent = bulkItems.filter(
+    ({ item, state }) => item.dataset === dataset && state !== "sending" && !undone.has(item.key),
+  );
   return unsent.map((one) => html`<${UnsentStrip} key=${one.item.key} app=${app} ...${one} />`);
 }
 
-/** @param {{total: number, answered: number}} now @param {number} before  how many boxes the filter selected @param {boolean} isRemoval */
+/**
+ * @param {{total: number, answered: number}} now
+ * @param {number} before how many boxes the filter selected
+ * @param {boolean} isRemoval
+ */
 function changedText({ total, answered }, before, isRemoval) {
   const text = `The filter selects ${countOf(total, "box", "boxes")} now, ${countText(before)} when you selected them.`;
   if (answered === 0 || isRemoval) return text;
@@ -402,13 +537,38 @@ function UnsentStrip({ app, item, state, text }) {
   }, app.toasts.fail);
   return html`<div class="strip strip--error" role="alert">
     <${Icon} name="cloud" />
-    <p><b>${STATES[state]}: ${what}.</b> ${now ? changedText(now, item.count, bulk?.verdict === "clear") : sentence(text)}</p>
+    <p>
+      <b>${STATES[state]}: ${what}.</b> ${
+        now ? changedText(now, item.count, bulk?.verdict === "clear") : sentence(text)
+      }</p>
     <div class="strip__actions">
-      ${isChanged && !now && html`<button class="button button--small" disabled=${count.isBusy} onClick=${count.run}>Count again</button>`}
-      ${bulk && isChanged && now && html`<button class="button button--small" onClick=${() => app.bulkAnswers.answerAgain(bulk, now)}>${capital(`${VERBS[bulk.verdict]} all ${countText(now.total)}`)}</button>`}
+      ${
+        isChanged &&
+        !now &&
+        html`<button class="button button--small" disabled=${count.isBusy}
+          onClick=${count.run}>Count again</button>`
+      }
+      ${
+        bulk &&
+        isChanged &&
+        now &&
+        html`<button class="button button--small"
+          onClick=${() => app.bulkAnswers.answerAgain(bulk, now)}>
+          ${capital(`${VERBS[bulk.verdict]} all ${countText(now.total)}`)}</button>`
+      }
       ${state === "waiting" && html`<button class="button button--small" onClick=${app.resume}>Send now</button>`}
-      ${bulk && state === "refused" && html`<button class="button button--small" onClick=${() => app.bulkAnswers.answerAgain(bulk)}>Send again</button>`}
-      ${bulk && html`<button class="button button--small button--quiet" onClick=${() => app.bulkAnswers.discard(bulk)}>${state === "waiting" && bulk.attempted ? "Undo" : "Discard"}</button>`}
+      ${
+        bulk &&
+        state === "refused" &&
+        html`<button class="button button--small"
+          onClick=${() => app.bulkAnswers.answerAgain(bulk)}>Send again</button>`
+      }
+      ${
+        bulk &&
+        html`<button class="button button--small button--quiet"
+          onClick=${() => app.bulkAnswers.discard(bulk)}>${state === "waiting" && bulk.attempted ? "Undo" : "Discard"}
+        </button>`
+      }
     </div>
   </div>`;
 }

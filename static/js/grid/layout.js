@@ -24,7 +24,10 @@ export const HEAD_PX = 12;
 /** Room at the end, so that the bar of answers never covers the last row. */
 const FOOT_PX = 72;
 
-/** @param {{count: number, width: number, size: number}} wanted  `size`: about how wide a cell shall be @returns {Layout} */
+/**
+ * @param {{count: number, width: number, size: number}} wanted `size`: about how wide a cell shall be
+ * @returns {Layout}
+ */
 export function layoutOf({ count, width, size }) {
   const columns = Math.max(1, Math.round((width + GAP_PX) / (size + GAP_PX)));
   const cell = Math.max(1, Math.floor((width - GAP_PX * (columns - 1)) / columns));
@@ -34,7 +37,13 @@ export function layoutOf({ count, width, size }) {
   return { count, columns, cell, pitch, rows, full, height: Math.min(full, MOST_PX) };
 }
 
-/** The offset of the visible part in the whole grid, px. It differs from `scrollTop` where the grid is higher than a browser allows an element to be. @param {Layout} layout @param {number} scrollTop @param {number} view px */
+/**
+ * The offset of the visible part in the whole grid, px. It differs from `scrollTop` where the grid is higher than a
+ *   browser allows an element to be.
+ * @param {Layout} layout
+ * @param {number} scrollTop
+ * @param {number} view px
+ */
 export function offsetAt({ full, height }, scrollTop, view) {
   if (height === full) return scrollTop;
   return (scrollTop * Math.max(0, full - view)) / Math.max(1, height - view);
@@ -46,14 +55,26 @@ export function scrollTopFor({ full, height }, offset, view) {
   return (offset * Math.max(1, height - view)) / Math.max(1, full - view);
 }
 
-/** Rows from `first` up to, and without, `end`. @param {Layout} layout @param {number} offset @param {number} view px @param {number} spare rows on both sides */
+/**
+ * Rows from `first` up to, and without, `end`.
+ * @param {Layout} layout
+ * @param {number} offset
+ * @param {number} view px
+ * @param {number} spare rows on both sides
+ */
 export function rowsInSight({ pitch, rows }, offset, view, spare) {
   const first = Math.floor((offset - HEAD_PX) / pitch) - spare;
   const end = Math.ceil((offset + view - HEAD_PX) / pitch) + spare;
   return { first: Math.max(0, Math.min(first, rows)), end: Math.max(0, Math.min(end, rows)) };
 }
 
-/** The nearest offset at which a cell is wholly visible. @param {Layout} layout @param {number} index @param {number} offset @param {number} view px */
+/**
+ * The nearest offset at which a cell is wholly visible.
+ * @param {Layout} layout
+ * @param {number} index
+ * @param {number} offset
+ * @param {number} view px
+ */
 export function offsetToShow({ columns, pitch, full }, index, offset, view) {
   const top = Math.floor(index / columns) * pitch;
   const most = Math.max(0, full - view);
@@ -76,7 +97,14 @@ export function cellsIn({ count, columns, cell, pitch, rows }, rect) {
   return found;
 }
 
-/** Which of the bars of `length`, one every `pitch`, does an interval touch? @param {number} a @param {number} b @param {number} length @param {number} pitch @param {number} most */
+/**
+ * Which of the bars of `length`, one every `pitch`, does an interval touch?
+ * @param {number} a
+ * @param {number} b
+ * @param {number} length
+ * @param {number} pitch
+ * @param {number} most
+ */
 function spanned(a, b, length, pitch, most) {
   const [low, high] = a < b ? [a, b] : [b, a];
   const first = Math.floor(low / pitch) + (mod(low, pitch) > length ? 1 : 0);
@@ -97,7 +125,9 @@ export const MOVES = /** @type {const} */ (["left", "right", "up", "down", "page
 export function moved({ count, columns }, index, move, page) {
   if (move === "first") return 0;
   if (move === "last") return Math.max(0, count - 1);
-  const step = { right: 1, left: -1, down: columns, up: -columns, pageDown: columns * page, pageUp: -columns * page }[move];
+  const step = { right: 1, left: -1, down: columns, up: -columns, pageDown: columns * page, pageUp: -columns * page }[
+    move
+  ];
   const next = index + step;
   if (Math.abs(step) === 1 || (next >= 0 && next < count)) return Math.max(0, Math.min(next, count - 1));
   if (move.startsWith("page")) return next < 0 ? index % columns : Math.max(0, count - 1);

@@ -1,5 +1,6 @@
 // @ts-check
-// A long list of boxes, read page by page with a cursor and addressed by index. Lists that were left are kept for a while.
+// A long list of boxes, read page by page with a cursor and addressed by index. Lists that were left are kept for a
+// while.
 
 import { seenRevision } from "../boxes/box.js";
 import { selectionOf, sortOf } from "../boxes/filters.js";
@@ -19,7 +20,10 @@ import { NOTHING } from "./selection.js";
  * @property {() => void} release  ends the hold on the boxes, so that the store may drop them
  */
 
-/** @typedef {Pick<import("../core/openapi.js").BoxPage, "items" | "next_cursor"> & {total?: number | null, snapshot?: string | null}} BoxPage */
+/**
+ * @typedef {Pick<import("../core/openapi.js").BoxPage, "items" | "next_cursor"> & {total?: number | null, snapshot?:
+ *   string | null}} BoxPage
+ */
 /** @typedef {{limit: number, cursor: string | undefined, count: boolean}} BoxRequest */
 
 const PAGE = 200;
@@ -31,13 +35,19 @@ const PLACEHOLDERS = 60;
 /** How many boxes outside the visible part are kept in memory. */
 const KEPT = 6000;
 
-/** @param {import("../boxes/store.js").Boxes} boxes @param {(request: BoxRequest, signal: AbortSignal) => Promise<BoxPage>} load */
+/**
+ * @param {import("../boxes/store.js").Boxes} boxes
+ * @param {(request: BoxRequest, signal: AbortSignal) => Promise<BoxPage>} load
+ */
 export function createPager(boxes, load) {
   /** @type {Part[]} in order, without gaps */
   const parts = [];
   /** Of this list. @type {Set<number>} */
   const listed = new Set();
-  /** Boxes that have changed since they were listed, each with the function that releases it. @type {Map<number, () => void>} */
+  /**
+   * Boxes that have changed since they were listed, each with the function that releases it.
+   * @type {Map<number, () => void>}
+   */
   const changed = new Map();
   /** @type {Set<() => void>} */
   const observers = new Set();
@@ -89,7 +99,10 @@ export function createPager(boxes, load) {
     while (await step());
   }
 
-  /** Make one request, if boxes of the visible part are missing. @returns {Promise<boolean>} whether a request was made */
+  /**
+   * Make one request, if boxes of the visible part are missing.
+   * @returns {Promise<boolean>} whether a request was made
+   */
   async function step() {
     const missing = parts.find((part) => part.found === null && isInSight(part));
     if (missing) await loadAgain(missing);
@@ -120,7 +133,14 @@ export function createPager(boxes, load) {
     if (page.items.length > 0) {
       const ids = boxes.receive(page.items);
       for (const id of ids) listed.add(id);
-      parts.push({ start: known(), ids, revisions: page.items.map(seenRevision), cursor, found: new Set(ids), release: boxes.hold(ids) });
+      parts.push({
+        start: known(),
+        ids,
+        revisions: page.items.map(seenRevision),
+        cursor,
+        found: new Set(ids),
+        release: boxes.hold(ids),
+      });
     }
     if (next === null) total = known();
   }
@@ -130,7 +150,9 @@ export function createPager(boxes, load) {
     const page = await loaded({ limit: part.ids.length, cursor: part.cursor, count: false });
     const ids = boxes.receive(page.items);
     const found = new Set(ids);
-    const revisions = part.ids.map((id, i) => seenRevision((found.has(id) && boxes.get(id)) || { revision: part.revisions[i] }));
+    const revisions = part.ids.map((id, i) =>
+      seenRevision((found.has(id) && boxes.get(id)) || { revision: part.revisions[i] }),
+    );
     parts[parts.indexOf(part)] = { ...part, revisions, found, release: boxes.hold(ids) };
   }
 
@@ -173,7 +195,11 @@ export function createPager(boxes, load) {
       return part ? part.start + part.ids.indexOf(boxId) : -1;
     },
 
-    /** The box at a place; null: not loaded yet; undefined: it no longer matches the filter. @param {number} index @returns {Decision | null | undefined} */
+    /**
+     * The box at a place; null: not loaded yet; undefined: it no longer matches the filter.
+     * @param {number} index
+     * @returns {Decision | null | undefined}
+     */
     at(index) {
       const part = partAt(index);
       if (!part) return null;
@@ -192,7 +218,9 @@ export function createPager(boxes, load) {
 
     /** The revision of every box that was shown, including boxes no longer in memory. */
     revisions() {
-      const shown = new Map(parts.flatMap(({ ids, revisions }) => ids.map((id, i) => /** @type {const} */ ([id, revisions[i] ?? 0]))));
+      const shown = new Map(
+        parts.flatMap(({ ids, revisions }) => ids.map((id, i) => /** @type {const} */ ([id, revisions[i] ?? 0]))),
+      );
       for (const box of boxes.all([...changed.keys()])) shown.set(box.box_id, seenRevision(box));
       return shown;
     },
@@ -229,7 +257,6 @@ export function createPager(boxes, load) {
 
 /** @typedef {ReturnType<typeof createPager>} Pager */
 
-
 /**
  * @typedef {object} Place
  * @property {string} key
@@ -237,9 +264,11 @@ export function createPager(boxes, load) {
  * @property {import("../core/observable.js").Value<import("./selection.js").Selection>} selection
  * @property {{offset: number, seen: number}} scroll  how far down it is scrolled, and when it was left
  * @property {Promise<string | null>} state  `stateNow`, about when the list was read; null: it could not be loaded
- * @property {Promise<boolean>} isOutdated  whether the dataset has changed since the list was read; true if that is not known
+ * @property {Promise<boolean>} isOutdated whether the dataset has changed since the list was read; true if that is not
+ *   known
  * @property {() => void} stop  end following whether lists have to be read again
- * @property {(index: number) => void} show  moves the focus to that cell and scrolls to it; set by the view that shows the list
+ * @property {(index: number) => void} show moves the focus to that cell and scrolls to it; set by the view that shows
+ *   the list
  */
 
 const KEPT_PLACES = 4;
@@ -270,7 +299,9 @@ const places = new Map();
 
 /**
  * The list of boxes that match the filters: as it was left, or a new one.
- * @param {import("../review/answers.js").ReviewApp} app @param {string} dataset @param {import("../core/router.js").Query} query
+ * @param {import("../review/answers.js").ReviewApp} app
+ * @param {string} dataset
+ * @param {import("../core/router.js").Query} query
  * @param {string} key @returns {Place}
  */
 export function placeOf(app, dataset, query, key) {
@@ -278,12 +309,16 @@ export function placeOf(app, dataset, query, key) {
   if (known && Date.now() - known.scroll.seen < FRESH_MS && !known.pager.error()) {
     places.delete(key);
     places.set(key, known);
-    known.isOutdated = Promise.all([known.state, stateNow(dataset)]).then(([then, now]) => now !== null && now !== then);
+    known.isOutdated = Promise.all([known.state, stateNow(dataset)]).then(
+      ([then, now]) => now !== null && now !== then,
+    );
     return known;
   }
   leave(key);
   const filter = { ...selectionOf(query), sort: sortOf(query) };
-  const pager = createPager(app.boxes, (page, signal) => get("/api/v1/boxes", { query: { dataset, ...filter, ...page }, signal }));
+  const pager = createPager(app.boxes, (page, signal) =>
+    get("/api/v1/boxes", { query: { dataset, ...filter, ...page }, signal }),
+  );
   const scroll = { offset: 0, seen: Date.now() };
   const stop = app.boxes.reloads.observe(() => leave(key));
   const place = {

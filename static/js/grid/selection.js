@@ -23,20 +23,40 @@ export const sizeOf = ({ all, ids }, total) => (all ? (total ?? 0) : ids.size);
 /** A click: this one alone. @param {number} index @param {number} id @returns {Selection} */
 export const only = (index, id) => ({ all: false, ids: new Set([id]), focus: index, anchor: index });
 
-/** A click with Ctrl, or Space. @param {Selection} before @param {number} index @param {number} id @returns {Selection} */
+/**
+ * A click with Ctrl, or Space.
+ * @param {Selection} before
+ * @param {number} index
+ * @param {number} id
+ * @returns {Selection}
+ */
 export function toggled(before, index, id) {
   const ids = new Set(before.ids);
   if (!ids.delete(id)) ids.add(id);
   return { all: false, ids, focus: index, anchor: index };
 }
 
-/** A click or an arrow with Shift. @param {Selection} before @param {number} index @param {readonly number[]} range ids from the anchor to here @param {boolean} [adds] to what is selected already @returns {Selection} */
+/**
+ * A click or an arrow with Shift.
+ * @param {Selection} before
+ * @param {number} index
+ * @param {readonly number[]} range ids from the anchor to here
+ * @param {boolean} [adds] to what is selected already
+ * @returns {Selection}
+ */
 export function extended(before, index, range, adds = false) {
   const ids = new Set([...(adds ? before.ids : []), ...range]);
   return { all: false, ids, focus: index, anchor: before.anchor };
 }
 
-/** A rectangle was drawn. @param {Selection} before as it was when the drawing began @param {readonly number[]} inside ids @param {number} index of the last one @param {boolean} adds @returns {Selection} */
+/**
+ * A rectangle was drawn.
+ * @param {Selection} before as it was when the drawing began
+ * @param {readonly number[]} inside ids
+ * @param {number} index of the last one
+ * @param {boolean} adds
+ * @returns {Selection}
+ */
 export function lassoed(before, inside, index, adds) {
   return { all: false, ids: new Set([...(adds ? before.ids : []), ...inside]), focus: index, anchor: index };
 }
@@ -50,7 +70,14 @@ export const everything = (before) => ({ ...before, all: true, ids: new Set() })
 /** @param {Selection} before @returns {Selection} */
 export const nothing = (before) => ({ ...before, all: false, ids: new Set() });
 
-/** From everything to all that are known but one. @param {Selection} before @param {readonly number[]} known @param {number} index @param {number} id @returns {Selection} */
+/**
+ * From everything to all that are known but one.
+ * @param {Selection} before
+ * @param {readonly number[]} known
+ * @param {number} index
+ * @param {number} id
+ * @returns {Selection}
+ */
 export function allBut(before, known, index, id) {
   const ids = new Set(known);
   ids.delete(id);
@@ -156,7 +183,11 @@ function swallow(event) {
   event.preventDefault();
 }
 
-/** What the mouse does to the selection as it is at that moment. @param {import("./pager.js").Place} place @param {import("./grid.js").GridActions} actions */
+/**
+ * What the mouse does to the selection as it is at that moment.
+ * @param {import("./pager.js").Place} place
+ * @param {import("./grid.js").GridActions} actions
+ */
 export function createPicking({ pager, selection }, actions) {
   return {
     /** @param {MouseEvent} event @param {number} index */
@@ -165,7 +196,8 @@ export function createPicking({ pager, selection }, actions) {
       if (id === undefined) return;
       const before = selection.get();
       const isTouch = /** @type {{pointerType?: string}} */ (event).pointerType === "touch";
-      if (event.shiftKey) selection.set(extended(before, index, pager.idsBetween(before.anchor, index), event.ctrlKey || event.metaKey));
+      if (event.shiftKey)
+        selection.set(extended(before, index, pager.idsBetween(before.anchor, index), event.ctrlKey || event.metaKey));
       else if (event.ctrlKey || event.metaKey || isTouch) actions.toggle(index);
       else selection.set(only(index, id));
     },

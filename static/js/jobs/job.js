@@ -30,7 +30,8 @@ export function JobBar({ job, label }) {
   const percent = percentDone(job);
   const isCounted = (job.total ?? 0) > 0;
   const isUnsure = job.state === "queued" || !isCounted;
-  return html`<div class="jobbar ${isUnsure ? "jobbar--unsure" : ""}" role="progressbar" aria-label=${label} aria-valuemin="0" aria-valuemax="100" aria-valuenow=${isUnsure ? undefined : percent}
+  return html`<div class="jobbar ${isUnsure ? "jobbar--unsure" : ""}" role="progressbar" aria-label=${label}
+    aria-valuemin="0" aria-valuemax="100" aria-valuenow=${isUnsure ? undefined : percent}
     aria-valuetext=${isCounted ? `${countText(job.done ?? 0)} of ${countText(job.total ?? 0)} frames` : job.state}>
     <span style=${{ width: `${isUnsure ? 30 : percent}%` }}></span>
   </div>`;
@@ -39,7 +40,8 @@ export function JobBar({ job, label }) {
 /**
  * The current state of a run, kept up to date while the component is on the page.
  * @param {Run | null} run
- * @param {{onOver?: (run: Run) => void, onLost: (error: ApiError) => void}} then  `onLost`: its state cannot be loaded any
+ * @param {{onOver?: (run: Run) => void, onLost: (error: ApiError) => void}} then `onLost`: its state cannot be loaded
+ *   any
  *   more, for instance because its dataset was deleted
  * @returns {Run | null}
  */
@@ -63,7 +65,10 @@ export function useWatched(run, { onOver, onLost }) {
  * @param {string} dataset @param {(run: Run) => void} onFound @param {Run["kind"]} [kind]  of any kind if left out
  */
 export function useOpenRun(dataset, onFound, kind) {
-  const { value, error, reload } = useLoaded((signal) => get("/api/v1/datasets/{dataset}/runs", { path: { dataset }, query: { limit: NEWEST }, signal }), [dataset]);
+  const { value, error, reload } = useLoaded(
+    (signal) => get("/api/v1/datasets/{dataset}/runs", { path: { dataset }, query: { limit: NEWEST }, signal }),
+    [dataset],
+  );
   useEffect(() => {
     const open = value?.items.findLast((run) => !isOver(run) && (!kind || run.kind === kind));
     if (open) onFound(open);
@@ -77,7 +82,8 @@ const NEWEST = 20;
 const LOOK_AGAIN_MS = 5000;
 
 /**
- * Load a list of jobs again every few seconds, since other people start jobs too; every second while one of them has not ended.
+ * Load a list of jobs again every few seconds, since other people start jobs too; every second while one of them has
+ * not ended.
  * Only in a visible tab, and one request at a time.
  * @param {{state: "loading" | "ready" | "error", value: unknown, reload: () => void}} list @param {readonly Job[]} jobs
  */
@@ -102,19 +108,28 @@ export function useLookAgain(list, jobs) {
 }
 
 /** @param {{app: import("../core/app.js").App, run: Run}} props */
-export const CancelButton = ({ app, run }) => html`<${Canceller} app=${app} what=${`run ${run.id}`} cancel=${() => post("/api/v1/runs/{run_id}/cancel", { path: { run_id: run.id } })} />`;
+export const CancelButton = ({ app, run }) =>
+  html`<${Canceller} app=${app} what=${`run ${run.id}`}
+    cancel=${() => post("/api/v1/runs/{run_id}/cancel", { path: { run_id: run.id } })} />`;
 
-/** A button that cancels a job. It stays disabled until the job's state says that it is cancelled. @param {{app: import("../core/app.js").App, what: string, cancel: () => Promise<unknown>}} props */
+/**
+ * A button that cancels a job. It stays disabled until the job's state says that it is cancelled.
+ * @param {{app: import("../core/app.js").App, what: string, cancel: () => Promise<unknown>}} props
+ */
 export function Canceller({ app, what, cancel }) {
   const [isAsked, setAsked] = useState(false);
-  const { run } = useTask(async () => {
-    setAsked(true);
-    await cancel();
-  }, (error) => {
-    app.toasts.fail(error);
-    setAsked(false);
-  });
-  return html`<button class="button button--small" disabled=${isAsked} onClick=${run}>${isAsked ? "Cancelling…" : "Cancel"}<span class="sr-only"> ${what}</span></button>`;
+  const { run } = useTask(
+    async () => {
+      setAsked(true);
+      await cancel();
+    },
+    (error) => {
+      app.toasts.fail(error);
+      setAsked(false);
+    },
+  );
+  return html`<button class="button button--small" disabled=${isAsked}
+    onClick=${run}>${isAsked ? "Cancelling…" : "Cancel"}<span class="sr-only"> ${what}</span></button>`;
 }
 
 /**
@@ -129,8 +144,16 @@ export function RunStrip({ app, dataset, run, isOwn = false, onClose }) {
     <${StateBadge} state=${run.state} />
     <p class="runstrip__text" role="status">${wordsOf(run)}</p>
     ${!isOver(run) && html`<${JobBar} job=${run} label=${`Run ${run.id}`} /><${CancelButton} app=${app} run=${run} />`}
-    ${run.state === "done" && html`<a class="button button--small" href=${linkTo("runs", { dataset }, { run: String(run.id) })}>See what changed</a>`}
-    ${isOver(run) && html`<button class="button button--quiet button--icon" aria-label="Close" onClick=${onClose}><${Icon} name="cross" /></button>`}
+    ${
+      run.state === "done" &&
+      html`<a class="button button--small"
+        href=${linkTo("runs", { dataset }, { run: String(run.id) })}>See what changed</a>`
+    }
+    ${
+      isOver(run) &&
+      html`<button class="button button--quiet button--icon" aria-label="Close"
+        onClick=${onClose}><${Icon} name="cross" /></button>`
+    }
   </section>`;
 }
 
@@ -161,7 +184,10 @@ const LONGEST_PAUSE_MS = 1000;
 /** @param {Job} job */
 export const isOver = (job) => OVER.has(job.state);
 
-/** Percent done; a job that has not counted its frames yet has done nothing. @param {Job & {done?: number, total?: number}} job */
+/**
+ * Percent done; a job that has not counted its frames yet has done nothing.
+ * @param {Job & {done?: number, total?: number}} job
+ */
 export function percentDone({ state, done = 0, total = 0 }) {
   if (state === "done") return 100;
   return total > 0 ? Math.min(100, Math.floor((100 * done) / total)) : 0;
@@ -172,7 +198,8 @@ export function percentDone({ state, done = 0, total = 0 }) {
  * lasts, and a browser opens only six to a server, for all its tabs together.)
  * @template {Job} J
  * @param {() => Promise<J>} load
- * @param {{onJob: (job: J) => void, onLost: (error: ApiError) => void}} then  `onLost`: the server refuses; it is not asked again
+ * @param {{onJob: (job: J) => void, onLost: (error: ApiError) => void}} then `onLost`: the server refuses; it is not
+ *   asked again
  * @param {import("../core/api.js").Later} [later]
  * @returns {() => void} stop watching
  */

@@ -1,12 +1,25 @@
 // @ts-check
-// The filter compared with the truth: the confusion matrix, scores with confidence intervals, and both by class or distance.
+// The filter compared with the truth: the confusion matrix, scores with confidence intervals, and both by class or
+// distance.
 
 import { html, useState } from "../core/html.js";
 import { Icon } from "../core/icons.js";
 import { countOf, countText } from "../core/numbers.js";
 import { Segments, WideTable } from "../core/parts.js";
 import { linkTo } from "../core/router.js";
-import { CELLS, COUNTED, WORDS, answersIn, bandQuery, bandText, boxesOf, intervalText, percentOf, shareOf, shareText } from "./measures.js";
+import {
+  CELLS,
+  COUNTED,
+  WORDS,
+  answersIn,
+  bandQuery,
+  bandText,
+  boxesOf,
+  intervalText,
+  percentOf,
+  shareOf,
+  shareText,
+} from "./measures.js";
 
 /** @typedef {import("../core/openapi.js").Confusion} Confusion */
 /** @typedef {import("../core/openapi.js").Measure} Measure */
@@ -22,28 +35,54 @@ const MEASURES = /** @type {const} */ ([
 export function ConfusionPanel({ dataset, quality: { truth, confusion, sample } }) {
   const words = WORDS[truth];
   return html`<section class="panelbox quality__all" aria-labelledby="confusion-title">
-    <header class="panelbox__head"><h2 id="confusion-title">${words.all}</h2><span class="faint">${words.counted(answersIn(confusion))}</span></header>
+    <header
+      class="panelbox__head"><h2 id="confusion-title">${words.all}</h2>
+      <span class="faint">${words.counted(answersIn(confusion))}</span></header>
     <div class="quality__split">
       <${Matrix} dataset=${dataset} truth=${truth} confusion=${confusion} />
-      <div><p class="faint">${sample ? html`<b>All ${countText(sample.boxes)} boxes</b>, estimated from ${countOf(sample.answered, "random answer")}${sample.before > 0 ? ` and the ${countText(sample.before)} before them` : ""}${sample.unsure > 0 ? `; ${countText(sample.unsure)} unsure left out` : ""}` : "Every box that has a truth is counted: nothing is estimated."}</p>
-      <dl class="scores">
-        ${MEASURES.map(({ key, text }) => {
-          const measure = confusion[key];
-          return html`<div class="score" key=${key}>
-            <dt>${text} <span class="faint">${key === "f1" ? "both in one number" : words[key]}</span></dt>
-            <dd><span class="score__value num">${shareText(measure?.value)}</span><${Whisker} measure=${measure} name=${text} />
-              <span class="score__interval num faint">${measure ? `95 %: ${intervalText(measure)}` : intervalText(measure)}</span></dd>
-          </div>`;
-        })}
-      </dl></div>
+      <div>
+        <p
+          class="faint">
+          ${
+            sample
+              ? html`<b>All ${countText(sample.boxes)} boxes</b>, estimated from ${countOf(
+                  sample.answered,
+                  "random answer",
+                )}
+              ${sample.before > 0 ? ` and the ${countText(sample.before)} before them` : ""}
+              ${sample.unsure > 0 ? `; ${countText(sample.unsure)} unsure left out` : ""}`
+              : "Every box that has a truth is counted: nothing is estimated."
+          }</p>
+        <dl class="scores">
+          ${MEASURES.map(({ key, text }) => {
+            const measure = confusion[key];
+            return html`<div class="score" key=${key}>
+              <dt>${text} <span class="faint">${key === "f1" ? "both in one number" : words[key]}</span></dt>
+              <dd><span class="score__value num">${shareText(measure?.value)}</span>
+                <${Whisker} measure=${measure} name=${text} />
+                <span
+                  class="score__interval num faint">
+                  ${measure ? `95 %: ${intervalText(measure)}` : intervalText(measure)}
+                </span></dd>
+            </div>`;
+          })}
+        </dl></div>
     </div>
-    ${truth === "people" && confusion.kept_reject + confusion.rejected_keep > 0 &&
-    html`<p class="quality__conflicts"><a class="button" href=${linkTo("grid", { dataset }, { conflict: "true" })}>${conflictText(confusion.kept_reject + confusion.rejected_keep)}<${Icon} name="right" /></a></p>`}
+    ${
+      truth === "people" &&
+      confusion.kept_reject + confusion.rejected_keep > 0 &&
+      html`<p
+        class="quality__conflicts">
+        <a class="button"
+          href=${linkTo("grid", { dataset }, { conflict: "true" })}>
+          ${conflictText(confusion.kept_reject + confusion.rejected_keep)}<${Icon} name="right" /></a></p>`
+    }
   </section>`;
 }
 
 /** @param {number} n */
-const conflictText = (n) => (n === 1 ? "See the box on which they differ" : `See the ${countText(n)} boxes on which they differ`);
+const conflictText = (n) =>
+  n === 1 ? "See the box on which they differ" : `See the ${countText(n)} boxes on which they differ`;
 
 /** @param {{dataset: string, truth: Truth, confusion: Confusion}} props */
 function Matrix({ dataset, truth, confusion }) {
@@ -55,7 +94,12 @@ function Matrix({ dataset, truth, confusion }) {
       ${["kept", "rejected"].map(
         (filter) => html`<tr key=${filter}>
           <th scope="row">filter ${filter === "kept" ? "keeps" : "rejects"}</th>
-          ${CELLS.filter((cell) => cell.filter === filter).map((cell) => html`<td key=${cell.cell}><${MatrixCell} confusion=${confusion} cell=${cell} href=${boxesOf(dataset, truth, cell)} /></td>`)}
+          ${CELLS.filter((cell) => cell.filter === filter).map(
+            (cell) => html`<td
+              key=${cell.cell}>
+              <${MatrixCell} confusion=${confusion} cell=${cell} href=${boxesOf(dataset, truth, cell)} />
+            </td>`,
+          )}
         </tr>`,
       )}
     </tbody>
@@ -67,12 +111,14 @@ function MatrixCell({ confusion, cell, href }) {
   const count = confusion[cell.cell];
   const share = shareOf(confusion, cell.cell);
   const inner = html`<span class="matrixcell__fill" style=${{ opacity: count ? 0.12 + 0.28 * share : 0 }}></span>
-    <span class="matrixcell__sign"><${Icon} name=${cell.isAgreed ? "check" : "warn"} /></span>
-    <span class="matrixcell__count num">${countText(count)}</span>
-    <span class="matrixcell__share num">${percentOf(share)} %</span>
-    <span class="matrixcell__text">${cell.text}</span>`;
+  <span class="matrixcell__sign"><${Icon} name=${cell.isAgreed ? "check" : "warn"} /></span>
+  <span class="matrixcell__count num">${countText(count)}</span>
+  <span class="matrixcell__share num">${percentOf(share)} %</span>
+  <span class="matrixcell__text">${cell.text}</span>`;
   const name = `matrixcell matrixcell--${cell.isAgreed ? "agreed" : "differ"}`;
-  return count > 0 && href ? html`<a class=${name} href=${href}>${inner}</a>` : html`<span class=${name}>${inner}</span>`;
+  return count > 0 && href
+    ? html`<a class=${name} href=${href}>${inner}</a>`
+    : html`<span class=${name}>${inner}</span>`;
 }
 
 /** @typedef {{key: string, text: string, confusion: Confusion, query: Record<string, string> | null}} Group */
@@ -85,23 +131,43 @@ const CHOICES = [
 /** @param {{dataset: string, quality: import("../core/openapi.js").Quality}} props */
 export function PerGroup({ dataset, quality }) {
   const [by, setBy] = useState("class");
-  const groups = (by === "class" ? classGroups(quality) : bandGroups(quality)).filter(({ confusion }) => answersIn(confusion) > 0);
+  const groups = (by === "class" ? classGroups(quality) : bandGroups(quality)).filter(
+    ({ confusion }) => answersIn(confusion) > 0,
+  );
   return html`<section class="panelbox quality__wide" aria-labelledby="groups-title">
     <header class="panelbox__head"><h2 id="groups-title">${by === "class" ? "By class" : "By distance"}</h2>
       <span class="faint">dot: measured; line: 95 % interval; axis from 0 to 100 %</span>
-      <span class="panelbox__tools"><${Segments} label="Compare by" value=${by} choices=${CHOICES} onChange=${setBy} /></span></header>
+      <span
+        class="panelbox__tools"><${Segments} label="Compare by" value=${by} choices=${CHOICES} onChange=${setBy} />
+      </span></header>
     <${WideTable} label="Scores"><table class="table groups">
-      <thead><tr><th scope="col">${by === "class" ? "Class" : "Distance"}</th><th class="is-num" scope="col">${WORDS[quality.truth].column}</th><th scope="col">Precision</th><th scope="col">Recall</th><th scope="col">F1</th><th class="is-num" scope="col" title=${COUNTED.kept}>Kept ghosts</th><th class="is-num" scope="col" title=${COUNTED.lost}>Lost boxes</th></tr></thead>
-      <tbody>${groups.map((group) => html`<${Row} key=${group.key} dataset=${dataset} truth=${quality.truth} group=${group} />`)}</tbody>
-    </table><//>
+        <thead>
+          <tr><th scope="col">${by === "class" ? "Class" : "Distance"}</th>
+            <th class="is-num" scope="col">${WORDS[quality.truth].column}</th><th scope="col">Precision</th>
+            <th scope="col">Recall</th><th scope="col">F1</th>
+            <th class="is-num" scope="col" title=${COUNTED.kept}>Kept ghosts</th>
+            <th class="is-num" scope="col" title=${COUNTED.lost}>Lost boxes</th></tr></thead>
+        <tbody>
+          ${groups.map(
+            (group) => html`<${Row} key=${group.key} dataset=${dataset} truth=${quality.truth}
+              group=${group} />`,
+          )}</tbody>
+      </table><//>
   </section>`;
 }
 
 /** @param {import("../core/openapi.js").Quality} quality @returns {Group[]} */
-const classGroups = ({ by_class }) => Object.entries(by_class).map(([name, confusion]) => ({ key: name, text: name, confusion, query: { class: name } }));
+const classGroups = ({ by_class }) =>
+  Object.entries(by_class).map(([name, confusion]) => ({ key: name, text: name, confusion, query: { class: name } }));
 
 /** @param {import("../core/openapi.js").Quality} quality @returns {Group[]} */
-const bandGroups = ({ by_distance }) => by_distance.map((confusion) => ({ key: confusion.band, text: bandText(confusion.band), confusion, query: bandQuery(confusion.band) }));
+const bandGroups = ({ by_distance }) =>
+  by_distance.map((confusion) => ({
+    key: confusion.band,
+    text: bandText(confusion.band),
+    confusion,
+    query: bandQuery(confusion.band),
+  }));
 
 /** @param {{dataset: string, truth: import("../core/openapi.js").Quality["truth"], group: Group}} props */
 function Row({ dataset, truth, group }) {
@@ -109,7 +175,9 @@ function Row({ dataset, truth, group }) {
   /** @type {Record<string, string>} */
   const answered = truth === "people" ? { review: "decided" } : {};
   return html`<tr>
-    <th scope="row">${query ? html`<a href=${linkTo("grid", { dataset }, { ...query, ...answered })}>${text}</a>` : text}</th>
+    <th
+      scope="row">${query ? html`<a href=${linkTo("grid", { dataset }, { ...query, ...answered })}>${text}</a>` : text}
+    </th>
     <td class="is-num num">${countText(answersIn(confusion))}</td>
     <td><${MeasureCell} measure=${confusion.precision} name="Precision" /></td>
     <td><${MeasureCell} measure=${confusion.recall} name="Recall" /></td>
@@ -117,16 +185,20 @@ function Row({ dataset, truth, group }) {
     ${CELLS.filter(({ isAgreed }) => !isAgreed).map((about) => {
       const count = countText(confusion[about.cell]);
       const href = confusion[about.cell] > 0 && query ? boxesOf(dataset, truth, about, query) : null;
-      return html`<td class="is-num num" key=${about.cell}>${href ? html`<a title=${about.text} href=${href}>${count}</a>` : count}</td>`;
+      return html`<td class="is-num num"
+        key=${about.cell}>${href ? html`<a title=${about.text} href=${href}>${count}</a>` : count}</td>`;
     })}
   </tr>`;
 }
 
 /** `most` is the share at the right end. @param {{measure: Measure | null, name: string, most?: number}} props */
 function Whisker({ measure, name, most = 1 }) {
-  if (!measure) return html`<span class="whisker whisker--none" title=${`${name}: ${intervalText(measure)}`}><span class="sr-only">not known</span></span>`;
+  if (!measure)
+    return html`<span class="whisker whisker--none"
+      title=${`${name}: ${intervalText(measure)}`}><span class="sr-only">not known</span></span>`;
   const [low, at, high] = [measure.low, measure.value, measure.high].map((share) => (100 * share) / most);
-  return html`<span class="whisker" title=${`${name} ${shareText(measure.value)}, 95 % between ${intervalText(measure)}`}>
+  return html`<span class="whisker"
+    title=${`${name} ${shareText(measure.value)}, 95 % between ${intervalText(measure)}`}>
     <svg class="whisker__svg" viewBox="0 0 100 12" preserveAspectRatio="none" aria-hidden="true" focusable="false">
       <line class="whisker__scale" x1="0" x2="100" y1="6" y2="6" />
       <line class="whisker__range" x1=${low} x2=${high} y1="6" y2="6" />

@@ -36,10 +36,13 @@ export function Experiment({ dataset }) {
     <header class="panelbox__head"><h2 id="experiment-title">Is it worth it?</h2>
       <span class="faint">what a detector is told, and what it learns from that</span></header>
     ${loaded.error && !isMissing && html`<${FailureLine} error=${loaded.error} onRetry=${loaded.reload} />`}
-    ${isMissing && html`<div class="panelbox__empty">
-      <p>Count the ghosts among your labels, with every way of cleaning them. Without <code>--no-train</code> it also
-        trains a detector on each.</p>
-      <${Command} text=${`unghost worth-it SOURCE --no-train --dataset ${dataset}`} /></div>`}
+    ${
+      isMissing &&
+      html`<div class="panelbox__empty">
+        <p>Count the ghosts among your labels, with every way of cleaning them. Without <code>--no-train</code> it also
+          trains a detector on each.</p>
+        <${Command} text=${`unghost worth-it SOURCE --no-train --dataset ${dataset}`} /></div>`
+    }
     ${!loaded.error && loaded.value && html`<${Arms} report=${loaded.value} />`}
   </section>`;
 }
@@ -53,28 +56,38 @@ function Arms({ report }) {
     <table class="table groups channels">
       <caption class="sr-only">Labels of each way of cleaning, and detectors trained on them</caption>
       <thead><tr><th scope="col">Labels</th><th class="is-num" scope="col">Boxes</th>
-        <th class="is-num" scope="col" title="Labels of which nothing is visible">Ghosts</th>
-        <th class="is-num" scope="col" title="Objects without a label">Lost objects</th>
-        ${hasTrials && html`<th scope="col" title="Of the detectors that were trained on these labels">mAP50</th>
-          <th scope="col" title="In percentage points, with the 95 % interval">
-            Against ${report.baseline}</th>`}</tr></thead>
-      <tbody>${arms.map(([name, arm]) => html`<tr key=${name}>
-        <th scope="row">${name}<span class="faint channels__about">${ARMS[name.split("@")[0] ?? ""]}</span></th>
-        ${[arm.labels?.labels, arm.labels?.ghosts, arm.labels?.lost].map((count, at) => html`<td class="is-num num"
-          key=${at}>${count === undefined ? "–" : countText(count)}</td>`)}
-        ${hasTrials && html`<td><${MeasureCell} measure=${arm.map50} name="mAP50" most=${most} /></td>
-          <td>${arm.difference && html`<${Against} difference=${arm.difference} />`}</td>`}
-      </tr>`)}</tbody>
+          <th class="is-num" scope="col" title="Labels of which nothing is visible">Ghosts</th>
+          <th class="is-num" scope="col" title="Objects without a label">Lost objects</th>
+          ${
+            hasTrials &&
+            html`<th scope="col" title="Of the detectors that were trained on these labels">mAP50</th>
+            <th scope="col" title="In percentage points, with the 95 % interval">
+              Against ${report.baseline}</th>`
+          }</tr></thead>
+      <tbody>${arms.map(
+        ([name, arm]) => html`<tr key=${name}>
+          <th scope="row">${name}<span class="faint channels__about">${ARMS[name.split("@")[0] ?? ""]}</span></th>
+          ${[arm.labels?.labels, arm.labels?.ghosts, arm.labels?.lost].map(
+            (count, at) => html`<td class="is-num num"
+              key=${at}>${count === undefined ? "–" : countText(count)}</td>`,
+          )}
+          ${
+            hasTrials &&
+            html`<td><${MeasureCell} measure=${arm.map50} name="mAP50" most=${most} /></td>
+            <td>${arm.difference && html`<${Against} difference=${arm.difference} />`}</td>`
+          }
+        </tr>`,
+      )}</tbody>
     </table><//>
-    <p class="faint channels__note">${report.verdict} ${report.truth}
-      ${" "}${countText(report.frames)} frames, ${countText(report.objects)} objects.
-      ${report.trainer && html` Trained by <code>${report.trainer}</code>.`}</p>`;
+  <p class="faint channels__note">${report.verdict} ${report.truth}
+    ${" "}${countText(report.frames)} frames, ${countText(report.objects)} objects.
+    ${report.trainer && html` Trained by <code>${report.trainer}</code>.`}</p>`;
 }
 
 /** @param {{difference: NonNullable<Arm["difference"]>}} props */
 const Against = ({ difference: { value, low, high, shown } }) => html`<span class="num">${signed(value)}</span>
-  ${" "}<span class="faint num">${signed(low)} to ${signed(high)}</span>
-  ${!shown && html` <span class="faint">no difference shown</span>`}`;
+${" "}<span class="faint num">${signed(low)} to ${signed(high)}</span>
+${!shown && html` <span class="faint">no difference shown</span>`}`;
 
 /** In percentage points, with its sign. @param {number} share */
 const signed = (share) => `${share < 0 ? "−" : "+"}${percentOf(Math.abs(share))}`;

@@ -4,14 +4,20 @@
 import { countOf, countText } from "../core/numbers.js";
 import { linkTo } from "../core/router.js";
 
-/** @typedef {"kept_keep" | "kept_reject" | "rejected_keep" | "rejected_reject"} Cell  the filter's verdict, then the truth */
+/**
+ * @typedef {"kept_keep" | "kept_reject" | "rejected_keep" | "rejected_reject"} Cell the filter's verdict, then the
+ *   truth
+ */
 /** @typedef {import("../core/openapi.js").Measure} Measure */
 /** @typedef {import("../core/openapi.js").Quality["truth"]} Truth */
 
 /** With fewer answers of a class, a suggested threshold is marked. */
 export const FEW_ANSWERS = 100;
 
-/** @type {readonly {cell: Cell, filter: "kept" | "rejected", person: "keep" | "reject", isAgreed: boolean, text: string}[]} */
+/**
+ * @type {readonly {cell: Cell, filter: "kept" | "rejected", person: "keep" | "reject", isAgreed: boolean, text:
+ *   string}[]}
+ */
 export const CELLS = [
   { cell: "kept_keep", filter: "kept", person: "keep", isAgreed: true, text: "rightly kept" },
   { cell: "kept_reject", filter: "kept", person: "reject", isAgreed: false, text: "ghosts that were kept" },
@@ -25,7 +31,12 @@ export const answersIn = (confusion) => CELLS.reduce((total, { cell }) => total 
 /** @param {Record<Cell, number>} confusion @param {Cell} cell  0 to 1, of all answers */
 export const shareOf = (confusion, cell) => confusion[cell] / Math.max(1, answersIn(confusion));
 
-/** Which boxes a cell counts, as filters of the grid. @param {"kept" | "rejected"} filter @param {"keep" | "reject"} person @returns {Record<string, string>} */
+/**
+ * Which boxes a cell counts, as filters of the grid.
+ * @param {"kept" | "rejected"} filter
+ * @param {"keep" | "reject"} person
+ * @returns {Record<string, string>}
+ */
 export const cellQuery = (filter, person) => ({ by_filter: filter, review: person });
 
 /** 0.947 as 94.7. @param {number} share */
@@ -35,12 +46,15 @@ export const percentOf = (share) => Math.round(1000 * share) / 10;
 export const shareText = (share) => (share === null || share === undefined ? "–" : `${percentOf(share)} %`);
 
 /** @param {Measure | null} measure */
-export const intervalText = (measure) => (measure ? `${percentOf(measure.low)}–${percentOf(measure.high)} %` : "cannot be told");
+export const intervalText = (measure) =>
+  measure ? `${percentOf(measure.low)}–${percentOf(measure.high)} %` : "cannot be told";
 
 /** Why there are no scores. @param {number} answers @param {number} random  of them, those in random order */
 export function refusalText(answers, random) {
-  if (random > 0) return `${countOf(random, "random answer")} ${random === 1 ? "is" : "are"} too few to say how good the filter is.`;
-  const were = answers === 1 ? "This answer was on a box that was" : `These ${countText(answers)} answers were on boxes that were`;
+  if (random > 0)
+    return `${countOf(random, "random answer")} ${random === 1 ? "is" : "are"} too few to say how good the filter is.`;
+  const were =
+    answers === 1 ? "This answer was on a box that was" : `These ${countText(answers)} answers were on boxes that were`;
   return `${were} not chosen at random, such as doubtful ones: they cannot say how good the filter is.`;
 }
 
@@ -53,7 +67,13 @@ export function planText({ boxes, half_width: half }, answered) {
 /** The usual words for values of kappa (Landis and Koch). @param {number | null} kappa */
 export function kappaText(kappa) {
   if (kappa === null) return "not known";
-  const bounds = /** @type {const} */ ([[0, "poor"], [0.2, "slight"], [0.4, "fair"], [0.6, "moderate"], [0.8, "substantial"]]);
+  const bounds = /** @type {const} */ ([
+    [0, "poor"],
+    [0.2, "slight"],
+    [0.4, "fair"],
+    [0.6, "moderate"],
+    [0.8, "substantial"],
+  ]);
   return bounds.find(([most]) => kappa <= most)?.[1] ?? "almost perfect";
 }
 
@@ -63,7 +83,11 @@ export function bandText(band) {
   return `${band.replace("-", "–").replace(">", "> ")} m`;
 }
 
-/** The limits of a band, as filters of the grid; null where the grid has none. @param {string} band @returns {Record<string, string> | null} */
+/**
+ * The limits of a band, as filters of the grid; null where the grid has none.
+ * @param {string} band
+ * @returns {Record<string, string> | null}
+ */
 export function bandQuery(band) {
   const between = /^(\d+)-(\d+)$/.exec(band);
   if (between) return { distance_min: between[1] ?? "", distance_max: between[2] ?? "" };
@@ -72,7 +96,10 @@ export function bandQuery(band) {
 }
 
 /** What the columns of errors count. */
-export const COUNTED = { kept: "Boxes that were kept although they should be rejected", lost: "Boxes that were rejected although they should be kept" };
+export const COUNTED = {
+  kept: "Boxes that were kept although they should be rejected",
+  lost: "Boxes that were rejected although they should be kept",
+};
 
 /** @typedef {typeof CELLS[number]} CellAbout */
 
@@ -110,7 +137,10 @@ export const WORDS = {
     said: "what people said",
     precision: "of the boxes that the filter keeps, people keep",
     recall: "of the boxes that people keep, the filter keeps",
-    goals: { f1: "the ones that agree best with the answered boxes", recall: "the highest ones that keep what people keep of the answered boxes" },
+    goals: {
+      f1: "the ones that agree best with the answered boxes",
+      recall: "the highest ones that keep what people keep of the answered boxes",
+    },
     both: "Answers on both sides are needed before a threshold can be suggested: some boxes to keep and some to reject, of the same class.",
   },
   instances: {
@@ -124,13 +154,17 @@ export const WORDS = {
     said: "what instances show",
     precision: "of the boxes that the filter keeps, are visible",
     recall: "of the boxes that are visible, the filter keeps",
-    goals: { f1: "the ones that agree best with what is visible", recall: "the highest ones that keep what is visible" },
+    goals: {
+      f1: "the ones that agree best with what is visible",
+      recall: "the highest ones that keep what is visible",
+    },
     both: "Boxes on both sides are needed before a threshold can be suggested: some visible and some not, of the same class.",
   },
 };
 
 /**
- * A link to the boxes that a cell of the matrix counts; null if the truth is instances, for which the grid has no filter.
+ * A link to the boxes that a cell of the matrix counts; null if the truth is instances, for which the grid has no
+ * filter.
  * @param {string} dataset @param {Truth} truth @param {CellAbout} cell @param {Record<string, string>} [more]
  */
 export const boxesOf = (dataset, truth, { filter, person }, more = {}) =>

@@ -16,10 +16,16 @@ import { VERBS } from "../review/bulk.js";
 
 const SIZE_PX = 112;
 
-/** @param {{app: App, session: import("./session.js").Session, answered: {boxId: number, verdict: Answer}, onClose: () => void}} props */
+/**
+ * @param {{app: App, session: import("./session.js").Session, answered: {boxId: number, verdict: Answer}, onClose: ()
+ *   => void}} props
+ */
 export function AlikeDialog({ app, session, answered: { boxId, verdict }, onClose }) {
   const dialog = useDialog();
-  const loaded = useLoaded((signal) => get("/api/v1/boxes/{box_id}/alike", { path: { box_id: boxId }, signal }), [boxId]);
+  const loaded = useLoaded(
+    (signal) => get("/api/v1/boxes/{box_id}/alike", { path: { box_id: boxId }, signal }),
+    [boxId],
+  );
   const [chosen, setChosen] = useState(/** @type {ReadonlySet<number> | null} */ (null));
   const { items = [], total = 0, probable = 0 } = loaded.value ?? {};
   const selected = chosen ?? new Set(items.slice(0, probable).map(({ box_id }) => box_id));
@@ -42,35 +48,61 @@ export function AlikeDialog({ app, session, answered: { boxId, verdict }, onClos
   const onKeyDown = (event) => {
     const action = actionOf(event, app.keys.get(), "queue");
     const isOnButton = event.target instanceof Element && event.target.closest("button") !== null;
-    const isGiven = event.key === "Enter" ? !isOnButton : action === "alike" || (action === verdict && event.key !== " ");
+    const isGiven =
+      event.key === "Enter" ? !isOnButton : action === "alike" || (action === verdict && event.key !== " ");
     if (!isGiven || event.repeat) return;
     event.preventDefault();
     give();
   };
 
-  const words = total === 0 ? "No others" : html`<b class="num">${countOf(total, "other")}</b>, <b class="num">${countText(probable)}</b> probably the same`;
-  return html`<${Dialog} dialog=${dialog} id="alike-title" title=${`All like ${name}`} kind="wide" isLight=${true} onClose=${onClose} onKeyDown=${onKeyDown}>
+  const words =
+    total === 0
+      ? "No others"
+      : html`<b class="num">${countOf(total, "other")}</b>, <b
+        class="num">${countText(probable)}</b> probably the same`;
+  return html`<${Dialog} dialog=${dialog} id="alike-title" title=${`All like ${name}`} kind="wide" isLight=${true}
+    onClose=${onClose} onKeyDown=${onKeyDown}>
     ${loaded.state === "error" && html`<${Failure} error=${loaded.error} onRetry=${loaded.reload} />`}
     ${loaded.state === "loading" && html`<div class="skeleton skeleton--tall shimmer"></div>`}
-    ${loaded.state === "ready" &&
-    html`<p role="status">${words}${items.length < total && `; shown are ${countText(items.length)}`}</p>
-      ${total > 0 && html`<${Choice} items=${items} selected=${selected} text=${`${capital(VERBS[verdict])} ${countOf(selected.size, "box", "boxes")}`} onToggle=${toggle} onChoose=${setChosen} onGive=${give} />`}`}
+    ${
+      loaded.state === "ready" &&
+      html`<p role="status">${words}${items.length < total && `; shown are ${countText(items.length)}`}</p>
+      ${
+        total > 0 &&
+        html`<${Choice} items=${items} selected=${selected}
+          text=${`${capital(VERBS[verdict])} ${countOf(selected.size, "box", "boxes")}`} onToggle=${toggle}
+          onChoose=${setChosen} onGive=${give} />`
+      }`
+    }
   <//>`;
 }
 
-/** @param {{items: readonly import("../boxes/box.js").Decision[], selected: ReadonlySet<number>, text: string, onToggle: (id: number) => void, onChoose: (ids: ReadonlySet<number>) => void, onGive: () => void}} props */
+/**
+ * @param {{items: readonly import("../boxes/box.js").Decision[], selected: ReadonlySet<number>, text: string, onToggle:
+ *   (id: number) => void, onChoose: (ids: ReadonlySet<number>) => void, onGive: () => void}} props
+ */
 function Choice({ items, selected, text, onToggle, onChoose, onGive }) {
-  return html`<p class="faint">Without an answer, of the same class, cause, hider and distance band. Click on those that differ.</p>
-    <ul class="alike" aria-label="Boxes like it">
-      ${items.map(
-        (one) => html`<li key=${one.box_id}><button class="alike__box" aria-pressed=${selected.has(one.box_id)} title=${one.frame} onClick=${() => onToggle(one.box_id)}>
-          <${NearBox} box=${one} size=${SIZE_PX} /><span class="alike__name"><span class="sr-only">${one.class}${" "}</span>${one.id} <span class="faint num">${distanceText(one) ?? ""}</span></span>
+  return html`<p
+    class="faint">Without an answer, of the same class, cause, hider and distance band. Click on those that differ.</p>
+  <ul class="alike" aria-label="Boxes like it">
+    ${items.map(
+      (one) => html`<li
+        key=${one.box_id}>
+        <button class="alike__box" aria-pressed=${selected.has(one.box_id)} title=${one.frame}
+          onClick=${() => onToggle(one.box_id)}>
+          <${NearBox} box=${one} size=${SIZE_PX} />
+          <span
+            class="alike__name"><span class="sr-only">${one.class}${" "}</span>
+            ${one.id} <span class="faint num">${distanceText(one) ?? ""}</span></span>
         </button></li>`,
-      )}
-    </ul>
-    <footer class="dialog__foot">
-      <span><button class="button button--quiet" onClick=${() => onChoose(new Set(items.map(({ box_id }) => box_id)))}>All</button>
+    )}
+  </ul>
+  <footer class="dialog__foot">
+    <span>
+      <button class="button button--quiet"
+        onClick=${() => onChoose(new Set(items.map(({ box_id }) => box_id)))}>All</button>
       <button class="button button--quiet" onClick=${() => onChoose(new Set())}>None</button></span>
-      <button class="button button--primary alike__give" disabled=${selected.size === 0} onClick=${onGive}>${text}</button>
-    </footer>`;
+    <button class="button button--primary alike__give" disabled=${selected.size === 0}
+      onClick=${onGive}>${text}</button>
+  </footer>`;
 }

@@ -32,7 +32,11 @@ const LITTLE_PERCENT = 25;
 /** Whether the object of a box of a lesson is seen. @param {Decision} box */
 const isSeen = ({ visible_pixels: pixels }) => (pixels ?? 0) > 0;
 
-/** Whether an answer on a box of a lesson is right; an unsure one is neither. @param {Decision} box @param {string | null} answer */
+/**
+ * Whether an answer on a box of a lesson is right; an unsure one is neither.
+ * @param {Decision} box
+ * @param {string | null} answer
+ */
 export const isRight = (box, answer) => answer === (isSeen(box) ? "keep" : "reject");
 
 /**
@@ -65,19 +69,29 @@ function insteadText({ match_percent: match, hidden_by: tags }, name, hider) {
   return ` They show ${named.map(({ name: tag, percent }) => `${tag.toLowerCase()} (${wholePercentText(percent)})`).join(" and ")}.`;
 }
 
-/** Above the question: which box of the lesson it is, and after the answer what is known. @param {{app: import("../core/app.js").App, lesson: Lesson, box: Decision, hider: Hider}} props */
+/**
+ * Above the question: which box of the lesson it is, and after the answer what is known.
+ * @param {{app: import("../core/app.js").App, lesson: Lesson, box: Decision, hider: Hider}} props
+ */
 export function Coach({ app, lesson: { at, count, onNext, onSkip }, box, hider }) {
   const key = useKeyText(app, "next");
   const where = `Box ${at} of ${count}`;
   if (isWithheld(box)) {
     return html`<div class="coach">
-      <p><b>${where} to learn by.</b> The truth about ${at === 1 ? "these five is known" : "it is known"}: answer, and you are told why.</p>
+      <p>
+        <b>${where} to learn by.</b> The truth about ${
+          at === 1 ? "these five is known" : "it is known"
+        }: answer, and you are told why.</p>
       <button class="button button--small button--quiet" onClick=${onSkip}>Skip the lesson</button>
     </div>`;
   }
   const right = isRight(box, answerOf(box));
   return html`<div class="coach coach--${right ? "right" : "wrong"}">
-    <p role="status"><${Icon} name=${right ? "check" : "warn"} /> <b>${where}.</b> ${toldText(box, hider)}${at === count ? " From the next box on, nobody knows: your answers count." : ""}</p>
-    <button class="button button--small button--primary" onClick=${onNext}>${at === count ? "To the queue" : "Next box"}${key && html` <kbd aria-hidden="true">${key}</kbd>`}</button>
+    <p
+      role="status"><${Icon} name=${right ? "check" : "warn"} /> <b>${where}.</b> ${toldText(box, hider)}
+      ${at === count ? " From the next box on, nobody knows: your answers count." : ""}</p>
+    <button class="button button--small button--primary"
+      onClick=${onNext}>${at === count ? "To the queue" : "Next box"}
+      ${key && html` <kbd aria-hidden="true">${key}</kbd>`}</button>
   </div>`;
 }

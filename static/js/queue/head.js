@@ -20,15 +20,25 @@ import { ORDERS, hasOnlyDoubts, orderOf } from "./session.js";
 /** @typedef {import("../core/router.js").Query} Query */
 /** @typedef {import("./session.js").Session} Session */
 
-/** @param {{app: App, session: Session, classes: readonly string[], query: Query, onChange: (query: Query) => void}} props */
+/**
+ * @param {{app: App, session: Session, classes: readonly string[], query: Query, onChange: (query: Query) => void}}
+ *   props
+ */
 export function QueueHead({ app, session, classes, query, onChange }) {
   const prefs = useValue(app.prefs);
   return html`<div class="queue__head">
-    ${session.listed.length > 0
-      ? html`<p class="queue__listed">${countOf(session.listed.length, "chosen box", "chosen boxes")} <button class="button button--small" onClick=${() => onChange(withoutList(query))}>The whole queue</button></p>`
-      : html`<${Choices} classes=${classes} query=${query} onChange=${onChange} />`}
+    ${
+      session.listed.length > 0
+        ? html`<p
+          class="queue__listed">
+          ${countOf(session.listed.length, "chosen box", "chosen boxes")} <button class="button button--small"
+            onClick=${() => onChange(withoutList(query))}>The whole queue</button></p>`
+        : html`<${Choices} classes=${classes} query=${query} onChange=${onChange} />`
+    }
     <label class="switch queue__blind" title="Hide the filter's verdict and earlier answers until you have answered">
-      <input type="checkbox" checked=${isBlind(query, prefs)} onChange=${(/** @type {{currentTarget: HTMLInputElement}} */ event) => onChange({ ...query, blind: event.currentTarget.checked ? "on" : "off" })} /><span>Blind</span>
+      <input type="checkbox" checked=${isBlind(query, prefs)}
+        onChange=${(/** @type {{currentTarget: HTMLInputElement}} */ event) =>
+          onChange({ ...query, blind: event.currentTarget.checked ? "on" : "off" })} /><span>Blind</span>
     </label>
     <span class="queue__middle"></span>
     <${Progress} session=${session} />
@@ -38,16 +48,27 @@ export function QueueHead({ app, session, classes, query, onChange }) {
 /** The choices besides the boxes to review. */
 const OTHER_BINS = [...BINS.filter(({ value }) => value !== "ask"), { value: "all", text: "In doubt or not" }];
 
-/** The order and the filters of the queue. @param {{classes: readonly string[], query: Query, onChange: (query: Query) => void}} props */
+/**
+ * The order and the filters of the queue.
+ * @param {{classes: readonly string[], query: Query, onChange: (query: Query) => void}} props
+ */
 function Choices({ classes, query, onChange }) {
   const [isOpen, setOpen] = useState(false);
   const order = orderOf(query);
-  const own = { bin: { any: "To review", choices: OTHER_BINS }, class: { choices: classChoices(classes) }, reason: { any: "Any reason in the image" }, review: { any: order === "audit" ? DECIDED : UNDECIDED } };
-  return html`<${Segments} label="Order" value=${order} choices=${ORDERS} onChange=${(/** @type {string} */ value) => onChange(inOrder(query, value))} />
-    <button class="button queue__more ${isFiltered(query) ? "is-set" : ""}" aria-expanded=${isOpen} onClick=${() => setOpen(!isOpen)}><${Icon} name="filter" />Filters</button>
-    <div class="queue__filters ${isOpen ? "is-open" : ""}" role="search" aria-label="Filter boxes">
-      <${FilterMenus} query=${query} keys=${["bin", "verdict", "class", "reason", "review"]} own=${own} onChange=${onChange} onClear=${isFiltered(query) ? () => onChange(withoutFilters(query)) : null} />
-    </div>`;
+  const own = {
+    bin: { any: "To review", choices: OTHER_BINS },
+    class: { choices: classChoices(classes) },
+    reason: { any: "Any reason in the image" },
+    review: { any: order === "audit" ? DECIDED : UNDECIDED },
+  };
+  return html`<${Segments} label="Order" value=${order} choices=${ORDERS}
+    onChange=${(/** @type {string} */ value) => onChange(inOrder(query, value))} />
+  <button class="button queue__more ${isFiltered(query) ? "is-set" : ""}" aria-expanded=${isOpen}
+    onClick=${() => setOpen(!isOpen)}><${Icon} name="filter" />Filters</button>
+  <div class="queue__filters ${isOpen ? "is-open" : ""}" role="search" aria-label="Filter boxes">
+    <${FilterMenus} query=${query} keys=${["bin", "verdict", "class", "reason", "review"]} own=${own}
+      onChange=${onChange} onClear=${isFiltered(query) ? () => onChange(withoutFilters(query)) : null} />
+  </div>`;
 }
 
 /** @param {{session: Session}} props */
@@ -63,10 +84,31 @@ function Progress({ session }) {
   const all = done + (left ?? 0);
   const percent = all ? Math.floor((100 * done) / all) : 0;
   return html`<div class="queue__progress">
-    <p role="status">${session.order === "audit" && left !== null ? html`<b class="num">${countText(done)}</b> of <b class="num">${countText(all)}</b> audited` : html`<b class="num">${countText(done)}</b> answered${left !== null && html` · <b class="num">${countText(left)}</b> ${session.query.review ? "left" : isToReview ? "to review" : "unanswered"}`}`}
+    <p
+      role="status">
+      ${
+        session.order === "audit" && left !== null
+          ? html`<b class="num">${countText(done)}</b> of <b
+            class="num">${countText(all)}</b> audited`
+          : html`<b
+            class="num">${countText(done)}</b> answered${
+              left !== null &&
+              html` · <b
+                class="num">${countText(left)}</b> ${
+                  session.query.review ? "left" : isToReview ? "to review" : "unanswered"
+                }`
+            }`
+      }
       ${pace !== null && html`<span class="faint"> · ${countText(Math.round(pace))} per minute</span>`}
-      ${comparisons.length > 0 && html`<span class="faint"> · agreed on ${countText(comparisons.filter(({ agrees }) => agrees).length)} of ${countText(comparisons.length)}</span>`}</p>
-    <div class="progress__track" role="progressbar" aria-label="answered" aria-valuemin="0" aria-valuemax="100" aria-valuenow=${percent}><span class="progress__fill" style=${{ width: `${percent}%` }} /></div>
+      ${
+        comparisons.length > 0 &&
+        html`<span
+          class="faint"> · agreed on ${countText(comparisons.filter(({ agrees }) => agrees).length)} of ${countText(
+            comparisons.length,
+          )}</span>`
+      }</p>
+    <div class="progress__track" role="progressbar" aria-label="answered" aria-valuemin="0" aria-valuemax="100"
+      aria-valuenow=${percent}><span class="progress__fill" style=${{ width: `${percent}%` }} /></div>
   </div>`;
 }
 
@@ -74,23 +116,39 @@ const BEHIND = 3;
 const AHEAD = 6;
 const SIZE_PX = 56;
 
-/** @param {{app: import("../review/answers.js").ReviewApp, session: import("./session.js").Session, line: Line, isHidden: boolean, onShow: (line: Line) => void}} props */
+/**
+ * @param {{app: import("../review/answers.js").ReviewApp, session: import("./session.js").Session, line: Line,
+ *   isHidden: boolean, onShow: (line: Line) => void}} props
+ */
 export function QueueStrip({ app, session, line, isHidden, onShow }) {
   const { waiting } = useValue(app.sender.state);
   const list = useRef(/** @type {HTMLOListElement | null} */ (null));
   const { verdicts } = useValue(session.tally);
   const here = currentOf(line);
-  useEffect(() => list.current?.querySelector("[aria-current]")?.scrollIntoView({ block: "nearest", inline: "nearest" }), [here]);
-  const ids = [...line.ids.slice(Math.max(0, line.at - BEHIND), line.at), ...(here === null ? [] : [here]), ...upcoming(line, AHEAD)];
+  useEffect(
+    () => list.current?.querySelector("[aria-current]")?.scrollIntoView({ block: "nearest", inline: "nearest" }),
+    [here],
+  );
+  const ids = [
+    ...line.ids.slice(Math.max(0, line.at - BEHIND), line.at),
+    ...(here === null ? [] : [here]),
+    ...upcoming(line, AHEAD),
+  ];
   const boxes = ids.flatMap((id) => app.boxes.get(id) ?? []);
   return html`<ol class="strip-list" ref=${list} aria-label="Boxes before and after">
     ${boxes.map((box) => {
       const isCovered = isHidden && !verdicts.has(box.box_id);
       return html`<li key=${box.box_id}>
-        <button class="strip-list__box ${isCovered ? "is-covered" : ""}" aria-current=${box.box_id === here ? "true" : undefined} aria-label=${isCovered ? `${box.class} ${box.id}` : spokenText(box)}
+        <button class="strip-list__box ${isCovered ? "is-covered" : ""}"
+          aria-current=${box.box_id === here ? "true" : undefined}
+          aria-label=${isCovered ? `${box.class} ${box.id}` : spokenText(box)}
           title=${`${box.class} ${box.id}`} onClick=${() => onShow(movedTo(line, box.box_id))}>
           <${Picture} box=${isCovered ? withheld(box) : box} size=${SIZE_PX} frameSize=${null} />
-          ${!isCovered && html`<span class="cell__answer"><${AnswerSign} box=${box} isWaiting=${waiting.has(box.box_id)} /></span>`}
+          ${
+            !isCovered &&
+            html`<span
+              class="cell__answer"><${AnswerSign} box=${box} isWaiting=${waiting.has(box.box_id)} /></span>`
+          }
         </button>
       </li>`;
     })}

@@ -1,5 +1,6 @@
 // @ts-check
-// The boxes of the queue in order, with the current position: pure functions; and how a blind answer compares with earlier ones.
+// The boxes of the queue in order, with the current position: pure functions; and how a blind answer compares with
+// earlier ones.
 
 import { answerOf } from "../boxes/box.js";
 
@@ -21,18 +22,31 @@ export const EMPTY = Object.freeze({ ids: [], at: 0, answered: new Set() });
 export const currentOf = ({ ids, at }) => ids[at] ?? null;
 
 /** The next ones to be looked at, the current one not included. @param {Line} line @param {number} count */
-export const upcoming = ({ ids, at, answered }, count) => ids.slice(at + 1).filter((id) => !answered.has(id)).slice(0, count);
+export const upcoming = ({ ids, at, answered }, count) =>
+  ids
+    .slice(at + 1)
+    .filter((id) => !answered.has(id))
+    .slice(0, count);
 
 /** Boxes that were skipped without an answer. @param {Line} line */
 export const skippedBoxes = ({ ids, at, answered }) => ids.slice(0, at).filter((id) => !answered.has(id));
 
-/** The line without the boxes that are still to be looked at, the current one included. @param {Line} line @returns {Line} */
+/**
+ * The line without the boxes that are still to be looked at, the current one included.
+ * @param {Line} line
+ * @returns {Line}
+ */
 export function lookedAt(line) {
   const ids = line.ids.filter((id, index) => index < line.at || line.answered.has(id));
   return { ...line, ids, at: ids.length };
 }
 
-/** Append boxes that the server sent; boxes already in the line keep their place. @param {Line} line @param {readonly number[]} more @returns {Line} */
+/**
+ * Append boxes that the server sent; boxes already in the line keep their place.
+ * @param {Line} line
+ * @param {readonly number[]} more
+ * @returns {Line}
+ */
 export function extended(line, more) {
   const known = new Set(line.ids);
   return { ...line, ids: [...line.ids, ...more.filter((id) => !known.has(id))] };
@@ -81,7 +95,11 @@ export function movedTo(line, id) {
   return at < 0 ? line : { ...line, at };
 }
 
-/** Put the skipped boxes after the answered ones, and make the first of them current. @param {Line} line @returns {Line} */
+/**
+ * Put the skipped boxes after the answered ones, and make the first of them current.
+ * @param {Line} line
+ * @returns {Line}
+ */
 export function backToSkipped(line) {
   const open = skippedBoxes(line);
   const answered = line.ids.slice(0, line.at).filter((id) => line.answered.has(id));
@@ -90,7 +108,11 @@ export function backToSkipped(line) {
 
 const PACE_OVER = 20;
 
-/** Answers per minute over the last of them; null before there is a pace. @param {readonly number[]} times ms, of the answers @returns {number | null} */
+/**
+ * Answers per minute over the last of them; null before there is a pace.
+ * @param {readonly number[]} times ms, of the answers
+ * @returns {number | null}
+ */
 export function paceOf(times) {
   const last = times.slice(-PACE_OVER);
   const span = (last.at(-1) ?? 0) - (last[0] ?? 0);
@@ -99,18 +121,33 @@ export function paceOf(times) {
 
 /** @typedef {{boxId: number, words: string, agrees: boolean}} Comparison */
 
-/** Whether the review is blind: as the address says; otherwise an audit is blind, and other orders follow the preference. @param {Query} query @param {{blind?: boolean}} prefs */
+/**
+ * Whether the review is blind: as the address says; otherwise an audit is blind, and other orders follow the
+ *   preference.
+ * @param {Query} query
+ * @param {{blind?: boolean}} prefs
+ */
 export function isBlind(query, prefs) {
   if (query.blind) return query.blind === "on";
   return query.order === "audit" || prefs.blind === true;
 }
 
-/** The queue in another order. An audit begins blind, also if the order before was not. @param {Query} query @param {string} order @returns {Query} */
+/**
+ * The queue in another order. An audit begins blind, also if the order before was not.
+ * @param {Query} query
+ * @param {string} order
+ * @returns {Query}
+ */
 export function inOrder({ blind = "", ...query }, order) {
   return { ...query, order, blind: order === "audit" && blind === "off" ? "" : blind };
 }
 
-/** Compare a blind answer with the earlier answer, or else with the filter's verdict. @param {Decision} before @param {Answer} answer @returns {Comparison | null} null: nothing to compare with */
+/**
+ * Compare a blind answer with the earlier answer, or else with the filter's verdict.
+ * @param {Decision} before
+ * @param {Answer} answer
+ * @returns {Comparison | null} null: nothing to compare with
+ */
 export function compared(before, answer) {
   if (answer !== "keep" && answer !== "reject") return null;
   const earlier = answerOf(before);
@@ -118,9 +155,19 @@ export function compared(before, answer) {
   if (earlier === "keep" || earlier === "reject") {
     const agrees = earlier === answer;
     const who = before.review?.reviewer || "The earlier answer";
-    return { boxId: before.box_id, agrees, words: agrees ? `${name}: you and ${who} agree, ${answer}` : `${name}: ${who} said ${earlier}, you said ${answer}` };
+    return {
+      boxId: before.box_id,
+      agrees,
+      words: agrees
+        ? `${name}: you and ${who} agree, ${answer}`
+        : `${name}: ${who} said ${earlier}, you said ${answer}`,
+    };
   }
   if (before.verdict === "unmeasured") return null;
   const agrees = (before.verdict === "kept") === (answer === "keep");
-  return { boxId: before.box_id, agrees, words: `${name}: the filter ${agrees ? "agrees" : "says"} ${before.verdict}${agrees ? "" : `, you said ${answer}`}` };
+  return {
+    boxId: before.box_id,
+    agrees,
+    words: `${name}: the filter ${agrees ? "agrees" : "says"} ${before.verdict}${agrees ? "" : `, you said ${answer}`}`,
+  };
 }

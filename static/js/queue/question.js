@@ -1,5 +1,6 @@
 // @ts-check
-// What the queue asks about a box: the sentence with its object, the rule, other layers of the same cut, and its depths.
+// What the queue asks about a box: the sentence with its object, the rule, other layers of the same cut, and its
+// depths.
 
 import { isWithheld } from "../boxes/box.js";
 import { useCrop } from "../boxes/crops.js";
@@ -38,13 +39,29 @@ export function objectText(box, hider) {
     .join(", ");
 }
 
-/** @param {{box: Decision, frame: Frame | null, hider: Hider, rule: string, offset: number}} props  `offset`: how many frames later than the asked one it is */
+/**
+ * @param {{box: Decision, frame: Frame | null, hider: Hider, rule: string, offset: number}} props `offset`: how many
+ *   frames later than the asked one it is
+ */
 export function Question({ box, frame, hider, rule, offset }) {
   return html`<div class="question">
-    <p class="question__ask"><b>${offset === 0 ? `Can you see any of this ${box.class.replaceAll("_", " ")}?` : `${Math.abs(offset)} frame${Math.abs(offset) === 1 ? "" : "s"} ${offset < 0 ? "earlier" : "later"}:`}</b> <span class="num">${objectText(box, hider)}</span></p>
+    <p
+      class="question__ask">
+      <b>
+        ${
+          offset === 0
+            ? `Can you see any of this ${box.class.replaceAll("_", " ")}?`
+            : `${Math.abs(offset)} frame${Math.abs(offset) === 1 ? "" : "s"} ${offset < 0 ? "earlier" : "later"}:`
+        }</b> <span class="num">${objectText(box, hider)}</span></p>
     <p class="question__rule"><span class="faint">Rule</span> ${rule || USUAL_RULE}</p>
     <p class="swipehint" aria-hidden="true"><span>← swipe to reject</span><span>swipe to keep →</span></p>
-    ${frame?.files?.depth && box.xyxy && !isWithheld(box) && html`<${DepthStrip} key=${box.box_id} box=${box} hider=${hider} />`}
+    ${
+      frame?.files?.depth &&
+      box.xyxy &&
+      !isWithheld(box) &&
+      html`<${DepthStrip} key=${box.box_id} box=${box}
+        hider=${hider} />`
+    }
   </div>`;
 }
 
@@ -54,14 +71,20 @@ export function Question({ box, frame, hider, rule, offset }) {
 const LAYERS = ["segmentation", "depth", "instances"];
 
 /** The layers that a frame has besides its picture. @param {Frame | null} frame */
-export const layersOf = (frame) => LAYERS.filter((layer) => frame?.files?.[layer] && (layer !== "segmentation" || frame.segmentation));
+export const layersOf = (frame) =>
+  LAYERS.filter((layer) => frame?.files?.[layer] && (layer !== "segmentation" || frame.segmentation));
 
 /** The same cut of the other layers, beside the picture. @param {{box: Decision, frame: Frame, hider: Hider}} props */
 export function Layers({ box, frame, hider }) {
   if (!box.xyxy) return null;
   const { width, height } = contextOf(box.xyxy, hider?.box.xyxy);
   const side = Math.ceil(Math.max(width, height));
-  return html`<div class="layers">${layersOf(frame).map((layer) => html`<${LayerCut} key=${layer} layer=${layer} box=${box} frame=${frame} side=${side} />`)}</div>`;
+  return html`<div
+    class="layers">
+    ${layersOf(frame).map(
+      (layer) => html`<${LayerCut} key=${layer} layer=${layer} box=${box} frame=${frame}
+        side=${side} />`,
+    )}</div>`;
 }
 
 /** On sharp screens, too. */
@@ -70,7 +93,12 @@ const CUT_PX = 256;
 /** @param {{layer: Layer, box: Decision, frame: Frame, side: number}} props  `side`: of the cut, px of the image */
 function LayerCut({ layer, box, frame, side }) {
   const [x0, y0, x1, y1] = /** @type {import("../boxes/box.js").Xyxy} */ (box.xyxy);
-  const { crop } = useCrop(url("/api/v1/boxes/{box_id}/crop", { path: { box_id: box.box_id }, query: { layer, pad: 0, least: side, height: CUT_PX } }));
+  const { crop } = useCrop(
+    url("/api/v1/boxes/{box_id}/crop", {
+      path: { box_id: box.box_id },
+      query: { layer, pad: 0, least: side, height: CUT_PX },
+    }),
+  );
   // Where the image ends, the cut does.
   const left = Math.max(0, Math.floor((x0 + x1 - side) / 2));
   const top = Math.max(0, Math.floor((y0 + y1 - side) / 2));
@@ -103,13 +131,23 @@ const LIKE_HIDER_M = 4;
 export function depthText({ near, far, median }, box, hider) {
   const at = near !== null && far !== null ? (near + far) / 2 : box.distance;
   const isDeep = near !== null && far !== null && far - near >= DEEP_M;
-  const own = at === null ? "Box: not known" : `Box ${isDeep ? `${near.toFixed(0)} to ${metresText(Math.round(far))}` : metresText(at)}`;
+  const own =
+    at === null
+      ? "Box: not known"
+      : `Box ${isDeep ? `${near.toFixed(0)} to ${metresText(Math.round(far))}` : metresText(at)}`;
   if (median === null) return `${own}, no pixels but sky`;
   const pixels = `pixels ${metresText(median)}`;
   if (at === null) return `${own}, ${pixels}`;
   const [low, high] = [(near ?? at) - 1, (far ?? at) + 1];
   const isHider = hider && Math.abs((hider.box.distance ?? Infinity) - median) <= LIKE_HIDER_M;
-  const what = median < low ? (isHider ? `a nearer ${hider.box.class.replaceAll("_", " ")}` : "something nearer") : median > high ? "what is behind it" : "where the box is";
+  const what =
+    median < low
+      ? isHider
+        ? `a nearer ${hider.box.class.replaceAll("_", " ")}`
+        : "something nearer"
+      : median > high
+        ? "what is behind it"
+        : "where the box is";
   return `${own}, ${pixels}: ${what}`;
 }
 
@@ -118,7 +156,11 @@ const AXIS_BEYOND = 1.15;
 
 const MOST_PERCENT = 80;
 
-/** Within which depth so many percent of the pixels lie. @param {import("../core/openapi.js").DepthSlice["bands"]} bands @param {number} most */
+/**
+ * Within which depth so many percent of the pixels lie.
+ * @param {import("../core/openapi.js").DepthSlice["bands"]} bands
+ * @param {number} most
+ */
 function nearestOf(bands, most) {
   let sum = 0;
   return bands.find(({ percent }) => (sum += percent) >= most)?.far ?? bands.at(-1)?.far ?? 0;
@@ -126,7 +168,10 @@ function nearestOf(bands, most) {
 
 /** The depths of the box and of its pixels on one axis of metres. @param {{box: Decision, hider: Hider}} props */
 function DepthStrip({ box, hider }) {
-  const { value } = useLoaded((signal) => get("/api/v1/boxes/{box_id}/slice", { path: { box_id: box.box_id }, signal }), [box.box_id]);
+  const { value } = useLoaded(
+    (signal) => get("/api/v1/boxes/{box_id}/slice", { path: { box_id: box.box_id }, signal }),
+    [box.box_id],
+  );
   if (!value) return html`<div class="depths" aria-hidden="true"></div>`;
   const near = value.near ?? box.distance;
   const far = value.far ?? box.distance;
@@ -138,7 +183,10 @@ function DepthStrip({ box, hider }) {
   return html`<div class="depths" role="img" aria-label=${depthText(value, box, hider)}>
     <span class="depths__words num">${depthText(value, box, hider)}</span>
     <span class="depths__axis" aria-hidden="true">
-      ${shown.map(({ near: from, far: to, percent }) => html`<i class="depths__band" style=${{ ...place(from, to), height: `${Math.max(8, (100 * percent) / most)}%` }} />`)}
+      ${shown.map(
+        ({ near: from, far: to, percent }) => html`<i class="depths__band"
+          style=${{ ...place(from, to), height: `${Math.max(8, (100 * percent) / most)}%` }} />`,
+      )}
       ${near !== null && far !== null && html`<i class="depths__box" style=${place(near, far)} />`}
     </span>
     <span class="faint num">${metresText(end)}</span>

@@ -48,17 +48,26 @@ export function QueueView({ app, route }) {
   const setQuery = ({ box: _, ...query }) => app.router.replace(linkTo("queue", { dataset: name }, query));
   const failed = dataset.state === "error" && !dataset.value;
   return html`<main id="main" class="queue" tabindex="-1">
-      <h1 class="sr-only">Queue of ${name}</h1>
-      ${failed
+    <h1 class="sr-only">Queue of ${name}</h1>
+    ${
+      failed
         ? html`<${Failure} error=${dataset.error} onRetry=${dataset.reload} />`
-        : html`<${QueueHead} app=${app} session=${session} classes=${dataset.value?.classes ?? []} query=${route.query} onChange=${setQuery} />
-            ${isChecked
-              ? html`<${SessionView} key=${session} app=${app} session=${session} query=${route.query} rule=${dataset.value?.rule ?? ""} isEmpty=${dataset.value?.counts.boxes === 0} onQuery=${setQuery} />`
-              : html`<div class="queue__body is-empty"><${Fetching} /></div>`}`}
-    </main>`;
+        : html`<${QueueHead} app=${app} session=${session} classes=${dataset.value?.classes ?? []}
+          query=${route.query} onChange=${setQuery} />
+        ${
+          isChecked
+            ? html`<${SessionView} key=${session} app=${app} session=${session} query=${route.query}
+              rule=${dataset.value?.rule ?? ""} isEmpty=${dataset.value?.counts.boxes === 0} onQuery=${setQuery} />`
+            : html`<div class="queue__body is-empty"><${Fetching} /></div>`
+        }`
+    }
+  </main>`;
 }
 
-/** @param {{app: App, session: Session, query: Query, rule: string, isEmpty: boolean, onQuery: (query: Query) => void}} props */
+/**
+ * @param {{app: App, session: Session, query: Query, rule: string, isEmpty: boolean, onQuery: (query: Query) => void}}
+ *   props
+ */
 function SessionView({ app, session, query, rule, isEmpty, onQuery }) {
   const media = useMedia(app.boxes);
   const stage = useRef(/** @type {import("../stage/stage.js").Stage | null} */ (null));
@@ -99,17 +108,19 @@ function SessionView({ app, session, query, rule, isEmpty, onQuery }) {
   const isAsked = box !== null && lesson.includes(box.box_id) && !session.isTold(box);
   /** What this session may show of a box. */
   const see = useCallback(
-    (/** @type {import("../boxes/box.js").Decision} */ one) => asShown(one, isBlindNow || isAsked, ({ box_id }) => verdicts.has(box_id)),
+    (/** @type {import("../boxes/box.js").Decision} */ one) =>
+      asShown(one, isBlindNow || isAsked, ({ box_id }) => verdicts.has(box_id)),
     [isBlindNow, isAsked, verdicts],
   );
   const shown = box && see(box);
   const isHidden = shown !== null && isWithheld(shown);
-  const taught = box && lesson.includes(box.box_id) && {
-    at: lesson.indexOf(box.box_id) + 1,
-    count: lesson.length,
-    onNext: () => actions.show(nextOpen(session.line.get())),
-    onSkip: () => session.skipLesson(),
-  };
+  const taught = box &&
+    lesson.includes(box.box_id) && {
+      at: lesson.indexOf(box.box_id) + 1,
+      count: lesson.length,
+      onNext: () => actions.show(nextOpen(session.line.get())),
+      onSkip: () => session.skipLesson(),
+    };
   track.current = useTrack(app.boxes, box?.box_id ?? 0);
   const peeked = app.boxes.get(useValue(peek));
   const staged = peeked && track.current.some(({ boxId }) => boxId === peeked.box_id) ? see(peeked) : shown;
@@ -118,28 +129,42 @@ function SessionView({ app, session, query, rule, isEmpty, onQuery }) {
 
   return html`<div class="queue__body ${box ? "" : "is-empty"}" data-panels=${prefs.panels ? undefined : "off"}>
     <${QueueStrip} app=${app} session=${session} line=${line} isHidden=${isHidden} onShow=${actions.show} />
-    ${box && shown && staged
-      ? html`<div class="review__stage queue__stage">
-            <${QueueStage} app=${app} box=${staged} see=${see} media=${media.of(staged.frame_id)} view=${view} actions=${actions.byName} stageRef=${stage} rule=${rule} offset=${offset} lesson=${taught}
-              strip=${html`<${TrackStrip} app=${app} places=${track.current} shownId=${staged.box_id} see=${see} isBlind=${isHidden} onShow=${actions.peek} actions=${actions.byName} />`} />
-            <${OvertakenNotices} app=${app} session=${session} onShow=${actions.show} />
-            <${AnswerBar} app=${app} box=${shown} isWaiting=${isWaiting} actions=${actions.byName} />
-          </div>
-          ${isHidden
-            ? html`<${BlindPanel} key=${box.box_id} box=${shown} session=${session} onSee=${isAsked ? null : () => onQuery({ ...query, blind: "off" })} />`
-            : html`<${Inspector} app=${app} frame=${null} box=${box} boxes=${[]} actions=${actions} commentRef=${comment} isWaiting=${isWaiting} />`}`
-      : html`<${NoBox} app=${app} session=${session} query=${query} actions=${actions} isEmpty=${isEmpty} onQuery=${onQuery} />`}
+    ${
+      box && shown && staged
+        ? html`<div class="review__stage queue__stage">
+          <${QueueStage} app=${app} box=${staged} see=${see} media=${media.of(staged.frame_id)} view=${view}
+            actions=${actions.byName} stageRef=${stage} rule=${rule} offset=${offset} lesson=${taught}
+            strip=${html`<${TrackStrip} app=${app} places=${track.current} shownId=${staged.box_id} see=${see}
+              isBlind=${isHidden} onShow=${actions.peek} actions=${actions.byName} />`} />
+          <${OvertakenNotices} app=${app} session=${session} onShow=${actions.show} />
+          <${AnswerBar} app=${app} box=${shown} isWaiting=${isWaiting} actions=${actions.byName} />
+        </div>
+        ${
+          isHidden
+            ? html`<${BlindPanel} key=${box.box_id} box=${shown} session=${session}
+              onSee=${isAsked ? null : () => onQuery({ ...query, blind: "off" })} />`
+            : html`<${Inspector} app=${app} frame=${null} box=${box} boxes=${[]} actions=${actions}
+              commentRef=${comment} isWaiting=${isWaiting} />`
+        }`
+        : html`<${NoBox} app=${app} session=${session} query=${query} actions=${actions} isEmpty=${isEmpty}
+          onQuery=${onQuery} />`
+    }
     ${alike && html`<${AlikeDialog} app=${app} session=${session} answered=${alike} onClose=${() => setAlike(null)} />`}
   </div>`;
 }
 
-/** @param {{app: App, session: Session, query: Query, actions: QueueActions, isEmpty: boolean, onQuery: (query: Query) => void}} props */
+/**
+ * @param {{app: App, session: Session, query: Query, actions: QueueActions, isEmpty: boolean, onQuery: (query: Query)
+ *   => void}} props
+ */
 function NoBox({ app, session, query, actions, isEmpty, onQuery }) {
   const { state, error, isEnd } = useValue(session.supply);
-  if (state === "error" && error) return html`<div class="queue__message"><${Failure} error=${error} onRetry=${() => void session.refill()} /></div>`;
+  if (state === "error" && error)
+    return html`<div class="queue__message"><${Failure} error=${error} onRetry=${() => void session.refill()} /></div>`;
   if (!isEnd) return html`<${Fetching} />`;
   if (isEmpty) return html`<${NoBoxesYet} />`;
-  return html`<${AllDone} app=${app} session=${session} query=${query} actions=${actions} onAll=${() => onQuery(withoutList(withoutFilters(query)))} />`;
+  return html`<${AllDone} app=${app} session=${session} query=${query} actions=${actions}
+    onAll=${() => onQuery(withoutList(withoutFilters(query)))} />`;
 }
 
 /**
@@ -150,15 +175,24 @@ function useBoxInAddress(app, session, here) {
   const [asked, setAsked] = useState(() => Number(app.router.route.get().query.box) || 0);
   useEffect(() => {
     if (!asked) return;
-    session.showBox(asked).catch(app.toasts.fail).finally(() => setAsked(0));
+    session
+      .showBox(asked)
+      .catch(app.toasts.fail)
+      .finally(() => setAsked(0));
   }, [session]);
   useEffect(() => {
     const { name, params, query } = app.router.route.get();
-    if (!asked && here !== null && name === "queue") app.router.replace(linkTo(name, params, { ...query, box: String(here) }));
+    if (!asked && here !== null && name === "queue")
+      app.router.replace(linkTo(name, params, { ...query, box: String(here) }));
   }, [asked, here]);
 }
 
-/** Load boxes, frames and pictures before they are shown. @param {App} app @param {Session} session @param {import("../stage/media.js").MediaCache} media */
+/**
+ * Load boxes, frames and pictures before they are shown.
+ * @param {App} app
+ * @param {Session} session
+ * @param {import("../stage/media.js").MediaCache} media
+ */
 function useSupply(app, session, media) {
   const line = useValue(session.line);
   const { lit, mask } = useValue(app.prefs);
@@ -175,7 +209,9 @@ function useSupply(app, session, media) {
     /** @param {number} id */
     const fetch = (id) => {
       const { picture, segmentation, mask: painted } = media.of(id);
-      return Promise.allSettled([picture, ...(lit ? [segmentation] : []), ...(mask ? [painted] : [])].map((one) => one.get()));
+      return Promise.allSettled(
+        [picture, ...(lit ? [segmentation] : []), ...(mask ? [painted] : [])].map((one) => one.get()),
+      );
     };
     // The others do not slow down the one that is looked at.
     const [now, ...later] = new Set(upcoming(line, AHEAD).flatMap((id) => app.boxes.get(id)?.frame_id ?? []));
@@ -243,13 +279,15 @@ function createQueueActions(app, session, page) {
     const isSame = box.review?.verdict === verdict && (box.review.comment ?? "") === words;
     page.view.set("crop");
     if (isOwn && isSame) session.show(nextOpen(line.get()));
-    else if (session.answer(box, verdict, words, { lookedMs, isBlindly: page.isBlind() && !isOwn })) forgetTyped(box.box_id);
+    else if (session.answer(box, verdict, words, { lookedMs, isBlindly: page.isBlind() && !isOwn }))
+      forgetTyped(box.box_id);
     say();
   }
 
   function undo() {
     app.undo((box, dataset) => {
-      if (dataset !== session.dataset) return app.router.go(linkTo("frame", { id: box.frame_id }, { box: String(box.box_id) }));
+      if (dataset !== session.dataset)
+        return app.router.go(linkTo("frame", { id: box.frame_id }, { box: String(box.box_id) }));
       page.view.set("crop");
       session.answerUndone(box);
     }, session.manyUndone);
@@ -271,7 +309,12 @@ function createQueueActions(app, session, page) {
     show,
     peek,
 
-    /** A comment on a box that has no answer flags it as unsure, and stays. @param {Answer} verdict @param {string} comment @returns {boolean} false: it was not given */
+    /**
+     * A comment on a box that has no answer flags it as unsure, and stays.
+     * @param {Answer} verdict
+     * @param {string} comment
+     * @returns {boolean} false: it was not given
+     */
     saveComment(verdict, comment) {
       const box = current();
       return box !== null && session.comment(box, answerOf(box) ?? verdict, comment);
@@ -294,7 +337,8 @@ function createQueueActions(app, session, page) {
       next: () => show(stepped(line.get(), 1)),
       previous: () => show(stepped(line.get(), -1)),
       nextUnanswered: () => show(nextOpen(line.get())),
-      grid: () => app.router.go(linkTo("grid", { dataset: session.dataset }, { ...session.query, order: "", blind: "" })),
+      grid: () =>
+        app.router.go(linkTo("grid", { dataset: session.dataset }, { ...session.query, order: "", blind: "" })),
       ...createLookActions(app, page.stage),
       cycleVerdict: () => cycleVerdict(app),
       blind() {
@@ -316,13 +360,20 @@ function createQueueActions(app, session, page) {
 
 /** @typedef {ReturnType<typeof createQueueActions>} QueueActions */
 
-/** @param {{box: import("../boxes/box.js").Decision, session: import("./session.js").Session, onSee: (() => void) | null}} props  `onSee`: null if they cannot be shown before */
+/**
+ * @param {{box: import("../boxes/box.js").Decision, session: import("./session.js").Session, onSee: (() => void) |
+ *   null}} props `onSee`: null if they cannot be shown before
+ */
 function BlindPanel({ box, session, onSee }) {
   const last = useValue(session.comparisons).at(-1);
   return html`<aside class="panel panel--inspector" aria-label="Selected box">
     <header class="inspector__head"><h2>${box.class} <span class="faint">${box.id}</span></h2></header>
     <p class="inspector__sentence">The filter's verdict and earlier answers are hidden until you have answered.</p>
-    ${last && html`<p class="agreement agreement--${last.agrees ? "yes" : "no"}" role="status"><${Icon} name=${last.agrees ? "check" : "warn"} /><span>${last.words}</span></p>`}
+    ${
+      last &&
+      html`<p class="agreement agreement--${last.agrees ? "yes" : "no"}"
+        role="status"><${Icon} name=${last.agrees ? "check" : "warn"} /><span>${last.words}</span></p>`
+    }
     <dl class="facts">
       <div><dt>Frame</dt><dd>${box.frame}</dd></div>
       ${distanceText(box) && html`<div><dt>Distance</dt><dd class="num">${distanceText(box)}</dd></div>`}
@@ -331,7 +382,10 @@ function BlindPanel({ box, session, onSee }) {
   </aside>`;
 }
 
-const Fetching = () => html`<div class="queue__message" aria-busy="true"><div class="queue__wait shimmer"></div><p class="sr-only" role="status">Loading the next boxes</p></div>`;
+const Fetching = () =>
+  html`<div class="queue__message"
+    aria-busy="true"><div class="queue__wait shimmer"></div><p class="sr-only" role="status">Loading the next boxes</p>
+  </div>`;
 
 /** @param {{app: App, session: Session, query: Query, actions: QueueActions, onAll: () => void}} props */
 function AllDone({ app, session, query, actions, onAll }) {
@@ -342,48 +396,102 @@ function AllDone({ app, session, query, actions, onAll }) {
   const { dataset, order } = session;
   const title = verdicts.size ? "All done" : order === "audit" ? "Nothing to audit" : "Nothing to review";
   return html`<div class="queue__message">
-    <${Notice} icon="check" title=${title} actions=${html`<${NextSteps} dataset=${dataset} order=${order} query=${query} open=${open} elsewhere=${elsewhere} session=${session} actions=${actions} onAll=${onAll} />`}>
-      <p>${doneText(verdicts) || (order === "audit" ? "Nobody else has answered a box that matches these filters and that you have not: nobody audits himself." : "All boxes that the queue asks about have an answer.")}</p>
-      ${waiting.size > 0 && html`<p>${countOf(waiting.size, "answer is", "answers are")} kept in this browser and will be sent.</p>`}
+    <${Notice} icon="check" title=${title}
+      actions=${html`<${NextSteps} dataset=${dataset} order=${order} query=${query} open=${open} elsewhere=${elsewhere}
+        session=${session} actions=${actions} onAll=${onAll} />`}>
+      <p>
+        ${
+          doneText(verdicts) ||
+          (order === "audit"
+            ? "Nobody else has answered a box that matches these filters and that you have not: nobody audits himself."
+            : "All boxes that the queue asks about have an answer.")
+        }</p>
+      ${
+        waiting.size > 0 &&
+        html`<p>
+          ${countOf(waiting.size, "answer is", "answers are")} kept in this browser and will be sent.</p>`
+      }
       ${open > 0 && html`<p>You skipped ${countOf(open, "box", "boxes")}.</p>`}
       <${OtherBins} dataset=${dataset} />
-      ${elsewhere > 0 && html`<p>${countOf(elsewhere, "box is", "boxes are")} being reviewed by somebody else at the moment.</p>`}
+      ${
+        elsewhere > 0 &&
+        html`<p>
+          ${countOf(elsewhere, "box is", "boxes are")} being reviewed by somebody else at the moment.</p>`
+      }
     <//>
   </div>`;
 }
 
-/** The boxes that the queue does not ask about: they need no answer, and can be answered all at once. @param {{dataset: string}} props */
+/**
+ * The boxes that the queue does not ask about: they need no answer, and can be answered all at once.
+ * @param {{dataset: string}} props
+ */
 function OtherBins({ dataset }) {
-  const { value } = useLoaded((signal) => get("/api/v1/datasets/{dataset}/stats", { path: { dataset }, signal }), [dataset]);
+  const { value } = useLoaded(
+    (signal) => get("/api/v1/datasets/{dataset}/stats", { path: { dataset }, signal }),
+    [dataset],
+  );
   const left = BINS.filter((bin) => bin.value !== "ask" && value?.bins?.[bin.value]);
   if (left.length === 0) return null;
   return html`<p>The other boxes need no answer. You can look at them, and answer all of a kind at once:</p>
-    <ul class="bins">
-      ${left.map((bin) => html`<li key=${bin.value}><a href=${linkTo("grid", { dataset }, { bin: bin.value, review: "undecided" })}><b class="num">${countText(value?.bins?.[bin.value] ?? 0)}</b> ${bin.left}</a></li>`)}
-    </ul>`;
+  <ul class="bins">
+    ${left.map(
+      (bin) => html`<li
+        key=${bin.value}>
+        <a
+          href=${linkTo("grid", { dataset }, { bin: bin.value, review: "undecided" })}>
+          <b class="num">${countText(value?.bins?.[bin.value] ?? 0)}</b> ${bin.left}</a></li>`,
+    )}
+  </ul>`;
 }
 
-const NoBoxesYet = () => html`<div class="queue__message"><${Notice} icon="grid" title="No boxes yet"><p>No frames have been uploaded to this dataset.</p><//></div>`;
+const NoBoxesYet = () =>
+  html`<div
+    class="queue__message">
+    <${Notice} icon="grid" title="No boxes yet"><p>No frames have been uploaded to this dataset.</p><//></div>`;
 
-/** What one can do now. @param {{dataset: string, order: string, query: Query, open: number, elsewhere: number, session: Session, actions: QueueActions, onAll: () => void}} props */
+/**
+ * What one can do now.
+ * @param {{dataset: string, order: string, query: Query, open: number, elsewhere: number, session: Session, actions:
+ *   QueueActions, onAll: () => void}} props
+ */
 function NextSteps({ dataset, order, query, open, elsewhere, session, actions, onAll }) {
-  return html`${open > 0 && html`<button class="button button--primary" onClick=${actions.reviewSkipped}>Review ${open === 1 ? "it" : "them"} now</button>`}
-    ${elsewhere > 0 && html`<button class="button" onClick=${session.lookAgain}>Look again</button>`}
-    ${(isFiltered(query) || session.listed.length > 0) && html`<button class="button" onClick=${onAll}>${session.listed.length > 0 ? "The whole queue" : "Without the filters"}</button>`}
-    ${order !== "audit" && html`<a class="button" href=${linkTo("queue", { dataset }, { order: "audit" })}>Audit the answers</a>`}
-    <a class="button" href=${linkTo("grid", { dataset })}>Grid</a>
-    <a class="button" href=${linkTo("frames", { dataset })}>Frames</a>`;
+  return html`${
+    open > 0 &&
+    html`<button class="button button--primary"
+      onClick=${actions.reviewSkipped}>Review ${open === 1 ? "it" : "them"} now</button>`
+  }
+  ${elsewhere > 0 && html`<button class="button" onClick=${session.lookAgain}>Look again</button>`}
+  ${
+    (isFiltered(query) || session.listed.length > 0) &&
+    html`<button class="button"
+      onClick=${onAll}>${session.listed.length > 0 ? "The whole queue" : "Without the filters"}</button>`
+  }
+  ${
+    order !== "audit" &&
+    html`<a class="button"
+      href=${linkTo("queue", { dataset }, { order: "audit" })}>Audit the answers</a>`
+  }
+  <a class="button" href=${linkTo("grid", { dataset })}>Grid</a>
+  <a class="button" href=${linkTo("frames", { dataset })}>Frames</a>`;
 }
 
 /** @param {ReadonlyMap<number, string>} verdicts */
 function doneText(verdicts) {
   if (verdicts.size === 0) return "";
   const of = (/** @type {string} */ verdict) => [...verdicts.values()].filter((given) => given === verdict).length;
-  const parts = [`${countText(of("keep"))} kept`, `${countText(of("reject"))} rejected`, ...(of("unsure") ? [`${countText(of("unsure"))} unsure`] : [])];
+  const parts = [
+    `${countText(of("keep"))} kept`,
+    `${countText(of("reject"))} rejected`,
+    ...(of("unsure") ? [`${countText(of("unsure"))} unsure`] : []),
+  ];
   return `You answered ${countOf(verdicts.size, "box", "boxes")}: ${parts.join(", ")}.`;
 }
 
-/** Notices for boxes that somebody else answered first. @param {{app: App, session: Session, onShow: (line: import("./line.js").Line) => void}} props */
+/**
+ * Notices for boxes that somebody else answered first.
+ * @param {{app: App, session: Session, onShow: (line: import("./line.js").Line) => void}} props
+ */
 function OvertakenNotices({ app, session, onShow }) {
   const overtaken = [...useValue(app.overtaken).values()].flatMap((item) => {
     const box = session.line.get().ids.includes(item.boxId) ? app.boxes.get(item.boxId) : undefined;
@@ -393,7 +501,8 @@ function OvertakenNotices({ app, session, onShow }) {
   return html`<div class="queue__overtaken">
     ${overtaken.map(
       ({ item, box }) => html`<${OvertakenNotice} key=${box.box_id} app=${app} box=${box} item=${item} isNamed=${true}>
-        <button class="button button--small button--quiet" onClick=${() => onShow(movedTo(session.line.get(), box.box_id))}>Look at it</button>
+        <button class="button button--small button--quiet"
+          onClick=${() => onShow(movedTo(session.line.get(), box.box_id))}>Look at it</button>
       <//>`,
     )}
   </div>`;

@@ -8,7 +8,18 @@ import { REASONS } from "../boxes/wording.js";
 import { ApiError, get, post } from "../core/api.js";
 import { createValue } from "../core/observable.js";
 import {
-  EMPTY, afterAnswer, afterUndo, answeredHere, compared, currentOf, extended, lookedAt, movedTo, nextOpen, upcoming, without,
+  EMPTY,
+  afterAnswer,
+  afterUndo,
+  answeredHere,
+  compared,
+  currentOf,
+  extended,
+  lookedAt,
+  movedTo,
+  nextOpen,
+  upcoming,
+  without,
 } from "./line.js";
 
 /** @typedef {import("../boxes/box.js").Answer} Answer */
@@ -26,7 +37,11 @@ import {
 /** @typedef {{state: "loading" | "ready" | "error", error: Error | null, isEnd: boolean}} Supply */
 
 export const ORDERS = /** @type {const} */ ([
-  { value: "doubt", text: "Doubtful", title: "Where an answer is worth most: the filter is likely wrong, and an eye can decide" },
+  {
+    value: "doubt",
+    text: "Doubtful",
+    title: "Where an answer is worth most: the filter is likely wrong, and an eye can decide",
+  },
   { value: "random", text: "Random", title: "A fair sample: how good the filter is can be told from these alone" },
   { value: "class", text: "By class", title: "One class after the other" },
   { value: "audit", text: "Audit", title: "Look again at what others have answered" },
@@ -38,7 +53,8 @@ const LOOKABLE = Object.keys(REASONS)
   .join(",");
 
 /**
- * Whether the queue has only the boxes to review, as long as no filter says otherwise. A random sample and an audit have
+ * Whether the queue has only the boxes to review, as long as no filter says otherwise. A random sample and an audit
+ * have
  * all that can be seen.
  * @param {import("../core/router.js").Query} query
  */
@@ -51,14 +67,21 @@ export function hasOnlyDoubts(query) {
  * @typedef {object} Past  what a person has done in a session
  * @property {Line} line  the boxes looked at
  * @property {readonly import("./line.js").Comparison[]} comparisons
- * @property {{times: readonly number[], verdicts: ReadonlyMap<number, Answer>}} tally  the times of the answers (ms), and
+ * @property {{times: readonly number[], verdicts: ReadonlyMap<number, Answer>}} tally the times of the answers (ms),
+ *   and
  *   the answers by box
  * @property {readonly {boxId: number, isComment: boolean}[]} entries  the answers and comments, in their order
  * @property {readonly number[]} lesson  the boxes whose truth is told
  */
 
 /** @type {Past} */
-const NO_PAST = Object.freeze({ line: EMPTY, comparisons: [], tally: { times: [], verdicts: new Map() }, entries: [], lesson: [] });
+const NO_PAST = Object.freeze({
+  line: EMPTY,
+  comparisons: [],
+  tally: { times: [], verdicts: new Map() },
+  entries: [],
+  lesson: [],
+});
 
 const BATCH = 12;
 const REFILL_BELOW = 6;
@@ -100,7 +123,8 @@ function createQueueSession(app, dataset, query, past = NO_PAST) {
     const { verdicts } = tally.get();
     const { review, conflict } = selectionOf(query);
     const keepsAnswered = order !== "audit" && (review !== undefined || conflict !== undefined);
-    const isGone = (/** @type {number} */ id) => !keepsAnswered && !waiting.has(id) && ["keep", "reject"].includes(verdicts.get(id) ?? "");
+    const isGone = (/** @type {number} */ id) =>
+      !keepsAnswered && !waiting.has(id) && ["keep", "reject"].includes(verdicts.get(id) ?? "");
     const { ids } = line.get();
     return [...new Set([...ids.filter(isGone), ...ids.filter((id) => !isGone(id)), ...waiting])].slice(-MOST_EXCLUDED);
   }
@@ -113,19 +137,29 @@ function createQueueSession(app, dataset, query, past = NO_PAST) {
     const waiting = new Set([...single, ...[...tally.get().verdicts.keys()].filter((id) => waitingInBulk.has(id))]);
     const before = new Set([...tally.get().verdicts.keys()].filter((id) => !waiting.has(id)));
     const exclude = toExclude(waiting);
-    const filters = { ...(hasOnlyDoubts(query) ? { bin: /** @type {const} */ ("ask") } : { reason: LOOKABLE }), ...selectionOf(query) };
+    const filters = {
+      ...(hasOnlyDoubts(query) ? { bin: /** @type {const} */ ("ask") } : { reason: LOOKABLE }),
+      ...selectionOf(query),
+    };
     const fromQueue = () =>
       post("/api/v1/datasets/{dataset}/queue", { path: { dataset }, body: { order, filters, limit, exclude } });
     const coming = listed.length > 0 ? listedBoxes(listed) : fromQueue();
     const taught = await lessonOf();
-    await coming.then((out) => receive(out, before, taught), (error) => supply.set({ state: "error", error, isEnd: false }));
+    await coming.then(
+      (out) => receive(out, before, taught),
+      (error) => supply.set({ state: "error", error, isEnd: false }),
+    );
     isAsking = false;
   }
 
-  /** The boxes of the lesson, when the queue begins; none if this person has had it. @returns {Promise<readonly Decision[]>} */
+  /**
+   * The boxes of the lesson, when the queue begins; none if this person has had it.
+   * @returns {Promise<readonly Decision[]>}
+   */
   async function lessonOf() {
     const isStart = line.get().ids.length === 0 && lesson.get().length === 0;
-    if (!isStart || order !== "doubt" || listed.length > 0 || !hasOnlyDoubts(query) || !app.prefs.get().lessons) return [];
+    if (!isStart || order !== "doubt" || listed.length > 0 || !hasOnlyDoubts(query) || !app.prefs.get().lessons)
+      return [];
     return get("/api/v1/datasets/{dataset}/coached", { path: { dataset } }).then(
       ({ items }) => items,
       () => [],
@@ -142,7 +176,12 @@ function createQueueSession(app, dataset, query, past = NO_PAST) {
     const known = line.get().ids.length;
     if (taught.length > 0) {
       lesson.set(take(taught));
-      line.set(extended(line.get(), taught.filter((box) => !isTold(box)).map(({ box_id }) => box_id)));
+      line.set(
+        extended(
+          line.get(),
+          taught.filter((box) => !isTold(box)).map(({ box_id }) => box_id),
+        ),
+      );
     }
     line.set(extended(line.get(), take(items)));
     // The server's counts may have boxes that were answered after the request, or not. What the page has counted itself
@@ -186,7 +225,8 @@ function createQueueSession(app, dataset, query, past = NO_PAST) {
   }
 
   /** Whether this person has answered a box of the lesson. @param {Decision} box */
-  const isTold = (box) => tally.get().verdicts.has(box.box_id) || (answerOf(box) !== null && box.review?.reviewer === app.owner());
+  const isTold = (box) =>
+    tally.get().verdicts.has(box.box_id) || (answerOf(box) !== null && box.review?.reviewer === app.owner());
 
   /** Whether the counts of this queue are of boxes like this one. @param {Decision} box */
   const isCounted = (box) => !hasOnlyDoubts(query) || box.bin === "ask";
@@ -221,7 +261,8 @@ function createQueueSession(app, dataset, query, past = NO_PAST) {
     /**
      * Answer the current box, and go on to the next; a box of the lesson stays on show.
      * @param {Decision} box @param {Answer} verdict @param {string} comment
-     * @param {{lookedMs: number | null, isBlindly: boolean}} look  `isBlindly`: the person did not see the filter's verdict
+     * @param {{lookedMs: number | null, isBlindly: boolean}} look `isBlindly`: the person did not see the filter's
+     *   verdict
      * @returns {boolean} false: there is no room for it
      */
     answer(box, verdict, comment, { lookedMs, isBlindly }) {
@@ -245,7 +286,10 @@ function createQueueSession(app, dataset, query, past = NO_PAST) {
       lesson.set([]);
     },
 
-    /** The answer that was given last in this session, of those in force. @returns {{boxId: number, verdict: Answer} | null} */
+    /**
+     * The answer that was given last in this session, of those in force.
+     * @returns {{boxId: number, verdict: Answer} | null}
+     */
     lastAnswer() {
       const [boxId, verdict] = [...tally.get().verdicts].at(-1) ?? [];
       return boxId && verdict ? { boxId, verdict } : null;
@@ -325,7 +369,13 @@ function createQueueSession(app, dataset, query, past = NO_PAST) {
     },
 
     /** What the person has done: with it, another session can continue this one. @returns {Past} */
-    past: () => ({ line: lookedAt(line.get()), comparisons: comparisons.get(), tally: tally.get(), entries, lesson: lesson.get() }),
+    past: () => ({
+      line: lookedAt(line.get()),
+      comparisons: comparisons.get(),
+      tally: tally.get(),
+      entries,
+      lesson: lesson.get(),
+    }),
 
     /** Release the boxes of this session. */
     end: () => releases.splice(0).forEach((release) => release()),
@@ -335,7 +385,8 @@ function createQueueSession(app, dataset, query, past = NO_PAST) {
 /** @typedef {ReturnType<typeof createQueueSession>} Session */
 
 /**
- * `shownAt`: when it was last shown (ms); Infinity while it is. `run`: the active run of the dataset; undefined until it
+ * `shownAt`: when it was last shown (ms); Infinity while it is. `run`: the active run of the dataset; undefined until
+ * it
  * is known.
  * @type {WeakMap<App, {key: string, session: Session, shownAt: number, run: number | null | undefined}>}
  */
@@ -349,7 +400,8 @@ const PAUSE_MS = 5 * 60_000;
  * only what the person has done is continued, and boxes are loaded anew.
  * @param {App} app @param {string} dataset @param {import("../core/router.js").Query} query
  * @param {number | null} [run]  the active run; undefined while it is not known
- * @returns {{session: Session, isChecked: boolean}}  `isChecked`: no other run is active than in its boxes, as far as it was known
+ * @returns {{session: Session, isChecked: boolean}} `isChecked`: no other run is active than in its boxes, as far as it
+ *   was known
  */
 export function sessionOf(app, dataset, query, run) {
   const key = JSON.stringify([dataset, orderOf(query), selectionOf(query), listedOf(query)]);
@@ -377,7 +429,12 @@ export function keepSession(app, now) {
   if (last) last.shownAt = now === "shown" ? Infinity : Date.now();
 }
 
-/** The number, or the limit that is nearest to it; none is below 0. @param {number} number @param {number} least @param {number} most */
+/**
+ * The number, or the limit that is nearest to it; none is below 0.
+ * @param {number} number
+ * @param {number} least
+ * @param {number} most
+ */
 const within = (number, least, most) => Math.min(Math.max(number, least, 0), Math.max(most, 0));
 
 /** @param {number} id */

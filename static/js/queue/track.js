@@ -15,7 +15,10 @@ import { useKeyText, withKey } from "../core/keymap.js";
 /** @type {readonly Place[]} */
 const NONE = [];
 
-/** While the places of a box are loaded, if the box before it had some: their strip keeps its room. @type {readonly Place[]} */
+/**
+ * While the places of a box are loaded, if the box before it had some: their strip keeps its room.
+ * @type {readonly Place[]}
+ */
 const EXPECTED = [];
 
 /**
@@ -25,7 +28,9 @@ const EXPECTED = [];
 export function useTrack(boxes, boxId) {
   const { value } = useLoaded(
     async (signal) => {
-      const { items } = boxId ? await get("/api/v1/boxes/{box_id}/track", { path: { box_id: boxId }, signal }) : { items: [] };
+      const { items } = boxId
+        ? await get("/api/v1/boxes/{box_id}/track", { path: { box_id: boxId }, signal })
+        : { items: [] };
       const ids = boxes.receive(items.map(({ offset: _, ...box }) => box));
       return { boxId, places: ids.map((id, i) => ({ boxId: id, offset: items[i]?.offset ?? 0 })) };
     },
@@ -47,7 +52,9 @@ const framesText = (count) => `${NUMBERS[count] ?? count} frame${count === 1 ? "
  * @param {readonly {offset: number, box: Decision}[]} places
  */
 export function seenText(places) {
-  const seen = places.filter(({ offset, box }) => offset !== 0 && box.effective_verdict === "kept").map(({ offset }) => offset);
+  const seen = places
+    .filter(({ offset, box }) => offset !== 0 && box.effective_verdict === "kept")
+    .map(({ offset }) => offset);
   const before = seen.filter((offset) => offset < 0).at(-1);
   const after = seen.find((offset) => offset > 0);
   const words = [before && `visible ${framesText(-before)} ago`, after && `visible ${framesText(after)} later`];
@@ -57,13 +64,17 @@ export function seenText(places) {
 const SIZE_PX = 64;
 
 /**
- * @param {{app: import("../review/answers.js").ReviewApp, places: readonly Place[], shownId: number, see: (box: Decision) => Decision, isBlind: boolean,
- *   onShow: (boxId: number) => void, actions: import("../core/app.js").Actions}} props  `shownId`: of the box on the stage
+ * @param {{app: import("../review/answers.js").ReviewApp, places: readonly Place[], shownId: number, see: (box:
+ *   Decision) => Decision, isBlind: boolean,
+ * onShow: (boxId: number) => void, actions: import("../core/app.js").Actions}} props `shownId`: of the box on the stage
  */
 export function TrackStrip({ app, places, shownId, see, isBlind, onShow, actions }) {
   const keys = { keepTrack: useKeyText(app, "keepTrack"), rejectTrack: useKeyText(app, "rejectTrack") };
   const list = useRef(/** @type {HTMLOListElement | null} */ (null));
-  useEffect(() => list.current?.querySelector("[aria-current]")?.scrollIntoView({ block: "nearest", inline: "nearest" }), [shownId, places]);
+  useEffect(
+    () => list.current?.querySelector("[aria-current]")?.scrollIntoView({ block: "nearest", inline: "nearest" }),
+    [shownId, places],
+  );
   const boxes = places.flatMap(({ boxId, offset }) => {
     const box = app.boxes.get(boxId);
     return box ? [{ offset, box: isBlind ? see(box) : box }] : [];
@@ -75,17 +86,23 @@ export function TrackStrip({ app, places, shownId, see, isBlind, onShow, actions
     <ol class="track__boxes" ref=${list} aria-label="The same object in other frames">
       ${boxes.map(
         ({ box, offset }) => html`<li key=${box.box_id}>
-          <button class="track__box" aria-current=${box.box_id === shownId ? "true" : undefined} onClick=${() => onShow(box.box_id)}>
+          <button class="track__box" aria-current=${box.box_id === shownId ? "true" : undefined}
+            onClick=${() => onShow(box.box_id)}>
             <${Picture} box=${box} size=${SIZE_PX} frameSize=${null} />
-            <span class="track__offset num">${offset > 0 ? `+${offset}` : offset === 0 ? "0" : `−${-offset}`}<span class="sr-only"> frames: ${spokenText(box)}</span></span>
+            <span
+              class="track__offset num">${offset > 0 ? `+${offset}` : offset === 0 ? "0" : `−${-offset}`}
+              <span class="sr-only"> frames: ${spokenText(box)}</span></span>
             ${!isBlind && html`<span class="cell__answer"><${AnswerSign} box=${box} isWaiting=${false} /></span>`}
           </button>
         </li>`,
       )}
     </ol>
     <p class="track__answers">
-      <button class="button button--small" title=${withKey("Keep the object in all of these frames", keys.keepTrack)} onClick=${actions.keepTrack}>Keep all</button>
-      <button class="button button--small" title=${withKey("Reject the object in all of these frames", keys.rejectTrack)} onClick=${actions.rejectTrack}>Reject all</button>
+      <button class="button button--small" title=${withKey("Keep the object in all of these frames", keys.keepTrack)}
+        onClick=${actions.keepTrack}>Keep all</button>
+      <button class="button button--small"
+        title=${withKey("Reject the object in all of these frames", keys.rejectTrack)}
+        onClick=${actions.rejectTrack}>Reject all</button>
     </p>
   </div>`;
 }

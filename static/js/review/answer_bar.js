@@ -20,7 +20,10 @@ export const ANSWERS = [
 
 /** The first key of an action. @param {{app: App, action: string}} props */
 function FirstKey({ app, action }) {
-  const keys = useKeys(app).find((row) => row.action === action)?.keys.slice(0, 1) ?? [];
+  const keys =
+    useKeys(app)
+      .find((row) => row.action === action)
+      ?.keys.slice(0, 1) ?? [];
   return html`<${Keys} app=${app} keys=${keys} />`;
 }
 
@@ -30,7 +33,8 @@ function FirstKey({ app, action }) {
  *   children?: unknown}} props  `isGiven`: whether the box has this answer; undefined for many boxes
  */
 export const AnswerButton = ({ app, row: { action, icon, text }, actions, isGiven, isDisabled = false, children }) =>
-  html`<button class="answer answer--${action}" aria-pressed=${isGiven} disabled=${isDisabled} onClick=${actions[action]}>
+  html`<button class="answer answer--${action}" aria-pressed=${isGiven} disabled=${isDisabled}
+    onClick=${actions[action]}>
     <${Icon} name=${icon} /><span>${text}</span><${FirstKey} app=${app} action=${action} />${children}
   </button>`;
 
@@ -39,12 +43,18 @@ export function AnswerBar({ app, box, isWaiting, actions }) {
   const given = box ? answerOf(box) : null;
   return html`<div class="bar bar--answer" role="toolbar" aria-label="Answer" onMouseDown=${keepFocus}>
     ${ANSWERS.map(
-      (row) => html`<${AnswerButton} app=${app} row=${row} actions=${actions} isGiven=${given === row.action} isDisabled=${!box}>
-        ${given === row.action && html`<span class="answer__state ${isWaiting ? "is-waiting" : ""}" title=${isWaiting ? "not saved yet" : "saved"}></span>`}
+      (row) => html`<${AnswerButton} app=${app} row=${row} actions=${actions} isGiven=${given === row.action}
+        isDisabled=${!box}>
+        ${
+          given === row.action &&
+          html`<span class="answer__state ${isWaiting ? "is-waiting" : ""}"
+            title=${isWaiting ? "not saved yet" : "saved"}></span>`
+        }
       <//>`,
     )}
     <span class="bar__rule" aria-hidden="true"></span>
-    <button class="answer answer--undo" onClick=${actions.undo} aria-label="Undo" title="Undo your last answer"><${Icon} name="undo" /><${FirstKey} app=${app} action="undo" /></button>
+    <button class="answer answer--undo" onClick=${actions.undo} aria-label="Undo"
+      title="Undo your last answer"><${Icon} name="undo" /><${FirstKey} app=${app} action="undo" /></button>
   </div>`;
 }
 
@@ -57,10 +67,12 @@ export function OvertakenNotice({ app, box, item, isNamed = false, children }) {
   const { reviewer = "", verdict = "clear" } = box.review ?? {};
   const theirs = verdict === "clear" ? "removed the answer" : `answered ${verdict}`;
   return html`<section class="overtaken" role="alert">
-    <p>${isNamed && html`<${Icon} name="warn" /> ${box.class} ${box.id}: `}<b>${reviewer || "Somebody else"} ${theirs}</b> while you answered ${item.verdict}. Your answer was not saved.</p>
+    <p>${isNamed && html`<${Icon} name="warn" /> ${box.class} ${box.id}: `}
+      <b>${reviewer || "Somebody else"} ${theirs}</b> while you answered ${item.verdict}. Your answer was not saved.</p>
     <div class="overtaken__actions">
       <button class="button button--small" onClick=${() => app.closeOvertaken(box.box_id)}>Keep theirs</button>
-      <button class="button button--small button--primary" onClick=${() => app.insist(item)}>Use mine: ${item.verdict}</button>
+      <button class="button button--small button--primary"
+        onClick=${() => app.insist(item)}>Use mine: ${item.verdict}</button>
       ${children}
     </div>
   </section>`;

@@ -1,5 +1,6 @@
 // @ts-check
-// Answers on one box: giving and undoing them, those that somebody else overtook, and what the page does when the server has responded.
+// Answers on one box: giving and undoing them, those that somebody else overtook, and what the page does when the
+// server has responded.
 // `answer` gives one. outbox.js keeps it until it is stored, boxes/store.js shows it meanwhile, and sender.js sends it
 // and calls one of the events below. Answers on many boxes are in bulk.js.
 
@@ -54,8 +55,13 @@ export function createAnswers(app, boxes, storage, { tab, openTabs }) {
   }
 
   /** @param {Decision} box @param {AnswerWithComment} answer @returns {import("./outbox.js").NewAnswer} */
-  const answerOn = (box, { verdict, comment }) =>
-    ({ boxId: box.box_id, frameId: box.frame_id, verdict, comment, seenRevision: seenRevision(box) });
+  const answerOn = (box, { verdict, comment }) => ({
+    boxId: box.box_id,
+    frameId: box.frame_id,
+    verdict,
+    comment,
+    seenRevision: seenRevision(box),
+  });
 
   /**
    * An answer on one box, shown at once and sent when that is possible.
@@ -124,7 +130,8 @@ export function createAnswers(app, boxes, storage, { tab, openTabs }) {
       const { name, query } = app.router.route.get();
       if (name === "queue" || query.box === String(item.boxId)) return;
       const reviewer = current?.review?.reviewer || "Somebody else";
-      const who = reviewer === app.owner() ? "You have answered a box elsewhere" : `${reviewer} has answered a box first`;
+      const who =
+        reviewer === app.owner() ? "You have answered a box elsewhere" : `${reviewer} has answered a box first`;
       toasts.show(`${who}. Your answer here (${item.verdict}) was not saved.`, {
         kind: "error",
         action: { text: "Show box", href: `#/frames/${item.frameId}?box=${item.boxId}` },

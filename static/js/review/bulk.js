@@ -14,7 +14,10 @@ import { randomId } from "../core/tab.js";
 /** @typedef {import("../boxes/box.js").Decision} Decision */
 /** @typedef {import("./answers.js").Step} Step */
 /** @typedef {import("./outbox.js").NewBulkAnswer} NewBulkAnswer */
-/** @typedef {{dataset: string, text: string, boxes: readonly number[]}} Report  boxes that a bulk answer, or its undo, has left out */
+/**
+ * @typedef {{dataset: string, text: string, boxes: readonly number[]}} Report boxes that a bulk answer, or its undo,
+ *   has left out
+ */
 
 /** What a bulk answer does with its boxes, before and after it is stored. @type {Record<Answer, string>} */
 export const VERBS = { keep: "keep", reject: "reject", unsure: "flag as unsure", clear: "remove the answers of" };
@@ -33,7 +36,10 @@ const DONE = { keep: "kept", reject: "rejected", unsure: "flagged as unsure", cl
 export function createBulkAnswers({ toasts, router }, { boxes, sender, steps }) {
   /** The messages that offer to undo a bulk answer, by its key. @type {Map<string, number>} */
   const offers = new Map();
-  /** Those bulk answers that are being undone, by their keys: until the undo is stored, or the answer discarded. @type {Map<string, Step>} */
+  /**
+   * Those bulk answers that are being undone, by their keys: until the undo is stored, or the answer discarded.
+   * @type {Map<string, Step>}
+   */
   const undoing = new Map();
   const report = createValue(/** @type {Report | null} */ (null));
 
@@ -115,7 +121,14 @@ export function createBulkAnswers({ toasts, router }, { boxes, sender, steps }) 
    */
   function answerBoxes(dataset, verdict, boxIds, revisions) {
     const seenRevisions = boxIds.map((id) => revisions.get(id) ?? 0);
-    return answer({ dataset, verdict, boxIds: [...boxIds], seenRevisions, count: boxIds.length, lookedAt: countLookedAt(boxIds) });
+    return answer({
+      dataset,
+      verdict,
+      boxIds: [...boxIds],
+      seenRevisions,
+      count: boxIds.length,
+      lookedAt: countLookedAt(boxIds),
+    });
   }
 
   /**
@@ -132,7 +145,8 @@ export function createBulkAnswers({ toasts, router }, { boxes, sender, steps }) 
     boxIds.forEach((boxId, i) => {
       const { verdict, comment } = answerAt(i);
       const revision = (seenRevisions[i] ?? 0) + 1;
-      if (!left.has(boxId)) stored.set(boxId, { revision, applyTo: (box) => withAnswer(box, verdict, comment, revision) });
+      if (!left.has(boxId))
+        stored.set(boxId, { revision, applyTo: (box) => withAnswer(box, verdict, comment, revision) });
     });
     boxes.receiveAnswers(stored);
   }
@@ -200,11 +214,19 @@ export function createBulkAnswers({ toasts, router }, { boxes, sender, steps }) 
     /**
      * One answer on all boxes that a filter selected when the list was read.
      * @param {string} dataset @param {Answer} verdict @param {import("./outbox.js").Filter} filter
-     * @param {{total: number, snapshot: string, knownIds?: readonly number[]}} list  `knownIds`: of its boxes, those that the page
+     * @param {{total: number, snapshot: string, knownIds?: readonly number[]}} list `knownIds`: of its boxes, those
+     *   that the page
      *   has loaded
      */
     answerAll: (dataset, verdict, filter, { total, snapshot, knownIds }) =>
-      answer({ dataset, verdict, filter, snapshot, count: total, lookedAt: knownIds && Math.min(countLookedAt(knownIds), total) }),
+      answer({
+        dataset,
+        verdict,
+        filter,
+        snapshot,
+        count: total,
+        lookedAt: knownIds && Math.min(countLookedAt(knownIds), total),
+      }),
   };
 }
 
@@ -219,7 +241,12 @@ function reportOf(dataset, stale, skipped) {
   return lines.length ? { dataset, text: lines.join(" "), boxes: [...stale, ...skipped] } : null;
 }
 
-/** The boxes that the undo of a bulk answer has left as they are. @param {string} dataset @param {number[]} skipped @returns {Report | null} */
+/**
+ * The boxes that the undo of a bulk answer has left as they are.
+ * @param {string} dataset
+ * @param {number[]} skipped
+ * @returns {Report | null}
+ */
 function undoReportOf(dataset, skipped) {
   if (skipped.length === 0) return null;
   const count = countOf(skipped.length, "answer was", "answers were");

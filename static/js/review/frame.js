@@ -2,7 +2,15 @@
 // The view of one frame: the stage in the middle, the list of boxes on the left, the selected box on the right.
 
 import { asShown, isUnanswered } from "../boxes/box.js";
-import { cycleVerdict, filtersOf, inListOrder, isShown, neighbour, nextUnanswered, shownBoxes } from "../boxes/filters.js";
+import {
+  cycleVerdict,
+  filtersOf,
+  inListOrder,
+  isShown,
+  neighbour,
+  nextUnanswered,
+  shownBoxes,
+} from "../boxes/filters.js";
 import { useAsShown, useBoxes } from "../boxes/store.js";
 import { isFar, spokenText } from "../boxes/wording.js";
 import { get } from "../core/api.js";
@@ -43,7 +51,10 @@ function NoFrame({ app, error, onRetry }) {
   return html`<main id="main" class="page" tabindex="-1"><${Failure} error=${error} onRetry=${onRetry} /></main>`;
 }
 
-/** @param {{app: App, frame: Frame, media: import("../stage/media.js").MediaCache, query: import("../core/router.js").Query}} props */
+/**
+ * @param {{app: App, frame: Frame, media: import("../stage/media.js").MediaCache, query:
+ *   import("../core/router.js").Query}} props
+ */
 function FrameReview({ app, frame, media, query }) {
   useTopBar(app, {
     title: `${frame.key} · ${frame.dataset}`,
@@ -59,7 +70,10 @@ function FrameReview({ app, frame, media, query }) {
   const comment = useRef(/** @type {HTMLTextAreaElement | null} */ (null));
   const [tab, setTab] = useState("box");
   const { panels } = useValue(app.prefs);
-  const ids = useMemo(() => inListOrder(app.boxes.all(frame.boxIds), query.by).map(({ box_id }) => box_id), [app, frame, query.by]);
+  const ids = useMemo(
+    () => inListOrder(app.boxes.all(frame.boxIds), query.by).map(({ box_id }) => box_id),
+    [app, frame, query.by],
+  );
   const actions = useMemo(() => {
     const openComment = () => {
       // At once, or the next keys would still be shortcuts. Again only if the panel was hidden:
@@ -89,31 +103,40 @@ function FrameReview({ app, frame, media, query }) {
   const selected = boxes.find(({ box_id }) => box_id === Number(query.box)) ?? null;
 
   return html`<main id="main" class="review" tabindex="-1" data-tab=${tab} data-panels=${panels ? undefined : "off"}>
-      <h1 class="sr-only">${frame.key}</h1>
-      <${Tabs} tab=${tab} count=${shown.length} onChange=${setTab} />
-      <${BoxList} app=${app} boxes=${boxes} shown=${shown} selected=${selected} query=${query} waiting=${waiting}
-        onSelect=${actions.select} onQuery=${(/** @type {import("../core/router.js").Query} */ next) => app.router.replace(linkTo("frame", { id: frame.id }, next))} />
-      <div class="review__stage">
-        <${FrameStage} app=${app} frame=${frame} media=${media.of(frame.id)} shown=${shown} selected=${selected} onSelect=${actions.select} stageRef=${stage} />
-        <${FrameLook} app=${app} frame=${frame} actions=${actions.byName} />
-        <${AnswerBar} app=${app} box=${selected} isWaiting=${selected !== null && waiting.has(selected.box_id)} actions=${actions.byName} />
-      </div>
-      <${Inspector} app=${app} frame=${frame} box=${selected} boxes=${boxes} actions=${actions} commentRef=${comment}
-        isWaiting=${selected !== null && waiting.has(selected.box_id)} />
-    </main>`;
+    <h1 class="sr-only">${frame.key}</h1>
+    <${Tabs} tab=${tab} count=${shown.length} onChange=${setTab} />
+    <${BoxList} app=${app} boxes=${boxes} shown=${shown} selected=${selected} query=${query} waiting=${waiting}
+      onSelect=${actions.select}
+      onQuery=${(/** @type {import("../core/router.js").Query} */ next) =>
+        app.router.replace(linkTo("frame", { id: frame.id }, next))} />
+    <div class="review__stage">
+      <${FrameStage} app=${app} frame=${frame} media=${media.of(frame.id)} shown=${shown} selected=${selected}
+        onSelect=${actions.select} stageRef=${stage} />
+      <${FrameLook} app=${app} frame=${frame} actions=${actions.byName} />
+      <${AnswerBar} app=${app} box=${selected} isWaiting=${selected !== null && waiting.has(selected.box_id)}
+        actions=${actions.byName} />
+    </div>
+    <${Inspector} app=${app} frame=${frame} box=${selected} boxes=${boxes} actions=${actions} commentRef=${comment}
+      isWaiting=${selected !== null && waiting.has(selected.box_id)} />
+  </main>`;
 }
 
 /**
- * @param {{app: App, frame: Frame, media: import("../stage/media.js").Media, shown: readonly Decision[], selected: Decision | null,
+ * @param {{app: App, frame: Frame, media: import("../stage/media.js").Media, shown: readonly Decision[], selected:
+ *   Decision | null,
  *   onSelect: (boxId: number | null) => void, stageRef: {current: import("../stage/stage.js").Stage | null}}} props
  *   `shown`: the boxes that the filters leave; the selected one is drawn even if it is not among them
  */
 function FrameStage({ app, frame, media, shown, selected, onSelect, stageRef }) {
   const { crop } = useValue(app.prefs);
-  const boxes = useMemo(() => (selected && !shown.includes(selected) ? [...shown, selected] : shown), [shown, selected]);
+  const boxes = useMemo(
+    () => (selected && !shown.includes(selected) ? [...shown, selected] : shown),
+    [shown, selected],
+  );
   const words = `${countOf(shown.length, "box", "boxes")} shown${selected ? `; selected: ${spokenText(selected)}` : ""}`;
   return html`<${StageView} app=${app} frame=${frame} media=${media} boxes=${boxes} selected=${selected} isCrop=${crop}
-    label=${`Frame ${frame.key}: ${words}`} onSelect=${onSelect} onCrop=${(/** @type {boolean} */ isOnBox) => app.prefs.change({ crop: isOnBox })} stageRef=${stageRef} />`;
+    label=${`Frame ${frame.key}: ${words}`} onSelect=${onSelect}
+    onCrop=${(/** @type {boolean} */ isOnBox) => app.prefs.change({ crop: isOnBox })} stageRef=${stageRef} />`;
 }
 
 /** @param {{app: App, frame: Frame, actions: import("../core/app.js").Actions}} props */
@@ -124,19 +147,30 @@ function FrameLook({ app, frame, actions }) {
   /** @param {{currentTarget: HTMLInputElement}} event */
   const setOpacity = ({ currentTarget }) => app.prefs.change({ opacity: Number(currentTarget.value), mask: true });
   return html`<${LookBar} app=${app} actions=${actions} isCrop=${crop} hasZoomText=${true}>
-    ${frame.has_segmentation &&
-    html`<${Toggle} app=${app} action="mask" icon="layers" isOn=${mask} run=${actions.mask} />
-      <input class="slider" type="range" min="0.1" max="1" step="0.05" value=${opacity} aria-label="Segmentation opacity" onInput=${setOpacity} />
-      <${Toggle} app=${app} action="lit" icon="light" isOn=${lit} run=${actions.lit} />`}
+    ${
+      frame.has_segmentation &&
+      html`<${Toggle} app=${app} action="mask" icon="layers" isOn=${mask} run=${actions.mask} />
+      <input class="slider" type="range" min="0.1" max="1" step="0.05" value=${opacity}
+        aria-label="Segmentation opacity" onInput=${setOpacity} />
+      <${Toggle} app=${app} action="lit" icon="light" isOn=${lit} run=${actions.lit} />`
+    }
     ${hasEdges && html`<${Toggle} app=${app} action="edges" icon="cube" isOn=${edges} run=${actions.edges} />`}
-    ${boxes.some(isFar) && html`<span class="bar__wide"><${Toggle} app=${app} action="far" icon="far" isOn=${far} run=${actions.far} /></span>`}
+    ${
+      boxes.some(isFar) &&
+      html`<span
+        class="bar__wide"><${Toggle} app=${app} action="far" icon="far" isOn=${far} run=${actions.far} /></span>`
+    }
     <${Toggle} app=${app} action="blind" icon="blind" isOn=${blind} run=${actions.blind} />
     <span class="bar__rule" aria-hidden="true"></span>
   <//>`;
 }
 
-
-/** The address may ask for the first, last or next unanswered box: select it, and put its id into the address. @param {App} app @param {FrameActions} actions @param {import("../core/router.js").Query} query */
+/**
+ * The address may ask for the first, last or next unanswered box: select it, and put its id into the address.
+ * @param {App} app
+ * @param {FrameActions} actions
+ * @param {import("../core/router.js").Query} query
+ */
 function useArrival(app, actions, query) {
   useEffect(() => {
     if (query.box && !Number(query.box)) actions.select(actions.resolve(query.box));
@@ -155,7 +189,11 @@ function useFollowing(app, frame, query) {
     const path = { dataset: frame.dataset };
     const { signal } = stopped;
     const look = async () => {
-      const { items } = await get("/api/v1/datasets/{dataset}/frames", { path, query: { sort: "-id", limit: 1 }, signal });
+      const { items } = await get("/api/v1/datasets/{dataset}/frames", {
+        path,
+        query: { sort: "-id", limit: 1 },
+        signal,
+      });
       const id = items[0]?.id ?? frame.id;
       const { query: now } = app.router.route.get();
       if (id !== frame.id && now.follow) app.router.replace(linkTo("frame", { id }, { ...now, box: "" }));
@@ -168,11 +206,15 @@ function useFollowing(app, frame, query) {
   }, [app, frame, isOn]);
 }
 
-/** Tabs that switch between list and box on a narrow screen. @param {{tab: string, count: number, onChange: (tab: string) => void}} props */
+/**
+ * Tabs that switch between list and box on a narrow screen.
+ * @param {{tab: string, count: number, onChange: (tab: string) => void}} props
+ */
 function Tabs({ tab, count, onChange }) {
   return html`<div class="review__tabs segments segments--wide" role="group" aria-label="Panel">
     <button class="segments__item" aria-pressed=${tab === "box"} onClick=${() => onChange("box")}>Selected box</button>
-    <button class="segments__item" aria-pressed=${tab === "list"} onClick=${() => onChange("list")}>Boxes <span class="num">${count}</span></button>
+    <button class="segments__item" aria-pressed=${tab === "list"}
+      onClick=${() => onChange("list")}>Boxes <span class="num">${count}</span></button>
   </div>`;
 }
 
@@ -180,11 +222,14 @@ function Tabs({ tab, count, onChange }) {
 function Skeleton({ app, last }) {
   useTopBar(app, { title: "", dataset: last?.dataset });
   return html`<main id="main" class="review" tabindex="-1" aria-busy="true">
-      <aside class="panel panel--list">${Array.from({ length: 8 }, () => html`<div class="skeleton skeleton--row" />`)}</aside>
-      <div class="review__stage"><div class="stage shimmer" /></div>
-      <aside class="panel panel--inspector"><div class="skeleton" /><div class="skeleton skeleton--short" /><div class="skeleton skeleton--tall" /></aside>
-      <p class="sr-only" role="status">Loading the frame</p>
-    </main>`;
+    <aside
+      class="panel panel--list">${Array.from({ length: 8 }, () => html`<div class="skeleton skeleton--row" />`)}</aside>
+    <div class="review__stage"><div class="stage shimmer" /></div>
+    <aside
+      class="panel panel--inspector"><div class="skeleton" /><div class="skeleton skeleton--short" />
+      <div class="skeleton skeleton--tall" /></aside>
+    <p class="sr-only" role="status">Loading the frame</p>
+  </main>`;
 }
 
 /**
@@ -262,7 +307,11 @@ export function createFrameActions(app, frame, ids, page) {
     select,
     saveComment: answer,
 
-    /** The id of the box that the address asks for by a word (first, last, unanswered). @param {string} which @returns {number | null} */
+    /**
+     * The id of the box that the address asks for by a word (first, last, unanswered).
+     * @param {string} which
+     * @returns {number | null}
+     */
     resolve(which) {
       const shown = shownBoxes(boxes(), query());
       if (which === "first") return shown[0]?.box_id ?? null;
@@ -302,10 +351,16 @@ export function createFrameActions(app, frame, ids, page) {
 /** @param {{frame: Frame, query: import("../core/router.js").Query}} props */
 function FrameSteps({ frame, query }) {
   return html`<div class="framesteps" role="group" aria-label="Frames">
-    ${query.follow &&
-    html`<a class="button button--small" href=${linkTo("frame", { id: frame.id }, { ...query, follow: "" })}>Following the newest: stop</a>`}
-    ${frame.has_image &&
-    html`<a class="button button--quiet button--icon" href=${linkTo("compare", { id: frame.id })} aria-label="Before and after" title="Before and after the filter"><${Icon} name="halves" /></a>`}
+    ${
+      query.follow &&
+      html`<a class="button button--small"
+        href=${linkTo("frame", { id: frame.id }, { ...query, follow: "" })}>Following the newest: stop</a>`
+    }
+    ${
+      frame.has_image &&
+      html`<a class="button button--quiet button--icon" href=${linkTo("compare", { id: frame.id })}
+        aria-label="Before and after" title="Before and after the filter"><${Icon} name="halves" /></a>`
+    }
     <${Step} id=${frame.previous_id} query=${query} icon="left" text="Previous frame" />
     <${Step} id=${frame.next_id} query=${query} icon="right" text="Next frame" />
   </div>`;
@@ -313,6 +368,9 @@ function FrameSteps({ frame, query }) {
 
 /** @param {{id: number | null, query: import("../core/router.js").Query, icon: string, text: string}} props */
 function Step({ id, query, icon, text }) {
-  if (id === null) return html`<span class="button button--quiet button--icon is-disabled" aria-hidden="true"><${Icon} name=${icon} /></span>`;
-  return html`<a class="button button--quiet button--icon" href=${linkTo("frame", { id }, { ...query, box: "" })} aria-label=${text} title=${text}><${Icon} name=${icon} /></a>`;
+  if (id === null)
+    return html`<span class="button button--quiet button--icon is-disabled"
+      aria-hidden="true"><${Icon} name=${icon} /></span>`;
+  return html`<a class="button button--quiet button--icon" href=${linkTo("frame", { id }, { ...query, box: "" })}
+    aria-label=${text} title=${text}><${Icon} name=${icon} /></a>`;
 }

@@ -3,7 +3,16 @@
 
 import { answerOf, isUnanswered, isWithheld, seenRevision } from "../boxes/box.js";
 import { ANSWER_ICONS, AnswerSign, StrokeSwatch, VerdictBadge } from "../boxes/signs.js";
-import { ANSWER_TEXT, acceptedText, distanceText, evidenceText, isByShare, labelText, matchText, reasonText } from "../boxes/wording.js";
+import {
+  ANSWER_TEXT,
+  acceptedText,
+  distanceText,
+  evidenceText,
+  isByShare,
+  labelText,
+  matchText,
+  reasonText,
+} from "../boxes/wording.js";
 import { get } from "../core/api.js";
 import { useNewest, useValue } from "../core/hooks.js";
 import { html, useEffect, useMemo, useState } from "../core/html.js";
@@ -31,9 +40,12 @@ export const NOT_PAINTED =
  */
 export function Inspector({ app, frame, box, boxes, isWaiting, actions, commentRef }) {
   return html`<aside class="panel panel--inspector" aria-label="Selected box">
-    ${box
-      ? html`<${BoxDetails} key=${box.box_id} app=${app} frame=${frame} box=${box} boxes=${boxes} isWaiting=${isWaiting} actions=${actions} commentRef=${commentRef} />`
-      : html`<${FrameDetails} app=${app} frame=${frame} boxes=${boxes} onStart=${actions.byName.nextUnanswered} />`}
+    ${
+      box
+        ? html`<${BoxDetails} key=${box.box_id} app=${app} frame=${frame} box=${box} boxes=${boxes}
+          isWaiting=${isWaiting} actions=${actions} commentRef=${commentRef} />`
+        : html`<${FrameDetails} app=${app} frame=${frame} boxes=${boxes} onStart=${actions.byName.nextUnanswered} />`
+    }
   </aside>`;
 }
 
@@ -43,7 +55,8 @@ export function Inspector({ app, frame, box, boxes, isWaiting, actions, commentR
  */
 function BoxDetails({ app, frame, box, boxes, isWaiting, actions, commentRef }) {
   const mine = useValue(app.overtaken).get(box.box_id);
-  // The server keeps a comment as part of an answer only. On a box that has none, the comment comes with "unsure", which
+  // The server keeps a comment as part of an answer only. On a box that has none, the comment comes with "unsure",
+  // which
   // leaves the filter's verdict in force.
   const saveComment = (/** @type {string} */ text) => actions.saveComment(answerOf(box) ?? "unsure", text);
   return html`
@@ -51,11 +64,27 @@ function BoxDetails({ app, frame, box, boxes, isWaiting, actions, commentRef }) 
       <h2>${box.class} <span class="faint">${box.id}</span></h2>
       <${VerdictBadge} verdict=${box.verdict} />
     </header>
-    ${!frame && html`<p class="inspector__frame faint"><span>Frame</span><a href=${linkTo("frame", { id: box.frame_id }, { box: String(box.box_id) })} title=${box.frame}><${MiddleCut} text=${box.frame} /></a></p>`}
+    ${
+      !frame &&
+      html`<p
+        class="inspector__frame faint"><span>Frame</span>
+        <a href=${linkTo("frame", { id: box.frame_id }, { box: String(box.box_id) })}
+          title=${box.frame}><${MiddleCut} text=${box.frame} /></a></p>`
+    }
     ${mine && html`<${OvertakenNotice} app=${app} box=${box} item=${mine} />`}
     <${AnswerLine} box=${box} isWaiting=${isWaiting} />
-    <p class="inspector__sentence">${isWithheld(box) ? "Blind re-check: the filter's verdict is shown once you have answered." : unbroken(box.explanation || labelText(box))}</p>
-    ${box.question && html`<p class="inspector__question"><${Icon} name="question" />To review: ${unbroken(box.question)}.</p>`}
+    <p
+      class="inspector__sentence">
+      ${
+        isWithheld(box)
+          ? "Blind re-check: the filter's verdict is shown once you have answered."
+          : unbroken(box.explanation || labelText(box))
+      }</p>
+    ${
+      box.question &&
+      html`<p
+        class="inspector__question"><${Icon} name="question" />To review: ${unbroken(box.question)}.</p>`
+    }
     <${MatchBar} box=${box} />
     <${HiddenBy} box=${box} />
     <${Comment} box=${box} onSave=${saveComment} fieldRef=${commentRef} />
@@ -90,8 +119,17 @@ function MatchBar({ box }) {
       <span class="match__fill match__fill--${box.verdict}" style=${{ width: `${Math.min(100, match)}%` }} />
       ${threshold !== null && html`<span class="match__tick" style=${{ left: `${Math.min(100, threshold)}%` }} />`}
     </div>
-    ${threshold !== null && html`<div class="match__scale"><span style=${{ left: `${Math.min(65, threshold)}%` }}>${limit}</span></div>`}
-    ${box.toss_up && html`<p class="match__note"><${Icon} name="warn" />A toss-up: too few pixels to be certain on which side of the threshold the box is.</p>`}
+    ${
+      threshold !== null &&
+      html`<div
+        class="match__scale"><span style=${{ left: `${Math.min(65, threshold)}%` }}>${limit}</span></div>`
+    }
+    ${
+      box.toss_up &&
+      html`<p
+        class="match__note">
+        <${Icon} name="warn" />A toss-up: too few pixels to be certain on which side of the threshold the box is.</p>`
+    }
   </div>`;
 }
 
@@ -101,7 +139,11 @@ function OtherChannel({ box }) {
   return html`<div class="match match--other">
     <div class="match__text"><span>Decided by ${evidenceText(box.evidence ?? "")}</span>
       ${typeof visible === "number" && html`<span class="num">${countOf(visible, "pixel")} seen</span>`}</div>
-    ${typeof match === "number" && html`<p class="match__note">${percentText(match)} of the box is ${acceptedText(box)}, which did not decide.</p>`}
+    ${
+      typeof match === "number" &&
+      html`<p
+        class="match__note">${percentText(match)} of the box is ${acceptedText(box)}, which did not decide.</p>`
+    }
   </div>`;
 }
 
@@ -113,8 +155,11 @@ function HiddenBy({ box }) {
     <ul>
       ${box.hidden_by.map(
         ({ name, rgb, percent }) => html`<li>
-          <span class="hidden-by__name"><span class="swatch" style=${{ background: `rgb(${rgb.join(" ")})` }} />${name}</span>
-          <span class="hidden-by__track" aria-hidden="true"><span style=${{ width: `${Math.min(100, percent)}%` }} /></span>
+          <span
+            class="hidden-by__name"><span class="swatch" style=${{ background: `rgb(${rgb.join(" ")})` }} />${name}
+          </span>
+          <span class="hidden-by__track"
+            aria-hidden="true"><span style=${{ width: `${Math.min(100, percent)}%` }} /></span>
           <span class="num">${percentText(percent)}</span>
         </li>`,
       )}
@@ -122,7 +167,10 @@ function HiddenBy({ box }) {
   </section>`;
 }
 
-/** No box is selected: the frame itself, and where to start. @param {{app: App, frame: Frame, boxes: readonly Decision[], onStart: () => void}} props */
+/**
+ * No box is selected: the frame itself, and where to start.
+ * @param {{app: App, frame: Frame, boxes: readonly Decision[], onStart: () => void}} props
+ */
 function FrameDetails({ app, frame, boxes, onStart }) {
   const unanswered = boxes.filter(isUnanswered).length;
   const { segmentation } = frame;
@@ -133,13 +181,28 @@ function FrameDetails({ app, frame, boxes, onStart }) {
     ["Part", frame.split ?? null],
     ["Sequence", frame.sequence ?? null],
     ["CARLA", frame.carla_version],
-    ["Segmentation", segmentation ? `${segmentation.palette}, ${segmentation.encoding}, ${segmentation.channel_order}${segmentation.lossy ? ", lossy" : ""}` : "none"],
+    [
+      "Segmentation",
+      segmentation
+        ? `${segmentation.palette}, ${segmentation.encoding}, ${segmentation.channel_order}${segmentation.lossy ? ", lossy" : ""}`
+        : "none",
+    ],
     ["Revision", frame.revision > 1 ? String(frame.revision) : null],
   ];
   return html`
     <header class="inspector__head"><h2>This frame</h2></header>
-    <p class="inspector__sentence">${unanswered ? `${countText(unanswered)} of ${countText(boxes.length)} boxes have no answer yet.` : "Every box here has an answer."}</p>
-    ${unanswered > 0 && html`<button class="button button--primary" onClick=${onStart}>Next box without an answer<${Keys} app=${app} keys=${keys} /></button>`}
+    <p
+      class="inspector__sentence">
+      ${
+        unanswered
+          ? `${countText(unanswered)} of ${countText(boxes.length)} boxes have no answer yet.`
+          : "Every box here has an answer."
+      }</p>
+    ${
+      unanswered > 0 &&
+      html`<button class="button button--primary"
+        onClick=${onStart}>Next box without an answer<${Keys} app=${app} keys=${keys} /></button>`
+    }
     <dl class="facts">${facts.map(([name, value]) => value && html`<div><dt>${name}</dt><dd>${value}</dd></div>`)}</dl>
     ${segmentation?.notes?.map((note) => html`<p class="faint">${note}</p>`)}`;
 }
@@ -193,9 +256,16 @@ export function Comment({ box, onSave, fieldRef }) {
     <label class="field">
       <span>Comment</span>
       <textarea ref=${fieldRef} rows="2" maxlength="2000" value=${shown} placeholder="Why?" onKeyDown=${onKeyDown}
-        onInput=${(/** @type {{currentTarget: HTMLTextAreaElement}} */ event) => setText(event.currentTarget.value)}></textarea>
+        onInput=${(/** @type {{currentTarget: HTMLTextAreaElement}} */ event) => setText(event.currentTarget.value)}>
+      </textarea>
     </label>
-    ${text !== null && text !== stored && html`<div class="comment__foot"><span class="faint">${hint}</span><button class="button button--small" onClick=${save}>Save</button></div>`}
+    ${
+      text !== null &&
+      text !== stored &&
+      html`<div
+        class="comment__foot"><span class="faint">${hint}</span>
+        <button class="button button--small" onClick=${save}>Save</button></div>`
+    }
   </div>`;
 }
 
@@ -213,12 +283,27 @@ export function History({ app, box }) {
   return html`<section class="history" aria-busy=${loaded.state === "loading"}>
     <h3>History</h3>
     ${loaded.error && html`<${FailureLine} error=${loaded.error} onRetry=${loaded.reload} />`}
-    ${!loaded.error && html`<ol class="history__list">
-      ${loaded.value?.items.map((item) => html`<li class="history__item">${item.kind === "review" ? html`<${ReviewLine} item=${item} />` : html`<${DecisionLine} item=${item} />`}</li>`) ?? html`<li class="history__wait" aria-hidden="true"><div class="skeleton" /><div class="skeleton skeleton--short" /></li>`}
-    </ol>`}
-    ${loaded.showOlder && html`<p class="more">
-      <button class="button button--small" onClick=${loaded.showOlder}>Older entries</button>
-    </p>`}
+    ${
+      !loaded.error &&
+      html`<ol class="history__list">
+        ${
+          loaded.value?.items.map(
+            (item) => html`<li
+              class="history__item">
+              ${item.kind === "review" ? html`<${ReviewLine} item=${item} />` : html`<${DecisionLine} item=${item} />`}
+            </li>`,
+          ) ??
+          html`<li class="history__wait"
+            aria-hidden="true"><div class="skeleton" /><div class="skeleton skeleton--short" /></li>`
+        }
+      </ol>`
+    }
+    ${
+      loaded.showOlder &&
+      html`<p class="more">
+        <button class="button button--small" onClick=${loaded.showOlder}>Older entries</button>
+      </p>`
+    }
   </section>`;
 }
 
@@ -233,15 +318,31 @@ const HURRIED_MS = 250;
 
 /** @param {{item: HistoryEntry}} props */
 function ReviewLine({ item }) {
-  return html`<span class="sign sign--${item.verdict}"><${Icon} name=${ANSWER_ICONS[item.verdict ?? ""] ?? "question"} /></span>
-    <div>
-      <p><b>${item.reviewer}</b>: ${textOfReview(item)} <${TimeAgo} at=${item.at} /></p>
-      ${typeof item.looked_ms === "number" && item.looked_ms < HURRIED_MS && html`<p class="faint">after a look of ${(item.looked_ms / 1000).toFixed(2)} s</p>`}
-      ${item.batch_size && html`<p class="faint">one of ${countText(item.batch_size)} at once${typeof item.looked_at === "number" ? `, ${countText(item.looked_at)} of them looked at` : ""}</p>`}
-      ${item.imported_by && html`<p class="faint">imported by ${item.imported_by}</p>`}
-      ${item.chosen_by && html`<p class="faint">from the queue, ${item.chosen_by === "random" ? "at random" : `by ${item.chosen_by}`}</p>`}
-      ${item.comment && html`<p class="history__comment">${item.comment}</p>`}
-    </div>`;
+  return html`<span
+    class="sign sign--${item.verdict}"><${Icon} name=${ANSWER_ICONS[item.verdict ?? ""] ?? "question"} /></span>
+  <div>
+    <p><b>${item.reviewer}</b>: ${textOfReview(item)} <${TimeAgo} at=${item.at} /></p>
+    ${
+      typeof item.looked_ms === "number" &&
+      item.looked_ms < HURRIED_MS &&
+      html`<p
+        class="faint">after a look of ${(item.looked_ms / 1000).toFixed(2)} s</p>`
+    }
+    ${
+      item.batch_size &&
+      html`<p
+        class="faint">one of ${countText(item.batch_size)} at once${
+          typeof item.looked_at === "number" ? `, ${countText(item.looked_at)} of them looked at` : ""
+        }</p>`
+    }
+    ${item.imported_by && html`<p class="faint">imported by ${item.imported_by}</p>`}
+    ${
+      item.chosen_by &&
+      html`<p
+        class="faint">from the queue, ${item.chosen_by === "random" ? "at random" : `by ${item.chosen_by}`}</p>`
+    }
+    ${item.comment && html`<p class="history__comment">${item.comment}</p>`}
+  </div>`;
 }
 
 /** @param {{item: HistoryEntry}} props */
@@ -251,7 +352,14 @@ function DecisionLine({ item }) {
   const hasThreshold = typeof match === "number" && typeof threshold === "number";
   const numbers = hasThreshold ? ` · ${percentText(match, threshold)}, threshold ${exactPercentText(threshold)}` : "";
   return html`<span class="sign sign--filter"><${Icon} name="filter" /></span>
-    <div><p>Run ${run}: ${verdict ? html`<b>${verdict}</b>, ${reasonText(reason ?? "")}${unbroken(numbers)}` : "its measurements are no longer stored"} <${TimeAgo} at=${item.at} /></p></div>`;
+  <div>
+    <p>Run ${run}
+      : ${
+        verdict
+          ? html`<b>${verdict}</b>, ${reasonText(reason ?? "")}
+          ${unbroken(numbers)}`
+          : "its measurements are no longer stored"
+      } <${TimeAgo} at=${item.at} /></p></div>`;
 }
 
 /** @param {{at: string}} props */
@@ -288,7 +396,10 @@ const isCounted = ({ verdict, reason }) => verdict !== "unmeasured" || reason ==
 function rowsOf(box) {
   const { xyxy } = box;
   return [
-    ["Matched pixels", box.box_pixels && isCounted(box) ? `${countText(box.matched_pixels ?? 0)} of ${countText(box.box_pixels)}` : null],
+    [
+      "Matched pixels",
+      box.box_pixels && isCounted(box) ? `${countText(box.matched_pixels ?? 0)} of ${countText(box.box_pixels)}` : null,
+    ],
     ["Margin", box.margin === null ? null : signed(box.margin)],
     ["Share of the image", percentText(box.area_percent)],
     ["Crowding", box.crowding === null ? null : percentText(box.crowding)],
@@ -310,7 +421,12 @@ function Numbers({ box }) {
   return html`<section class="numbers">
     <h3>Numbers</h3>
     <dl class="facts">
-      ${rowsOf(box).map(([name, value]) => value !== null && html`<div><dt>${name}</dt><dd class="num">${value}</dd></div>`)}
+      ${rowsOf(box).map(
+        ([name, value]) =>
+          value !== null &&
+          html`<div><dt>${name}</dt><dd class="num">${value}</dd>
+          </div>`,
+      )}
     </dl>
   </section>`;
 }

@@ -15,7 +15,7 @@
 //   other people since. The person has not seen those. So the second item gets the seen revision of the first (`add`),
 //   and if somebody else has answered the box since that revision, the server refuses both items.
 // - When the first one is stored, the box has a newer revision. A second item of the same tab gets it as its seen
-//   revision (`finish`). One of another tab keeps the old one: the server refuses it, and the person chooses between the
+// revision (`finish`). One of another tab keeps the old one: the server refuses it, and the person chooses between the
 //   two answers.
 
 import { randomId } from "../core/tab.js";
@@ -39,7 +39,7 @@ import { randomId } from "../core/tab.js";
  * @property {boolean} [attempted]  see `wasAttempted`
  * @property {number} [renewed]  how many times it was made a new answer, see `renew`
  * @property {number} [undoes]  of an undo: the revision of the answer that it undoes
- * @property {AnswerWithComment} [earlier]  of an answer that was undone while it was being sent: what the box gets again
+ * @property {AnswerWithComment} [earlier] of an answer that was undone while it was being sent: what the box gets again
  */
 
 /**
@@ -83,7 +83,9 @@ import { randomId } from "../core/tab.js";
 
 /** @typedef {BulkAnswer | BulkUndo} BulkItem */
 /** @typedef {SingleAnswer | BulkItem} OutboxItem */
-/** @typedef {Pick<SingleAnswer, "boxId" | "frameId" | "verdict" | "comment" | "seenRevision" | "lookedMs">} NewAnswer */
+/**
+ * @typedef {Pick<SingleAnswer, "boxId" | "frameId" | "verdict" | "comment" | "seenRevision" | "lookedMs">} NewAnswer
+ */
 /** @typedef {Omit<BulkAnswer, "key" | "tab" | "person" | "order" | "attempted">} NewBulkAnswer */
 /** @typedef {Omit<BulkUndo, "key" | "tab" | "person" | "order">} NewBulkUndo */
 
@@ -109,7 +111,10 @@ export const wasAttempted = (item) => !isBulkUndo(item) && item.attempted === tr
 /** Retries of an answer have the same key on the server, but not after `renew`. @param {SingleAnswer} item */
 export const idempotencyKey = ({ key, renewed }) => (renewed ? `${key}.${renewed}` : key);
 
-/** How many answers these are: boxes with an answer on one box, and the boxes of each bulk item. @param {readonly OutboxItem[]} items */
+/**
+ * How many answers these are: boxes with an answer on one box, and the boxes of each bulk item.
+ * @param {readonly OutboxItem[]} items
+ */
 export function countAnswers(items) {
   const inBulk = items.filter(isBulk).reduce((sum, { count }) => sum + count, 0);
   return new Set(items.filter(isSingle).map(({ boxId }) => boxId)).size + inBulk;
@@ -166,11 +171,17 @@ export function createOutbox(storage, tab, who, newKey = randomId) {
   /** By box: the seen revision of the last item on it. */
   const lastSeen = () => new Map(itemsOfAllTabs().flatMap(seenRevisionsOf));
 
-  /** Add an item. Where another one waits on the same box, it gets that one's seen revision. @param {OutboxItem} item */
+  /**
+   * Add an item. Where another one waits on the same box, it gets that one's seen revision.
+   * @param {OutboxItem} item
+   */
   const add = (item) => write(withSeen(item, lastSeen()));
 
   /** @param {string} key */
-  const answer = (key) => items().filter(isSingle).find((item) => item.key === key);
+  const answer = (key) =>
+    items()
+      .filter(isSingle)
+      .find((item) => item.key === key);
 
   /** @param {NewAnswer & Pick<SingleAnswer, "key" | "undoes">} item */
   const addSingle = (item) => add({ ...item, person: who(), tab, order: nextOrder(), attempted: false });
@@ -245,10 +256,16 @@ export function createOutbox(storage, tab, who, newKey = randomId) {
     addBulkUndo: (undo) => add({ ...undo, key: newKey(), person: who(), tab, order: nextOrder() }),
 
     /** @param {string} key @returns {BulkAnswer | undefined} */
-    bulkAnswer: (key) => items().filter(isBulkAnswer).find((bulk) => bulk.key === key),
+    bulkAnswer: (key) =>
+      items()
+        .filter(isBulkAnswer)
+        .find((bulk) => bulk.key === key),
 
     /** The undo of this bulk answer, if there is one. @param {string} key */
-    undoOf: (key) => items().filter(isBulkUndo).find((undo) => undo.bulkKey === key),
+    undoOf: (key) =>
+      items()
+        .filter(isBulkUndo)
+        .find((undo) => undo.bulkKey === key),
 
     /** @param {SingleAnswer | BulkAnswer} item */
     markAttempted: (item) => write({ ...item, attempted: true }),
@@ -287,7 +304,8 @@ export function createOutbox(storage, tab, who, newKey = randomId) {
      * @param {SingleAnswer} item @param {number} revision
      */
     renew(item, revision) {
-      // The item must not grow, because the storage may be full. So `attempted` goes (JSON leaves out what is undefined)
+      // The item must not grow, because the storage may be full. So `attempted` goes (JSON leaves out what is
+      // undefined)
       // when `renewed` comes.
       write({ ...item, seenRevision: revision, renewed: (item.renewed ?? 0) + 1, attempted: undefined });
     },
@@ -297,7 +315,9 @@ export function createOutbox(storage, tab, who, newKey = randomId) {
      * @param {BulkAnswer} bulk @param {number} batchId @param {readonly number[]} leftOut
      */
     completeUndo(bulk, batchId, leftOut) {
-      const undo = items().filter(isBulkUndo).find(({ bulkKey }) => bulkKey === bulk.key);
+      const undo = items()
+        .filter(isBulkUndo)
+        .find(({ bulkKey }) => bulkKey === bulk.key);
       if (!undo) return;
       const { boxIds, seenRevisions, before } = undo;
       const left = new Set(leftOut);

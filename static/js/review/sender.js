@@ -73,7 +73,7 @@ const REQUESTS = {
  * @typedef {object} OpenBulkItem  a bulk answer, or the undo of one, that is not stored
  * @property {BulkItem} item
  * @property {"sending" | "waiting" | "changed" | "refused"} state  `changed` and `refused`: the server has refused the
- *   bulk answer, which is no longer in the outbox, and the person has to decide; `changed`: other boxes match the filter
+ * bulk answer, which is no longer in the outbox, and the person has to decide; `changed`: other boxes match the filter
  *   than the person saw
  * @property {string} text  why it is not stored
  */

@@ -15,7 +15,8 @@ import { Canceller, JobBar, StateBadge, isOver, percentDone, useLookAgain } from
 /** @typedef {Export["format"]} Format */
 /**
  * `options`: the keys of the options that a format has; it refuses any other.
- * @typedef {{formats: {value: Format, text: string, help: string, options: readonly string[]}[], fields: Field[]}} ExportForm
+ * @typedef {{formats: {value: Format, text: string, help: string, options: readonly string[]}[], fields: Field[]}}
+ *   ExportForm
  */
 /** @typedef {import("../core/form.js").Field} Field */
 /** @typedef {import("../core/form.js").Schema} Schema */
@@ -25,7 +26,11 @@ const NEWEST = 50;
 
 /** @param {{app: App, dataset: string}} props */
 export function Exports({ app, dataset }) {
-  const loaded = useNewest(NEWEST, (query, signal) => get("/api/v1/datasets/{dataset}/exports", { path: { dataset }, query, signal }), [dataset]);
+  const loaded = useNewest(
+    NEWEST,
+    (query, signal) => get("/api/v1/datasets/{dataset}/exports", { path: { dataset }, query, signal }),
+    [dataset],
+  );
   const form = useLoaded(async () => exportForm(await describeApi()), []);
   const [isAsking, setAsking] = useState(false);
   const [leaving, setLeaving] = useState(/** @type {Export | null} */ (null));
@@ -38,20 +43,44 @@ export function Exports({ app, dataset }) {
   return html`<section class="panelbox" aria-labelledby="exports-title">
     <header class="panelbox__head">
       <h2 id="exports-title">Exports</h2>
-      <span class="panelbox__tools"><button class="button button--primary" aria-expanded=${isAsking} onClick=${() => setAsking(!isAsking)}><${Icon} name="plus" />New export</button></span>
+      <span
+        class="panelbox__tools">
+        <button class="button button--primary" aria-expanded=${isAsking}
+          onClick=${() => setAsking(!isAsking)}><${Icon} name="plus" />New export</button></span>
     </header>
-    ${isAsking && form.value && html`<${ExportAsk} dataset=${dataset} form=${form.value} onMade=${onMade} onClose=${() => setAsking(false)} />`}
+    ${
+      isAsking &&
+      form.value &&
+      html`<${ExportAsk} dataset=${dataset} form=${form.value} onMade=${onMade}
+        onClose=${() => setAsking(false)} />`
+    }
     ${isAsking && form.error && html`<${FailureLine} error=${form.error} onRetry=${form.reload} />`}
     ${loaded.error && !items && html`<${FailureLine} error=${loaded.error} onRetry=${loaded.reload} />`}
-    ${items?.length === 0 && !isAsking && html`<p class="panelbox__empty">No export yet. Exports use people's answers, or the filter's verdict where there is none.</p>`}
+    ${
+      items?.length === 0 &&
+      !isAsking &&
+      html`<p
+        class="panelbox__empty">
+        No export yet. Exports use people's answers, or the filter's verdict where there is none.
+      </p>`
+    }
     <ul class="runs">
-      ${items?.map((one) => html`<li key=${one.id}>
-        <${ExportRow} app=${app} item=${one} form=${form.value} onDelete=${() => setLeaving(one)} />
-      </li>`)}
+      ${items?.map(
+        (one) => html`<li key=${one.id}>
+          <${ExportRow} app=${app} item=${one} form=${form.value} onDelete=${() => setLeaving(one)} />
+        </li>`,
+      )}
     </ul>
-    ${leaving && html`<${DeleteDialog} item=${leaving} form=${form.value}
-      onClose=${() => setLeaving(null)} onDeleted=${loaded.reload} />`}
-    ${loaded.showOlder && html`<p class="more"><button class="button" onClick=${loaded.showOlder}>Older exports</button></p>`}
+    ${
+      leaving &&
+      html`<${DeleteDialog} item=${leaving} form=${form.value}
+        onClose=${() => setLeaving(null)} onDeleted=${loaded.reload} />`
+    }
+    ${
+      loaded.showOlder &&
+      html`<p
+        class="more"><button class="button" onClick=${loaded.showOlder}>Older exports</button></p>`
+    }
   </section>`;
 }
 
@@ -83,25 +112,61 @@ function ExportRow({ app, item, form, onDelete }) {
   const about = optionsText(item.options, form ? fieldsFor(item.format, form) : []);
   const { run, isBusy } = useTask(() => download(item.id), app.toasts.fail);
   return html`<article class="run" aria-label=${`Export ${item.id}`}>
-    <div class="run__what"><span class="run__name">${formatText(item.format, form)}</span><${StateBadge} state=${item.state} /></div>
+    <div
+      class="run__what"><span class="run__name">${formatText(item.format, form)}</span>
+      <${StateBadge} state=${item.state} /></div>
     <p class="run__about faint">Export ${item.id} · ${agoText(item.created_at)}${about && ` · ${about}`}</p>
     <div class="run__how">
-      ${!isOver(item) && html`<${JobBar} job=${item} label=${`Export ${item.id}`} /><p class="faint num">${item.total ? `${countText(item.done ?? 0)} of ${countOf(item.total, "frame")}, ${percentDone(item)} %` : "being written"}</p>`}
+      ${
+        !isOver(item) &&
+        html`<${JobBar} job=${item} label=${`Export ${item.id}`} />
+        <p
+          class="faint num">
+          ${
+            item.total
+              ? `${countText(item.done ?? 0)} of ${countOf(item.total, "frame")}, ${percentDone(item)} %`
+              : "being written"
+          }</p>`
+      }
       ${item.state === "cancelled" && html`<p class="faint">Stopped; nothing was written.</p>`}
       ${item.state === "failed" && html`<p class="run__error"><strong>Failed.</strong> ${item.error?.detail ?? ""}</p>`}
-      ${item.state === "done" && html`<${ExportCounts} counts=${item.counts ?? {}} />${item.sha256 ? html`<${Sum} sum=${item.sha256} />` : html`<p class="faint">No file: ${item.error?.detail ?? "it was deleted"}.</p>`}`}
+      ${
+        item.state === "done" &&
+        html`<${ExportCounts} counts=${item.counts ?? {}} />
+        ${
+          item.sha256
+            ? html`<${Sum} sum=${item.sha256} />`
+            : html`<p
+              class="faint">No file: ${item.error?.detail ?? "it was deleted"}.</p>`
+        }`
+      }
     </div>
     <div class="run__actions">
-      ${!isOver(item) && html`<${Canceller} app=${app} what=${`export ${item.id}`} cancel=${() => post("/api/v1/exports/{export_id}/cancel", { path: { export_id: item.id } })} />`}
-      ${item.download && html`<button class="button button--small" disabled=${isBusy} onClick=${run}><${Icon} name="download" /><span class="sr-only">Download export ${item.id}, </span>${sizeText(item.size_bytes)}</button>`}
-      ${isOver(item) && html`<button class="button button--small" onClick=${onDelete}>
-        Delete<span class="sr-only"> export ${item.id}</span>
-      </button>`}
+      ${
+        !isOver(item) &&
+        html`<${Canceller} app=${app} what=${`export ${item.id}`}
+          cancel=${() => post("/api/v1/exports/{export_id}/cancel", { path: { export_id: item.id } })} />`
+      }
+      ${
+        item.download &&
+        html`<button class="button button--small" disabled=${isBusy}
+          onClick=${run}><${Icon} name="download" /><span class="sr-only">Download export ${item.id}, </span>
+          ${sizeText(item.size_bytes)}</button>`
+      }
+      ${
+        isOver(item) &&
+        html`<button class="button button--small" onClick=${onDelete}>
+          Delete<span class="sr-only"> export ${item.id}</span>
+        </button>`
+      }
     </div>
   </article>`;
 }
 
-/** Let the browser download the file by a link, so that a large file does not pass through the page's memory. @param {number} id */
+/**
+ * Let the browser download the file by a link, so that a large file does not pass through the page's memory.
+ * @param {number} id
+ */
 async function download(id) {
   const { url } = await post("/api/v1/exports/{export_id}/download-links", { path: { export_id: id } });
   const link = document.createElement("a");
@@ -114,22 +179,34 @@ async function download(id) {
 function ExportCounts({ counts }) {
   const { lines, classes } = countLinesOf(counts);
   return html`<dl class="exportcounts num">
-      ${lines.map(({ text, count }) => html`<div key=${text}><dt>${text}</dt><dd>${countText(count)}</dd></div>`)}
-    </dl>
-    ${classes.length > 0 &&
+    ${lines.map(({ text, count }) => html`<div key=${text}><dt>${text}</dt><dd>${countText(count)}</dd></div>`)}
+  </dl>
+  ${
+    classes.length > 0 &&
     html`<details class="perclass"><summary>Per class</summary>
       <${WideTable} label="Per class"><table class="table">
-        <thead><tr><th scope="col">Class</th><th class="is-num" scope="col">In</th><th class="is-num" scope="col">Written</th><th class="is-num" scope="col">Dropped</th><th class="is-num" scope="col">Clipped</th></tr></thead>
-        <tbody>${classes.map((row) => html`<tr key=${row.name}><th scope="row">${row.name}</th>${row.counts.map((n) => html`<td class="is-num num">${countText(n)}</td>`)}</tr>`)}</tbody>
-      </table><//>
-    </details>`}`;
+          <thead>
+            <tr><th scope="col">Class</th><th class="is-num" scope="col">In</th>
+              <th class="is-num" scope="col">Written</th><th class="is-num" scope="col">Dropped</th>
+              <th class="is-num" scope="col">Clipped</th></tr></thead>
+          <tbody>
+            ${classes.map(
+              (row) => html`<tr
+                key=${row.name}><th scope="row">${row.name}</th>
+                ${row.counts.map((n) => html`<td class="is-num num">${countText(n)}</td>`)}</tr>`,
+            )}</tbody>
+        </table><//>
+    </details>`
+  }`;
 }
 
 /** @param {{sum: string}} props */
 function Sum({ sum }) {
   const { isCopied, copy } = useCopy(sum);
   return html`<p class="sum faint">sha256 <code title=${sum}>${sum.slice(0, 16)}…</code>
-    <button class="button button--quiet button--icon button--small" aria-label=${isCopied ? "Copied" : "Copy the SHA-256"} title="Copy" onClick=${copy}><${Icon} name=${isCopied ? "check" : "copy"} /></button></p>`;
+    <button class="button button--quiet button--icon button--small"
+      aria-label=${isCopied ? "Copied" : "Copy the SHA-256"} title="Copy"
+      onClick=${copy}><${Icon} name=${isCopied ? "check" : "copy"} /></button></p>`;
 }
 
 /** @type {import("../core/form.js").Words} */
@@ -154,15 +231,32 @@ const OPTION_WORDS = {
     boxes: { visible: "what is inside the image", amodal: "whole, beyond the image", tight: "tight around the pixels" },
     images: { copy: "copied into the archive", none: "left out, labels alone" },
   },
-  hints: { split: "as they came, or 0.8, 0.1, 0.1", val_maps: "none, or Town05, Town06", bands: "none, or 50, 100, 200" },
+  hints: {
+    split: "as they came, or 0.8, 0.1, 0.1",
+    val_maps: "none, or Town05, Town06",
+    bands: "none, or 50, 100, 200",
+  },
 };
 
 /** @param {Schema} openapi @returns {ExportForm} */
 export function exportForm(openapi) {
-  /** @type {{enum?: Format[], "x-titles"?: Record<string, string>, "x-briefs"?: Record<string, string>, "x-options"?: Record<string, string[]>}} */
-  const { enum: names = [], "x-titles": titles = {}, "x-briefs": briefs = {}, "x-options": options = {} } = openapi.components?.schemas?.ExportIn?.properties?.format ?? {};
+  /**
+   * @type {{enum?: Format[], "x-titles"?: Record<string, string>, "x-briefs"?: Record<string, string>, "x-options"?:
+   *   Record<string, string[]>}}
+   */
+  const {
+    enum: names = [],
+    "x-titles": titles = {},
+    "x-briefs": briefs = {},
+    "x-options": options = {},
+  } = openapi.components?.schemas?.ExportIn?.properties?.format ?? {};
   return {
-    formats: names.map((value) => ({ value, text: titles[value] ?? value, help: briefs[value] ?? "", options: options[value] ?? [] })),
+    formats: names.map((value) => ({
+      value,
+      text: titles[value] ?? value,
+      help: briefs[value] ?? "",
+      options: options[value] ?? [],
+    })),
     fields: fieldsOf(openapi, "ExportOptions", OPTION_WORDS),
   };
 }
@@ -173,18 +267,31 @@ export function fieldsFor(format, { formats, fields }) {
   return fields.filter(({ key }) => options.includes(key));
 }
 
-/** A format's title, or its name where the form is not there yet. @param {string} format @param {ExportForm | null | undefined} form */
+/**
+ * A format's title, or its name where the form is not there yet.
+ * @param {string} format
+ * @param {ExportForm | null | undefined} form
+ */
 export const formatText = (format, form) => form?.formats.find(({ value }) => value === format)?.text ?? format;
 
-/** The options of an export that differ from the defaults. @param {Record<string, unknown>} options @param {readonly Field[]} fields  of its format */
+/**
+ * The options of an export that differ from the defaults.
+ * @param {Record<string, unknown>} options
+ * @param {readonly Field[]} fields of its format
+ */
 export function optionsText(options, fields) {
-  const special = fields.filter(({ key, initial }) => key in options && JSON.stringify(options[key]) !== JSON.stringify(initial));
+  const special = fields.filter(
+    ({ key, initial }) => key in options && JSON.stringify(options[key]) !== JSON.stringify(initial),
+  );
   return special.map((field) => wordsOf(field, options[field.key])).join(" · ");
 }
 
 /** @param {Field} field @param {unknown} value */
 function wordsOf({ key, text, choices }, value) {
-  if (key === "split") return `split ${sharesOf(value).map((share) => Math.round(100 * share)).join("/")}`;
+  if (key === "split")
+    return `split ${sharesOf(value)
+      .map((share) => Math.round(100 * share))
+      .join("/")}`;
   const chosen = choices.find((choice) => choice.value === value);
   if (chosen) return `${text.toLowerCase()}: ${chosen.text}`;
   if (typeof value === "boolean") return value ? text.toLowerCase() : `not: ${text.toLowerCase()}`;
@@ -261,7 +368,10 @@ function ExportAsk({ dataset, form, onMade, onClose }) {
   const fields = fieldsFor(format, form);
   const { run, isBusy, error } = useTask(async () => {
     if (!format) return;
-    await post("/api/v1/datasets/{dataset}/exports", { path: { dataset }, body: { format, options: optionsOf(fields, chosen) } });
+    await post("/api/v1/datasets/{dataset}/exports", {
+      path: { dataset },
+      body: { format, options: optionsOf(fields, chosen) },
+    });
     onMade();
   });
   /** @param {Event} event */
@@ -274,19 +384,28 @@ function ExportAsk({ dataset, form, onMade, onClose }) {
       <legend>Format</legend>
       ${form.formats.map(
         ({ value, text, help }) => html`<label class="formatcard ${value === format ? "is-chosen" : ""}">
-          <input type="radio" name="format" value=${value} checked=${value === format} onChange=${() => setFormat(value)} />
+          <input type="radio" name="format" value=${value} checked=${value === format}
+            onChange=${() => setFormat(value)} />
           <span class="formatcard__name">${text}</span><span class="formatcard__help">${help}</span>
         </label>`,
       )}
     </fieldset>
-    ${fields.length > 0 &&
-    html`<div class="ask__fields">
-      ${fields.map((field) => html`<${AskField} key=${field.key} field=${field} value=${field.key in chosen ? chosen[field.key] : field.initial} onChange=${(/** @type {unknown} */ value) => setChosen({ ...chosen, [field.key]: value })} />`)}
-    </div>`}
-    ${fields.some(({ key }) => key === "split") &&
-    !chosen.val_maps &&
-    chosen.split_by !== "map" &&
-    html`<${PlannedParts} dataset=${dataset} shares=${chosen.split} />`}
+    ${
+      fields.length > 0 &&
+      html`<div class="ask__fields">
+        ${fields.map(
+          (field) => html`<${AskField} key=${field.key} field=${field}
+            value=${field.key in chosen ? chosen[field.key] : field.initial}
+            onChange=${(/** @type {unknown} */ value) => setChosen({ ...chosen, [field.key]: value })} />`,
+        )}
+      </div>`
+    }
+    ${
+      fields.some(({ key }) => key === "split") &&
+      !chosen.val_maps &&
+      chosen.split_by !== "map" &&
+      html`<${PlannedParts} dataset=${dataset} shares=${chosen.split} />`
+    }
     ${error && html`<${FailureLine} error=${error} />`}
     <p class="ask__foot"><span class="faint">The first export as YOLO or COCO fixes the order of the classes.</span>
       <button type="button" class="button" onClick=${onClose}>Cancel</button>

@@ -19,7 +19,10 @@ import { TopBar, hasTabs } from "./topbar.js";
 /** @typedef {import("../core/router.js").Route} Route */
 /** @typedef {(props: {app: App, route: Route}) => unknown} View */
 
-/** The views that are part of the first load; the others are loaded when they are opened. @type {Record<string, View>} */
+/**
+ * The views that are part of the first load; the others are loaded when they are opened.
+ * @type {Record<string, View>}
+ */
 const VIEWS = { datasets: DatasetsView, frames: FramesView };
 
 /** @type {Record<string, import("../core/observable.js").Lazy<View>>} */
@@ -54,13 +57,17 @@ export function Shell({ app, linkError }) {
 
   const View = VIEWS[route.name] ?? (LATER[route.name] ? LateView : UnknownView);
   // The address belongs to the router: the skip link must not change it.
-  return html`<div class="shell" ref=${shell} data-view=${isSignedIn ? route.name : "signin"} data-tabs=${(isSignedIn && hasTabs(route)) || undefined}>
-    <a class="skip" href="#main" onClick=${(/** @type {Event} */ event) => (event.preventDefault(), focusMain())}>Skip to content</a>
-    ${isSignedIn
-      ? html`<${TopBar} app=${app} />
+  return html`<div class="shell" ref=${shell} data-view=${isSignedIn ? route.name : "signin"}
+    data-tabs=${(isSignedIn && hasTabs(route)) || undefined}>
+    <a class="skip" href="#main"
+      onClick=${(/** @type {Event} */ event) => (event.preventDefault(), focusMain())}>Skip to content</a>
+    ${
+      isSignedIn
+        ? html`<${TopBar} app=${app} />
         <${Unowned} app=${app} />
         <${View} key=${`${route.name} ${route.params.dataset ?? ""}`} app=${app} route=${route} />`
-      : html`<${SignIn} app=${app} linkError=${linkError} />`}
+        : html`<${SignIn} app=${app} linkError=${linkError} />`
+    }
     ${isSignedIn && html`<${Uploads} app=${app} />`}
     ${newcomer && html`<${Newcomer} app=${app} newcomer=${newcomer} />`}
     ${streak && html`<${Streak} app=${app} boxIds=${streak} />`}
@@ -70,7 +77,11 @@ export function Shell({ app, linkError }) {
   </div>`;
 }
 
-/** After a change of view, move the focus to it, for keyboards and screen readers. @param {Route} route @param {(options: FocusOptions) => void} focusMain */
+/**
+ * After a change of view, move the focus to it, for keyboards and screen readers.
+ * @param {Route} route
+ * @param {(options: FocusOptions) => void} focusMain
+ */
 function useFocusOnMove(route, focusMain) {
   const isFirst = useRef(true);
   const place = `${route.name} ${Object.values(route.params).join(" ")}`;
@@ -93,18 +104,19 @@ function LateView({ app, route }) {
 /** @param {{app: App, error: Error | null, onRetry: () => void}} props */
 function Coming({ app, error, onRetry }) {
   useTopBar(app, { title: "", crumbs: [] });
-  return html`<main id="main" class="page" tabindex="-1" aria-busy=${error === null}>${error && html`<${Failure} error=${error} onRetry=${onRetry} />`}</main>`;
+  return html`<main id="main" class="page" tabindex="-1"
+    aria-busy=${error === null}>${error && html`<${Failure} error=${error} onRetry=${onRetry} />`}</main>`;
 }
 
 /** @param {{app: App, route: Route}} props */
 function UnknownView({ app, route }) {
   useTopBar(app, { title: "Not found", crumbs: [] });
   return html`<main id="main" class="page" tabindex="-1">
-      <${Notice} icon="question" title="Page not found"
-        actions=${html`<a class="button" href=${linkTo("datasets")}>All datasets</a>`}>
-        <p>${route.params.path}</p>
-      <//>
-    </main>`;
+    <${Notice} icon="question" title="Page not found"
+      actions=${html`<a class="button" href=${linkTo("datasets")}>All datasets</a>`}>
+      <p>${route.params.path}</p>
+    <//>
+  </main>`;
 }
 
 /**
@@ -114,9 +126,11 @@ function UnknownView({ app, route }) {
 function Newcomer({ app, newcomer: { name, role } }) {
   const now = useValue(app.person)?.name ?? "";
   const dialog = useDialog();
-  return html`<${Dialog} dialog=${dialog} id="newcomer-title" title="Sign in as ${name} instead of ${now}?" onClose=${() => app.admit(false)}>
+  return html`<${Dialog} dialog=${dialog} id="newcomer-title" title="Sign in as ${name} instead of ${now}?"
+    onClose=${() => app.admit(false)}>
     <p>You opened a login link of <b>${name}</b> (${role}). If you sign in, your answers are stored under that name.</p>
-    <p>If you did not ask for this link, stay ${now}. Answers of ${now} that are not saved yet stay in this browser until ${now} is back.</p>
+    <p>If you did not ask for this link, stay ${now}
+      . Answers of ${now} that are not saved yet stay in this browser until ${now} is back.</p>
     <footer class="dialog__foot">
       <button class="button" onClick=${() => app.admit(true)}>Sign in as ${name}</button>
       <button class="button button--primary" autofocus onClick=${dialog.close}>Stay ${now}</button>
@@ -135,8 +149,11 @@ function Streak({ app, boxIds }) {
     dialog.close();
     app.router.go(linkTo("queue", { dataset }, { boxes: boxIds.join(",") }));
   };
-  return html`<${Dialog} dialog=${dialog} id="streak-title" title="${boxIds.length} answers in two seconds" onClose=${() => app.streak.set(null)}>
-    <p>That is faster than people look. The answers are saved, and each says for how long its box was on the screen. This question comes once.</p>
+  return html`<${Dialog} dialog=${dialog} id="streak-title" title="${boxIds.length} answers in two seconds"
+    onClose=${() => app.streak.set(null)}>
+    <p>
+      That is faster than people look. The answers are saved, and each says for how long its box was on the screen. This
+      question comes once.</p>
     <footer class="dialog__foot">
       <button class="button" onClick=${dialog.close}>I looked at each</button>
       <button class="button button--primary" autofocus onClick=${again}>Look at them again</button>
@@ -144,7 +161,10 @@ function Streak({ app, boxIds }) {
   <//>`;
 }
 
-/** Unsent answers that do not say who gave them, until somebody decides what becomes of them. @param {{app: import("../review/answers.js").ReviewApp}} props */
+/**
+ * Unsent answers that do not say who gave them, until somebody decides what becomes of them.
+ * @param {{app: import("../review/answers.js").ReviewApp}} props
+ */
 function Unowned({ app }) {
   const count = useValue(app.unowned.count);
   const [isAsked, setAsked] = useState(false);
@@ -154,17 +174,23 @@ function Unowned({ app }) {
   // "Keep" stands where "Discard" has stood: a double click discards nothing.
   return html`<div class="strip strip--page" role="status">
     <${Icon} name="warn" />
-    ${isAsked
-      ? html`<p><b>Discard ${what}?</b> Nobody can send ${them} then.</p>
-          <span class="strip__actions">
-            <button class="button button--small" onClick=${() => (setAsked(false), app.unowned.discard())}>Discard ${them}</button>
-            <button class="button button--small button--quiet" onClick=${() => setAsked(false)}>Keep ${them}</button>
-          </span>`
-      : html`<p><b>${what}</b> in this browser ${count === 1 ? "does" : "do"} not say who gave ${them}: an earlier version of this page kept ${them}.</p>
-          <span class="strip__actions">
-            <button class="button button--small" onClick=${app.unowned.send}>Send as ${app.owner()}</button>
-            <button class="button button--small button--quiet" onClick=${() => setAsked(true)}>Discard</button>
-          </span>`}
+    ${
+      isAsked
+        ? html`<p><b>Discard ${what}?</b> Nobody can send ${them} then.</p>
+        <span class="strip__actions">
+          <button class="button button--small"
+            onClick=${() => (setAsked(false), app.unowned.discard())}>Discard ${them}</button>
+          <button class="button button--small button--quiet" onClick=${() => setAsked(false)}>Keep ${them}</button>
+        </span>`
+        : html`<p>
+          <b>${what}
+          </b> in this browser ${count === 1 ? "does" : "do"} not say who gave ${them}
+          : an earlier version of this page kept ${them}.</p>
+        <span class="strip__actions">
+          <button class="button button--small" onClick=${app.unowned.send}>Send as ${app.owner()}</button>
+          <button class="button button--small button--quiet" onClick=${() => setAsked(true)}>Discard</button>
+        </span>`
+    }
   </div>`;
 }
 
@@ -192,20 +218,35 @@ function SignIn({ app, linkError }) {
       <${Mark} />
       <h1>Sign in to Unghost</h1>
       ${ended && html`<p class="signin__note" role="status">${ended}</p>`}
-      <p>Open a login link, or paste it or a token here. <code>unghost login</code> prints a link; so does the server when it starts.</p>
-      ${kept.map(([name, count]) => html`<p key=${name} class="signin__note" role="status">${countOf(count, "answer")} of ${name} kept in this browser will be saved when ${name} signs in.</p>`)}
+      <p>
+        Open a login link, or paste it or a token here. <code>unghost login
+        </code> prints a link; so does the server when it starts.</p>
+      ${kept.map(
+        ([name, count]) => html`<p key=${name} class="signin__note"
+          role="status">
+          ${countOf(count, "answer")} of ${name} kept in this browser will be saved when ${name} signs in.</p>`,
+      )}
       <label class="field">
         <span>Token or login link</span>
-        <input name="token" type="password" autocomplete="current-password" spellcheck=${false} aria-invalid=${refusal !== ""} aria-describedby="token-error" autofocus />
+        <input name="token" type="password" autocomplete="current-password" spellcheck=${false}
+          aria-invalid=${refusal !== ""} aria-describedby="token-error" autofocus />
       </label>
       <p id="token-error" class="field__error" role="alert">${refusal}</p>
       <button class="button button--primary" disabled=${isBusy}>${isBusy ? "Signing in…" : "Sign in"}</button>
-      <p class="faint">A link works once, within ten minutes. Without one, ask whoever runs this server: <code>unghost login</code> prints another link, and <code>unghost token create NAME</code> makes a token for a guest. The <a href="/docs">description of the API</a> is open to all.</p>
+      <p
+        class="faint">
+        A link works once, within ten minutes. Without one, ask whoever runs this server: <code>unghost login
+        </code> prints another link, and <code>unghost token create NAME</code> makes a token for a guest. The <a
+          href="/docs">description of the API</a> is open to all.</p>
     </form>
   </main>`;
 }
 
-/** The credential in a pasted token, code or link; null: a link with a token, which is no longer accepted. @param {string} text @returns {import("../core/openapi.js").LogIn | null} */
+/**
+ * The credential in a pasted token, code or link; null: a link with a token, which is no longer accepted.
+ * @param {string} text
+ * @returns {import("../core/openapi.js").LogIn | null}
+ */
 function credentialIn(text) {
   const login = loginOf(text.slice(Math.max(0, text.indexOf("#"))));
   if (login?.kind === "token") return null;
@@ -218,12 +259,26 @@ function Toasts({ app }) {
   const toasts = useValue(app.toasts.list);
   return html`<div class="toasts">
     ${toasts.map(
-      ({ id, kind, text, action }) => html`<div key=${id} class="toast toast--${kind}" role=${kind === "error" ? "alert" : "status"}>
+      ({
+        id,
+        kind,
+        text,
+        action,
+      }) => html`<div key=${id} class="toast toast--${kind}" role=${kind === "error" ? "alert" : "status"}>
         <${Icon} name=${kind === "error" ? "warn" : "check"} />
         <span class="toast__text">${text}</span>
-        ${action?.href && html`<a class="button button--small" href=${action.href} onClick=${() => app.toasts.dismiss(id)}>${action.text}</a>`}
-        ${action?.run && html`<button class="button button--small" onClick=${() => (app.toasts.dismiss(id), action.run?.())}>${action.text}</button>`}
-        <button class="button button--quiet button--icon" aria-label="Dismiss" onClick=${() => app.toasts.dismiss(id)}><${Icon} name="cross" /></button>
+        ${
+          action?.href &&
+          html`<a class="button button--small" href=${action.href}
+            onClick=${() => app.toasts.dismiss(id)}>${action.text}</a>`
+        }
+        ${
+          action?.run &&
+          html`<button class="button button--small"
+            onClick=${() => (app.toasts.dismiss(id), action.run?.())}>${action.text}</button>`
+        }
+        <button class="button button--quiet button--icon" aria-label="Dismiss"
+          onClick=${() => app.toasts.dismiss(id)}><${Icon} name="cross" /></button>
       </div>`,
     )}
   </div>`;

@@ -1,5 +1,6 @@
 // @ts-check
-// The top bar: breadcrumb, tabs of the dataset, whether all answers are saved, menu. Views set its content by useTopBar.
+// The top bar: breadcrumb, tabs of the dataset, whether all answers are saved, menu. Views set its content by
+// useTopBar.
 
 import { filtersOf } from "../boxes/filters.js";
 import { isReached, json } from "../core/api.js";
@@ -16,11 +17,15 @@ import { ROUTES, linkTo } from "../core/router.js";
 export function TopBar({ app }) {
   const { crumbs, tools } = useValue(app.topBar);
   return html`<header class="topbar">
-    <a class="topbar__home" href=${linkTo("datasets")} aria-label="Unghost: all datasets"><${Mark} /><span class="topbar__name">Unghost</span></a>
+    <a class="topbar__home" href=${linkTo("datasets")}
+      aria-label="Unghost: all datasets"><${Mark} /><span class="topbar__name">Unghost</span></a>
     <nav class="crumbs" aria-label="Breadcrumb">
       <ol>
         ${crumbs.map(
-          ({ text, href }) => html`<li>${href ? html`<a href=${href}>${text}</a>` : html`<span aria-current="page" title=${text}>${text}</span>`}</li>`,
+          ({ text, href }) =>
+            html`<li>
+              ${href ? html`<a href=${href}>${text}</a>` : html`<span aria-current="page" title=${text}>${text}</span>`}
+            </li>`,
         )}
       </ol>
     </nav>
@@ -37,7 +42,8 @@ function PersonName({ app }) {
   const person = useValue(app.person);
   if (!person) return null;
   return html`<span class="who" title=${`Signed in as ${person.name}, ${person.role}`}>
-    <span class="who__letter" aria-hidden="true">${[...person.name][0]?.toUpperCase() ?? ""}</span><span class="who__name">${person.name}</span>
+    <span class="who__letter" aria-hidden="true">${[...person.name][0]?.toUpperCase() ?? ""}</span>
+    <span class="who__name">${person.name}</span>
   </span>`;
 }
 
@@ -68,7 +74,11 @@ function SaveState({ app }) {
   const shown = phase !== "saved" ? phase : lost > 0 ? "lost" : isAway ? "away" : "saved";
   const isWaiting = phase !== "saved" && phase !== "saving";
   const { icon, text } = PHASES[shown];
-  const words = isWaiting ? `${countOf(count, "answer")} waiting: ${text}` : shown === "lost" ? `${countOf(lost, "answer")} ${text}` : text;
+  const words = isWaiting
+    ? `${countOf(count, "answer")} waiting: ${text}`
+    : shown === "lost"
+      ? `${countOf(lost, "answer")} ${text}`
+      : text;
   return html`<div class="savestate savestate--${shown}" role="status" title=${words}>
     <${Icon} name=${icon} /><span class="savestate__text">${words}</span>
     ${isWaiting && html`<button class="button button--small" onClick=${app.resume}>Retry</button>`}
@@ -87,7 +97,8 @@ function Menu({ app }) {
   const root = useRef(/** @type {HTMLDivElement | null} */ (null));
   useClosing(root, isOpen, () => setOpen(false));
   return html`<div class="menu" ref=${root}>
-    <button class="button button--quiet button--icon" aria-expanded=${isOpen} aria-label="Settings" title="Settings" onClick=${() => setOpen(!isOpen)}>
+    <button class="button button--quiet button--icon" aria-expanded=${isOpen} aria-label="Settings" title="Settings"
+      onClick=${() => setOpen(!isOpen)}>
       <${Icon} name="dots" class="icon--bold" />
     </button>
     ${isOpen && html`<${MenuPanel} app=${app} close=${() => setOpen(false)} />`}
@@ -102,12 +113,15 @@ function MenuPanel({ app, close }) {
     <div class="menu__label" id="theme-label">Appearance</div>
     <div class="segments segments--wide" role="group" aria-labelledby="theme-label">
       ${THEMES.map(
-        ({ value, text, icon }) => html`<button class="segments__item" aria-pressed=${prefs.theme === value} onClick=${() => app.prefs.change({ theme: value })}>
+        ({ value, text, icon }) => html`<button class="segments__item" aria-pressed=${prefs.theme === value}
+          onClick=${() => app.prefs.change({ theme: value })}>
           <${Icon} name=${icon} />${text}
         </button>`,
       )}
     </div>
-    <button class="menu__item" onClick=${() => (close(), perform(app, "help"))}><${Icon} name="keyboard" />Keys${helpKey && html`<kbd aria-hidden="true">${helpKey}</kbd>`}</button>
+    <button class="menu__item"
+      onClick=${() => (close(), perform(app, "help"))}>
+      <${Icon} name="keyboard" />Keys${helpKey && html`<kbd aria-hidden="true">${helpKey}</kbd>`}</button>
     <button class="menu__item" onClick=${() => app.signOut().catch(app.toasts.fail)}>
       <${Icon} name="exit" />Sign out
     </button>
@@ -120,22 +134,30 @@ export const hasTabs = (route) => ROUTES.some(({ name, nav }) => (nav || ofFrame
 /** Views of one frame, whose address does not name its dataset. @param {string} name */
 const ofFrame = (name) => name === "frame" || name === "compare";
 
-/** The tabs of a dataset. Their links keep the filters. @param {{app: import("../review/answers.js").ReviewApp}} props */
+/**
+ * The tabs of a dataset. Their links keep the filters.
+ * @param {{app: import("../review/answers.js").ReviewApp}} props
+ */
 function DatasetTabs({ app }) {
   const route = useValue(app.router.route);
   const list = useRef(/** @type {HTMLUListElement | null} */ (null));
-  useLayoutEffect(() => list.current?.querySelector("[aria-current]")?.scrollIntoView({ block: "nearest", inline: "center" }), [route.name]);
+  useLayoutEffect(
+    () => list.current?.querySelector("[aria-current]")?.scrollIntoView({ block: "nearest", inline: "center" }),
+    [route.name],
+  );
   const { dataset: shown } = useValue(app.topBar);
   if (!hasTabs(route)) return null;
   const dataset = route.params.dataset ?? shown;
   const tabs = dataset ? ROUTES.filter(({ nav }) => nav) : [];
   /** @param {string} name */
-  const current = (name) => (name === route.name ? "page" : name === "frames" && ofFrame(route.name) ? "true" : undefined);
+  const current = (name) =>
+    name === route.name ? "page" : name === "frames" && ofFrame(route.name) ? "true" : undefined;
   return html`<nav class="tabs" aria-label="Dataset">
     <ul class="tabs__list" ref=${list}>
       ${tabs.map(
         ({ name, nav }) => html`<li key=${name}>
-          <a class="tabs__item" href=${linkTo(name, { dataset }, filtersOf(route.query))} aria-current=${current(name)}>${nav}</a>
+          <a class="tabs__item" href=${linkTo(name, { dataset }, filtersOf(route.query))}
+            aria-current=${current(name)}>${nav}</a>
         </li>`,
       )}
     </ul>

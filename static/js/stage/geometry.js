@@ -13,7 +13,13 @@ const KEEP_VISIBLE_PX = 64;
 /** Room for the bars over the stage, so that a fitted image is never covered. */
 const INSETS = { side: 4, top: 56, bottom: 68 };
 
-/** The whole image, centred between the bars. @param {Size} image @param {Size} stage @param {{side: number, top: number, bottom: number}} [insets] @returns {View} */
+/**
+ * The whole image, centred between the bars.
+ * @param {Size} image
+ * @param {Size} stage
+ * @param {{side: number, top: number, bottom: number}} [insets]
+ * @returns {View}
+ */
 export function fitView(image, stage, insets = INSETS) {
   const { side, top, bottom } = insets;
   const scale = Math.min(
@@ -55,12 +61,23 @@ export function cropView(xyxy, stage, image, hider = null) {
   const { width, height } = contextOf(xyxy, hider);
   const scale = Math.min(stage.width / width, stage.height / height, MAX_SCALE);
   const { x, y } = centredOn({ x: (x0 + x1) / 2, y: (y0 + y1) / 2 }, scale, stage);
-  /** Where the image is larger than the stage, it fills it. @param {number} at @param {number} whole @param {number} room */
+  /**
+   * Where the image is larger than the stage, it fills it.
+   * @param {number} at
+   * @param {number} whole
+   * @param {number} room
+   */
   const filled = (at, whole, room) => (whole < room ? at : clamp(at, room - whole, 0));
   return { scale, x: filled(x, image.width * scale, stage.width), y: filled(y, image.height * scale, stage.height) };
 }
 
-/** The same view if a box is wholly on the stage; otherwise one with the same zoom that centres the box. @param {View} view @param {Xyxy} xyxy @param {Size} stage @returns {View} */
+/**
+ * The same view if a box is wholly on the stage; otherwise one with the same zoom that centres the box.
+ * @param {View} view
+ * @param {Xyxy} xyxy
+ * @param {Size} stage
+ * @returns {View}
+ */
 export function revealView(view, xyxy, stage) {
   const [x0, y0, x1, y1] = toStage(view, xyxy);
   if (x0 >= 0 && y0 >= 0 && x1 <= stage.width && y1 <= stage.height) return view;
@@ -90,7 +107,13 @@ export function zoomAt(view, factor, at, minScale) {
 /** @param {View} view @param {number} dx @param {number} dy @returns {View} */
 export const panBy = (view, dx, dy) => ({ ...view, x: view.x + dx, y: view.y + dy });
 
-/** The nearest view that still shows a corner of the image. @param {View} view @param {Size} image @param {Size} stage @returns {View} */
+/**
+ * The nearest view that still shows a corner of the image.
+ * @param {View} view
+ * @param {Size} image
+ * @param {Size} stage
+ * @returns {View}
+ */
 export function clampView(view, image, stage) {
   const keep = Math.min(KEEP_VISIBLE_PX, image.width * view.scale, image.height * view.scale);
   return {
@@ -149,7 +172,15 @@ export function overlapping(boxes, box) {
   const mine = box.xyxy;
   if (!mine) return [];
   /** @param {B} other */
-  const shared = ({ xyxy }) => (xyxy ? areaOf([Math.max(mine[0], xyxy[0]), Math.max(mine[1], xyxy[1]), Math.min(mine[2], xyxy[2]), Math.min(mine[3], xyxy[3])]) : 0);
+  const shared = ({ xyxy }) =>
+    xyxy
+      ? areaOf([
+          Math.max(mine[0], xyxy[0]),
+          Math.max(mine[1], xyxy[1]),
+          Math.min(mine[2], xyxy[2]),
+          Math.min(mine[3], xyxy[3]),
+        ])
+      : 0;
   const found = boxes.filter((other) => other !== box && shared(other) > 0);
   return found.sort((a, b) => shared(b) - shared(a));
 }
@@ -165,7 +196,9 @@ const COVERED = { behind: 0.3, inside: 0.95 };
 export function hiderOf(boxes, box) {
   const { xyxy, distance } = box;
   if (!xyxy || distance === null) return null;
-  const nearer = overlapping(boxes, box).find((other) => other.effective_verdict === "kept" && (other.distance ?? Infinity) < distance);
+  const nearer = overlapping(boxes, box).find(
+    (other) => other.effective_verdict === "kept" && (other.distance ?? Infinity) < distance,
+  );
   if (!nearer?.xyxy) return null;
   const [x0, y0, x1, y1] = nearer.xyxy;
   const shared = areaOf([Math.max(xyxy[0], x0), Math.max(xyxy[1], y0), Math.min(xyxy[2], x1), Math.min(xyxy[3], y1)]);
@@ -178,17 +211,26 @@ export function hiderOf(boxes, box) {
 const LEAST_SHARED = 0.25;
 
 /**
- * Boxes under a point in the order in which clicks select them: that of the clicked object, then kept ones, then others.
+ * Boxes under a point in the order in which clicks select them: that of the clicked object, then kept ones, then
+ * others.
  * @param {readonly Decision[]} hits  the smallest first
  * @param {Xyxy | null} object  the rectangle around the pixels of the clicked object, where that is known
  */
 export function inClickOrder(hits, object) {
-  const visible = [...hits.filter((box) => box.effective_verdict === "kept"), ...hits.filter((box) => box.effective_verdict !== "kept")];
+  const visible = [
+    ...hits.filter((box) => box.effective_verdict === "kept"),
+    ...hits.filter((box) => box.effective_verdict !== "kept"),
+  ];
   if (!object) return visible;
   /** @param {Decision} box */
   const fit = ({ tight_xyxy: tight, xyxy }) => {
     const [x0, y0, x1, y1] = tight ?? /** @type {Xyxy} */ (xyxy);
-    const both = areaOf([Math.max(x0, object[0]), Math.max(y0, object[1]), Math.min(x1, object[2]), Math.min(y1, object[3])]);
+    const both = areaOf([
+      Math.max(x0, object[0]),
+      Math.max(y0, object[1]),
+      Math.min(x1, object[2]),
+      Math.min(y1, object[3]),
+    ]);
     return both / (areaOf([x0, y0, x1, y1]) + areaOf(object) - both);
   };
   const [best] = visible.filter((box) => fit(box) >= LEAST_SHARED).sort((a, b) => fit(b) - fit(a));

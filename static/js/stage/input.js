@@ -84,7 +84,8 @@ export function listen(host, gestures) {
     pinched = true;
     const other = [...pointers].find(([key]) => key !== id)?.[1];
     if (!other) return;
-    const factor = Math.hypot(now.x - other.x, now.y - other.y) / Math.max(1, Math.hypot(before.x - other.x, before.y - other.y));
+    const factor =
+      Math.hypot(now.x - other.x, now.y - other.y) / Math.max(1, Math.hypot(before.x - other.x, before.y - other.y));
     gestures.zoom(factor, { x: (now.x + other.x) / 2, y: (now.y + other.y) / 2 });
     gestures.pan((now.x - before.x) / 2, (now.y - before.y) / 2);
   }

@@ -34,7 +34,10 @@ const FRESH_MS = 20_000;
 export function createMedia(boxes) {
   /** The frame used last comes last. @type {Map<number, Media>} */
   const known = new Map();
-  /** Until when frames that were fetched ahead may be used where their boxes are shown, ms. @type {Map<number, number>} */
+  /**
+   * Until when frames that were fetched ahead may be used where their boxes are shown, ms.
+   * @type {Map<number, number>}
+   */
   const freshUntil = new Map();
   // Answers are in the store as soon as they are given, but for bulk answers on boxes that the page does not know.
   const stop = boxes.reloads.observe(() => freshUntil.clear());
@@ -60,7 +63,11 @@ export function createMedia(boxes) {
   return {
     of,
 
-    /** A frame whose boxes are to be shown: the one that was fetched ahead, once; else a new one. @param {number} frameId @param {AbortSignal} signal */
+    /**
+     * A frame whose boxes are to be shown: the one that was fetched ahead, once; else a new one.
+     * @param {number} frameId
+     * @param {AbortSignal} signal
+     */
     frame(frameId, signal) {
       if (!isFresh(frameId)) drop(frameId);
       freshUntil.delete(frameId);
@@ -72,7 +79,9 @@ export function createMedia(boxes) {
       if (isFresh(frameId)) return;
       drop(frameId);
       freshUntil.set(frameId, Date.now() + FRESH_MS);
-      of(frameId).picture.get().catch(() => {});
+      of(frameId)
+        .picture.get()
+        .catch(() => {});
     },
 
     /** Drop everything. */
@@ -117,9 +126,16 @@ async function decoded(file) {
   return image;
 }
 
-/** A frame's image as crops and thumbnails show it, in its full size; null: it has none. @param {number} frameId @param {AbortSignal} [signal] */
+/**
+ * A frame's image as crops and thumbnails show it, in its full size; null: it has none.
+ * @param {number} frameId
+ * @param {AbortSignal} [signal]
+ */
 async function pictureOf(frameId, signal) {
-  const address = pictureUrl("/api/v1/frames/{frame_id}/thumbnail", { path: { frame_id: frameId }, query: { width: LARGEST_PX } });
+  const address = pictureUrl("/api/v1/frames/{frame_id}/thumbnail", {
+    path: { frame_id: frameId },
+    query: { width: LARGEST_PX },
+  });
   try {
     return await decoded(await blob(address, signal));
   } catch (error) {

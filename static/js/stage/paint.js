@@ -9,7 +9,10 @@ import { outline, paintLabel, paintMark, paintShortLabels, solidLines } from "./
 /** @typedef {import("../boxes/box.js").Decision} Decision */
 /** @typedef {import("../boxes/box.js").Verdict} Verdict */
 /** @typedef {import("../boxes/box.js").Xyxy} Xyxy */
-/** @typedef {{stroke: Record<Verdict, string>, label: Record<Verdict, string>, text: string, casing: string, halo: string, edge: string, matching: string, unsure: string, font: string}} Inks */
+/**
+ * @typedef {{stroke: Record<Verdict, string>, label: Record<Verdict, string>, text: string, casing: string, halo:
+ *   string, edge: string, matching: string, unsure: string, font: string}} Inks
+ */
 
 /**
  * @typedef {object} Scene
@@ -43,8 +46,18 @@ export function readInks(host) {
   /** @param {string} name */
   const token = (name) => style.getPropertyValue(name).trim();
   return {
-    stroke: { kept: token("--ink-kept"), rejected: token("--ink-rejected"), unmeasured: token("--ink-unmeasured"), withheld: token("--ink-unmeasured") },
-    label: { kept: token("--ink-kept-fill"), rejected: token("--ink-rejected-fill"), unmeasured: token("--ink-unmeasured-fill"), withheld: token("--ink-unmeasured-fill") },
+    stroke: {
+      kept: token("--ink-kept"),
+      rejected: token("--ink-rejected"),
+      unmeasured: token("--ink-unmeasured"),
+      withheld: token("--ink-unmeasured"),
+    },
+    label: {
+      kept: token("--ink-kept-fill"),
+      rejected: token("--ink-rejected-fill"),
+      unmeasured: token("--ink-unmeasured-fill"),
+      withheld: token("--ink-unmeasured-fill"),
+    },
     text: token("--ink-text"),
     casing: token("--ink-casing"),
     halo: token("--ink-halo"),
@@ -55,7 +68,11 @@ export function readInks(host) {
   };
 }
 
-/** @param {CanvasRenderingContext2D} ctx @param {Scene} scene @param {(ctx: CanvasRenderingContext2D, scene: Scene) => void} [paintBoxes] */
+/**
+ * @param {CanvasRenderingContext2D} ctx
+ * @param {Scene} scene
+ * @param {(ctx: CanvasRenderingContext2D, scene: Scene) => void} [paintBoxes]
+ */
 export function paintBase(ctx, scene, paintBoxes = paintAllBoxes) {
   const { snapshot, size } = scene;
   ctx.clearRect(0, 0, size.width, size.height);
@@ -68,7 +85,11 @@ export function paintBase(ctx, scene, paintBoxes = paintAllBoxes) {
   if (!snapshot.isBare) paintBoxes(ctx, scene);
 }
 
-/** All but the selected one, and short labels where there is room. @param {CanvasRenderingContext2D} ctx @param {Scene} scene */
+/**
+ * All but the selected one, and short labels where there is room.
+ * @param {CanvasRenderingContext2D} ctx
+ * @param {Scene} scene
+ */
 export function paintAllBoxes(ctx, scene) {
   const { snapshot, view, size, neighbours } = scene;
   const { selected } = snapshot;
@@ -78,10 +99,23 @@ export function paintAllBoxes(ctx, scene) {
   ctx.globalAlpha = selected ? DIMMED.others * DIMMED.far : DIMMED.far;
   paintSome(ctx, others.filter(isFaint), scene.inks);
   ctx.globalAlpha = selected ? DIMMED.others : 1;
-  paintSome(ctx, others.filter((one) => !isFaint(one)), scene.inks);
+  paintSome(
+    ctx,
+    others.filter((one) => !isFaint(one)),
+    scene.inks,
+  );
   ctx.globalAlpha = selected ? DIMMED.neighbours : 1;
-  paintSome(ctx, placed.filter(({ box }) => neighbours.has(box)), scene.inks);
-  if (!selected) paintShortLabels(ctx, placed.filter((one) => !isFaint(one)), scene);
+  paintSome(
+    ctx,
+    placed.filter(({ box }) => neighbours.has(box)),
+    scene.inks,
+  );
+  if (!selected)
+    paintShortLabels(
+      ctx,
+      placed.filter((one) => !isFaint(one)),
+      scene,
+    );
   ctx.globalAlpha = 1;
 }
 
@@ -94,7 +128,12 @@ function paintSome(ctx, placed, inks) {
   for (const { box, rect } of placed) paintMark(ctx, answerOf(box), rect, inks);
 }
 
-/** @param {CanvasRenderingContext2D} ctx @param {CanvasImageSource | null} picture @param {Scene} scene @param {boolean} [smooth] */
+/**
+ * @param {CanvasRenderingContext2D} ctx
+ * @param {CanvasImageSource | null} picture
+ * @param {Scene} scene
+ * @param {boolean} [smooth]
+ */
 function paintPicture(ctx, picture, { snapshot, view }, smooth = view.scale < CRISP_FROM) {
   if (!picture) return;
   ctx.imageSmoothingEnabled = smooth;
@@ -117,19 +156,34 @@ export function paintTop(ctx, scene) {
     const away = distanceText(hider);
     // Below it: the selected box has its label above.
     const below = /** @type {Xyxy} */ ([rect[0], rect[3] + HIDER_LABEL_PX, rect[2], rect[3] + HIDER_LABEL_PX]);
-    paintLabel(ctx, { text: `${hider.class} ${hider.id}${away ? ` at ${away}` : ""}`, verdict: "withheld", rect: below, size, inks });
+    paintLabel(ctx, {
+      text: `${hider.class} ${hider.id}${away ? ` at ${away}` : ""}`,
+      verdict: "withheld",
+      rect: below,
+      size,
+      inks,
+    });
   }
   if (highlight) paintOutline(ctx, highlight, view, inks);
   if (snapshot.edges && selected.edges) paintEdges(ctx, selected.edges, view, inks);
   paintForward(ctx, selected, scene);
 }
 
-/** The matching pixels, outlined: what they show stays visible. @param {CanvasRenderingContext2D} ctx @param {import("./pixels.js").Highlight} highlight @param {import("./geometry.js").View} view @param {Inks} inks */
+/**
+ * The matching pixels, outlined: what they show stays visible.
+ * @param {CanvasRenderingContext2D} ctx
+ * @param {import("./pixels.js").Highlight} highlight
+ * @param {import("./geometry.js").View} view
+ * @param {Inks} inks
+ */
 function paintOutline(ctx, { outline }, { scale, x, y }, inks) {
   ctx.save();
   ctx.translate(x, y);
   ctx.scale(scale, scale);
-  for (const [color, width] of /** @type {const} */ ([[inks.casing, 4], [inks.matching, 2]])) {
+  for (const [color, width] of /** @type {const} */ ([
+    [inks.casing, 4],
+    [inks.matching, 2],
+  ])) {
     ctx.strokeStyle = color;
     ctx.lineWidth = width / scale;
     ctx.stroke(outline);
@@ -137,19 +191,33 @@ function paintOutline(ctx, { outline }, { scale, x, y }, inks) {
   ctx.restore();
 }
 
-/** A box in front of the others, with its full label. @param {CanvasRenderingContext2D} ctx @param {Decision} box @param {Scene} scene */
+/**
+ * A box in front of the others, with its full label.
+ * @param {CanvasRenderingContext2D} ctx
+ * @param {Decision} box
+ * @param {Scene} scene
+ */
 function paintForward(ctx, box, { view, size, inks, snapshot }) {
   if (!box.xyxy) return;
   const rect = toStage(view, box.xyxy);
   const isSelected = box.box_id === snapshot.selected?.box_id;
   const verdict = box.effective_verdict;
   if (isSelected) solidLines(ctx, [rect], 6, inks.halo);
-  outline(ctx, [rect], { color: inks.stroke[verdict], casing: isSelected ? inks.halo : inks.casing, dash: DASHES[verdict] });
+  outline(ctx, [rect], {
+    color: inks.stroke[verdict],
+    casing: isSelected ? inks.halo : inks.casing,
+    dash: DASHES[verdict],
+  });
   paintMark(ctx, answerOf(box), rect, inks);
   paintLabel(ctx, { text: labelText(box), verdict, rect, size, inks });
 }
 
-/** @param {readonly Decision[]} boxes @param {import("./geometry.js").View} view @param {{width: number, height: number}} size @returns {Placed[]} those on the stage, large ones first */
+/**
+ * @param {readonly Decision[]} boxes
+ * @param {import("./geometry.js").View} view
+ * @param {{width: number, height: number}} size
+ * @returns {Placed[]} those on the stage, large ones first
+ */
 function placedBoxes(boxes, view, size) {
   const placed = [];
   for (const box of largeFirst(boxes)) {
@@ -160,7 +228,10 @@ function placedBoxes(boxes, view, size) {
   return placed;
 }
 
-/** The order does not depend on the view: sorted once for as long as the boxes are the same. @type {WeakMap<readonly Decision[], readonly Decision[]>} */
+/**
+ * The order does not depend on the view: sorted once for as long as the boxes are the same.
+ * @type {WeakMap<readonly Decision[], readonly Decision[]>}
+ */
 const orders = new WeakMap();
 
 /** @param {readonly Decision[]} boxes */
@@ -174,7 +245,12 @@ function largeFirst(boxes) {
   return order;
 }
 
-/** @param {CanvasRenderingContext2D} ctx @param {readonly Xyxy[]} edges @param {import("./geometry.js").View} view @param {Inks} inks */
+/**
+ * @param {CanvasRenderingContext2D} ctx
+ * @param {readonly Xyxy[]} edges
+ * @param {import("./geometry.js").View} view
+ * @param {Inks} inks
+ */
 function paintEdges(ctx, edges, view, inks) {
   ctx.beginPath();
   for (const edge of edges) {
@@ -225,7 +301,11 @@ export function createDrawnBoxes(paint) {
     drawn = scene;
   }
 
-  /** Copy the boxes of a moving scene, shifted by whole pixels. @param {CanvasRenderingContext2D} ctx @param {Scene} scene */
+  /**
+   * Copy the boxes of a moving scene, shifted by whole pixels.
+   * @param {CanvasRenderingContext2D} ctx
+   * @param {Scene} scene
+   */
   return function copy(ctx, scene) {
     const density = ctx.getTransform().a;
     if (!holds(scene, density)) draw(scene, density);

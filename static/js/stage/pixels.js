@@ -8,7 +8,10 @@ import { pixelBounds } from "./geometry.js";
 /** @typedef {import("../core/openapi.js").AcceptedTag["rgb"]} Rgb */
 /** @typedef {import("../core/openapi.js").SegmentationReport} SegmentationReport */
 /** @typedef {{x: number, y: number, width: number, height: number}} Bounds */
-/** @typedef {{outline: Path2D, count: number}} Highlight  the outline of the pixels, in px of the image; how many they are */
+/**
+ * @typedef {{outline: Path2D, count: number}} Highlight the outline of the pixels, in px of the image; how many they
+ *   are
+ */
 
 /**
  * A canvas with the stored values: no colour management, no premultiplication.
@@ -48,9 +51,19 @@ export function highlightOf(segmentation, form, box) {
 }
 
 /** How the server paints a segmentation. @type {SegmentationReport} */
-export const PAINTED = { palette: "", encoding: "palette", channel_order: "rgb", lossy: false, unknown_percent: 0, notes: [] };
+export const PAINTED = {
+  palette: "",
+  encoding: "palette",
+  channel_order: "rgb",
+  lossy: false,
+  unknown_percent: 0,
+  notes: [],
+};
 
-/** Whether the file itself can be shown as the mask; raw tags and swapped colours must be painted by the server. @param {SegmentationReport} form */
+/**
+ * Whether the file itself can be shown as the mask; raw tags and swapped colours must be painted by the server.
+ * @param {SegmentationReport} form
+ */
 export const isPaintedAlready = (form) => form.encoding === "palette" && form.channel_order === "rgb";
 
 /** How far a JPEG may have moved a colour, per channel: the server's own tolerance. */
@@ -58,7 +71,8 @@ const LOSSY_TOLERANCE = 32;
 
 /**
  * A test for one pixel: do these three stored channels carry an accepted tag?
- * @param {readonly AcceptedTag[]} accepted @param {Pick<SegmentationReport, "encoding" | "channel_order" | "lossy">} form
+ * @param {readonly AcceptedTag[]} accepted
+ * @param {Pick<SegmentationReport, "encoding" | "channel_order" | "lossy">} form
  * @returns {(c0: number, c1: number, c2: number) => boolean}
  */
 export function tagMatcher(accepted, form) {
@@ -69,8 +83,7 @@ export function tagMatcher(accepted, form) {
   }
   const colors = accepted.map(({ rgb }) => (swapped ? [rgb[2], rgb[1], rgb[0]] : rgb));
   if (form.lossy) {
-    return (c0, c1, c2) =>
-      colors.some(([a = 0, b = 0, c = 0]) => isNear(c0, a) && isNear(c1, b) && isNear(c2, c));
+    return (c0, c1, c2) => colors.some(([a = 0, b = 0, c = 0]) => isNear(c0, a) && isNear(c1, b) && isNear(c2, c));
   }
   const packed = new Set(colors.map(([a = 0, b = 0, c = 0]) => (a << 16) | (b << 8) | c));
   return (c0, c1, c2) => packed.has((c0 << 16) | (c1 << 8) | c2);
@@ -79,9 +92,15 @@ export function tagMatcher(accepted, form) {
 /** @param {number} found @param {number} wanted */
 const isNear = (found, wanted) => Math.abs(found - wanted) <= LOSSY_TOLERANCE;
 
-/** Which pixels match, 1 or 0. @param {Uint8ClampedArray} rgba @param {(c0: number, c1: number, c2: number) => boolean} matches */
+/**
+ * Which pixels match, 1 or 0.
+ * @param {Uint8ClampedArray} rgba
+ * @param {(c0: number, c1: number, c2: number) => boolean} matches
+ */
 export const matchingPixels = (rgba, matches) =>
-  Uint8Array.from({ length: rgba.length / 4 }, (_, i) => Number(matches(rgba[4 * i] ?? 0, rgba[4 * i + 1] ?? 0, rgba[4 * i + 2] ?? 0)));
+  Uint8Array.from({ length: rgba.length / 4 }, (_, i) =>
+    Number(matches(rgba[4 * i] ?? 0, rgba[4 * i + 1] ?? 0, rgba[4 * i + 2] ?? 0)),
+  );
 
 /**
  * The lines between pixels of a mask and others, each as long as it is straight: x0, y0, x1, y1.
@@ -140,7 +159,12 @@ export function createObjects(instances) {
 
 /** @typedef {ReturnType<typeof createObjects>} Objects */
 
-/** @param {Uint32Array} colors @param {number} width @param {number} color  one of them @returns {import("../boxes/box.js").Xyxy} */
+/**
+ * @param {Uint32Array} colors
+ * @param {number} width
+ * @param {number} color one of them
+ * @returns {import("../boxes/box.js").Xyxy}
+ */
 export function extentOf(colors, width, color) {
   let [x0, y0, x1, y1] = [Infinity, Infinity, 0, 0];
   for (let i = colors.indexOf(color); i >= 0; i = colors.indexOf(color, i + 1)) {

@@ -19,7 +19,12 @@ const STRIP_PX = 2 * 3 * 5 * 11 * 4;
 /** @type {Map<string, Strips>} */
 const known = new Map();
 
-/** Outlines on whole pixels. Dashes begin at each box's corner, so they move with it. @param {CanvasRenderingContext2D} ctx @param {readonly Xyxy[]} rects @param {Pen} pen */
+/**
+ * Outlines on whole pixels. Dashes begin at each box's corner, so they move with it.
+ * @param {CanvasRenderingContext2D} ctx
+ * @param {readonly Xyxy[]} rects
+ * @param {Pen} pen
+ */
 export function outline(ctx, rects, pen) {
   if (rects.length === 0) return;
   if (pen.dash.length) dashedLines(ctx, rects, stripsOf(pen));
@@ -63,7 +68,12 @@ function dashedLines(ctx, rects, { across, down }) {
 function onPixels([x0, y0, x1, y1], line) {
   const x = Math.round(x0) - line / 2;
   const y = Math.round(y0) - line / 2;
-  return { x, y, width: Math.max(2 * line, Math.round(x1) + line / 2 - x), height: Math.max(2 * line, Math.round(y1) + line / 2 - y) };
+  return {
+    x,
+    y,
+    width: Math.max(2 * line, Math.round(x1) + line / 2 - x),
+    height: Math.max(2 * line, Math.round(y1) + line / 2 - y),
+  };
 }
 
 /** @param {Pen} pen @returns {Strips} */
@@ -126,7 +136,10 @@ export function paintLabel(ctx, { text, verdict, rect, size, inks }) {
 
 /**
  * Lines no wider than `width`: broken at " · ", and where that is not enough between words.
- * @param {Pick<CanvasRenderingContext2D, "measureText">} ctx @param {string} text @param {number} width @returns {string[]}
+ * @param {Pick<CanvasRenderingContext2D, "measureText">} ctx
+ * @param {string} text
+ * @param {number} width
+ * @returns {string[]}
  */
 export function brokenToFit(ctx, text, width) {
   const fits = (/** @type {string} */ line) => ctx.measureText(line).width <= width;
@@ -143,14 +156,25 @@ export function brokenToFit(ctx, text, width) {
   });
 }
 
-/** @param {CanvasRenderingContext2D} ctx @param {readonly string[]} lines @param {number} x @param {number} y @param {string} color */
+/**
+ * @param {CanvasRenderingContext2D} ctx
+ * @param {readonly string[]} lines
+ * @param {number} x
+ * @param {number} y
+ * @param {string} color
+ */
 function paintLines(ctx, lines, x, y, color) {
   ctx.fillStyle = color;
   ctx.textBaseline = "middle";
   for (const [i, line] of lines.entries()) ctx.fillText(line, x, y + FULL.height * (i + 0.5) + 0.5);
 }
 
-/** @param {CanvasRenderingContext2D} ctx @param {{x: number, y: number, width: number, height: number}} at @param {string} fill @param {string} [outline] */
+/**
+ * @param {CanvasRenderingContext2D} ctx
+ * @param {{x: number, y: number, width: number, height: number}} at
+ * @param {string} fill
+ * @param {string} [outline]
+ */
 function paintPlate(ctx, at, fill, outline) {
   ctx.beginPath();
   ctx.roundRect(at.x, at.y, at.width, at.height, 4);
@@ -189,7 +213,10 @@ export function paintShortLabels(ctx, placed, { inks, size }) {
   }
 }
 
-/** Measured once per box: a pan asks for hundreds of them, frame after frame. @type {WeakMap<import("../boxes/box.js").Decision, {text: string, width: number, font: string}>} */
+/**
+ * Measured once per box: a pan asks for hundreds of them, frame after frame.
+ * @type {WeakMap<import("../boxes/box.js").Decision, {text: string, width: number, font: string}>}
+ */
 const shortLabels = new WeakMap();
 
 /** @param {CanvasRenderingContext2D} ctx @param {import("../boxes/box.js").Decision} box */
@@ -216,7 +243,13 @@ const DENSITY = 3;
 /** @type {Map<string, HTMLCanvasElement>} */
 const signs = new Map();
 
-/** The sign of an answer, on the top right corner of its box. @param {CanvasRenderingContext2D} ctx @param {Given | null} answer @param {import("../boxes/box.js").Xyxy} rect @param {Inks} inks */
+/**
+ * The sign of an answer, on the top right corner of its box.
+ * @param {CanvasRenderingContext2D} ctx
+ * @param {Given | null} answer
+ * @param {import("../boxes/box.js").Xyxy} rect
+ * @param {Inks} inks
+ */
 export function paintMark(ctx, answer, [, y0, x1], inks) {
   if (!answer) return;
   ctx.imageSmoothingEnabled = true;

@@ -1,7 +1,21 @@
 // @ts-check
-// The stage: two layers of canvas, drawn in requestAnimationFrame from a snapshot and a view. Changes of the view are animated.
+// The stage: two layers of canvas, drawn in requestAnimationFrame from a snapshot and a view. Changes of the view are
+// animated.
 
-import { boxesAt, clamp, clampView, cropView, fitView, inClickOrder, nextOfStack, overlapping, panBy, revealView, toImage, zoomAt } from "./geometry.js";
+import {
+  boxesAt,
+  clamp,
+  clampView,
+  cropView,
+  fitView,
+  inClickOrder,
+  nextOfStack,
+  overlapping,
+  panBy,
+  revealView,
+  toImage,
+  zoomAt,
+} from "./geometry.js";
 import { listen } from "./input.js";
 import { createDrawnBoxes, paintAllBoxes, paintBase, paintTop, readInks } from "./paint.js";
 
@@ -58,7 +72,10 @@ export function createStage(host, events) {
   let hovered = null;
   /** What overlaps the selected box. @type {ReadonlySet<Decision>} */
   let neighbours = new Set();
-  /** What a resize or another selection restores: the whole frame, the box, or the person's own view. @type {"fit" | "crop" | "free"} */
+  /**
+   * What a resize or another selection restores: the whole frame, the box, or the person's own view.
+   * @type {"fit" | "crop" | "free"}
+   */
   let mode = "fit";
   let inks = readInks(host);
   let dirty = { base: false, top: false };
@@ -124,7 +141,11 @@ export function createStage(host, events) {
     else fit(smoothly);
   }
 
-  /** Move the view when another box is selected or the crop is switched. @param {Snapshot} before @param {Snapshot} next */
+  /**
+   * Move the view when another box is selected or the crop is switched.
+   * @param {Snapshot} before
+   * @param {Snapshot} next
+   */
   function follow(before, next) {
     const isMove = before.selected?.box_id !== next.selected?.box_id;
     if (before.crop !== next.crop || (isMove && mode === "crop" && next.selected)) {
@@ -198,7 +219,8 @@ export function createStage(host, events) {
     update(next) {
       const before = snapshot;
       const isNewScene = next.scene !== before?.scene;
-      const isNewImage = isNewScene || next.image.width !== before?.image.width || next.image.height !== before?.image.height;
+      const isNewImage =
+        isNewScene || next.image.width !== before?.image.width || next.image.height !== before?.image.height;
       if (isNewScene) mode = next.crop ? "crop" : "fit";
       if (next.boxes !== before?.boxes || next.selected !== before.selected) {
         neighbours = new Set(next.selected ? overlapping(next.boxes, next.selected) : []);
@@ -301,7 +323,13 @@ function createGlide(current, show) {
   return { to, stop, target: () => goal ?? current() };
 }
 
-/** Scale moves geometrically, so that zooming feels even. @param {View} a @param {View} b @param {number} share @returns {View} */
+/**
+ * Scale moves geometrically, so that zooming feels even.
+ * @param {View} a
+ * @param {View} b
+ * @param {number} share
+ * @returns {View}
+ */
 function between(a, b, share) {
   if (share === 1) return b;
   const scale = a.scale * (b.scale / a.scale) ** share;

@@ -1,5 +1,6 @@
 // @ts-check
-// Image files as the server reads and draws them, which boxes refer to: opaque, and turned by EXIF only where the server does.
+// Image files as the server reads and draws them, which boxes refer to: opaque, and turned by EXIF only where the
+// server does.
 
 /**
  * @typedef {object} StoredImage
@@ -73,7 +74,10 @@ function without(file, spans) {
   if (spans.length === 0) return file;
   const starts = [0, ...spans.map(([, end]) => end)];
   const ends = [...spans.map(([start]) => start), file.size];
-  return new Blob(starts.map((start, i) => file.slice(start, ends[i])), { type: file.type });
+  return new Blob(
+    starts.map((start, i) => file.slice(start, ends[i])),
+    { type: file.type },
+  );
 }
 
 /** So many columns and rows of pixels are looked at: transparency that hides something covers areas. */

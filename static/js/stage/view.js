@@ -19,19 +19,45 @@ import { createStage } from "./stage.js";
 
 /**
  * The boxes are shown as soon as the frame is known; the picture and the segmentation follow.
- * @param {{app: App, frame: Frame | null, media: import("./media.js").Media, boxes: readonly Decision[], selected: Decision | null, isCrop: boolean,
- *   hider?: Decision | null, scene?: number, label: string, onSelect?: (boxId: number | null) => void, onSwipe?: (side: "left" | "right") => void, onCrop: (isOnBox: boolean) => void,
+ * @param {{app: App, frame: Frame | null, media: import("./media.js").Media, boxes: readonly Decision[], selected:
+ *   Decision | null, isCrop: boolean,
+ * hider?: Decision | null, scene?: number, label: string, onSelect?: (boxId: number | null) => void, onSwipe?: (side:
+ * "left" | "right") => void, onCrop: (isOnBox: boolean) => void,
  *   stageRef: {current: import("./stage.js").Stage | null}, children?: unknown}} props
- *   `frame`: null until it is loaded; `isCrop`, `hider`, `scene`: `crop`, `hider`, `scene` of a Snapshot (stage.js); `onCrop`: a double click; `onSwipe`: a finger has moved the picture far enough; without it, a finger pans
+ * `frame`: null until it is loaded; `isCrop`, `hider`, `scene`: `crop`, `hider`, `scene` of a Snapshot (stage.js);
+ * `onCrop`: a double click; `onSwipe`: a finger has moved the picture far enough; without it, a finger pans
  */
-export function StageView({ app, frame, media, boxes, selected, isCrop, hider = null, scene, label, onSelect, onSwipe, onCrop, stageRef, children }) {
+export function StageView({
+  app,
+  frame,
+  media,
+  boxes,
+  selected,
+  isCrop,
+  hider = null,
+  scene,
+  label,
+  onSelect,
+  onSwipe,
+  onCrop,
+  stageRef,
+  children,
+}) {
   const host = useRef(/** @type {HTMLDivElement | null} */ (null));
   const prefs = useValue(app.prefs);
   const isBare = useValue(app.isBare);
-  const { value: picture = null, error: noPicture, retry: retryPicture } = useLazy(frame?.has_image ? media.picture : null);
+  const {
+    value: picture = null,
+    error: noPicture,
+    retry: retryPicture,
+  } = useLazy(frame?.has_image ? media.picture : null);
   const { value: mask = null, error: noMask, retry: retryMask } = useLazy(frame && prefs.mask ? media.mask : null);
   const isHighlighted = prefs.lit && selected !== null && !isWithheld(selected);
-  const { value: pixels, error: noPixels, retry: retryPixels } = useLazy(frame && isHighlighted ? media.segmentation : null);
+  const {
+    value: pixels,
+    error: noPixels,
+    retry: retryPixels,
+  } = useLazy(frame && isHighlighted ? media.segmentation : null);
   const highlight = useMemo(
     () => (isHighlighted && pixels?.form ? highlightOf(pixels.canvas, pixels.form, selected) : null),
     [isHighlighted, selected?.box_id, selected?.accepted_tags, pixels],
@@ -52,7 +78,12 @@ export function StageView({ app, frame, media, boxes, selected, isCrop, hider = 
   };
 
   useLayoutEffect(() => {
-    const stage = createStage(/** @type {HTMLElement} */ (host.current), { onSelect: onSelect ?? (() => {}), onCrop, onSwipe: onSwipe ? moved : null, onZoom: app.zoom.set });
+    const stage = createStage(/** @type {HTMLElement} */ (host.current), {
+      onSelect: onSelect ?? (() => {}),
+      onCrop,
+      onSwipe: onSwipe ? moved : null,
+      onZoom: app.zoom.set,
+    });
     stageRef.current = stage;
     const stop = onThemeChange(app.prefs, () => requestAnimationFrame(stage.restyle));
     return () => {
@@ -68,16 +99,42 @@ export function StageView({ app, frame, media, boxes, selected, isCrop, hider = 
     const isWhole = picture !== null || hasNoPicture;
     const look = { mask, opacity, highlight, edges, crop: isCrop, hider, isBare, objects, hasFar: prefs.far };
     stageRef.current?.update({ image, picture, boxes, selected, isWhole, scene, ...look });
-  }, [frame, picture, mask, prefs.opacity, boxes, selected, highlight, prefs.edges, isCrop, hider, isBare, objects, prefs.far]);
+  }, [
+    frame,
+    picture,
+    mask,
+    prefs.opacity,
+    boxes,
+    selected,
+    highlight,
+    prefs.edges,
+    isCrop,
+    hider,
+    isBare,
+    objects,
+    prefs.far,
+  ]);
 
   return html`<div class="stage-wrap">
-    <div class="stage" ref=${host} style=${{ transform: swiped ? `translateX(${swiped}px)` : "" }} role="img" aria-label=${label} data-box=${selected?.box_id ?? ""} data-mode=${isCrop ? "crop" : "frame"}
-      data-picture=${picture ? "shown" : hasNoPicture ? "none" : noPicture ? "failed" : "loading"} data-mask=${mask ? "on" : "off"} data-highlighted=${highlight?.count ?? ""} data-hider=${hider?.box_id ?? ""} data-bare=${isBare || undefined} data-objects=${objects ? "shown" : undefined}></div>
-    ${hasNoPicture && html`<div class="stage__note"><${Notice} title="This frame has no image"><p>Its boxes and numbers are here all the same.</p><//></div>`}
+    <div class="stage" ref=${host} style=${{ transform: swiped ? `translateX(${swiped}px)` : "" }} role="img"
+      aria-label=${label} data-box=${selected?.box_id ?? ""} data-mode=${isCrop ? "crop" : "frame"}
+      data-picture=${picture ? "shown" : hasNoPicture ? "none" : noPicture ? "failed" : "loading"}
+      data-mask=${mask ? "on" : "off"} data-highlighted=${highlight?.count ?? ""} data-hider=${hider?.box_id ?? ""}
+      data-bare=${isBare || undefined} data-objects=${objects ? "shown" : undefined}></div>
+    ${
+      hasNoPicture &&
+      html`<div
+        class="stage__note">
+        <${Notice} title="This frame has no image"><p>Its boxes and numbers are here all the same.</p><//></div>`
+    }
     ${!picture && !hasNoPicture && !noPicture && html`<div class="stage__loading shimmer" aria-hidden="true"></div>`}
     <div class="stage__failures">
       ${noPicture && html`<${FailureLine} what="Image" error=${noPicture} onRetry=${retryPicture} />`}
-      ${noSegmentation && html`<${FailureLine} what="Segmentation" error=${noSegmentation} onRetry=${() => (retryMask(), retryPixels())} />`}
+      ${
+        noSegmentation &&
+        html`<${FailureLine} what="Segmentation" error=${noSegmentation}
+          onRetry=${() => (retryMask(), retryPixels())} />`
+      }
     </div>
     ${swiped !== 0 && html`<${Swipe} dx=${swiped} />`}
     ${children}
@@ -144,7 +201,8 @@ export function createLookActions(app, stage) {
 
 /**
  * Toggles of the view, then the close-up and the zoom, which every view has.
- * @param {{app: App, actions: Actions, isCrop: boolean, isFit?: boolean, hasZoomText?: boolean, children?: unknown}} props
+ * @param {{app: App, actions: Actions, isCrop: boolean, isFit?: boolean, hasZoomText?: boolean, children?: unknown}}
+ *   props
  *   `isFit`: whether the whole frame is shown, where that is a state; `children`: the toggles
  */
 export function LookBar({ app, actions, isCrop, isFit, hasZoomText = false, children }) {
@@ -155,10 +213,10 @@ export function LookBar({ app, actions, isCrop, isFit, hasZoomText = false, chil
     <${Toggle} app=${app} action="crop" icon="crop" isOn=${isCrop} run=${actions.crop} />
     <${Toggle} app=${app} action="fit" icon="fit" isOn=${isFit} run=${actions.fit} />
     <span class="bar__pinch"><${Toggle} app=${app} action="zoomOut" icon="minus" run=${actions.zoomOut} />
-    ${hasZoomText && html`<${ZoomText} app=${app} />`}
-    <${Toggle} app=${app} action="zoomIn" icon="plus" run=${actions.zoomIn} /></span>
+      ${hasZoomText && html`<${ZoomText} app=${app} />`}
+      <${Toggle} app=${app} action="zoomIn" icon="plus" run=${actions.zoomIn} /></span>
     <span class="bar__wide"><${Toggle} app=${app} action="panels" icon="panels" isOn=${!panels} run=${actions.panels} />
-    <${Toggle} app=${app} action="fullScreen" icon="screen" run=${actions.fullScreen} /></span>
+      <${Toggle} app=${app} action="fullScreen" icon="screen" run=${actions.fullScreen} /></span>
   </div>`;
 }
 

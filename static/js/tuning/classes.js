@@ -45,15 +45,21 @@ export function AllClasses({ app, tuning, scale, selected }) {
       <h2 id="all-classes">All classes</h2>
       <span class="faint">${followText(followers.length, own, share.isOwn)}</span>
       <span class="panelbox__tools">
-        ${share.counts.own > 0 && share.counts.tags > 0 && html`
-          <${Segments} label="Boxes decided" value=${share.isOwn ? "own" : "tags"} choices=${BY}
-            onChange=${(/** @type {string} */ by) => tuning.look({ by, scale, class: selected })} />`}
+        ${
+          share.counts.own > 0 &&
+          share.counts.tags > 0 &&
+          html`
+            <${Segments} label="Boxes decided" value=${share.isOwn ? "own" : "tags"} choices=${BY}
+              onChange=${(/** @type {string} */ by) => tuning.look({ by, scale, class: selected })} />`
+        }
         <${NumberField} label="Threshold of all classes" unit="%" value=${threshold} expected="0 to 100"
           parse=${typedPercent} onChange=${set} isSet=${key in tuning.edits} />
-        <${Segments} label="Scale of the counts" value=${scale} choices=${SCALES} onChange=${(/** @type {string} */ value) => tuning.look({ scale: value, class: selected })} />
+        <${Segments} label="Scale of the counts" value=${scale} choices=${SCALES}
+          onChange=${(/** @type {string} */ value) => tuning.look({ scale: value, class: selected })} />
       </span>
     </header>
-    <${Histogram} app=${app} name="all classes" size="large" counts=${together(followers.map((name) => counts[name] ?? []))}
+    <${Histogram} app=${app} name="all classes" size="large"
+      counts=${together(followers.map((name) => counts[name] ?? []))}
       threshold=${threshold} active=${Number(valueOf(active.config, key) ?? 0)} isLog=${scale !== "linear"}
       onChange=${set} />
     <${Legend} isExclusive=${valueOf(tried, "profile") === "carlasimu"} />
@@ -81,7 +87,9 @@ function Legend({ isExclusive }) {
     <span><i class="chartswatch chartswatch--above"></i>${isExclusive ? "above" : "at or above"} it</span>
     <span><i class="chartswatch chartswatch--active"></i>active threshold</span>
     <span>without boxes of too few visible pixels</span>
-    <span class="chartlegend__keys">Drag, or <kbd>←</kbd><kbd>→</kbd> 0.5 · <kbd>⇧</kbd> 5 · <kbd>PgUp</kbd><kbd>PgDn</kbd> 10</span>
+    <span
+      class="chartlegend__keys">Drag, or <kbd>←</kbd><kbd>→</kbd> 0.5 · <kbd>⇧</kbd> 5 · <kbd>PgUp</kbd>
+      <kbd>PgDn</kbd> 10</span>
   </p>`;
 }
 
@@ -93,12 +101,19 @@ export function ClassCards({ app, tuning, scale, selected }) {
   if (names.length === 1 && !hasOwn(tuning.tried, names[0] ?? "", tuning.share.key)) return null;
   return html`<ul class="classcards">
     ${Object.entries(counts).map(
-      ([name, bins]) => html`<li key=${name}><${ClassCard} app=${app} tuning=${tuning} name=${name} counts=${bins} scale=${scale} isSelected=${name === selected} /></li>`,
+      ([name, bins]) =>
+        html`<li
+          key=${name}>
+          <${ClassCard} app=${app} tuning=${tuning} name=${name} counts=${bins} scale=${scale}
+            isSelected=${name === selected} /></li>`,
     )}
   </ul>`;
 }
 
-/** @param {{app: App, tuning: Tuning, name: string, counts: readonly number[], scale: string, isSelected: boolean}} props */
+/**
+ * @param {{app: App, tuning: Tuning, name: string, counts: readonly number[], scale: string, isSelected: boolean}}
+ *   props
+ */
 function ClassCard({ app, tuning, name, counts, scale, isSelected }) {
   const { tried, active, edits, change, look, share } = tuning;
   const { key } = share;
@@ -110,14 +125,18 @@ function ClassCard({ app, tuning, name, counts, scale, isSelected }) {
   const follow = () => change({ [path]: undefined });
   return html`<section class="classcard ${isSelected ? "is-selected" : ""}" aria-label=${name}>
     <header class="classcard__head">
-      <button class="classcard__name" aria-pressed=${isSelected} title=${isSelected ? "Show all classes again" : `Show reasons and flips of ${name} alone`}
+      <button class="classcard__name" aria-pressed=${isSelected}
+        title=${isSelected ? "Show all classes again" : `Show reasons and flips of ${name} alone`}
         onClick=${() => look({ class: isSelected ? "" : name, scale })}>${name}</button>
-      ${hasOwn(tried, name, key)
-        ? html`<button class="button button--quiet button--small" onClick=${follow}
+      ${
+        hasOwn(tried, name, key)
+          ? html`<button class="button button--quiet button--small" onClick=${follow}
             title=${`Follow all classes (${percentText(Number(valueOf(tried, key) ?? 0))})`}>
             <${Icon} name="undo" />Follow all</button>`
-        : html`<span class="faint classcard__follows">as for all</span>`}
-      <${NumberField} label=${`Threshold of ${name}, percent`} unit="%" value=${threshold} expected="0 to 100" parse=${typedPercent} onChange=${set} isSet=${path in edits} />
+          : html`<span class="faint classcard__follows">as for all</span>`
+      }
+      <${NumberField} label=${`Threshold of ${name}, percent`} unit="%" value=${threshold} expected="0 to 100"
+        parse=${typedPercent} onChange=${set} isSet=${path in edits} />
     </header>
     <${Histogram} app=${app} name=${name} size="small" counts=${counts} threshold=${threshold}
       active=${thresholdOf(active.config, name, key)} isLog=${scale !== "linear"} onChange=${set} />
@@ -132,10 +151,16 @@ function ClassCounts({ tuning, name }) {
   const before = tuning.baseline?.by_class?.[name];
   const flips = tuning.preview?.flips?.by_class[name];
   return html`<dl class="classcard__counts num">
-    <div><dt><span class="badge__sign badge__sign--kept"><${Icon} name="check" /></span><span class="sr-only">kept</span></dt><dd>${now ? countText(now.kept) : "…"} <${Delta} count=${now?.kept} before=${before?.kept} /></dd></div>
-    <div><dt><span class="badge__sign badge__sign--rejected"><${Icon} name="cross" /></span><span class="sr-only">rejected</span></dt><dd>${now ? countText(now.rejected) : "…"}</dd></div>
+    <div>
+      <dt><span class="badge__sign badge__sign--kept"><${Icon} name="check" /></span><span class="sr-only">kept</span>
+      </dt><dd>${now ? countText(now.kept) : "…"} <${Delta} count=${now?.kept} before=${before?.kept} /></dd></div>
+    <div>
+      <dt><span class="badge__sign badge__sign--rejected"><${Icon} name="cross" /></span>
+        <span class="sr-only">rejected</span></dt><dd>${now ? countText(now.rejected) : "…"}</dd></div>
     ${now && now.unmeasured > 0 && html`<div><dt>unmeasured</dt><dd>${countText(now.unmeasured)}</dd></div>`}
-    <div class="classcard__flips"><dt class="sr-only">would flip</dt><dd>${flips ? `${countOf(flips.kept_to_rejected + flips.rejected_to_kept, "flip")}` : "no flip"}</dd></div>
+    <div
+      class="classcard__flips"><dt class="sr-only">would flip</dt>
+      <dd>${flips ? `${countOf(flips.kept_to_rejected + flips.rejected_to_kept, "flip")}` : "no flip"}</dd></div>
   </dl>`;
 }
 
@@ -166,18 +191,25 @@ export function Reasons({ tuning, selected }) {
   return html`<section class="panelbox" aria-labelledby="reasons-title">
     <header class="panelbox__head"><h2 id="reasons-title">Reasons${selected ? `: ${selected}` : ""}</h2></header>
     <${WideTable} label="Reasons"><table class="table">
-      <thead><tr><th scope="col">Reason</th><th class="is-num" scope="col">Active</th><th class="is-num" scope="col">New</th><th class="is-num" scope="col">Change</th><th class="table__bar" aria-hidden="true"></th></tr></thead>
-      <tbody>
-        ${reasons.map(
-          (reason) => html`<tr key=${reason}>
-            <th scope="row">${reasonText(reason)}</th>
-            <td class="is-num num">${countText(before[reason] ?? 0)}</td>
-            <td class="is-num num">${countText(after[reason] ?? 0)}</td>
-            <td class="is-num"><${Delta} count=${after[reason] ?? 0} before=${before[reason] ?? 0} /></td>
-            <td class="table__bar" aria-hidden="true"><span class="meter meter--${meterOf(reason)}"><i style=${{ width: `${(100 * (after[reason] ?? 0)) / most}%` }}></i></span></td>
-          </tr>`,
-        )}
-      </tbody>
-    </table><//>
+        <thead>
+          <tr><th scope="col">Reason</th><th class="is-num" scope="col">Active</th>
+            <th class="is-num" scope="col">New</th><th class="is-num" scope="col">Change</th>
+            <th class="table__bar" aria-hidden="true"></th></tr></thead>
+        <tbody>
+          ${reasons.map(
+            (reason) => html`<tr key=${reason}>
+              <th scope="row">${reasonText(reason)}</th>
+              <td class="is-num num">${countText(before[reason] ?? 0)}</td>
+              <td class="is-num num">${countText(after[reason] ?? 0)}</td>
+              <td class="is-num"><${Delta} count=${after[reason] ?? 0} before=${before[reason] ?? 0} /></td>
+              <td class="table__bar"
+                aria-hidden="true">
+                <span
+                  class="meter meter--${meterOf(reason)}">
+                  <i style=${{ width: `${(100 * (after[reason] ?? 0)) / most}%` }}></i></span></td>
+            </tr>`,
+          )}
+        </tbody>
+      </table><//>
   </section>`;
 }

@@ -26,7 +26,11 @@ export const classPath = (name, key = THRESHOLD) => `classes.${canonical(name)}.
 /** The values for all classes. @param {ConfigBody} config @returns {Values} */
 const globalsOf = ({ classes: _, ...values }) => values;
 
-/** The values of single classes that differ, by the names of the classes. @param {ConfigBody} config @returns {Readonly<Record<string, Values>>} */
+/**
+ * The values of single classes that differ, by the names of the classes.
+ * @param {ConfigBody} config
+ * @returns {Readonly<Record<string, Values>>}
+ */
 const overridesOf = ({ classes }) =>
   Object.fromEntries(
     Object.entries(classes ?? {}).map(([name, own]) => [name, typeof own === "string" ? { measures_as: own } : own]),
@@ -38,13 +42,22 @@ function parsePath(path) {
   return match ? { name: match[1] ?? "", key: match[2] ?? "" } : { name: null, key: path };
 }
 
-/** @param {ConfigBody} config @param {string} path @returns {ConfigValue | undefined} undefined: not set for this class */
+/**
+ * @param {ConfigBody} config
+ * @param {string} path
+ * @returns {ConfigValue | undefined} undefined: not set for this class
+ */
 export function valueOf(config, path) {
   const { name, key } = parsePath(path);
   return (name === null ? globalsOf(config) : overridesOf(config)[name])?.[key];
 }
 
-/** The value of a key, or its default if the version is older than the key. @param {ConfigBody} config @param {{key: string, initial: unknown}} field @returns {ConfigValue | undefined} */
+/**
+ * The value of a key, or its default if the version is older than the key.
+ * @param {ConfigBody} config
+ * @param {{key: string, initial: unknown}} field
+ * @returns {ConfigValue | undefined}
+ */
 export function keyValue(config, { key, initial }) {
   const own = valueOf(config, key);
   return own === undefined ? /** @type {ConfigValue} */ (initial) : own;
@@ -55,17 +68,27 @@ const UNSET = ["auto", "refuse"];
 
 /**
  * The dataset's own setting, if it is used in place of this key of the configuration; else "".
- * @param {Readonly<Record<string, unknown>>} dataset @param {ConfigBody} config @param {{key: string, initial: unknown}} field
+ * @param {Readonly<Record<string, unknown>>} dataset
+ * @param {ConfigBody} config
+ * @param {{key: string, initial: unknown}} field
  */
 export function ownSetting(dataset, config, field) {
   const own = dataset[field.key];
-  return typeof own === "string" && isReading(field.key) && !UNSET.includes(own) && own !== keyValue(config, field) ? own : "";
+  return typeof own === "string" && isReading(field.key) && !UNSET.includes(own) && own !== keyValue(config, field)
+    ? own
+    : "";
 }
 
 /** Whether a key of the configuration is a setting of datasets, too. @param {string} key */
 export const isReading = (key) => ["palette", "encoding", "channel_order", "lossy_segmentation"].includes(key);
 
-/** The value that applies to a class: its own, or the one for all classes. @param {ConfigBody} config @param {string} name @param {string} [key] @returns {ConfigValue | undefined} */
+/**
+ * The value that applies to a class: its own, or the one for all classes.
+ * @param {ConfigBody} config
+ * @param {string} name
+ * @param {string} [key]
+ * @returns {ConfigValue | undefined}
+ */
 export function appliesTo(config, name, key = THRESHOLD) {
   const own = valueOf(config, classPath(name, key));
   return own === undefined ? valueOf(config, key) : own;
@@ -96,7 +119,12 @@ export const effectiveEdits = (config, edits) =>
 /** @param {ConfigValue | undefined} a @param {ConfigValue | undefined} b */
 const isSame = (a, b) => JSON.stringify(a) === JSON.stringify(b);
 
-/** The keys in which two configurations differ, those for all classes first. @param {ConfigBody} before @param {ConfigBody} after @returns {Difference[]} */
+/**
+ * The keys in which two configurations differ, those for all classes first.
+ * @param {ConfigBody} before
+ * @param {ConfigBody} after
+ * @returns {Difference[]}
+ */
 export function differences(before, after) {
   const paths = new Set([...pathsOf(before), ...pathsOf(after)]);
   return [...paths]
@@ -106,23 +134,46 @@ export function differences(before, after) {
 
 /** @param {ConfigBody} config @returns {string[]} */
 function pathsOf(config) {
-  const own = Object.entries(overridesOf(config)).flatMap(([name, keys]) => Object.keys(keys).map((key) => `classes.${name}.${key}`));
+  const own = Object.entries(overridesOf(config)).flatMap(([name, keys]) =>
+    Object.keys(keys).map((key) => `classes.${name}.${key}`),
+  );
   return [...Object.keys(globalsOf(config)), ...own];
 }
 
-/** The edits that turn one configuration into another. @param {ConfigBody} before @param {ConfigBody} after @returns {Edits} */
+/**
+ * The edits that turn one configuration into another.
+ * @param {ConfigBody} before
+ * @param {ConfigBody} after
+ * @returns {Edits}
+ */
 export const editsBetween = (before, after) =>
   Object.fromEntries(differences(before, after).map((row) => [row.path, row.after]));
 
-/** The parts of an address that are about the configuration. @param {ConfigBody} config @param {Record<string, string>} query @returns {Record<string, string>} */
+/**
+ * The parts of an address that are about the configuration.
+ * @param {ConfigBody} config
+ * @param {Record<string, string>} query
+ * @returns {Record<string, string>}
+ */
 export const configQuery = (config, query) =>
-  Object.fromEntries(Object.entries(query).filter(([path]) => parsePath(path).name !== null || (path in config && path !== "classes")));
+  Object.fromEntries(
+    Object.entries(query).filter(([path]) => parsePath(path).name !== null || (path in config && path !== "classes")),
+  );
 
-/** The edits that an address names; without those that are no number where one is needed. @param {ConfigBody} config @param {Record<string, string>} query @returns {Edits} */
+/**
+ * The edits that an address names; without those that are no number where one is needed.
+ * @param {ConfigBody} config
+ * @param {Record<string, string>} query
+ * @returns {Edits}
+ */
 export function editsOf(config, query) {
   const known = Object.entries(configQuery(config, query));
-  const edits = known.map(([path, text]) => /** @type {const} */ ([path, text === FOLLOW ? undefined : parseValue(text)]));
-  const usable = edits.filter(([path, value]) => typeof value !== "string" || typeof valueOf(config, parsePath(path).key) !== "number");
+  const edits = known.map(
+    ([path, text]) => /** @type {const} */ ([path, text === FOLLOW ? undefined : parseValue(text)]),
+  );
+  const usable = edits.filter(
+    ([path, value]) => typeof value !== "string" || typeof valueOf(config, parsePath(path).key) !== "number",
+  );
   return effectiveEdits(config, Object.fromEntries(usable));
 }
 
@@ -137,7 +188,12 @@ function parseValue(text) {
 
 /** @param {Edits} edits @returns {Record<string, string>} */
 export const queryOf = (edits) =>
-  Object.fromEntries(Object.entries(edits).map(([path, value]) => [path, value === undefined ? FOLLOW : typeof value === "string" ? value : JSON.stringify(value)]));
+  Object.fromEntries(
+    Object.entries(edits).map(([path, value]) => [
+      path,
+      value === undefined ? FOLLOW : typeof value === "string" ? value : JSON.stringify(value),
+    ]),
+  );
 
 /** @param {ConfigValue | undefined} value */
 export function valueText(value) {
@@ -145,7 +201,11 @@ export function valueText(value) {
   if (value === null) return "none";
   if (Array.isArray(value)) return value.join(", ");
   if (typeof value !== "object") return String(value);
-  return Object.entries(value).map((entry) => entry.join(": ")).join(", ") || "none";
+  return (
+    Object.entries(value)
+      .map((entry) => entry.join(": "))
+      .join(", ") || "none"
+  );
 }
 
 /** The whole configuration as YAML. @param {ConfigBody} config */
@@ -162,7 +222,12 @@ export function toYaml(config) {
 
 /** JSON is YAML; plain words need no quotes. @param {ConfigValue} value */
 function yamlValue(value) {
-  if (typeof value === "string" && /^[a-zA-Z][\w.-]*$/.test(value) && !/^(true|false|null|yes|no|on|off|y|n)$/i.test(value)) return value;
+  if (
+    typeof value === "string" &&
+    /^[a-zA-Z][\w.-]*$/.test(value) &&
+    !/^(true|false|null|yes|no|on|off|y|n)$/i.test(value)
+  )
+    return value;
   return Array.isArray(value) ? `[${value.map(yamlItem).join(", ")}]` : JSON.stringify(value);
 }
 
@@ -170,12 +235,15 @@ function yamlValue(value) {
 const yamlItem = (value) => yamlValue(value);
 
 /**
- * The suggestions that are worth a change: another value with a better F1, or, for the target "recall", any other value.
+ * The suggestions that are worth a change: another value with a better F1, or, for the target "recall", any other
+ * value.
  * @template {{current: number, suggested: number, f1_current: number | null, f1_suggested: number | null}} T
  * @param {readonly T[]} suggested @param {string} [target] @returns {T[]}
  */
 export const worthTrying = (suggested, target = "f1") =>
-  suggested.filter((one) => one.suggested !== one.current && (target !== "f1" || (one.f1_suggested ?? 0) > (one.f1_current ?? 0)));
+  suggested.filter(
+    (one) => one.suggested !== one.current && (target !== "f1" || (one.f1_suggested ?? 0) > (one.f1_current ?? 0)),
+  );
 
 /** The edits that take suggested thresholds. @param {readonly import("../core/openapi.js").Suggestion[]} suggested */
 export const editsFor = (suggested) =>

@@ -60,15 +60,20 @@ export function EvidenceSwitch({ app, dataset, active, isQuiet = false, onApplie
   const config = withEvidence(active.config, kind || now);
   const edits = { evidence: kind, min_visible_pixels: config.min_visible_pixels };
   const path = { dataset };
-  const preview = useLoaded(async (signal) => {
-    const body = { config, limit: 0, bins: 2 };
-    return kind ? post("/api/v1/datasets/{dataset}/preview", { path, body, signal }) : null;
-  }, [dataset, active, kind]);
+  const preview = useLoaded(
+    async (signal) => {
+      const body = { config, limit: 0, bins: 2 };
+      return kind ? post("/api/v1/datasets/{dataset}/preview", { path, body, signal }) : null;
+    },
+    [dataset, active, kind],
+  );
   const [started, setStarted] = useState(/** @type {import("../core/openapi.js").Run | null} */ (null));
   const undo = () => {
     const tell = () => app.toasts.show(`Boxes are decided by ${nameOf(now)} again, in the background.`);
-    void put("/api/v1/datasets/{dataset}/config", { path, body: { digest: active.digest } })
-      .then(tell, app.toasts.fail);
+    void put("/api/v1/datasets/{dataset}/config", { path, body: { digest: active.digest } }).then(
+      tell,
+      app.toasts.fail,
+    );
   };
   const run = useWatched(started, {
     onOver: ({ state }) => {
@@ -79,7 +84,11 @@ export function EvidenceSwitch({ app, dataset, active, isQuiet = false, onApplie
     onLost: app.toasts.fail,
   });
   const isRunning = run !== null && !isOver(run);
-  const { run: apply, isBusy, error } = useTask(async () => {
+  const {
+    run: apply,
+    isBusy,
+    error,
+  } = useTask(async () => {
     // Loaded now: few of those who see the switch use it.
     const { requireActive } = await import("./versions.js");
     await requireActive(dataset, active.digest, onApplied);
@@ -94,13 +103,21 @@ export function EvidenceSwitch({ app, dataset, active, isQuiet = false, onApplie
         onChange=${setKind} />
     </label>
     <p class="evidence__effect" role="status">${kind ? effectText(preview.value, kind, now) : EVIDENCE[now]?.plain}</p>
-    ${kind && preview.value && decides(preview.value, kind) && html`<span class="evidence__actions">
-      ${!needsPixels && html`<a class="button button--small"
-        href=${linkTo("thresholds", path, queryOf(effectiveEdits(active.config, edits)))}>Show them</a>`}
-      <button class="button button--small button--primary" disabled=${isBusy || isRunning} onClick=${apply}>
-        ${needsPixels ? "Measure and decide" : "Decide so"}
-      </button>
-    </span>`}
+    ${
+      kind &&
+      preview.value &&
+      decides(preview.value, kind) &&
+      html`<span class="evidence__actions">
+        ${
+          !needsPixels &&
+          html`<a class="button button--small"
+            href=${linkTo("thresholds", path, queryOf(effectiveEdits(active.config, edits)))}>Show them</a>`
+        }
+        <button class="button button--small button--primary" disabled=${isBusy || isRunning} onClick=${apply}>
+          ${needsPixels ? "Measure and decide" : "Decide so"}
+        </button>
+      </span>`
+    }
     <details class="evidence__about"><summary>What is this?</summary>
       <dl>${Object.entries(EVIDENCE).map(
         ([name, { plain }]) => html`<div key=${name}><dt>${evidenceText(name)}</dt><dd>${plain}</dd></div>`,

@@ -21,7 +21,10 @@ export const DIRECTIONS = /** @type {const} */ ({
   rejected_to_kept: { after: "kept", text: "rejected → kept" },
 });
 
-/** Directions by the names that earlier versions of the page have written into addresses. @type {Record<string, Direction>} */
+/**
+ * Directions by the names that earlier versions of the page have written into addresses.
+ * @type {Record<string, Direction>}
+ */
 const RENAMED = { lost: "kept_to_rejected", won: "rejected_to_kept" };
 
 /** Which flips an address shows; all if it is empty. @param {import("../core/router.js").Query} query */
@@ -30,7 +33,9 @@ export const directionIn = ({ flips = "" }) => RENAMED[flips] ?? flips;
 /** @param {Flip} flip @returns {Direction} */
 export const directionOf = (flip) => (flip.before.verdict === "kept" ? "kept_to_rejected" : "rejected_to_kept");
 
-/** @param {{direction: string, counts: Record<Direction, number>, onChange: (direction: Direction | "") => void}} props */
+/**
+ * @param {{direction: string, counts: Record<Direction, number>, onChange: (direction: Direction | "") => void}} props
+ */
 export function DirectionTabs({ direction, counts, onChange }) {
   const choices = /** @type {const} */ ([
     { value: "", count: sumOf(counts), text: "All" },
@@ -39,8 +44,13 @@ export function DirectionTabs({ direction, counts, onChange }) {
   ]);
   return html`<div class="segments segments--wide directiontabs" role="group" aria-label="Which flips">
     ${choices.map(
-      ({ value, count, text }) => html`<button class="segments__item" aria-pressed=${direction === value} onClick=${() => onChange(value)}>
-        ${value && html`<${DirectionSign} direction=${value} />`}<span>${text}</span><span class="num directiontabs__count">${countText(count)}</span>
+      ({
+        value,
+        count,
+        text,
+      }) => html`<button class="segments__item" aria-pressed=${direction === value} onClick=${() => onChange(value)}>
+        ${value && html`<${DirectionSign} direction=${value} />`}<span>${text}</span>
+        <span class="num directiontabs__count">${countText(count)}</span>
       </button>`,
     )}
   </div>`;
@@ -49,7 +59,10 @@ export function DirectionTabs({ direction, counts, onChange }) {
 /** @param {Record<Direction, number>} counts */
 const sumOf = (counts) => counts.kept_to_rejected + counts.rejected_to_kept;
 
-/** @typedef {{before: (verdict: string) => string, after: (verdict: string) => string}} SideWords  how the verdicts of both sides are said */
+/**
+ * @typedef {{before: (verdict: string) => string, after: (verdict: string) => string}} SideWords how the verdicts of
+ *   both sides are said
+ */
 
 /** @type {SideWords} */
 const TRIED = { before: (verdict) => `${verdict} now`, after: (verdict) => `would be ${verdict}` };
@@ -64,8 +77,11 @@ function FlipCard({ flip, words }) {
   const { box_id: id, xyxy, before, after } = flip;
   const direction = directionOf(flip);
   const box = { box_id: id, xyxy, reason: after.reason, effective_verdict: after.verdict };
-  return html`<a class="flip flip--${DIRECTIONS[direction].after}" href=${linkTo("frame", { id: flip.frame_id }, { box: String(id) })}>
-    <span class="flip__picture"><${NearBox} box=${box} size=${PICTURE_PX} /><${DirectionSign} direction=${direction} /><${Truth} flip=${flip} /></span>
+  return html`<a class="flip flip--${DIRECTIONS[direction].after}"
+    href=${linkTo("frame", { id: flip.frame_id }, { box: String(id) })}>
+    <span
+      class="flip__picture"><${NearBox} box=${box} size=${PICTURE_PX} /><${DirectionSign} direction=${direction} />
+      <${Truth} flip=${flip} /></span>
     <span class="flip__class">${flip.class}<span class="sr-only"> of box ${id}</span></span>
     <span class="flip__side"><b>${words.before(before.verdict)}:</b> <span>${causeText(before)}</span></span>
     <span class="flip__side"><b>${words.after(after.verdict)}:</b> <span>${causeText(after)}</span></span>
@@ -83,13 +99,19 @@ function Truth({ flip: { visible, after } }) {
   </span>`;
 }
 
-/** @param {{app: App, tuning: Tuning, selected: string, direction: string, onDirection: (direction: string) => void}} props */
+/**
+ * @param {{app: App, tuning: Tuning, selected: string, direction: string, onDirection: (direction: string) => void}}
+ *   props
+ */
 export function FlipPanel({ app, tuning, selected, direction, onDirection }) {
   const { preview, listed } = tuning;
   const flips = preview?.flips;
   const counts = (selected ? flips?.by_class[selected] : flips) ?? { kept_to_rejected: 0, rejected_to_kept: 0 };
-  const items = (listed?.flips?.items ?? []).filter((flip) => (!selected || flip.class === selected) && (!direction || directionOf(flip) === direction));
-  const wanted = direction === "kept_to_rejected" || direction === "rejected_to_kept" ? counts[direction] : sumOf(counts);
+  const items = (listed?.flips?.items ?? []).filter(
+    (flip) => (!selected || flip.class === selected) && (!direction || directionOf(flip) === direction),
+  );
+  const wanted =
+    direction === "kept_to_rejected" || direction === "rejected_to_kept" ? counts[direction] : sumOf(counts);
   return html`<aside class="panelbox flippanel" aria-labelledby="flips-title">
     <header class="panelbox__head">
       <h2 id="flips-title">Would flip${selected ? `: ${selected}` : ""}</h2>
@@ -104,15 +126,26 @@ export function FlipPanel({ app, tuning, selected, direction, onDirection }) {
 function Body({ app, tuning, items, wanted }) {
   const { preview, listed, isListed } = tuning;
   if (!preview) return html`<div class="flippanel__list"><${SkeletonCards} /></div>`;
-  if (wanted === 0) return html`<p class="panelbox__empty">No verdict changes. Move a threshold to see which ones would.</p>`;
+  if (wanted === 0)
+    return html`<p class="panelbox__empty">No verdict changes. Move a threshold to see which ones would.</p>`;
   return html`<div class="flippanel__list ${isListed ? "" : "is-behind"}" aria-busy=${!isListed}>
-    ${items.length === 0 && (isListed ? html`<p class="panelbox__empty">None of these is among the ${countText(listed?.flips?.items.length ?? 0)} nearest.</p>` : html`<${SkeletonCards} />`)}
+    ${
+      items.length === 0 &&
+      (isListed
+        ? html`<p
+          class="panelbox__empty">None of these is among the ${countText(listed?.flips?.items.length ?? 0)} nearest.
+        </p>`
+        : html`<${SkeletonCards} />`)
+    }
     <${FlipGrid} items=${items} words=${TRIED} />
     <${ShowMoreFlips} tuning=${tuning} shown=${items.length} wanted=${wanted} />
   </div>`;
 }
 
-const SkeletonCards = () => html`<ul class="flips" aria-hidden="true">${[0, 1, 2, 3, 4, 5].map(() => html`<li class="flip"><span class="flip__picture shimmer"></span></li>`)}</ul>`;
+const SkeletonCards = () =>
+  html`<ul class="flips"
+    aria-hidden="true">
+    ${[0, 1, 2, 3, 4, 5].map(() => html`<li class="flip"><span class="flip__picture shimmer"></span></li>`)}</ul>`;
 
 /** @param {{tuning: Tuning, shown: number, wanted: number}} props */
 function ShowMoreFlips({ tuning, shown, wanted }) {
@@ -123,11 +156,18 @@ function ShowMoreFlips({ tuning, shown, wanted }) {
   </p>`;
 }
 
-/** The difference to the active configuration. @param {{count: number | undefined, before: number | undefined}} props */
+/**
+ * The difference to the active configuration.
+ * @param {{count: number | undefined, before: number | undefined}} props
+ */
 export function Delta({ count, before }) {
   const by = count === undefined || before === undefined ? 0 : count - before;
-  return html`<span class="delta num ${by === 0 ? "is-none" : ""}">${by === 0 ? "±0" : `${by > 0 ? "+" : "−"}${countText(Math.abs(by))}`}</span>`;
+  return html`<span
+    class="delta num ${by === 0 ? "is-none" : ""}">
+    ${by === 0 ? "±0" : `${by > 0 ? "+" : "−"}${countText(Math.abs(by))}`}</span>`;
 }
 
 /** The sign of a flip's new verdict. @param {{direction: Direction}} props */
-export const DirectionSign = ({ direction }) => html`<span class="direction direction--${DIRECTIONS[direction].after}" aria-hidden="true"><${Icon} name=${DIRECTIONS[direction].after === "rejected" ? "cross" : "check"} /></span>`;
+export const DirectionSign = ({ direction }) =>
+  html`<span class="direction direction--${DIRECTIONS[direction].after}"
+    aria-hidden="true"><${Icon} name=${DIRECTIONS[direction].after === "rejected" ? "cross" : "check"} /></span>`;

@@ -39,7 +39,12 @@ export function Histogram({ app, name, counts, threshold, active, isLog, size, o
   useEffect(() => {
     const { current } = element;
     if (!current) return undefined;
-    chart.current = drawChart(current, app.prefs, (ink, font) => describe(ink, font, () => shown.current, size, setPointed), () => dataOf(shown.current.heights));
+    chart.current = drawChart(
+      current,
+      app.prefs,
+      (ink, font) => describe(ink, font, () => shown.current, size, setPointed),
+      () => dataOf(shown.current.heights),
+    );
     return () => chart.current?.stop();
   }, []);
   useLayoutEffect(() => chart.current?.update(), [bars]);
@@ -58,7 +63,12 @@ export function Histogram({ app, name, counts, threshold, active, isLog, size, o
   </div>`;
 }
 
-/** @param {{current: HTMLDivElement | null}} element @param {readonly number[]} counts @param {boolean} isLog @param {"large" | "small"} size */
+/**
+ * @param {{current: HTMLDivElement | null}} element
+ * @param {readonly number[]} counts
+ * @param {boolean} isLog
+ * @param {"large" | "small"} size
+ */
 function useBars(element, counts, isLog, size) {
   const [width, setWidth] = useState(0);
   useLayoutEffect(() => {
@@ -75,13 +85,19 @@ function useBars(element, counts, isLog, size) {
   }, [counts, bins, isLog]);
 }
 
-/** @typedef {{binned: readonly number[], ticks: readonly number[], heights: readonly number[], isLog: boolean, threshold: number, active: number}} Shown */
+/**
+ * @typedef {{binned: readonly number[], ticks: readonly number[], heights: readonly number[], isLog: boolean,
+ *   threshold: number, active: number}} Shown
+ */
 
 /** @param {readonly number[]} heights @returns {import("../core/chart.js").Data} */
 const dataOf = (heights) => [heights.map((_, bin) => (100 * (bin + 0.5)) / heights.length), [...heights]];
 
 /**
- * @param {import("../core/chart.js").Ink} ink @param {string} font @param {() => Shown} shown @param {"large" | "small"} size
+ * @param {import("../core/chart.js").Ink} ink
+ * @param {string} font
+ * @param {() => Shown} shown
+ * @param {"large" | "small"} size
  * @param {(text: string) => void} onPoint
  */
 function describe(ink, font, shown, size, onPoint) {
@@ -98,7 +114,14 @@ function describe(ink, font, shown, size, onPoint) {
     },
     series: [{}, { paths: () => null, points: { show: false } }],
     axes: [
-      { ...axis, size: AXIS.bottom, grid: { show: false }, splits: (/** @type {import("../../vendor/uplot-1.6.32.module.js").default} */ plot) => range(0, 100, every(plot)), values: (/** @type {unknown} */ _, /** @type {number[]} */ at) => at.map((percent) => `${percent} %`) },
+      {
+        ...axis,
+        size: AXIS.bottom,
+        grid: { show: false },
+        splits: (/** @type {import("../../vendor/uplot-1.6.32.module.js").default} */ plot) =>
+          range(0, 100, every(plot)),
+        values: (/** @type {unknown} */ _, /** @type {number[]} */ at) => at.map((percent) => `${percent} %`),
+      },
       {
         ...axis,
         size: AXIS.left,
@@ -109,8 +132,13 @@ function describe(ink, font, shown, size, onPoint) {
       },
     ],
     hooks: {
-      draw: [(/** @type {import("../../vendor/uplot-1.6.32.module.js").default} */ plot) => paintBars(plot, ink, shown())],
-      setCursor: [(/** @type {import("../../vendor/uplot-1.6.32.module.js").default} */ plot) => onPoint(pointedText(plot.cursor.idx ?? null, shown().binned, plot.cursor.left ?? -1))],
+      draw: [
+        (/** @type {import("../../vendor/uplot-1.6.32.module.js").default} */ plot) => paintBars(plot, ink, shown()),
+      ],
+      setCursor: [
+        (/** @type {import("../../vendor/uplot-1.6.32.module.js").default} */ plot) =>
+          onPoint(pointedText(plot.cursor.idx ?? null, shown().binned, plot.cursor.left ?? -1)),
+      ],
     },
   };
 }
@@ -152,19 +180,27 @@ function Handle({ name, threshold, size, onChange }) {
     event.preventDefault();
     if (value !== threshold) onChange(value);
   };
-  return html`<div class="handle ${isDragged ? "is-dragged" : ""} ${threshold > 85 ? "is-right" : ""}" ref=${element} style=${{ left: `${threshold}%` }}
+  return html`<div class="handle ${isDragged ? "is-dragged" : ""} ${threshold > 85 ? "is-right" : ""}" ref=${element}
+    style=${{ left: `${threshold}%` }}
     role="slider" tabindex="0" aria-label=${`Threshold of ${name}`} aria-orientation="horizontal"
     aria-valuemin="0" aria-valuemax="100" aria-valuenow=${threshold} aria-valuetext=${percentText(threshold)}
-    onPointerDown=${onPointerDown} onPointerMove=${onPointerMove} onLostPointerCapture=${() => setDragged(false)} onKeyDown=${onKeyDown}>
+    onPointerDown=${onPointerDown} onPointerMove=${onPointerMove} onLostPointerCapture=${() => setDragged(false)}
+    onKeyDown=${onKeyDown}>
     <span class="handle__line"></span><span class="handle__knob"></span>
     ${size === "large" && html`<span class="handle__value num">${percentText(threshold)}</span>`}
   </div>`;
 }
 
-/** Neighbouring bins together. @param {readonly number[]} counts @param {number} wanted  how many bins; divides their number */
+/**
+ * Neighbouring bins together.
+ * @param {readonly number[]} counts
+ * @param {number} wanted how many bins; divides their number
+ */
 export function rebinned(counts, wanted) {
   const size = Math.max(1, Math.round(counts.length / wanted));
-  return Array.from({ length: Math.ceil(counts.length / size) }, (_, bin) => sum(counts.slice(bin * size, (bin + 1) * size)));
+  return Array.from({ length: Math.ceil(counts.length / size) }, (_, bin) =>
+    sum(counts.slice(bin * size, (bin + 1) * size)),
+  );
 }
 
 /** @param {readonly number[]} counts */
@@ -176,7 +212,11 @@ export function together(perClass) {
   return Array.from({ length: bins }, (_, bin) => sum(perClass.map((counts) => counts[bin] ?? 0)));
 }
 
-/** The number of bins for which bars are wide enough to be seen. @param {number} width px @param {number} most  a multiple of 4 */
+/**
+ * The number of bins for which bars are wide enough to be seen.
+ * @param {number} width px
+ * @param {number} most a multiple of 4
+ */
 export function binsFor(width, most) {
   if (width >= most * 4) return most;
   return width >= most * 2 ? most / 2 : most / 4;
@@ -239,13 +279,22 @@ const MOVES = {
   End: () => 100,
 };
 
-/** Where a key moves the threshold; null when the key is not one of the slider's. @param {number} value @param {{key: string, shiftKey: boolean}} press */
+/**
+ * Where a key moves the threshold; null when the key is not one of the slider's.
+ * @param {number} value
+ * @param {{key: string, shiftKey: boolean}} press
+ */
 export function movedByKey(value, { key, shiftKey }) {
   const move = MOVES[key];
   return move ? rounded(clampPercent(move(value, shiftKey))) : null;
 }
 
-/** The threshold under a pointer, in steps of half a percent. @param {number} x px @param {number} left px @param {number} width px */
+/**
+ * The threshold under a pointer, in steps of half a percent.
+ * @param {number} x px
+ * @param {number} left px
+ * @param {number} width px
+ */
 export function valueAt(x, left, width) {
   const share = width > 0 ? (x - left) / width : 0;
   return clampPercent(Math.round((100 * share) / STEP) * STEP);
@@ -297,7 +346,13 @@ function barShape(plot, heights) {
   return shape;
 }
 
-/** Paint the range between the active threshold and the one that is tried. @param {UPlot} plot @param {Ink} ink @param {number} from @param {number} to */
+/**
+ * Paint the range between the active threshold and the one that is tried.
+ * @param {UPlot} plot
+ * @param {Ink} ink
+ * @param {number} from
+ * @param {number} to
+ */
 function paintChange({ ctx, bbox }, ink, from, to) {
   ctx.save();
   ctx.globalAlpha = 0.12;
@@ -314,7 +369,13 @@ function paintChange({ ctx, bbox }, ink, from, to) {
   ctx.restore();
 }
 
-/** @param {CanvasRenderingContext2D} ctx @param {number} left @param {number} right @param {UPlot["bbox"]} bbox @param {() => void} paint */
+/**
+ * @param {CanvasRenderingContext2D} ctx
+ * @param {number} left
+ * @param {number} right
+ * @param {UPlot["bbox"]} bbox
+ * @param {() => void} paint
+ */
 function within(ctx, left, right, bbox, paint) {
   ctx.save();
   ctx.beginPath();
@@ -327,7 +388,11 @@ function within(ctx, left, right, bbox, paint) {
 /** One tile per colour and density. @type {Map<string, OffscreenCanvas>} */
 const tiles = new Map();
 
-/** Slanted lines: the sign of a rejected box that needs no colour. @param {CanvasRenderingContext2D} ctx @param {string} color */
+/**
+ * Slanted lines: the sign of a rejected box that needs no colour.
+ * @param {CanvasRenderingContext2D} ctx
+ * @param {string} color
+ */
 function hatch(ctx, color) {
   const name = `${color} ${devicePixelRatio}`;
   const tile = tiles.get(name) ?? hatchTile(color);

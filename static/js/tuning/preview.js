@@ -1,5 +1,6 @@
 // @ts-check
-// Previews of a configuration that is tried out: requested from the server one at a time; the address is updated to match.
+// Previews of a configuration that is tried out: requested from the server one at a time; the address is updated to
+// match.
 
 import { FILTER_KEYS } from "../boxes/filters.js";
 import { get, post } from "../core/api.js";
@@ -43,7 +44,10 @@ export function useTuning(app, dataset, active, query) {
   const question = { config: tried, limit: showsMany || query.class ? MANY : FEW, truth: truth?.truth ?? null };
   const asked = usePreviews(dataset, active, question);
 
-  /** The edits before each change, the newest last; a drag is one change. @type {{current: {before: Edits, keys: string, at: number}[]}} */
+  /**
+   * The edits before each change, the newest last; a drag is one change.
+   * @type {{current: {before: Edits, keys: string, at: number}[]}}
+   */
   const past = useRef([]);
   const change = useCallback(
     (/** @type {Edits} */ some) =>
@@ -60,7 +64,8 @@ export function useTuning(app, dataset, active, query) {
   const actions = useMemo(() => ({ undo: () => setEdits((held) => past.current.pop()?.before ?? held) }), []);
   useActions(app, actions);
   /** @param {import("../core/router.js").Query} view */
-  const look = (view) => app.router.replace(linkTo("thresholds", { dataset }, { ...viewOf(query), ...view, ...queryOf(edits) }));
+  const look = (view) =>
+    app.router.replace(linkTo("thresholds", { dataset }, { ...viewOf(query), ...view, ...queryOf(edits) }));
   const share = shareOf(asked.preview?.histograms ? asked.preview : asked.baseline, query.by);
   const showMany = () => setShowsMany(true);
   return { ...asked, share, truths, truth, active, edits, tried, change, setEdits, look, showsMany, showMany };
@@ -76,10 +81,13 @@ const TRUTHS = /** @type {const} */ (["instances", "people"]);
 function useTruths(dataset, active) {
   const path = { dataset };
   const { value } = useLoaded(
-    (signal) => Promise.all(TRUTHS.map((truth) => get("/api/v1/datasets/{dataset}/quality", { path, query: { truth }, signal }))),
+    (signal) =>
+      Promise.all(TRUTHS.map((truth) => get("/api/v1/datasets/{dataset}/quality", { path, query: { truth }, signal }))),
     [dataset, active],
   );
-  return (value ?? []).filter(({ confusion: c }) => c.kept_keep + c.kept_reject + c.rejected_keep + c.rejected_reject > 0);
+  return (value ?? []).filter(
+    ({ confusion: c }) => c.kept_keep + c.kept_reject + c.rejected_keep + c.rejected_reject > 0,
+  );
 }
 
 /**
@@ -95,7 +103,10 @@ function shareOf(preview, by) {
 }
 
 /** @param {import("../core/openapi.js").Histogram | null} histograms */
-const boxesIn = (histograms) => Object.values(histograms?.classes ?? {}).flat().reduce((sum, count) => sum + count, 0);
+const boxesIn = (histograms) =>
+  Object.values(histograms?.classes ?? {})
+    .flat()
+    .reduce((sum, count) => sum + count, 0);
 
 /** @typedef {ReturnType<typeof useTuning>} Tuning */
 
@@ -128,14 +139,18 @@ function useAddress(app, dataset, query, active, edits, setEdits) {
 const BINS = 200;
 
 /** @param {string} dataset @param {Question} question @param {AbortSignal} signal */
-const previewOf = (dataset, question, signal) => post("/api/v1/datasets/{dataset}/preview", { path: { dataset }, body: { ...question, bins: BINS }, signal });
+const previewOf = (dataset, question, signal) =>
+  post("/api/v1/datasets/{dataset}/preview", { path: { dataset }, body: { ...question, bins: BINS }, signal });
 
 /**
  * Requests counts at once, and the list of flips when nothing has changed for a moment.
  * @param {string} dataset @param {ConfigVersion} active @param {Question} question
  */
 function usePreviews(dataset, active, { config: tried, limit, truth }) {
-  const baseline = useLoaded((signal) => previewOf(dataset, { config: active.config, limit: 0 }, signal), [dataset, active]);
+  const baseline = useLoaded(
+    (signal) => previewOf(dataset, { config: active.config, limit: 0 }, signal),
+    [dataset, active],
+  );
   const [preview, setPreview] = useState(/** @type {Preview | null} */ (null));
   const [counted, setCounted] = useState(/** @type {import("../core/openapi.js").FilterConfigIn | null} */ (null));
   const [listed, setListed] = useState(/** @type {Preview | null} */ (null));
@@ -143,19 +158,16 @@ function usePreviews(dataset, active, { config: tried, limit, truth }) {
   const [isBusy, setBusy] = useState(false);
   const ask = useMemo(
     () =>
-      createLatest(
-        (/** @type {Question} */ question, signal) => previewOf(dataset, question, signal),
-        {
-          onAnswer: (answer, { config, limit: most = 0 }) => {
-            setPreview(answer);
-            setCounted(config);
-            setError(null);
-            if (most > 0) setListed(answer);
-          },
-          onError: setError,
-          onBusy: setBusy,
+      createLatest((/** @type {Question} */ question, signal) => previewOf(dataset, question, signal), {
+        onAnswer: (answer, { config, limit: most = 0 }) => {
+          setPreview(answer);
+          setCounted(config);
+          setError(null);
+          if (most > 0) setListed(answer);
         },
-      ),
+        onError: setError,
+        onBusy: setBusy,
+      }),
     [dataset, active],
   );
   useEffect(() => () => ask.stop(), [ask]);
@@ -169,13 +181,23 @@ function usePreviews(dataset, active, { config: tried, limit, truth }) {
     baseline.reload();
     ask.ask({ config: tried, limit, truth });
   };
-  return { baseline: baseline.value, preview, counted, listed, error: error ?? baseline.error, isBusy, retry, isListed: listed !== null && listed.config === preview?.config };
+  return {
+    baseline: baseline.value,
+    preview,
+    counted,
+    listed,
+    error: error ?? baseline.error,
+    isBusy,
+    retry,
+    isListed: listed !== null && listed.config === preview?.config,
+  };
 }
 
 /**
  * @template Q, A
  * @param {(question: Q, signal: AbortSignal) => Promise<A>} ask
- * @param {{onAnswer: (answer: A, question: Q) => void, onError: (error: Error) => void, onBusy?: (isBusy: boolean) => void}} told
+ * @param {{onAnswer: (answer: A, question: Q) => void, onError: (error: Error) => void, onBusy?: (isBusy: boolean) =>
+ *   void}} told
  */
 export function createLatest(ask, { onAnswer, onError, onBusy = () => {} }) {
   const stop = new AbortController();

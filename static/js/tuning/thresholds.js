@@ -28,25 +28,38 @@ export function ThresholdsView({ app, route }) {
   const name = route.params.dataset ?? "";
   useTopBar(app, { title: `Thresholds · ${name}`, dataset: name });
   const dataset = useDataset(name);
-  const active = useLoaded((signal) => get("/api/v1/datasets/{dataset}/config", { path: { dataset: name }, signal }), [name]);
+  const active = useLoaded(
+    (signal) => get("/api/v1/datasets/{dataset}/config", { path: { dataset: name }, signal }),
+    [name],
+  );
   const failed = [dataset, active].find((loaded) => loaded.state === "error");
   const counts = dataset.value?.counts;
   return html`<main id="main" class="page page--tuning" tabindex="-1" aria-busy=${!active.value}>
-      <div class="page__head">
-        <h1>Thresholds</h1>
-        ${counts && html`<span class="faint">${countOf(counts.boxes, "box", "boxes")} in ${countOf(counts.frames, "frame")}</span>`}
-      </div>
-      ${failed?.error
+    <div class="page__head">
+      <h1>Thresholds</h1>
+      ${
+        counts &&
+        html`<span
+          class="faint">${countOf(counts.boxes, "box", "boxes")} in ${countOf(counts.frames, "frame")}</span>`
+      }
+    </div>
+    ${
+      failed?.error
         ? html`<${Failure} error=${failed.error} onRetry=${failed.reload} />`
         : counts?.boxes === 0
           ? html`<${Empty} />`
           : counts && active.value
-            ? html`<${Tuner} key=${name} app=${app} route=${route} dataset=${name} settings=${dataset.value} active=${active.value} onApplied=${active.reload} />`
-            : html`<${Skeleton} />`}
-    </main>`;
+            ? html`<${Tuner} key=${name} app=${app} route=${route} dataset=${name} settings=${dataset.value}
+              active=${active.value} onApplied=${active.reload} />`
+            : html`<${Skeleton} />`
+    }
+  </main>`;
 }
 
-/** @param {{app: App, route: Route, dataset: string, settings: import("../core/openapi.js").Dataset, active: ConfigVersion, onApplied: () => void}} props */
+/**
+ * @param {{app: App, route: Route, dataset: string, settings: import("../core/openapi.js").Dataset, active:
+ *   ConfigVersion, onApplied: () => void}} props
+ */
 function Tuner({ app, route, dataset, settings, active, onApplied }) {
   const { class: selected = "", scale = "" } = route.query;
   const direction = directionIn(route.query);
@@ -78,36 +91,55 @@ function Tuner({ app, route, dataset, settings, active, onApplied }) {
     setSaved((n) => n + 1);
     app.toasts.show(`Saved as version ${digest.slice(0, 8)}.`);
   };
-  if (!tuning.preview && !tuning.baseline) return tuning.error ? html`<${Failure} error=${tuning.error} onRetry=${tuning.retry} />` : html`<${Skeleton} />`;
+  if (!tuning.preview && !tuning.baseline)
+    return tuning.error ? html`<${Failure} error=${tuning.error} onRetry=${tuning.retry} />` : html`<${Skeleton} />`;
   // Before pixels have been looked at there is nothing to draw or to count.
   const isUnknown = tuning.preview?.needs_pixels === true;
-  return html`<${Summary} tuning=${tuning} isRunning=${isRunning} onReset=${() => tuning.setEdits({})} onSave=${() => setSaving(true)} />
-    ${run && html`<${RunStrip} key=${run.id} app=${app} dataset=${dataset} run=${run} isOwn=${run.id === own} onClose=${() => setStarted(null)} />`}
-    ${search.error && html`<${FailureLine} what="Runs" error=${search.error} onRetry=${search.reload} />`}
-    ${tuning.error && html`<${FailureLine} error=${tuning.error} onRetry=${tuning.retry} />`}
-    <${Overturned} tuning=${tuning} />
-    <${EvidenceSwitch} key=${active.digest} app=${app} dataset=${dataset} active=${active} onApplied=${onApplied} />
-    ${!isUnknown && html`<${ChannelLine} config=${tuning.tried} keys=${keys.value ?? []} />`}
-    <div class="tuning ${isUnknown ? "tuning--unknown" : ""}">
-      <div class="tuning__main">
-        ${!isUnknown && html`<${AllClasses} app=${app} tuning=${tuning} scale=${scale} selected=${selected} />
-          <${ClassCards} app=${app} tuning=${tuning} scale=${scale} selected=${selected} />
-          <${Reasons} tuning=${tuning} selected=${selected} />`}
-        <${Versions} dataset=${dataset} tuning=${tuning} saved=${saved} isRunning=${isRunning} onRun=${onRun} />
-        <${ConfigPanel} tuning=${tuning} keys=${keys} settings=${settings} />
-      </div>
-      ${!isUnknown && html`<${FlipPanel} app=${app} tuning=${tuning} selected=${selected} direction=${direction} onDirection=${(/** @type {string} */ flips) => tuning.look({ class: selected, scale, flips })} />`}
+  return html`<${Summary} tuning=${tuning} isRunning=${isRunning} onReset=${() => tuning.setEdits({})}
+    onSave=${() => setSaving(true)} />
+  ${
+    run &&
+    html`<${RunStrip} key=${run.id} app=${app} dataset=${dataset} run=${run} isOwn=${run.id === own}
+      onClose=${() => setStarted(null)} />`
+  }
+  ${search.error && html`<${FailureLine} what="Runs" error=${search.error} onRetry=${search.reload} />`}
+  ${tuning.error && html`<${FailureLine} error=${tuning.error} onRetry=${tuning.retry} />`}
+  <${Overturned} tuning=${tuning} />
+  <${EvidenceSwitch} key=${active.digest} app=${app} dataset=${dataset} active=${active} onApplied=${onApplied} />
+  ${!isUnknown && html`<${ChannelLine} config=${tuning.tried} keys=${keys.value ?? []} />`}
+  <div class="tuning ${isUnknown ? "tuning--unknown" : ""}">
+    <div class="tuning__main">
+      ${
+        !isUnknown &&
+        html`<${AllClasses} app=${app} tuning=${tuning} scale=${scale} selected=${selected} />
+        <${ClassCards} app=${app} tuning=${tuning} scale=${scale} selected=${selected} />
+        <${Reasons} tuning=${tuning} selected=${selected} />`
+      }
+      <${Versions} dataset=${dataset} tuning=${tuning} saved=${saved} isRunning=${isRunning} onRun=${onRun} />
+      <${ConfigPanel} tuning=${tuning} keys=${keys} settings=${settings} />
     </div>
-    ${isSaving && html`<${SaveDialog} dataset=${dataset} tuning=${tuning} onClose=${() => setSaving(false)} onSaved=${onSaved} onRun=${onRun} onOutdated=${onApplied} />`}`;
+    ${
+      !isUnknown &&
+      html`<${FlipPanel} app=${app} tuning=${tuning} selected=${selected} direction=${direction}
+        onDirection=${(/** @type {string} */ flips) => tuning.look({ class: selected, scale, flips })} />`
+    }
+  </div>
+  ${
+    isSaving &&
+    html`<${SaveDialog} dataset=${dataset} tuning=${tuning} onClose=${() => setSaving(false)}
+      onSaved=${onSaved} onRun=${onRun} onOutdated=${onApplied} />`
+  }`;
 }
 
-const Empty = () => html`<${Notice} icon="layers" title="No boxes yet"><p>Histograms are shown once frames with boxes have been uploaded to this dataset.</p><//>`;
+const Empty = () =>
+  html`<${Notice} icon="layers"
+    title="No boxes yet"><p>Histograms are shown once frames with boxes have been uploaded to this dataset.</p><//>`;
 
 const Skeleton = () => html`<div aria-hidden="true">
-    <div class="skeleton skeleton--row shimmer"></div><div class="skeleton skeleton--chart shimmer"></div>
-    <div class="classcards">${[0, 1, 2, 3].map(() => html`<div class="skeleton skeleton--tall shimmer"></div>`)}</div>
-  </div>
-  <p class="sr-only" role="status">Loading thresholds</p>`;
+  <div class="skeleton skeleton--row shimmer"></div><div class="skeleton skeleton--chart shimmer"></div>
+  <div class="classcards">${[0, 1, 2, 3].map(() => html`<div class="skeleton skeleton--tall shimmer"></div>`)}</div>
+</div>
+<p class="sr-only" role="status">Loading thresholds</p>`;
 
 /**
  * Says what decides, and by which keys, if it is not the segmentation alone.
@@ -119,7 +151,9 @@ function ChannelLine({ config, keys }) {
   if (channel === "semantic" || own.length === 0) return null;
   const name = channel === "auto" ? "The strongest evidence of each frame" : html`<code>${channel}</code>`;
   return html`<p class="tuning__channel">${name} decides, by ${own.map(
-    (field, at) => html`${at > 0 ? (at === own.length - 1 ? " and " : ", ") : ""}<code>${field.key}</code> (${valueText(keyValue(config, field))})`,
+    (field, at) =>
+      html`${at > 0 ? (at === own.length - 1 ? " and " : ", ") : ""}
+      <code>${field.key}</code> (${valueText(keyValue(config, field))})`,
   )}; thresholds of matching pixels decide the boxes that it could not measure.</p>`;
 }
 
@@ -131,31 +165,50 @@ function Summary({ tuning, onReset, onSave, isRunning }) {
   return html`<section class="summary ${isCurrent ? "" : "is-behind"}" aria-label="What would be decided"
     data-threshold=${counted ? String(valueOf(counted, tuning.share.key)) : ""}>
     <div class="summary__numbers">
-      ${preview?.needs_pixels ? html`<${NeedsPixels} />` : html`<${Counts} counts=${preview?.counts ?? null} before=${baseline?.counts ?? null} />
-        <${Flips} flips=${preview?.flips ?? null} />
-        <${Scores} tuning=${tuning} />`}
+      ${
+        preview?.needs_pixels
+          ? html`<${NeedsPixels} />`
+          : html`<${Counts} counts=${preview?.counts ?? null} before=${baseline?.counts ?? null} />
+          <${Flips} flips=${preview?.flips ?? null} />
+          <${Scores} tuning=${tuning} />`
+      }
     </div>
     <div class="summary__actions">
-      <span class="summary__state">${changed ? `${countOf(changed, "change")}, not saved` : "The active configuration"}</span>
-      <button class="button button--quiet" disabled=${changed === 0} onClick=${onReset}><${Icon} name="undo" />Reset</button>
-      <button class="button button--primary" disabled=${changed === 0 || isRunning} onClick=${onSave}>Save as new config version…</button>
+      <span
+        class="summary__state">${changed ? `${countOf(changed, "change")}, not saved` : "The active configuration"}
+      </span>
+      <button class="button button--quiet" disabled=${changed === 0}
+        onClick=${onReset}><${Icon} name="undo" />Reset</button>
+      <button class="button button--primary" disabled=${changed === 0 || isRunning}
+        onClick=${onSave}>Save as new config version…</button>
     </div>
   </section>`;
 }
 
 function NeedsPixels() {
-  return html`<p class="summary__pixels"><${Icon} name="image" /><span><strong>This change requires reading the images again.</strong>${" "}
-    Its effect cannot be computed from the stored measurements. Applying it measures all frames again, in the background.</span></p>`;
+  return html`<p
+    class="summary__pixels"><${Icon} name="image" />
+    <span><strong>This change requires reading the images again.</strong>${" "}
+      Its effect cannot be computed from the stored measurements. Applying it measures all frames again, in the
+      background.</span></p>`;
 }
 
-/** @param {{counts: import("../core/openapi.js").VerdictCounts | null, before: import("../core/openapi.js").VerdictCounts | null}} props */
+/**
+ * @param {{counts: import("../core/openapi.js").VerdictCounts | null, before:
+ *   import("../core/openapi.js").VerdictCounts | null}} props
+ */
 function Counts({ counts, before }) {
   const all = counts ? counts.kept + counts.rejected + counts.unmeasured : 0;
   return html`<div class="summary__verdicts">
     <div class="figures">
       <${Figure} verdict="kept" count=${counts?.kept} before=${before?.kept} />
       <${Figure} verdict="rejected" count=${counts?.rejected} before=${before?.rejected} />
-      ${counts && counts.unmeasured > 0 && html`<${Figure} verdict="unmeasured" count=${counts.unmeasured} before=${before?.unmeasured} />`}
+      ${
+        counts &&
+        counts.unmeasured > 0 &&
+        html`<${Figure} verdict="unmeasured" count=${counts.unmeasured}
+          before=${before?.unmeasured} />`
+      }
     </div>
     ${counts && html`<${VerdictBar} counts=${{ ...counts, boxes: all, reviewed: 0, to_review: 0 }} />`}
   </div>`;
@@ -188,16 +241,21 @@ function Scores({ tuning }) {
   const { of } = TRUTH[truth.truth];
   return html`<div class="summary__truth">
     <div class="figures">
-      ${SCORES.map(({ name, title }) => html`<div class="figure" data-figure=${name} title=${title}>
-        <span class="figure__name">${name}</span>
-        <span class="figure__value num">${scores.after[name] ? `${tenths(scores.after[name].value)} %` : "–"}</span>
-        <${Delta} count=${points(scores.after[name])} before=${points(scores.before[name])} />
-      </div>`)}
+      ${SCORES.map(
+        ({ name, title }) => html`<div class="figure" data-figure=${name} title=${title}>
+          <span class="figure__name">${name}</span>
+          <span class="figure__value num">${scores.after[name] ? `${tenths(scores.after[name].value)} %` : "–"}</span>
+          <${Delta} count=${points(scores.after[name])} before=${points(scores.before[name])} />
+        </div>`,
+      )}
     </div>
-    <p class="faint">${truths.length > 1
-      ? html`<${Segments} label="Compared with" value=${truth.truth} choices=${truths.map(({ truth: value }) => ({ value, text: TRUTH[value].text }))}
+    <p class="faint">${
+      truths.length > 1
+        ? html`<${Segments} label="Compared with" value=${truth.truth}
+          choices=${truths.map(({ truth: value }) => ({ value, text: TRUTH[value].text }))}
           onChange=${(/** @type {string} */ value) => tuning.look({ truth: value })} />`
-      : ""}${of(scores.boxes)}</p>
+        : ""
+    }${of(scores.boxes)}</p>
   </div>`;
 }
 
@@ -210,7 +268,10 @@ const points = (measure) => (measure ? tenths(measure.value) : undefined);
 /** So many verdicts of a class that the truth contradicts are worth a hint. */
 const FEW_ERRORS = 3;
 
-/** Classes whose verdicts the truth contradicts, with the threshold that agrees better. @param {{tuning: Tuning}} props */
+/**
+ * Classes whose verdicts the truth contradicts, with the threshold that agrees better.
+ * @param {{tuning: Tuning}} props
+ */
 function Overturned({ tuning }) {
   const { truth, tried, change, active } = tuning;
   const better = worthTrying(truth?.suggested ?? []).flatMap((suggestion) => {
@@ -222,11 +283,14 @@ function Overturned({ tuning }) {
   });
   if (!truth || better.length === 0 || !active) return null;
   return html`<ul class="overturned" aria-label="What the truth contradicts">
-    ${better.map(({ suggestion: { class: name, suggested }, count, edits }) => html`<li key=${name}>
-      <span>${truth.truth === "people" ? countOf(count, "answer") : `Instances of ${countOf(count, "box", "boxes")}`} of <b>${name}</b>${" "}
-        ${truth.truth === "people" ? "overturned" : "contradict"} the filter.</span>
-      <button class="button button--small" onClick=${() => change(edits)}>Try ${percentText(suggested)}</button>
-    </li>`)}
+    ${better.map(
+      ({ suggestion: { class: name, suggested }, count, edits }) => html`<li key=${name}>
+        <span>
+          ${truth.truth === "people" ? countOf(count, "answer") : `Instances of ${countOf(count, "box", "boxes")}`} of <b>${name}</b>${" "}
+          ${truth.truth === "people" ? "overturned" : "contradict"} the filter.</span>
+        <button class="button button--small" onClick=${() => change(edits)}>Try ${percentText(suggested)}</button>
+      </li>`,
+    )}
   </ul>`;
 }
 

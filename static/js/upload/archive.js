@@ -52,9 +52,11 @@ function groupsOf(images) {
   const byPath = grouped(images, (path) => path.replace(NUMBER, "#"));
   const folderOf = (/** @type {string} */ path) => path.slice(0, path.lastIndexOf("/") + 1);
   // Names that have nothing in common but their folder are one kind.
-  const groups =
-    byPath.length <= MOST_GROUPS ? byPath : grouped(images, (path) => folderOf(path).replace(NUMBER, "#"));
-  return groups.sort((a, b) => b.length - a.length).slice(0, MOST_GROUPS).map(numbered);
+  const groups = byPath.length <= MOST_GROUPS ? byPath : grouped(images, (path) => folderOf(path).replace(NUMBER, "#"));
+  return groups
+    .sort((a, b) => b.length - a.length)
+    .slice(0, MOST_GROUPS)
+    .map(numbered);
 }
 
 /** @param {readonly Entry[]} images @param {(path: string) => string} nameOf @returns {Entry[][]} */
@@ -200,8 +202,11 @@ const padding = (size) => (BLOCK - (size % BLOCK)) % BLOCK;
 const NAME_BYTES = 100;
 
 /** A file in a tar. @param {string} path @param {Uint8Array<ArrayBuffer>} content */
-const memberOf = (path, content) =>
-  [...headersOf(path, content.length), content, new Uint8Array(padding(content.length))];
+const memberOf = (path, content) => [
+  ...headersOf(path, content.length),
+  content,
+  new Uint8Array(padding(content.length)),
+];
 
 /**
  * What stands before a file in a tar; a long name has an entry of its own.

@@ -31,8 +31,10 @@ const isOfOneRole = (a, b) => a.place[0] === "files" && b.place[0] === "files" &
  * @param {readonly Correction[]} corrections
  * @param {Correction} next  replaces an earlier one of the same key or role
  */
-export const corrected = (corrections, next) =>
-  [...corrections.filter((earlier) => !isOfOneKey(earlier, next) && !isOfOneRole(earlier, next)), next];
+export const corrected = (corrections, next) => [
+  ...corrections.filter((earlier) => !isOfOneKey(earlier, next) && !isOfOneRole(earlier, next)),
+  next,
+];
 
 /**
  * What a person corrected of a key that has a word as its value; undefined: nothing.
@@ -113,7 +115,12 @@ export const tableWith = (fields) => [
   { place: ["boxes", "fields"], value: fields, text: `Columns: ${Object.values(fields).join(", ")}` },
 ];
 
-/** @param {Description} before @param {readonly string[]} place @param {Correction["value"]} value @returns {Description} */
+/**
+ * @param {Description} before
+ * @param {readonly string[]} place
+ * @param {Correction["value"]} value
+ * @returns {Description}
+ */
 function withValue(before, [key = "", ...below], value) {
   return { ...before, [key]: below.length > 0 ? withValue(before[key] ?? {}, below, value) : value };
 }

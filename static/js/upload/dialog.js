@@ -75,17 +75,20 @@ function useFound(dropped) {
   const base = useRef(/** @type {Plan["inspection"] | null} */ (null));
   const { value: entries, error: notListed } = useLoaded(() => dropped.then(listed), [dropped]);
   const top = entries ? topOf(entries) : "";
-  const read = useLoaded(async (signal) => {
-    if (!entries) return null;
-    const tell = (/** @type {Reading} */ now) => signal.aborted || setReading(now);
-    packed.current ??= await pack(entries, top, signal, (done, of) => tell({ step: "labels", done, of }));
-    const { given, streams } = base.current ?? { given: {}, streams: [] };
-    const description = corrections.length > 0 ? descriptionOf(given, streams, corrections) : null;
-    const layout = correctionOf(corrections, ["layout"]) ?? "auto";
-    const plan = await readFolder(entries, packed.current, { layout, description }, signal, tell);
-    base.current ??= plan.inspection;
-    return plan;
-  }, [entries, corrections]);
+  const read = useLoaded(
+    async (signal) => {
+      if (!entries) return null;
+      const tell = (/** @type {Reading} */ now) => signal.aborted || setReading(now);
+      packed.current ??= await pack(entries, top, signal, (done, of) => tell({ step: "labels", done, of }));
+      const { given, streams } = base.current ?? { given: {}, streams: [] };
+      const description = corrections.length > 0 ? descriptionOf(given, streams, corrections) : null;
+      const layout = correctionOf(corrections, ["layout"]) ?? "auto";
+      const plan = await readFolder(entries, packed.current, { layout, description }, signal, tell);
+      base.current ??= plan.inspection;
+      return plan;
+    },
+    [entries, corrections],
+  );
   return {
     entries,
     top,
@@ -111,9 +114,14 @@ function listed(all) {
 /** @param {{found: Found, close: () => void}} props */
 function Progress({ found: { entries, reading }, close }) {
   const share = reading?.of ? Math.floor((100 * reading.done) / reading.of) : null;
-  return html`<p class="upload__reading" role="status"><span class="spinner" aria-hidden="true"></span>${progressText(entries, reading)}</p>
-    ${share !== null && html`<div class="progress__track" role="progressbar" aria-label="Read" aria-valuemin="0" aria-valuemax="100" aria-valuenow=${share}><span class="progress__fill" style=${{ width: `${share}%` }} /></div>`}
-    <footer class="dialog__foot"><button type="button" class="button" onClick=${close}>Cancel</button></footer>`;
+  return html`<p class="upload__reading"
+    role="status"><span class="spinner" aria-hidden="true"></span>${progressText(entries, reading)}</p>
+  ${
+    share !== null &&
+    html`<div class="progress__track" role="progressbar" aria-label="Read" aria-valuemin="0"
+      aria-valuemax="100" aria-valuenow=${share}><span class="progress__fill" style=${{ width: `${share}%` }} /></div>`
+  }
+  <footer class="dialog__foot"><button type="button" class="button" onClick=${close}>Cancel</button></footer>`;
 }
 
 /** @param {readonly Entry[] | null} entries @param {Reading | null} reading */
@@ -134,12 +142,20 @@ function NotRead({ found: { entries, top, corrections, undo, retry }, error, clo
   return html`<div class="upload">
     <${Corrections} corrections=${corrections} undo=${undo} />
     <${FailureLine} error=${error} />
-    ${error instanceof ApiError && error.status === 413 && html`
-      <p>The command line takes folders of any size:</p><${Command} text=${commandOf(top, "")} />`}
+    ${
+      error instanceof ApiError &&
+      error.status === 413 &&
+      html`
+        <p>The command line takes folders of any size:</p><${Command} text=${commandOf(top, "")} />`
+    }
     <footer class="dialog__foot">
       <button type="button" class="button" onClick=${close}>Cancel</button>
-      ${entries && !isRefused && html`
-        <button type="button" class="button button--primary" onClick=${retry}>Try again</button>`}
+      ${
+        entries &&
+        !isRefused &&
+        html`
+          <button type="button" class="button button--primary" onClick=${retry}>Try again</button>`
+      }
     </footer>
   </div>`;
 }
@@ -169,7 +185,11 @@ function Review({ app, found, plan, close }) {
   const fields = useFields("DatasetIn");
   const measured = useMeasuredClasses();
 
-  const { run: start, isBusy, error } = useTask(async () => {
+  const {
+    run: start,
+    isBusy,
+    error,
+  } = useTask(async () => {
     const { classes, config } = plan;
     const settings = { ...plan.settings, recording: inspection.read_with };
     const reading = /** @type {import("./uploader.js").Order["reading"]} */ (settings);
@@ -195,22 +215,27 @@ function Review({ app, found, plan, close }) {
   const button = isReading ? "Reading again" : count === 0 ? "Nothing to upload" : `Upload ${countOf(count, "frame")}`;
 
   return html`<form class="upload understood" onSubmit=${submit} novalidate>
-    ${plan.layout === null
-      ? html`<${FailureLine} error=${{ message: `No frames were recognised in ${these}.` }} />`
-      : html`<header class="understood__head">
+    ${
+      plan.layout === null
+        ? html`<${FailureLine} error=${{ message: `No frames were recognised in ${these}.` }} />`
+        : html`<header class="understood__head">
           <p class="upload__sum"><b>${titleOf(plan)}</b> · ${summary(plan)}</p>
           <p class="faint">${inspection.why}</p>
           <${LayoutChoice} plan=${plan} correct=${correct} />
-        </header>`}
+        </header>`
+    }
     <${Corrections} corrections=${corrections} undo=${undo} />
     ${notRead && html`<${FailureLine} error=${notRead} />`}
     <div class="understood__parts" aria-busy=${isReading}>
       <${Remarks} remarks=${remarks} plan=${plan} top=${top} correct=${correct} />
       <${Columns} plan=${plan} entries=${entries ?? []} top=${top} corrections=${corrections} correct=${correct} />
-      ${count > MANY_FRAMES && html`<div>
-        <p class="faint">For this many frames the command line is faster, and resumes where it stopped:</p>
-        <${Command} text=${commandOf(top, name)} />
-      </div>`}
+      ${
+        count > MANY_FRAMES &&
+        html`<div>
+          <p class="faint">For this many frames the command line is faster, and resumes where it stopped:</p>
+          <${Command} text=${commandOf(top, name)} />
+        </div>`
+      }
       <${PaintedFrames} frames=${inspection.painted} />
       <${Classes} classes=${inspection.classes} lookedAt=${inspection.looked_at} choices=${measured}
         correct=${correct} />
@@ -220,8 +245,11 @@ function Review({ app, found, plan, close }) {
       <${Notes} remarks=${remarks} plan=${plan} top=${top} correct=${correct} />
       <${FileList} title="Cannot be read" items=${unreadable} isOpen=${unreadable.length <= FEW_PROBLEMS} />
       <${FileList} title="Did not match" items=${unmatched} isOpen=${count === 0} />
-      ${plan.layout !== null && html`<${RecordingDownload} text=${inspection.recording}
-        about="Beside the data, it lets every command read them like this." />`}
+      ${
+        plan.layout !== null &&
+        html`<${RecordingDownload} text=${inspection.recording}
+          about="Beside the data, it lets every command read them like this." />`
+      }
     </div>
     <footer class="dialog__foot understood__foot">
       <div class="understood__where">
@@ -232,22 +260,31 @@ function Review({ app, found, plan, close }) {
             onInput=${onName} />
           <datalist id="upload-datasets">${known.map((dataset) => html`<option value=${dataset.name} />`)}</datalist>
         </label>
-        ${datasets.error
-          ? html`<${FailureLine} what="List of datasets" error=${datasets.error} onRetry=${datasets.reload} />`
-          : html`<p id="upload-where" class="faint">
-              ${isKnown ? whereText(there) : "Loading the list of datasets …"}</p>`}
-        ${there && html`<label class="switch">
-          <input type="checkbox" checked=${replace} onChange=${() => setReplace(!replace)} />
-          <span>Replace frames whose content has changed; answers on boxes that changed are set aside</span>
-        </label>`}
+        ${
+          datasets.error
+            ? html`<${FailureLine} what="List of datasets" error=${datasets.error} onRetry=${datasets.reload} />`
+            : html`<p id="upload-where" class="faint">
+              ${isKnown ? whereText(there) : "Loading the list of datasets …"}</p>`
+        }
+        ${
+          there &&
+          html`<label class="switch">
+            <input type="checkbox" checked=${replace} onChange=${() => setReplace(!replace)} />
+            <span>Replace frames whose content has changed; answers on boxes that changed are set aside</span>
+          </label>`
+        }
         <p id="upload-error" class="field__error" role="alert">${fault}</p>
         ${error && html`<${FailureLine} error=${error} />`}
       </div>
       <div class="understood__do">
         <button type="button" class="button" onClick=${close}>Cancel</button>
-        ${plan.layout === null && hasImages(entries ?? []) && html`
-          <button type="button" class="button" disabled=${isReading}
-            onClick=${() => correct(layoutAs("pairs", IMAGES_ONLY))}>Upload the images only</button>`}
+        ${
+          plan.layout === null &&
+          hasImages(entries ?? []) &&
+          html`
+            <button type="button" class="button" disabled=${isReading}
+              onClick=${() => correct(layoutAs("pairs", IMAGES_ONLY))}>Upload the images only</button>`
+        }
         <button class="button button--primary"
           disabled=${isBusy || isReading || notRead !== null || !isKnown || count === 0}>
           ${isReading && html`<span class="spinner" aria-hidden="true"></span>`}${button}
@@ -286,8 +323,13 @@ function remarksOf({ frames, settings, config, inspection }, isThere) {
 }
 
 /** A remark without remedies. @param {string} text @param {boolean} isSerious @returns {Remark} */
-const remarkOf = (text, isSerious) =>
-  ({ text, finding: text, remedies: [], unknown_classes: [], is_serious: isSerious });
+const remarkOf = (text, isSerious) => ({
+  text,
+  finding: text,
+  remedies: [],
+  unknown_classes: [],
+  is_serious: isSerious,
+});
 
 /** How many boxes a frame has. @param {import("./folder.js").ReadFrame} frame */
 const boxesOf = ({ annotation }) => /** @type {unknown[] | undefined} */ (annotation.boxes)?.length ?? 0;
@@ -308,4 +350,9 @@ function summary({ frames, problems }) {
 const withoutName = (why, name) => (why.startsWith(`${name}: `) ? why.slice(name.length + 2) : why);
 
 /** @param {string} text */
-const slugOf = (text) => text.toLowerCase().replace(/[^a-z0-9._-]+/g, "-").replace(/^[^a-z0-9]+|[^a-z0-9]+$/g, "").slice(0, 100);
+const slugOf = (text) =>
+  text
+    .toLowerCase()
+    .replace(/[^a-z0-9._-]+/g, "-")
+    .replace(/^[^a-z0-9]+|[^a-z0-9]+$/g, "")
+    .slice(0, 100);

@@ -11,7 +11,10 @@ import { createPauses } from "./uploader.js";
 /** @typedef {import("../core/openapi.js").UnmatchedFile} UnmatchedFile */
 /** @typedef {import("../core/openapi.js").FolderEnd} FolderEnd */
 /** @typedef {import("../core/openapi.js").FolderInspection} Inspection */
-/** @typedef {NonNullable<NonNullable<import("../core/api.js").Operation<"post", "/api/v1/folders">["parameters"]["query"]>["layout"]>} Layout  "auto": the likeliest */
+/**
+ * @typedef {NonNullable<NonNullable<import("../core/api.js").Operation<"post",
+ *   "/api/v1/folders">["parameters"]["query"]>["layout"]>} Layout "auto": the likeliest
+ */
 /** @typedef {FolderHead | FolderFrame | UnmatchedFile | FolderEnd} FolderLine */
 
 /**
@@ -43,10 +46,17 @@ import { createPauses } from "./uploader.js";
  * @property {Inspection} inspection  how the files are understood
  */
 
-/** @typedef {{step: "labels" | "waiting" | "frames", done: number, of: number | null}} Reading  labels read here, then frames read by the server */
+/**
+ * @typedef {{step: "labels" | "waiting" | "frames", done: number, of: number | null}} Reading labels read here, then
+ *   frames read by the server
+ */
 
-/** Without files that readers ignore: hidden ones, and those that macOS adds to archives. @param {readonly Entry[]} entries */
-export const visibleEntries = (entries) => entries.filter(({ path }) => !path.split("/").some((part) => part.startsWith(".") || part === "__MACOSX"));
+/**
+ * Without files that readers ignore: hidden ones, and those that macOS adds to archives.
+ * @param {readonly Entry[]} entries
+ */
+export const visibleEntries = (entries) =>
+  entries.filter(({ path }) => !path.split("/").some((part) => part.startsWith(".") || part === "__MACOSX"));
 
 /** The name of the one folder that holds everything, or "". @param {readonly Entry[]} entries */
 export function topOf(entries) {
@@ -69,7 +79,9 @@ export async function readFolder(entries, packed, { layout, description }, signa
 }
 
 /**
- * @param {AsyncIterable<FolderLine>} lines @param {readonly Entry[]} entries @param {(done: number, of: number | null) => void} tell
+ * @param {AsyncIterable<FolderLine>} lines
+ * @param {readonly Entry[]} entries
+ * @param {(done: number, of: number | null) => void} tell
  * @returns {Promise<Plan>}
  */
 export async function planOf(lines, entries, tell) {
@@ -96,7 +108,11 @@ export async function planOf(lines, entries, tell) {
   return { layout, layouts, titles, classes, settings, config, inspection, ...found };
 }
 
-/** @param {Pick<Plan, "frames" | "problems">} plan @param {FolderFrame} line @param {ReadonlyMap<string, Entry>} byPath */
+/**
+ * @param {Pick<Plan, "frames" | "problems">} plan
+ * @param {FolderFrame} line
+ * @param {ReadonlyMap<string, Entry>} byPath
+ */
 function addFrame(plan, { key, annotation, annotation_text: text, files, fault }, byPath) {
   const found = Object.entries(files).map(([kind, name]) => ({ kind, name, entry: byPath.get(name) }));
   const missing = found.find(({ entry }) => !entry);
@@ -110,7 +126,11 @@ function addFrame(plan, { key, annotation, annotation_text: text, files, fault }
   }
 }
 
-/** The lines of a response, each as soon as it has come. @param {Response} response @returns {AsyncGenerator<FolderLine>} */
+/**
+ * The lines of a response, each as soon as it has come.
+ * @param {Response} response
+ * @returns {AsyncGenerator<FolderLine>}
+ */
 export async function* linesOf(response) {
   const reader = response.body?.pipeThrough(new TextDecoderStream()).getReader();
   let rest = "";

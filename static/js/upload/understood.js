@@ -56,8 +56,11 @@ export function LayoutChoice({ plan, correct }) {
 }
 
 /** @param {string} layout @param {Readonly<Record<string, string>>} titles @returns {Correction} */
-export const layoutAs = (layout, titles) =>
-  ({ place: ["layout"], value: layout, text: `Layout: ${titles[layout] ?? layout}` });
+export const layoutAs = (layout, titles) => ({
+  place: ["layout"],
+  value: layout,
+  text: `Layout: ${titles[layout] ?? layout}`,
+});
 
 /** @typedef {{remarks: readonly Remark[], plan: Plan, top: string, correct: Correct}} RemarksProps */
 
@@ -66,9 +69,11 @@ export function Remarks({ remarks, plan, top, correct }) {
   const serious = remarks.filter(({ is_serious: isSerious }) => isSerious);
   if (serious.length === 0) return null;
   return html`<ul class="remarks" aria-label="What to look at">
-    ${serious.map((remark) => html`<li key=${remark.text} class="remark">
-      <${Icon} name="warn" /><${Sentence} remark=${remark} plan=${plan} top=${top} correct=${correct} />
-    </li>`)}
+    ${serious.map(
+      (remark) => html`<li key=${remark.text} class="remark">
+        <${Icon} name="warn" /><${Sentence} remark=${remark} plan=${plan} top=${top} correct=${correct} />
+      </li>`,
+    )}
   </ul>`;
 }
 
@@ -78,9 +83,11 @@ export function Notes({ remarks, plan, top, correct }) {
   if (notes.length === 0) return null;
   return html`<section aria-labelledby="notes-title">
     <header class="part__head"><h3 id="notes-title">Notes</h3></header>
-    <ul class="notes">${notes.map((remark) => html`<li key=${remark.text}>
-      <${Sentence} remark=${remark} plan=${plan} top=${top} correct=${correct} />
-    </li>`)}</ul>
+    <ul class="notes">${notes.map(
+      (remark) => html`<li key=${remark.text}>
+        <${Sentence} remark=${remark} plan=${plan} top=${top} correct=${correct} />
+      </li>`,
+    )}</ul>
   </section>`;
 }
 
@@ -97,14 +104,25 @@ function Sentence({ remark, plan, top, correct }) {
   const apart = auxiliary.find(({ example }) => plan.layout === "pairs" && text.includes(withoutTop(example, top)));
   const hasControl = isLayout || offered.length + unknown.length > 0;
   return html`<p><${Coded} text=${sentence(hasControl ? finding : text)} /></p>
-    ${(hasControl || apart) && html`<span class="remark__do">
+  ${
+    (hasControl || apart) &&
+    html`<span class="remark__do">
       ${isLayout && html`<${LayoutSegments} plan=${plan} correct=${correct} />`}
-      ${offered.map((remedy) => html`
-        <${SmallButton} text=${remedyText(remedy)} onClick=${() => correct(remedyAs(remedy))} />`)}
-      ${unknown.slice(0, MOST_OFFERED).map((name) => html`
-        <${SmallButton} text=${`Choose for ${name}`} onClick=${() => focusOn(name)} />`)}
-      ${apart && html`<${SmallButton} text="Match them by name" onClick=${() => correct(roleAs(apart, apart.role))} />`}
-    </span>`}`;
+      ${offered.map(
+        (remedy) => html`
+          <${SmallButton} text=${remedyText(remedy)} onClick=${() => correct(remedyAs(remedy))} />`,
+      )}
+      ${unknown.slice(0, MOST_OFFERED).map(
+        (name) => html`
+          <${SmallButton} text=${`Choose for ${name}`} onClick=${() => focusOn(name)} />`,
+      )}
+      ${
+        apart &&
+        html`<${SmallButton} text="Match them by name"
+          onClick=${() => correct(roleAs(apart, apart.role))} />`
+      }
+    </span>`
+  }`;
 }
 
 const MOST_OFFERED = 4;
@@ -113,12 +131,23 @@ const TABLE = /\.(csv|tsv)$/i;
 const HEADER_BYTES = 4096;
 
 /** @type {Readonly<Record<string, string>>} */
-const FIELDS = { x1: "Left", y1: "Top", x2: "Right", y2: "Bottom", cx: "Centre x", cy: "Centre y",
-  width: "Width", height: "Height", class: "Class", frame: "Image" };
+const FIELDS = {
+  x1: "Left",
+  y1: "Top",
+  x2: "Right",
+  y2: "Bottom",
+  cx: "Centre x",
+  cy: "Centre y",
+  width: "Width",
+  height: "Height",
+  class: "Class",
+  frame: "Image",
+};
 
 /**
  * Which columns of a table hold what, where no reader knows their names.
- * @param {{plan: Plan, entries: readonly Entry[], top: string, corrections: readonly Correction[], correct: Correct}} props
+ * @param {{plan: Plan, entries: readonly Entry[], top: string, corrections: readonly Correction[], correct: Correct}}
+ *   props
  */
 export function Columns({ plan, entries, top, corrections, correct }) {
   const path = plan.unmatched.find((file) => TABLE.test(file.path))?.path;
@@ -128,7 +157,12 @@ export function Columns({ plan, entries, top, corrections, correct }) {
   const [chosen, setChosen] = useState(/** @type {Record<string, string>} */ ({}));
   useEffect(() => {
     const show = (/** @type {readonly string[]} */ names) => (setColumns(names), setChosen(likelyFields(names)));
-    if (entry) entry.blob.slice(0, HEADER_BYTES).text().then(columnsOf).then(show, () => show([]));
+    if (entry)
+      entry.blob
+        .slice(0, HEADER_BYTES)
+        .text()
+        .then(columnsOf)
+        .then(show, () => show([]));
     else setColumns([]);
   }, [entry]);
   if (columns.length === 0 || correctionOf(corrections, ["layout"]) === "table") return null;
@@ -140,16 +174,19 @@ export function Columns({ plan, entries, top, corrections, correct }) {
       <h3 id="columns-title">Boxes in ${path}?</h3><span class="faint">what its columns hold</span>
     </header>
     <${Segments} label="A box is" value=${notation} choices=${NOTATIONS} onChange=${setNotation} />
-    <div class="columns__fields">${asked.map((field) => html`<label key=${field} class="field">
-      <span>${FIELDS[field]}</span>
-      <span class="select"><select value=${chosen[field] ?? ""}
-        onChange=${(/** @type {Chosen} */ { currentTarget: { value } }) => setChosen({ ...chosen, [field]: value })}>
-        <option value="">${needed.includes(field) ? "choose a column" : "none"}</option>
-        ${columns.map((name) => html`<option value=${name}>${name}</option>`)}
-      </select></span>
-    </label>`)}
-    <button type="button" class="button button--small" disabled=${!needed.every((field) => said[field])}
-      onClick=${() => correct(...tableWith(said))}>Read its boxes</button></div>
+    <div class="columns__fields">${asked.map(
+      (field) => html`<label key=${field} class="field">
+        <span>${FIELDS[field]}</span>
+        <span class="select"><select value=${chosen[field] ?? ""}
+            onChange=${(/** @type {Chosen} */ { currentTarget: { value } }) =>
+              setChosen({ ...chosen, [field]: value })}>
+            <option value="">${needed.includes(field) ? "choose a column" : "none"}</option>
+            ${columns.map((name) => html`<option value=${name}>${name}</option>`)}
+          </select></span>
+      </label>`,
+    )}
+      <button type="button" class="button button--small" disabled=${!needed.every((field) => said[field])}
+        onClick=${() => correct(...tableWith(said))}>Read its boxes</button></div>
   </section>`;
 }
 
@@ -248,10 +285,12 @@ function PaintedFrame({ frame: { key, width, height, jpeg, boxes } }) {
         )}
       </svg>
     </div>
-    <figcaption>${box
-      ? html`<${StrokeSwatch} verdict=${box.verdict} /><span><b>${box.class_name}</b> ${box.explanation}</span>`
-      : html`<span class="faint"><${MiddleCut} text=${key} />
-          ${verdictsText(verdictCounts(boxes)) || "no boxes"}</span>`}</figcaption>
+    <figcaption>${
+      box
+        ? html`<${StrokeSwatch} verdict=${box.verdict} /><span><b>${box.class_name}</b> ${box.explanation}</span>`
+        : html`<span class="faint"><${MiddleCut} text=${key} />
+          ${verdictsText(verdictCounts(boxes)) || "no boxes"}</span>`
+    }</figcaption>
   </figure>`;
 }
 
@@ -300,13 +339,13 @@ export function Classes({ classes, lookedAt, choices, correct }) {
     </header>
     <table class="table classes" role="table">
       <thead role="rowgroup"><tr role="row">
-        <th role="columnheader" scope="col">Class</th>
-        <th role="columnheader" scope="col" class="is-num">Boxes</th>
-        <th role="columnheader" scope="col">Measured as</th>
-        <th role="columnheader" scope="col">Tags that count</th>
-        <th role="columnheader" scope="col">Verdicts</th>
-        <th role="columnheader" scope="col" class="is-num">Unknown pixels</th>
-      </tr></thead>
+          <th role="columnheader" scope="col">Class</th>
+          <th role="columnheader" scope="col" class="is-num">Boxes</th>
+          <th role="columnheader" scope="col">Measured as</th>
+          <th role="columnheader" scope="col">Tags that count</th>
+          <th role="columnheader" scope="col">Verdicts</th>
+          <th role="columnheader" scope="col" class="is-num">Unknown pixels</th>
+        </tr></thead>
       <tbody role="rowgroup">${listed.map(
         (facts) => html`<${ClassRow} key=${facts.name} facts=${facts} choices=${choices} correct=${correct} />`,
       )}</tbody>
@@ -340,19 +379,27 @@ function ClassRow({ facts, choices, correct }) {
     </td>
     <td role="cell" class="classes__as">
       <span class="select ${isUnknown(facts) ? "is-wrong" : ""}"><select id=${idOfClass(name)}
-        aria-label=${`Measure ${name} as`} value=${measuredAs ?? ""} onChange=${onChange}>
-        ${measuredAs === null && html`<option value="">not known</option>`}
-        ${options.map((value) => html`
-          <option value=${value}>${value === PASS ? "pass: leave unmeasured" : value}</option>`)}
-      </select></span>
-      ${measuredAs === null && nearest && html`
-        <${SmallButton} text=${`Is it ${nearest}?`} onClick=${() => (focusOn(name), measure(nearest))} />`}
+          aria-label=${`Measure ${name} as`} value=${measuredAs ?? ""} onChange=${onChange}>
+          ${measuredAs === null && html`<option value="">not known</option>`}
+          ${options.map(
+            (value) => html`
+              <option value=${value}>${value === PASS ? "pass: leave unmeasured" : value}</option>`,
+          )}
+        </select></span>
+      ${
+        measuredAs === null &&
+        nearest &&
+        html`
+          <${SmallButton} text=${`Is it ${nearest}?`} onClick=${() => (focusOn(name), measure(nearest))} />`
+      }
     </td>
     <td role="cell" class="faint classes__tags">${tags.join(" + ") || "–"}</td>
-    <td role="cell" class="classes__verdicts">${all > 0
-      ? html`<${VerdictBar} counts=${{ boxes: all, ...counts }} />
-          <span class="faint num" aria-hidden="true">${verdictsText(counts)}</span>`
-      : html`<span class="faint">–</span>`}</td>
+    <td role="cell" class="classes__verdicts">${
+      all > 0
+        ? html`<${VerdictBar} counts=${{ boxes: all, ...counts }} />
+        <span class="faint num" aria-hidden="true">${verdictsText(counts)}</span>`
+        : html`<span class="faint">–</span>`
+    }</td>
     <td role="cell" class="is-num num classes__unknown ${shade}">
       ${percentText(unknownPercent)}<span class="only-narrow"> unknown pixels</span>
     </td>
@@ -378,9 +425,11 @@ export function Streams({ streams, ...shared }) {
     <header class="part__head">
       <h3 id="streams-title">Images</h3><span class="faint">what each kind of image is</span>
     </header>
-    <ul class="streams">${streams.slice(0, MOST_STREAMS).map(
-      (stream) => html`<${StreamCard} key=${stream.pattern ?? stream.example} stream=${stream} ...${shared} />`,
-    )}</ul>
+    <ul class="streams">${streams
+      .slice(0, MOST_STREAMS)
+      .map(
+        (stream) => html`<${StreamCard} key=${stream.pattern ?? stream.example} stream=${stream} ...${shared} />`,
+      )}</ul>
     ${rest > 0 && html`<p class="faint">and ${countText(rest)} more</p>`}
   </section>`;
 }
@@ -427,9 +476,9 @@ function StreamCard({ stream, entries, top, layout, corrections, correct }) {
     <div class="stream__text">
       <div class="stream__head">
         <span class="select"><select aria-label=${`Role of ${path}`} value=${value} disabled=${offered.length < 2}
-          onChange=${onChange}>
-          ${offered.map((each) => html`<option value=${each}>${ROLES[each] ?? SENSORS[each] ?? "not used"}</option>`)}
-        </select></span>
+            onChange=${onChange}>
+            ${offered.map((each) => html`<option value=${each}>${ROLES[each] ?? SENSORS[each] ?? "not used"}</option>`)}
+          </select></span>
         <span class="num">${countOf(images, "image")}</span>
       </div>
       <span class="stream__path" title=${path}><${MiddleCut} text=${path} /></span>
@@ -513,17 +562,25 @@ export function Facts({ plan: { inspection, settings }, fields, corrections, cor
   return html`<section aria-labelledby="facts-title">
     <header class="part__head"><h3 id="facts-title">Palette and sizes</h3></header>
     <dl class="understood__facts">
-      ${reason && html`<div>
-        <dt>Palette</dt><dd>${ask("palette", "palette", "Palette")}<span class="faint">${reason}</span></dd>
-      </div>`}
-      ${isLossy && html`<div>
-        <dt>JPEG segmentations</dt>
-        <dd>${ask("lossy_segmentation", "lossy", "JPEG segmentations")}
-          <span class="faint">nearest: match each pixel to the nearest colour</span></dd>
-      </div>`}
-      ${others.map(({ name, text }) => html`<div key=${name + text}>
-        <dt>${capitalized(name)}</dt><dd>${text}</dd>
-      </div>`)}
+      ${
+        reason &&
+        html`<div>
+          <dt>Palette</dt><dd>${ask("palette", "palette", "Palette")}<span class="faint">${reason}</span></dd>
+        </div>`
+      }
+      ${
+        isLossy &&
+        html`<div>
+          <dt>JPEG segmentations</dt>
+          <dd>${ask("lossy_segmentation", "lossy", "JPEG segmentations")}
+            <span class="faint">nearest: match each pixel to the nearest colour</span></dd>
+        </div>`
+      }
+      ${others.map(
+        ({ name, text }) => html`<div key=${name + text}>
+          <dt>${capitalized(name)}</dt><dd>${text}</dd>
+        </div>`,
+      )}
     </dl>
   </section>`;
 }

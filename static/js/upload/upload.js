@@ -20,7 +20,13 @@ export function Uploads({ app }) {
   const job = useValue(app.uploads.job);
   const isOver = useDrop(app);
   return html`
-    ${isOver && html`<div class="dropzone" aria-hidden="true"><div class="dropzone__card"><${Icon} name="upload" />Drop images, segmentations and labels to upload them</div></div>`}
+    ${
+      isOver &&
+      html`<div class="dropzone"
+        aria-hidden="true">
+        <div class="dropzone__card"><${Icon} name="upload" />Drop images, segmentations and labels to upload them</div>
+      </div>`
+    }
     ${dropped && html`<${UploadDialog} key=${dropped} app=${app} dropped=${dropped} />`}
     ${job && html`<${UploadPanel} key=${job} app=${app} job=${job} />`}`;
 }
@@ -55,20 +61,31 @@ function useDrop(app) {
 
 const FOUND_FILES = createLazy(async () => (await import("./dialog.js")).FoundFiles);
 
-/** The upload dialog. What it shows is loaded only when something was dropped. @param {{app: App, dropped: Promise<Entry[]>}} props */
+/**
+ * The upload dialog. What it shows is loaded only when something was dropped.
+ * @param {{app: App, dropped: Promise<Entry[]>}} props
+ */
 function UploadDialog({ app, dropped }) {
   const dialog = useDialog();
   const { value: FoundFiles, error, retry } = useLazy(FOUND_FILES);
-  return html`<${Dialog} dialog=${dialog} id="upload-title" title="Upload" kind="upload" onClose=${() => app.uploads.discard(dropped)}>
-    ${FoundFiles
-      ? html`<${FoundFiles} app=${app} dropped=${dropped} close=${dialog.close} />`
-      : error
-        ? html`<${FailureLine} what="The upload dialog could not be loaded" error=${error} onRetry=${retry} />`
-        : html`<p class="upload__reading" role="status"><span class="spinner" aria-hidden="true"></span>Listing the files</p>`}
+  return html`<${Dialog} dialog=${dialog} id="upload-title" title="Upload" kind="upload"
+    onClose=${() => app.uploads.discard(dropped)}>
+    ${
+      FoundFiles
+        ? html`<${FoundFiles} app=${app} dropped=${dropped} close=${dialog.close} />`
+        : error
+          ? html`<${FailureLine} what="The upload dialog could not be loaded" error=${error} onRetry=${retry} />`
+          : html`<p class="upload__reading"
+            role="status"><span class="spinner" aria-hidden="true"></span>Listing the files</p>`
+    }
   <//>`;
 }
 
-/** Start an upload, unless one is running: a second drop must not end it. @param {App} app @param {Promise<import("./folder.js").Entry[]>} files */
+/**
+ * Start an upload, unless one is running: a second drop must not end it.
+ * @param {App} app
+ * @param {Promise<import("./folder.js").Entry[]>} files
+ */
 function offer(app, files) {
   if (app.uploads.isRunning()) app.toasts.show("An upload is in progress. Wait for it, or cancel it first.");
   else app.uploads.take(files);
@@ -92,8 +109,10 @@ function Picker({ app, text, icon, isFolder = false, isPrimary = false }) {
     currentTarget.value = "";
   };
   return html`<span>
-    <button class="button ${isPrimary ? "button--primary" : ""}" onClick=${() => field.current?.click()}><${Icon} name=${icon} />${text}</button>
-    <input ref=${field} type="file" hidden multiple webkitdirectory=${isFolder} aria-label=${text} onChange=${onChange} />
+    <button class="button ${isPrimary ? "button--primary" : ""}"
+      onClick=${() => field.current?.click()}><${Icon} name=${icon} />${text}</button>
+    <input ref=${field} type="file" hidden multiple webkitdirectory=${isFolder} aria-label=${text}
+      onChange=${onChange} />
   </span>`;
 }
 
@@ -110,7 +129,11 @@ class TooMany extends Error {
 /** Whether files are being dragged. @param {DataTransfer | null} transfer */
 const hasFiles = (transfer) => transfer?.types.includes("Files") ?? false;
 
-/** All files of a drop. Must be called within the event's handler: its content is not available later. @param {DataTransfer} transfer @returns {Promise<Entry[]>} */
+/**
+ * All files of a drop. Must be called within the event's handler: its content is not available later.
+ * @param {DataTransfer} transfer
+ * @returns {Promise<Entry[]>}
+ */
 function filesOfDrop(transfer) {
   const items = [...transfer.items].filter(({ kind }) => kind === "file");
   const found = items.map((item) => item.webkitGetAsEntry?.() ?? item.getAsFile());
@@ -152,7 +175,9 @@ async function collect(entry, entries, pause) {
   if (entries.length >= MOST_FILES) throw new TooMany();
   const path = entry.fullPath.replace(/^\//, "");
   if (entry.isFile) {
-    const file = await new Promise((resolve, reject) => /** @type {FileSystemFileEntry} */ (entry).file(resolve, reject));
+    const file = await new Promise((resolve, reject) =>
+      /** @type {FileSystemFileEntry} */ (entry).file(resolve, reject),
+    );
     entries.push(entryOf(file, path));
     return;
   }
@@ -191,21 +216,47 @@ function UploadPanel({ app, job: { dataset, uploader } }) {
   return html`<section class="upload-panel" aria-label="Upload">
     <header class="upload-panel__head">
       <h2>${PHASES[phase]} <span class="faint">${dataset}</span></h2>
-      ${isEnd && html`<button class="button button--quiet button--icon" aria-label="Close the upload" onClick=${app.uploads.dismiss}><${Icon} name="cross" /></button>`}
+      ${
+        isEnd &&
+        html`<button class="button button--quiet button--icon" aria-label="Close the upload"
+          onClick=${app.uploads.dismiss}><${Icon} name="cross" /></button>`
+      }
     </header>
-    <div class="progress__track" role="progressbar" aria-label="Frames uploaded" aria-valuemin="0" aria-valuemax=${total} aria-valuenow=${done}>
+    <div class="progress__track" role="progressbar" aria-label="Frames uploaded" aria-valuemin="0"
+      aria-valuemax=${total} aria-valuenow=${done}>
       <span class="progress__fill ${refused.length ? "has-refused" : ""}" style=${{ width: `${percent}%` }} />
     </div>
-    <p class="upload-panel__text" role="status">${isEnd ? outcome(progress) : `${countText(done)} of ${countOf(total, "frame")}`}</p>
+    <p class="upload-panel__text"
+      role="status">${isEnd ? outcome(progress) : `${countText(done)} of ${countOf(total, "frame")}`}</p>
     ${trouble && html`<${FailureLine} error=${{ message: trouble }} />`}
-    <${FileList} title="Answers set aside" items=${setAside.map(({ key, answers, boxes }) => ({ name: key, why: `${countOf(answers, "answer")} on boxes that changed or are gone: ${boxes.join(", ")}` }))} isOpen=${isEnd} />
-    <${FileList} title="Refused" items=${refused.map(({ key, why, more }) => ({ name: key, why, more }))} isOpen=${isEnd} />
+    <${FileList} title="Answers set aside"
+      items=${setAside.map(({ key, answers, boxes }) => ({
+        name: key,
+        why: `${countOf(answers, "answer")} on boxes that changed or are gone: ${boxes.join(", ")}`,
+      }))} isOpen=${isEnd} />
+    <${FileList} title="Refused" items=${refused.map(({ key, why, more }) => ({ name: key, why, more }))}
+      isOpen=${isEnd} />
     <footer class="upload-panel__foot">
       ${!isEnd && html`<button class="button" onClick=${uploader.cancel}>Cancel</button>`}
       ${phase === "sending" && html`<button class="button" onClick=${uploader.pause}>Pause</button>`}
-      ${!isEnd && phase !== "sending" && html`<button class="button button--primary" onClick=${uploader.resume}>Resume</button>`}
-      ${phase === "done" && refused.length > 0 && html`<button class="button" onClick=${uploader.retry}>Retry refused frames</button>`}
-      ${isEnd && done > refused.length && html`<a class="button button--primary" href=${linkTo("frames", { dataset })} onClick=${app.uploads.dismiss}>Open the frames</a>`}
+      ${
+        !isEnd &&
+        phase !== "sending" &&
+        html`<button class="button button--primary"
+          onClick=${uploader.resume}>Resume</button>`
+      }
+      ${
+        phase === "done" &&
+        refused.length > 0 &&
+        html`<button class="button"
+          onClick=${uploader.retry}>Retry refused frames</button>`
+      }
+      ${
+        isEnd &&
+        done > refused.length &&
+        html`<a class="button button--primary" href=${linkTo("frames", { dataset })}
+          onClick=${app.uploads.dismiss}>Open the frames</a>`
+      }
     </footer>
   </section>`;
 }

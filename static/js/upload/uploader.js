@@ -9,7 +9,10 @@ import { createValue } from "../core/observable.js";
 /** @typedef {"sending" | "paused" | "offline" | "busy" | "signed-out" | "done" | "stopped"} Phase */
 /** @typedef {{key: string, why: string, more: readonly string[]}} Refusal */
 /** @typedef {{key: string, answers: number, boxes: readonly string[]}} SetAside */
-/** @typedef {{isNew: boolean, answers: number, boxes: readonly string[]}} Stored  whether it was stored just now, and the answers that were set aside */
+/**
+ * @typedef {{isNew: boolean, answers: number, boxes: readonly string[]}} Stored whether it was stored just now, and the
+ *   answers that were set aside
+ */
 
 /** The files that a frame may have. */
 export const FILE_KINDS = ["image", "segmentation", "depth", "instances", "lidar", "radar", "ignore_mask"];
@@ -44,7 +47,17 @@ export function createUploader(frames, put, later) {
   const stop = new AbortController();
   /** @type {Map<string, ReadFrame>} */
   const refusedFrames = new Map();
-  const state = createValue(/** @type {Progress} */ ({ phase: "paused", total: frames.length, stored: 0, same: 0, refused: [], setAside: [], trouble: "" }));
+  const state = createValue(
+    /** @type {Progress} */ ({
+      phase: "paused",
+      total: frames.length,
+      stored: 0,
+      same: 0,
+      refused: [],
+      setAside: [],
+      trouble: "",
+    }),
+  );
   let active = 0;
   const retries = createRetries(later);
 
@@ -56,12 +69,16 @@ export function createUploader(frames, put, later) {
       active++;
       void sendOne(/** @type {ReadFrame} */ (queue.shift()));
     }
-    if (active === 0 && queue.length === 0 && ["sending", "paused"].includes(state.get().phase)) change({ phase: "done" });
+    if (active === 0 && queue.length === 0 && ["sending", "paused"].includes(state.get().phase))
+      change({ phase: "done" });
   }
 
   /** @param {ReadFrame} frame */
   async function sendOne(frame) {
-    await put(frame, stop.signal).then((stored) => count(frame, stored), (error) => stop.signal.aborted || afterError(frame, error));
+    await put(frame, stop.signal).then(
+      (stored) => count(frame, stored),
+      (error) => stop.signal.aborted || afterError(frame, error),
+    );
     active--;
     fill();
   }
@@ -86,7 +103,12 @@ export function createUploader(frames, put, later) {
     change({ refused: [...state.get().refused, refusalOf(frame, error)] });
   }
 
-  /** Queue a frame again; everything waits in this phase. @param {ReadFrame} frame @param {Phase} phase @returns {boolean} whether the wait begins now */
+  /**
+   * Queue a frame again; everything waits in this phase.
+   * @param {ReadFrame} frame
+   * @param {Phase} phase
+   * @returns {boolean} whether the wait begins now
+   */
   function putBack(frame, phase) {
     queue.unshift(frame);
     if (state.get().phase !== "sending") return false;
@@ -133,7 +155,9 @@ export function createUploader(frames, put, later) {
 /** @param {ReadFrame} frame @param {Error} error @returns {Refusal} */
 function refusalOf({ key }, error) {
   if (!(error instanceof ApiError)) return { key, why: error.message, more: [] };
-  const faults = (error.problem.errors ?? []).map(({ pointer = "", detail = "" }) => [pointer, detail].filter(Boolean).join(": "));
+  const faults = (error.problem.errors ?? []).map(({ pointer = "", detail = "" }) =>
+    [pointer, detail].filter(Boolean).join(": "),
+  );
   const others = error.problem.more_errors ?? 0;
   if (others > 0) faults.push(`and ${others} more`);
   // A single fault is what the error itself says.
@@ -158,7 +182,10 @@ export function createPauses() {
   };
 }
 
-/** The content of a file. Throws if the file has been changed or removed since it was picked. @param {import("./folder.js").Entry} entry */
+/**
+ * The content of a file. Throws if the file has been changed or removed since it was picked.
+ * @param {import("./folder.js").Entry} entry
+ */
 export async function contentOf({ blob, path }) {
   try {
     return new Uint8Array(await blob.arrayBuffer());
@@ -190,10 +217,19 @@ export const uploadCalls = {
    */
   async putFrame(dataset, frame, replace, signal) {
     const body = await formOf(frame);
-    const response = await ask("put", "/api/v1/datasets/{dataset}/frames/{key}", { path: { dataset, key: frame.key }, query: { replace }, body, signal });
+    const response = await ask("put", "/api/v1/datasets/{dataset}/frames/{key}", {
+      path: { dataset, key: frame.key },
+      query: { replace },
+      body,
+      signal,
+    });
     /** @type {import("../core/openapi.js").StoredFrame | null} */
     const stored = replace ? await whole(response.json(), signal) : null;
-    return { isNew: response.status === 201, answers: stored?.answers_set_aside ?? 0, boxes: stored?.boxes_set_aside ?? [] };
+    return {
+      isNew: response.status === 201,
+      answers: stored?.answers_set_aside ?? 0,
+      boxes: stored?.boxes_set_aside ?? [],
+    };
   },
 };
 
