@@ -14,7 +14,7 @@ from sqlalchemy import ColumnElement, and_, case, literal, or_
 
 from app.db.tables import Decision
 from filter_core.decisions.doubt import Bin
-from filter_core.types import Reason, Verdict
+from filter_core.verdicts import Reason, Verdict
 from unghost.wire import words
 
 _VERDICT_OF_ANSWER: Final[Mapping[str, Verdict]] = {

@@ -32,10 +32,10 @@ from benchmarks.street import (
 )
 from filter_core.evidence.counting import Regions, count_codes_in
 from filter_core.evidence.semantic import measure
+from filter_core.frame_boxes import FrameBoxes
 from filter_core.geometry.boxes import pixel_bounds
 from filter_core.segmentation.codes import PixelCodes
 from filter_core.segmentation.reading import SegmentationOptions, read_segmentation
-from filter_core.types import FrameBoxes
 
 
 @dataclass(frozen=True)

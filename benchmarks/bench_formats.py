@@ -27,7 +27,7 @@ from filter_core.formats.export import (
 )
 from filter_core.formats.format import Need
 from filter_core.formats.registry import EXPORT_FORMATS, FORMATS, write_export
-from filter_core.types import DecidedBoxes, DecisionColumns, Reason
+from filter_core.verdicts import DecidedBoxes, DecisionColumns, Reason
 
 FEW, MANY = 1_000, 10_000
 BOXES = 30

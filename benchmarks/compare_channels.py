@@ -46,7 +46,7 @@ from filter_core.local import (
     measure_source,
     read_truth,
 )
-from filter_core.types import Reason
+from filter_core.verdicts import Reason
 from unghost.street.street import TRUTH, StreetScene, write_street
 
 COSTED = ("ordered", "depth", "depth_center", "instance", "lidar")

@@ -13,8 +13,8 @@ import cv2
 import numpy as np
 
 from filter_core.classes import accept_mask_of
+from filter_core.frame_boxes import FrameBoxes
 from filter_core.segmentation.palettes import FAMILIES
-from filter_core.types import FrameBoxes
 
 FAMILY = "carla-0.9.14"
 WIDTH, HEIGHT = 1280, 720

@@ -37,6 +37,8 @@ from filter_core.errors import (
     SegmentationError,
 )
 from filter_core.evidence.semantic import MeasureOptions, measure
+from filter_core.evidence_numbers import BoxState, Evidence
+from filter_core.frame_boxes import FrameBoxes
 from filter_core.geometry.boxes import correct_xyxy, to_xyxy
 from filter_core.geometry.camera import Camera
 from filter_core.geometry.projection import project_box, project_boxes
@@ -55,7 +57,7 @@ from filter_core.segmentation.reading import (
     read_segmentation,
     segmentation_from_tags,
 )
-from filter_core.types import BoxState, Decisions, Evidence, FrameBoxes, Reason, Verdict
+from filter_core.verdicts import Decisions, Reason, Verdict
 
 if TYPE_CHECKING:
     from filter_core.formats.recording import RecordingDescription

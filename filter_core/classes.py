@@ -15,16 +15,18 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from filter_core.arrays import BoolArray, IntArray
 from filter_core.class_names import canonical_class, class_meant_by
 from filter_core.errors import ConfigError
+from filter_core.evidence_numbers import UNKNOWN_COLUMN
 from filter_core.segmentation.palettes import (
     FAMILIES,
     LAST_TAG,
     PUBLISHED_COLORS,
     Palette,
 )
-from filter_core.types import UNKNOWN_COLUMN, BoolArray, IntArray, Profile
 from filter_core.values import nearest, place_of, pointer_token, shown
+from filter_core.verdicts import Profile
 
 # A class accepts several tags: a driven van is tagged Truck and a parked one Car, a
 # cybertruck either, and the box of a two-wheeler also contains its rider.

@@ -32,6 +32,7 @@ import numpy as np
 
 from filter_core.annotation.frame import FrameAnnotation
 from filter_core.annotation.parsing import parse_annotation
+from filter_core.arrays import NOT_MEASURED, BoolArray, BoxesXYXY, IntArray
 from filter_core.classes import CLASSES
 from filter_core.config.filter import FilterConfig
 from filter_core.config.measure import MeasureConfig
@@ -61,6 +62,7 @@ from filter_core.evaluation.comparison import (
     truth_from_instances,
 )
 from filter_core.evidence_kinds import EvidenceName, files_for
+from filter_core.evidence_numbers import Evidence
 from filter_core.formats.export import ExportFrame, GivenAnnotation
 from filter_core.formats.format import Need
 from filter_core.formats.reading import (
@@ -83,17 +85,7 @@ from filter_core.pipeline import (
     read_and_measure,
 )
 from filter_core.segmentation.reading import SegmentationOptions, in_colors
-from filter_core.types import (
-    NOT_MEASURED,
-    REJECTED,
-    VERDICT_OF_REASON,
-    BoolArray,
-    BoxesXYXY,
-    Decisions,
-    Evidence,
-    IntArray,
-    Reason,
-)
+from filter_core.verdicts import REJECTED, VERDICT_OF_REASON, Decisions, Reason
 
 _Given = TypeVar("_Given")
 

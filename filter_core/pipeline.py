@@ -22,6 +22,7 @@ from filter_core.annotation.frame import (
 )
 from filter_core.annotation.parsing import parse_annotation
 from filter_core.annotation.units import check_units
+from filter_core.arrays import NOT_MEASURED, Mask
 from filter_core.class_names import class_of
 from filter_core.config.filter import FilterConfig
 from filter_core.config.measure import MeasureConfig
@@ -30,6 +31,8 @@ from filter_core.decisions.record import Decision, decision_dicts
 from filter_core.decisions.rules import decide
 from filter_core.errors import ImageSizeMismatch, SegmentationError
 from filter_core.evidence.channels import Sensors, measure_evidence
+from filter_core.evidence_numbers import Evidence
+from filter_core.frame_boxes import FrameBoxes
 from filter_core.geometry.projection import BoxGeometry, forward_distances
 from filter_core.images.drawing import COLORS
 from filter_core.images.header import MAX_SIDE, exchanged_sides
@@ -41,7 +44,7 @@ from filter_core.segmentation.reading import (
     read_segmentation,
     segmentation_from_tags,
 )
-from filter_core.types import NOT_MEASURED, Decisions, Evidence, FrameBoxes, Mask
+from filter_core.verdicts import Decisions
 
 
 @dataclass(frozen=True)

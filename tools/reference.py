@@ -23,8 +23,8 @@ from app.settings import Settings
 from filter_core.config.filter import ClassConfig, FilterConfig
 from filter_core.config.keys import keys_of
 from filter_core.evidence_kinds import EVIDENCE
+from filter_core.evidence_numbers import ChannelNumbers, Evidence, number_columns
 from filter_core.formats.registry import FORMATS
-from filter_core.types import ChannelNumbers, Evidence, number_columns
 from unghost.cli.program import LazyCommand
 from unghost.cli.program import app as program
 from unghost.cli.screen import EXIT_CODES

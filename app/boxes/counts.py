@@ -23,7 +23,7 @@ from app.measuring.plan import active_measurement
 from app.verdicts import REVIEW_STATES, effective_verdict, in_conflict
 from filter_core.config.filter import FilterConfig
 from filter_core.decisions.doubt import Bin
-from filter_core.types import Reason, Verdict
+from filter_core.verdicts import Reason, Verdict
 
 
 def count_boxes(

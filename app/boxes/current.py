@@ -53,8 +53,10 @@ from app.db.bulk import (
 )
 from app.db.tables import Decision, Frame, Review, Tally
 from app.verdicts import BIN
+from filter_core.arrays import BoolArray, IntArray, floats_or_none
 from filter_core.decisions.doubt import Bin
-from filter_core.types import BoolArray, Decisions, Evidence, IntArray, floats_or_none
+from filter_core.evidence_numbers import Evidence
+from filter_core.verdicts import Decisions
 
 _TALLY: Final = ("dataset_id", *TallyKey._fields)
 """Columns of `tallies`, apart from the number of boxes."""

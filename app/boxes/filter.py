@@ -39,17 +39,11 @@ from app.verdicts import (
     is_not_in_conflict,
     reasons_of,
 )
+from filter_core.arrays import BoolArray, FloatArray, IntArray
 from filter_core.config.filter import DecideConfig, FilterConfig
 from filter_core.decisions.doubt import BIN_NAMED, Bin, bins_of
 from filter_core.decisions.rules import deciding_thresholds
-from filter_core.types import (
-    BoolArray,
-    Decisions,
-    FloatArray,
-    IntArray,
-    Reason,
-    Verdict,
-)
+from filter_core.verdicts import Decisions, Reason, Verdict
 from unghost.wire.boxes import BoxSelection
 
 _WITHOUT_MATCH: Final = [int(reason) for reason in Reason if not reason.in_image]

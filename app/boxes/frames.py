@@ -56,8 +56,8 @@ from filter_core.evidence.depth import DepthSlice
 from filter_core.images.drawing import DrawnBox
 from filter_core.pipeline import SegmentationReport
 from filter_core.segmentation.reading import SegmentationOptions
-from filter_core.types import VERDICTS
 from filter_core.values import JsonObject, as_text
+from filter_core.verdicts import VERDICTS
 from unghost.wire.frames import CropQuery, FrameDetails, OverlayQuery, StoredFile
 from unghost.wire.words import FileKind, LayerName
 

@@ -44,7 +44,8 @@ from app.db.tables import Blob, Box, Decision, Frame, FrameFile, IdBlock, Review
 from app.errors import NotFound
 from app.measuring.queries import is_deleted, only_in
 from app.verdicts import REVIEW_STATES, is_effective
-from filter_core.types import IntArray, Verdict
+from filter_core.arrays import IntArray
+from filter_core.verdicts import Verdict
 
 # Built once: every upload executes it, and building takes longer than executing.
 _TAKE_IDS: Final = (

@@ -48,6 +48,7 @@ from app.measuring.queries import (
     EvidenceRow,
 )
 from app.verdicts import with_answer
+from filter_core.arrays import NOT_MEASURED, FloatArray, IntArray
 from filter_core.classes import accepts
 from filter_core.config.filter import FilterConfig
 from filter_core.decisions.doubt import (
@@ -67,19 +68,11 @@ from filter_core.decisions.record import (
 )
 from filter_core.decisions.rules import decide
 from filter_core.evidence.crowding import most_covering
+from filter_core.evidence_numbers import Evidence
 from filter_core.formats.decisions import table_columns
 from filter_core.geometry.projection import BoxGeometry
 from filter_core.segmentation.palettes import FAMILIES
-from filter_core.types import (
-    NOT_MEASURED,
-    Answer,
-    DecidedBoxes,
-    DecisionColumns,
-    Decisions,
-    Evidence,
-    FloatArray,
-    IntArray,
-)
+from filter_core.verdicts import Answer, DecidedBoxes, DecisionColumns, Decisions
 from unghost.wire import words
 from unghost.wire.boxes import BOX_COLUMNS
 

@@ -28,7 +28,7 @@ from sqlalchemy.orm import Session
 
 from app.boxes.filter import BoxProbes
 from app.measuring.queries import DatasetRepository
-from filter_core.types import FloatArray, IntArray
+from filter_core.arrays import FloatArray, IntArray
 
 HALF_BITS: Final = 13
 """Half the bits of a place: room for 67 million ids. If a dataset's highest id passes

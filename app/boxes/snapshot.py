@@ -23,7 +23,7 @@ from app.context import ServiceContext
 from app.db.base import filled
 from app.db.tables import Dataset
 from app.errors import StaleSnapshot, TooLarge, Unprocessable
-from filter_core.types import IntArray
+from filter_core.arrays import IntArray
 from unghost.wire.boxes import BoxSelection
 
 

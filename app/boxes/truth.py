@@ -10,9 +10,9 @@ from sqlalchemy.orm import Session
 from app.boxes.queries import LatestAnswers
 from app.db.tables import Dataset
 from app.measuring.columns import DatasetColumns
+from filter_core.arrays import BoolArray, IntArray
 from filter_core.evaluation.comparison import truth_from_instances
 from filter_core.evaluation.scores import Confusion
-from filter_core.types import BoolArray, IntArray
 from unghost.wire import quality as wire
 from unghost.wire.words import Truth
 

@@ -50,8 +50,8 @@ from filter_core.formats.tally import Counts
 from filter_core.images.drawing import DrawnBox, png_with_boxes
 from filter_core.pipeline import named_class
 from filter_core.segmentation.reading import SegmentationOptions, in_colors
-from filter_core.types import DecidedBoxes, DecisionColumns
 from filter_core.values import JsonObject, as_text
+from filter_core.verdicts import DecidedBoxes, DecisionColumns
 
 _FRAMES_AT_A_TIME: Final = 200
 """Frames whose rows are read together."""

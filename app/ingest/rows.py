@@ -52,12 +52,7 @@ from filter_core.decisions.record import decision_dicts
 from filter_core.decisions.rules import decide
 from filter_core.errors import error_context
 from filter_core.evidence.crowding import most_covering
-from filter_core.types import (
-    VERDICT_OF_REASON,
-    VERDICTS,
-    Decisions,
-    Reason,
-)
+from filter_core.verdicts import VERDICT_OF_REASON, VERDICTS, Decisions, Reason
 from unghost.wire.datasets import VerdictCounts
 from unghost.wire.frames import MOST_BOXES_SET_ASIDE, FrameDetails
 

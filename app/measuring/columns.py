@@ -24,6 +24,7 @@ from app.measuring.queries import (
     frame_ranges,
     frames_state,
 )
+from filter_core.arrays import FloatArray, IntArray
 from filter_core.config.filter import DecideConfig, FilterConfig
 from filter_core.decisions.channel_rules import (
     decides,
@@ -34,15 +35,8 @@ from filter_core.decisions.channel_rules import (
 from filter_core.decisions.doubt import doubts
 from filter_core.decisions.rules import decide
 from filter_core.evidence_kinds import ChannelName
-from filter_core.types import (
-    VERDICT_OF_REASON,
-    VERDICTS,
-    Decisions,
-    Evidence,
-    FloatArray,
-    IntArray,
-    Reason,
-)
+from filter_core.evidence_numbers import Evidence
+from filter_core.verdicts import VERDICT_OF_REASON, VERDICTS, Decisions, Reason
 from unghost.wire.datasets import Histogram
 
 _MAX_PERCENT: Final = 100.0

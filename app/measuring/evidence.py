@@ -16,19 +16,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.measuring.queries import EvidenceRow
+from filter_core.arrays import FloatArray, IntArray
 from filter_core.config.measure import MeasureConfig
 from filter_core.evidence.semantic import with_accept_sets
-from filter_core.geometry.projection import BoxGeometry
-from filter_core.pipeline import MeasuredFrame
-from filter_core.types import (
+from filter_core.evidence_numbers import (
     N_TAGS,
     ChannelNumbers,
     Evidence,
-    FloatArray,
-    IntArray,
     NumberColumn,
     number_columns,
 )
+from filter_core.geometry.projection import BoxGeometry
+from filter_core.pipeline import MeasuredFrame
 
 _COUNT: Final = np.dtype([("box", "<u2"), ("tag", "u1"), ("pixels", "<u4")])
 _ABSENT: Final = (float("nan"),) * 4

@@ -18,6 +18,7 @@ import numpy as np
 from app.engine.children import PixelPool
 from app.metrics import DECODE_SECONDS, MEASURE_SECONDS
 from filter_core.annotation.frame import FrameAnnotation
+from filter_core.arrays import Mask
 from filter_core.config.measure import MeasureConfig
 from filter_core.errors import FilterError, error_context, problem_of
 from filter_core.evidence_kinds import CHANNELS, files_for
@@ -26,7 +27,6 @@ from filter_core.images.ignore_mask import read_ignore_mask
 from filter_core.images.png import SIGNATURE, read_png
 from filter_core.pipeline import FrameOptions, MeasuredFrame, measure_frame
 from filter_core.segmentation.reading import read_segmentation
-from filter_core.types import Mask
 
 MEASURED: Final = ("segmentation", "ignore_mask")
 """The kinds of files that every measurement reads."""

@@ -20,7 +20,7 @@ from app.jobs.events import Poller
 from app.jobs.kind import kinds
 from app.logs import error_log
 from app.ops.queries import BlobTotals, Totals
-from filter_core.types import Reason
+from filter_core.verdicts import Reason
 
 LEAST_PAUSE_S: Final = 60
 MOST_OF_A_THREAD: Final = 0.01

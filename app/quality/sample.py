@@ -26,6 +26,7 @@ from app.measuring.columns import ColumnCache, DatasetColumns
 from app.measuring.plan import active_measurement
 from app.measuring.queries import DatasetRepository
 from app.quality.queries import AnsweredBox, AnswerRepository
+from filter_core.arrays import FloatArray, IntArray
 from filter_core.evaluation.sampling import (
     NARROW,
     WIDEST,
@@ -37,13 +38,7 @@ from filter_core.evaluation.sampling import (
     plan,
 )
 from filter_core.evaluation.scores import BANDS, band_index
-from filter_core.types import (
-    UNMEASURED,
-    VERDICT_OF_REASON,
-    FloatArray,
-    IntArray,
-    Reason,
-)
+from filter_core.verdicts import UNMEASURED, VERDICT_OF_REASON, Reason
 from unghost.wire.boxes import BoxSelection
 from unghost.wire.quality import Plan, Sample
 

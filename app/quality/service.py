@@ -23,6 +23,7 @@ from app.quality.queries import AnswerRepository
 from app.quality.sample import RandomSample
 from app.runs.service import RunRequest, coming_settings, request_run
 from app.verdicts import verdict_of
+from filter_core.arrays import BoolArray, IntArray
 from filter_core.evaluation import comparison
 from filter_core.evaluation.agreement import agreement
 from filter_core.evaluation.sampling import WIDEST, half_width
@@ -33,11 +34,7 @@ from filter_core.evaluation.thresholds import (
     suggest_per_class,
 )
 from filter_core.evidence_kinds import CHANNELS, SEMANTIC
-from filter_core.types import (
-    BoolArray,
-    IntArray,
-    Verdict,
-)
+from filter_core.verdicts import Verdict
 from unghost.wire.quality import (
     Agreement,
     Band,

@@ -30,8 +30,10 @@ from app.measuring.queries import (
 )
 from app.review.queries import ReviewBatches, ReviewRepository
 from app.runs.queries import RunRepository
+from filter_core.arrays import floats_or_none
 from filter_core.decisions.rules import decide
-from filter_core.types import Evidence, Reason, floats_or_none
+from filter_core.evidence_numbers import Evidence
+from filter_core.verdicts import Reason
 from unghost.wire.boxes import HistoryEntry
 
 _AFTER_ALL: Final = (MAX_REVISION, MAX_ID)

@@ -26,7 +26,7 @@ from app.db.tables import Dataset
 from app.measuring.queries import DatasetRepository
 from app.review.queries import Choice, ClaimRepository
 from filter_core.decisions.doubt import Bin
-from filter_core.types import Reason
+from filter_core.verdicts import Reason
 from unghost.wire.boxes import BoxSelection
 
 CLAIM: Final = timedelta(minutes=5)

@@ -39,10 +39,10 @@ from app.measuring.queries import DatasetRepository, EvidenceRepository, frames_
 from app.runs.flips import FlipTable
 from app.runs.measure import RunScope, is_measured
 from app.runs.queries import RunRepository
+from filter_core.arrays import IntArray
 from filter_core.config.filter import FilterConfig
 from filter_core.decisions.doubt import Bin, bins_of, doubts
 from filter_core.decisions.rules import decide
-from filter_core.types import IntArray
 
 _REASONS: Final = 32
 """Greater than each `Reason`: `_count_unreviewed` packs all keys into one number."""

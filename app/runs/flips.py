@@ -45,6 +45,7 @@ from app.measuring.queries import (
     DatasetRepository,
     EvidenceRepository,
 )
+from filter_core.arrays import BoolArray, FloatArray, IntArray, floats_or_none, rows_of
 from filter_core.config.filter import FilterConfig
 from filter_core.config.measure import MeasureConfig
 from filter_core.decisions.channel_rules import (
@@ -55,20 +56,15 @@ from filter_core.decisions.channel_rules import (
 from filter_core.decisions.rules import decide
 from filter_core.evaluation.scores import Confusion
 from filter_core.evidence_kinds import CHANNELS, EvidenceName
-from filter_core.types import (
+from filter_core.evidence_numbers import Evidence
+from filter_core.verdicts import (
     KEPT,
     REJECTED,
     UNMEASURED,
     VERDICT_OF_REASON,
     VERDICTS,
-    BoolArray,
     Decisions,
-    Evidence,
-    FloatArray,
-    IntArray,
     Reason,
-    floats_or_none,
-    rows_of,
 )
 from unghost.wire.boxes import XYXY
 from unghost.wire.datasets import Histogram

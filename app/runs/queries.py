@@ -12,7 +12,7 @@ from app.db.pages import NewestPage
 from app.db.tables import Dataset, Flips, Run
 from app.jobs.queries import OPEN
 from app.measuring.queries import is_there
-from filter_core.types import IntArray
+from filter_core.arrays import IntArray
 
 FLIP: Final = np.dtype([("box_id", "<i8"), ("before", "u1"), ("after", "u1")])
 BOXES_PER_ROW: Final = 8192

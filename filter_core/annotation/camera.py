@@ -13,10 +13,10 @@ import numpy as np
 
 from filter_core.annotation.boxes import box_place
 from filter_core.annotation.frame import FORMS_3D
+from filter_core.arrays import FloatArray
 from filter_core.errors import FilterError
 from filter_core.geometry.camera import Camera
 from filter_core.geometry.pose import Transform, read_transform
-from filter_core.types import FloatArray
 from filter_core.values import (
     Faults,
     Place,

@@ -12,14 +12,15 @@ from typing import Final
 
 import numpy as np
 
+from filter_core.arrays import BoxesXYXY, FloatArray, IntArray
 from filter_core.errors import AnnotationError, ImageSizeMismatch
+from filter_core.frame_boxes import ProjectionMode
 from filter_core.geometry.box3d import boxes3d_vertices
 from filter_core.geometry.boxes import FORMS, to_xyxy
 from filter_core.geometry.camera import Camera
 from filter_core.geometry.pose import Transform
 from filter_core.geometry.projection import BoxGeometry, Projections, project_boxes
 from filter_core.json_text import JsonLimits
-from filter_core.types import BoxesXYXY, FloatArray, IntArray, ProjectionMode
 from filter_core.values import JsonObject
 
 VERTICES: Final = "vertices"

@@ -17,8 +17,8 @@ from numpy.typing import ArrayLike
 from filter_core.annotation.boxes import box_place
 from filter_core.annotation.frame import BoxAnnotation, FrameAnnotation
 from filter_core.geometry.boxes import FORMS, to_xyxy
-from filter_core.types import Profile
 from filter_core.values import Faults, Place
+from filter_core.verdicts import Profile
 
 _SHARES: Final = ("xyxyn", "cxcywhn")
 

@@ -17,6 +17,7 @@ from typing import Any, Final, NamedTuple, Protocol, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from filter_core.arrays import Dataclass
 from filter_core.classes import (
     MAX_ACCEPT,
     MAX_CHANGED_TAGS,
@@ -29,7 +30,6 @@ from filter_core.classes import (
 from filter_core.errors import ConfigError
 from filter_core.evidence_kinds import AUTO, STRONGEST_FIRST
 from filter_core.segmentation.palettes import LAST_TAG
-from filter_core.types import Dataclass
 from filter_core.values import place_of, pointer_token, shown, similar
 
 Number: TypeAlias = float | int

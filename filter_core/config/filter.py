@@ -18,6 +18,7 @@ from typing import Final, NamedTuple, TypeVar
 
 import numpy as np
 
+from filter_core.arrays import BoolArray, FloatArray, IntArray
 from filter_core.class_names import canonical_class
 from filter_core.classes import MEASURED_CLASSES, PASS, measured_class
 from filter_core.config.declaration import (
@@ -45,8 +46,8 @@ from filter_core.evidence_kinds import (
     ChannelName,
 )
 from filter_core.segmentation.reading import SegmentationOptions
-from filter_core.types import BoolArray, FloatArray, IntArray, Profile
 from filter_core.values import JsonObject, place_of, pointer_token, shown, similar
+from filter_core.verdicts import Profile
 
 
 @dataclass(frozen=True, kw_only=True)

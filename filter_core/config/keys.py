@@ -24,6 +24,7 @@ from functools import cache
 from types import MappingProxyType
 from typing import Final, Generic, TypeVar, get_args
 
+from filter_core.arrays import Dataclass
 from filter_core.config.declaration import (
     FARTHEST_METRES,
     INHERIT,
@@ -43,6 +44,8 @@ from filter_core.config.declaration import (
     key,
 )
 from filter_core.evidence_kinds import AUTO, SEMANTIC, EvidenceChoice
+from filter_core.evidence_numbers import DepthEncoding
+from filter_core.frame_boxes import ProjectionMode
 from filter_core.segmentation.reading import (
     PALETTES,
     Encoding,
@@ -50,7 +53,7 @@ from filter_core.segmentation.reading import (
     OrderOfChannels,
     TagScale,
 )
-from filter_core.types import Dataclass, DepthEncoding, Profile, ProjectionMode
+from filter_core.verdicts import Profile
 
 NumberT = TypeVar("NumberT")
 

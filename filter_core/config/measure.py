@@ -16,12 +16,15 @@ from typing import Final
 
 import numpy as np
 
+from filter_core.arrays import IntArray
 from filter_core.class_names import canonical_class
 from filter_core.classes import PASS, accept_mask_of, measured_class
 from filter_core.evidence_kinds import CHANNELS, ChannelName, files_for
+from filter_core.evidence_numbers import DepthEncoding
+from filter_core.frame_boxes import ProjectionMode
 from filter_core.segmentation.reading import SegmentationOptions
-from filter_core.types import DepthEncoding, IntArray, Profile, ProjectionMode
 from filter_core.values import JsonObject
+from filter_core.verdicts import Profile
 
 NEWEST_VERSION: Final = 2
 """How frames are measured now, in profile ``paper``:

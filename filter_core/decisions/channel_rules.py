@@ -17,18 +17,11 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
+from filter_core.arrays import NOT_MEASURED, BoolArray, FloatArray, IntArray
 from filter_core.config.filter import DecideConfig
 from filter_core.evidence_kinds import CHANNELS, SEMANTIC, ChannelName, EvidenceName
-from filter_core.types import (
-    NOT_MEASURED,
-    BoolArray,
-    ChannelNumbers,
-    Decisions,
-    Evidence,
-    FloatArray,
-    IntArray,
-    Reason,
-)
+from filter_core.evidence_numbers import ChannelNumbers, Evidence
+from filter_core.verdicts import Decisions, Reason
 
 IS_FINAL: Final = np.array([False, *(reason.is_final for reason in Reason)])
 """`Reason.is_final` by the number of the reason; there is no reason 0."""

@@ -19,6 +19,7 @@ from typing import Final, Literal, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from filter_core.arrays import BoolArray, FloatArray, IntArray
 from filter_core.config.filter import DecideConfig
 from filter_core.decisions.channel_rules import (
     IS_FINAL,
@@ -34,16 +35,13 @@ from filter_core.evidence_kinds import (
     ChannelName,
     EvidenceName,
 )
-from filter_core.types import (
+from filter_core.evidence_numbers import Evidence
+from filter_core.verdicts import (
     KEPT,
     REJECTED,
     UNMEASURED,
     VERDICT_OF_REASON,
-    BoolArray,
     Decisions,
-    Evidence,
-    FloatArray,
-    IntArray,
     Reason,
 )
 

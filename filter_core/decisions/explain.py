@@ -18,6 +18,7 @@ from typing import Final, NamedTuple, TypeAlias
 
 import numpy as np
 
+from filter_core.arrays import UNKNOWN_TAG, floats_or_none
 from filter_core.classes import accepted_names, accepts
 from filter_core.config.filter import ClassLimits, FilterConfig
 from filter_core.decisions.channel_rules import (
@@ -26,17 +27,9 @@ from filter_core.decisions.channel_rules import (
     pixels_needed,
 )
 from filter_core.evidence_kinds import ChannelName
+from filter_core.evidence_numbers import UNKNOWN_COLUMN, Evidence
 from filter_core.segmentation.palettes import FAMILIES
-from filter_core.types import (
-    UNKNOWN_COLUMN,
-    UNKNOWN_TAG,
-    Decisions,
-    Evidence,
-    HiddenBy,
-    Reason,
-    Verdict,
-    floats_or_none,
-)
+from filter_core.verdicts import Decisions, HiddenBy, Reason, Verdict
 
 
 class ExplainedBox(NamedTuple):

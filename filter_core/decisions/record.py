@@ -15,6 +15,15 @@ from typing import Final, Literal, TypeAlias, TypedDict, cast
 
 import numpy as np
 
+from filter_core.arrays import (
+    NOT_MEASURED,
+    BoolArray,
+    BoxesXYXY,
+    FloatArray,
+    IntArray,
+    counts_or_none,
+    floats_or_none,
+)
 from filter_core.decisions.channel_rules import channel_names
 from filter_core.decisions.explain import (
     FrameFacts,
@@ -23,24 +32,16 @@ from filter_core.decisions.explain import (
     nearer_boxes,
 )
 from filter_core.evidence_kinds import SEMANTIC, EvidenceName
+from filter_core.evidence_numbers import ChannelNumbers, Evidence
 from filter_core.geometry.projection import BoxGeometry
-from filter_core.types import (
-    NOT_MEASURED,
-    BoolArray,
-    BoxesXYXY,
-    ChannelNumbers,
+from filter_core.verdicts import (
     DecidedBoxes,
     DecisionColumns,
     Decisions,
-    Evidence,
-    FloatArray,
     HiddenBy,
-    IntArray,
     Reason,
     ReasonLabel,
     VerdictName,
-    counts_or_none,
-    floats_or_none,
 )
 
 OcclusionLevel: TypeAlias = Literal[0, 1, 2, 3]

@@ -20,23 +20,15 @@ from typing import Final, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from filter_core.arrays import BoolArray, FloatArray, IntArray
 from filter_core.config.filter import DecideConfig, LimitsByClass
 from filter_core.decisions.channel_rules import (
     IS_FINAL,
     apply_channels,
     with_more_pixels,
 )
-from filter_core.types import (
-    REJECTED,
-    VERDICT_OF_REASON,
-    BoolArray,
-    BoxState,
-    Decisions,
-    Evidence,
-    FloatArray,
-    IntArray,
-    Reason,
-)
+from filter_core.evidence_numbers import BoxState, Evidence
+from filter_core.verdicts import REJECTED, VERDICT_OF_REASON, Decisions, Reason
 
 Z95: Final = 1.959963984540054
 """95 % of a normal distribution lie within so many standard deviations of its mean."""

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from filter_core.arrays import BoolArray, FloatArray, IntArray
 from filter_core.decisions.rules import Z95
 from filter_core.evaluation.scores import Measured
-from filter_core.types import BoolArray, FloatArray, IntArray
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,7 @@ from typing import Final, Literal, NamedTuple, TypeAlias, TypedDict, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from filter_core.arrays import BoolArray, BoxesXYXY, FloatArray, IntArray
 from filter_core.config.filter import FilterConfig
 from filter_core.decisions.channel_rules import IS_FINAL
 from filter_core.decisions.rules import decide
@@ -22,15 +23,8 @@ from filter_core.errors import ConfigError
 from filter_core.evaluation.comparison import PartCounts, PartsObject
 from filter_core.evaluation.detections import pairwise_iou
 from filter_core.evidence_kinds import AUTO, SEMANTIC, EvidenceChoice
-from filter_core.types import (
-    REJECTED,
-    VERDICT_OF_REASON,
-    BoolArray,
-    BoxesXYXY,
-    Evidence,
-    FloatArray,
-    IntArray,
-)
+from filter_core.evidence_numbers import Evidence
+from filter_core.verdicts import REJECTED, VERDICT_OF_REASON
 
 ArmKind: TypeAlias = Literal[
     "raw",

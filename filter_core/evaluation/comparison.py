@@ -15,6 +15,7 @@ from typing import Final, Literal, Protocol, TypeAlias, TypedDict
 import numpy as np
 from numpy.typing import NDArray
 
+from filter_core.arrays import NOT_MEASURED, BoolArray, FloatArray, IntArray
 from filter_core.config.filter import FilterConfig
 from filter_core.decisions.channel_rules import has_number
 from filter_core.decisions.rules import decide
@@ -25,16 +26,8 @@ from filter_core.evaluation.scores import (
     band_index,
 )
 from filter_core.evidence_kinds import CHANNELS, SEMANTIC, EvidenceName
-from filter_core.types import (
-    NOT_MEASURED,
-    UNMEASURED,
-    VERDICT_OF_REASON,
-    BoolArray,
-    Evidence,
-    FloatArray,
-    IntArray,
-    Reason,
-)
+from filter_core.evidence_numbers import Evidence
+from filter_core.verdicts import UNMEASURED, VERDICT_OF_REASON, Reason
 
 COMPARED: Final[tuple[EvidenceName, ...]] = (SEMANTIC, *CHANNELS)
 """The kinds of evidence that can be compared."""

@@ -17,8 +17,8 @@ from typing import Final, NamedTuple, TypedDict
 
 import numpy as np
 
+from filter_core.arrays import BoolArray, BoxesXYXY, FloatArray, IntArray, rows_of
 from filter_core.evaluation.scores import BANDS, band_index
-from filter_core.types import BoolArray, BoxesXYXY, FloatArray, IntArray, rows_of
 
 IOUS: Final[FloatArray] = np.linspace(0.5, 0.95, 10)
 """The overlaps from which a detection can be right."""

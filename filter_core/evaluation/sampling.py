@@ -18,8 +18,8 @@ from typing import Final
 
 import numpy as np
 
+from filter_core.arrays import BoolArray, FloatArray, IntArray
 from filter_core.evaluation.scores import Measured
-from filter_core.types import BoolArray, FloatArray, IntArray
 
 WIDEST: Final = 0.1
 """An interval that extends farther to either side says too little: it is refused."""

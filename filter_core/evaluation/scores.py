@@ -9,8 +9,8 @@ from typing import Final, TypedDict
 
 import numpy as np
 
+from filter_core.arrays import BoolArray, FloatArray, IntArray
 from filter_core.decisions.rules import Z95
-from filter_core.types import BoolArray, FloatArray, IntArray
 
 BANDS: Final = ("0-50", "50-100", "100-150", "150-200", ">200", "unknown")
 """Bands of distance in metres; each includes its lower end."""

@@ -15,22 +15,15 @@ from typing import Final, Literal, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from filter_core.arrays import BoolArray, FloatArray, IntArray, rows_of
 from filter_core.class_names import canonical_class
 from filter_core.config.declaration import INHERIT
 from filter_core.config.filter import ClassConfig, FilterConfig
 from filter_core.decisions.channel_rules import own_percent
 from filter_core.decisions.rules import decide
 from filter_core.evaluation.scores import Confusion
-from filter_core.types import (
-    UNMEASURED,
-    VERDICT_OF_REASON,
-    BoolArray,
-    Evidence,
-    FloatArray,
-    IntArray,
-    Reason,
-    rows_of,
-)
+from filter_core.evidence_numbers import Evidence
+from filter_core.verdicts import UNMEASURED, VERDICT_OF_REASON, Reason
 
 Target: TypeAlias = Literal["f1", "recall"]
 """The goal for which a threshold is optimised."""

@@ -14,6 +14,7 @@ from typing import Final, NamedTuple, TypedDict
 
 import numpy as np
 
+from filter_core.arrays import BoxesXYXY, FloatArray, IntArray
 from filter_core.evaluation.detections import (
     IOUS,
     Detections,
@@ -24,7 +25,6 @@ from filter_core.evaluation.detections import (
     score_detections,
 )
 from filter_core.evaluation.scores import Measured, MeasuredObject
-from filter_core.types import BoxesXYXY, FloatArray, IntArray
 
 _ROLES: Final = {"perfect": " (ceiling)", "random": " (control)"}
 """Arms that nobody can have, or would want."""

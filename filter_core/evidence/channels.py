@@ -16,6 +16,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from filter_core.arrays import UNKNOWN_TAG, Mask
 from filter_core.config.measure import MeasureConfig
 from filter_core.errors import ImageError, error_context
 from filter_core.evidence.depth import (
@@ -40,18 +41,13 @@ from filter_core.evidence.silhouettes import (
     frame_silhouettes,
 )
 from filter_core.evidence_kinds import files_for
+from filter_core.evidence_numbers import ChannelNumbers, Evidence
+from filter_core.frame_boxes import FrameBoxes
 from filter_core.geometry.boxes import correct_xyxy
 from filter_core.geometry.camera import Camera
 from filter_core.geometry.pose import Transform
 from filter_core.images.header import MAX_SIDE
 from filter_core.segmentation.codes import Segmentation
-from filter_core.types import (
-    UNKNOWN_TAG,
-    ChannelNumbers,
-    Evidence,
-    FrameBoxes,
-    Mask,
-)
 
 
 @dataclass(frozen=True, eq=False)

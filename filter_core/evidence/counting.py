@@ -14,9 +14,9 @@ from typing import Final
 import cv2
 import numpy as np
 
+from filter_core.arrays import IntArray, Mask
 from filter_core.images.pixels import gather, run_ends, run_lengths
 from filter_core.segmentation.codes import PixelCodes
-from filter_core.types import IntArray, Mask
 
 # Nanoseconds, measured with benchmarks/bench_filter.py; only their ratios matter.
 _NS_PER_BOX: Final = 1_800.0

@@ -11,7 +11,7 @@ from typing import Final
 
 import numpy as np
 
-from filter_core.types import BoxesXYXY, FloatArray, IntArray
+from filter_core.arrays import BoxesXYXY, FloatArray, IntArray
 
 _MOST_PAIRS: Final = 1 << 16
 """Up to this many pairs, comparing all of them at once is the fastest."""

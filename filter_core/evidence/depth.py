@@ -17,8 +17,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from filter_core.arrays import FloatArray, IntArray, Mask
 from filter_core.errors import ImageError, file_context
 from filter_core.evidence.silhouettes import AcceptedPixels
+from filter_core.evidence_numbers import ChannelNumbers, DepthEncoding
 from filter_core.geometry.camera import Camera
 from filter_core.geometry.projection import NEAR_PLANE, to_image_points
 from filter_core.images.decoding import decode_color, decode_image
@@ -30,13 +32,6 @@ from filter_core.images.header import (
     require_size,
 )
 from filter_core.images.pixels import values_of
-from filter_core.types import (
-    ChannelNumbers,
-    DepthEncoding,
-    FloatArray,
-    IntArray,
-    Mask,
-)
 
 DEPTH_RANGE: Final = 1000.0
 """Metres: the largest depth that CARLA's image can hold, which is that of the sky."""

@@ -15,9 +15,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from filter_core.arrays import NOT_MEASURED, UNKNOWN_TAG, FloatArray, IntArray
 from filter_core.classes import accepts
 from filter_core.errors import ImageError, file_context
 from filter_core.evidence.silhouettes import Silhouette
+from filter_core.evidence_numbers import ChannelNumbers
+from filter_core.frame_boxes import FrameBoxes
 from filter_core.images.decoding import decode_color
 from filter_core.images.header import (
     MAX_SIDE,
@@ -28,14 +31,6 @@ from filter_core.images.header import (
 from filter_core.images.pixels import ChannelOrder, sampled
 from filter_core.segmentation.codes import Segmentation
 from filter_core.segmentation.palettes import LAST_TAG
-from filter_core.types import (
-    NOT_MEASURED,
-    UNKNOWN_TAG,
-    ChannelNumbers,
-    FloatArray,
-    FrameBoxes,
-    IntArray,
-)
 
 ID_BITS: Final = 0xFFFF
 """The image holds 16 bits of each id.

@@ -17,17 +17,12 @@ from typing import Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from filter_core.arrays import NOT_MEASURED, BoolArray, FloatArray, IntArray
 from filter_core.classes import accepts
 from filter_core.errors import FilterError
 from filter_core.geometry.box3d import in_carla_order
 from filter_core.geometry.pose import Transform
 from filter_core.npy import NPY_MAGIC, read_npy
-from filter_core.types import (
-    NOT_MEASURED,
-    BoolArray,
-    FloatArray,
-    IntArray,
-)
 
 MAX_POINTS: Final = 20_000_000
 

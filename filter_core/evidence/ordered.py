@@ -14,8 +14,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from filter_core.arrays import NOT_MEASURED, BoolArray, FloatArray, IntArray, Mask
 from filter_core.evidence.silhouettes import AcceptedPixels
-from filter_core.types import NOT_MEASURED, BoolArray, FloatArray, IntArray, Mask
 
 _UNCLAIMED: Final = -1
 

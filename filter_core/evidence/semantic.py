@@ -14,6 +14,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from filter_core.arrays import BoolArray, BoxesXYXY, FloatArray, IntArray, Mask
 from filter_core.classes import accept_mask_of, accepts
 from filter_core.config.measure import NEWEST_VERSION, MeasureConfig
 from filter_core.errors import FilterError, ImageSizeMismatch, SegmentationError
@@ -23,22 +24,12 @@ from filter_core.evidence.counting import (
     count_pixels,
 )
 from filter_core.evidence.crowding import crowding_percent
+from filter_core.evidence_numbers import N_TAGS, UNKNOWN_COLUMN, BoxState, Evidence
+from filter_core.frame_boxes import FrameBoxes
 from filter_core.geometry.boxes import correct_xyxy, pixel_bounds
 from filter_core.segmentation.codes import CODE_OF, Segmentation, packed, tags_of_codes
 from filter_core.segmentation.palettes import PUBLISHED_COLORS
-from filter_core.types import (
-    N_TAGS,
-    UNKNOWN_COLUMN,
-    BoolArray,
-    BoxesXYXY,
-    BoxState,
-    Evidence,
-    FloatArray,
-    FrameBoxes,
-    IntArray,
-    Mask,
-    Profile,
-)
+from filter_core.verdicts import Profile
 
 
 @dataclass(frozen=True)

@@ -16,18 +16,12 @@ from typing import Final, TypeAlias
 import cv2
 import numpy as np
 
+from filter_core.arrays import BoxesXYXY, FloatArray, IntArray, Mask, rows_of
 from filter_core.classes import accepts
 from filter_core.geometry.boxes import pixel_bounds
 from filter_core.geometry.camera import Camera
 from filter_core.geometry.projection import hull_points
 from filter_core.segmentation.codes import PixelCodes
-from filter_core.types import (
-    BoxesXYXY,
-    FloatArray,
-    IntArray,
-    Mask,
-    rows_of,
-)
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,6 +16,7 @@ from typing import Final, NamedTuple, TypeAlias
 
 import numpy as np
 
+from filter_core.arrays import FloatArray
 from filter_core.config.declaration import refuse_unknown_keys
 from filter_core.errors import ConfigError, LayoutError
 from filter_core.formats.box_rows import BoxReader
@@ -29,7 +30,6 @@ from filter_core.formats.fields import (
 from filter_core.formats.patterns import CAMERA, FRAME, FilePattern, Values, plain
 from filter_core.formats.rows import MAX_BYTES, Lines, read_document, table_suffix
 from filter_core.geometry.pose import Transform
-from filter_core.types import FloatArray
 from filter_core.values import place_of, shown
 
 WORLD_TO_CAMERA: Final = "world_to_camera"

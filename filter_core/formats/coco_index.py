@@ -17,10 +17,10 @@ from typing import BinaryIO, Final, TypeAlias
 
 import numpy as np
 
+from filter_core.arrays import IntArray
 from filter_core.errors import LayoutError
 from filter_core.formats.json_items import JsonItem, decode_value, read_object
 from filter_core.formats.reading import open_regular
-from filter_core.types import IntArray
 from filter_core.values import shown
 
 

@@ -54,7 +54,7 @@ from filter_core.formats.writing import (
     OutFrame,
     Traits,
 )
-from filter_core.types import DecidedBoxes
+from filter_core.verdicts import DecidedBoxes
 
 CVAT: Final = Format(
     name="cvat",

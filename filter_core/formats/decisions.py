@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from filter_core.annotation.frame import FORMS_3D, GEOMETRIES
+from filter_core.arrays import counts_or_none, floats_or_none
 from filter_core.errors import JsonError, LayoutError, NotAvailable
 from filter_core.formats.export import (
     ExportError,
@@ -46,17 +47,15 @@ from filter_core.formats.recording import RecordingDescription
 from filter_core.formats.streams import listed_frames
 from filter_core.formats.tally import Counts, ExportTally
 from filter_core.json_text import read_json
-from filter_core.types import (
+from filter_core.values import shown
+from filter_core.verdicts import (
     VERDICTS,
     Answer,
     DecidedBoxes,
     DecisionColumns,
     HiddenBy,
     Reason,
-    counts_or_none,
-    floats_or_none,
 )
-from filter_core.values import shown
 
 DECISIONS_JSONL: Final = Format(
     name="decisions-jsonl",

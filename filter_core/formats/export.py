@@ -20,18 +20,12 @@ from filter_core.annotation.boxes import KNOWN_BOX_KEYS
 from filter_core.annotation.camera import read_camera
 from filter_core.annotation.frame import FORMS_3D, frame_vertices, given_rectangles
 from filter_core.annotation.parsing import KNOWN_FRAME_KEYS, parse_annotation
+from filter_core.arrays import BoolArray, BoxesXYXY, Dataclass, FloatArray
 from filter_core.errors import FilterError
 from filter_core.geometry.camera import Camera
 from filter_core.images.drawing import DrawnBox
-from filter_core.types import (
-    BoolArray,
-    BoxesXYXY,
-    Dataclass,
-    DecidedBoxes,
-    DecisionColumns,
-    FloatArray,
-)
 from filter_core.values import Faults, JsonObject
+from filter_core.verdicts import DecidedBoxes, DecisionColumns
 
 IMAGE_SUFFIX: Final = {"image/png": ".png", "image/jpeg": ".jpg"}
 

@@ -25,6 +25,7 @@ from typing import BinaryIO, ClassVar, Final
 import numpy as np
 
 from filter_core.annotation.frame import FORMS_3D
+from filter_core.arrays import FloatArray
 from filter_core.errors import FilterError, LayoutError
 from filter_core.formats.export import ExportFrame
 from filter_core.formats.files import Spool, number_text
@@ -74,7 +75,6 @@ from filter_core.formats.writing import (
 from filter_core.geometry.box3d import in_carla_order
 from filter_core.geometry.camera import CARLA_TO_IMAGE_AXES, Camera
 from filter_core.images.header import read_image_size
-from filter_core.types import FloatArray
 
 KITTI: Final = Format(
     name="kitti",

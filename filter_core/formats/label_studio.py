@@ -58,8 +58,8 @@ from filter_core.formats.writing import (
     OutFrame,
     Traits,
 )
-from filter_core.types import REJECTED
 from filter_core.values import shown
+from filter_core.verdicts import REJECTED
 
 LABEL_STUDIO: Final = Format(
     name="label-studio",

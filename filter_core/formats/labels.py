@@ -20,12 +20,12 @@ import numpy as np
 
 from filter_core.annotation.parsing import parse_annotation
 from filter_core.annotation.units import MAX_SHARE, PERCENT, unit_of_shares
+from filter_core.arrays import BoolArray, FloatArray
 from filter_core.errors import FilterError, LayoutError
 from filter_core.formats.reading import KEYS_NAME, FrameSet, FrameSource, frame_size
 from filter_core.formats.recording import RecordingDescription
 from filter_core.formats.words import map_in
 from filter_core.geometry.boxes import FORMS, to_xyxy
-from filter_core.types import BoolArray, FloatArray
 
 _SAMPLE: Final = 200
 """Frames whose labels are looked at, the first of a recording."""

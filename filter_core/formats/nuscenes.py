@@ -21,6 +21,7 @@ from typing import Final, TypeAlias
 
 import numpy as np
 
+from filter_core.arrays import FloatArray
 from filter_core.errors import LayoutError
 from filter_core.formats.format import Format, Recognition, Source
 from filter_core.formats.matching import (
@@ -42,7 +43,6 @@ from filter_core.formats.recording import RecordingDescription
 from filter_core.formats.rows import MAX_BYTES, read_document
 from filter_core.formats.streams import Streams
 from filter_core.geometry.camera import CARLA_TO_IMAGE_AXES
-from filter_core.types import FloatArray
 from filter_core.values import shown
 
 NUSCENES: Final = Format(

@@ -16,7 +16,7 @@ from filter_core.images.sheet import (
     sheet_of,
     tile_of,
 )
-from filter_core.types import KEPT, VERDICTS, DecidedBoxes, VerdictName
+from filter_core.verdicts import KEPT, VERDICTS, DecidedBoxes, VerdictName
 
 PICTURES: Final = "pictures"
 """The folder in an export."""

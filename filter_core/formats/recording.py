@@ -31,6 +31,7 @@ from filter_core.config.file import merged_classes, parse_yaml
 from filter_core.config.filter import DecideConfig, object_schema
 from filter_core.config.keys import ReadingKeys
 from filter_core.errors import ConfigError, LayoutError
+from filter_core.evidence_numbers import DepthEncoding
 from filter_core.formats.cameras import AllowedCameras, CameraPlaces
 from filter_core.formats.fields import AllowedFields, BoxFields
 from filter_core.formats.patterns import (
@@ -54,7 +55,6 @@ from filter_core.segmentation.reading import (
     OrderOfChannels,
     TagScale,
 )
-from filter_core.types import DepthEncoding
 from filter_core.values import place_of, pointer_token, shown
 
 LAYOUTS: Final = (

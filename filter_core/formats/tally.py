@@ -9,9 +9,10 @@ from typing import Final, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 
+from filter_core.arrays import IntArray
 from filter_core.formats.export import ExportError, ExportFrame, ExportHead
 from filter_core.formats.files import Spool
-from filter_core.types import VERDICTS, Answer, DecidedBoxes, IntArray
+from filter_core.verdicts import VERDICTS, Answer, DecidedBoxes
 
 Counts: TypeAlias = dict[str, dict[str, int] | dict[str, dict[str, int]]]
 """Frames and boxes in and out, as ``manifest.json`` has them."""

@@ -18,6 +18,7 @@ from typing import ClassVar, Final, NamedTuple, Protocol, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from filter_core.arrays import BoolArray, BoxesXYXY, FloatArray, IntArray, rows_of
 from filter_core.formats.export import (
     IMAGE_SUFFIX,
     ExportError,
@@ -46,17 +47,7 @@ from filter_core.formats.splits import (
 )
 from filter_core.formats.tally import Change, Counts, ExportTally
 from filter_core.geometry.boxes import FORMS
-from filter_core.types import (
-    KEPT,
-    REJECTED,
-    UNMEASURED,
-    BoolArray,
-    BoxesXYXY,
-    DecidedBoxes,
-    FloatArray,
-    IntArray,
-    rows_of,
-)
+from filter_core.verdicts import KEPT, REJECTED, UNMEASURED, DecidedBoxes
 
 _USUAL_SHARE: Final = 0.8
 """That of training, of frames that have no part."""

@@ -13,9 +13,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
+from filter_core.arrays import BoolArray, FloatArray
 from filter_core.errors import FilterError
 from filter_core.geometry.pose import rotation_matrices
-from filter_core.types import BoolArray, FloatArray
 
 CORNER_SIGNS: Final[FloatArray] = np.array(
     list(product((-1.0, 1.0), repeat=3)), dtype=np.float64

@@ -13,15 +13,10 @@ from typing import Final, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from filter_core.arrays import BoolArray, BoxesXYXY, FloatArray, IntArray
 from filter_core.errors import AnnotationError, FilterError
-from filter_core.types import (
-    BoolArray,
-    BoxesXYXY,
-    BoxState,
-    FloatArray,
-    IntArray,
-    Profile,
-)
+from filter_core.evidence_numbers import BoxState
+from filter_core.verdicts import Profile
 
 
 def _unchanged(boxes: FloatArray) -> FloatArray:

@@ -10,9 +10,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
+from filter_core.arrays import FloatArray
 from filter_core.errors import FilterError
 from filter_core.geometry.pose import TransformLike, as_transform
-from filter_core.types import FloatArray
 
 CARLA_TO_IMAGE_AXES: Final[FloatArray] = np.array(
     [[0.0, 1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]]

@@ -14,7 +14,7 @@ from typing import Final, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from filter_core.types import FloatArray
+from filter_core.arrays import FloatArray
 from filter_core.values import (
     Faults,
     Place,

@@ -16,16 +16,11 @@ from typing import Final, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from filter_core.arrays import BoolArray, BoxesXYXY, FloatArray, IntArray
 from filter_core.errors import FilterError
+from filter_core.frame_boxes import ProjectionMode
 from filter_core.geometry.box3d import EDGES, as_vertices, in_carla_order
 from filter_core.geometry.camera import Camera
-from filter_core.types import (
-    BoolArray,
-    BoxesXYXY,
-    FloatArray,
-    IntArray,
-    ProjectionMode,
-)
 
 NEAR_PLANE: Final = 0.1
 """Metres; Unreal's near plane is at 10 cm."""

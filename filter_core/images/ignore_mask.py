@@ -12,10 +12,10 @@ from typing import TypeAlias
 import cv2
 import numpy as np
 
+from filter_core.arrays import BoolArray, FloatArray, Mask
 from filter_core.errors import FilterError, ImageError, file_context
 from filter_core.images.decoding import decode_image
 from filter_core.images.header import MAX_SIDE, read_image_header, require_size
-from filter_core.types import BoolArray, FloatArray, Mask
 
 Polygon: TypeAlias = Sequence[Sequence[float]]
 """Corners ``[x, y]`` in px; the last is joined to the first."""

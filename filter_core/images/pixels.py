@@ -19,7 +19,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from filter_core.types import BoolArray, IntArray, Mask
+from filter_core.arrays import BoolArray, IntArray, Mask
 
 ChannelOrder: TypeAlias = Literal["rgb", "bgr"]
 """Of three colour channels, in an array or in a file."""

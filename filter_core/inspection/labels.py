@@ -18,6 +18,7 @@ import numpy as np
 from filter_core.annotation.frame import BoxAnnotation, FrameAnnotation
 from filter_core.annotation.parsing import parse_annotation
 from filter_core.annotation.units import check_units
+from filter_core.arrays import BoolArray, FloatArray
 from filter_core.errors import FilterError, LayoutError, problem_of
 from filter_core.formats.reading import (
     FrameSet,
@@ -29,7 +30,6 @@ from filter_core.geometry.boxes import FORMS, to_xyxy
 from filter_core.inspection.files import FileUse
 from filter_core.inspection.listing import Listing
 from filter_core.pipeline import box_class
-from filter_core.types import BoolArray, FloatArray
 
 _Thing = TypeVar("_Thing")
 

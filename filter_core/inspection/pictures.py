@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from filter_core.arrays import UNKNOWN_TAG
 from filter_core.config.filter import FilterConfig
 from filter_core.decisions.rules import decide
 from filter_core.errors import FilterError, LayoutError, problem_of
@@ -40,7 +41,7 @@ from filter_core.segmentation.palettes import (
 )
 from filter_core.segmentation.reading import SegmentationOptions, read_segmentation
 from filter_core.segmentation.recognition import Reading as Candidate
-from filter_core.types import UNKNOWN_TAG, VerdictName
+from filter_core.verdicts import VerdictName
 
 Picture: TypeAlias = NDArray[np.uint8]
 """(H, W, 3), B, G, R."""

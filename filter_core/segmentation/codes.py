@@ -21,6 +21,7 @@ from typing import Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from filter_core.arrays import UNKNOWN_TAG, IntArray, TagImage
 from filter_core.images.pixels import (
     ChannelOrder,
     Codes,
@@ -36,7 +37,6 @@ from filter_core.segmentation.palettes import (
     ChangedTags,
     palette_of,
 )
-from filter_core.types import UNKNOWN_TAG, IntArray, TagImage
 
 ORDERS: Final[tuple[ChannelOrder, ...]] = ("rgb", "bgr")
 

@@ -17,8 +17,8 @@ from typing import Final, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from filter_core.arrays import UNKNOWN_TAG, TagImage
 from filter_core.errors import FilterError
-from filter_core.types import UNKNOWN_TAG, TagImage
 
 RGB: TypeAlias = tuple[int, int, int]
 

@@ -16,6 +16,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from filter_core.arrays import TagImage
 from filter_core.errors import FilterError, ImageError, SegmentationError, file_context
 from filter_core.images.decoding import decode_color, decode_image
 from filter_core.images.drawing import as_png
@@ -54,7 +55,6 @@ from filter_core.segmentation.tags import (
     refuse_lost_tags,
     refuse_unlike_palettes,
 )
-from filter_core.types import TagImage
 
 PALETTES: Final = ("auto", *FAMILIES)
 """The allowed names of a segmentation's tag family."""

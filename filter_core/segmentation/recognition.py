@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Final, NamedTuple
 
+from filter_core.arrays import UNKNOWN_TAG
 from filter_core.errors import SegmentationError
 from filter_core.images.pixels import ChannelOrder
 from filter_core.segmentation.codes import (
@@ -31,7 +32,6 @@ from filter_core.segmentation.palettes import (
     ChangedTags,
     palette_of,
 )
-from filter_core.types import UNKNOWN_TAG
 
 _NEWEST_FIRST: Final = (
     *(family for family in reversed(list(FAMILIES)) if family != PAPER_TABLE),

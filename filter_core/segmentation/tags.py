@@ -19,6 +19,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from filter_core.arrays import UNKNOWN_TAG, IntArray, TagImage
 from filter_core.errors import SegmentationError
 from filter_core.images.pixels import (
     ChannelOrder,
@@ -60,7 +61,6 @@ from filter_core.segmentation.recognition import (
     contradiction,
     recognise,
 )
-from filter_core.types import UNKNOWN_TAG, IntArray, TagImage
 
 _MAX_SENSELESS_PERCENT: Final = 1.0
 """An image with a larger share of colours or tags of no family is refused."""

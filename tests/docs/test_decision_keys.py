@@ -15,7 +15,7 @@ from app.boxes.reader import StoredDecision
 from filter_core.decisions.record import Decision
 from filter_core.formats.decisions import COLUMNS
 from filter_core.pipeline import SegmentationReport
-from filter_core.types import HiddenBy
+from filter_core.verdicts import HiddenBy
 from tests.support.documents import read
 from unghost.wire import boxes, frames
 

@@ -26,7 +26,7 @@ from app.db.migrate import (
 )
 from app.db.tables import access as access_tables
 from app.package import migrations_dir
-from filter_core.types import Reason
+from filter_core.verdicts import Reason
 from tests.support.filled_database import contents, fill, revisions
 
 SCRIPTS = migrations_dir()

@@ -15,7 +15,8 @@ from app.measuring.evidence import (
     pack_tag_counts,
 )
 from app.runs.queries import pack_flips
-from filter_core.types import N_TAGS, ChannelNumbers, Evidence, Reason, Verdict
+from filter_core.evidence_numbers import N_TAGS, ChannelNumbers, Evidence
+from filter_core.verdicts import Reason, Verdict
 from tests.support.evidence import absent_evidence
 
 _BOXES = 3

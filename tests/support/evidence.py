@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from filter_core.types import Evidence, number_columns
+from filter_core.evidence_numbers import Evidence, number_columns
 
 ACCEPTS_CAR = 1 << 14
 NO_RECTANGLE = [np.nan] * 4

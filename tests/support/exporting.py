@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from filter_core.annotation.frame import GEOMETRIES
+from filter_core.arrays import NOT_MEASURED
 from filter_core.config.filter import FilterConfig
 from filter_core.formats.export import (
     ExportFrame,
@@ -18,13 +19,7 @@ from filter_core.formats.export import (
 )
 from filter_core.formats.registry import FORMATS, read_source, write_export
 from filter_core.local import LeftOut, class_order, export_sources
-from filter_core.types import (
-    NOT_MEASURED,
-    Answer,
-    DecidedBoxes,
-    DecisionColumns,
-    Reason,
-)
+from filter_core.verdicts import Answer, DecidedBoxes, DecisionColumns, Reason
 from tests.support.folders import write_files
 from tests.support.pictures import png
 

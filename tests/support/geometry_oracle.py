@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from filter_core.arrays import FloatArray
 from filter_core.geometry.box3d import boxes3d_vertices
 from filter_core.geometry.camera import Camera
 from filter_core.geometry.pose import as_transform, read_rotation, read_vector
-from filter_core.types import FloatArray
 from filter_core.values import Faults, Place
 from tests.support.sources import CHECKOUT
 

@@ -31,7 +31,7 @@ from app.storage.folder import FolderStorage
 from filter_core.config.filter import FilterConfig
 from filter_core.decisions.doubt import doubts
 from filter_core.decisions.rules import decide
-from filter_core.types import Evidence
+from filter_core.evidence_numbers import Evidence
 from tests.support.evidence import absent_evidence
 
 BOXES_PER_FRAME = 25

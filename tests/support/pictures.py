@@ -12,8 +12,8 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike
 
+from filter_core.frame_boxes import FrameBoxes
 from filter_core.segmentation.palettes import FAMILIES
-from filter_core.types import FrameBoxes
 
 FAMILY = "carla-0.9.14"
 LETTERS = {".": 1, "c": 14, "t": 15, "w": 12, "v": 9, "s": 11, "r": 13, "b": 16}

@@ -14,9 +14,9 @@ from typing import Final
 
 import numpy as np
 
+from filter_core.arrays import FloatArray
 from filter_core.geometry.box3d import boxes3d_vertices
 from filter_core.geometry.pose import Transform, Triple
-from filter_core.types import FloatArray
 from unghost.capture.boxes import ActorBoxes, map_boxes, without_duplicates
 from unghost.capture.folder import MANIFEST_KEYS, FrameRecord
 from unghost.capture.objects import SeenObject

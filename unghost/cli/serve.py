@@ -277,7 +277,7 @@ def _outgoing(line: dict[str, object]) -> OutgoingFrame:
 
 
 def _reason_rows(numbers: Stats) -> Iterator[tuple[object, ...]]:
-    from filter_core.types import Reason
+    from filter_core.verdicts import Reason
 
     verdicts: dict[str, str] = {reason.label: reason.verdict.value for reason in Reason}
     for reason, count in most_first(numbers.by_reason):

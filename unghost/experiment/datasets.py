@@ -18,11 +18,11 @@ from typing import Final, TypedDict
 import numpy as np
 import yaml
 
+from filter_core.arrays import BoolArray, BoxesXYXY
 from filter_core.evaluation.arms import DOUBTFUL, GHOST, OBJECT, LabelledBoxes
 from filter_core.formats.files import FileNames, json_bytes, write_whole
 from filter_core.formats.splits import part_by_shares, role_of_part, sequence_of
 from filter_core.local import LabelledFrame
-from filter_core.types import BoolArray, BoxesXYXY
 
 PARTS: Final = ("train", "val")
 

@@ -28,11 +28,11 @@ from typing import Final, TypedDict
 
 import numpy as np
 
+from filter_core.arrays import BoxesXYXY, FloatArray
 from filter_core.evaluation.arms import NoiseObject
 from filter_core.evaluation.detections import Detections, Objects
 from filter_core.evaluation.trials import EvaluationSet, Trial, TrialKey
 from filter_core.formats.files import json_bytes, write_whole
-from filter_core.types import BoxesXYXY, FloatArray
 from unghost.experiment.datasets import (
     OWN_LABELS,
     TRUTH,

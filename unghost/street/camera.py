@@ -14,9 +14,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from filter_core.arrays import BoolArray, FloatArray, IntArray, TagImage
 from filter_core.geometry.camera import Camera
 from filter_core.geometry.pose import Transform
-from filter_core.types import BoolArray, FloatArray, IntArray, TagImage
 from unghost.street.ground import RoadPlan, ground_footprint
 from unghost.street.light import (
     Lighting,

@@ -10,7 +10,7 @@ from typing import Final, TypeAlias
 
 import numpy as np
 
-from filter_core.types import FloatArray
+from filter_core.arrays import FloatArray
 from unghost.street.mesh import (
     Block,
     Mesh,

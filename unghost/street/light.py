@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from filter_core.types import FloatArray
+from filter_core.arrays import FloatArray
 from unghost.street.buildings import WallPixels, facade_look
 from unghost.street.ground import grass, ground_footprint, paving
 from unghost.street.mesh import along, turned

@@ -14,7 +14,7 @@ from typing import Final, TypeAlias, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from filter_core.types import FloatArray
+from filter_core.arrays import FloatArray
 from unghost.street.paint import DYE_COLUMN, SURFACE_COLUMNS, Paint
 
 Real = TypeVar("Real", np.float32, np.float64)

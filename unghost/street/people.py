@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from filter_core.types import FloatArray
+from filter_core.arrays import FloatArray
 from unghost.street.mesh import Mesh, Point, ball, join, loft, tube
 from unghost.street.paint import BLACK, RGB, Paint, Tag
 

@@ -14,8 +14,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from filter_core.arrays import BoolArray, FloatArray, IntArray
 from filter_core.geometry.camera import Camera
-from filter_core.types import BoolArray, FloatArray, IntArray
 from unghost.street.mesh import cross, turned
 
 _LARGE_PX: Final = 6000

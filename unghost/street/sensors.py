@@ -16,13 +16,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from filter_core.arrays import FloatArray, IntArray, TagImage
 from filter_core.formats.manifest import SEMANTIC_LIDAR_POINT
 from filter_core.geometry.box3d import boxes3d_vertices
 from filter_core.geometry.camera import Camera
 from filter_core.geometry.pose import Transform
 from filter_core.geometry.projection import DepthStatus, project_boxes
 from filter_core.segmentation.palettes import palette_of
-from filter_core.types import FloatArray, IntArray, TagImage
 from unghost.street.camera import Planes
 from unghost.street.mesh import turned
 from unghost.street.paint import FAMILY, Float32, Tag

@@ -23,12 +23,12 @@ from typing import IO, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from filter_core.arrays import FloatArray
 from filter_core.formats.files import write_whole
 from filter_core.formats.reading import MANIFEST_NAME
 from filter_core.geometry.camera import Camera
 from filter_core.local import in_order
 from filter_core.processes import module_command
-from filter_core.types import FloatArray
 from unghost.street.camera import Photographer, Planes, Stage, pixel_centres
 from unghost.street.light import Lighting, ShadowMap
 from unghost.street.sensors import (

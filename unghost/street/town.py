@@ -14,9 +14,9 @@ from typing import Final, TypeVar
 
 import numpy as np
 
+from filter_core.arrays import FloatArray
 from filter_core.classes import accept_mask_of
 from filter_core.geometry.pose import Transform
-from filter_core.types import FloatArray
 from unghost.street.furniture import TreeKind, tree
 from unghost.street.ground import SIDEWALK_HEIGHT, RoadPlan
 from unghost.street.light import Daylight

@@ -11,7 +11,7 @@ from typing import Final
 
 import numpy as np
 
-from filter_core.types import FloatArray
+from filter_core.arrays import FloatArray
 from unghost.street.mesh import (
     Mesh,
     ball,

@@ -22,7 +22,7 @@ from app.ingest.check import MAX_TEXT
 from app.jobs.queries import job_with_id
 from app.review.bulk import review_many
 from app.runs.flips import DiffPage, compared_runs, run_diff
-from filter_core.types import Reason
+from filter_core.verdicts import Reason
 from tests.support import frames as scene
 from tests.support.databases import empty_postgres
 from tests.support.services import ServiceDataset, Services, running_services

@@ -22,7 +22,7 @@ from app.verdicts import (
     is_not_in_conflict,
 )
 from filter_core.decisions.doubt import Bin, bins_of
-from filter_core.types import VERDICTS, Answer, Reason, Verdict
+from filter_core.verdicts import VERDICTS, Answer, Reason, Verdict
 from tests.support.exporting import columns
 
 ANSWERS = (None, "keep", "reject", "unsure")

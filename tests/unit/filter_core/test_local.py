@@ -7,6 +7,7 @@ import os
 
 import pytest
 
+from filter_core.arrays import NOT_MEASURED
 from filter_core.config.filter import FilterConfig
 from filter_core.formats.export import ExportFrame
 from filter_core.formats.reading import FrameSource
@@ -16,7 +17,6 @@ from filter_core.local import (
     filter_one,
     filter_source,
 )
-from filter_core.types import NOT_MEASURED
 from tests.support.folders import street_tags, write_files
 from tests.support.pictures import painted, png
 from tests.support.sensors import (

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import get_args
 
 from filter_core.evidence_kinds import EVIDENCE, EvidenceChoice
-from filter_core.types import Reason, ReasonLabel, Verdict, VerdictName
+from filter_core.verdicts import Reason, ReasonLabel, Verdict, VerdictName
 
 
 def test_reason_labels_equal_the_type_hint():

@@ -22,7 +22,7 @@ from app.db.base import Base
 from app.db.tables import Decision
 from filter_core.config.filter import FilterConfig
 from filter_core.decisions.doubt import Bin
-from filter_core.types import Reason, Verdict
+from filter_core.verdicts import Reason, Verdict
 
 DATASET, OTHER = 1, 2
 DECISIONS = Base.metadata.tables[Decision.__tablename__]

@@ -26,7 +26,7 @@ from app.measuring.evidence import (
     unpack_numbers,
     unpack_tag_counts,
 )
-from filter_core.types import N_TAGS, ChannelNumbers, Evidence, NumberColumn
+from filter_core.evidence_numbers import N_TAGS, ChannelNumbers, Evidence, NumberColumn
 
 SCALARS = [name for name in NUMBERS.columns if name not in ("class_id", "xyxy")]
 LIMITS = {"state": (0, 3), "accept_mask": (0, 2**30), "measured": (False, True)}

@@ -7,7 +7,7 @@ from collections import Counter
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from filter_core.types import Reason
+from filter_core.verdicts import Reason
 from tests.support import frames as scene
 
 SIDES = st.tuples(st.integers(-10, 70), st.integers(-10, 70))

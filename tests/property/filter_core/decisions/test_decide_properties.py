@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 
 from filter_core.config.filter import FilterConfig
 from filter_core.decisions.rules import decide
-from filter_core.types import BoxState, Reason
+from filter_core.evidence_numbers import BoxState
+from filter_core.verdicts import Reason
 from tests.support.evidence import ACCEPTS_CAR, evidence_of
 
 NAMES = ("car", "van", "traffic_light")

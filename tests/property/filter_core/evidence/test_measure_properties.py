@@ -13,13 +13,13 @@ from filter_core.evidence.counting import (
     count_codes_in,
 )
 from filter_core.evidence.semantic import measure, with_accept_masks
+from filter_core.frame_boxes import FrameBoxes
 from filter_core.segmentation.palettes import FAMILIES
 from filter_core.segmentation.reading import (
     SegmentationOptions,
     read_segmentation,
     segmentation_from_tags,
 )
-from filter_core.types import FrameBoxes
 from tests.support.pictures import FAMILY, painted, png
 from tests.support.slow_definitions import slow_counts
 

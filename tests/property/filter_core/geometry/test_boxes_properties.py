@@ -7,13 +7,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from filter_core.evidence_numbers import BoxState
 from filter_core.geometry.boxes import (
     FORMS,
     correct_xyxy,
     pixel_bounds,
     to_xyxy,
 )
-from filter_core.types import BoxState
 from tests.support.slow_definitions import slow_edges
 
 WH = (64, 48)

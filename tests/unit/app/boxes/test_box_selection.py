@@ -6,7 +6,7 @@ import pytest
 
 from app.boxes.filter import filters_of, to_filter
 from app.errors import BadRequest
-from filter_core.types import Reason
+from filter_core.verdicts import Reason
 from unghost.wire.boxes import BoxSelection
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from app.boxes.counts import count, summary, tallies_of
 from app.boxes.filter import TallyKey
 from filter_core.decisions.doubt import Bin
-from filter_core.types import Reason
+from filter_core.verdicts import Reason
 
 SEEN, UNSEEN = int(Reason.VISIBLE), int(Reason.NO_VISIBLE_PIXELS)
 BLIND = int(Reason.NO_SEGMENTATION)

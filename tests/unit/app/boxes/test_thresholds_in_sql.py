@@ -20,16 +20,12 @@ from app.boxes.orders import ORDERS, BoxPages
 from app.db.base import Base
 from app.db.tables import Decision
 from app.measuring.columns import DatasetColumns
+from filter_core.arrays import NOT_MEASURED, floats_or_none
 from filter_core.config.filter import FilterConfig
 from filter_core.decisions.doubt import Bin, doubts
 from filter_core.decisions.rules import decide
-from filter_core.types import (
-    NOT_MEASURED,
-    BoxState,
-    ChannelNumbers,
-    Reason,
-    floats_or_none,
-)
+from filter_core.evidence_numbers import BoxState, ChannelNumbers
+from filter_core.verdicts import Reason
 from tests.support.evidence import evidence_of
 
 DATASET = 1

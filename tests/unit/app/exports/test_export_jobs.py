@@ -22,7 +22,7 @@ from app.measuring.queries import DatasetRepository
 from filter_core.formats.export import ExportHead, ExportOptions
 from filter_core.formats.format import Need
 from filter_core.formats.registry import EXPORT_FORMATS, FORMATS, write_export
-from filter_core.types import VERDICTS
+from filter_core.verdicts import VERDICTS
 from tests.support import frames as scene
 from tests.support.services import ANSWERED_AT, ServiceDataset, running_services
 

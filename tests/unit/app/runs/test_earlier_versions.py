@@ -10,7 +10,7 @@ from app.jobs.queries import job_with_id
 from app.measuring.plan import active_measurement, plan_of
 from app.runs.flips import DiffPage, run_diff
 from filter_core.config.filter import FilterConfig
-from filter_core.types import Reason
+from filter_core.verdicts import Reason
 from tests.support import frames as scene
 
 BOXES = [

@@ -15,7 +15,7 @@ from app.jobs.driver import drive_job
 from app.jobs.queries import job_with_id
 from app.jobs.service import cancel, start
 from app.runs.service import RUNS, described_run
-from filter_core.types import Reason
+from filter_core.verdicts import Reason
 from tests.support import frames as scene
 from tests.support.pictures import jpeg, png
 from tests.support.services import FLIPS, run_job, running_services

@@ -13,7 +13,7 @@ from app.runs.flips import current_histogram
 from filter_core.config.filter import FilterConfig
 from filter_core.decisions.rules import decide
 from filter_core.pipeline import FrameOptions, filter_frame, read_and_measure
-from filter_core.types import Reason
+from filter_core.verdicts import Reason
 from tests.support import frames as scene
 from tests.support.pictures import png
 

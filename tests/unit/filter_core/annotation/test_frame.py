@@ -8,8 +8,8 @@ import pytest
 from filter_core.annotation.frame import BoxAnnotation, FrameAnnotation, frame_boxes_2d
 from filter_core.annotation.parsing import parse_annotation
 from filter_core.errors import AnnotationError, ImageSizeMismatch
+from filter_core.evidence_numbers import BoxState
 from filter_core.geometry.boxes import correct_xyxy
-from filter_core.types import BoxState
 
 WH = (1280, 720)
 CAMERA = {

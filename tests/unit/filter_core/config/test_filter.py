@@ -33,7 +33,7 @@ from filter_core.config.keys import ClassKeys, keys_of
 from filter_core.decisions.rules import decide
 from filter_core.errors import ConfigError
 from filter_core.evidence_kinds import CHANNELS, SEMANTIC
-from filter_core.types import ChannelNumbers
+from filter_core.evidence_numbers import ChannelNumbers
 from tests.support.evidence import evidence_of
 
 NUMBERS = [

@@ -16,7 +16,8 @@ from filter_core.decisions.channel_rules import (
 )
 from filter_core.decisions.rules import decide
 from filter_core.evidence_kinds import CHANNELS, SEMANTIC
-from filter_core.types import BoxState, ChannelNumbers, Reason
+from filter_core.evidence_numbers import BoxState, ChannelNumbers
+from filter_core.verdicts import Reason
 from tests.support.evidence import ACCEPTS_CAR, evidence_of
 
 

@@ -19,7 +19,7 @@ from filter_core.decisions.doubt import (
     questions,
 )
 from filter_core.decisions.rules import decide
-from filter_core.types import BoxState, ChannelNumbers
+from filter_core.evidence_numbers import BoxState, ChannelNumbers
 from tests.support.evidence import evidence_of
 
 TAGS = FilterConfig(profile="paper")

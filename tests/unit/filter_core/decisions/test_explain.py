@@ -15,8 +15,9 @@ from filter_core.decisions.explain import (
     rounded_percent,
 )
 from filter_core.evidence_kinds import CHANNELS, ChannelName
+from filter_core.evidence_numbers import N_TAGS
 from filter_core.segmentation.palettes import FAMILIES
-from filter_core.types import N_TAGS, HiddenBy, Reason
+from filter_core.verdicts import HiddenBy, Reason
 
 VEGETATION: HiddenBy = {
     "tag": 9,

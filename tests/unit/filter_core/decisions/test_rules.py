@@ -7,7 +7,8 @@ import pytest
 
 from filter_core.config.filter import FilterConfig
 from filter_core.decisions.rules import decide
-from filter_core.types import BoxState, Reason, Verdict
+from filter_core.evidence_numbers import BoxState
+from filter_core.verdicts import Reason, Verdict
 from tests.support.evidence import evidence_of
 
 

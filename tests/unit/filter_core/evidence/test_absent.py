@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from filter_core.types import ChannelNumbers, number_columns
+from filter_core.evidence_numbers import ChannelNumbers, number_columns
 
 
 def test_absent_fills_every_column_with_its_missing_value():

@@ -9,9 +9,9 @@ from filter_core.evidence.instances import InstanceImage, group_pixels
 from filter_core.evidence.lidar import LidarPoints, points_inside
 from filter_core.evidence.semantic import measure, with_accept_masks
 from filter_core.evidence.silhouettes import accepted_pixels, frame_silhouettes
+from filter_core.frame_boxes import FrameBoxes
 from filter_core.geometry.pose import Transform
 from filter_core.segmentation.reading import segmentation_from_tags
-from filter_core.types import FrameBoxes
 from tests.support.sensors import box_ahead
 
 TAGS = np.arange(256, dtype=np.uint8)

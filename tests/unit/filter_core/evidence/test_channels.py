@@ -8,17 +8,18 @@ import cv2
 import numpy as np
 import pytest
 
+from filter_core.arrays import NOT_MEASURED
 from filter_core.config.filter import FilterConfig
 from filter_core.config.measure import MeasureConfig
 from filter_core.decisions.record import Decision
 from filter_core.errors import ImageError, ImageTooLarge
 from filter_core.evidence.channels import Sensors, measure_evidence
 from filter_core.evidence_kinds import STRONGEST_FIRST, EvidenceChoice
+from filter_core.frame_boxes import FrameBoxes
 from filter_core.geometry.camera import Camera
 from filter_core.geometry.pose import Transform
 from filter_core.pipeline import FrameOptions, filter_frame, read_and_measure
 from filter_core.segmentation.reading import segmentation_from_tags
-from filter_core.types import NOT_MEASURED, FrameBoxes
 from tests.support.lidar import npy
 from tests.support.pictures import jpeg, painted, pixels_of, png
 from tests.support.sensors import (

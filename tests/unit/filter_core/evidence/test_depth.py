@@ -16,8 +16,8 @@ from filter_core.evidence.depth import (
     tight_rectangle,
 )
 from filter_core.evidence.silhouettes import AcceptedPixels, Silhouette
+from filter_core.evidence_numbers import ChannelNumbers
 from filter_core.geometry.camera import Camera
-from filter_core.types import ChannelNumbers
 from tests.support.pictures import pixels_of, png, with_alpha
 from tests.support.sensors import box_ahead, depth_png, street_metres
 

@@ -15,8 +15,9 @@ from filter_core.evidence.instances import (
     settled_instances,
 )
 from filter_core.evidence.silhouettes import frame_silhouettes
+from filter_core.evidence_numbers import ChannelNumbers
+from filter_core.frame_boxes import FrameBoxes
 from filter_core.segmentation.reading import segmentation_from_tags
-from filter_core.types import ChannelNumbers, FrameBoxes
 from tests.support.pictures import FAMILY, jpeg, painted, png, with_alpha
 from tests.support.sensors import depth_png, instance_png, street_metres
 from tests.support.shared_data import shared

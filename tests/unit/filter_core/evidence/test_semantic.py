@@ -12,8 +12,8 @@ from filter_core.errors import (
     SegmentationError,
 )
 from filter_core.evidence.semantic import MeasureOptions, measure, with_accept_masks
+from filter_core.evidence_numbers import UNKNOWN_COLUMN, BoxState
 from filter_core.segmentation.reading import read_segmentation, segmentation_from_tags
-from filter_core.types import UNKNOWN_COLUMN, BoxState
 from tests.support.pictures import FAMILY, frame_boxes, painted, png, tag_image
 
 PICTURE = tag_image(

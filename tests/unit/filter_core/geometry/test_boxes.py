@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from filter_core.errors import AnnotationError, FilterError
+from filter_core.evidence_numbers import BoxState
 from filter_core.geometry.boxes import correct_xyxy, pixel_bounds, to_xyxy
-from filter_core.types import BoxState
 from tests.support.shared_data import shared
 from tests.support.sources import CHECKOUT
 

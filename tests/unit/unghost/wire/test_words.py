@@ -18,7 +18,7 @@ from filter_core.formats import export, manifest
 from filter_core.formats.recording import LAYOUTS
 from filter_core.formats.registry import EXPORT_FORMATS
 from filter_core.segmentation import reading
-from filter_core.types import Answer, ReasonLabel, Verdict
+from filter_core.verdicts import Answer, ReasonLabel, Verdict
 from unghost.wire import runs, words
 
 JOB_STATES = get_args(words.JobState)
