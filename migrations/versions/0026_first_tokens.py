@@ -12,7 +12,8 @@ depends_on = None
 
 def upgrade() -> None:
     op.execute(
-        "UPDATE tokens SET expires_at = NULL WHERE name = 'admin' AND revoked_at IS NULL"
+        "UPDATE tokens SET expires_at = NULL"
+        " WHERE name = 'admin' AND revoked_at IS NULL"
     )
 
 
