@@ -58,7 +58,7 @@ class Command(Protocol):
         """The first sentence of its help."""
 
 
-_BINDING: Final = re.compile(r'keys: \[(.*?)\], help: "(.*?)", group: "(.*?)"')
+_BINDING: Final = re.compile(r'keys: \[(.*?)\],\s+help: "(.*?)",\s+group: "(.*?)"')
 DOCS: Final = Path(__file__).resolve().parents[1] / "docs"
 
 

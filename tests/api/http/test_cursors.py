@@ -25,6 +25,8 @@ def test_invalid_cursor_is_refused_by_every_paginated_list(api):
     api.upload_frame(dataset, "a")
     run = api.run(dataset, {"min_visible_pixels": 5}, activate=False)
     box_id = api.boxes(dataset)[0]["box_id"]
+    hook = {"url": "http://127.0.0.1:9/", "dataset": dataset}
+    hook_id = api.http.post("/api/v1/hooks", json=hook).json()["id"]
     asked = [
         *((path, "", INVALID_NAMES) for path in BY_NAME),
         *((path, "", INVALID_CURSORS) for path in lists(api) if path not in BY_NAME),
@@ -33,7 +35,9 @@ def test_invalid_cursor_is_refused_by_every_paginated_list(api):
 
     assert len(asked) > 10
     for path, sort, cursors in asked:
-        url = path.format(dataset=dataset, run_id=run["id"], box_id=box_id)
+        url = path.format(
+            dataset=dataset, run_id=run["id"], box_id=box_id, hook_id=hook_id
+        )
         needed = {"dataset": dataset} if path in OF_BOXES else {}
         needed |= {"sort": sort} if sort else {}
         for cursor in cursors:
