@@ -58,7 +58,7 @@ def lists_and_menus(tools: Tools) -> Iterator[str]:
 
     user.open(f"#/datasets/{scene.dataset}")
     expect(page.locator(".compare__box--kept")).to_have_count(2)
-    expect(page.get_by_role("table")).to_have_count(3)
+    expect(page.get_by_role("table")).to_have_count(5)
     yield "home of a dataset"
 
     user.open(f"#/datasets/{scene.dataset}/frames?verdict=rejected")
