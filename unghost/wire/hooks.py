@@ -18,7 +18,7 @@ class HookIn(RequestModel):
         Field(
             min_length=1,
             max_length=2000,
-            description="Where events are sent by POST: `https://` or `http://`, at a "
+            description="Where events are sent by POST: by HTTPS or plain HTTP, at a "
             "host that the setting `UNGHOST_HOOK_HOSTS` lists.",
             examples=["https://ci.example.org/unghost"],
         ),

@@ -4875,7 +4875,7 @@ export interface components {
         HookIn: {
             /**
              * Url
-             * @description Where events are sent by POST: `https://` or `http://`, at a host that the setting `UNGHOST_HOOK_HOSTS` lists.
+             * @description Where events are sent by POST: by HTTPS or plain HTTP, at a host that the setting `UNGHOST_HOOK_HOSTS` lists.
              * @example https://ci.example.org/unghost
              */
             url: string;
