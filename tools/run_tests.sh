@@ -12,12 +12,12 @@ trap 'exit 130' INT TERM
 # The files and folders of a group.
 paths() {
     case $1 in
-    browser) echo tests/browser tests/replicas tests/migrations ;;
+    browser) echo tests/browser ;;
     service) echo tests/api tests/durability tests/hostile tests/packaging ;;
     others)
         for folder in tests/*/; do
             case ${folder%/} in
-            tests/browser | tests/replicas | tests/migrations) ;;
+            tests/browser) ;;
             tests/api | tests/durability | tests/hostile | tests/packaging) ;;
             tests/__pycache__ | tests/data | tests/support) ;;
             *) echo "${folder%/}" ;;
