@@ -144,9 +144,8 @@ function createQueueSession(app, dataset, query, past = NO_PAST) {
     const fromQueue = () =>
       post("/api/v1/datasets/{dataset}/queue", { path: { dataset }, body: { order, filters, limit, exclude } });
     const coming = listed.length > 0 ? listedBoxes(listed) : fromQueue();
-    const taught = await lessonOf();
-    await coming.then(
-      (out) => receive(out, before, taught),
+    await Promise.all([coming, lessonOf()]).then(
+      ([out, taught]) => receive(out, before, taught),
       (error) => supply.set({ state: "error", error, isEnd: false }),
     );
     isAsking = false;
