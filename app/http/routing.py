@@ -142,11 +142,11 @@ LARGE_BODY: Final = streamed_up_to("max_batch_bytes")
 
 MAX_WRITES_PER_TOKEN: Final = 4
 """Concurrent requests of one token that write, of the `MAX_WRITERS` of all."""
-MAX_READS_PER_TOKEN: Final = MAX_WRITES_PER_TOKEN
+MAX_READS_PER_TOKEN: Final = MAX_WRITES_PER_TOKEN - 1
 """Concurrent requests of one token that store nothing; all routes share 40 threads.
 
-A list takes more of the processor than an answer. With three times as many lists as
-answers at work, answers and uploads wait twice as long.
+A list takes more of the processor than an answer: the more lists are at work, the longer
+answers and uploads wait, and lists are not even faster.
 """
 CLIENT_LEFT: Final = 499
 """A status for the log only: the client has closed the connection."""
