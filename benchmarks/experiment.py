@@ -47,7 +47,7 @@ def main() -> None:
     )
     parser.add_argument("--parallel", default="2", help="trials at the same time")
     parser.add_argument("--seeds", type=int, default=3)
-    parser.add_argument("--steps", default="700")
+    parser.add_argument("--steps", default="450")
     parser.add_argument("--width", default="320")
     parser.add_argument("--picture", type=Path, help="an SVG of mAP50 by arm")
     options = parser.parse_args()

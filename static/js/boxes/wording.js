@@ -10,7 +10,10 @@ import { exactPercentText, metresText, percentText, unbroken, wholePercentText }
 /** @typedef {import("./box.js").Decision} Decision */
 /** @typedef {import("./box.js").Verdict} Verdict */
 
-/** Short names of the reasons, in the order of `ReasonLabel` in filter_core/verdicts.py. @type {Record<string, string>} */
+/**
+ * Short names of the reasons, in the order of `ReasonLabel` in filter_core/verdicts.py.
+ * @type {Record<string, string>}
+ */
 export const REASONS = {
   outside_image: "outside the image",
   covers_image: "covers the image",

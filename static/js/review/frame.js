@@ -179,8 +179,10 @@ function useArrival(app, actions, query) {
 
 const FOLLOW_MS = 500;
 
-/** If the address says `follow`, the newest frame of the dataset is shown as soon as it is there. @param {App} app @param {Frame} frame
- * @param {import("../core/router.js").Query} query */
+/**
+ * If the address says `follow`, the newest frame of the dataset is shown as soon as it is there.
+ * @param {App} app @param {Frame} frame @param {import("../core/router.js").Query} query
+ */
 function useFollowing(app, frame, query) {
   const isOn = Boolean(query.follow);
   useEffect(() => {
