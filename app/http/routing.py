@@ -145,8 +145,8 @@ MAX_WRITES_PER_TOKEN: Final = 4
 MAX_READS_PER_TOKEN: Final = MAX_WRITES_PER_TOKEN - 1
 """Concurrent requests of one token that store nothing; all routes share 40 threads.
 
-A list takes more of the processor than an answer: the more lists are at work, the longer
-answers and uploads wait, and lists are not even faster.
+A list takes more of the processor than an answer: the more lists are at work, the
+longer answers and uploads wait, and lists are not even faster.
 """
 CLIENT_LEFT: Final = 499
 """A status for the log only: the client has closed the connection."""
