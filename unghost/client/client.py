@@ -67,6 +67,7 @@ class Client(Api, JobMethods):
         self.token = server.token
         if retry_for is not None:
             retry = replace(retry, for_s=retry_for)
+        self._server, self._retry = server, retry
         self._transport = Transport(server, timeout=timeout, retry=retry)
 
     def __repr__(self) -> str:
@@ -166,13 +167,12 @@ class AsyncClient(Api):
         retry: RetryPolicy = _DEFAULT_RETRY,
         retry_for: float | None = None,
     ) -> None:
-        server = find_server(url, token)
-        self.url = server.url
-        self.token = server.token
-        if retry_for is not None:
-            retry = replace(retry, for_s=retry_for)
-        self._transport = AsyncTransport(server, timeout=timeout, retry=retry)
-        self._threaded = Client(url, token, timeout=timeout, retry=retry)
+        threaded = Client(url, token, timeout=timeout, retry=retry, retry_for=retry_for)
+        self.url, self.token = threaded.url, threaded.token
+        self._threaded = threaded
+        self._transport = AsyncTransport(
+            threaded._server, timeout=timeout, retry=threaded._retry
+        )
 
     def __repr__(self) -> str:
         # Without the token, because representations are often logged.
