@@ -26,11 +26,11 @@ from pathlib import Path
 
 from sqlalchemy import select
 
+from app.catalog.datasets import DatasetRepository
 from app.context import ServiceContext
 from app.db.tables import Dataset, Export
 from app.exports.service import ExportRequest, request_export
 from app.jobs.queries import job_with_id
-from app.measuring.queries import DatasetRepository
 from filter_core.formats.registry import EXPORT_FORMATS, FORMATS
 from tests.support.large_datasets import DatasetSpec, make_dataset, open_context
 from tests.support.waiting import until

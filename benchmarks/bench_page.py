@@ -29,8 +29,8 @@ from playwright.sync_api import (
 )
 from sqlalchemy import insert, select
 
+from app.catalog.datasets import DatasetRepository
 from app.db.tables import Frame, FrameFile
-from app.measuring.queries import DatasetRepository
 from benchmarks.page_trace import milliseconds_per_frame
 from benchmarks.street import HEIGHT, WIDTH, street
 from tests.support.large_datasets import BOXES_PER_FRAME, NAME, fill, open_context

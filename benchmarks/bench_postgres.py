@@ -25,6 +25,7 @@ import numpy as np
 from sqlalchemy import bindparam, create_engine, insert, make_url, select, text, update
 from sqlalchemy.orm import Session
 
+from app.catalog.datasets import DatasetRepository
 from app.context import ServiceContext
 from app.datasets.service import NewDataset, create_dataset
 from app.db.base import Base
@@ -33,7 +34,6 @@ from app.db.tables import Box, Decision, Flips, Frame, FrameEvidence, Run
 from app.ingest.frame import UploadedFrame, UploadRequest
 from app.ingest.service import add_frame
 from app.measuring.plan import DatasetReading
-from app.measuring.queries import DatasetRepository
 from app.process.lifespan import running
 from app.runs.queries import BOXES_PER_ROW, pack_flips
 from app.security import Principal

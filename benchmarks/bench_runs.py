@@ -21,11 +21,11 @@ from sqlalchemy.orm import Session
 from app.boxes.filter import to_filter
 from app.boxes.queries import PageRequest
 from app.boxes.reader import DecisionReader, list_boxes
+from app.catalog.datasets import DatasetRepository
 from app.context import ServiceContext
 from app.datasets.service import statistics as dataset_statistics
 from app.db.tables import Dataset, Run
 from app.measuring.columns import ColumnCache
-from app.measuring.queries import DatasetRepository
 from app.memory import settle
 from app.runs.flips import PreviewLimits, preview
 from app.runs.service import RunRequest, request_run

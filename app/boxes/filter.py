@@ -23,12 +23,12 @@ from sqlalchemy import (
 )
 from sqlalchemy.orm import Session
 
+from app.catalog.datasets import DatasetRepository
 from app.db.bulk import chunks
 from app.db.tables import Box, Dataset, Decision, Frame, Review
 from app.errors import BadRequest
 from app.measuring.active import active_version, config_of
 from app.measuring.columns import DatasetColumns
-from app.measuring.queries import DatasetRepository
 from app.verdicts import (
     REVIEW_STATES,
     effective_verdict,

@@ -38,16 +38,14 @@ from app.boxes.queries import (
     PageRequest,
 )
 from app.boxes.reader import DecisionReader, StoredDecision, read_box
+from app.catalog.datasets import DatasetRepository
+from app.catalog.frames import ProblemRepository
 from app.context import ServiceContext
 from app.db.base import filled
 from app.db.tables import Dataset, Frame
 from app.engine.children import PixelPool
 from app.errors import NoSuchFile, NotFound
-from app.measuring.queries import (
-    DatasetRepository,
-    EvidenceRepository,
-    ProblemRepository,
-)
+from app.measuring.queries import EvidenceRepository
 from app.security import Principal
 from app.storage.base import BlobStore
 from app.verdicts import effective_verdict

@@ -29,6 +29,8 @@ from sqlalchemy import (
 from sqlalchemy.orm import Session, undefer
 
 from app.boxes.filter import BoxFilter
+from app.catalog.datasets import is_deleted
+from app.catalog.frames import only_in
 from app.db.base import utc_now
 from app.db.bulk import (
     chunks,
@@ -42,7 +44,6 @@ from app.db.bulk import (
 from app.db.pages import id_of_cursor, name_of_cursor
 from app.db.tables import Blob, Box, Decision, Frame, FrameFile, IdBlock, Review
 from app.errors import NotFound
-from app.measuring.queries import is_deleted, only_in
 from app.verdicts import REVIEW_STATES, is_effective
 from filter_core.arrays import IntArray
 from filter_core.verdicts import Verdict

@@ -29,6 +29,7 @@ from app.boxes.queries import (
     LatestReview,
     PageRequest,
 )
+from app.catalog.datasets import DatasetRepository
 from app.db.base import filled, rfc3339
 from app.db.pages import id_of_cursor
 from app.db.tables import Dataset
@@ -42,11 +43,7 @@ from app.measuring.evidence import (
     unpack_geometry,
     unpack_numbers,
 )
-from app.measuring.queries import (
-    DatasetRepository,
-    EvidenceRepository,
-    EvidenceRow,
-)
+from app.measuring.queries import EvidenceRepository, EvidenceRow
 from app.verdicts import with_answer
 from filter_core.arrays import NOT_MEASURED, FloatArray, IntArray
 from filter_core.classes import accepts

@@ -13,7 +13,7 @@ from app.boxes.filter import to_filter
 from app.boxes.orders import BoxPages
 from app.boxes.queries import FrameRepository
 from app.boxes.reader import StoredDecision, read_box
-from app.measuring.queries import DatasetRepository
+from app.catalog.datasets import DatasetRepository
 from unghost.wire.boxes import BoxSelection
 
 _BANDS_M: Final = (0.0, 50.0, 100.0, 150.0, 200.0)

@@ -19,6 +19,7 @@ from app.boxes.filter import filters_of, to_filter
 from app.boxes.queries import FrameFilter, PageRequest
 from app.boxes.related import boxes_alike, track_of
 from app.boxes.snapshot import take_snapshot
+from app.catalog.datasets import DatasetRepository
 from app.context import ServiceContext
 from app.db.engine import begin_as_work
 from app.engine.children import CallCancelled, PixelsRefused
@@ -55,7 +56,6 @@ from app.http.routing import (
     has_left,
     without_length,
 )
-from app.measuring.queries import DatasetRepository
 from filter_core.values import similar
 from unghost.wire.boxes import (
     BOX_COLUMNS,

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from sqlalchemy.orm import Session
 
 from app.boxes.filter import BoxProbes
-from app.measuring.queries import DatasetRepository
+from app.catalog.datasets import DatasetRepository
 from filter_core.arrays import FloatArray, IntArray
 
 HALF_BITS: Final = 13

@@ -13,10 +13,10 @@ from typing import NamedTuple
 from sqlalchemy.orm import Session
 
 from app.boxes.current import TallyRepository
+from app.catalog.datasets import DatasetRepository
 from app.context import ServiceContext
 from app.db.tables import Dataset, Run
 from app.errors import Conflict, NoSuchClass
-from app.measuring.queries import DatasetRepository
 from app.runs.service import (
     RunRequest,
     coming_settings,

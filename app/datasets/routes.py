@@ -11,6 +11,7 @@ from fastapi.exceptions import RequestValidationError
 
 from app.access.audit import AuditAction
 from app.access.gate import Audited
+from app.catalog.datasets import DatasetRepository
 from app.datasets import service as datasets
 from app.datasets.classes import ClassChange, merge_class, remove_class, rename_class
 from app.db.pages import name_of_cursor, newest
@@ -29,7 +30,6 @@ from app.http.routing import ApiRouter
 from app.http.transaction import WriteSession
 from app.measuring.active import DefaultConfig
 from app.measuring.plan import DatasetReading
-from app.measuring.queries import DatasetRepository
 from app.runs.flips import current_histogram
 from app.runs.service import described_run
 from filter_core.config.filter import FilterConfig

@@ -11,6 +11,8 @@ from sqlalchemy.orm import Session
 from app.boxes.counts import count, summary
 from app.boxes.current import TallyRepository, replace_tallies
 from app.boxes.queries import FrameRepository
+from app.catalog.datasets import DatasetRepository
+from app.catalog.frames import ProblemRepository
 from app.context import ServiceContext
 from app.db.base import filled, utc_now
 from app.db.engine import once_committed
@@ -20,11 +22,7 @@ from app.jobs.kind import all_open_jobs
 from app.jobs.service import end_all, interrupt
 from app.measuring.active import active_config, active_version, add_version
 from app.measuring.plan import DatasetReading, measurement_of, plan_for
-from app.measuring.queries import (
-    DatasetRepository,
-    EvidenceRepository,
-    ProblemRepository,
-)
+from app.measuring.queries import EvidenceRepository
 from app.runs.queries import RunRepository
 from app.runs.service import RunRequest, coming_settings, request_run
 from app.storage.room import DeletionSignal

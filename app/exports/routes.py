@@ -10,6 +10,7 @@ from sqlalchemy.orm import Session
 from app.access import service as access
 from app.access.audit import AuditAction
 from app.access.gate import Audited, counting_wrong_secrets
+from app.catalog.datasets import DatasetRepository
 from app.context import ServiceContext
 from app.db import tables
 from app.db.pages import newest
@@ -39,7 +40,6 @@ from app.http.transaction import WriteSession
 from app.jobs.queries import job_with_id
 from app.jobs.service import cancel
 from app.jobs.stream import LastEventId, events_of, watch
-from app.measuring.queries import DatasetRepository
 from unghost.wire.model import Page
 from unghost.wire.runs import DownloadLink, Export, ExportIn, Parts
 

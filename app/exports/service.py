@@ -10,6 +10,7 @@ from sqlalchemy.orm import Session
 
 from app.access.audit import AuditAction, AuditTrail
 from app.boxes.queries import FrameRepository
+from app.catalog.datasets import DatasetRepository
 from app.context import ServiceContext
 from app.db import tables
 from app.db.tables import Chunk, Dataset
@@ -22,7 +23,6 @@ from app.jobs.queries import OPEN, job_of, job_with_id
 from app.jobs.service import queue_job
 from app.maintenance.datafolder import CannotMaintain
 from app.maintenance.removals import remove_file_of_export
-from app.measuring.queries import DatasetRepository
 from app.runs.service import is_renaming_classes
 from app.storage.base import StoredBlob
 from app.storage.room import require_room

@@ -25,6 +25,7 @@ from sqlalchemy.orm import Session
 from app.boxes.current import TallyRepository
 from app.boxes.queries import FileRow, FrameHead, FrameRepository, LatestAnswers
 from app.boxes.reader import DecisionReader, StoredDecision
+from app.catalog.datasets import DatasetRepository
 from app.context import ServiceContext
 from app.db.engine import once_committed
 from app.db.tables import Dataset, Export
@@ -32,7 +33,7 @@ from app.engine.children import PixelPool
 from app.exports.queries import VersionRepository
 from app.jobs.kind import Task
 from app.measuring.active import active_version
-from app.measuring.queries import DatasetRepository, EvidenceRow
+from app.measuring.queries import EvidenceRow
 from app.storage.base import BlobsUncertain
 from app.storage.room import DeletionSignal
 from filter_core.formats.export import (

@@ -11,6 +11,7 @@ from typing import Final
 from sqlalchemy import Row, delete, func, or_, select
 from sqlalchemy.orm import Session
 
+from app.catalog.datasets import is_there
 from app.db.base import rfc3339, utc_now
 from app.db.bulk import insert_into
 from app.db.pages import NewestPage
@@ -24,7 +25,6 @@ from app.db.tables import (
     Tally,
 )
 from app.errors import NotFound
-from app.measuring.queries import is_there
 from app.verdicts import REVIEW_STATES
 from filter_core.decisions.doubt import Bin
 from unghost.wire.words import DeliveredEvent, HookEvent

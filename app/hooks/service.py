@@ -10,10 +10,10 @@ import httpx
 from sqlalchemy.orm import Session
 
 from app.access.audit import AuditAction, AuditTrail
+from app.catalog.datasets import DatasetRepository
 from app.db.tables import Hook, HookDelivery
 from app.errors import Unprocessable
 from app.hooks.queries import DeliveryRepository, HookRepository
-from app.measuring.queries import DatasetRepository
 from app.settings import Settings, bracketed
 from unghost.wire import hooks as wire
 from unghost.wire.words import DeliveryState

@@ -17,6 +17,8 @@ from starlette.requests import ClientDisconnect
 from starlette.types import Receive, Scope, Send
 
 from app.boxes import frames
+from app.catalog.datasets import DatasetRepository
+from app.catalog.frames import key_rows
 from app.context import ServiceContext
 from app.engine.children import CallCancelled
 from app.errors import Unprocessable, UnsupportedMedia
@@ -42,7 +44,6 @@ from app.ingest.rows import NewFrame
 from app.ingest.service import add_frame
 from app.logs import current_request_id
 from app.measuring.active import PlanCache
-from app.measuring.queries import DatasetRepository, key_rows
 from app.storage.room import require_room
 from unghost.wire.frames import (
     BatchEnd,

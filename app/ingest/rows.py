@@ -31,18 +31,15 @@ from app.boxes.reader import (
     rounded_edges,
     stored_decision,
 )
+from app.catalog.datasets import DatasetRepository
+from app.catalog.frames import KeyRow, ProblemRepository
 from app.db.base import utc_now
 from app.db.engine import once_committed
 from app.db.tables import Frame
 from app.ingest.frame import ReadyFrame, SetAside, StoredFrame
 from app.measuring.active import ActiveDataset
 from app.measuring.evidence import packed
-from app.measuring.queries import (
-    DatasetRepository,
-    EvidenceRepository,
-    KeyRow,
-    ProblemRepository,
-)
+from app.measuring.queries import EvidenceRepository
 from app.review.queries import ReviewRepository
 from app.security import Principal
 from filter_core.annotation.frame import FORMS_3D, GEOMETRIES

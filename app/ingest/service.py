@@ -14,6 +14,8 @@ from sqlalchemy.orm import Session
 
 from app.access.service import require_valid
 from app.boxes.current import DecisionRepository
+from app.catalog.datasets import DatasetRepository
+from app.catalog.frames import KeyRow, ProblemRepository, note_problem
 from app.context import ServiceContext
 from app.errors import (
     AppError,
@@ -38,12 +40,6 @@ from app.ingest.frame import (
 from app.ingest.rows import insert_frames, verdict_counts
 from app.measuring.active import ActiveDataset, PlanCache
 from app.measuring.frame_files import measure_files
-from app.measuring.queries import (
-    DatasetRepository,
-    KeyRow,
-    ProblemRepository,
-    note_problem,
-)
 from app.storage.base import BlobsUncertain
 from app.storage.room import require_room
 from filter_core.annotation.units import check_units

@@ -50,6 +50,7 @@ from typing import Final
 from sqlalchemy.exc import SQLAlchemyError
 from sqlalchemy.orm import Session
 
+from app.catalog.frames import frame_before
 from app.context import ServiceContext
 from app.db.base import utc_now
 from app.db.engine import once_committed
@@ -59,7 +60,6 @@ from app.engine.chunk import Job
 from app.jobs.chunks import FINAL_STEP, ChunkRepository, PlannedChunk
 from app.jobs.kind import AnyTask, kind_of
 from app.jobs.queries import open_job
-from app.measuring.queries import frame_before
 from filter_core.errors import FilterError
 
 MOST_ATTEMPTS: Final = 3

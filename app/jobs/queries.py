@@ -14,12 +14,12 @@ from typing import Final, TypeVar
 from sqlalchemy import delete, func, select, update
 from sqlalchemy.orm import Session
 
+from app.catalog.datasets import is_deleted
 from app.db.base import utc_now
 from app.db.tables import Chunk, Installation, JobRow, Lease
 from app.engine.chunk import Job, JobStopped
 from app.errors import NotFound
 from app.jobs.chunks import ChunkRepository
-from app.measuring.queries import is_deleted
 from unghost.wire.words import FinishedState
 
 OPEN: Final = ("queued", "running")

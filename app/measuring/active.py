@@ -8,21 +8,20 @@ from typing import Final, TypeAlias
 
 from sqlalchemy.orm import Session
 
+from app.catalog.configs import (
+    ActiveRow,
+    ConfigRepository,
+    active_row,
+    active_row_and_key,
+    read_active_snapshot,
+)
+from app.catalog.frames import KeyRow, key_rows
 from app.db import tables
 from app.db.base import filled
 from app.db.engine import Database
 from app.db.tables import Dataset
 from app.measuring.plan import plan_of
-from app.measuring.queries import (
-    ActiveRow,
-    ConfigRepository,
-    EvidenceRepository,
-    KeyRow,
-    active_row,
-    active_row_and_key,
-    key_rows,
-    read_active_snapshot,
-)
+from app.measuring.queries import EvidenceRepository
 from app.settings import Settings
 from filter_core.config.file import load_config
 from filter_core.config.filter import FilterConfig

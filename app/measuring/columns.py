@@ -17,13 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 from sqlalchemy.orm import Session
 
+from app.catalog.datasets import DatasetRepository
+from app.catalog.frames import frame_ranges, frames_state
 from app.measuring.evidence import to_evidence, unpack_channels, unpack_numbers
-from app.measuring.queries import (
-    DatasetRepository,
-    EvidenceRepository,
-    frame_ranges,
-    frames_state,
-)
+from app.measuring.queries import EvidenceRepository
 from filter_core.arrays import FloatArray, IntArray
 from filter_core.config.filter import DecideConfig, FilterConfig
 from filter_core.decisions.channel_rules import (

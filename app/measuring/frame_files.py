@@ -20,7 +20,7 @@ from app.metrics import DECODE_SECONDS, MEASURE_SECONDS
 from filter_core.annotation.frame import FrameAnnotation
 from filter_core.arrays import Mask
 from filter_core.config.measure import MeasureConfig
-from filter_core.errors import FilterError, error_context, problem_of
+from filter_core.errors import error_context
 from filter_core.evidence_kinds import CHANNELS, files_for
 from filter_core.geometry.boxes import FORMS
 from filter_core.images.ignore_mask import read_ignore_mask
@@ -172,10 +172,3 @@ def _ignore(config: MeasureConfig, files: FrameFiles) -> Mask | None:
         masks = [read_ignore_mask(source, files.image_wh) for source in sources]
     joined: Mask = np.logical_or.reduce(masks)
     return joined
-
-
-def described(error: FilterError) -> dict[str, object]:
-    """An error as it is stored among the problems of a dataset."""
-    problem = problem_of(error)
-    told = {key: value for key, value in problem.items() if key != "title"}
-    return {"code": problem["code"], **told}

@@ -8,8 +8,8 @@ from typing import NamedTuple, get_args
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
+from app.catalog.datasets import is_there
 from app.db.tables import Blob, Dataset, JobRow, Tally
-from app.measuring.queries import is_there
 from unghost.wire.words import JobState
 
 

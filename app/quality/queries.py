@@ -8,8 +8,8 @@ from sqlalchemy import ColumnElement, select
 from sqlalchemy.orm import Session
 
 from app.boxes.filter import BoxProbes
+from app.catalog.datasets import DatasetRepository
 from app.db.tables import Decision, Review, ReviewBatch
-from app.measuring.queries import DatasetRepository
 from app.verdicts import REVIEW_STATES
 
 

@@ -8,6 +8,7 @@ from fastapi import Query, Response
 
 from app.access.audit import AuditAction
 from app.access.gate import Audited
+from app.catalog.datasets import DatasetRepository
 from app.errors import NotFound
 from app.http.deps import (
     AppServices,
@@ -19,7 +20,6 @@ from app.http.deps import (
 from app.http.pages import accepted
 from app.http.routing import ApiRouter
 from app.http.transaction import WriteSession
-from app.measuring.queries import DatasetRepository
 from app.quality.service import evaluation, quality, request_evaluation
 from app.runs.service import described_run
 from filter_core.evaluation.thresholds import Goal

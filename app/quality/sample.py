@@ -18,13 +18,13 @@ from sqlalchemy.orm import Session
 
 from app.boxes.filter import to_filter
 from app.boxes.shuffle import Shuffle, shuffle_of
+from app.catalog.datasets import DatasetRepository
 from app.context import ServiceContext
 from app.db.base import MAX_ID
 from app.db.tables import Dataset
 from app.measuring.active import active_config
 from app.measuring.columns import ColumnCache, DatasetColumns
 from app.measuring.plan import active_measurement
-from app.measuring.queries import DatasetRepository
 from app.quality.queries import AnsweredBox, AnswerRepository
 from filter_core.arrays import FloatArray, IntArray
 from filter_core.evaluation.sampling import (

@@ -13,12 +13,12 @@ from sqlalchemy.orm import Session
 from app.boxes.counts import count
 from app.boxes.current import TallyRepository
 from app.boxes.truth import KnownTruth, described
+from app.catalog.datasets import DatasetRepository
 from app.context import ServiceContext
 from app.db.tables import Dataset, Run
 from app.measuring.active import active_config
 from app.measuring.columns import ColumnCache, DatasetColumns
 from app.measuring.plan import active_measurement
-from app.measuring.queries import DatasetRepository
 from app.quality.queries import AnswerRepository
 from app.quality.sample import RandomSample
 from app.runs.service import RunRequest, coming_settings, request_run

@@ -18,11 +18,11 @@ from sqlalchemy.orm import Session
 from app.access.audit import AuditAction, AuditTrail
 from app.access.service import require_own
 from app.boxes.snapshot import select_boxes
+from app.catalog.datasets import DatasetRepository
 from app.context import ServiceContext
 from app.db.engine import begin_as_work, once_committed
 from app.db.tables import Dataset
 from app.errors import Conflict, CountChanged, StaleSnapshot, TooLarge, Unprocessable
-from app.measuring.queries import DatasetRepository
 from app.metrics import REVIEWS
 from app.review.queries import ReviewBatches, ReviewRepository, SeenBoxes
 from app.review.service import require_own_cleared, require_place

@@ -15,6 +15,8 @@ import numpy as np
 from sqlalchemy.orm import Session
 
 from app.boxes.queries import FrameRepository
+from app.catalog.configs import ConfigRepository
+from app.catalog.datasets import DatasetRepository
 from app.db.base import MAX_ID, MAX_REVISION, filled
 from app.db.pages import cursor_after, number_and_id_of_cursor
 from app.db.tables import Box, Frame, Review, Run
@@ -22,12 +24,7 @@ from app.errors import BadCursor
 from app.jobs.queries import job_with_id
 from app.measuring.active import config_of
 from app.measuring.evidence import to_evidence, unpack_channels, unpack_numbers
-from app.measuring.queries import (
-    ConfigRepository,
-    DatasetRepository,
-    EvidenceRepository,
-    EvidenceRow,
-)
+from app.measuring.queries import EvidenceRepository, EvidenceRow
 from app.review.queries import ReviewBatches, ReviewRepository
 from app.runs.queries import RunRepository
 from filter_core.arrays import floats_or_none

@@ -38,11 +38,11 @@ from sqlalchemy.orm import Session, aliased
 
 from app.boxes.current import copy_answers, copy_batch
 from app.boxes.queries import LatestReview
+from app.catalog.datasets import is_deleted, is_there
 from app.db.base import Key, UtcDateTime
 from app.db.bulk import chunks, insert_into, insert_rows
 from app.db.tables import Box, Claim, Dataset, Decision, Frame, Review, ReviewBatch, Run
 from app.errors import NotFound
-from app.measuring.queries import is_deleted, is_there
 
 
 class CurrentBox(NamedTuple):

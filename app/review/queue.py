@@ -20,10 +20,10 @@ from app.boxes.filter import BoxFilter, BoxProbes, TallyKey, filters_of, to_filt
 from app.boxes.orders import BoxPages
 from app.boxes.reader import DecisionReader
 from app.boxes.shuffle import HALF_BITS, Shuffle, shuffle_of
+from app.catalog.datasets import DatasetRepository
 from app.context import ServiceContext
 from app.db.base import rfc3339, utc_now
 from app.db.tables import Dataset
-from app.measuring.queries import DatasetRepository
 from app.review.queries import Choice, ClaimRepository
 from filter_core.decisions.doubt import Bin
 from filter_core.verdicts import Reason

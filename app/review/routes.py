@@ -5,6 +5,7 @@ from __future__ import annotations
 from fastapi import Request, Response
 
 from app.access.gate import Audited
+from app.catalog.datasets import DatasetRepository
 from app.http.deps import (
     AnswerRevision,
     AppServices,
@@ -17,7 +18,6 @@ from app.http.deps import (
 from app.http.pages import Cursor, Limit, json_response, page_response
 from app.http.routing import ApiRouter
 from app.http.transaction import WriteSession, commit_and_respond
-from app.measuring.queries import DatasetRepository
 from app.review.bulk import review_many, undo_batch
 from app.review.coached import coached_boxes
 from app.review.history import history

@@ -32,11 +32,11 @@ from app.access.audit import AuditAction, AuditTrail
 from app.access.service import require_own
 from app.boxes.queries import LatestAnswers, LatestReview
 from app.boxes.reader import describe_box
+from app.catalog.datasets import DatasetRepository
 from app.db.base import utc_now
 from app.db.engine import once_committed
 from app.db.tables import Dataset
 from app.errors import Conflict, NotFound, StaleReview
-from app.measuring.queries import DatasetRepository
 from app.metrics import REVIEWS
 from app.review.queries import (
     CurrentBox,

@@ -29,13 +29,15 @@ from app.boxes.current import (
 )
 from app.boxes.filter import TallyKey
 from app.boxes.queries import LatestAnswers
+from app.catalog.datasets import DatasetRepository
+from app.catalog.frames import frames_state
 from app.context import ServiceContext
 from app.db.base import filled
 from app.db.tables import Dataset, Run
 from app.jobs.kind import Task
 from app.measuring.active import active_version, config_of
 from app.measuring.columns import ColumnCache, DatasetColumns
-from app.measuring.queries import DatasetRepository, EvidenceRepository, frames_state
+from app.measuring.queries import EvidenceRepository
 from app.runs.flips import FlipTable
 from app.runs.measure import RunScope, is_measured
 from app.runs.queries import RunRepository

@@ -17,6 +17,8 @@ from numpy.typing import NDArray
 from sqlalchemy.orm import Session
 
 from app.boxes.truth import KnownTruth, described, places_in
+from app.catalog.configs import ConfigRepository
+from app.catalog.datasets import DatasetRepository
 from app.context import ServiceContext
 from app.db.base import filled
 from app.db.pages import cursor_after, number_and_id_of_cursor
@@ -40,11 +42,7 @@ from app.measuring.plan import (
     plan_for,
     version_of,
 )
-from app.measuring.queries import (
-    ConfigRepository,
-    DatasetRepository,
-    EvidenceRepository,
-)
+from app.measuring.queries import EvidenceRepository
 from filter_core.arrays import BoolArray, FloatArray, IntArray, floats_or_none, rows_of
 from filter_core.config.filter import FilterConfig
 from filter_core.config.measure import MeasureConfig

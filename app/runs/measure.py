@@ -17,6 +17,9 @@ from typing import Final, NamedTuple
 from sqlalchemy.orm import Session
 
 from app.boxes.queries import FileRow, FrameRepository
+from app.catalog.configs import ConfigRepository
+from app.catalog.datasets import DatasetRepository
+from app.catalog.frames import note_problem
 from app.context import ServiceContext
 from app.db.base import filled
 from app.db.tables import Chunk, Frame, Run
@@ -29,13 +32,7 @@ from app.measuring.active import config_of
 from app.measuring.evidence import packed, recount, recounted_row
 from app.measuring.frame_files import MEASURED, FrameFiles, measure_files
 from app.measuring.plan import plan_of
-from app.measuring.queries import (
-    ConfigRepository,
-    DatasetRepository,
-    EvidenceRepository,
-    EvidenceRow,
-    note_problem,
-)
+from app.measuring.queries import EvidenceRepository, EvidenceRow
 from filter_core.annotation.parsing import parse_annotation
 from filter_core.config.filter import FilterConfig
 from filter_core.config.measure import MeasureConfig

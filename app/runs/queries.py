@@ -8,10 +8,10 @@ import numpy as np
 from sqlalchemy import insert, select
 from sqlalchemy.orm import Session
 
+from app.catalog.datasets import is_there
 from app.db.pages import NewestPage
 from app.db.tables import Dataset, Flips, Run
 from app.jobs.queries import OPEN
-from app.measuring.queries import is_there
 from filter_core.arrays import IntArray
 
 FLIP: Final = np.dtype([("box_id", "<i8"), ("before", "u1"), ("after", "u1")])

@@ -10,6 +10,8 @@ from sqlalchemy.orm import Session
 
 from app.access.audit import AuditAction
 from app.access.gate import Audited
+from app.catalog.configs import ConfigRepository
+from app.catalog.datasets import DatasetRepository
 from app.db import tables
 from app.db.base import MAX_ID
 from app.db.pages import newest
@@ -42,7 +44,6 @@ from app.measuring.active import (
     add_version,
     describe_version,
 )
-from app.measuring.queries import ConfigRepository, DatasetRepository
 from app.runs.flips import DiffPage, PreviewLimits, compared_runs, preview, run_diff
 from app.runs.queries import RunRepository
 from app.runs.service import (

@@ -14,6 +14,8 @@ from typing import Final
 from sqlalchemy.orm import Session
 
 from app.boxes.queries import FrameRepository
+from app.catalog.configs import ConfigRepository
+from app.catalog.datasets import DatasetRepository
 from app.context import ServiceContext
 from app.db.base import filled, utc_now
 from app.db.tables import Chunk, ConfigVersion, Dataset, Measurement, Run
@@ -32,11 +34,7 @@ from app.measuring.plan import (
     plan_for,
     version_of,
 )
-from app.measuring.queries import (
-    ConfigRepository,
-    DatasetRepository,
-    EvidenceRepository,
-)
+from app.measuring.queries import EvidenceRepository
 from app.runs.activate import decide_all
 from app.runs.measure import measure_chunk, plan_frames, unmeasured_of
 from app.runs.queries import RunRepository

@@ -27,6 +27,7 @@ LEVELS: Final = (
     {"access"},
     {"http", "maintenance"},
     {"measuring"},
+    {"catalog"},
     {"context"},
     {"storage"},
     {"engine"},

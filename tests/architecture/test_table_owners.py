@@ -22,11 +22,9 @@ OWNERS: Final = {
     "hooks": ("Hook", "HookDelivery", "PendingReview"),
     "http": ("IdempotencyKey",),
     "exports": ("Export",),
+    "catalog": ("Dataset", "DatasetClass", "ConfigVersion", "Problem"),
     "jobs": ("Chunk", "Lease", "Installation"),
-    "measuring": (
-        *("Dataset", "DatasetClass", "ConfigVersion", "Measurement"),
-        *("FrameEvidence", "Problem"),
-    ),
+    "measuring": ("Measurement", "FrameEvidence"),
     "review": ("Review", "ReviewBatch", "Claim"),
     "runs": ("Run", "Flips"),
 }

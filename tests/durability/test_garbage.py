@@ -8,9 +8,9 @@ from itertools import count
 
 import pytest
 
+from app.catalog.datasets import DatasetRepository
 from app.maintenance.datafolder import CannotMaintain
 from app.maintenance.gc import collect
-from app.measuring.queries import DatasetRepository
 from app.settings import Settings
 from app.storage.base import sha256_of
 from app.storage.durable import MAINTENANCE_LOCK, locked

@@ -13,6 +13,7 @@ from sqlalchemy.orm import Session
 
 from app.boxes import current
 from app.boxes.queries import FrameRepository
+from app.catalog.datasets import DatasetRepository
 from app.context import ServiceContext
 from app.datasets.service import NewDataset, create_dataset
 from app.db.base import utc_now
@@ -23,7 +24,6 @@ from app.db.tables import Box, Dataset, Frame, FrameEvidence
 from app.engine.local import LocalEngine
 from app.measuring.evidence import pack_numbers
 from app.measuring.plan import DatasetReading
-from app.measuring.queries import DatasetRepository
 from app.package import migrations_dir
 from app.process.lifespan import folder_pool, pixel_pool, register_kinds
 from app.settings import Settings

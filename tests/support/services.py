@@ -20,6 +20,7 @@ from app.access.audit import AuditTrail
 from app.boxes import frames
 from app.boxes.current import TallyRepository
 from app.boxes.filter import TallyKey
+from app.catalog.datasets import DatasetRepository
 from app.context import ServiceContext
 from app.datasets import service as datasets
 from app.db.tables import Dataset, Decision, Review, Run
@@ -32,7 +33,6 @@ from app.jobs.queries import job_with_id
 from app.jobs.service import cancel
 from app.measuring.active import active_config, active_version, config_of
 from app.measuring.plan import DatasetReading
-from app.measuring.queries import DatasetRepository
 from app.process.lifespan import running
 from app.review.bulk import review_many, undo_batch
 from app.review.history import history

@@ -18,9 +18,10 @@ from app.boxes.filter import to_filter
 from app.boxes.orders import ORDERS, BoxPages
 from app.boxes.queries import FrameFilter, FrameRepository, PageRequest
 from app.boxes.reader import describe_box
+from app.catalog.datasets import DatasetRepository
+from app.catalog.frames import frames_state, key_rows
 from app.context import ServiceContext
 from app.db.tables import Dataset
-from app.measuring.queries import DatasetRepository, frames_state, key_rows
 from app.review.bulk import review_many
 from app.review.queue import QueueRequest, next_boxes, remaining_boxes
 from app.review.service import review_box

@@ -10,6 +10,7 @@ from typing import get_args
 import numpy as np
 import pytest
 
+from app.catalog.datasets import DatasetRepository
 from app.datasets.service import remove_dataset
 from app.db.tables import Export
 from app.engine.chunk import Job
@@ -18,7 +19,6 @@ from app.exports.writer import ExportFrames
 from app.jobs.driver import drive_job
 from app.jobs.queries import job_with_id
 from app.jobs.service import cancel, start
-from app.measuring.queries import DatasetRepository
 from filter_core.formats.export import ExportHead, ExportOptions
 from filter_core.formats.format import Need
 from filter_core.formats.registry import EXPORT_FORMATS, FORMATS, write_export

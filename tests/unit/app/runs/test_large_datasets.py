@@ -7,11 +7,11 @@ from dataclasses import replace
 import pytest
 from sqlalchemy import select
 
+from app.catalog.frames import frame_ranges
 from app.db.tables import Frame, Run
 from app.jobs.driver import drive_job
 from app.jobs.queries import job_with_id
 from app.measuring.columns import ColumnCache
-from app.measuring.queries import frame_ranges
 from tests.support import frames as scene
 from tests.support.services import run_job
 

@@ -1,0 +1,1 @@
+"""What there is: datasets, their classes, configurations, and frames by key."""
