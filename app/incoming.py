@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import threading
-from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Final
 
-from app.errors import NotReady, TooManyRequests
+from app.errors import NotReady
 
 _SMALL: Final = 1024
 """Pieces that are smaller on average are joined: each object costs some 200 bytes."""
@@ -79,59 +78,38 @@ class OpenBodies:
     sent.
     """
 
-    def __init__(self, most: int, most_of_one: int) -> None:
-        self._most, self._most_of_one = most, most_of_one
-        self._by_token: Counter[int] = Counter()
+    def __init__(self, most: int) -> None:
+        self._most = most
+        self.open_bytes = 0
         self._lock = threading.Lock()
 
-    @property
-    def open_bytes(self) -> int:
-        """The bytes of all bodies that are held now."""
-        with self._lock:
-            return self._by_token.total()
-
-    def take(self, token_id: int, size: int, *, held: int = 0) -> None:
+    def take(self, size: int, *, held: int = 0) -> None:
         """Count `size` more bytes, for a request that already holds `held`.
 
         Raises
         ------
-        TooManyRequests
-            This token's requests would exceed their limit.
         NotReady
-            All requests together would exceed theirs.
+            All requests together would exceed the limit.
         """
         with self._lock:
-            mine, all_open = self._by_token[token_id], self._by_token.total()
-            if mine > held and mine + size > self._most_of_one:
-                raise TooManyRequests(
-                    f"requests of this token hold {mine} bytes already, expected at "
-                    f"most {self._most_of_one} with this one; send it when others are "
-                    "done",
-                    retry_after_s=_RETRY_S,
-                )
-            if all_open > held and all_open + size > self._most:
+            if self.open_bytes > held and self.open_bytes + size > self._most:
                 raise NotReady(
                     "the service holds as many bytes of requests as allowed; try again",
                     retry_after_s=_RETRY_S,
                 )
-            self._by_token[token_id] += size
+            self.open_bytes += size
 
-    def give_back(self, token_id: int, size: int) -> None:
+    def give_back(self, size: int) -> None:
         """Release `size` bytes."""
         with self._lock:
-            self._by_token[token_id] -= size
-            if not self._by_token[token_id]:
-                del self._by_token[token_id]
+            self.open_bytes -= size
 
 
 class HeldBytes:
-    """The bytes that one request holds of its body; used on the event loop only.
+    """The bytes that one request holds of its body; used on the event loop only."""
 
-    They are counted in `bodies`, for the token `token_id`.
-    """
-
-    def __init__(self, bodies: OpenBodies, token_id: int) -> None:
-        self.bodies, self.token_id = bodies, token_id
+    def __init__(self, bodies: OpenBodies) -> None:
+        self._bodies = bodies
         self._counted = 0
 
     def hold(self, size: int) -> None:
@@ -139,9 +117,9 @@ class HeldBytes:
         counted = size if size > UNCOUNTED_BYTES else 0
         more = counted - self._counted
         if more > 0:
-            self.bodies.take(self.token_id, more, held=self._counted)
+            self._bodies.take(more, held=self._counted)
         elif more < 0:
-            self.bodies.give_back(self.token_id, -more)
+            self._bodies.give_back(-more)
         self._counted = counted
 
     def lower_to(self, size: int) -> None:

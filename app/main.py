@@ -8,7 +8,6 @@ from functools import partial
 from operator import attrgetter
 from typing import Final
 
-from anyio import CapacityLimiter
 from fastapi import FastAPI
 from starlette.concurrency import run_in_threadpool
 from starlette.middleware import Middleware
@@ -19,12 +18,11 @@ from app.boxes.routes import crops_router, frames_router
 from app.boxes.routes import pictures_router as frame_pictures_router
 from app.boxes.routes import router as boxes_router
 from app.datasets.routes import router as datasets_router
-from app.exports.routes import downloads_router, links_router
+from app.exports.routes import downloads_router
 from app.exports.routes import router as exports_router
 from app.hooks.routes import router as hooks_router
 from app.http import openapi, problems
-from app.http.bodies import MAX_READERS
-from app.http.deps import MAX_BATCHES, MAX_FOLDERS, MAX_UPLOADS, MAX_WRITERS
+from app.http.admission import Admission
 from app.http.idempotency import RepeatedRequest
 from app.http.middleware import (
     AccessLog,
@@ -36,7 +34,6 @@ from app.http.middleware import (
     RequestId,
     SecurityHeaders,
 )
-from app.http.routing import MAX_READS_PER_TOKEN, MAX_WRITES_PER_TOKEN, TokenPlaces
 from app.http.static import content_security_policy, description_router, files_router
 from app.http.static import router as page_router
 from app.http.transaction import repeat_response
@@ -53,7 +50,7 @@ from app.process.lifespan import running
 from app.process.loop_watch import LoopWatch
 from app.quality.routes import evaluations_router
 from app.quality.routes import router as quality_router
-from app.review.routes import history_router, import_router, queue_router
+from app.review.routes import history_router, queue_router
 from app.review.routes import router as reviews_router
 from app.runs.routes import configs_router
 from app.runs.routes import router as runs_router
@@ -69,7 +66,6 @@ ROUTERS: Final = (
     datasets_router,
     evaluations_router,
     exports_router,
-    links_router,
     downloads_router,
     folders_router,
     hooks_router,
@@ -85,7 +81,6 @@ ROUTERS: Final = (
     quality_router,
     queue_router,
     reviews_router,
-    import_router,
     runs_router,
     login_router,
     session_router,
@@ -125,17 +120,6 @@ def create_app(settings: Settings | None = None) -> FastAPI:
 async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
     # Opening and closing block (migrations, waiting for work to stop): off the loop.
     lifetime = running(app.state.settings)
-    workers = app.state.settings.workers
-    app.state.writers = CapacityLimiter(MAX_WRITERS)
-    app.state.uploads = CapacityLimiter(MAX_UPLOADS + workers)
-    app.state.batches = CapacityLimiter(MAX_BATCHES)
-    app.state.folders = CapacityLimiter(MAX_FOLDERS)
-    app.state.readers = CapacityLimiter(MAX_READERS)
-    app.state.reading = TokenPlaces(MAX_READS_PER_TOKEN)
-    app.state.writing = TokenPlaces(MAX_WRITES_PER_TOKEN)
-    app.state.uploading = TokenPlaces(max(workers, (MAX_UPLOADS + workers) // 2))
-    app.state.drawings = CapacityLimiter(workers + 1)
-    app.state.drawing = TokenPlaces(workers)  # one place is left for other tokens
     watch = LoopWatch()
     app.state.readiness = Readiness(watch)
     with watch.watching():
@@ -144,6 +128,7 @@ async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
         except Exception as exc:
             app.state.failure = exc  # uvicorn reports only that startup failed
             raise
+        services.keep(Admission(services.settings.workers))
         app.state.database, app.state.services = services.database, services
         try:
             yield

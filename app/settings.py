@@ -227,11 +227,6 @@ class Settings(BaseSettings):
         description="Maximum memory for the bodies of all requests that are received "
         "or processed.",
     )
-    max_open_body_bytes_per_token: ByteSize = Field(
-        default=ByteSize(512 * 1024**2),
-        ge=1024,
-        description="Maximum memory for the bodies of one token's requests.",
-    )
     max_part_bytes: ByteSize = Field(
         default=ByteSize(64 * 1024**2),
         ge=1024,
@@ -249,13 +244,7 @@ class Settings(BaseSettings):
         default=8,
         ge=1,
         description="Maximum number of batches of frames and dropped folders that are "
-        "received at the same time; beyond it, each token may send one.",
-    )
-    max_open_batches_per_token: int = Field(
-        default=4,
-        ge=1,
-        description="Maximum number of batches of frames and dropped folders that one "
-        "token may send at the same time.",
+        "received at the same time.",
     )
     max_folder_bytes: ByteSize = Field(
         default=ByteSize(256 * 1024**2),
@@ -317,19 +306,8 @@ class Settings(BaseSettings):
         ge=1,
         description="Maximum number of runs and exports that are queued or running.",
     )
-    max_open_jobs_per_token: int = Field(
-        default=20,
-        ge=1,
-        description="Maximum number of runs and exports of one token that are queued "
-        "or running.",
-    )
     max_event_streams: int = Field(
         default=64, ge=1, description="Maximum number of open progress streams."
-    )
-    max_event_streams_per_token: int = Field(
-        default=16,
-        ge=1,
-        description="Maximum number of open progress streams of one token.",
     )
     event_heartbeat_s: float = Field(
         default=15,

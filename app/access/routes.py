@@ -15,13 +15,7 @@ from app.access.queries import AuditRepository, Tokens
 from app.db.base import utc_now
 from app.db.pages import id_of_cursor
 from app.errors import Forbidden
-from app.http.deps import (
-    AppServices,
-    CurrentPrincipal,
-    ReadSession,
-    RowId,
-    make_room,
-)
+from app.http.deps import Admin, AppServices, ReadSession, RowId, Viewer, make_room
 from app.http.pages import NO_STORE, Cursor, Limit, Newest, json_response, page_response
 from app.http.routing import ApiRouter, OpenRouter
 from app.http.transaction import WriteSession
@@ -39,11 +33,11 @@ from unghost.wire.access import (
 )
 from unghost.wire.model import Page
 
-audit_router = ApiRouter(prefix="/api/v1", tag="audit", read="admin", write="admin")
+audit_router = ApiRouter(prefix="/api/v1", tag="audit")
 
 
 @audit_router.get("/audit", response_model=Page[AuditEntry])
-def list_audit(wanted: Newest, session: ReadSession) -> Response:
+def list_audit(caller: Admin, wanted: Newest, session: ReadSession) -> Response:
     """The audit log: who changed tokens, data, configurations, jobs or many answers."""
     found = AuditRepository(session).page(wanted.page)
     describe = partial(AuditEntry.model_validate, from_attributes=True)
@@ -53,7 +47,7 @@ def list_audit(wanted: Newest, session: ReadSession) -> Response:
 PREFIX: Final = "/api/v1"
 
 login_router = OpenRouter(prefix=PREFIX, tag="session")
-session_router = ApiRouter(prefix=PREFIX, tag="session", write="viewer")
+session_router = ApiRouter(prefix=PREFIX, tag="session")
 
 
 @login_router.post("/session", status_code=201, response_model=NewSession)
@@ -89,25 +83,23 @@ def log_in(
 
 
 @session_router.get("/session")
-def get_session(session: ReadSession, principal: CurrentPrincipal) -> Session:
+def get_session(session: ReadSession, caller: Viewer) -> Session:
     """The caller's name and role, and when the token or the session expires."""
-    return _session(session, principal)
+    return _session(session, caller)
 
 
 @session_router.delete("/session", status_code=204)
-def log_out(
-    session: WriteSession, services: AppServices, principal: CurrentPrincipal
-) -> Response:
+def log_out(session: WriteSession, services: AppServices, caller: Viewer) -> Response:
     """End the session that the request is sent with; a token stays valid."""
-    access.log_out(session, principal)
-    if principal.session_hash is not None:
+    access.log_out(session, caller)
+    if caller.session_hash is not None:
         make_room(services, session)
     services.one(RecentCallers).forget_on_commit(session)
     return Response(status_code=204)
 
 
 @session_router.post("/login-codes", status_code=201, response_model=NewLoginCode)
-def create_login_code(audit: Audited) -> Response:
+def create_login_code(caller: Viewer, audit: Audited) -> Response:
     """Create a code that logs a page in as the caller: once, within ten minutes.
 
     The login link is the service's address followed by `/#code=` and the code.
@@ -118,11 +110,9 @@ def create_login_code(audit: Audited) -> Response:
 
 
 @session_router.get("/login-codes/{code_id}")
-def get_login_code(
-    code_id: RowId, session: ReadSession, principal: CurrentPrincipal
-) -> LoginCode:
+def get_login_code(code_id: RowId, session: ReadSession, caller: Viewer) -> LoginCode:
     """One of the caller's login codes: when it expires, and whether it was used."""
-    code = access.own_code(session, principal, code_id)
+    code = access.own_code(session, caller, code_id)
     return LoginCode.model_validate(code, from_attributes=True)
 
 
@@ -134,12 +124,16 @@ def _session(session: ReadSession, principal: Principal) -> Session:
     )
 
 
-tokens_router = ApiRouter(prefix="/api/v1", tag="tokens", read="admin", write="admin")
+tokens_router = ApiRouter(prefix="/api/v1", tag="tokens")
 
 
 @tokens_router.get("/tokens", response_model=Page[Token])
 def list_tokens(
-    request: Request, session: ReadSession, limit: Limit = 100, cursor: Cursor = None
+    caller: Admin,
+    request: Request,
+    session: ReadSession,
+    limit: Limit = 100,
+    cursor: Cursor = None,
 ) -> Response:
     """All tokens, revoked ones included, oldest first; without their secrets.
 
@@ -153,7 +147,7 @@ def list_tokens(
 
 
 @tokens_router.post("/tokens", status_code=201, response_model=NewToken)
-def create_token(body: TokenIn, audit: Audited) -> Response:
+def create_token(caller: Admin, body: TokenIn, audit: Audited) -> Response:
     """Create a token; it lasts until revoked or expired. Only this response has it."""
     ends = body.ends(utc_now())
     made, secret = access.issue(audit, body.name, body.role, ends)
@@ -163,7 +157,11 @@ def create_token(body: TokenIn, audit: Audited) -> Response:
 
 @tokens_router.delete("/tokens/{token_id}", status_code=204)
 def revoke_token(
-    token_id: RowId, session: WriteSession, services: AppServices, audit: Audited
+    caller: Admin,
+    token_id: RowId,
+    session: WriteSession,
+    services: AppServices,
+    audit: Audited,
 ) -> Response:
     """Revoke a token; the sessions that it opened end as well."""
     access.revoke(audit, token_id)

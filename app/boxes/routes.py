@@ -7,7 +7,7 @@ import threading
 from collections.abc import Mapping, Sequence
 from typing import Annotated
 
-from anyio import CapacityLimiter, to_thread
+from anyio import to_thread
 from fastapi import Depends, Query, Request, Response
 
 from app.access.gate import Audited
@@ -27,11 +27,14 @@ from app.errors import BadRequest
 from app.http.bodies import stopping
 from app.http.deps import (
     AppServices,
-    CurrentPrincipal,
     DatasetName,
     FrameKey,
     ReadSession,
+    Reviewer,
     RowId,
+    Viewer,
+    admission_of,
+    current_principal,
     make_room,
 )
 from app.http.files import (
@@ -51,7 +54,6 @@ from app.http.pages import json_response, page_response, page_with_link
 from app.http.routing import (
     CLIENT_LEFT,
     ApiRouter,
-    TokenPlaces,
     asks_for_head,
     has_left,
     without_length,
@@ -149,15 +151,14 @@ async def _draw(
     drawing: Drawing,
     cancelled: threading.Event,
 ) -> bytes:
-    of_token: TokenPlaces = request.app.state.drawing
-    places: CapacityLimiter = request.app.state.drawings
-    async with of_token.of(request.state.principal.token_id):
+    admission = admission_of(request)
+    async with admission.drawing.of(current_principal(request).token_id):
         return await to_thread.run_sync(
             drawing.content,
             services.drawers,
             cancelled,
             services.settings.data / PICTURES,
-            limiter=places,
+            limiter=admission.drawings,
         )
 
 
@@ -168,6 +169,7 @@ crops_router = ApiRouter(prefix="/api/v1", tag="boxes")
 
 @router.get("/boxes", response_model=BoxPage)
 def list_boxes(
+    caller: Viewer,
     request: Request,
     session: ReadSession,
     services: AppServices,
@@ -192,7 +194,10 @@ def list_boxes(
 
 @router.get("/boxes/table", response_model=BoxTable)
 def get_table(
-    request: Request, session: ReadSession, query: Annotated[BoxTableQuery, Query()]
+    caller: Viewer,
+    request: Request,
+    session: ReadSession,
+    query: Annotated[BoxTableQuery, Query()],
 ) -> Response:
     """Boxes of a dataset as columns, frame by frame: for data frames and tables."""
     names = USUAL_COLUMNS
@@ -234,7 +239,7 @@ def _named(fields: str, known: Sequence[str]) -> tuple[str, ...]:
 
 
 @router.get("/boxes/{box_id}", response_model=Box)
-def get_box(box_id: RowId, session: ReadSession) -> Box:
+def get_box(caller: Viewer, box_id: RowId, session: ReadSession) -> Box:
     """A box, its decision, and the boxes that overlap it."""
     reader, found = boxes.read_box(session, box_id)
     (decision,) = reader.records(found)
@@ -242,19 +247,21 @@ def get_box(box_id: RowId, session: ReadSession) -> Box:
 
 
 @router.get("/boxes/{box_id}/alike", response_model=Alike)
-def get_alike(box_id: RowId, session: ReadSession) -> Response:
+def get_alike(caller: Viewer, box_id: RowId, session: ReadSession) -> Response:
     """Boxes without an answer of the same class, reason, cause, hider and band."""
     return json_response(boxes_alike(session, box_id))
 
 
 @router.get("/boxes/{box_id}/track", response_model=Track)
-def get_track(box_id: RowId, session: ReadSession) -> Response:
+def get_track(caller: Viewer, box_id: RowId, session: ReadSession) -> Response:
     """The same object in the frames of its recording before and after."""
     return json_response({"items": track_of(session, box_id)})
 
 
 @router.get("/boxes/{box_id}/slice", response_model=DepthSlice)
-def get_slice(box_id: RowId, session: ReadSession, services: AppServices) -> DepthSlice:
+def get_slice(
+    caller: Viewer, box_id: RowId, session: ReadSession, services: AppServices
+) -> DepthSlice:
     """Where a box and the pixels in it are on the axis of depth."""
     found = frames.slice_of(services, session, box_id)
     bands = [DepthBand(near=a, far=b, percent=c) for a, b, c in found.bands]
@@ -277,6 +284,7 @@ def _crop(
     openapi_extra=TAGGED,
 )
 async def get_crop(
+    caller: Viewer,
     request: Request,
     services: AppServices,
     drawing: Annotated[Drawing, Depends(_crop)],
@@ -304,6 +312,7 @@ def _thumbnail(
     openapi_extra=TAGGED,
 )
 async def get_thumbnail(
+    caller: Viewer,
     request: Request,
     services: AppServices,
     drawing: Annotated[Drawing, Depends(_thumbnail)],
@@ -327,6 +336,7 @@ def _overlay(
     openapi_extra=TAGGED,
 )
 async def get_overlay(
+    caller: Viewer,
     request: Request,
     services: AppServices,
     drawing: Annotated[Drawing, Depends(_overlay)],
@@ -342,6 +352,7 @@ async def get_overlay(
     openapi_extra=RESUMABLE,
 )
 def get_file(
+    caller: Viewer,
     frame_id: RowId,
     kind: FileKind,
     request: Request,
@@ -364,7 +375,7 @@ frames_router = ApiRouter(prefix="/api/v1", tag="frames")
 
 
 @frames_router.get("/datasets/{dataset}/report", response_model=Report)
-def get_report(dataset: DatasetName, session: ReadSession) -> Response:
+def get_report(caller: Viewer, dataset: DatasetName, session: ReadSession) -> Response:
     """Where the ghosts are: by distance, and the frames with the most of them."""
     found = DatasetRepository(session).named(dataset)
     return json_response(frames.report_of(session, found))
@@ -372,6 +383,7 @@ def get_report(dataset: DatasetName, session: ReadSession) -> Response:
 
 @frames_router.get("/datasets/{dataset}/frames", response_model=Page[FrameSummary])
 def list_frames(
+    caller: Viewer,
     request: Request,
     dataset: DatasetName,
     session: ReadSession,
@@ -390,7 +402,7 @@ def list_frames(
 
 @frames_router.get("/datasets/{dataset}/frames/{key:any}", response_model=Frame)
 def get_frame_by_key(
-    dataset: DatasetName, key: FrameKey, session: ReadSession
+    caller: Viewer, dataset: DatasetName, key: FrameKey, session: ReadSession
 ) -> Response:
     """The newest revision of the frame under a key."""
     frame_id = frames.frame_id_of(session, dataset, key)
@@ -402,18 +414,18 @@ def delete_frame(
     dataset: DatasetName,
     key: FrameKey,
     services: AppServices,
-    principal: CurrentPrincipal,
+    caller: Reviewer,
     audit: Audited,
 ) -> Response:
     """Delete a frame with all revisions and answers; an admin, if others answered."""
     begin_as_work(audit.session)
     found = DatasetRepository(audit.session).named(dataset)
-    frames.remove_frame(audit, principal, found, key)
+    frames.remove_frame(audit, caller, found, key)
     make_room(services, audit.session)
     return Response(status_code=204)
 
 
 @frames_router.get("/frames/{frame_id}", response_model=Frame)
-def get_frame(frame_id: RowId, session: ReadSession) -> Response:
+def get_frame(caller: Viewer, frame_id: RowId, session: ReadSession) -> Response:
     """A frame with its boxes, their evidence, decisions and answers."""
     return json_response(frames.describe_frame(session, frame_id))

@@ -18,10 +18,12 @@ from app.db.pages import name_of_cursor, newest
 from app.db.tables import Problem
 from app.errors import NotFound
 from app.http.deps import (
-    ADMIN,
+    Admin,
     AppServices,
     DatasetName,
     ReadSession,
+    Reviewer,
+    Viewer,
     make_room,
     require_room_to_write,
 )
@@ -64,7 +66,11 @@ Confirmation = Annotated[
 
 @router.get("/datasets", response_model=Page[wire.Dataset])
 def list_datasets(
-    request: Request, session: ReadSession, limit: Limit = 100, cursor: Cursor = None
+    caller: Viewer,
+    request: Request,
+    session: ReadSession,
+    limit: Limit = 100,
+    cursor: Cursor = None,
 ) -> Response:
     """Datasets by name, with their counts."""
     found = DatasetRepository(session).page(
@@ -81,6 +87,7 @@ def list_datasets(
     responses={200: {"model": wire.Dataset, "description": "It exists (`exist_ok`)."}},
 )
 def create_dataset(
+    caller: Reviewer,
     body: wire.DatasetIn,
     session: WriteSession,
     services: AppServices,
@@ -127,7 +134,9 @@ def create_dataset(
 
 
 @router.get("/datasets/{dataset}", response_model=wire.Dataset)
-def get_dataset(dataset: DatasetName, session: ReadSession) -> wire.Dataset:
+def get_dataset(
+    caller: Viewer, dataset: DatasetName, session: ReadSession
+) -> wire.Dataset:
     """A dataset with its settings and counts."""
     found = DatasetRepository(session).named(dataset)
     return datasets.describe_dataset(session, found)
@@ -139,6 +148,7 @@ def get_dataset(dataset: DatasetName, session: ReadSession) -> wire.Dataset:
     responses={202: {"model": Run, "description": "A run measures all frames again."}},
 )
 def change_dataset(
+    caller: Reviewer,
     dataset: DatasetName,
     body: wire.DatasetPatch,
     session: WriteSession,
@@ -167,6 +177,7 @@ def change_dataset(
     "/datasets/{dataset}/classes/{name:any}", status_code=202, response_model=Run
 )
 def change_class(
+    caller: Reviewer,
     former: ClassOfDataset,
     body: wire.ClassPatch,
     session: WriteSession,
@@ -191,7 +202,7 @@ def change_class(
 
 @router.delete("/datasets/{dataset}/classes/{name:any}", status_code=204)
 def delete_class(
-    former: ClassOfDataset, session: WriteSession, audit: Audited
+    caller: Reviewer, former: ClassOfDataset, session: WriteSession, audit: Audited
 ) -> Response:
     """Remove a class without boxes; 409 with their number if it has any."""
     found = DatasetRepository(session).named(former.dataset)
@@ -205,8 +216,9 @@ def delete_class(
     return Response(status_code=204)
 
 
-@router.delete("/datasets/{dataset}", status_code=204, dependencies=[ADMIN])
+@router.delete("/datasets/{dataset}", status_code=204)
 def delete_dataset(
+    caller: Admin,
     dataset: DatasetName,
     session: WriteSession,
     services: AppServices,
@@ -221,13 +233,14 @@ def delete_dataset(
 
 
 @router.get("/datasets/{dataset}/stats", response_model=wire.Stats)
-def get_stats(dataset: DatasetName, session: ReadSession) -> wire.Stats:
+def get_stats(caller: Viewer, dataset: DatasetName, session: ReadSession) -> wire.Stats:
     """The counts of a dataset, from its tallies."""
     return datasets.statistics(session, DatasetRepository(session).named(dataset))
 
 
 @router.get("/datasets/{dataset}/histogram", response_model=wire.Histogram)
 def get_histogram(
+    caller: Viewer,
     dataset: DatasetName,
     session: ReadSession,
     services: AppServices,
@@ -240,7 +253,7 @@ def get_histogram(
 
 @router.get("/datasets/{dataset}/problems", response_model=Page[wire.RefusedFrame])
 def list_problems(
-    dataset: DatasetName, wanted: Newest, session: ReadSession
+    caller: Viewer, dataset: DatasetName, wanted: Newest, session: ReadSession
 ) -> Response:
     """Frames that were refused and have not been stored since, newest first."""
     found = DatasetRepository(session).named(dataset)

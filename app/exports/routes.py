@@ -27,10 +27,11 @@ from app.exports.service import (
 )
 from app.http.deps import (
     AppServices,
-    CurrentPrincipal,
     DatasetName,
     ReadSession,
+    Reviewer,
     RowId,
+    Viewer,
     make_room,
 )
 from app.http.files import RESUMABLE, file_of, file_response
@@ -44,8 +45,6 @@ from unghost.wire.model import Page
 from unghost.wire.runs import DownloadLink, Export, ExportIn, Parts
 
 router = ApiRouter(prefix="/api/v1", tag="exports")
-# Every role that may download an export may also create a download link.
-links_router = ApiRouter(prefix="/api/v1", tag="exports", write="viewer")
 downloads_router = OpenRouter(prefix="/api/v1", tag="exports")
 
 _ARCHIVE: dict[int | str, dict[str, object]] = {
@@ -56,7 +55,7 @@ _ARCHIVE: dict[int | str, dict[str, object]] = {
 
 @router.get("/datasets/{dataset}/exports", response_model=Page[Export])
 def list_exports(
-    dataset: DatasetName, wanted: Newest, session: ReadSession
+    caller: Viewer, dataset: DatasetName, wanted: Newest, session: ReadSession
 ) -> Response:
     """Exports of a dataset, newest first."""
     found = DatasetRepository(session).named(dataset)
@@ -66,7 +65,7 @@ def list_exports(
 
 @router.get("/datasets/{dataset}/versions", response_model=Page[Export])
 def list_versions(
-    dataset: DatasetName, wanted: Newest, session: ReadSession
+    caller: Viewer, dataset: DatasetName, wanted: Newest, session: ReadSession
 ) -> Response:
     """Versions of a dataset, that is, exports with a name, newest first."""
     found = DatasetRepository(session).named(dataset)
@@ -76,6 +75,7 @@ def list_versions(
 
 @router.post("/datasets/{dataset}/exports", status_code=202, response_model=Export)
 def create_export(
+    caller: Reviewer,
     dataset: DatasetName,
     body: ExportIn,
     session: WriteSession,
@@ -98,6 +98,7 @@ _SHARE: Final = r"(0|1|[01]?\.[0-9]{1,9})"
 
 @router.get("/datasets/{dataset}/parts")
 def get_parts(
+    caller: Viewer,
     dataset: DatasetName,
     session: ReadSession,
     split: Annotated[
@@ -120,7 +121,11 @@ def get_parts(
 
 @router.post("/exports/{export_id}/cancel", status_code=202, response_model=Export)
 def stop_export(
-    export_id: RowId, session: WriteSession, services: AppServices, audit: Audited
+    caller: Reviewer,
+    export_id: RowId,
+    session: WriteSession,
+    services: AppServices,
+    audit: Audited,
 ) -> Response:
     """Cancel an export; 409 if it has ended already."""
     export = cancel(services, session, EXPORTS, export_id)
@@ -131,7 +136,11 @@ def stop_export(
 
 @router.delete("/exports/{export_id}", status_code=204)
 def delete_export(
-    export_id: RowId, session: WriteSession, services: AppServices, audit: Audited
+    caller: Reviewer,
+    export_id: RowId,
+    session: WriteSession,
+    services: AppServices,
+    audit: Audited,
 ) -> Response:
     """Delete an export and its file; 409 if it has not ended."""
     exports.delete_export(audit, services, export_id)
@@ -140,7 +149,7 @@ def delete_export(
 
 
 @router.get("/exports/{export_id}")
-def get_export(export_id: RowId, session: ReadSession) -> Export:
+def get_export(caller: Viewer, export_id: RowId, session: ReadSession) -> Export:
     """An export and its progress."""
     export = job_with_id(session, tables.Export, export_id)
     dataset = DatasetRepository(session).with_id(export.dataset_id)
@@ -153,6 +162,7 @@ def get_export(export_id: RowId, session: ReadSession) -> Export:
     responses=events_of(Export, "export"),
 )
 async def watch_export(
+    caller: Viewer,
     export_id: RowId,
     request: Request,
     services: AppServices,
@@ -169,20 +179,24 @@ async def watch_export(
     openapi_extra=RESUMABLE,
 )
 def download_export(
-    export_id: RowId, request: Request, session: ReadSession, services: AppServices
+    caller: Viewer,
+    export_id: RowId,
+    request: Request,
+    session: ReadSession,
+    services: AppServices,
 ) -> Response:
     """The archive of a finished export; a download can be resumed by ranges."""
     return _archive(request, session, services, export_id)
 
 
-@links_router.post(
+@router.post(
     "/exports/{export_id}/download-links", status_code=201, response_model=DownloadLink
 )
 def create_download_link(
     export_id: RowId,
     session: WriteSession,
     services: AppServices,
-    principal: CurrentPrincipal,
+    caller: Viewer,
 ) -> Response:
     """Create a link to this one file, for clients that cannot send a token (browsers).
 
@@ -190,7 +204,7 @@ def create_download_link(
     """
     export = job_with_id(session, tables.Export, export_id)
     finished_file(services, export)
-    key, ends = access.make_link(session, principal.token_id, export_id)
+    key, ends = access.make_link(session, caller.token_id, export_id)
     url = f"/api/v1/exports/{export_id}/file?key={key}"
     return json_response(DownloadLink(url=url, expires_at=ends), 201, NO_STORE)
 

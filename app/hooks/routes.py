@@ -7,18 +7,18 @@ from fastapi import Response
 from app.access.gate import Audited
 from app.hooks import service as hooks
 from app.hooks.queries import DeliveryRepository, HookRepository
-from app.http.deps import AppServices, ReadSession, RowId
+from app.http.deps import Admin, AppServices, ReadSession, RowId
 from app.http.pages import NO_STORE, Newest, json_response, page_response
 from app.http.routing import ApiRouter
 from app.http.transaction import WriteSession
 from unghost.wire.hooks import Delivery, Hook, HookIn, NewHook
 from unghost.wire.model import Page
 
-router = ApiRouter(prefix="/api/v1", tag="hooks", read="admin", write="admin")
+router = ApiRouter(prefix="/api/v1", tag="hooks")
 
 
 @router.get("/hooks", response_model=Page[Hook])
-def list_hooks(wanted: Newest, session: ReadSession) -> Response:
+def list_hooks(caller: Admin, wanted: Newest, session: ReadSession) -> Response:
     """All hooks, newest first; without their secrets."""
     found = HookRepository(session).page(wanted.page)
     listed = found[: wanted.page.limit]
@@ -28,21 +28,25 @@ def list_hooks(wanted: Newest, session: ReadSession) -> Response:
 
 
 @router.post("/hooks", status_code=201, response_model=NewHook)
-def create_hook(body: HookIn, services: AppServices, audit: Audited) -> Response:
+def create_hook(
+    caller: Admin, body: HookIn, services: AppServices, audit: Audited
+) -> Response:
     """Register a hook, to which events are sent. Only this response has its secret."""
     made = hooks.create_hook(audit, services.settings, body)
     return json_response(made, 201, NO_STORE)
 
 
 @router.delete("/hooks/{hook_id}", status_code=204)
-def delete_hook(hook_id: RowId, audit: Audited) -> Response:
+def delete_hook(caller: Admin, hook_id: RowId, audit: Audited) -> Response:
     """Delete a hook and its log; what waits for it is not sent any more."""
     hooks.delete_hook(audit, hook_id)
     return Response(status_code=204)
 
 
 @router.get("/hooks/{hook_id}/deliveries", response_model=Page[Delivery])
-def list_deliveries(hook_id: RowId, wanted: Newest, session: ReadSession) -> Response:
+def list_deliveries(
+    caller: Admin, hook_id: RowId, wanted: Newest, session: ReadSession
+) -> Response:
     """What was and will be sent to a hook, newest first; of those that are over, the
     newest 200."""
     hook = HookRepository(session).with_id(hook_id)
@@ -51,6 +55,6 @@ def list_deliveries(hook_id: RowId, wanted: Newest, session: ReadSession) -> Res
 
 
 @router.post("/hooks/{hook_id}/ping", status_code=202, response_model=Delivery)
-def ping_hook(hook_id: RowId, session: WriteSession) -> Response:
+def ping_hook(caller: Admin, hook_id: RowId, session: WriteSession) -> Response:
     """Send an event `ping` to a hook, to try it; its log has the outcome."""
     return json_response(hooks.ping(session, hook_id), 202)

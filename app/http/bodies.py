@@ -12,13 +12,14 @@ from collections.abc import AsyncIterable, AsyncIterator, Callable
 from dataclasses import dataclass, field
 from typing import Final, TypeVar
 
-from anyio import CapacityLimiter, to_thread
+from anyio import to_thread
 from fastapi import Request
 from python_multipart.exceptions import FormParserError
 from python_multipart.multipart import MultipartParser, parse_options_header
 
 from app.engine.chunk import Stop
 from app.errors import BadRequest, NotReady, TooLarge, Unprocessable
+from app.http.deps import admission_of
 from app.incoming import Pieces, in_turn
 from filter_core.errors import JsonError
 from filter_core.json_text import JsonLimits, read_json, repeated_key
@@ -26,8 +27,6 @@ from unghost.wire.model import Fault
 
 Result = TypeVar("Result")
 
-MAX_READERS: Final = 2
-"""How many large bodies are parsed at the same time; others wait without a thread."""
 _SMALL_BYTES: Final = 4096
 """Up to this size, using a thread takes longer than parsing."""
 _LIMITS: Final = JsonLimits(max_depth=32, max_values=320_000, max_keys=10_000)
@@ -64,8 +63,8 @@ async def run_off_loop(
     """The result of ``work(content)``, called in a thread unless content is small."""
     if len(content) <= _SMALL_BYTES:
         return work(content)
-    readers: CapacityLimiter = request.app.state.readers
-    return await to_thread.run_sync(work, content, limiter=readers)
+    parsers = admission_of(request).parsers
+    return await to_thread.run_sync(work, content, limiter=parsers)
 
 
 def _read(content: bytes) -> object:

@@ -17,6 +17,7 @@ from app.context import ServiceContext
 from app.db.base import MAX_ID, MAX_REVISION
 from app.db.engine import Database, once_committed
 from app.errors import Forbidden
+from app.http.admission import Admission
 from app.security import (
     Principal,
     includes,
@@ -32,17 +33,6 @@ from app.storage.room import (
 from unghost.wire.words import Role
 
 Result = TypeVar("Result")
-
-MAX_WRITERS: Final = 12
-MAX_UPLOADS: Final = 8
-MAX_BATCHES: Final = 4
-"""Maximum numbers of concurrent requests that write, upload a frame or send a batch.
-
-Together they stay well below the 40 threads that anyio has for all routes of a process,
-and below its connections to the database. Uploads have a limit of their own, so that
-people's answers need not wait for them."""
-MAX_FOLDERS: Final = 2
-"""How many dropped folders are read at the same time, each by a child process."""
 
 RowId = Annotated[int, Path(ge=1, le=MAX_ID)]
 """An id in a path; larger ones would overflow the database's integers."""
@@ -67,6 +57,11 @@ def services_of(request: Request) -> ServiceContext:
     """The objects that the whole service shares."""
     services: ServiceContext = request.app.state.services
     return services
+
+
+def admission_of(request: Request) -> Admission:
+    """How many requests the process works on at the same time."""
+    return services_of(request).one(Admission)
 
 
 class Gate(Protocol):
@@ -95,27 +90,18 @@ async def authorise(request: Request, needed: Role) -> Principal:
     gate: Gate = request.app.state.gate
     principal = await gate.identify(request)
     request.state.principal = principal
-    _require_role(principal, needed)
-    return principal
-
-
-def _require_role(principal: Principal, needed: Role) -> None:
     if not includes(principal.role, needed):
         raise Forbidden(
             f"this needs the role {needed}, "
             f"token {principal.name!r} has {principal.role}"
         )
+    return principal
 
 
 def current_principal(request: Request) -> Principal:
     """The caller, as `authorise` found it."""
     principal: Principal = request.state.principal
     return principal
-
-
-def admin(request: Request) -> None:
-    """Allow only admins, for a single route of a router that others may use."""
-    _require_role(current_principal(request), "admin")
 
 
 def read_session(request: Request) -> Iterator[Session]:
@@ -167,7 +153,6 @@ def require_room_to_answer(services: ServiceContext, session: Session) -> None:
         require_room_for_answer(services.settings, file.parent)
 
 
-ADMIN = Depends(admin)
 BEARER = Depends(
     HTTPBearer(
         auto_error=False,
@@ -189,7 +174,27 @@ def _inline(
 
 
 AppServices = Annotated[ServiceContext, Depends(_inline(services_of))]
-CurrentPrincipal = Annotated[Principal, Depends(_inline(current_principal))]
+
+ROLE_OF: Final[dict[object, Role]] = {}
+"""The role that each of the dependencies `Viewer`, `Reviewer` and `Admin` needs."""
+
+
+def _with_role(role: Role) -> Callable[[Request], Awaitable[Principal]]:
+    async def caller(request: Request) -> Principal:
+        return current_principal(request)
+
+    ROLE_OF[caller] = role
+    return caller
+
+
+Viewer = Annotated[Principal, Depends(_with_role("viewer"))]
+"""The caller of a route, who has at least this role; so have the two below.
+
+`app.http.routing` checks it before the body is read, so each route that needs a token
+names one of them in its signature."""
+Reviewer = Annotated[Principal, Depends(_with_role("reviewer"))]
+Admin = Annotated[Principal, Depends(_with_role("admin"))]
+
 ReadSession = Annotated[Session, Depends(read_session, scope="function")]
 
 DatasetName = Annotated[str, Path(max_length=100)]

@@ -12,9 +12,8 @@ import time
 from collections.abc import Callable, Coroutine, Iterator
 from functools import cached_property, partial
 from typing import Final
-from weakref import WeakValueDictionary
 
-from anyio import CapacityLimiter, fail_after
+from anyio import fail_after
 from fastapi import APIRouter, Request, params
 from fastapi.dependencies.models import Dependant
 from fastapi.routing import APIRoute
@@ -25,8 +24,16 @@ from starlette.routing import Match
 from starlette.types import Receive, Scope, Send
 
 from app.errors import BadRequest, DatabaseBusy, UnknownParameter, UnsupportedMedia
+from app.http.admission import TokenPlaces
 from app.http.bodies import StrictRequest
-from app.http.deps import BEARER, authorise, services_of, settings_of
+from app.http.deps import (
+    BEARER,
+    ROLE_OF,
+    admission_of,
+    authorise,
+    services_of,
+    settings_of,
+)
 from app.http.idempotency import checked_key
 from app.http.middleware import BODY_ALLOWANCE, MAX_UNASKED_BYTES, BodyAllowance
 from app.http.transaction import WRITE_WAIT_S, respond_once, write_session
@@ -140,14 +147,6 @@ def streamed_up_to(setting: str) -> dict[str, str | bool]:
 LARGE_BODY: Final = streamed_up_to("max_batch_bytes")
 """``openapi_extra`` of a route that takes batches of frames."""
 
-MAX_WRITES_PER_TOKEN: Final = 4
-"""Concurrent requests of one token that write, of the `MAX_WRITERS` of all."""
-MAX_READS_PER_TOKEN: Final = MAX_WRITES_PER_TOKEN - 1
-"""Concurrent requests of one token that store nothing; all routes share 40 threads.
-
-A list takes more of the processor than an answer: the more lists are at work, the
-longer answers and uploads wait, and lists are not even faster.
-"""
 CLIENT_LEFT: Final = 499
 """A status for the log only: the client has closed the connection."""
 
@@ -171,7 +170,7 @@ class OpenRoute(HeadRoute):
     @cached_property
     def writes(self) -> bool:
         """Whether the endpoint has a transaction that writes."""
-        return _uses(self.dependant, write_session)
+        return write_session in _calls(self.dependant)
 
     @property
     def limits_itself(self) -> bool:
@@ -220,8 +219,27 @@ class OpenRoute(HeadRoute):
 class ApiRoute(OpenRoute):
     """A route that needs a role; a POST that writes may have an Idempotency-Key."""
 
-    reading_needs: Role = "viewer"
-    writing_needs: Role = "reviewer"
+    @cached_property
+    def role(self) -> Role:
+        """The role that the signature of the endpoint names.
+
+        Raises
+        ------
+        TypeError
+            It names none, or several; the service does not start then.
+        """
+        roles = {ROLE_OF[call] for call in _calls(self.dependant) if call in ROLE_OF}
+        if len(roles) != 1:
+            raise TypeError(
+                f"expected one role in the signature of {self.name}, found "
+                f"{', '.join(sorted(roles)) or 'none'}"
+            )
+        return roles.pop()
+
+    def get_route_handler(self) -> Handler:
+        """The endpoint, for callers who have its role."""
+        _ = self.role
+        return super().get_route_handler()
 
     async def admit(self, request: Request) -> None:
         """Check the role of the caller, and limit the body.
@@ -229,14 +247,12 @@ class ApiRoute(OpenRoute):
         Its size is limited, and for JSON also the time until it has arrived. Other
         bodies may be so large that they take hours.
         """
-        reads = request.method in SAFE_METHODS
-        await authorise(request, self.reading_needs if reads else self.writing_needs)
+        await authorise(request, self.role)
         allowance: BodyAllowance = request.scope[BODY_ALLOWANCE]
         allowance.limit_to(self.max_body_bytes(request))
         if self.takes_json:
             allowance.until = time.monotonic() + settings_of(request).body_wait_s
-        bodies = services_of(request).one(OpenBodies)
-        held = HeldBytes(bodies, request.state.principal.token_id)
+        held = HeldBytes(services_of(request).one(OpenBodies))
         allowance.count_in(held, is_streamed=self.is_streamed)
 
     async def respond(self, endpoint: Handler, request: Request) -> Response:
@@ -249,10 +265,10 @@ class ApiRoute(OpenRoute):
             return await endpoint(request)
         if request.method not in SAFE_METHODS:
             await request.body()  # before taking a place: it may arrive slowly
-        state = request.app.state
-        if self.writes:
-            return await _call_in_turn(endpoint, request, state.writing, WRITE_WAIT_S)
-        return await _call_in_turn(endpoint, request, state.reading, None)
+        admission = admission_of(request)
+        places = admission.writing if self.writes else admission.reading
+        wait_s = WRITE_WAIT_S if self.writes else None
+        return await _call_in_turn(endpoint, request, places, wait_s)
 
 
 async def _call_in_turn(
@@ -290,43 +306,14 @@ async def has_left(request: Request) -> None:
         pass
 
 
-class TokenPlaces:
-    """A limit on the concurrent requests of each token."""
-
-    def __init__(self, most: int) -> None:
-        self._most = most
-        self._of: WeakValueDictionary[int, CapacityLimiter] = WeakValueDictionary()
-
-    def of(self, token_id: int) -> CapacityLimiter:
-        """The limiter of one token; it is dropped when no request uses it any more."""
-        places = self._of.get(token_id)
-        if places is None:
-            places = self._of[token_id] = CapacityLimiter(self._most)
-        return places
-
-
 class ApiRouter(APIRouter):
-    """A router whose routes all require a token.
+    """A router whose routes all require a token, of the role in their signature."""
 
-    `read` and `write` are the roles that safe and other methods require.
-    """
-
-    def __init__(
-        self,
-        *,
-        prefix: str = "",
-        tag: str = "",
-        read: Role = "viewer",
-        write: Role = "reviewer",
-    ) -> None:
-        class Guarded(ApiRoute):
-            reading_needs = read
-            writing_needs = write
-
+    def __init__(self, *, prefix: str = "", tag: str = "") -> None:
         super().__init__(
             prefix=prefix,
             tags=[tag] if tag else None,
-            route_class=Guarded,
+            route_class=ApiRoute,
             dependencies=[BEARER],
             redirect_slashes=False,
         )
@@ -380,8 +367,11 @@ def _query_names(dependant: Dependant) -> Iterator[str]:
         yield from _query_names(sub)
 
 
-def _uses(dependant: Dependant, call: Callable[..., object]) -> bool:
-    return any(sub.call is call or _uses(sub, call) for sub in dependant.dependencies)
+def _calls(dependant: Dependant) -> Iterator[object]:
+    """The functions on which an endpoint depends, also indirectly."""
+    for sub in dependant.dependencies:
+        yield sub.call
+        yield from _calls(sub)
 
 
 def _has_body(request: Request) -> bool:

@@ -31,7 +31,7 @@ from sqlalchemy.orm import Session
 
 from app.errors import DatabaseBusy
 from app.http.bodies import run_off_loop
-from app.http.deps import Gate, database_of, settings_of
+from app.http.deps import Gate, admission_of, database_of, settings_of
 from app.http.idempotency import (
     RepeatableRequest,
     RepeatedRequest,
@@ -52,7 +52,7 @@ async def writers_turn(request: Request) -> AsyncIterator[None]:
     Only one transaction writes at a time, and the threads of other requests wait until
     it ends. If all threads waited, no thread would be left to commit it.
     """
-    places: CapacityLimiter = request.app.state.writers
+    places = admission_of(request).writers
     try:
         places.acquire_on_behalf_of_nowait(request)
     except WouldBlock:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import threading
-from collections import Counter, deque
+from collections import deque
 from collections.abc import AsyncIterator, Iterator
 from concurrent.futures import Future
 from contextlib import contextmanager
@@ -176,8 +176,7 @@ class BatchIntake:
             self._started.put_nowait(None)
 
     async def _start(self, frame: UploadedFrame, size: int) -> Future[PreparedFrame]:
-        bodies = self._context.one(OpenBodies)
-        counted = _CountedFrame(bodies, self._request.sender.token_id, size)
+        counted = _CountedFrame(self._context.one(OpenBodies), size)
         try:
             await self._places.acquire()
             await self._room.take(size)
@@ -239,9 +238,9 @@ class BatchIntake:
 class _CountedFrame:
     """Counts the bytes of a frame: all until it is measured, then what is needed."""
 
-    def __init__(self, bodies: OpenBodies, token_id: int, size: int) -> None:
-        bodies.take(token_id, size)
-        self._bodies, self._token_id, self._size = bodies, token_id, size
+    def __init__(self, bodies: OpenBodies, size: int) -> None:
+        bodies.take(size)
+        self._bodies, self._size = bodies, size
         self._is_measured = self._is_released = False
         self._lock = threading.Lock()
 
@@ -269,7 +268,7 @@ class _CountedFrame:
     def _lower(self, size: int) -> None:
         less = max(self._size - size, 0)
         self._size -= less
-        self._bodies.give_back(self._token_id, less)
+        self._bodies.give_back(less)
 
 
 class _Room:
@@ -310,43 +309,19 @@ class OpenBatches:
     """Counts the batches that are being received; used on the event loop only."""
 
     def __init__(self) -> None:
-        self._by_token: Counter[int] = Counter()
-
-    @property
-    def open(self) -> int:
-        """The number of open batches."""
-        return self._by_token.total()
+        self.open = 0
 
     @contextmanager
-    def enter(self, token_id: int, settings: Settings) -> Iterator[None]:
-        """Count one more batch during the block.
-
-        The first batch of a token is accepted however many others are open, so that
-        nobody has to wait until others have sent theirs.
-
-        Raises
-        ------
-        TooManyRequests
-            The limit of this token is reached; or that of all, and it has one open.
-        """
-        most = settings.max_open_batches
-        most_of_one = settings.max_open_batches_per_token
-        if self._by_token[token_id] >= most_of_one:
+    def enter(self, settings: Settings) -> Iterator[None]:
+        """Count one more batch during the block; TooManyRequests above the limit."""
+        if self.open >= settings.max_open_batches:
             raise TooManyRequests(
-                f"{most_of_one} batches of this token are being received; send this "
-                "one when one of them is done",
+                f"{self.open} batches are being received; send this one when one of "
+                "them is done",
                 retry_after_s=_RETRY_S,
             )
-        if self.open >= most and self._by_token[token_id]:
-            raise TooManyRequests(
-                f"{most} batches are being received; send this one when one of them "
-                "is done",
-                retry_after_s=_RETRY_S,
-            )
-        self._by_token[token_id] += 1
+        self.open += 1
         try:
             yield
         finally:
-            self._by_token[token_id] -= 1
-            if not self._by_token[token_id]:
-                del self._by_token[token_id]
+            self.open -= 1

@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import Annotated, Final
 
-from anyio import CancelScope, CapacityLimiter, to_thread
+from anyio import CancelScope, to_thread
 from fastapi import Query, Request, Response
 from pydantic import AfterValidator
 from starlette.concurrency import run_in_threadpool
@@ -17,7 +17,7 @@ from starlette.types import Receive, Scope, Send
 
 from app.context import ServiceContext
 from app.http.bodies import UntilStopped
-from app.http.deps import AppServices
+from app.http.deps import AppServices, Reviewer, admission_of
 from app.http.middleware import BODY_ALLOWANCE
 from app.http.routing import ApiRouter, streamed_up_to
 from app.incoming import HeldBytes
@@ -72,6 +72,7 @@ router = ApiRouter(prefix="/api/v1", tag="frames")
     openapi_extra={**streamed_up_to("max_folder_bytes"), **ARCHIVE_BODY},
 )
 async def read_folder(
+    caller: Reviewer,
     request: Request,
     services: AppServices,
     layout: Annotated[
@@ -89,9 +90,9 @@ async def read_folder(
     JSON, too. A folder that cannot be read has no frames, and its inspection says why.
     """
     expect_archive(request)
-    settings, token_id = services.settings, request.state.principal.token_id
+    settings = services.settings
     async with AsyncExitStack() as opened:
-        opened.enter_context(services.one(OpenBatches).enter(token_id, settings))
+        opened.enter_context(services.one(OpenBatches).enter(settings))
         sent = await run_in_threadpool(_new_folder, services)
         opened.push_async_callback(_remove, sent)
         await _receive(request, services, sent)
@@ -153,11 +154,10 @@ async def _in_child(
     request: Request, services: ServiceContext, task: FolderTask
 ) -> int:
     """Let a child write the response; returns its size. Ends if the client leaves."""
-    places: CapacityLimiter = request.app.state.folders
     async with until_left(request) as cancelled:
         return await to_thread.run_sync(
             partial(services.folders.run, write_response, task, cancelled=cancelled),
-            limiter=places,
+            limiter=admission_of(request).folders,
         )
 
 

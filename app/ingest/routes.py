@@ -10,7 +10,7 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from typing import Annotated, Final
 
-from anyio import CapacityLimiter, to_thread
+from anyio import to_thread
 from fastapi import Depends, Query, Request, Response
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import ClientDisconnect
@@ -25,10 +25,11 @@ from app.errors import Unprocessable, UnsupportedMedia
 from app.http.bodies import PartLimits, UntilStopped, read_parts, stopping
 from app.http.deps import (
     AppServices,
-    CurrentPrincipal,
     DatasetName,
     FrameKey,
     ReadSession,
+    Reviewer,
+    admission_of,
     services_of,
     settings_of,
 )
@@ -80,13 +81,13 @@ def lines_of(
 
 async def upload_request(
     dataset: DatasetName,
-    principal: CurrentPrincipal,
+    caller: Reviewer,
     replace: Annotated[
         bool, Query(description="Store other content as the next revision.")
     ] = False,
 ) -> UploadRequest:
     """The parameters of all frames of a request. Async: not worth a thread."""
-    return UploadRequest(dataset, principal, replace)
+    return UploadRequest(dataset, caller, replace)
 
 
 CommonToFrames = Annotated[UploadRequest, Depends(upload_request)]
@@ -103,7 +104,7 @@ CommonToFrames = Annotated[UploadRequest, Depends(upload_request)]
     openapi_extra={**LARGE_BODY, **ARCHIVE_BODY},
 )
 async def post_batch(
-    request: Request, common: CommonToFrames, services: AppServices
+    caller: Reviewer, request: Request, common: CommonToFrames, services: AppServices
 ) -> Response:
     """Store the frames of a streamed tar; each is reported once it is durable."""
     expect_archive(request)
@@ -140,8 +141,7 @@ class BatchResponse(Response):
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Send the response; a fault before the first frame has a status of its own."""
         services = self._services
-        token_id = self._request.state.principal.token_id
-        with services.one(OpenBatches).enter(token_id, services.settings):
+        with services.one(OpenBatches).enter(services.settings):
             await run_in_threadpool(self._require_dataset)
             stop = services.engine.stopping
             pieces = UntilStopped(self._request.stream(), stop)
@@ -169,7 +169,7 @@ class BatchResponse(Response):
             self._services.one(PlanCache).active(session, self._common.dataset)
 
     async def _lines(self, frames: ArchiveFrames) -> AsyncIterator[bytes]:
-        places = self._request.app.state.batches
+        places = admission_of(self._request).batches
         intake = BatchIntake(self._services, self._common, places)
         told: Counter[str] = Counter(stored=0, same=0, refused=0)
         why: dict[str, Problem] = {}
@@ -301,6 +301,7 @@ async def frame_upload(key: FrameKey, parts: FrameParts) -> UploadedFrame:
     openapi_extra=described_body(),
 )
 async def put_frame(
+    caller: Reviewer,
     request: Request,
     common: CommonToFrames,
     upload: Annotated[UploadedFrame, Depends(frame_upload)],
@@ -309,11 +310,8 @@ async def put_frame(
     """Store a frame: it is measured, decided and durable before the response."""
     # One thread does all of it, as changing threads takes as long as deciding a frame.
     # It is one of a few for uploads alone: slow frames could occupy all shared ones.
-    state = request.app.state
-    places: CapacityLimiter = state.uploads
-    own: CapacityLimiter = state.uploading.of(common.sender.token_id)
-    # `own`: no token takes the places of all others.
-    async with until_left(request) as cancelled, own:
+    places = admission_of(request).uploads
+    async with until_left(request) as cancelled:
         return await to_thread.run_sync(
             _store, services, common, upload, cancelled, limiter=places
         )
@@ -367,7 +365,7 @@ def _store(
     "/datasets/{dataset}/known-frames", response_model=KnownFrames
 )
 def find_known_frames(
-    dataset: DatasetName, body: KnownFramesIn, session: ReadSession
+    caller: Reviewer, dataset: DatasetName, body: KnownFramesIn, session: ReadSession
 ) -> KnownFrames:
     """Which of up to 1000 keys are stored, each with the digest of its content."""
     found = DatasetRepository(session).named(dataset)

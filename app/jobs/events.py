@@ -7,7 +7,6 @@ which one drives the job.
 from __future__ import annotations
 
 import time
-from collections import Counter
 from collections.abc import AsyncGenerator, Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -104,7 +103,6 @@ class Poller:
     """
 
     def __init__(self) -> None:
-        self._by_token: Counter[int] = Counter()
         self._watched: dict[Job, _Watched] = {}
         self._thread = CapacityLimiter(1)
 
@@ -114,34 +112,23 @@ class Poller:
         return sum(each.watchers for each in list(self._watched.values()))
 
     @contextmanager
-    def watching(self, job: Job, token_id: int, settings: Settings) -> Iterator[None]:
+    def watching(self, job: Job, settings: Settings) -> Iterator[None]:
         """Register a watcher of this job during the block.
 
         Raises
         ------
         TooManyRequests
-            The limit of all tokens or of this token is reached.
+            As many are registered as the settings allow.
         """
-        most, most_of_one = (
-            settings.max_event_streams,
-            settings.max_event_streams_per_token,
-        )
-        if self._by_token[token_id] >= most_of_one:
-            raise TooManyRequests(
-                f"{most_of_one} streams of this token are open already; close one"
-            )
+        most = settings.max_event_streams
         if self.watchers >= most:
             raise TooManyRequests(f"{most} streams are open already; try later")
         watched = self._watched.setdefault(job, _Watched())
         watched.watchers += 1
-        self._by_token[token_id] += 1
         try:
             yield
         finally:
             watched.watchers -= 1
-            self._by_token[token_id] -= 1
-            if not self._by_token[token_id]:
-                del self._by_token[token_id]
             if not watched.watchers:
                 del self._watched[job]
 

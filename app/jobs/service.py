@@ -45,15 +45,15 @@ def queue_job(context: ServiceContext, session: Session, row: JobRow) -> None:
     Raises
     ------
     TooManyRequests
-        The limit of open jobs of all tokens or of this token is reached.
+        As many jobs are open as the settings allow.
     """
-    require_place(session, context.settings, row.created_by)
+    require_place(session, context.settings)
     session.add(row)
     session.flush()
     once_committed(session, partial(start, context, [job_of(row)]))
 
 
-def require_place(session: Session, settings: Settings, author: str) -> None:
+def require_place(session: Session, settings: Settings) -> None:
     """Raise `TooManyRequests` unless one more job may be queued.
 
     Only one transaction writes at a time, so the count is still valid when the job is
@@ -65,13 +65,6 @@ def require_place(session: Session, settings: Settings, author: str) -> None:
         raise TooManyRequests(
             f"{settings.max_open_runs} {named} are queued or running already; "
             "try again when one of them has ended",
-            retry_after_s=_RETRY_S,
-        )
-    own = sum(count_open(session, table, author) for table in tables)
-    if own >= settings.max_open_jobs_per_token:
-        raise TooManyRequests(
-            f"{own} {named} of {author!r} are queued or running already; cancel one, "
-            "or try again when one has ended",
             retry_after_s=_RETRY_S,
             code="too_many_jobs",
         )

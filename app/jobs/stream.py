@@ -16,7 +16,7 @@ from starlette.types import Receive, Scope, Send
 from app.context import ServiceContext
 from app.engine.chunk import Job
 from app.errors import Forbidden, Unauthorised
-from app.http.deps import authorise, current_principal, settings_of
+from app.http.deps import authorise, settings_of
 from app.jobs.events import (
     NOTHING_SEEN,
     JobEvent,
@@ -70,12 +70,7 @@ async def watch(
 ) -> Response:
     """Events of a job after the last one that the client has; raises NotFound."""
     job = Job(kind.table.job_kind, job_id)
-    place = partial(
-        services.one(Poller).watching,
-        job,
-        current_principal(request).token_id,
-        services.settings,
-    )
+    place = partial(services.one(Poller).watching, job, services.settings)
     after = number_of(last_event_id)
     with place():
         state = await newest(services, job)

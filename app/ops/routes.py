@@ -9,7 +9,7 @@ from typing import Final
 from fastapi import Request
 from fastapi.responses import PlainTextResponse
 
-from app.http.deps import AppServices
+from app.http.deps import AppServices, Viewer
 from app.http.routing import ApiRouter, OpenRouter
 from app.metrics import WORK, RequestMetrics, Scrape, process_facts
 from app.ops.gauges import gauges
@@ -38,13 +38,15 @@ async def readyz(request: Request, services: AppServices) -> Ready:
 
 
 @router.get("/version")
-async def running_version() -> Version:
+async def running_version(caller: Viewer) -> Version:
     """The version of the service and of its API."""
     return Version(version=VERSION, api="v1", python=platform.python_version())
 
 
 @router.get("/metrics", response_class=PlainTextResponse)
-def metrics(request: Request, services: AppServices) -> PlainTextResponse:
+def metrics(
+    caller: Viewer, request: Request, services: AppServices
+) -> PlainTextResponse:
     """Metrics for Prometheus: requests, work, queues, verdicts and disk space."""
     counts: RequestMetrics = request.app.state.metrics
     connections: Connections = request.app.state.connections

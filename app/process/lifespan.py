@@ -20,7 +20,7 @@ from app.engine.local import LocalEngine
 from app.exports.service import EXPORTS
 from app.hooks.delivery import delivering
 from app.hooks.queries import job_ended
-from app.http.deps import MAX_FOLDERS
+from app.http.admission import MAX_FOLDERS
 from app.http.idempotency import forget_old_responses
 from app.incoming import OpenBodies
 from app.jobs.kind import register
@@ -81,12 +81,7 @@ def running(settings: Settings) -> Iterator[ServiceContext]:
             folders=folder_pool(settings),
         )
         services.keep(default_config)
-        services.keep(
-            OpenBodies(
-                int(settings.max_open_body_bytes),
-                int(settings.max_open_body_bytes_per_token),
-            )
-        )
+        services.keep(OpenBodies(int(settings.max_open_body_bytes)))
         refresh_doubt(services)
         purpose = "return freed memory to the system"
         trimming = Task("memory", purpose, IdleTrim().look, LOOK_EVERY_S)

@@ -12,9 +12,10 @@ from app.catalog.datasets import DatasetRepository
 from app.errors import NotFound
 from app.http.deps import (
     AppServices,
-    CurrentPrincipal,
     DatasetName,
     ReadSession,
+    Reviewer,
+    Viewer,
     require_room_to_write,
 )
 from app.http.pages import accepted
@@ -43,16 +44,17 @@ def create_evaluation(
     dataset: DatasetName,
     session: WriteSession,
     services: AppServices,
-    principal: CurrentPrincipal,
+    caller: Reviewer,
 ) -> Response:
     """Measure every channel that the frames' files allow; verdicts do not change."""
     found = DatasetRepository(session).named(dataset)
-    run = request_evaluation(services, session, found, principal.name)
+    run = request_evaluation(services, session, found, caller.name)
     return accepted(described_run(services, session, run))
 
 
 @evaluations_router.get("/datasets/{dataset}/evaluations")
 def get_evaluation(
+    caller: Viewer,
     dataset: DatasetName,
     session: ReadSession,
     services: AppServices,
@@ -65,6 +67,7 @@ def get_evaluation(
 
 @evaluations_router.put("/datasets/{dataset}/experiment")
 def put_experiment(
+    caller: Reviewer,
     dataset: DatasetName,
     body: ExperimentIn,
     session: WriteSession,
@@ -81,7 +84,9 @@ def put_experiment(
 
 
 @evaluations_router.get("/datasets/{dataset}/experiment")
-def get_experiment(dataset: DatasetName, session: ReadSession) -> Experiment:
+def get_experiment(
+    caller: Viewer, dataset: DatasetName, session: ReadSession
+) -> Experiment:
     """The report that is kept with the dataset; 404 if there is none."""
     report = DatasetRepository(session).named(dataset).experiment
     if report is None:
@@ -94,6 +99,7 @@ router = ApiRouter(prefix="/api/v1", tag="quality")
 
 @router.get("/datasets/{dataset}/quality")
 def get_quality(
+    caller: Viewer,
     dataset: DatasetName,
     session: ReadSession,
     services: AppServices,

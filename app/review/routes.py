@@ -7,12 +7,14 @@ from fastapi import Request, Response
 from app.access.gate import Audited
 from app.catalog.datasets import DatasetRepository
 from app.http.deps import (
+    Admin,
     AnswerRevision,
     AppServices,
-    CurrentPrincipal,
     DatasetName,
     ReadSession,
+    Reviewer,
     RowId,
+    Viewer,
     require_room_to_answer,
 )
 from app.http.pages import Cursor, Limit, json_response, page_response
@@ -42,6 +44,7 @@ history_router = ApiRouter(prefix="/api/v1", tag="boxes")
 
 @history_router.get("/boxes/{box_id}/history", response_model=History)
 def get_history(
+    caller: Viewer,
     box_id: RowId,
     request: Request,
     session: ReadSession,
@@ -62,11 +65,11 @@ def take_from_queue(
     body: QueueIn,
     session: WriteSession,
     services: AppServices,
-    principal: CurrentPrincipal,
+    caller: Reviewer,
 ) -> Response:
     """The next boxes to review, claimed for five minutes; an answer ends the claim."""
     chosen = body.model_dump(exclude={"filters"})
-    wanted = QueueRequest(principal.name, selection=body.filters, **chosen)
+    wanted = QueueRequest(caller.name, selection=body.filters, **chosen)
     queue = remaining_boxes(services, dataset, wanted)
     found = DatasetRepository(session).named(dataset)
     # no-store: a repeated request may get other boxes, so its response is not kept.
@@ -75,12 +78,10 @@ def take_from_queue(
 
 
 @queue_router.get("/datasets/{dataset}/coached", response_model=Coached)
-def get_coached(
-    dataset: DatasetName, session: ReadSession, principal: CurrentPrincipal
-) -> Response:
+def get_coached(dataset: DatasetName, session: ReadSession, caller: Viewer) -> Response:
     """The boxes by which the caller learns to answer; their truth is known."""
     found = DatasetRepository(session).named(dataset)
-    return json_response({"items": coached_boxes(session, found, principal.name)})
+    return json_response({"items": coached_boxes(session, found, caller.name)})
 
 
 router = ApiRouter(prefix="/api/v1", tag="reviews")
@@ -96,7 +97,7 @@ def create_review(
     box_id: RowId,
     body: ReviewIn,
     services: AppServices,
-    principal: CurrentPrincipal,
+    caller: Reviewer,
     audit: Audited,
 ) -> Response:
     """Answer a box; 412 with the current decision if it was answered since seen.
@@ -106,7 +107,7 @@ def create_review(
     """
     require_room_to_answer(services, audit.session)
     most = services.settings.max_answers_per_box
-    review = review_box(audit, box_id, body, principal, most=most)
+    review = review_box(audit, box_id, body, caller, most=most)
     status = 200 if review.revision == body.seen_revision else 201
     return commit_and_respond(audit.session, _json(review.model_dump_json(), status))
 
@@ -118,7 +119,7 @@ def undo_review(
     box_id: RowId,
     revision: AnswerRevision,
     services: AppServices,
-    principal: CurrentPrincipal,
+    caller: Reviewer,
     audit: Audited,
 ) -> Response:
     """Undo an answer on a box: the box gets the answer it had before.
@@ -127,20 +128,20 @@ def undo_review(
     """
     require_room_to_answer(services, audit.session)
     most = services.settings.max_answers_per_box
-    review = undo_answer(audit, box_id, revision, principal, most=most)
+    review = undo_answer(audit, box_id, revision, caller, most=most)
     return commit_and_respond(audit.session, _json(review.model_dump_json(), 201))
 
 
 @router.post("/reviews/bulk", status_code=201, response_model=ReviewBatch)
 def create_bulk_review(
-    body: BulkIn, services: AppServices, principal: CurrentPrincipal, audit: Audited
+    body: BulkIn, services: AppServices, caller: Reviewer, audit: Audited
 ) -> Response:
     """Give many boxes one answer; a single undo takes it back on all of them.
 
     If each of the boxes has it already as the caller's own latest answer, it is not
     stored again, and `count` is 0. Only admins may clear answers of others.
     """
-    batch = review_many(services, audit, body, principal)
+    batch = review_many(services, audit, body, caller)
     response = _json(batch.model_dump_json(), 201)
     response.headers["Location"] = f"/api/v1/review-batches/{batch.id}"
     return commit_and_respond(audit.session, response)
@@ -148,24 +149,23 @@ def create_bulk_review(
 
 @router.post("/review-batches/{batch_id}/undo", response_model=UndoneBatch)
 def undo_bulk_review(
-    batch_id: RowId, services: AppServices, principal: CurrentPrincipal, audit: Audited
+    batch_id: RowId, services: AppServices, caller: Reviewer, audit: Audited
 ) -> Response:
     """Undo a bulk answer: boxes get the answers they had, unless answered since.
 
     Only admins may undo batches of others.
     """
-    undone = undo_batch(services, audit, batch_id, principal)
+    undone = undo_batch(services, audit, batch_id, caller)
     return commit_and_respond(audit.session, _json(undone.model_dump_json()))
 
 
-import_router = ApiRouter(prefix="/api/v1", tag="reviews", read="admin", write="admin")
-
-
-@import_router.post(
-    "/datasets/{dataset}/reviews/import", response_model=ImportedAnswers
-)
+@router.post("/datasets/{dataset}/reviews/import", response_model=ImportedAnswers)
 def import_reviews(
-    dataset: DatasetName, body: AnswersIn, services: AppServices, audit: Audited
+    caller: Admin,
+    dataset: DatasetName,
+    body: AnswersIn,
+    services: AppServices,
+    audit: Audited,
 ) -> Response:
     """Store answers given elsewhere, with reviewer and time, unless newer ones exist.
 

@@ -19,10 +19,11 @@ from app.errors import StaleConfig, UnsupportedMedia
 from app.http.bodies import run_off_loop
 from app.http.deps import (
     AppServices,
-    CurrentPrincipal,
     DatasetName,
     ReadSession,
+    Reviewer,
     RowId,
+    Viewer,
     require_room_to_write,
 )
 from app.http.pages import (
@@ -117,7 +118,7 @@ configs_router = ApiRouter(prefix="/api/v1", tag="configs")
 
 @configs_router.get("/datasets/{dataset}/configs", response_model=Page[ConfigVersion])
 def list_configs(
-    dataset: DatasetName, wanted: Newest, session: ReadSession
+    caller: Viewer, dataset: DatasetName, wanted: Newest, session: ReadSession
 ) -> Response:
     """Versions of a dataset's configuration, newest first."""
     found = DatasetRepository(session).named(dataset)
@@ -137,7 +138,7 @@ def create_config(
     body: ConfigBody,
     session: WriteSession,
     services: AppServices,
-    principal: CurrentPrincipal,
+    caller: Reviewer,
 ) -> Response:
     """Store a version; it has no effect until a run applies it."""
     require_room_to_write(services, session)
@@ -146,7 +147,7 @@ def create_config(
         session,
         found,
         body.after(active_config(session, found)),
-        author=principal.name,
+        author=caller.name,
         unused_keys=body.unused_keys,
     )
     where = {"Location": f"/api/v1/configs/{version.digest}"}
@@ -157,7 +158,9 @@ def create_config(
 
 @configs_router.get("/configs/{digest}")
 def get_config(
-    digest: Annotated[str, Path(pattern="^[0-9a-f]{64}$")], session: ReadSession
+    caller: Viewer,
+    digest: Annotated[str, Path(pattern="^[0-9a-f]{64}$")],
+    session: ReadSession,
 ) -> ConfigVersion:
     """A version by its digest."""
     version = ConfigRepository(session).with_digest(digest)
@@ -167,7 +170,7 @@ def get_config(
 
 @configs_router.get("/datasets/{dataset}/config")
 def get_active_config(
-    dataset: DatasetName, session: ReadSession, response: Response
+    caller: Viewer, dataset: DatasetName, session: ReadSession, response: Response
 ) -> ConfigVersion:
     """The active version, by which boxes are decided now; its `ETag` is the digest."""
     found = DatasetRepository(session).named(dataset)
@@ -192,6 +195,7 @@ class Activation:
 
 @configs_router.put("/datasets/{dataset}/config", status_code=202, response_model=Run)
 def activate_config(
+    caller: Reviewer,
     dataset: DatasetName,
     activation: Annotated[Activation, Depends()],
     session: WriteSession,
@@ -238,7 +242,11 @@ def _require_match(session: Session, dataset: tables.Dataset, if_match: str) -> 
 
 @configs_router.post("/datasets/{dataset}/preview")
 def preview_config(
-    dataset: DatasetName, body: PreviewIn, session: ReadSession, services: AppServices
+    caller: Reviewer,
+    dataset: DatasetName,
+    body: PreviewIn,
+    session: ReadSession,
+    services: AppServices,
 ) -> Preview:
     """What a configuration would decide; writes nothing and reads no pixel."""
     found = DatasetRepository(session).named(dataset)
@@ -257,6 +265,7 @@ State = Annotated[
 
 @router.get("/datasets/{dataset}/runs", response_model=Page[Run])
 def list_runs(
+    caller: Viewer,
     dataset: DatasetName,
     wanted: Newest,
     session: ReadSession,
@@ -271,7 +280,11 @@ def list_runs(
 
 @router.get("/runs", response_model=Page[Run])
 def list_all_runs(
-    wanted: Newest, session: ReadSession, services: AppServices, state: State = None
+    caller: Viewer,
+    wanted: Newest,
+    session: ReadSession,
+    services: AppServices,
+    state: State = None,
 ) -> Response:
     """Runs of all datasets, newest first."""
     rows = RunRepository(session).page(wanted.page, state)
@@ -280,6 +293,7 @@ def list_all_runs(
 
 @router.post("/datasets/{dataset}/runs", status_code=202, response_model=Run)
 def create_run(
+    caller: Reviewer,
     dataset: DatasetName,
     body: RunIn,
     session: WriteSession,
@@ -306,7 +320,9 @@ def create_run(
 
 
 @router.get("/runs/{run_id}")
-def get_run(run_id: RowId, session: ReadSession, services: AppServices) -> Run:
+def get_run(
+    caller: Viewer, run_id: RowId, session: ReadSession, services: AppServices
+) -> Run:
     """A run and its progress."""
     run = job_with_id(session, tables.Run, run_id)
     return described_run(services, session, run)
@@ -316,6 +332,7 @@ def get_run(run_id: RowId, session: ReadSession, services: AppServices) -> Run:
     "/runs/{run_id}/events", response_class=Response, responses=events_of(Run, "run")
 )
 async def watch_run(
+    caller: Viewer,
     run_id: RowId,
     request: Request,
     services: AppServices,
@@ -327,7 +344,11 @@ async def watch_run(
 
 @router.post("/runs/{run_id}/cancel", status_code=202, response_model=Run)
 def stop_run(
-    run_id: RowId, session: WriteSession, services: AppServices, audit: Audited
+    caller: Reviewer,
+    run_id: RowId,
+    session: WriteSession,
+    services: AppServices,
+    audit: Audited,
 ) -> Response:
     """Cancel a run; its dataset does not change. 409 if the run has ended already."""
     run = cancel(services, session, RUNS, run_id)
@@ -359,6 +380,7 @@ def compared(
     responses={409: {"description": "One of the runs is not done."}},
 )
 def compare_runs(
+    caller: Viewer,
     runs: Annotated[tuple[tables.Run, tables.Run], Depends(compared)],
     request: Request,
     session: ReadSession,

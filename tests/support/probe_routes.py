@@ -16,7 +16,7 @@ from sqlalchemy.exc import OperationalError
 
 from app import errors
 from app.db.tables.access import Token
-from app.http.deps import ADMIN, CurrentPrincipal, ReadSession, RowId
+from app.http.deps import Admin, ReadSession, Reviewer, RowId, Viewer
 from app.http.files import file_response
 from app.http.routing import LARGE_BODY, ApiRouter, OpenRouter, body_up_to
 from app.http.transaction import WriteSession
@@ -63,24 +63,24 @@ class Note(BaseModel):
 
 
 @router.get("/raise/{name}")
-def raise_one(name: str) -> None:
+def raise_one(caller: Viewer, name: str) -> None:
     raise RAISED[name]
 
 
 @router.get("/items/{item_id}")
-def item(item_id: RowId, limit: int = 100) -> dict[str, int]:
+def item(caller: Viewer, item_id: RowId, limit: int = 100) -> dict[str, int]:
     return {"item_id": item_id, "limit": limit}
 
 
 @router.post("/tokens", status_code=201)
-def add_token(body: Note, session: WriteSession) -> dict[str, str]:
+def add_token(caller: Reviewer, body: Note, session: WriteSession) -> dict[str, str]:
     """Add a token whose row is written at the commit, which may fail."""
     session.add(Token(name=body.name, role="viewer", hash=body.name))
     return {"stored": body.name}
 
 
 @router.post("/slow", status_code=201)
-def add_slowly(body: Note, session: WriteSession) -> dict[str, int]:
+def add_slowly(caller: Reviewer, body: Note, session: WriteSession) -> dict[str, int]:
     """Write only once two requests have come this far at the same time."""
     both_requests_arrived.wait()
     session.execute(
@@ -94,12 +94,12 @@ def add_slowly(body: Note, session: WriteSession) -> dict[str, int]:
 
 
 @router.get("/tokens/count")
-def count_tokens(session: ReadSession) -> int:
+def count_tokens(caller: Viewer, session: ReadSession) -> int:
     return session.scalar(select(func.count()).select_from(Token)) or 0
 
 
 @router.post("/tokens/early", status_code=201)
-def add_early(body: Note, session: WriteSession) -> Note:
+def add_early(caller: Reviewer, body: Note, session: WriteSession) -> Note:
     """Add a token at once, and so hold the write lock until the commit."""
     session.add(Token(name=body.name, role="viewer", hash=body.name))
     session.flush()
@@ -107,22 +107,22 @@ def add_early(body: Note, session: WriteSession) -> Note:
 
 
 @router.post("/tokens/copies", status_code=201)
-def add_copy(body: Note, session: WriteSession) -> dict[str, str]:
-    return add_token(body, session)
+def add_copy(caller: Reviewer, body: Note, session: WriteSession) -> dict[str, str]:
+    return add_token(caller, body, session)
 
 
 @router.post("/echo", openapi_extra=body_up_to("max_body_bytes"))
-async def echo(request: Request) -> int:
+async def echo(caller: Reviewer, request: Request) -> int:
     return len(await request.body())
 
 
 @router.post("/stream", openapi_extra=LARGE_BODY)
-async def stream(request: Request) -> int:
+async def stream(caller: Reviewer, request: Request) -> int:
     return sum([len(part) async for part in request.stream()])
 
 
 @router.get("/endless")
-async def endless() -> StreamingResponse:
+async def endless(caller: Viewer) -> StreamingResponse:
     async def pieces() -> AsyncIterator[bytes]:
         try:
             while True:
@@ -135,39 +135,44 @@ async def endless() -> StreamingResponse:
 
 
 @router.get("/hold")
-async def hold() -> str:
+async def hold(caller: Viewer) -> str:
     """Block the event loop, as no real route may."""
     is_held.set()
     unblock.wait(60)
     return "gone on"
 
 
-@open_router.get("/wait", name="wait_openly")
 @router.get("/wait")
 @router.post("/wait", name="wait_as_a_write")
-def wait() -> str:
+def wait(caller: Reviewer) -> str:
     """Block a thread."""
+    return wait_openly()
+
+
+@open_router.get("/wait")
+def wait_openly() -> str:
+    """Block a thread, for anybody."""
     waiting.release()
     unblock.wait(60)
     return "gone on"
 
 
 @router.post("/wait/to-write")
-def wait_to_write(_session: WriteSession) -> str:
+def wait_to_write(caller: Reviewer, _session: WriteSession) -> str:
     """Block a thread, with a place among the requests that write."""
-    return wait()
+    return wait_openly()
 
 
 @router.get("/large-file")
-async def large_file(request: Request) -> Response:
+async def large_file(caller: Viewer, request: Request) -> Response:
     path = request.app.state.large_file
     blob = StoredBlob(path.stat().st_size, lambda first, end: b"", path)
     return file_response(request, blob, "0" * 64, "application/octet-stream")
 
 
-@router.post("/admin-only", dependencies=[ADMIN])
-def admin_only(principal: CurrentPrincipal) -> str:
-    return principal.name
+@router.post("/admin-only")
+def admin_only(caller: Admin) -> str:
+    return caller.name
 
 
 @open_router.get("/hello")

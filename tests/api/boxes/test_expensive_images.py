@@ -10,6 +10,7 @@ import httpx
 import numpy as np
 import pytest
 
+from app.http.admission import Admission
 from tests.support import frames as scene
 from tests.support.api import BASE, Api
 from tests.support.archives import frame, lines_of, tar_archive
@@ -237,7 +238,8 @@ def slow_drawings(service, api, path, count):
     with greedy, ThreadPoolExecutor(count) as viewers:
         asked = [viewers.submit(greedy.get, path) for _ in range(count)]
         try:
-            until(lambda: service.app.state.drawings.borrowed_tokens)
+            drawings = service.app.state.services.one(Admission).drawings
+            until(lambda: drawings.borrowed_tokens)
             yield asked
         finally:
             stopping.set()  # ends the drawings, so that the test need not wait

@@ -1,4 +1,4 @@
-"""The limit on bytes of requests in memory: each token has a share of it."""
+"""The limit on bytes of requests in memory."""
 
 from __future__ import annotations
 
@@ -18,11 +18,10 @@ from tests.support.connections import open_connection, request_head
 from tests.support.live import live
 from tests.support.waiting import until
 
-MOST, MOST_OF_ONE = 1_000_000, 600_000
+MOST = 600_000
 BODY = 500_000
 LIMITS = {
     "max_open_body_bytes": MOST,
-    "max_open_body_bytes_per_token": MOST_OF_ONE,
     "max_body_bytes": 900_000,
     "max_json_bytes": 800_000,
     "workers": 2,
@@ -112,31 +111,19 @@ def until_counted(service, size):
     until(lambda: open_bytes(service) == size, lambda: open_bytes(service))
 
 
-def test_open_body_limits_return_429_and_503(service, bearers, sender):
-    one, other, third = bearers
-    first = sender(one)
+def test_open_body_limit_returns_503(service, bearers, sender):
+    first, second = sender(bearers[0]), sender(bearers[1])
     first.announce(BODY)
     until_counted(service, BODY)
 
-    second = sender(one)
     second.announce(BODY)
     status, headers, body = second.answer()
-    assert (status, headers["content-type"]) == (429, "application/problem+json")
-    assert b'"code":"too_many_requests"' in body
-    assert int(headers["retry-after"]) >= 1
+    first.send(b"x" * (BODY - 1))
 
-    beside = sender(other)
-    beside.announce(BODY)
-    until_counted(service, 2 * BODY)
-    late = sender(third)
-    late.announce(BODY)
-    status, headers, body = late.answer()
     assert (status, headers["retry-after"]) == (503, "2")
+    assert headers["content-type"] == "application/problem+json"
     assert b'"code":"not_ready"' in body
-
-    for started in (first, beside):
-        started.send(b"x" * (BODY - 1))
-        assert started.answer()[0] == 200
+    assert first.answer()[0] == 200
     until_free(service)
 
 
@@ -146,7 +133,7 @@ def test_refused_body_can_be_retried_on_the_same_connection(service, bearers, se
     first.announce(BODY)
     until_counted(service, BODY)
     second.announce(BODY)
-    assert second.answer()[0] == 429
+    assert second.answer()[0] == 503
     first.send(b"x" * (BODY - 1))
     assert first.answer()[0] == 200
     until_counted(service, 0)
@@ -167,21 +154,20 @@ def test_bytes_of_a_chunked_body_are_counted_as_they_arrive(service, bearers, se
     until_counted(service, BODY + 100_000)
     second.send(chunk)
 
-    assert second.answer()[0] == 429
+    assert second.answer()[0] == 503
     until_counted(service, BODY)
 
 
 def test_small_bodies_are_accepted_at_the_open_body_limit(service, bearers, sender):
-    for bearer in bearers[:2]:
-        sender(bearer).announce(BODY)
-    until_counted(service, 2 * BODY)
+    sender(bearers[0]).announce(BODY)
+    until_counted(service, BODY)
 
     with service.client(Authorization=bearers[2]) as client:
         assert client.post("/probe/echo", content=b"x" * 60_000).status_code == 200
         assert client.get("/healthz").status_code == 200
 
 
-def test_body_larger_than_the_share_is_accepted_if_alone(service, bearers):
+def test_body_larger_than_the_limit_is_accepted_if_alone(service, bearers):
     with service.client(Authorization=bearers[0]) as client:
         sent = client.post("/probe/echo", content=b"x" * 800_000)
 
@@ -317,7 +303,7 @@ def test_refused_body_is_not_kept_in_memory(service, bearers, sender, what, key)
     assert kept // len(PADDING) < 4
 
 
-def test_batch_over_the_open_body_limit_ends_with_429(service, admin, bearers, sender):
+def test_batch_over_the_open_body_limit_ends_with_503(service, admin, bearers, sender):
     """The first frame is stored; the second is incomplete, and so kept and counted."""
     first = sender(bearers[0])
     first.announce(BODY)
@@ -337,10 +323,7 @@ def test_batch_over_the_open_body_limit_ends_with_429(service, admin, bearers, s
     stored, end = lines_of(answer.text)
 
     assert (stored["status"], end["stored"]) == (201, 1)
-    assert (end["problem"]["status"], end["problem"]["code"]) == (
-        429,
-        "too_many_requests",
-    )
+    assert (end["problem"]["status"], end["problem"]["code"]) == (503, "not_ready")
 
 
 def test_batch_releases_the_counted_bytes_of_stored_frames(service, bearers):

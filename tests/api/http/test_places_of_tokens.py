@@ -8,10 +8,8 @@ from contextlib import ExitStack, contextmanager
 
 import pytest
 
-from app.http.routing import MAX_READS_PER_TOKEN, MAX_WRITES_PER_TOKEN
-from tests.support import frames as scene
+from app.http.admission import MAX_READS_PER_TOKEN, MAX_WRITES_PER_TOKEN, Admission
 from tests.support import probe_routes
-from tests.support.api import Api
 from tests.support.connections import open_connection, request_head
 from tests.support.waiting import until
 
@@ -64,7 +62,7 @@ def test_write_whose_client_left_while_it_waited_is_not_executed(serve):
         busy = blocked(service, admin, "POST that writes", MAX_WRITES_PER_TOKEN)
         greedy, _ = opened.enter_context(busy)
         token = admin.get("/api/v1/tokens").json()["items"][-1]["id"]
-        places = service.app.state.writing.of(token)
+        places = service.app.state.services.one(Admission).writing.of(token)
         with ExitStack() as connections:
             for number in range(20):
                 body = json.dumps({"name": f"left-{number}"}).encode()
@@ -85,29 +83,3 @@ def test_write_whose_client_left_while_it_waited_is_not_executed(serve):
 
     assert last.status_code == 201
     assert names == ["admin", "greedy", "last"]
-
-
-def test_uploads_of_one_token_leave_places_for_others(serve):
-    service = serve()
-    uploads = service.app.state.uploads
-    own = uploads.total_tokens // 2
-    annotation, segmentation = scene.large(3000)
-    seen = set()
-    with service.admin() as admin, new_reviewer(service, admin) as greedy:
-        admin.post("/api/v1/datasets", json={"name": "street"})
-
-        def upload(number):
-            return (
-                Api(greedy)
-                .put("street", f"{number}", annotation, segmentation=segmentation)
-                .status_code
-            )
-
-        with ThreadPoolExecutor(3 * own) as threads:
-            sent = [threads.submit(upload, number) for number in range(3 * own)]
-            while not all(one.done() for one in sent):
-                seen.add(uploads.borrowed_tokens)
-        statuses = {one.result() for one in sent}
-
-    assert statuses == {201}
-    assert max(seen) == own

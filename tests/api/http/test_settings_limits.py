@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import threading
-from contextlib import ExitStack, contextmanager
 
 import cv2
 import numpy as np
@@ -13,9 +11,8 @@ import pytest
 from app.settings import Settings
 from tests.support import frames as scene
 from tests.support.archives import frame, tar_archive
-from tests.support.live import block_jobs, live
+from tests.support.live import live
 from tests.support.sources import names_of_tests
-from tests.support.waiting import until
 
 pytestmark = pytest.mark.long
 
@@ -32,9 +29,6 @@ LIMITS = {
     "max_boxes_per_frame": 3,
     "max_config_bytes": 1_024,
     "max_bulk_boxes": 1,
-    "max_open_jobs_per_token": 2,
-    "max_event_streams_per_token": 1,
-    "max_open_batches_per_token": 1,
     "max_folder_bytes": 30_000,
     "max_folder_files": 3,
 }
@@ -42,9 +36,7 @@ PIXEL_WORK = (
     "tests/api/boxes/test_expensive_images.py::"
     "test_frame_over_pixel_time_or_memory_limit_is_refused"
 )
-OPEN_BODIES = (
-    "tests/api/http/test_open_bodies.py::test_open_body_limits_return_429_and_503"
-)
+OPEN_BODIES = "tests/api/http/test_open_bodies.py::test_open_body_limit_returns_503"
 ANY_BODY = (
     "tests/api/http/test_bodies.py::"
     "test_too_large_content_length_is_refused_before_the_body_is_read"
@@ -59,7 +51,6 @@ TESTED_ELSEWHERE = {
     "max_connections": "tests/api/process/test_connections.py::"
     "test_connection_over_the_limit_returns_503_with_retry_after",
     "max_open_body_bytes": OPEN_BODIES,
-    "max_open_body_bytes_per_token": OPEN_BODIES,
     "max_open_batches": "tests/api/ingest/test_batches.py::"
     "test_too_many_open_batches_return_429",
     "max_answers_per_box": "tests/api/review/test_reviews.py::"
@@ -164,116 +155,11 @@ def test_frame_at_its_limits_is_stored(serve):
     assert answer.status_code == 201, answer.text
 
 
-@pytest.fixture
-def blocked_engine(service):
-    with block_jobs(service.app.state.services.engine):
-        yield
-
-
-def reviewer_client(service, admin, name):
-    token = admin.post("/api/v1/tokens", json={"name": name}).json()["token"]
-    return service.client(Authorization=f"Bearer {token}")
-
-
-def test_open_jobs_are_limited_per_token(service, admin, blocked_engine):
-    digest = admin.get(f"{STREET}/config").json()["digest"]
-    asks = [
-        (f"{STREET}/runs", {"config": digest}),
-        (f"{STREET}/exports", {"format": "yolo"}),
-        (f"{STREET}/runs", {"config": digest}),
-        (f"{STREET}/exports", {"format": "yolo"}),
-        (f"{STREET}/evaluations", None),
-    ]
-    with reviewer_client(service, admin, "greedy") as greedy:
-        answers = [greedy.post(path, json=sent) for path, sent in asks]
-        late = answers[2]
-        path, body = asks[0]
-        other = admin.post(path, json=body)
-        greedy.post(f"{answers[0].headers['location']}/cancel")
-        again = greedy.post(path, json=body)
-
-    assert [one.status_code for one in answers] == [202, 202, 429, 429, 429]
-    assert (late.json()["code"], late.headers["retry-after"]) == ("too_many_jobs", "10")
-    assert (other.status_code, again.status_code) == (202, 202)
-
-
-def test_event_streams_are_limited_per_token(service, admin, blocked_engine):
-    digest = admin.get(f"{STREET}/config").json()["digest"]
-    run = admin.post(f"{STREET}/runs", json={"config": digest})
-    events = f"{run.headers['location']}/events"
-    with (
-        reviewer_client(service, admin, "watcher") as watcher,
-        ExitStack() as open_streams,
-    ):
-        first = open_streams.enter_context(watcher.stream("GET", events))
-        # Kept in a name: the response closes when its last reader is deleted.
-        lines = first.iter_lines()
-        assert next(lines) == "retry: 1000"
-        refused = watcher.get(events)
-        other = open_streams.enter_context(admin.stream("GET", events))
-
-    assert (first.status_code, other.status_code) == (200, 200)
-    assert refused.status_code == 429
-    assert "1 streams of this token" in refused.json()["detail"]
-    assert int(refused.headers["retry-after"]) >= 1
-
-
-def test_open_batches_are_limited_per_token(service, admin):
-    admin.post("/api/v1/datasets", json={"name": "avenue"})
-    with (
-        reviewer_client(service, admin, "sender") as sender,
-        open_upload(sender) as go_on,
-    ):
-        refused, other = send(sender), send(admin)
-        go_on()
-    with reviewer_client(service, admin, "patient") as patient:
-        again = [send(patient), send(patient)]
-
-    assert refused.status_code == 429
-    assert "1 batches of this token" in refused.json()["detail"]
-    assert int(refused.headers["retry-after"]) >= 1
-    assert [one.status_code for one in (other, *again)] == [200, 200, 200]
-
-
-def send(client, content=None):
-    content = content or tar_archive(frame("a")[:2])
-    return client.post(AVENUE, content=content, headers=TAR)
-
-
-@contextmanager
-def open_upload(client):
-    """An upload that stays open until the function that is yielded is called."""
-    let_go = threading.Event()
-
-    def body():
-        yield bytes(512)  # enough bytes to be accepted as an archive
-        let_go.wait(120)
-        yield bytes(512)
-
-    thread = threading.Thread(target=send, args=(client, body()))
-
-    def is_open():
-        assert thread.is_alive()
-        return "unghost_batches_open 1" in client.get("/metrics").text
-
-    thread.start()
-    try:
-        until(is_open)
-        yield let_go.set
-    finally:
-        let_go.set()
-        thread.join()
-
-
 def test_every_limit_has_a_test():
     """A new `max_...` of the settings must be added to one of the tables above."""
     limits = {name for name in Settings.model_fields if name.startswith("max_")}
-    here = {
-        *("max_open_jobs_per_token", "max_event_streams_per_token"),
-        "max_open_batches_per_token",
-    }
 
-    assert limits == {*REFUSED, *TESTED_ELSEWHERE, *here}
+    assert limits == {*REFUSED, *TESTED_ELSEWHERE}
     for test in TESTED_ELSEWHERE.values():
         path, _, name = test.partition("::")
         assert name in names_of_tests(path)

@@ -568,7 +568,7 @@ def test_too_large_file_is_unmatched_and_too_large_answer_refused(serve):
 
 
 def test_folder_upload_counts_as_an_open_batch(serve):
-    service = serve(max_open_batches_per_token=1)
+    service = serve(max_open_batches=1)
     let_go = threading.Event()
 
     def slow():

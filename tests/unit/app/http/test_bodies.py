@@ -6,17 +6,19 @@ import asyncio
 import threading
 
 import pytest
-from anyio import CapacityLimiter
 from fastapi import FastAPI
 
+from app.context import ServiceContext
 from app.errors import Unprocessable
+from app.http.admission import Admission
 from app.http.bodies import StrictRequest, run_off_loop
 from tests.support.threads import in_thread
 
 
 def request_with(body):
     app = FastAPI()
-    app.state.readers = CapacityLimiter(1)
+    app.state.services = ServiceContext(*[None] * 7)
+    app.state.services.keep(Admission(1))
 
     async def receive():
         return {"type": "http.request", "body": body, "more_body": False}

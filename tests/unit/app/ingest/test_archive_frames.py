@@ -7,21 +7,20 @@ from collections.abc import AsyncIterator
 import anyio
 import pytest
 
-from app.errors import TooManyRequests
+from app.errors import NotReady
 from app.incoming import HeldBytes, OpenBodies
 from app.ingest.batch import ArchiveFrames
 from app.settings import Settings
 from tests.support.archives import frame, header_of, tar_without_end
 
 MOST = 200_000
-SENDER = 1
 
 
 @pytest.mark.parametrize("begun", [b"", tar_without_end(frame("a"))[:512]])
 def test_frame_that_is_complete_is_given_before_the_limit_is_raised(tmp_path, begun):
     """Also if one piece of the body completes a frame and exceeds the limit."""
-    bodies = OpenBodies(MOST, MOST)
-    bodies.take(SENDER, MOST // 2)  # by another request
+    bodies = OpenBodies(MOST)
+    bodies.take(MOST // 2)  # by another request
     archive = tar_without_end(frame("a") + frame("b"))
     archive += header_of("b.lidar.bin", MOST) + bytes(MOST - 512)
     pieces = [begun, archive[len(begun) :]] if begun else [archive]
@@ -33,7 +32,7 @@ def test_frame_that_is_complete_is_given_before_the_limit_is_raised(tmp_path, be
     found = []
 
     async def receive() -> None:
-        held = HeldBytes(bodies, SENDER)
+        held = HeldBytes(bodies)
         frames = ArchiveFrames(Settings(data=tmp_path), body(), held)
         await frames.begin()
         try:
@@ -42,7 +41,7 @@ def test_frame_that_is_complete_is_given_before_the_limit_is_raised(tmp_path, be
         finally:
             held.hold(0)
 
-    with pytest.raises(TooManyRequests):
+    with pytest.raises(NotReady):
         anyio.run(receive)
     assert found == ["a"]
     assert bodies.open_bytes == MOST // 2
