@@ -36,15 +36,12 @@ class Principal:
     """The caller of a request, identified by a token or by a session of the page.
 
     `name` is the name of the reviewer; `session_hash` is None if a token was sent.
-    `former_hash` is set if that token was the first one, which has been renewed since:
-    it expires earlier than the token in its place.
     """
 
     token_id: int
     name: str
     role: Role
     session_hash: str | None = None
-    former_hash: str | None = None
 
 
 def new_secret(prefix: str) -> str:

@@ -7,7 +7,6 @@ from datetime import datetime, timedelta
 from typing import Final
 
 from sqlalchemy import Connection
-from sqlalchemy import exc as sql
 from sqlalchemy.orm import Session
 
 from app.access.audit import AuditAction, AuditTrail
@@ -15,7 +14,6 @@ from app.access.queries import TokenEnd, Tokens, end_of, is_valid
 from app.db.base import rfc3339, utc_now
 from app.db.tables.access import DownloadLink, LoginCode, LoginSession, Token
 from app.errors import Conflict, Forbidden, NotFound, Unauthorised, Unprocessable
-from app.maintenance.datafolder import CannotMaintain, opened
 from app.security import (
     DOWNLOAD_PREFIX,
     LOGIN_CODE_PREFIX,
@@ -27,7 +25,6 @@ from app.security import (
     new_secret,
     same_hash,
 )
-from app.settings import Settings
 from unghost.wire.words import Role
 
 CODE_LIFETIME: Final = timedelta(minutes=10)
@@ -75,13 +72,9 @@ def by_token(session: Session, token: str) -> Principal:
         # It would open another session, which its own end would not end.
         raise _refused(None, now, _NO_TOKEN)
     row = tokens.valid_by_hash(digest, now)
-    # The former first token, which was renewed, is stored as a session.
-    former = tokens.valid_by_session(digest, now) if row is None else None
-    found = row or former
-    if found is None or not same_hash(found.hash, digest):
+    if row is None or not same_hash(row.hash, digest):
         raise _refused(tokens.by_hash(digest), now, _UNKNOWN_TOKEN)
-    former_hash = None if former is None else digest
-    return Principal(found.id, found.name, found.role, former_hash=former_hash)
+    return Principal(row.id, row.name, row.role)
 
 
 def by_session(session: Session, secret: str) -> Principal:
@@ -107,8 +100,7 @@ def require_valid(connection: Connection, principal: Principal) -> None:
         The token or the session has ended since.
     """
     now, token_id = utc_now(), principal.token_id
-    session_hash = principal.session_hash or principal.former_hash
-    if not is_valid(connection, token_id, session_hash, now):
+    if not is_valid(connection, token_id, principal.session_hash, now):
         end = end_of(connection, token_id)
         if principal.session_hash:
             raise _refused(end, now, _UNKNOWN_SESSION, "session_expired")
@@ -122,7 +114,7 @@ def log_in(audit: AuditTrail, by: str, lifetime: timedelta) -> str:
     """
     secret = new_secret(SESSION_PREFIX)
     ends = utc_now() + lifetime
-    if audit.actor is not None:  # the first token's former value ends before its token
+    if audit.actor is not None:
         ends = min(ends, expiry(audit.session, audit.actor) or ends)
     opened = LoginSession(
         hash=hash_secret(secret), token_id=audit.token_id, expires_at=ends
@@ -140,8 +132,7 @@ def log_out(session: Session, principal: Principal) -> None:
 
 def expiry(session: Session, principal: Principal) -> datetime | None:
     """When the caller's token or session expires; None: never."""
-    stored_as = principal.session_hash or principal.former_hash
-    return Tokens(session).expiry(principal.token_id, stored_as)
+    return Tokens(session).expiry(principal.token_id, principal.session_hash)
 
 
 def issue(
@@ -191,42 +182,16 @@ def revoke(audit: AuditTrail, token_id: int) -> None:
         audit.note(AuditAction.TOKEN_REVOKED, token.name, token_id=token_id)
 
 
-def issue_offline(
-    settings: Settings, name: str, role: Role, expires_at: datetime | None
-) -> tuple[Token, str]:
-    """As `issue`, without a running service; the actor in the audit log is `unghost`.
-
-    Raises
-    ------
-    CannotMaintain
-        The database is missing, or its schema has another version.
-    Conflict
-        The name is taken.
-    """
-    try:
-        with opened(settings) as database, database.write() as session:
-            return issue(AuditTrail(session), name, role, expires_at)
-    except sql.OperationalError as exc:
-        raise CannotMaintain(
-            f"the token cannot be stored: {exc.orig}; `unghost doctor` says more"
-        ) from exc
-
-
 def make_code(audit: AuditTrail, token_id: int | None = None) -> tuple[LoginCode, str]:
     """A login code of this token, or of the actor's, and its secret.
 
     Raises
     ------
     Forbidden
-        The actor has a session, or the first token's former value: the session that
-        the code opens would not end with them.
+        The actor has a session: the session that the code opens would not end with it.
     """
-    by = audit.actor
-    if by is not None and (by.session_hash or by.former_hash):
-        raise Forbidden(
-            "a login code needs the token itself: a session, or the former value of a "
-            "token, makes none"
-        )
+    if audit.actor is not None and audit.actor.session_hash:
+        raise Forbidden("a login code needs the token itself: a session makes none")
     secret, now = new_secret(LOGIN_CODE_PREFIX), utc_now()
     code = LoginCode(
         hash=hash_secret(secret),

@@ -14,9 +14,9 @@ from typing import Final
 
 from app.access.gate import LastUses, WrongSecrets
 from app.access.queries import Tokens
+from app.background import Task, attempt, repeating
 from app.context import ServiceContext
 from app.logs import server_log
-from app.maintenance.background import Task, attempt, repeating
 
 EVERY_S: Final = 60.0
 

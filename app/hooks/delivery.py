@@ -23,6 +23,7 @@ from typing import Final
 
 import httpx
 
+from app.background import Task, repeating
 from app.context import ServiceContext
 from app.db.base import utc_now
 from app.db.tables import Hook, HookDelivery
@@ -36,7 +37,6 @@ from app.hooks.queries import (
 from app.hooks.service import SECRET_PREFIX, allowed_url
 from app.jobs.leases import LeaseLost, Leases
 from app.logs import server_log
-from app.maintenance.background import Task, repeating
 from app.package import VERSION
 from app.settings import Settings
 

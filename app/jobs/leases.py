@@ -47,6 +47,7 @@ from sqlalchemy import func, select
 from sqlalchemy.exc import SQLAlchemyError
 from sqlalchemy.orm import Session
 
+from app.background import Task, repeating
 from app.context import ServiceContext
 from app.db.base import utc_now
 from app.db.bulk import insert_into
@@ -54,7 +55,6 @@ from app.db.engine import Database, once_committed
 from app.db.tables import Lease
 from app.engine.chunk import Job, JobStopped
 from app.jobs.kind import all_open_jobs, is_open
-from app.maintenance.background import Task, repeating
 
 LEASE_LASTS: Final = timedelta(seconds=8)
 """How long a lease is valid after it was taken or renewed."""

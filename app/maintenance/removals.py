@@ -21,12 +21,12 @@ from sqlalchemy import delete, select
 from sqlalchemy.orm import Session
 
 from app.addresses import FOLDER
+from app.background import Task, repeating
 from app.context import ServiceContext
 from app.db.base import utc_now
 from app.db.engine import Database, keep_turn
 from app.db.tables import Dataset, DatasetClass, Export, Flips, Frame, Problem, Run
 from app.errors import StorageAway
-from app.maintenance.background import Task, repeating
 from app.maintenance.datafolder import CannotMaintain, alone
 from app.maintenance.queries import StoredFileRepository
 from app.settings import Settings

@@ -10,12 +10,12 @@ from typing import Final
 from anyio import CapacityLimiter, Lock, to_thread
 from sqlalchemy.exc import DBAPIError, SQLAlchemyError
 
+from app.background import Failures
 from app.context import ServiceContext
 from app.db.migrate import current_revision, head_revision
 from app.db.transient import takes_writes
 from app.errors import NotReady, TryLater
 from app.logs import error_log
-from app.maintenance.background import Failures
 from app.maintenance.sqlite_check import ADVICE
 from app.package import migrations_dir
 from app.process.loop_watch import LoopWatch

@@ -10,6 +10,7 @@ from functools import partial
 from app.access.first_token import ensure_first_token
 from app.access.upkeep import keeping_tokens
 from app.addresses import LOCAL_ENGINE
+from app.background import Task, repeating
 from app.context import ServiceContext
 from app.db.engine import Database, migrating_alone
 from app.db.migrate import migrate
@@ -27,7 +28,6 @@ from app.jobs.kind import register
 from app.jobs.leases import running_watchdog
 from app.jobs.queries import call_at_end, installation_id
 from app.jobs.service import start
-from app.maintenance.background import Task, repeating
 from app.maintenance.datafolder import (
     check_moved,
     check_same_version,

@@ -26,7 +26,7 @@ LEVELS: Final = (
     {"jobs"},
     {"access"},
     {"http", "maintenance"},
-    {"measuring"},
+    {"measuring", "background"},
     {"catalog"},
     {"context"},
     {"storage"},

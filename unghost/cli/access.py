@@ -401,18 +401,27 @@ def _make_token_offline(
     Refused
         There is no such database, or the name is taken.
     """
-    from app.access.service import issue_offline
+    from sqlalchemy.exc import OperationalError
+
+    from app.access.audit import AuditTrail
+    from app.access.service import issue
     from app.errors import AppError
-    from app.maintenance.datafolder import CannotMaintain
+    from app.maintenance.datafolder import CannotMaintain, opened
     from unghost.wire import NewToken, Token
 
-    wanted = _checked(options.name, options.role, until)
+    row = _checked(options.name, options.role, until)
     settings = settings_of(data=options.data)
-    with refused_on(CannotMaintain, AppError):
-        made, secret = issue_offline(
-            settings, wanted.name, wanted.role, wanted.expires_at
-        )
-    token = Token.model_validate(made, from_attributes=True)
+    try:
+        with refused_on(CannotMaintain, AppError), opened(settings) as database:
+            with database.write() as session:
+                stored, secret = issue(
+                    AuditTrail(session), row.name, row.role, row.expires_at
+                )
+            token = Token.model_validate(stored, from_attributes=True)
+    except OperationalError as exc:
+        raise Refused(
+            f"the token cannot be stored: {exc.orig}; `unghost doctor` says more"
+        ) from exc
     return NewToken.read({**token.model_dump(mode="json"), "token": secret})
 
 
