@@ -1,6 +1,6 @@
 """The errors of the service, as one tree; `http.problems` maps them to HTTP responses.
 
-AppError                     the base of all of them
+AppError                     the base of all of them, below `filter_core.UnghostError`
 |-- BadRequest               the request itself is malformed
 |   |-- BadCursor            a cursor that no page of the list can have given
 |   |-- UnknownParameter     a query parameter that the route does not have
@@ -41,27 +41,24 @@ server, SQL or a secret.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING
+
+from filter_core.errors import UnghostError
 
 if TYPE_CHECKING:  # children that read pixels raise these, and need no pydantic
     from unghost.wire.model import Fault
 
 
-class AppError(Exception):
+class AppError(UnghostError):
     """Base of all errors that the service reports to a client.
 
-    `code` is stable and for programs, the text is for people; `faults` lists each
-    mistake where a request has several.
+    `faults` lists each mistake where a request has several.
     """
-
-    code: ClassVar[str] = "internal"
 
     def __init__(
         self, detail: str, *, code: str = "", faults: Sequence[Fault] = ()
     ) -> None:
-        super().__init__(detail)
-        self.detail = detail
-        self.kind = code or type(self).code
+        super().__init__(detail, code=code)
         self.faults = tuple(faults)
 
 

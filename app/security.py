@@ -17,9 +17,6 @@ TOKEN_PREFIX: Final = "ug_"
 SESSION_PREFIX: Final = "us_"
 LOGIN_CODE_PREFIX: Final = "uc_"
 DOWNLOAD_PREFIX: Final = "ud_"
-FORMER_COOKIE: Final = "unghost_session"
-"""The session cookie of former versions: no route accepts it, and browsers are told to
-delete it."""
 SAFE_METHODS: Final = frozenset({"GET", "HEAD", "OPTIONS"})
 _SECRET_BYTES: Final = 32
 _PORT: Final = re.compile(r":\d{1,5}$")

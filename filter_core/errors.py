@@ -1,5 +1,6 @@
-"""The exceptions for bad input, as one tree.
+"""The base of all errors, and those of the library for bad input, as one tree.
 
+UnghostError              also the base of the service's errors, see `app.errors`
 FilterError
 |-- ImageError            a file is not an image that can be used
 |   |-- ImageSizeMismatch segmentation, image and camera disagree about the size
@@ -22,20 +23,32 @@ from contextlib import contextmanager
 from typing import ClassVar, TypedDict
 
 
-class FilterError(ValueError):
-    """Base of everything the library raises on bad input.
+class UnghostError(Exception):
+    """Base of the errors that people and programs are told.
 
-    `code` is stable and for programs, the text is for people, `pointer` is the JSON
-    pointer of the field where there is one.
+    `code`, and `kind`, which a single error may change, are stable and for programs;
+    `detail` is the text for people.
     """
 
-    code: ClassVar[str] = "bad_input"
+    code: ClassVar[str] = "internal"
 
-    def __init__(self, detail: str, *, pointer: str = "", code: str = "") -> None:
+    def __init__(self, detail: str, *, code: str = "") -> None:
         super().__init__(detail)
         self.detail = detail
-        self.pointer = pointer
         self.kind = code or type(self).code
+
+
+class FilterError(UnghostError, ValueError):
+    """Base of everything the library raises on bad input.
+
+    `pointer` is the JSON pointer of the field where there is one.
+    """
+
+    code = "bad_input"
+
+    def __init__(self, detail: str, *, pointer: str = "", code: str = "") -> None:
+        super().__init__(detail, code=code)
+        self.pointer = pointer
 
     def __reduce__(self) -> tuple[object, ...]:
         """Pickles all attributes, so that errors can be sent between processes."""

@@ -26,7 +26,6 @@ from app.http.files import IMMUTABLE, is_known
 from app.http.openapi import docs_page
 from app.http.routing import HeadRoute, OpenRouter
 from app.package import static_dir
-from app.security import FORMER_COOKIE
 
 # Not from the system's table: on Windows it may define JavaScript as plain text.
 MEDIA_TYPES: Final = {
@@ -187,10 +186,7 @@ description_router = OpenRouter()
 async def index(request: Request) -> Response:
     """The page. Its filters are in the URL, so any query parameter is allowed."""
     folder = static_dir()
-    response = _file_response(request, shell_page(folder, page_version(folder)))
-    if FORMER_COOKIE in request.cookies:
-        response.delete_cookie(FORMER_COOKIE, httponly=True, samesite="strict")
-    return response
+    return _file_response(request, shell_page(folder, page_version(folder)))
 
 
 @files_router.get("/static/{name:path}", include_in_schema=False)

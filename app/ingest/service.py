@@ -18,7 +18,6 @@ from app.catalog.datasets import DatasetRepository
 from app.catalog.frames import KeyRow, ProblemRepository, note_problem
 from app.context import ServiceContext
 from app.errors import (
-    AppError,
     Forbidden,
     FrameConflict,
     StorageFull,
@@ -43,7 +42,7 @@ from app.measuring.frame_files import measure_files
 from app.storage.base import BlobsUncertain
 from app.storage.room import require_room
 from filter_core.annotation.units import check_units
-from filter_core.errors import AnnotationError, FilterError, error_context
+from filter_core.errors import AnnotationError, FilterError, UnghostError, error_context
 from filter_core.formats.reading import MAX_KEY
 from filter_core.pipeline import MeasuredFrame
 
@@ -222,7 +221,7 @@ def store_frames(
             return _store_together(context, request, frames)
         except Unauthorised:
             raise
-        except (AppError, FilterError, IntegrityError):
+        except (UnghostError, IntegrityError):
             # One frame made the transaction fail: store each in its own.
             log.info("a batch is stored frame by frame", exc_info=True)
     return [_store_alone(context, request, frame) for frame in frames]

@@ -33,14 +33,13 @@ from app.engine.chunk import (
     JobStopped,
     WorkerDied,
 )
-from app.errors import AppError
 from app.jobs.attempts import count_death, quarantine_error
 from app.jobs.chunks import FINAL_STEP, ChunkRepository
 from app.jobs.kind import READ_ROW_EVERY_S, AnyKind, is_open, kind_of
 from app.jobs.leases import JobLease, Leases
 from app.jobs.queries import close, open_job
 from app.jobs.work import stored_error, unexpected_error, work_in_driver
-from filter_core.errors import FilterError
+from filter_core.errors import UnghostError
 
 WAIT_S: Final = 0.1
 """How long the driver waits for a chunk to end before its other checks."""
@@ -76,7 +75,7 @@ def drive_job(context: ServiceContext, job: Job) -> bool:
         except ChunkFailed as failed:
             log.warning("%s %d failed: %s", *job, failed)
             _fail(context, lease, failed.error)
-        except (AppError, FilterError) as error:
+        except UnghostError as error:
             log.warning("%s %d failed: %s", *job, error)
             _fail(context, lease, stored_error(error))
         except Exception as error:

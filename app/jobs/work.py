@@ -24,12 +24,11 @@ from app.engine.chunk import (
     Job,
     JobStopped,
 )
-from app.errors import AppError
 from app.jobs.attempts import Attempt
 from app.jobs.chunks import FINAL_STEP, ChunkRepository
 from app.jobs.kind import AnyTask, Task, kind_of
 from app.jobs.queries import installation_id
-from filter_core.errors import FilterError
+from filter_core.errors import UnghostError
 
 log = logging.getLogger(__name__)
 
@@ -79,7 +78,7 @@ def _outcome(task: AnyTask, work: Callable[[], str]) -> str:
         return work()
     except JobStopped:
         return RETURNED if task.context.engine.stopping.is_set() else UNWANTED
-    except (AppError, FilterError) as error:
+    except UnghostError as error:
         return _failed(task, stored_error(error))
     except Exception as error:
         if is_transient(error):
@@ -126,7 +125,7 @@ def work_in_worker(
     return ELSEWHERE
 
 
-def stored_error(error: AppError | FilterError) -> dict[str, str]:
+def stored_error(error: UnghostError) -> dict[str, str]:
     """An expected error, as it is stored in a job's row."""
     return {"code": error.kind, "detail": error.detail}
 

@@ -173,19 +173,6 @@ def test_credentials_in_a_cookie_are_unauthorised(service, anonymous):
         assert (answer.status_code, answer.json()["code"]) == (401, "unauthorised")
 
 
-def test_session_cookie_of_an_earlier_version_is_deleted(anonymous):
-    with_one = anonymous.get("/", headers={"Cookie": "unghost_session=old"})
-    etag = {"If-None-Match": with_one.headers["etag"]}
-    unchanged = anonymous.get("/", headers={"Cookie": "unghost_session=old", **etag})
-    without = anonymous.get("/")
-
-    for answer in (with_one, unchanged):
-        assert answer.headers["set-cookie"].startswith('unghost_session=""; ')
-        assert "Max-Age=0" in answer.headers["set-cookie"]
-    assert unchanged.status_code == 304
-    assert "set-cookie" not in without.headers
-
-
 def test_session_stays_valid_after_a_restart(serve):
     first = serve()
     with first.client() as browser:

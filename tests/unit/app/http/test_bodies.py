@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import threading
+from typing import Any
 
 import pytest
 from fastapi import FastAPI
@@ -17,7 +18,8 @@ from tests.support.threads import in_thread
 
 def request_with(body):
     app = FastAPI()
-    app.state.services = ServiceContext(*[None] * 7)
+    unused: Any = None
+    app.state.services = ServiceContext(*[unused] * 7)
     app.state.services.keep(Admission(1))
 
     async def receive():
