@@ -18,7 +18,7 @@ from tests.support.cluster import PATIENCE_S
 from tests.support.crash_points import crashing_servers
 from tests.support.data_folders import served
 from tests.support.databases import rows_of
-from tests.support.poison import DECISIONS, EMPTY, EXPORTS, FRAMES, poisoned_files
+from tests.support.poison import EMPTY, EXPORTS, FRAMES, poisoned_files
 from tests.support.run_results import check_run_results, get_run, wait_for_run_end
 from tests.support.servers import start, stop, token_of, wait_for_link
 from tests.support.slow_datasets import FROM_PIXELS, create_slow_dataset
@@ -27,11 +27,9 @@ from tests.support.waiting import until
 
 MOST_DEATHS = 3
 KILLED = -9
-NOTHING_VISIBLE = {"min_visible_pixels": 10**6}
 FRAMES_BEFORE = 60
 KILLS = 5
 FRAMES_OF_LONG_RUN = 240
-SIDE_PX = 5000
 
 
 @pytest.fixture
@@ -69,12 +67,6 @@ def put_frames(api, name, *keys):
 
 def put_poison(api, name, key):
     api.upload_frame(name, key, EMPTY, **poisoned_files())
-
-
-def put_large(api, name, key):
-    """Store a frame without boxes, with a large segmentation in a small file."""
-    annotation, segmentation = scene.large(SIDE_PX)
-    api.upload_frame(name, key, annotation, segmentation=segmentation)
 
 
 def request_job(api, url, body):
@@ -160,29 +152,6 @@ def test_frame_that_kills_the_service_is_quarantined_and_others_are_measured(ser
 
 
 @pytest.mark.long
-def test_frames_over_the_memory_limit_are_quarantined_and_others_measured(data):
-    with served(data) as (_, api):
-        name = api.dataset()
-        put_frames(api, name, "a", "b")
-        for key in ("large/1", "large/2"):
-            put_large(api, name, key)
-        put_frames(api, name, "x")
-    with served(data, UNGHOST_MAX_PIXEL_MEMORY_BYTES="64MiB") as (_, api):
-        request_run(api, name)
-        failed = wait_for_run_end(api, last_run(data)[0])
-
-    assert (failed["state"], failed["error"]["code"]) == ("failed", "quarantined")
-    detail = failed["error"]["detail"]
-    assert detail.startswith("frames 'large/1', 'large/2' cannot be read: ")
-    assert "UNGHOST_MAX_PIXEL_MEMORY_BYTES" in detail
-    assert (failed["done"], failed["total"]) == (3, 5)
-    assert count_measurements(data, failed["id"]) == dict.fromkeys(("a", "b", "x"), 1)
-
-    with served(data) as (_, api):
-        check_run_results(api, name, api.run(name, FROM_PIXELS), 5, empty=2)
-
-
-@pytest.mark.long
 def test_export_that_kills_the_service_fails_as_quarantined(servers):
     with client(servers.start_poisoned(EXPORTS)) as api:
         name = api.dataset()
@@ -199,30 +168,6 @@ def test_export_that_kills_the_service_fails_as_quarantined(servers):
     assert deaths == [KILLED] * MOST_DEATHS
     assert (failed["state"], failed["error"]["code"]) == ("failed", "quarantined")
     assert failed["error"]["detail"].startswith("writing it crashed the process")
-
-
-@pytest.mark.long
-def test_run_whose_deciding_kills_the_service_fails_and_changes_nothing(servers):
-    with client(servers.start_poisoned(DECISIONS)) as api:
-        name = api.dataset()
-        put_frames(api, name, "a", "b")
-        before = api.json(f"/datasets/{name}/stats")
-        request_run(api, name, NOTHING_VISIBLE)
-    deaths = [servers.wait_for_exit(ask=False)]
-    deaths += [
-        servers.start_and_wait_for_crash(DECISIONS) for _ in range(MOST_DEATHS - 1)
-    ]
-    with running_client(servers, servers.start_poisoned(DECISIONS)) as api:
-        run = api.json(f"/datasets/{name}/runs")["items"][0]
-        failed = wait_for_run_end(api, run["id"])
-        after = api.json(f"/datasets/{name}/stats")
-
-    assert deaths == [KILLED] * MOST_DEATHS
-    assert (failed["state"], failed["error"]["code"]) == ("failed", "quarantined")
-    assert failed["error"]["detail"].startswith(
-        "deciding its boxes crashed the process"
-    )
-    assert after == before
 
 
 @pytest.mark.long

@@ -15,7 +15,6 @@ import zlib
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
-from itertools import count
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -186,55 +185,3 @@ def test_fuzzed_bytes_give_a_result_or_our_own_error_within_bounds(name):
     fuzzer.run(target.samples, max(20, int(TRIES * target.share)), SEED)
 
     assert len(fuzzer.corpus) > len(target.samples)
-
-
-def read_with_planted_faults(content: bytes) -> int:
-    """A reader with one planted fault of each kind that the fuzzer must find."""
-    kinds = content[:3]
-    if kinds[:1] == b"F" and kinds[1:2] == b"U":
-        if kinds[2:3] == b"A":
-            return int(content[3:4])
-        if kinds[2:3] == b"B":
-            for step in count():
-                assert step >= 0
-        if kinds[2:3] == b"C":
-            return sum(1 for _ in content for _ in content)
-        if kinds[2:3] == b"D":
-            return len(bytes(1 << 28))
-    return 0
-
-
-@pytest.mark.parametrize(
-    ("sample", "words"),
-    [
-        pytest.param(b"FUA0" * 9, "ValueError", id="an error that is not its own"),
-        pytest.param(b"FUb", "more than .* lines", id="no end"),
-        pytest.param(b"FUC" * 99, "more than .* lines", id="the square of its size"),
-        pytest.param(b"GUD", "bytes of memory", id="memory"),
-    ],
-)
-def test_fuzzer_finds_planted_errors_endless_loops_and_memory_use(sample, words):
-    fuzzer = Fuzzer(read_with_planted_faults, errors=(), folders=("test_fuzz_guided",))
-
-    with pytest.raises(AssertionError, match=words):
-        fuzzer.run([sample], 5000, seed=3)
-
-
-def test_fuzzer_keeps_inputs_that_reach_new_lines():
-    """The fault needs three right bytes: by chance alone it would take 2^24 tries."""
-
-    def read(content: bytes) -> None:
-        for at, wanted in enumerate(b"fuz"):
-            if content[at : at + 1] != bytes([wanted]):
-                return
-            if at == 0:
-                first = at
-            elif at == 1:
-                first = at + 1
-            else:
-                raise ValueError(f"found behind {first}")
-
-    fuzzer = Fuzzer(read, errors=(), folders=("test_fuzz_guided",))
-
-    with pytest.raises(AssertionError, match="found behind 2"):
-        fuzzer.run([b"FUZ"], 20_000, seed=3)

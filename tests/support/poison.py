@@ -1,9 +1,9 @@
-"""Makes a process kill itself when it works on certain pictures, runs or exports.
+"""Makes a process kill itself when it works on certain pictures or exports.
 
 It dies where the service calls a library: when OpenCV decodes one of the
-`poisoned_files`, when SQLAlchemy stores the verdicts that a run changes, or when a zip
-file is written. Call `lay_poison` in a process of the test before it begins to work.
-Storing a picture decodes it as well, so let a process without poison store these files.
+`poisoned_files`, or when a zip file is written. Call `lay_poison` in a process of the
+test before it begins to work. Storing a picture decodes it as well, so let a process
+without poison store these files.
 """
 
 from __future__ import annotations
@@ -17,11 +17,10 @@ from typing import Any
 
 import cv2
 import numpy as np
-from sqlalchemy import Engine, event
 
 from tests.support import frames
 
-FRAMES, DECISIONS, EXPORTS = "frames", "decisions", "exports"
+FRAMES, EXPORTS = "frames", "exports"
 EMPTY = {"boxes": [], "carla_version": "0.9.15"}
 """The annotation of a poisoned frame; raw tags are only read with a version."""
 _MARK = b"poison"
@@ -41,8 +40,6 @@ def lay_poison(kind: str = FRAMES) -> None:
     """Let this process kill itself when it does work of this kind."""
     if kind == FRAMES:
         _wrap(cv2, "imdecode", lambda content, *_: content.tobytes().endswith(_MARK))
-    elif kind == DECISIONS:
-        event.listen(Engine, "before_cursor_execute", _die_of_flips)
     else:
         _wrap(zipfile.ZipFile, "open", lambda _zip, _name, mode="r", *_: mode == "w")
 
@@ -56,11 +53,6 @@ def _wrap(owner: Any, name: str, is_deadly: Callable[..., bool]) -> None:
         return call(*args, **more)
 
     setattr(owner, name, wrapped)
-
-
-def _die_of_flips(_connection: Any, _cursor: Any, statement: str, *_: Any) -> None:
-    if statement.startswith("INSERT INTO flips "):
-        _die()
 
 
 def _die() -> None:

@@ -108,42 +108,6 @@ def test_filter_frame_equals_the_slow_definition(tags, boxes, config):
     assert [one["reason"] for one in result.decisions] == expected
 
 
-@given(tag_images(), BOXES, CONFIGS, st.randoms())
-def test_decisions_do_not_depend_on_the_order_of_boxes(tags, boxes, config, random):
-    named = [{"id": f"{index}", **box} for index, box in enumerate(boxes)]
-    mixed = random.sample(named, len(named))
-
-    straight, shuffled = (
-        filter_frame({"carla_version": "0.9.15", "boxes": some}, tags, config)
-        for some in (named, mixed)
-    )
-
-    by_id = {one["id"]: one for one in shuffled.decisions}
-    assert [by_id[one["id"]] for one in straight.decisions] == straight.decisions
-
-
-@given(tag_images(), BOXES, CONFIGS)
-def test_mirrored_frame_has_the_same_reasons(tags, boxes, config):
-    # Multiples of 1/4, because 24 - x is not exact for every float.
-    exact = [
-        {**box, "xyxy": [round(value * 4) / 4 for value in box["xyxy"]]}
-        for box in boxes
-    ]
-    mirrored = [
-        {**box, "xyxy": [WH[0] - x_max, y_min, WH[0] - x_min, y_max]}
-        for box in exact
-        for x_min, y_min, x_max, y_max in [box["xyxy"]]
-    ]
-
-    plain, turned = (
-        filter_frame({"carla_version": "0.9.15", "boxes": some}, image, config)
-        for some, image in ((exact, tags), (mirrored, tags[:, ::-1].copy()))
-    )
-
-    reasons = [one["reason"] for one in plain.decisions]
-    assert [one["reason"] for one in turned.decisions] == reasons
-
-
 @given(tag_images(), BOXES, CONFIGS)
 def test_numbers_of_a_decision_are_consistent(tags, boxes, config):
     result = filter_frame({"carla_version": "0.9.15", "boxes": boxes}, tags, config)

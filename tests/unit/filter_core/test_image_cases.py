@@ -39,32 +39,6 @@ def truth(evidence: str) -> dict[str, tuple[str, str]]:
     return {name: (verdict, evidence) for name, verdict in verdicts.items()}
 
 
-@pytest.mark.parametrize("evidence", ["auto", "depth"])
-@pytest.mark.parametrize(
-    ("folder", "notes"),
-    [
-        ("raw", ()),
-        ("bgr", ("red and blue are swapped in the depth image; read as carla-bgr",)),
-    ],
-)
-def test_raw_depth_is_read_in_either_order(folder, notes, evidence):
-    outcome = outcome_of(f"{DEPTH}/{folder}", FilterConfig(evidence=evidence))
-
-    assert verdicts_of(outcome) == truth("depth")
-    assert outcome.notes == notes
-
-
-@pytest.mark.parametrize("folder", ["log8", "linear8"])
-def test_depth_of_8_bits_is_no_evidence(folder):
-    outcome = outcome_of(f"{DEPTH}/{folder}", FilterConfig(evidence="auto"))
-    refused = outcome_of(f"{DEPTH}/{folder}", FilterConfig(evidence="depth"))
-
-    assert verdicts_of(outcome) == truth("ordered")
-    assert "256 steps" in outcome.notes[0]
-    assert refused.error is not None
-    assert refused.error["code"] == "depth_too_coarse"
-
-
 @pytest.mark.parametrize("evidence", ["auto", "instance"])
 @pytest.mark.parametrize("folder", ["bgr-7679", "bgr-7680"])
 def test_swapped_instances_are_read_whatever_their_ids(folder, evidence):
@@ -84,18 +58,6 @@ def test_raw_tags_that_were_a_jpeg_are_refused(folder, lossy):
     assert outcome.error is not None
     assert "raw tags in a JPEG are lost" in outcome.error["detail"]
     assert "nearest" not in outcome.error["detail"]
-
-
-def test_palette_image_that_was_a_jpeg_is_decided_on_request():
-    config = FilterConfig(lossy_segmentation="nearest")
-    outcome = outcome_of(f"{JPEGS}/palette95", config)
-
-    assert outcome.decisions is not None
-    assert {one["id"]: (one["verdict"], one["lossy"]) for one in outcome.decisions} == {
-        "A": ("kept", True),
-        "B": ("rejected", True),
-        "bus": ("kept", True),
-    }
 
 
 @pytest.mark.parametrize("part", ["055212", "055244", "055304"])

@@ -11,7 +11,7 @@ from IPython.core.formatters import HTMLFormatter
 
 from filter_core.config.filter import FilterConfig
 from filter_core.decisions.record import Decision
-from filter_core.errors import AnnotationErrors, ImageSizeMismatch, SegmentationError
+from filter_core.errors import ImageSizeMismatch, SegmentationError
 from filter_core.pipeline import FrameOptions, filter_frame
 from filter_core.segmentation.reading import SegmentationOptions
 from tests.support.folders import street_tags
@@ -170,18 +170,6 @@ def test_accept_set_of_a_class_is_applied():
     assert (decision["verdict"], decision["match_percent"]) == ("kept", 100.0)
 
 
-def test_ignored_pixels_are_not_counted():
-    ignore = np.zeros((60, 80), np.bool_)
-    ignore[10:40, 10:30] = True
-
-    options = FrameOptions(ignore=ignore)
-    decision = filter_frame(annotation(CAR), street_tags(), options=options).decisions[
-        0
-    ]
-
-    assert (decision["matched_pixels"], decision["box_pixels"]) == (600, 600)
-
-
 @pytest.mark.parametrize(
     ("more", "options", "words"),
     [
@@ -216,14 +204,6 @@ def test_contradicting_palettes_raise_error_naming_both_sources():
         SegmentationError, match=r"the dataset says .* the configuration says"
     ):
         filter_frame(annotation(CAR), STREET, config, dataset)
-
-
-def test_all_annotation_faults_are_raised_at_once():
-    boxes = [{"class": "car", "xyxy": [1, 2, 3]}, {"class": "car"}]
-
-    with pytest.raises(AnnotationErrors) as caught:
-        filter_frame(annotation(*boxes), street_tags(), options=FrameOptions(key="k"))
-    assert len(caught.value.errors) == 2
 
 
 def test_3d_box_decision_has_rectangles_edges_and_distance():

@@ -8,13 +8,11 @@ import pytest
 from filter_core.config.filter import FilterConfig
 from filter_core.errors import LayoutError
 from filter_core.formats.reading import FrameSet, FrameSource
-from filter_core.formats.registry import read_source
 from filter_core.local import filter_source
 from filter_core.recognition import Shown, recognise_recording
 from filter_core.segmentation.palettes import FAMILIES
 from tests.support.pictures import painted, pixels_of, png
 from tests.support.sensors import depth_png, street_metres
-from tests.support.shared_data import shared
 
 
 def test_depth_images_of_a_recording_have_one_encoding(tmp_path):
@@ -197,14 +195,3 @@ def test_few_images_of_many_are_looked_at_unless_they_tell_nothing(tmp_path):
     assert looked_at([telling] * 200) == "5 of the 5"
     # The seventh of twelve that are spread over nine frames, of which three are first.
     assert looked_at([plain, plain, telling, *[plain] * 6]) == "1 of the 5"
-
-
-def test_recording_of_somebody_else_has_one_family(tmp_path):
-    folder = shared("cases/recordings/carla_tutorial")
-    config = FilterConfig()
-
-    shown = recognise_recording(read_source(folder), config)
-    outcomes = list(filter_source(shown.of(read_source(folder)), config))
-
-    assert [one.palette for one in outcomes] == ["carla-0.9.0"] * 3
-    assert "told by 2 of the 3" in shown.notes[0]

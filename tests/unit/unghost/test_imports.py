@@ -12,7 +12,6 @@ import pytest
 
 import unghost
 import unghost.wire
-from tests.support.imports import LARGE_MODULES
 
 
 def loaded_modules(statement: str) -> set[str]:
@@ -33,24 +32,3 @@ def test_unknown_name_of_a_package_raises_attribute_error():
     with pytest.raises(AttributeError, match="'unghost' has no attribute 'Clint'"):
         unghost.Clint  # type: ignore[attr-defined]  # noqa: B018  # that is what is tested
     assert not hasattr(unghost.wire, "Clint")
-
-
-def test_importing_package_loads_no_submodules():
-    loaded = loaded_modules("import unghost, unghost.wire.words")
-
-    assert {name for name in loaded if name.startswith("unghost")} == {
-        "unghost",
-        "unghost.lazy",
-        "unghost.wire",
-        "unghost.wire.words",
-    }
-    assert loaded.isdisjoint({*LARGE_MODULES, "httpx", "typer"})
-
-
-def test_importing_wire_does_not_load_httpx_or_filter_core():
-    loaded = loaded_modules(
-        "from unghost import wire; [getattr(wire, n) for n in dir(wire)]"
-    )
-
-    assert "pydantic" in loaded
-    assert loaded.isdisjoint({"httpx", "filter_core", "unghost.client", "app"})

@@ -45,16 +45,6 @@ def test_crowding_of_few_boxes_equals_the_slow_definition(shape, count, seed):
 
 
 @pytest.mark.parametrize("shape", SHAPES)
-def test_crowding_of_many_boxes_equals_the_slow_definition(shape):
-    boxes = random_boxes(shape, 300, 3)
-    masks = np.random.default_rng(4).choice(MASKS, len(boxes))
-
-    percent = crowding_percent(boxes, masks)
-
-    assert percent.tolist() == slow_crowding(boxes, masks)
-
-
-@pytest.mark.parametrize("shape", SHAPES)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_crowding_search_equals_comparing_all_pairs(shape, seed):
     boxes = random_boxes(shape, 300, seed)

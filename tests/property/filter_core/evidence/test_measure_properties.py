@@ -14,7 +14,6 @@ from filter_core.evidence.counting import (
 )
 from filter_core.evidence.semantic import measure, with_accept_masks
 from filter_core.frame_boxes import FrameBoxes
-from filter_core.segmentation.palettes import FAMILIES
 from filter_core.segmentation.reading import (
     SegmentationOptions,
     read_segmentation,
@@ -66,42 +65,6 @@ def test_measured_pixel_counts_equal_the_slow_definition(picture, boxes, names, 
         expected = slow_counts(tags, box, mask, ignore)
         counted = found.box_pixels[index], found.matched_pixels[index]
         assert (*counted, found.tag_counts[index].tolist()) == expected
-
-
-@given(pictures(), BOXES, names_of_classes)
-def test_measure_does_not_depend_on_the_order_of_boxes(picture, boxes, names):
-    segmentation = segmentation_from_tags(picture, FAMILY)
-    forward = frame_boxes(picture, boxes, names)
-    backward = FrameBoxes(
-        forward.xyxy[::-1],
-        forward.class_names,
-        forward.class_index[::-1],
-        forward.accept_mask[::-1],
-        forward.distance[::-1],
-        forward.image_wh,
-    )
-
-    one, other = (measure(segmentation, some) for some in (forward, backward))
-
-    for name in ("matched_pixels", "match_percent", "crowding", "xyxy", "tag_counts"):
-        np.testing.assert_array_equal(getattr(one, name), getattr(other, name)[::-1])
-
-
-@given(pictures(), BOXES, names_of_classes)
-def test_mirroring_image_and_boxes_changes_no_tag_count(picture, boxes, names):
-    width = picture.shape[1]
-    whole = [tuple(np.clip(np.round(box), -50, 50)) for box in boxes]
-    mirrored = [(width - x1, y0, width - x0, y1) for x0, y0, x1, y1 in whole]
-
-    one = measure(
-        segmentation_from_tags(picture, FAMILY), frame_boxes(picture, whole, names)
-    )
-    other = measure(
-        segmentation_from_tags(np.ascontiguousarray(picture[:, ::-1]), FAMILY),
-        frame_boxes(picture, mirrored, names),
-    )
-
-    np.testing.assert_array_equal(one.tag_counts, other.tag_counts)
 
 
 @given(pictures(), BOXES, names_of_classes)
@@ -161,17 +124,3 @@ def test_all_counting_strategies_give_the_same_counts(form, picture, data):
 
     np.testing.assert_array_equal(by_pixels, count_by_tables(regions, codes))
     np.testing.assert_array_equal(by_pixels, count_codes_in(regions, codes))
-
-
-@pytest.mark.parametrize("family", FAMILIES)
-@pytest.mark.parametrize("order", ["rgb", "bgr"])
-@given(data=st.data())
-def test_painted_tags_round_trip(family, order, data):
-    known = st.integers(0, len(FAMILIES[family].tags) - 1)
-    tags = data.draw(pictures(known, fill=1))
-    options = SegmentationOptions(palette=family, channel_order=order)
-
-    segmentation = read_segmentation(png(painted(tags, family), order), options)
-
-    np.testing.assert_array_equal(segmentation.tags, tags)
-    assert segmentation.unknown_pixels == 0

@@ -225,17 +225,3 @@ def test_reexport_of_a_read_export_is_identical(name, drawn):
     for file in labels_of(first) if name not in WITH_VERDICTS else ():
         if name == "kitti" or not file.startswith("labelmap"):
             assert again[file] == first[file], file
-
-
-@SLOW
-@given(drawn=FRAMES)
-def test_exported_file_names_are_unique_without_case_and_safe(drawn):
-    for name in EXPORT_FORMATS:
-        files = export(name, frames_of(drawn))
-
-        folded = {file.casefold() for file in files}
-        assert len(folded) == len(files)
-        for file in files:
-            assert ".." not in file.split("/")
-            assert not file.startswith("/")
-            assert "\\" not in file

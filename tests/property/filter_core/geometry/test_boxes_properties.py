@@ -60,28 +60,6 @@ def test_correct_xyxy_equals_the_slow_definition(profile, given_boxes):
     assert np.isnan(rows[dropped]).all()
 
 
-@given(given_boxes=boxes, data=st.data())
-def test_correct_xyxy_does_not_depend_on_the_order_of_boxes(given_boxes, data):
-    order = data.draw(st.permutations(range(len(given_boxes))))
-
-    rows, states = correct_xyxy(given_boxes, WH)
-    again, states_again = correct_xyxy([given_boxes[i] for i in order], WH)
-
-    np.testing.assert_array_equal(again, rows[order])
-    np.testing.assert_array_equal(states_again, states[order])
-
-
-@given(given_boxes=boxes)
-def test_correct_xyxy_is_idempotent(given_boxes):
-    rows, states = correct_xyxy(given_boxes, WH)
-    kept = states == BoxState.MEASURABLE
-
-    again, states_again = correct_xyxy(rows[kept], WH)
-
-    np.testing.assert_array_equal(again, rows[kept])
-    assert (states_again == BoxState.MEASURABLE).all()
-
-
 @given(given_boxes=boxes)
 def test_pixel_bounds_are_the_pixels_that_the_box_touches(given_boxes):
     rows, states = correct_xyxy(given_boxes, WH)
@@ -113,15 +91,3 @@ def test_every_box_format_round_trips_through_xyxy(form, given_boxes):
     back = to_xyxy(form, there, WH)
 
     np.testing.assert_allclose(back, np.reshape(given_boxes, (-1, 4)), atol=1e-9)
-
-
-@given(given_boxes=boxes)
-def test_box_conversions_do_not_change_their_input(given_boxes):
-    values = np.array(given_boxes)
-    before = values.copy()
-
-    for form in FORMS:
-        to_xyxy(form, values, WH)
-    pixel_bounds(correct_xyxy(values, WH)[0], WH)
-
-    np.testing.assert_array_equal(values, before)

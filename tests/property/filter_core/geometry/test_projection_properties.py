@@ -94,20 +94,6 @@ def is_thin(row, slow):
     return min(x1 - x0, y1 - y0) < 1e-3
 
 
-@given(vertices=solids)
-def test_visible_rectangle_lies_within_the_clamped_amodal_one(vertices):
-    found = project_boxes(vertices, CAMERA)
-    visible, amodal = found.visible_xyxy[0], found.amodal_xyxy[0]
-
-    if np.isnan(visible).any():
-        assert np.isnan(visible).all()
-        return
-    clamped = np.clip(amodal, 0, [*WH, *WH])
-    assert (visible[:2] >= clamped[:2]).all()
-    assert (visible[2:] <= clamped[2:]).all()
-    assert (visible[:2] <= visible[2:]).all()
-
-
 @given(vertices=solids, order=st.permutations(range(8)))
 def test_projection_does_not_depend_on_the_order_of_corners(vertices, order):
     given_order = project_boxes(vertices, CAMERA)

@@ -13,10 +13,7 @@ import pytest
 from sqlalchemy import create_engine, insert, select
 from sqlalchemy.orm import Session
 
-from app.boxes.counts import tallies_of
-from app.boxes.current import TallyRepository, replace_tallies
 from app.boxes.filter import BoxFilter, class_thresholds, selected
-from app.boxes.orders import ORDERS, BoxPages
 from app.db.base import Base
 from app.db.tables import Decision
 from app.measuring.columns import DatasetColumns
@@ -109,14 +106,12 @@ class StoredDecisions:
             "class_id": class_ids.tolist(),
             "match_percent": floats_or_none(evidence.match_percent),
             "distance": floats_or_none(evidence.distance),
-            "crowding": (self.ids % 100).astype(float).tolist(),
             "reason": self.decisions.reason.tolist(),
             "large": self.decisions.large.tolist(),
             "toss_up": self.decisions.toss_up.tolist(),
             "doubt": doubts(evidence, config, self.decisions).doubt.tolist(),
-            "review": [None if id_ % 3 else "unsure" for id_ in self.ids.tolist()],
         }
-        same = {"dataset_id": DATASET, "frame_id": 1, "revision": 0}
+        same = {"dataset_id": DATASET, "frame_id": 1, "revision": 0, "crowding": 0.0}
         names = list(columns)
         session.execute(
             insert(DECISIONS),
@@ -125,20 +120,6 @@ class StoredDecisions:
                 for row in zip(*columns.values(), strict=True)
             ],
         )
-        counted = ("class_id", "reason", "toss_up", "doubt", "review")
-        alike = zip(*(columns[name] for name in counted), strict=True)
-        replace_tallies(session, DATASET, tallies_of(alike))
-
-    def list_ids(self, order, wanted):
-        """The ids of all pages of a list."""
-        tallies = TallyRepository(self.session).of_dataset(DATASET)
-        found: list[int] = []
-        cursor: str | None = ""
-        while cursor is not None:
-            pages = BoxPages(self.session, wanted, tallies)
-            page, cursor = pages.page(order, cursor, 50)
-            found += page
-        return found
 
 
 @pytest.fixture(scope="module")
@@ -161,20 +142,6 @@ def stored(request, engine):
         yield StoredDecisions(session, request.param)
 
 
-@pytest.mark.parametrize("order", ORDERS)
-def test_every_box_is_listed_once_in_each_order(stored, order):
-    found = stored.list_ids(order, BoxFilter(DATASET, thresholds=stored.thresholds))
-
-    assert sorted(found) == stored.ids.tolist()
-
-
-@pytest.mark.parametrize("order", ORDERS)
-def test_every_reviewed_box_is_listed_once_in_each_order(stored, order):
-    wanted = BoxFilter(DATASET, thresholds=stored.thresholds, review="any")
-
-    assert sorted(stored.list_ids(order, wanted)) == stored.ids[2::3].tolist()
-
-
 @pytest.mark.parametrize("margin", [0.0, 0.5, 5.0, 60.0])
 def test_boxes_within_a_margin_are_the_same_in_sql_and_on_columns(stored, margin):
     wanted = BoxFilter(DATASET, thresholds=stored.thresholds, margin_max=margin)
@@ -184,8 +151,6 @@ def test_boxes_within_a_margin_are_the_same_in_sql_and_on_columns(stored, margin
     by_columns = stored.ids[chosen].tolist()
 
     assert sorted(stored.session.scalars(rows)) == by_columns
-    for order in ORDERS:
-        assert sorted(stored.list_ids(order, wanted)) == by_columns
 
 
 @pytest.mark.parametrize("bin_", Bin)
@@ -197,7 +162,6 @@ def test_boxes_of_a_bin_are_the_same_in_sql_and_on_columns(stored, bin_):
     by_columns = stored.ids[chosen].tolist()
 
     assert sorted(stored.session.scalars(rows)) == by_columns
-    assert sorted(stored.list_ids("doubt", wanted)) == by_columns
 
 
 def test_every_reason_occurs():

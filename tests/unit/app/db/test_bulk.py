@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from contextlib import closing
 
 import pytest
-from sqlalchemy import delete, insert, select
+from sqlalchemy import select
 from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session
 
@@ -14,13 +14,12 @@ from app.db.base import utc_now
 from app.db.bulk import (
     COPY_FROM_ROWS,
     ROWS_AT_A_TIME,
-    copy_in,
     insert_rows,
     update_rows,
 )
 from app.db.engine import Database
 from app.db.migrate import migrate
-from app.db.tables import Blob, Dataset, Frame, FrameEvidence, Measurement
+from app.db.tables import Dataset, Frame, FrameEvidence, Measurement
 from app.package import migrations_dir
 from tests.support.databases import migrated_postgres
 
@@ -102,32 +101,6 @@ def test_inserted_rows_are_read_back_unchanged(session, dataset_id, count):
     insert_rows(session, Frame, rows)
 
     assert stored_rows(session, list(rows[0])) == [tuple(row.values()) for row in rows]
-
-
-def test_copy_stores_the_same_rows_as_insert(session, dataset_id, database):
-    if database.engine.dialect.name == "sqlite":
-        pytest.skip("SQLite has no COPY")
-    rows = frames(dataset_id, ROWS)
-    session.execute(insert(Frame), rows)
-    inserted = stored_rows(session, list(rows[0]))
-    session.execute(delete(Frame))
-
-    copy_in(session, Frame, rows)
-
-    assert stored_rows(session, list(rows[0])) == inserted
-
-
-def test_integers_and_times_are_inserted_unchanged(session, dataset_id):
-    now = utc_now()
-    blobs = [
-        {"sha256": f"{n:064}", "size_bytes": n, "media_type": "x", "created_at": now}
-        for n in range(ROWS)
-    ]
-
-    insert_rows(session, Blob, blobs)
-
-    found = session.execute(select(Blob.size_bytes, Blob.created_at)).all()
-    assert sorted(map(tuple, found)) == [(n, now) for n in range(ROWS)]
 
 
 def test_bytes_booleans_and_nulls_are_inserted_unchanged(session, dataset_id):

@@ -41,6 +41,7 @@ with ExitStack() as opened:
 """
 
 
+@pytest.mark.long
 @pytest.mark.skipif(sys.platform != "linux", reason="asks Linux for its memory")
 def test_cache_memory_of_many_readers_is_bounded(tmp_path: Path):
     command = [sys.executable, "-c", READ_BY_MANY, str(tmp_path / "some.db")]

@@ -186,7 +186,7 @@ with ThreadPoolExecutor(2) as threads:
         "",
         # Python ends as it does at the end of the program.
         pytest.param("raise SystemExit(3)", marks=pytest.mark.long),
-        "pool.close()",
+        pytest.param("pool.close()", marks=pytest.mark.long),
     ],
 )
 def test_child_processes_end_with_their_parent(end):

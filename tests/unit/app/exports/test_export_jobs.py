@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 import threading
-from contextlib import ExitStack
 from typing import get_args
 
 import numpy as np
@@ -24,9 +23,7 @@ from filter_core.formats.format import Need
 from filter_core.formats.registry import EXPORT_FORMATS, FORMATS, write_export
 from filter_core.verdicts import VERDICTS
 from tests.support import frames as scene
-from tests.support.services import ANSWERED_AT, ServiceDataset, running_services
-
-SOME_FORMATS = ("yolo", "coco", "manifest", "decisions-jsonl")
+from tests.support.services import ANSWERED_AT, ServiceDataset
 
 
 @pytest.fixture
@@ -74,32 +71,6 @@ def export_of(street, export_id):
 
 def temporary_files(street):
     return list(street.context.storage.temporary_folder().iterdir())
-
-
-@pytest.fixture(scope="module")
-def equal_datasets(tmp_path_factory):
-    """Datasets of two services, filled with the same content."""
-    with ExitStack() as running:
-        streets = []
-        for name in ("one", "two"):
-            folder = tmp_path_factory.mktemp(name)
-            street = running.enter_context(running_services(folder)).dataset("same")
-            fill(street)
-            streets.append(street)
-        yield streets
-
-
-@pytest.mark.parametrize("form", EXPORT_FORMATS)
-def test_export_has_the_same_bytes_in_another_service(form, equal_datasets):
-    digests = []
-    for street in equal_datasets:
-        for _ in range(2):
-            export_id = request_unstarted_export(street, form)
-            make_export(street.context, export_id)
-            digests.append(export_of(street, export_id).sha256)
-
-    assert digests[0] is not None
-    assert digests == digests[:1] * 4
 
 
 @pytest.mark.parametrize("form", EXPORT_FORMATS)

@@ -170,22 +170,6 @@ def test_wrong_unit_is_refused_in_every_format(tmp_path, name, content, code):
     assert [one["code"] for one in outcome.error["errors"]] == [code]
 
 
-@pytest.mark.parametrize(
-    ("case", "kinds"),
-    [
-        ("14-units/xyxy-exchanged", {"exchanged_corners"}),
-        ("13-voc-coco-oddities/coco-norm", {"wrong_unit"}),
-    ],
-)
-def test_frames_of_other_programs_are_refused(case, kinds):
-    source = read_source(shared(f"cases/{case}"))
-
-    (outcome,) = filter_source(source.frames(), FilterConfig())
-
-    assert outcome.error is not None
-    assert {one["code"] for one in outcome.error["errors"]} == kinds
-
-
 @pytest.mark.parametrize("case", ["14-units/xyxy-shares", "14-units/xyxyn-pixels"])
 def test_recordings_of_other_programs_are_refused(case):
     with pytest.raises(LayoutError) as caught:

@@ -50,14 +50,6 @@ def test_empty_configuration_has_every_default():
     assert FilterConfig().as_dict() == {**defaults, "classes": {}}
 
 
-def test_keys_start_with_profile_and_the_keys_of_classes():
-    names = FilterConfig.keys()
-    per_class = tuple(keys_of(ClassKeys))
-
-    assert names[: len(per_class) + 2] == ("profile", *per_class, "evidence")
-    assert names[-1] == "classes"
-
-
 def test_class_keys_all_allow_a_number_range():
     """Otherwise the arrays by class (`limits_by_class`) would lack a key."""
     allowed = {name: key.allowed for name, key in keys_of(ClassKeys).items()}
@@ -65,23 +57,6 @@ def test_class_keys_all_allow_a_number_range():
     assert {
         name for name, one in allowed.items() if not isinstance(one, NumberRange)
     } == set()
-
-
-def test_type_annotation_of_class_key_matches_its_allowed_numbers():
-    for name, annotation in ClassKeys.__annotations__.items():
-        allowed = keys_of(ClassKeys)[name].allowed
-        assert isinstance(allowed, NumberRange)
-        fraction = "NumberT" if allowed.null is None else "NumberOrNullT"
-
-        assert annotation == ("WholeNumberT" if allowed.whole else fraction), name
-
-
-def test_digest_of_the_default_configuration_is_stable():
-    """It is stored with every run: stored decisions would lose their configuration."""
-    digest = "02b9fd0b"
-
-    assert FilterConfig(profile="paper").digest.startswith(digest)
-    assert len(FilterConfig().digest) == 64
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -250,18 +225,6 @@ def test_invalid_value_raises_config_error_with_pointer_and_range(raw, pointer, 
     assert caught.value.pointer == pointer
 
 
-@pytest.mark.parametrize(
-    "channel", ["ordered", "depth", "depth_center", "instance", "lidar", "auto"]
-)
-def test_every_channel_is_accepted_as_evidence(channel):
-    assert FilterConfig.from_mapping({"evidence": channel}).evidence == channel
-
-
-def test_unknown_channel_is_refused_with_a_suggestion():
-    with pytest.raises(ConfigError, match="did you mean 'lidar'"):
-        FilterConfig.from_mapping({"evidence": "lidr"})
-
-
 def test_null_in_a_class_override_removes_the_common_limit():
     config = FilterConfig.from_mapping(
         {"max_distance": 50, "classes": {"traffic_light": {"max_distance": None}}}
@@ -366,14 +329,6 @@ def test_needs_pixels_is_true_iff_the_key_changes_the_pixel_digest(name):
     needs_pixels = after.measuring().pixel_digest != before.measuring().pixel_digest
 
     assert keys_of(FilterConfig)[name].needs_pixels == needs_pixels
-
-
-def test_accept_key_needs_pixels():
-    before = FilterConfig(evidence="depth")
-    after = replace(before, classes={"van": ClassConfig(accept=("Car",))})
-
-    assert keys_of(ClassConfig)["accept"].needs_pixels
-    assert after.measuring().pixel_digest != before.measuring().pixel_digest
 
 
 def random_evidence():

@@ -39,23 +39,6 @@ def test_cohen_kappa_is_none_if_all_answers_are_equal(table):
     assert cohen_kappa(np.array(table)) is None
 
 
-def test_agreement_counts_only_boxes_answered_by_several_people():
-    #                 ada eve  ada eve bob  ada
-    box = np.array([1, 1, 2, 2, 2, 3])
-    person = np.array([0, 1, 0, 1, 2, 0])
-    keep = np.array([True, True, True, False, False, True])
-
-    found = agreement(box, person, keep)
-
-    assert (found.boxes, found.agreed) == (2, 1)
-    assert [(p.a, p.b, p.boxes, p.agreed) for p in found.pairs] == [
-        (0, 1, 2, 1),
-        (0, 2, 1, 0),
-        (1, 2, 1, 1),
-    ]
-    assert found.pairs[0].table.tolist() == [[0, 0], [1, 1]]
-
-
 def test_agreement_without_answers_has_no_kappa():
     nothing = np.empty(0, np.int64)
 

@@ -123,10 +123,10 @@ def few(reviewer):
 @pytest.mark.parametrize(
     ("order", "rows", "widest"),
     [
-        (by_random, slice(None), 0.11),
-        (by_doubt, slice(None), 0.5),
-        (by_doubt_then_random, slice(None), 0.1),
-        (by_class, CLASS == 1, 0.13),
+        pytest.param(by_random, slice(None), 0.11, marks=pytest.mark.long),
+        pytest.param(by_doubt, slice(None), 0.5, marks=pytest.mark.long),
+        pytest.param(by_doubt_then_random, slice(None), 0.1, marks=pytest.mark.long),
+        pytest.param(by_class, CLASS == 1, 0.13, marks=pytest.mark.long),
         (mixed, slice(None), 0.12),
         (few, slice(None), 0.4),
     ],

@@ -13,7 +13,6 @@ from filter_core.evidence.depth import (
     fill_depth,
     read_depth,
     settled_depth,
-    tight_rectangle,
 )
 from filter_core.evidence.silhouettes import AcceptedPixels, Silhouette
 from filter_core.evidence_numbers import ChannelNumbers
@@ -30,16 +29,6 @@ def test_depth_is_read_with_0_1_millimetre_accuracy(metres):
 
     assert image.wh == (3, 2)
     np.testing.assert_allclose(image.metres(ALL_PIXELS), metres, atol=1e-4)
-
-
-def test_alpha_channel_of_a_depth_image_is_ignored():
-    rgb = cv2.imdecode(np.frombuffer(depth_png(np.full((2, 2), 7.0)), np.uint8), -1)
-    assert rgb is not None
-    rgba = cv2.cvtColor(rgb, cv2.COLOR_BGR2BGRA)
-
-    image = read_depth(cv2.imencode(".png", rgba)[1].tobytes())
-
-    np.testing.assert_allclose(image.metres(ALL_PIXELS), 7.0, atol=1e-4)
 
 
 @pytest.mark.parametrize(
@@ -277,7 +266,3 @@ def test_center_gap_is_nan_where_the_centre_is_not_in_the_image(box):
     gaps = center_gaps(box[None], camera, depth)
 
     assert np.isnan(gaps).all()
-
-
-def test_tight_rectangle_of_an_empty_mask_is_nan():
-    assert np.isnan(tight_rectangle(np.zeros((3, 3), bool), 7, 9)).all()

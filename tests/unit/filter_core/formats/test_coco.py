@@ -324,15 +324,6 @@ def test_images_that_differ_in_their_suffix_are_two_frames(tmp_path, folder):
     ]
 
 
-def test_segmentation_of_one_image_is_not_taken_for_another():
-    frames = read_source(shared("cases/08-file-names/a-stem-coco"))
-
-    assert {one.key: one.segmentation and one.segmentation.name for one in frames} == {
-        "a.jpg": None,
-        "a.png": "a.png",
-    }
-
-
 def test_letter_of_a_category_that_is_no_utf8_spoils_nothing(tmp_path):
     content = coco([image(1, "a.png")], [annotation(1, 1)]).encode()
     text = content.replace(b'"name"', b'"x": "\xff", "name"', 1)

@@ -110,6 +110,7 @@ def memory_growth_per_frame(tmp_path_factory):
     return least
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", EXPORT_FORMATS)
 def test_memory_does_not_grow_with_the_dataset(name, memory_growth_per_frame):
     """Of a frame only a trace of its name stays in memory, nothing of its boxes."""

@@ -22,7 +22,6 @@ from filter_core.formats.recording import RecordingDescription
 from filter_core.formats.registry import detect_layout, possible_layouts, read_source
 from filter_core.local import measure_source
 from tests.support.folders import LAYOUT_FILES, TASK, annotation_of, write_files
-from tests.support.shared_data import shared
 
 YOLO_LINE = "0 0.5 0.5 0.1 0.2\n"
 EMPTY_COCO = '{"images": [], "annotations": [], "categories": []}'
@@ -354,21 +353,6 @@ def test_data_yaml_can_say_that_lines_are_outlines(tmp_path):
 
     box = annotation_of(frame)["boxes"][0]["cxcywhn"]
     assert box == pytest.approx([0.55, 0.55, 0.1, 0.1])
-
-
-@pytest.mark.parametrize(
-    ("name", "frames", "notes"),
-    [("linkou_roboflow", 9, 1), ("yolo_polygons", 1, 1)],
-)
-def test_recorded_yolo_folders_are_read_whole(name, frames, notes):
-    found = read_source(shared(f"cases/recordings/{name}"))
-
-    read = list(found)
-
-    assert (found.layout, len(read), found.unmatched) == ("yolo", frames, ())
-    assert [one.problem for one in read] == [None] * frames
-    assert all(one.image for one in read)
-    assert len(found.notes()) == notes
 
 
 def test_sixth_column_is_confidence_and_any_line_ending_is_accepted(
@@ -722,13 +706,6 @@ def test_zip_archive_is_refused_with_the_advice_to_unpack_it(tmp_path):
 
     with pytest.raises(LayoutError, match="found a ZIP archive; unpack it first"):
         read_source(tmp_path / "voc.zip")
-
-
-def test_folder_with_two_possible_layouts_is_refused(tmp_path):
-    write_files(tmp_path, {"a.xml": "", "labels/1.txt": "", "data.yaml": NAMES})
-
-    with pytest.raises(LayoutError, match="could be voc or yolo; name the layout"):
-        read_source(tmp_path)
 
 
 @pytest.mark.parametrize(

@@ -183,24 +183,6 @@ def test_invalid_voc_file_error_names_line_and_expected_value(content, words):
     assert words in caught.value.detail
 
 
-@pytest.mark.parametrize(
-    ("content", "detail"),
-    [
-        (b"<a>\n<b></a>", "line 2, column 6: cannot be read as XML: mismatched tag"),
-        (b"", "line 1, column 1: cannot be read as XML: no element found"),
-        (
-            b"<a>&b;</a>",
-            "line 1, column 4: cannot be read as XML: undefined entity",
-        ),
-    ],
-)
-def test_xml_fault_names_its_place_once(content, detail):
-    with pytest.raises(LayoutError) as caught:
-        read_voc(content, "a.xml")
-
-    assert caught.value.detail == f"a.xml, {detail}"
-
-
 LONG = "u" * 101
 
 

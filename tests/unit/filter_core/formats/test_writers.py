@@ -217,12 +217,6 @@ def test_dropped_boxes_are_counted_by_reason():
     assert (car["kept"], car["rejected"]) == (2, 2)
 
 
-def test_yolo_export_is_deterministic():
-    frames = [frame(f"{n}", box(n), box(n + 1, "rejected")) for n in range(50)]
-
-    assert export(frames, images="none") == export(frames, images="none")
-
-
 def test_split_gives_each_map_its_share_and_is_stable():
     keys = [f"{number:06}" for number in range(4000)]
 

@@ -169,24 +169,6 @@ def test_boxes_outside_of_a_drawn_frame_are_counted(tmp_path):
     assert (len(frame.boxes), frame.outside) == (1, 2)
 
 
-def test_roboflow_export_of_three_parts():
-    found = inspect_recording(shared("cases/recordings/linkou_roboflow"))
-
-    assert (found.layout, found.frames, found.boxes.count) == ("yolo", 9, 16)
-    assert [(one.name, one.frames) for one in found.splits] == [
-        ("test", 3),
-        ("train", 3),
-        ("valid", 3),
-    ]
-    named = {one.name: (one.measured_as, one.nearest) for one in found.classes}
-    assert named["motobike"] == ("motorcycle", None)
-    assert named["traffic_sign_30"] == ("traffic_sign", None)
-    assert found.left_over == ()
-    assert "README.roboflow.txt" in [
-        example.name for one in found.not_read for example in one.examples
-    ]
-
-
 def test_tutorial_has_one_family_that_some_of_its_images_tell_and_coarse_depth():
     found = inspect_recording(shared("cases/recordings/carla_tutorial"))
 
@@ -205,13 +187,6 @@ def test_tutorial_has_one_family_that_some_of_its_images_tell_and_coarse_depth()
         None,
         {"depth_too_coarse": 3},
     )
-
-
-def test_outlines_are_said_to_be_read_as_rectangles():
-    found = inspect_recording(shared("cases/recordings/yolo_polygons"))
-
-    assert (found.frames, found.boxes.count) == (1, 8)
-    assert "8 outlines" in found.notes[0]
 
 
 def test_boxes_in_another_unit_are_read_in_it_and_the_description_says_so(tmp_path):

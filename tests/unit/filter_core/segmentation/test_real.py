@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from filter_core.errors import SegmentationError
 from filter_core.evidence.semantic import measure
 from filter_core.images.ignore_mask import read_ignore_mask
 from filter_core.segmentation.palettes import FAMILIES
@@ -34,57 +33,6 @@ def test_raw_tags_in_the_blue_channel_are_recognised():
         1797,
     ]
     assert found.notes == ("the raw tags are in the blue channel",)
-
-
-def test_raw_tags_that_contradict_carla_version_are_refused():
-    options = SegmentationOptions(carla_version="0.9.13")
-
-    with pytest.raises(
-        SegmentationError, match=r"carla_version 0\.9\.13 says .*tag 25"
-    ):
-        read_segmentation(content(f"{SWAPPED}/semantic_id_r.png"), options)
-
-
-def test_the_swapped_instance_image_has_the_tags_of_the_semantic_one():
-    options = SegmentationOptions(encoding="raw", channel_order="bgr")
-
-    instances = read_segmentation(
-        content(f"{SWAPPED}/instance_segmentation.png"), options
-    )
-
-    semantic = read_segmentation(content(f"{SWAPPED}/semantic_id_r.png"))
-    # CARLA's semantic camera sees through glass and leaves, its instance camera not.
-    assert (instances.tags == semantic.tags).mean() > 0.95
-
-
-@pytest.mark.parametrize(
-    ("version", "family"),
-    [(None, "carla-0.9.14"), ("0.9.15", "carla-0.9.14"), ("0.9.12", "carla-0.9.10")],
-)
-def test_a_palette_image_saved_as_bgr_is_recognised(version, family):
-    options = SegmentationOptions(carla_version=version)
-
-    found = read_segmentation(
-        content(f"{GENERATOR}/images/segment_camera.png"), options
-    )
-
-    assert (found.family, found.channel_order) == (family, "bgr")
-    assert (found.unknown_pixels, found.lossy) == (0, False)
-    assert int((found.tags == (14 if "14" in family else 10)).sum()) == 928
-
-
-def test_rival_families_of_a_real_image_are_noted():
-    found = read_segmentation(content(f"{GENERATOR}/images/segment_camera.png"))
-
-    assert found.rivals == ("carla-0.9.10",)
-    assert "calls (0, 0, 142) Vehicle instead of Car" in found.notes[0]
-
-
-def test_palette_images_written_as_jpeg_are_refused_by_default():
-    with pytest.raises(SegmentationError, match="is a JPEG") as caught:
-        read_segmentation(content(JPEG))
-
-    assert caught.value.kind == "lossy_segmentation"
 
 
 def test_palette_images_written_as_jpeg_are_read_by_the_nearest_colour():

@@ -11,6 +11,9 @@ from filter_core.formats.manifest import read_manifest
 from filter_core.formats.recording import RecordingDescription
 from tests.support.demo_street import LAID_LINKS, LINKED_TEXT, demo_street
 
+# Rendering one frame takes seven seconds.
+pytestmark = pytest.mark.long
+
 
 @pytest.fixture(scope="module")
 def street():
@@ -21,7 +24,6 @@ def read_json_lines(path):
     return [json.loads(line) for line in path.read_text().splitlines()]
 
 
-@pytest.mark.long
 def test_written_street_has_manifest_line_and_data_files(street, demo_frames):
     frame, (line,) = demo_frames[0].frame, read_json_lines(street.manifest)
 
@@ -33,7 +35,6 @@ def test_written_street_has_manifest_line_and_data_files(street, demo_frames):
     assert (street.folder / line["lidar"]).read_bytes() == frame.lidar_npy
 
 
-@pytest.mark.long
 def test_truth_is_a_separate_file_and_not_in_the_manifest(street, demo_frames):
     frame = demo_frames[0].frame
 
