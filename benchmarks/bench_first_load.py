@@ -20,6 +20,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
+from http import HTTPStatus
 from pathlib import Path
 from typing import Any, Final
 from urllib.parse import urlsplit
@@ -165,50 +166,52 @@ def measured(
         return requests
 
     link = server.login_link
+    timed("link to the first question", lambda: open_first_question(page, link))
+    times = answered(page)
+    found["answer to the next question, median [ms]"] = float(np.median(times))
+    found["answer to the next question, longest [ms]"] = max(times)
+    page.wait_for_load_state("networkidle")
+    traffic.taken()
+    first = timed("grid of 32 crops, nothing drawn yet", lambda: open_grid(page))
+    again = timed("grid loaded again", lambda: load_again(page))
+    known = {one["url"] for one in first}
+    twice = [one for one in again if one.get("status") == HTTPStatus.OK]
+    files = [one for one in twice if is_file(one["url"], known)]
+    found["grid loaded again, files and pictures fetched"] = len(files)
+    context.close()
+    return found
 
-    def first_question() -> None:
-        page.goto(link, wait_until="commit")
-        page.locator("a[href='#/datasets/demo']").first.click()
-        page.get_by_role("link", name="Start review").click()
-        page.wait_for_function(PAINTED)
 
-    timed("link to the first question", first_question)
+def open_first_question(page: Page, link: str) -> None:
+    page.goto(link, wait_until="commit")
+    page.locator("a[href='#/datasets/demo']").first.click()
+    page.get_by_role("link", name="Start review").click()
+    page.wait_for_function(PAINTED)
+
+
+def answered(page: Page) -> list[float]:
+    """Milliseconds from each of some answers to the next box; they are undone."""
+    page.wait_for_timeout(PAUSE_MS)
+    page.get_by_role("button", name="Skip the lesson").click()
+    page.wait_for_function(PAINTED)
     for number in range(ANSWERS):
         page.wait_for_timeout(PAUSE_MS)
-        if page.get_by_role("button", name="Skip the lesson").count():
-            page.get_by_role("button", name="Skip the lesson").click()
-            page.wait_for_function(PAINTED)
-            page.wait_for_timeout(PAUSE_MS)
         page.keyboard.press("a" if number % 3 else "x")
         page.wait_for_function(ANSWERED, arg=number + 1)
     times: list[float] = page.evaluate(TIMES)
-    found["answer to the next question, median [ms]"] = float(np.median(times))
-    found["answer to the next question, longest [ms]"] = max(times)
     for _ in range(ANSWERS):
         page.keyboard.press("z")
-    page.wait_for_load_state("networkidle")
-    traffic.taken()
+    return times
 
-    def grid() -> None:
-        page.evaluate("location.hash = '#/datasets/demo/grid?verdict=rejected'")
-        page.wait_for_function(CROPS_SHOWN, arg=CROPS)
 
-    first = timed("grid of 32 crops, nothing drawn yet", grid)
+def open_grid(page: Page) -> None:
+    page.evaluate("location.hash = '#/datasets/demo/grid?verdict=rejected'")
+    page.wait_for_function(CROPS_SHOWN, arg=CROPS)
 
-    def again() -> None:
-        page.reload(wait_until="commit")
-        page.wait_for_function(CROPS_SHOWN, arg=CROPS)
 
-    reloaded = timed("grid loaded again", again)
-    known = {one["url"] for one in first}
-    twice = [
-        one["url"]
-        for one in reloaded
-        if one.get("status") == 200 and is_file(one["url"], known)
-    ]
-    found["grid loaded again, files and pictures fetched"] = len(twice)
-    context.close()
-    return found
+def load_again(page: Page) -> None:
+    page.reload(wait_until="commit")
+    page.wait_for_function(CROPS_SHOWN, arg=CROPS)
 
 
 def is_file(url: str, known: set[str]) -> bool:

@@ -166,7 +166,7 @@ class SentFolder:
                 Path(path).parent.mkdir(parents=True, exist_ok=True)
                 self._note(folder)
             if content or not self._link_empty(path):
-                with open(path, "xb", buffering=0) as file:
+                with Path(path).open("xb") as file:
                     file.write(content)
         except (FileExistsError, NotADirectoryError):
             return "another file has this name, or one that is equal on the server"

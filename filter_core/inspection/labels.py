@@ -154,8 +154,7 @@ class LabelSurvey:
             self.refused.add(code, frame.key, problem.detail)
             return
         names = [box_class(box) for box in annotation.boxes]
-        for name in names:
-            self.by_class[name] += 1
+        self.by_class.update(names)
         self.boxes += len(names)
         if self.absent and not self.absent.isdisjoint(map(str, files.values())):
             return
