@@ -18,6 +18,7 @@ FIRST: Final = "first.js"
 """The pack that starts the page, with the views in which boxes are answered."""
 LATER: Final = "later.js"
 """The pack of all other modules, fetched when a view needs one of them."""
+_OWN: Final = "js/"
 _FIRST_VIEWS: Final = (
     "js/datasets/home.js",
     "js/queue/queue.js",
@@ -52,7 +53,7 @@ def packs_of(folder: Path) -> dict[str, bytes]:
     for path in sorted((*folder.glob("js/**/*.js"), *folder.glob("vendor/*.js"))):
         name, text = path.relative_to(folder).as_posix(), path.read_text("utf-8")
         # In those of others, the licences are comments.
-        texts[name] = _COMMENT.sub("", text) if name.startswith("js/") else text
+        texts[name] = _COMMENT.sub("", text) if name.startswith(_OWN) else text
     imports = {name: _imported(name, text, _IMPORT) for name, text in texts.items()}
     awaited = [
         other
@@ -114,8 +115,7 @@ def _target(name: str, relative: str) -> str:
 def _block(
     name: str, text: str, numbers: Mapping[str, str], first: frozenset[str]
 ) -> str:
-    """A module as a function that is called at once, and what it exports."""
-    exported: list[str] = []
+    """A module as a function that is called at once, and returns what it exports."""
 
     def imported(match: re.Match[str]) -> str:
         default, listed, target = match.groups()
@@ -128,6 +128,17 @@ def _block(
             return numbers[target]
         return f'(await import("./{LATER}")).{numbers[target]}'
 
+    text = _LATER_IMPORT.sub(imported_later, _IMPORT.sub(imported, text))
+    text, exported = _without_exports(name, text)
+    begin = "await (async () => {" if name == ENTRY else "(() => {"
+    end = f"return {{ {', '.join(exported)} }};\n}})();"
+    return f"const {numbers[name]} = {begin} // {name}\n{text.strip()}\n{end}"
+
+
+def _without_exports(name: str, text: str) -> tuple[str, list[str]]:
+    """The text of a module with declarations alone, and the names that it exports."""
+    exported: list[str] = []
+
     def listed(match: re.Match[str]) -> str:
         pairs = (pair.split(": ") for pair in _pairs(match[1]))
         exported.extend(f"{pair[-1]}: {pair[0]}" for pair in pairs)
@@ -137,16 +148,15 @@ def _block(
         exported.append(match[1])
         return ""
 
-    text = _LATER_IMPORT.sub(imported_later, _IMPORT.sub(imported, text))
-    text = _EXPORT.sub(declared, _EXPORT_LIST.sub(listed, text))
+    text = _EXPORT_LIST.sub(listed, text)
     if _EXPORT_DEFAULT in text:
         text = text.replace(_EXPORT_DEFAULT, "const $default = ")
         exported.append("default: $default")
-    if _UNKNOWN_FORM.search(text):
-        raise ValueError(f"{name} imports or exports in an unknown form")
-    begin = "await (async () => {" if name == ENTRY else "(() => {"
-    end = f"return {{ {', '.join(exported)} }};\n}})();"
-    return f"const {numbers[name]} = {begin} // {name}\n{text.strip()}\n{end}"
+    if name.startswith(_OWN):  # modules of others export nothing in another way
+        text = _EXPORT.sub(declared, text)
+        if _UNKNOWN_FORM.search(text):
+            raise ValueError(f"{name} imports or exports in an unknown form")
+    return text, exported
 
 
 def _pairs(listed: str) -> list[str]:
