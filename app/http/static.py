@@ -172,7 +172,11 @@ description_router = OpenRouter()
 
 @router.get("/", include_in_schema=False)
 async def index(request: Request) -> Response:
-    """The page. Its filters are in the URL, so any query parameter is allowed."""
+    """The page. Its filters are in the URL, so any query parameter is allowed.
+
+    Its pictures will be drawn soon, which a process is started for meanwhile.
+    """
+    request.app.state.services.drawers.prepare()
     folder = static_dir()
     response = _file_response(request, shell_page(folder, page_version(folder)))
     if FORMER_COOKIE in request.cookies:
