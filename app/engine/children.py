@@ -129,7 +129,7 @@ class PixelPool:
         for _ in range(children):
             self._free.put(None)
         self._own_threads = threading.BoundedSemaphore(children)
-        self._is_closed = False
+        self._is_closed = self._is_prepared = False
         # At exit, before `multiprocessing` kills its processes by a signal.
         self._at_exit = Finalize(self, _end_all, (self._free,), exitpriority=1)
 
@@ -181,6 +181,21 @@ class PixelPool:
         """
         with self._own_threads:
             return work(*args)
+
+    def prepare(self) -> None:
+        """Start a child in the background, unless this was done before.
+
+        So the first call need not wait for the imports of all children.
+        """
+        if self._is_prepared:
+            return
+        self._is_prepared = True
+
+        def start() -> None:
+            with suppress(CallCancelled, _ChildDied, OSError):
+                self._give_back(self._next_child(None), "")
+
+        threading.Thread(target=start, daemon=True).start()
 
     def close(self) -> None:
         """End all children, without waiting for their work."""

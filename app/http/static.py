@@ -4,7 +4,8 @@ The shell refers to all files of the page by URLs with a version, which changes 
 of them: `/static/v-9f86d081884c7d65/js/main.js`. Modules import each other by relative
 URLs, which include the version. A browser may cache such a file forever and revalidates
 only the shell. Files at a URL without a version are revalidated each time. The style
-sheets that the shell names are served as one file, which saves a dozen requests.
+sheets that the shell names are served as one file, and the modules as two scripts
+(`packs`), which saves a hundred requests. Each module has its own URL as well.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from fastapi import APIRouter, FastAPI, Request, Response
 from app.errors import NotFound
 from app.http.files import IMMUTABLE, is_known
 from app.http.openapi import docs_page
+from app.http.packs import ENTRY, FIRST, LATER, packs_of
 from app.http.routing import HeadRoute, OpenRouter
 from app.package import static_dir
 
@@ -44,10 +46,6 @@ MEDIA_TYPES: Final = {
 _INLINE_MAP: Final = re.compile(
     rb"<script[^>]*\btype=[\"']importmap[\"'][^>]*>(.*?)</script>", re.DOTALL
 )
-_IMPORT: Final = re.compile(
-    rb"^(?:import|export)\b[^\"'(]*\bfrom\s+\"(\.[^\"]+)\"", re.MULTILINE
-)
-_ENTRY: Final = b'<script type="module"'
 _STYLE_LINK: Final = re.compile(rb'<link rel="stylesheet" href="/static/([^"]+)" />\s*')
 STYLES: Final = "styles.css"
 """The name of all style sheets of the page, one after the other; it is no file."""
@@ -64,7 +62,7 @@ class PageFile:
 
 
 def page_file(folder: Path, name: str) -> PageFile:
-    """A file below the folder, or all style sheets of the page (`STYLES`).
+    """A file below the folder, all style sheets of the page (`STYLES`), or a pack.
 
     Raises
     ------
@@ -73,6 +71,8 @@ def page_file(folder: Path, name: str) -> PageFile:
     """
     if name == STYLES:
         return _styles(folder)
+    if name in (FIRST, LATER) and (folder / ENTRY).is_file():
+        return _packs(folder, page_version(folder))[name]
     try:
         path = (folder / name).resolve()
         found = path.is_relative_to(folder.resolve()) and path.is_file()
@@ -106,19 +106,24 @@ def _version_at(folder: Path, _second: int) -> str:
 
 @lru_cache(maxsize=4)
 def shell_page(folder: Path, version: str) -> PageFile:
-    """The page, with one style sheet, and links that preload all modules of its start.
-
-    Otherwise a browser discovers them import by import, each with a round trip.
-    """
+    """The page with one style sheet and one script in place of its files."""
     page = page_file(folder, "index.html").content
     before, *others = _STYLE_LINK.split(page)[::2]  # between them are the names
-    links = f'<link rel="stylesheet" href="/static/{STYLES}" />\n    ' + "".join(
-        f'<link rel="modulepreload" href="/static/{name}" />\n    '
-        for name in started_modules(folder, "js/main.js")
-    )
-    after = b"".join(others).replace(_ENTRY, links.encode() + _ENTRY, 1)
-    content = (before + after).replace(b'"/static/', f'"/static/v-{version}/'.encode())
+    link = f'<link rel="stylesheet" href="/static/{STYLES}" />\n    '.encode()
+    content = before + link + b"".join(others)
+    for old, new in ((ENTRY, FIRST), ("", f"v-{version}/")):
+        content = content.replace(
+            f'"/static/{old}'.encode(), f'"/static/{new}'.encode()
+        )
     return PageFile(content, MEDIA_TYPES[".html"], _etag(content))
+
+
+@lru_cache(maxsize=4)
+def _packs(folder: Path, _version: str) -> dict[str, PageFile]:
+    packs = packs_of(folder).items()
+    return {
+        name: PageFile(text, MEDIA_TYPES[".js"], _etag(text)) for name, text in packs
+    }
 
 
 def _styles(folder: Path) -> PageFile:
@@ -129,24 +134,6 @@ def _styles(folder: Path) -> PageFile:
         for name, sheet in zip(names, sheets, strict=True)
     )
     return PageFile(content, MEDIA_TYPES[".css"], _etag(content))
-
-
-def started_modules(folder: Path, entry: str) -> list[str]:
-    """A module and all modules that it imports, directly or indirectly.
-
-    Modules that it loads later, by ``import()``, are left out.
-    """
-    found = {entry: None}
-    waiting = [folder / entry]
-    while waiting:
-        path = waiting.pop(0)
-        for name in _IMPORT.findall(path.read_bytes()):
-            imported = (path.parent / name.decode()).resolve()
-            key = imported.relative_to(folder.resolve()).as_posix()
-            if key not in found:
-                found[key] = None
-                waiting.append(imported)
-    return list(found)
 
 
 @lru_cache(maxsize=512)
@@ -184,7 +171,11 @@ description_router = OpenRouter()
 
 @router.get("/", include_in_schema=False)
 async def index(request: Request) -> Response:
-    """The page. Its filters are in the URL, so any query parameter is allowed."""
+    """The page. Its filters are in the URL, so any query parameter is allowed.
+
+    Its pictures will be drawn soon, which a process is started for meanwhile.
+    """
+    request.app.state.services.drawers.prepare()
     folder = static_dir()
     return _file_response(request, shell_page(folder, page_version(folder)))
 

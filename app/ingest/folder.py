@@ -96,6 +96,8 @@ _NOT_WHOLE: Final = (0, 24, 64 * 1024)
 PNG or a JPEG. (No PNG has 24 bytes.)"""
 _LOOKING: Final = 2
 """Threads that look at pictures."""
+_NO_NAMES: Final = frozenset({"", ".", ".."})
+"""Parts of a path that name no file or folder in the one before them."""
 _DEVICE: Final = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\.|$)", re.IGNORECASE)
 """Names reserved for devices on Windows, with any suffix."""
 
@@ -157,14 +159,14 @@ class SentFolder:
             )
 
     def _write(self, name: str, content: bytes) -> str | None:
-        path = self.root / name
+        path = f"{self.root}{os.sep}{name}"
         folder = name.rpartition("/")[0]
         try:
             if folder not in self._folders:
-                path.parent.mkdir(parents=True, exist_ok=True)
+                Path(path).parent.mkdir(parents=True, exist_ok=True)
                 self._note(folder)
             if content or not self._link_empty(path):
-                with path.open("xb") as file:
+                with Path(path).open("xb") as file:
                     file.write(content)
         except (FileExistsError, NotADirectoryError):
             return "another file has this name, or one that is equal on the server"
@@ -174,7 +176,7 @@ class SentFolder:
             return "no file can have this name on the server"
         return None
 
-    def _link_empty(self, path: Path) -> bool:
+    def _link_empty(self, path: str) -> bool:
         """Link an empty file, as most are; it takes a fraction of a new file's time.
 
         False if the system has no such links, or allows no more (ext4: 65,000).
@@ -199,11 +201,14 @@ class SentFolder:
 
 def _why_not(name: str, root: Path) -> str | None:
     """Why no file of this name may be written; None if it may."""
+    parts = name.split("/")
     # By the rules of this system: on Windows a backslash or a drive leads elsewhere.
-    is_outside = name.startswith("../") or _relative(root / name, root) != name
+    is_plain = os.sep == "/" and _NO_NAMES.isdisjoint(parts)
+    is_outside = not is_plain and (
+        name.startswith("../") or _relative(root / name, root) != name
+    )
     if "\0" in name or is_outside:
         return "its name leads out of the folder"
-    parts = name.split("/")
     if any(map(_DEVICE.match, parts)):
         return "its name is reserved for a device on Windows"
     sizes = [len(part.encode()) for part in parts]
@@ -509,19 +514,20 @@ class _Response:
         }
         self.used.update(files.values())
         annotation = with_labels(source, self.layout)
-        frame = FolderFrame(
-            key=source.key,
-            annotation=annotation,
-            annotation_text=None,
-            files=files,
-            fault=None,
-        )
-        line = _line(frame)
+        # As the fields of `FolderFrame`, which are not checked one by one.
+        frame: dict[str, object] = {
+            "key": source.key,
+            "annotation": annotation,
+            "annotation_text": None,
+            "files": files,
+            "fault": None,
+        }
+        line = _json(frame)
         # Of a name or an annotation; mostly there is none, and the line is done.
         if _LONG_INTEGER.search(line):
             text = json.dumps(annotation)
             if _LONG_INTEGER.search(text.encode()):
-                return _line(frame.model_copy(update={"annotation_text": text}))
+                return _json(frame | {"annotation_text": text})
         return line
 
     def _name_of(self, kind: str, path: Path) -> str:
@@ -589,9 +595,13 @@ also in a text."""
 
 
 def _line(line: ResponseModel) -> bytes:
+    return _json(line.model_dump())
+
+
+def _json(line: dict[str, object]) -> bytes:
     try:
         # ASCII: a key can have lone surrogates, which UTF-8 cannot encode.
-        return json.dumps(line.model_dump(), allow_nan=False).encode()
+        return json.dumps(line, allow_nan=False).encode()
     except ValueError as exc:
         # JSON has neither NaN nor infinity, but 1e999 is read as one.
         raise LayoutError(

@@ -45,7 +45,7 @@ from filter_core.verdicts import (
     Reason,
 )
 
-DOUBT_VERSION: Final = 1
+DOUBT_VERSION: Final = 2
 """To be increased with each change of what `doubts` gives: stored doubt is then made
 anew when the service starts."""
 
@@ -146,6 +146,10 @@ _NEAR_SIDE: Final = 24.0
 _SEEN_SIDE: Final = 8.0
 """Pixels. An eye decides about what is at least as large, and less well below."""
 
+_LAST: Final = 0.1
+"""What an answer on a box with a shorter side below `_SEEN_SIDE` counts: people hardly
+tell such an object from what is around it, so that those boxes come last."""
+
 _OTHERS: Final = 0.8
 """What an answer teaches that is neither about a box near its threshold nor about one
 on which kinds of evidence disagree, compared with answers on those."""
@@ -241,6 +245,7 @@ def _worth(
     teaches |= (number >= needed / 2) & (number <= 2 * needed)
     worth = 100 * likely.share[rows] * np.minimum(seen / _SEEN_SIDE, 1.0)
     worth *= np.where(teaches, 1.0, _OTHERS)
+    worth *= np.where(side < _SEEN_SIDE, _LAST, 1.0)
     found: NDArray[np.int16] = np.maximum(np.rint(worth), Bin.ASK).astype(np.int16)
     return found
 

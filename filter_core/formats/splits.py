@@ -339,6 +339,8 @@ class _Lists:
 
     def parts_of(self, name: str) -> list[str]:
         """The parts that list a frame: those whose paths end most like its name."""
+        if not self._by_last:
+            return []
         names = _without_kinds(_parts_of(name))
         lines = self._by_last.get(names[-1] if names else "", [])
         common = [common_end(line, names) for line, _ in lines]

@@ -153,9 +153,9 @@ class LabelSurvey:
             code = problem_of(problem)["errors"][0]["code"]
             self.refused.add(code, frame.key, problem.detail)
             return
-        names = Counter(map(box_class, annotation.boxes))
+        names = [box_class(box) for box in annotation.boxes]
         self.by_class.update(names)
-        self.boxes += len(annotation.boxes)
+        self.boxes += len(names)
         if self.absent and not self.absent.isdisjoint(map(str, files.values())):
             return
         place = (self.frames, frame)

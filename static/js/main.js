@@ -55,7 +55,8 @@ render(h(Shell, { app, linkError }), element("app"));
 
 if (app.isSignedIn.get()) {
   if (linkError) app.refuse(linkError);
-  void app.greet();
+  // Who has just signed in is known.
+  if (!first || linkError || app.newcomer.get()) void app.greet();
   void app.resume();
 }
 

@@ -13,6 +13,7 @@ import threading
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
+from queue import SimpleQueue
 from typing import TYPE_CHECKING, Annotated, Final, TypeAlias
 
 import typer
@@ -139,8 +140,6 @@ def demo(options: DemoOptions) -> None:
     The page is there at once, and its frames appear while they are rendered, which is
     done once: they stay in the data folder. Serves until interrupted.
     """
-    from app import serve as startup
-
     screen = options.screen
     folder = options.data
     if folder is None and "UNGHOST_DATA" not in os.environ:
@@ -148,8 +147,12 @@ def demo(options: DemoOptions) -> None:
     # A log line per request would hide the bars, so by default there are none.
     quiet = None if "UNGHOST_LOG_LEVEL" in os.environ else "warning"
     settings = settings_of(data=folder, port=options.port, log_level=quiet)
+    # Its processes begin while this one still imports the service.
+    filling = _Filling(options, settings.data, settings.token_file)
+
+    from app import serve as startup
+
     with refused_on(startup.CannotServe):
-        filling = _Filling(options, settings.data, settings.token_file)
 
         def ready(link: startup.LoginLink) -> None:
             screen.record(
@@ -199,25 +202,49 @@ def street_folder(data: Path, options: DemoOptions) -> Path:
 
 
 class _Filling:
-    """Uploads the street in a thread, because the main thread runs the server."""
+    """Renders the street in one thread, and uploads it in another.
+
+    The main thread runs the server. Rendering begins at once, uploading when the server
+    is ready.
+    """
 
     def __init__(self, options: DemoOptions, data: Path, token_file: Path) -> None:
         self._options = options
+        self._is_new = not street_folder(data, options).exists()
+        self._rendered: SimpleQueue[dict[str, object] | Exception | None] = (
+            SimpleQueue()
+        )
         self._screen = options.screen
         self._data = data
         self._token_file = token_file
         self._error: Exception | None = None
         self.refused = 0
+        # A daemon thread, as the other: an interruption does not wait for the frames.
+        threading.Thread(target=self._render, daemon=True).start()
 
     def start(self, url: str) -> None:
-        """Start the thread; called when the server is ready."""
-        # A daemon thread: an interruption does not wait for the frames.
+        """Start uploading; called when the server is ready."""
         threading.Thread(target=self._run, args=(url,), daemon=True).start()
 
     def raise_if_failed(self) -> None:
         """Raise the error of the thread, if there was one."""
         if self._error is not None:
             raise self._error
+
+    def _render(self) -> None:
+        end = None
+        try:
+            for line in rendered_frames(self._data, self._options):
+                self._rendered.put(line)
+        except Exception as error:  # raised again by the thread that uploads
+            end = error
+        self._rendered.put(end)
+
+    def _frames(self) -> Iterator[dict[str, object]]:
+        while line := self._rendered.get():
+            if isinstance(line, Exception):
+                raise line
+            yield line
 
     def _run(self, url: str) -> None:
         try:
@@ -235,10 +262,9 @@ class _Filling:
         report = PushReport(Screen())
         with Client(url, token) as client:
             client.create_dataset(_DEMO_DATASET, exist_ok=True, coached=True)
-            is_new = not street_folder(self._data, self._options).exists()
-            title = f"{'render and ' if is_new else ''}filter the street"
+            title = f"{'render and ' if self._is_new else ''}filter the street"
             with self._screen.progress(title, "frames") as bar:
-                for line in rendered_frames(self._data, self._options):
+                for line in self._frames():
                     for outcome in client.push(_DEMO_DATASET, [_outgoing(line)]):
                         report.add(outcome)
                     bar(report.seen, self._options.frames)

@@ -63,6 +63,9 @@ TRUTH: Final = "truth.jsonl"
 """The file of a street with the truth about each box."""
 RECORDED: Final = 0.22
 """The share of the actors that leaves about 38 boxes a frame, as recordings have."""
+_NICE: Final = 10
+"""How far processes that render stand back for others, such as the service that shows
+their frames."""
 _TWICE_FROM: Final = 6
 """Cores from which each town is rendered by two processes."""
 
@@ -342,6 +345,8 @@ def _listen(
 
 def _render_part(folder: str, seed: str, actors: str, *indices: str) -> None:
     """The program of a child: it renders these frames and prints a line about each."""
+    if hasattr(os, "nice"):
+        os.nice(_NICE)
     scene = StreetScene(int(seed), actors=float(actors))
     for index in map(int, indices):
         frame = scene.render_frame(index)

@@ -44,13 +44,17 @@ export function HomeView({ app, route }) {
   const dataset = useDataset(name);
   useGrowth(dataset, dataset.value?.counts.frames ?? 0, dataset.value?.created_at);
   const path = { dataset: name };
+  const frames = dataset.value?.counts.frames;
+  // The report is asked for together with the dataset, and again when frames have come in since.
+  const framesAtFirst = useRef(frames);
+  framesAtFirst.current ??= frames;
   const loaded = useLoaded(
     (signal) =>
       Promise.all([
         get("/api/v1/datasets/{dataset}/stats", { path, signal }),
         get("/api/v1/datasets/{dataset}/report", { path, signal }),
       ]),
-    [name, dataset.value?.counts.frames],
+    [name, frames === framesAtFirst.current ? null : frames],
   );
   const [stats, report] = loaded.value ?? [null, null];
   const failed = dataset.state === "error" && !dataset.value;

@@ -7,7 +7,7 @@ import { useBoxes } from "../boxes/store.js";
 import { distanceText, spokenText } from "../boxes/wording.js";
 import { get } from "../core/api.js";
 import { useActions, useDataset, useGrowth, useLoaded, useTopBar, useValue } from "../core/hooks.js";
-import { html, useCallback, useEffect, useMemo, useRef, useState } from "../core/html.js";
+import { html, useCallback, useEffect, useLayoutEffect, useMemo, useRef, useState } from "../core/html.js";
 import { Icon } from "../core/icons.js";
 import { countOf, countText } from "../core/numbers.js";
 import { createValue } from "../core/observable.js";
@@ -205,7 +205,8 @@ function useSupply(app, session, media) {
       keepSession(app, "left");
     };
   }, [session]);
-  useEffect(() => {
+  // Before the strip asks for its crops: the picture of the question comes first.
+  useLayoutEffect(() => {
     /** @param {number} id */
     const fetch = (id) => {
       const { picture, segmentation, mask: painted } = media.of(id);

@@ -12,7 +12,6 @@ from app.errors import NotFound
 from app.http.static import (
     content_security_policy,
     page_file,
-    started_modules,
     version_of,
 )
 from app.package import static_dir
@@ -38,15 +37,24 @@ def test_page_needs_no_token_and_accepts_any_query(anonymous):
     assert answer.headers["content-type"] == "text/html; charset=utf-8"
 
 
-def test_page_preloads_every_module_of_its_start(anonymous):
-    """Otherwise a browser finds the modules in one round trip after the other."""
+def test_page_has_two_scripts_with_all_of_its_modules(anonymous):
+    """Each of nearly a hundred modules would be a request, many after one another."""
     page = anonymous.get("/").text
+    path = versioned_static_path(anonymous)
+    named = re.findall(r'<script type="module" src="([^"]+)"', page)
+    modules = {
+        name for name in FILES if re.match(r"js/(?!core/theme_first).*\.js", name)
+    }
 
-    named = re.findall(r'rel="modulepreload" href="/static/v-\w+/([^"]+)"', page)
+    first, later = (anonymous.get(f"{path}{name}") for name in ("first.js", "later.js"))
 
-    assert named == started_modules(static_dir(), "js/main.js")
-    assert {"js/main.js", "js/shell/shell.js", "js/datasets/frames.js"} < set(named)
-    assert not any("uplot" in name for name in named), "loaded with its view"
+    assert named == [f"{path}first.js"]
+    assert first.headers["content-type"] == TYPES["js"]
+    assert "immutable" in first.headers["cache-control"]
+    both = first.text + later.text
+    assert {name for name in modules if f"// {name}\n" not in both} == set()
+    assert "vendor/uplot" not in first.text, "loaded with a view that has a chart"
+    assert "vendor/uplot" in later.text
 
 
 def test_page_has_one_style_sheet_with_all_of_its_styles(anonymous):
@@ -69,18 +77,6 @@ def test_page_has_one_style_sheet_with_all_of_its_styles(anonymous):
     # They would be searched for in the folder of the one sheet.
     assert "url(" not in answer.text
     assert "@import" not in answer.text
-
-
-def test_started_modules_follow_static_imports_only(tmp_path):
-    (tmp_path / "a").mkdir()
-    (tmp_path / "a" / "main.js").write_text(
-        'import {\n  one,\n} from "./b.js";\nexport { x } from "../c.js";\n'
-        'const later = () => import("./later.js");\n/** import("./types.js").T */\n'
-    )
-    (tmp_path / "a" / "b.js").write_text('import { main } from "./main.js";')
-    (tmp_path / "c.js").write_text("export const x = 1;")
-
-    assert started_modules(tmp_path, "a/main.js") == ["a/main.js", "a/b.js", "c.js"]
 
 
 @pytest.mark.parametrize("name", FILES)
@@ -106,7 +102,7 @@ def test_if_none_match_of_a_static_file_returns_304(anonymous):
 
 def versioned_static_path(client):
     """The path, with its version, below which the page names its files."""
-    return re.findall(r'"(/static/v-\w+/)js/main.js"', client.get("/").text)[0]
+    return re.findall(r'"(/static/v-\w+/)first.js"', client.get("/").text)[0]
 
 
 def test_versioned_static_files_are_cached_as_immutable(anonymous):

@@ -5,8 +5,6 @@ The first view loads little; a later view loads its modules when it is opened.
 
 from __future__ import annotations
 
-import re
-
 import pytest
 from playwright.sync_api import expect
 
@@ -17,50 +15,32 @@ pytestmark = pytest.mark.browser
 LOADED = "() => performance.getEntriesByType('resource').map(({ name }) => name)"
 
 
-MOST_REQUESTS = 45
+MOST_REQUESTS = 14
 """Most requests of the first view, including the page, its data and one picture."""
 
 
-@pytest.mark.parametrize(
-    ("view", "module"),
-    [("#/datasets", "datasets.js"), ("#/datasets/{}/frames", "frames.js")],
-)
-def test_first_view_loads_few_files_and_no_other_views_modules(
-    make_scene, user, view, module
-):
+@pytest.mark.parametrize("view", ["#/datasets", "#/datasets/{}/frames"])
+def test_first_view_loads_few_files(make_scene, user, view):
     scene = make_scene(config={"evidence": "auto"})
     page = user.open(view.format(scene.dataset))
     expect(page.locator("img[src^='blob:']").first).to_be_visible()
 
     loaded = page.evaluate(LOADED)
 
-    assert any(name.endswith(f"/datasets/{module}") for name in loaded)
-    assert list(filter(re.compile("/stage/|uplot|/queue/").search, loaded)) == []
+    assert [name for name in loaded if name.endswith("/later.js")] == []
     # Pictures are left out: their number depends on the datasets of other tests.
-    others = [name for name in loaded if not name.endswith("/thumbnail")]
+    others = [name for name in loaded if "/thumbnail" not in name]
     assert len(others) + len(["page", "picture"]) <= MOST_REQUESTS, loaded
 
 
-def test_view_module_that_fails_to_load_can_be_retried(scene, user):
-    page = user.open(f"#/datasets/{scene.dataset}/frames")
-    route_loaded(page, "**/review/frame.js", lambda route: route.abort())
-    page.locator("a.thumb").click()
-    expect(page.get_by_role("alert")).to_be_visible()
-
-    page.unroute("**/review/frame.js")
-    page.get_by_role("button", name="Try again").click()
-
-    expect(page.locator("h1")).to_have_text("run/000001")
-
-
-def test_chart_library_that_fails_to_load_can_be_retried(scene, user):
+def test_view_that_fails_to_load_can_be_retried(scene, user):
     page = user.open(f"#/datasets/{scene.dataset}/frames")
     expect(page.locator("a.thumb")).to_have_count(1)
-    route_loaded(page, "**/uplot-*.js", lambda route: route.abort())
+    route_loaded(page, "**/later.js", lambda route: route.abort())
     page.evaluate(f"location.hash = '#/datasets/{scene.dataset}/thresholds'")
     expect(page.get_by_role("alert")).to_be_visible()
 
-    page.unroute("**/uplot-*.js")
+    page.unroute("**/later.js")
     page.get_by_role("button", name="Try again").click()
 
     expect(page.locator(".histogram--large canvas")).to_be_visible()

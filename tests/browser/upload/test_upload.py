@@ -247,13 +247,13 @@ def test_upload_dialog_that_cannot_be_loaded_keeps_the_files_and_can_be_retried(
     town, user
 ):
     page = user.open("#/datasets")
-    route_loaded(page, "**/upload/dialog.js", lambda route: route.abort())
+    route_loaded(page, "**/later.js", lambda route: route.abort())
     page.get_by_label("Upload a folder").last.set_input_files(town)
     dialog = page.get_by_role("dialog", name="Upload")
     expect(dialog.get_by_role("alert")).to_contain_text(
         "The upload dialog could not be loaded: Failed to fetch"
     )
-    page.unroute("**/upload/dialog.js")
+    page.unroute("**/later.js")
 
     dialog.get_by_role("button", name="Try again").click()
 

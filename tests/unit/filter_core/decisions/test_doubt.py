@@ -178,6 +178,13 @@ def test_an_eye_decides_better_about_a_larger_box(match, sides):
     assert found.doubt[0] <= found.doubt[1]
 
 
+def test_boxes_that_an_eye_can_hardly_decide_come_last():
+    found, _ = doubts_of([box(9.9, side=7.9), box(1.5, side=8)])
+
+    assert found.cause.tolist() == [Cause.OWN_PIXELS, Cause.OWN_PIXELS]
+    assert 0 < found.doubt[0] <= 10 < found.doubt[1]
+
+
 def test_bins_come_in_the_order_of_doubt():
     assert [bin_.label for bin_ in Bin] == list(BIN_NAMED)
     assert list(Bin) == sorted(Bin, reverse=True)
