@@ -137,11 +137,9 @@ class LabelSurvey:
             **frame.others,
         }
         for role, path in files.items():
-            if path is None:
-                continue
-            if role not in self.examples:
-                self.examples[role] = self.use.relative(path) or str(path)
-            self.roles[role] += 1
+            if path is not None:
+                self.roles[role] += 1
+                self.examples.setdefault(role, self.use.relative(path) or str(path))
         try:
             if (
                 problem := frame.problem
