@@ -87,7 +87,7 @@ class Paint:
     kind: SurfaceKind = SurfaceKind.PLAIN
     params: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
 
-    @lru_cache(maxsize=4096)
+    @lru_cache(maxsize=4096)  # noqa: B019 (paints are small)
     def row(self) -> NDArray[np.float32]:
         """The paint as `SURFACE_COLUMNS` numbers, which nobody may change."""
         linear = srgb_to_linear(np.array(self.rgb) / 255.0)
