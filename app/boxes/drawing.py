@@ -13,6 +13,7 @@ from collections import OrderedDict
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Final
 
@@ -75,7 +76,7 @@ class Layer:
     measured: bytes | None = None
 
     def picture(self) -> Picture:
-        """The background, decoded and painted.
+        """The background, decoded and painted; nobody may change it.
 
         Raises
         ------
@@ -90,7 +91,7 @@ class Layer:
         image = (
             np.full_like(self._painted(), GREY)
             if self.image is None
-            else decoded(self.image)
+            else _decoded_once(self.image)
         )
         if self.name == "image":
             return image
@@ -103,6 +104,14 @@ class Layer:
         read = read_segmentation(self.segmentation, self.reading)
         painted = FAMILIES[read.family].paint(read.tags)
         return np.ascontiguousarray(painted[:, :, ::-1])
+
+
+@lru_cache(maxsize=2)
+def _decoded_once(content: bytes) -> Picture:
+    """An image of which several crops are often drawn, one after the other."""
+    picture = decoded(content)
+    picture.flags.writeable = False
+    return picture
 
 
 _FARTHEST_M: Final = 200.0
@@ -198,9 +207,10 @@ def overlay(layer: Layer, boxes: Sequence[DrawnBox], edges: bool) -> bytes:
 
     `edges` draws the edges of 3D boxes in place of rectangles, where there are any.
     """
-    canvas = layer.picture()
+    picture = layer.picture()
     if not boxes:
-        return as_png(canvas)
+        return as_png(picture)
+    canvas = picture.copy()
     draw_boxes(canvas, boxes, edges=edges)
     return as_webp(canvas)
 

@@ -26,7 +26,7 @@ function element(id) {
  */
 function takeLogin(before = "") {
   const login = loginOf(location.hash);
-  if (login) history.replaceState(null, "", before.startsWith("#/") ? before : "#/datasets");
+  if (login) history.replaceState(null, "", login.to || (before.startsWith("#/") ? before : "#/datasets"));
   return login;
 }
 

@@ -58,8 +58,8 @@ class Mesh:
     @property
     def bounds(self) -> tuple[FloatArray, FloatArray]:
         """The lowest and the highest corner, per axis."""
-        points = self.corners.reshape(-1, 3)
-        return points.min(axis=0), points.max(axis=0)
+        axes = np.ascontiguousarray(self.corners.reshape(-1, 3).T)
+        return axes.min(axis=1), axes.max(axis=1)
 
     def placed(self, matrix: FloatArray) -> Mesh:
         """The mesh after a rigid motion (4, 4)."""

@@ -87,11 +87,14 @@ class Paint:
     kind: SurfaceKind = SurfaceKind.PLAIN
     params: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
 
+    @lru_cache(maxsize=4096)  # noqa: B019 (paints are small)
     def row(self) -> NDArray[np.float32]:
-        """The paint as `SURFACE_COLUMNS` numbers."""
+        """The paint as `SURFACE_COLUMNS` numbers, which nobody may change."""
         linear = srgb_to_linear(np.array(self.rgb) / 255.0)
         rest = (self.gloss, self.glow, float(self.kind), *self.params)
-        return np.array([*linear, *rest], dtype=np.float32)
+        row = np.array([*linear, *rest], dtype=np.float32)
+        row.flags.writeable = False
+        return row
 
     @classmethod
     def dye(cls, number: int, gloss: float = 0.0) -> Paint:

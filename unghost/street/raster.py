@@ -20,6 +20,7 @@ from unghost.street.mesh import cross, turned
 
 _LARGE_PX: Final = 6000
 """From this window on, a triangle is drawn by itself: whole-array steps pay off."""
+_LARGE_AT_ONCE: Final = 512
 _FRAGMENTS_AT_ONCE: Final = 600_000
 _SLIVER_PX: Final = 1e-6
 NEAR: Final = 0.1
@@ -62,8 +63,9 @@ def draw(canvas: Canvas, screen: FloatArray, numbers: IntArray) -> None:
     """
     height, width = canvas.winner.shape
     edges, window_px, nearest = _prepare(screen, numbers, width, height)
-    for one in np.flatnonzero(window_px > _LARGE_PX):
-        _draw_large(canvas, edges.part(slice(int(one), int(one) + 1)))
+    large = np.flatnonzero(window_px > _LARGE_PX)
+    for begin in range(0, len(large), _LARGE_AT_ONCE):
+        _draw_large(canvas, edges.part(large[begin : begin + _LARGE_AT_ONCE]))
     small = np.flatnonzero((window_px > 0) & (window_px <= _LARGE_PX))
     # From near to far: most of what comes later is then hidden and dropped early.
     small = small[np.argsort(-nearest[small], kind="stable")]
@@ -173,22 +175,26 @@ def _draw_small(canvas: Canvas, edges: _Edges) -> None:
 
 
 def _draw_large(canvas: Canvas, edges: _Edges) -> None:
+    """Draw triangles one by one, each with all pixels of its window at once."""
     height, width = canvas.winner.shape
-    _, row, begin, end = _spans(edges, width, height)
-    if not len(row) or not (end > begin).any():
-        return
-    left, right = int(begin.min()), int(end.max())
-    window = np.s_[int(row[0]) : int(row[-1]) + 1, left:right]
-    column = np.arange(left, right)
-    along = (edges.slope_u[0] * (column + 0.5)).astype(np.float32)
-    down = (edges.slope_v[0] * (row + 0.5) + edges.offset[0]).astype(np.float32)
-    nearness = down[:, None] + along
-    nearest = canvas.nearness[window]
-    seen = nearness > nearest
-    seen &= column >= begin[:, None]
-    seen &= column < end[:, None]
-    np.copyto(nearest, nearness, where=seen)
-    np.copyto(canvas.winner[window], np.int32(edges.number[0]), where=seen)
+    owner, rows, begins, ends = _spans(edges, width, height)
+    cuts = np.searchsorted(owner, np.arange(len(edges.number) + 1)).tolist()
+    for one, (first, last) in enumerate(itertools.pairwise(cuts)):
+        row, begin, end = rows[first:last], begins[first:last], ends[first:last]
+        if first == last or not (end > begin).any():
+            continue
+        left, right = int(begin.min()), int(end.max())
+        window = np.s_[int(row[0]) : int(row[-1]) + 1, left:right]
+        column = np.arange(left, right)
+        along = (edges.slope_u[one] * (column + 0.5)).astype(np.float32)
+        down = (edges.slope_v[one] * (row + 0.5) + edges.offset[one]).astype(np.float32)
+        nearness = down[:, None] + along
+        nearest = canvas.nearness[window]
+        seen = nearness > nearest
+        seen &= column >= begin[:, None]
+        seen &= column < end[:, None]
+        np.copyto(nearest, nearness, where=seen)
+        np.copyto(canvas.winner[window], np.int32(edges.number[one]), where=seen)
 
 
 def to_screen(

@@ -97,8 +97,8 @@ export function useCopy(text) {
   return { isCopied, copy };
 }
 
-/** @param {string} text @returns {Promise<boolean>} false: the browser does not allow it */
-async function isInClipboard(text) {
+/** Copy a text. @param {string} text @returns {Promise<boolean>} false: the browser does not allow it */
+export async function isInClipboard(text) {
   if (navigator.clipboard)
     return navigator.clipboard.writeText(text).then(
       () => true,

@@ -69,14 +69,19 @@ export function linkTo(name, params = {}, query = {}) {
 }
 
 /**
- * What a login link carries; null for any other address. Links with a token are of earlier versions.
+ * What a login link carries, and the view that it leads to, if it names one; null for any other address. Links with a
+ * token are of earlier versions.
  * @param {string} hash
- * @returns {{kind: "code" | "token", secret: string} | null}
+ * @returns {{kind: "code" | "token", secret: string, to: string} | null}
  */
 export function loginOf(hash) {
-  const [, kind, secret = ""] = /^#(code|token)=(.+)$/.exec(hash) ?? [];
-  return kind === "code" || kind === "token" ? { kind, secret: decoded(secret) } : null;
+  const [, kind, secret = "", to = ""] = /^#(code|token)=([^&]+)(?:&to=(.+))?$/.exec(hash) ?? [];
+  return kind === "code" || kind === "token" ? { kind, secret: decoded(secret), to: to && `#/${decoded(to)}` } : null;
 }
+
+/** A login link that leads to a view. @param {string} code @param {string} view  as `linkTo` gives it */
+export const loginLink = (code, view) =>
+  `${location.origin}/#code=${encodeURIComponent(code)}&to=${encodeURIComponent(view.replace("#/", ""))}`;
 
 export function createRouter() {
   const route = createValue(parseHash(location.hash));

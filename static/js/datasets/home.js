@@ -7,13 +7,13 @@ import { bandText } from "../boxes/filter_bar.js";
 import { BINS } from "../boxes/filters.js";
 import { VerdictBar } from "../boxes/signs.js";
 import { EVIDENCE, evidenceText, reasonText } from "../boxes/wording.js";
-import { get, pictureUrl } from "../core/api.js";
-import { useDataset, useGrowth, useLazy, useLoaded, useTopBar } from "../core/hooks.js";
+import { get, pictureUrl, post } from "../core/api.js";
+import { useDataset, useGrowth, useLazy, useLoaded, useTask, useTopBar, useValue } from "../core/hooks.js";
 import { html, useEffect, useRef, useState } from "../core/html.js";
 import { Icon } from "../core/icons.js";
 import { agoText, capital, countOf, countText, percentText, sizeText } from "../core/numbers.js";
-import { Failure, FailureLine, Notice, WideTable, useCopy } from "../core/parts.js";
-import { linkTo } from "../core/router.js";
+import { Failure, FailureLine, Notice, WideTable, isInClipboard, useCopy } from "../core/parts.js";
+import { linkTo, loginLink } from "../core/router.js";
 import { useMedia } from "../stage/media.js";
 
 /** @typedef {import("../core/app.js").App & {boxes: import("../boxes/store.js").Boxes}} App */
@@ -213,6 +213,7 @@ export function CompareView({ app, route }) {
         <button class="button" onClick=${link.copy}>
           <${Icon} name=${link.isCopied ? "check" : "copy"} />${link.isCopied ? "Copied" : "Copy link"}
         </button>
+        <${GuestLink} app=${app} view=${linkTo("compare", { id })} />
         <a class="button" href=${linkTo("frame", { id })}>All about this frame</a>
       </div>
     </div>
@@ -223,6 +224,30 @@ export function CompareView({ app, route }) {
         : html`<div class="compare__page"><${BeforeAfter} key=${id} app=${app} id=${id} /></div>`
     }
   </main>`;
+}
+
+const GUEST_DAYS = 7;
+
+/**
+ * A button for admins: a login link of a new viewer, which leads to a view.
+ * @param {{app: App, view: string}} props
+ */
+function GuestLink({ app, view }) {
+  const person = useValue(app.person);
+  const { run, isBusy } = useTask(async () => {
+    const name = `guest-${Math.random().toString(36).slice(2, 8)}`;
+    const body = /** @type {const} */ ({ name, role: "viewer", expires_in_days: GUEST_DAYS });
+    const { token } = await post("/api/v1/tokens", { body });
+    const { code } = await post("/api/v1/login-codes", { session: token });
+    const link = loginLink(code, view);
+    const isCopied = await isInClipboard(link);
+    app.toasts.show(
+      `${isCopied ? "Link copied" : link}. It works once, within ten minutes; ${name} can look around for a week.`,
+    );
+  }, app.toasts.fail);
+  if (person?.role !== "admin") return null;
+  return html`<button class="button" disabled=${isBusy} onClick=${() => run()}
+    title="A link that signs a guest in, who can look but not answer">Link for a guest</button>`;
 }
 
 /** @param {{id: number | null, icon: string, text: string}} props */

@@ -75,6 +75,21 @@ def test_slider_of_any_frame_is_a_link_that_a_guest_can_open(
     expect(guest.locator(".tabs [aria-current]")).to_have_text("Frames")
 
 
+def test_admin_makes_a_link_that_shows_the_slider_to_a_guest(scene, user, open_window):
+    page = user.open(f"{scene.link().partition('?')[0]}/compare")
+    page.context.grant_permissions(["clipboard-read", "clipboard-write"])
+
+    page.get_by_role("button", name="Link for a guest").click()
+
+    expect(page.get_by_text("Link copied. It works once")).to_be_visible()
+    guest = open_window(sign_in=False).page
+    guest.goto(page.evaluate("navigator.clipboard.readText()"))
+    expect(guest.locator(".compare__box--kept")).to_have_count(2)
+    expect(guest).to_have_url(re.compile(r"#/frames/\d+/compare$"))
+    expect(guest.get_by_role("button", name="Copy link")).to_be_visible()
+    expect(guest.get_by_role("button", name="Link for a guest")).to_have_count(0)
+
+
 def test_home_of_a_dataset_shows_frames_while_they_come_in(http, make_scene, user):
     scene = make_scene(boxes=[])
     page = user.open(f"#/datasets/{scene.dataset}")
