@@ -219,8 +219,7 @@ const shownKey = (name) => SHOWN[name] ?? name.replace("Shift+", "⇧");
 export function loadKeys(storage) {
   try {
     const { off, keys } = JSON.parse(storage.getItem(STORAGE_KEY) ?? "");
-    const named = Object.entries(keys ?? {}).map(([action, names]) => [RENAMED[action] ?? action, names]);
-    return { off: off === true, keys: Object.fromEntries(named) };
+    return { off: off === true, keys: keys ?? {} };
   } catch {
     return DEFAULT_SETTINGS;
   }
@@ -230,9 +229,6 @@ export function loadKeys(storage) {
 export const saveKeys = (storage, settings) => keep(storage, STORAGE_KEY, settings);
 
 const STORAGE_KEY = "unghost.keys.v1";
-
-/** Actions by the names under which earlier versions of the page have stored them. @type {Record<string, string>} */
-const RENAMED = { nextUndecided: "nextUnanswered" };
 
 /** Actions that repeat while their key is held down. Answers do not: nobody would see the boxes. */
 const HELD = new Set([

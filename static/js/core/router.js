@@ -68,15 +68,8 @@ export function linkTo(name, params = {}, query = {}) {
   return `#/${path}${search && `?${search}`}`;
 }
 
-/**
- * What a login link carries; null for any other address. Links with a token are of earlier versions.
- * @param {string} hash
- * @returns {{kind: "code" | "token", secret: string} | null}
- */
-export function loginOf(hash) {
-  const [, kind, secret = ""] = /^#(code|token)=(.+)$/.exec(hash) ?? [];
-  return kind === "code" || kind === "token" ? { kind, secret: decoded(secret) } : null;
-}
+/** The code of a login link; empty for any other address. @param {string} hash */
+export const codeIn = (hash) => decoded(/^#code=(.+)$/.exec(hash)?.[1] ?? "");
 
 export function createRouter() {
   const route = createValue(parseHash(location.hash));

@@ -165,10 +165,6 @@ export function createAnswers(app, boxes, storage, { tab, openTabs }) {
   app.isSignedIn.observe((isIn) => isIn && void resume());
   addEventListener("online", () => void resume());
 
-  /** How many answers in this browser do not say who gave them: an earlier version of the page has kept them. */
-  const unowned = createValue(outbox.countUnowned());
-  const countAgain = () => unowned.set(outbox.countUnowned());
-
   let waitingElsewhere = outbox.boxesOfOtherTabs();
 
   /**
@@ -176,7 +172,6 @@ export function createAnswers(app, boxes, storage, { tab, openTabs }) {
    * with that answer until they come.
    */
   function followOtherTabs() {
-    countAgain();
     const waiting = outbox.lastAnswers();
     const sent = boxes.all([...waitingElsewhere].filter((boxId) => !waiting.has(boxId)));
     const boxIds = sent.map(({ box_id }) => box_id);
@@ -203,20 +198,6 @@ export function createAnswers(app, boxes, storage, { tab, openTabs }) {
 
     /** How many answers of each person wait in this browser. */
     kept: outbox.countByPerson,
-
-    /** Answers that do not say who gave them: the person who is signed in may take them as theirs, or discard them. */
-    unowned: {
-      count: unowned,
-      send() {
-        outbox.takeUnowned();
-        countAgain();
-        void resume();
-      },
-      discard() {
-        outbox.discardUnowned();
-        countAgain();
-      },
-    },
   };
 }
 

@@ -288,23 +288,12 @@ export function optionsText(options, fields) {
 
 /** @param {Field} field @param {unknown} value */
 function wordsOf({ key, text, choices }, value) {
-  if (key === "split")
-    return `split ${sharesOf(value)
-      .map((share) => Math.round(100 * share))
-      .join("/")}`;
+  const shares = key === "split" && Array.isArray(value) ? value : null;
+  if (shares) return `split ${shares.map((share) => Math.round(100 * share)).join("/")}`;
   const chosen = choices.find((choice) => choice.value === value);
   if (chosen) return `${text.toLowerCase()}: ${chosen.text}`;
   if (typeof value === "boolean") return value ? text.toLowerCase() : `not: ${text.toLowerCase()}`;
   return `${text.toLowerCase()}: ${Array.isArray(value) ? value.join(", ") : String(value)}`;
-}
-
-/**
- * The shares of parts: of one number, as earlier versions sent it, the rest is for validation.
- * @param {unknown} value
- */
-function sharesOf(value) {
-  const shares = [value].flat().map(Number);
-  return shares.length === 1 ? [...shares, 1 - Number(shares[0])] : shares;
 }
 
 /** @type {readonly (readonly [string, string, string])[]} part of the manifest, its key, how it is said */

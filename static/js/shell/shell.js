@@ -5,11 +5,10 @@ import { useActions, useLazy, useTask, useTitle, useTopBar, useValue } from "../
 import { html, useEffect, useRef, useState } from "../core/html.js";
 import { Icon, Mark } from "../core/icons.js";
 import { HelpDialog } from "../core/keymap.js";
-import { NO_TOKEN_LINKS } from "../core/login.js";
 import { countOf } from "../core/numbers.js";
 import { createLazy } from "../core/observable.js";
 import { Dialog, Failure, Notice, useDialog } from "../core/parts.js";
-import { linkTo, loginOf } from "../core/router.js";
+import { codeIn, linkTo } from "../core/router.js";
 import { DatasetsView } from "../datasets/datasets.js";
 import { FramesView } from "../datasets/frames.js";
 import { Uploads } from "../upload/upload.js";
@@ -64,7 +63,6 @@ export function Shell({ app, linkError }) {
     ${
       isSignedIn
         ? html`<${TopBar} app=${app} />
-        <${Unowned} app=${app} />
         <${View} key=${`${route.name} ${route.params.dataset ?? ""}`} app=${app} route=${route} />`
         : html`<${SignIn} app=${app} linkError=${linkError} />`
     }
@@ -161,39 +159,6 @@ function Streak({ app, boxIds }) {
   <//>`;
 }
 
-/**
- * Unsent answers that do not say who gave them, until somebody decides what becomes of them.
- * @param {{app: import("../review/answers.js").ReviewApp}} props
- */
-function Unowned({ app }) {
-  const count = useValue(app.unowned.count);
-  const [isAsked, setAsked] = useState(false);
-  if (count === 0) return null;
-  const what = countOf(count, "unsent answer");
-  const them = count === 1 ? "it" : "them";
-  // "Keep" stands where "Discard" has stood: a double click discards nothing.
-  return html`<div class="strip strip--page" role="status">
-    <${Icon} name="warn" />
-    ${
-      isAsked
-        ? html`<p><b>Discard ${what}?</b> Nobody can send ${them} then.</p>
-        <span class="strip__actions">
-          <button class="button button--small"
-            onClick=${() => (setAsked(false), app.unowned.discard())}>Discard ${them}</button>
-          <button class="button button--small button--quiet" onClick=${() => setAsked(false)}>Keep ${them}</button>
-        </span>`
-        : html`<p>
-          <b>${what}
-          </b> in this browser ${count === 1 ? "does" : "do"} not say who gave ${them}
-          : an earlier version of this page kept ${them}.</p>
-        <span class="strip__actions">
-          <button class="button button--small" onClick=${app.unowned.send}>Send as ${app.owner()}</button>
-          <button class="button button--small button--quiet" onClick=${() => setAsked(true)}>Discard</button>
-        </span>`
-    }
-  </div>`;
-}
-
 /** @param {{app: import("../review/answers.js").ReviewApp, linkError: string}} props */
 function SignIn({ app, linkError }) {
   useTitle("Sign in");
@@ -201,9 +166,9 @@ function SignIn({ app, linkError }) {
   const ended = useValue(app.ended);
   const { run, isBusy, error } = useTask(async (/** @type {string} */ text) => {
     if (!text) throw new Error("Paste the token or the link first.");
-    const credential = credentialIn(text);
-    if (!credential) throw new Error(NO_TOKEN_LINKS);
-    await app.signIn(credential);
+    // A code, in a link or alone; else a token.
+    const code = codeIn(text.slice(Math.max(0, text.indexOf("#")))) || (text.startsWith("uc_") && text);
+    await app.signIn(code ? { code } : { token: text });
   });
   const refusal = error?.message ?? (isBusy ? "" : linkError);
 
@@ -240,18 +205,6 @@ function SignIn({ app, linkError }) {
           href="/docs">description of the API</a> is open to all.</p>
     </form>
   </main>`;
-}
-
-/**
- * The credential in a pasted token, code or link; null: a link with a token, which is no longer accepted.
- * @param {string} text
- * @returns {import("../core/openapi.js").LogIn | null}
- */
-function credentialIn(text) {
-  const login = loginOf(text.slice(Math.max(0, text.indexOf("#"))));
-  if (login?.kind === "token") return null;
-  if (login) return { code: login.secret };
-  return text.startsWith("uc_") ? { code: text } : { token: text };
 }
 
 /** @param {{app: import("../review/answers.js").ReviewApp & import("../upload/uploader.js").UploadApp}} props */

@@ -21,15 +21,6 @@ export const DIRECTIONS = /** @type {const} */ ({
   rejected_to_kept: { after: "kept", text: "rejected → kept" },
 });
 
-/**
- * Directions by the names that earlier versions of the page have written into addresses.
- * @type {Record<string, Direction>}
- */
-const RENAMED = { lost: "kept_to_rejected", won: "rejected_to_kept" };
-
-/** Which flips an address shows; all if it is empty. @param {import("../core/router.js").Query} query */
-export const directionIn = ({ flips = "" }) => RENAMED[flips] ?? flips;
-
 /** @param {Flip} flip @returns {Direction} */
 export const directionOf = (flip) => (flip.before.verdict === "kept" ? "kept_to_rejected" : "rejected_to_kept");
 

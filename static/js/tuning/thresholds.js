@@ -13,7 +13,7 @@ import { RunStrip, isOver, useOpenRun, useWatched } from "../jobs/job.js";
 import { AllClasses, ClassCards, Reasons } from "./classes.js";
 import { editsFor, effectiveEdits, keyValue, valueOf, valueText, worthTrying } from "./config.js";
 import { EvidenceSwitch } from "./evidence.js";
-import { Delta, DirectionSign, FlipPanel, directionIn } from "./flips.js";
+import { Delta, DirectionSign, FlipPanel } from "./flips.js";
 import { useTuning } from "./preview.js";
 import { ConfigPanel, SaveDialog, Versions } from "./versions.js";
 
@@ -62,7 +62,7 @@ export function ThresholdsView({ app, route }) {
  */
 function Tuner({ app, route, dataset, settings, active, onApplied }) {
   const { class: selected = "", scale = "" } = route.query;
-  const direction = directionIn(route.query);
+  const direction = route.query.flips ?? "";
   const tuning = useTuning(app, dataset, active, route.query);
   const keys = useFields("FilterConfigIn");
   const [isSaving, setSaving] = useState(false);

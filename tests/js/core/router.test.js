@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { linkTo, loginOf, parseHash } from "../../../static/js/core/router.js";
+import { codeIn, linkTo, parseHash } from "../../../static/js/core/router.js";
 
 test("an empty address is the list of datasets", () => {
   for (const hash of ["", "#", "#/", "#/datasets"]) assert.equal(parseHash(hash).name, "datasets", hash);
@@ -26,8 +26,7 @@ test("a broken escape in an address is kept as text", () => {
   assert.equal(parseHash("#/datasets/%E0%A4%A/frames").params["dataset"], "%E0%A4%A");
 });
 
-test("a login link gives its code; links of earlier versions, with a token, are told apart", () => {
-  assert.deepEqual(loginOf("#code=abc%2Bd"), { kind: "code", secret: "abc+d" });
-  assert.deepEqual(loginOf("#token=abc"), { kind: "token", secret: "abc" });
-  for (const hash of ["#/datasets?code=abc", "#code=", "#other=abc", ""]) assert.equal(loginOf(hash), null, hash);
+test("a login link gives its code, and no other address gives one", () => {
+  assert.equal(codeIn("#code=abc%2Bd"), "abc+d");
+  for (const hash of ["#/datasets?code=abc", "#code=", "#other=abc", ""]) assert.equal(codeIn(hash), "", hash);
 });
