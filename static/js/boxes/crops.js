@@ -375,8 +375,7 @@ export function Picture({ box, size, frameSize }) {
   const outline = html`<span class="cell__box cell__box--${box.effective_verdict}"
     style=${shareOf(places?.box ?? boxIn(xyxy, size), size)} />`;
   if (!places || !crop)
-    return html`<div
-      class="cell__none cell__none--low ${state === "waiting" ? "shimmer" : ""}">
+    return html`<div class="cell__none cell__none--low ${state === "waiting" ? "shimmer" : ""}">
       ${state === "waiting" ? "" : state === "failed" ? "not loaded" : "no picture"}</div>${outline}`;
   return html`<img ref=${picture} class="cell__image" src=${crop.src} alt="" draggable=${false}
     style=${shareOf(places.picture, size)} />${outline}`;

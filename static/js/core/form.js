@@ -204,8 +204,7 @@ export function Control({ field, value, onChange, label = field.text, isSet = fa
         expected="pairs, separated by commas" hint="none, or 40: Pedestrian" onDone=${onChange} />`;
     default:
       if (isShare) {
-        return html`<span
-          class="ask__number">
+        return html`<span class="ask__number">
           <input type="range" class="slider" aria-label=${label} min=${min} max=${max} step="0.05"
             value=${Number(value)}
             onInput=${(/** @type {Given} */ { currentTarget }) => onChange(Number(currentTarget.value))} />

@@ -26,12 +26,9 @@ export function Notice({ title, children, icon = "image", actions }) {
 export function Failure({ error, onRetry }) {
   useRetryOnline(error instanceof ApiError ? null : error, onRetry);
   const { problem = null, status = 0 } = error instanceof ApiError ? error : {};
-  return html`<${Notice} icon="warn" title=${problem?.title ?? "This could not be loaded"}
-    actions=${html`${
-      status === 404 &&
-      html`<a class="button button--primary"
-        href=${linkTo("datasets")}>All datasets</a>`
-    }
+  return html`<${Notice} icon="warn" title=${problem?.title ?? "This could not be loaded"} actions=${html`${
+    status === 404 && html`<a class="button button--primary" href=${linkTo("datasets")}>All datasets</a>`
+  }
     <button class="button" onClick=${onRetry}>Try again</button>`}>
     <p role="alert">${error.message}</p>
     ${problem?.request_id && html`<p class="faint">Request ${problem.request_id}</p>`}
@@ -82,8 +79,7 @@ const TAIL = 10;
  */
 export function MiddleCut({ text }) {
   const characters = [...text];
-  return html`<span
-    class="middlecut"><span class="middlecut__head">${characters.slice(0, -TAIL).join("")}</span>
+  return html`<span class="middlecut"><span class="middlecut__head">${characters.slice(0, -TAIL).join("")}</span>
     <span class="middlecut__tail">${characters.slice(-TAIL).join("")}</span></span>`;
 }
 

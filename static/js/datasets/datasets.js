@@ -36,8 +36,7 @@ export function DatasetsView({ app }) {
 
 /** @param {{app: App, datasets: readonly Dataset[]}} props */
 function Cards({ app, datasets }) {
-  return html`<div
-    class="page__head"><h1>Datasets</h1><span class="faint">${countText(datasets.length)}</span>
+  return html`<div class="page__head"><h1>Datasets</h1><span class="faint">${countText(datasets.length)}</span>
     <${UploadButtons} app=${app} /></div>
   <ul class="cards">
     ${datasets.map((dataset) => html`<li key=${dataset.name}><${Card} app=${app} dataset=${dataset} /></li>`)}
@@ -53,8 +52,7 @@ function Card({ app, dataset }) {
         thumbnail
           ? html`<${NearPicture}
             url=${pictureUrl("/api/v1/frames/{frame_id}/thumbnail", { path: { frame_id: thumbnail } })} />`
-          : html`<${Icon}
-            name="image" class="card__none" />`
+          : html`<${Icon} name="image" class="card__none" />`
       }
     </div>
     <div class="card__body">
@@ -76,8 +74,7 @@ function Legend({ counts }) {
     <span><${StrokeSwatch} verdict="rejected" /><b>${countText(counts.rejected)}</b> rejected</span>
     ${
       counts.unmeasured > 0 &&
-      html`<span><${StrokeSwatch} verdict="unmeasured" />
-        <b>${countText(counts.unmeasured)}</b> unmeasured</span>`
+      html`<span><${StrokeSwatch} verdict="unmeasured" /><b>${countText(counts.unmeasured)}</b> unmeasured</span>`
     }
   </div>`;
 }
@@ -99,13 +96,10 @@ function Empty({ app }) {
 
 function Skeleton() {
   return html`<div class="page__head"><h1>Datasets</h1></div>
-  <div class="cards"
-    aria-hidden="true">
+  <div class="cards" aria-hidden="true">
     ${[0, 1, 2].map(
-      () => html`<div
-        class="card card--skeleton"><div class="card__picture shimmer" />
-        <div
-          class="card__body"><div class="skeleton" /><div class="skeleton skeleton--short" /><div class="skeleton" />
+      () => html`<div class="card card--skeleton"><div class="card__picture shimmer" />
+        <div class="card__body"><div class="skeleton" /><div class="skeleton skeleton--short" /><div class="skeleton" />
         </div></div>`,
     )}</div>
   <p class="sr-only" role="status">Loading datasets</p>`;

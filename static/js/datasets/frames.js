@@ -52,8 +52,7 @@ export function FramesView({ app, route }) {
       <h1>${name}</h1>
       ${
         counts &&
-        html`<span
-          class="faint">
+        html`<span class="faint">
           ${countOf(counts.frames, "frame")} · ${countOf(counts.boxes, "box", "boxes")} · ${countOf(
             counts.to_review,
             "needs review",
@@ -63,8 +62,7 @@ export function FramesView({ app, route }) {
       ${
         counts &&
         html`<button class="button page__settings" onClick=${() => setOpen(true)}>
-          <${Icon}
-            name="settings" />Dataset settings
+          <${Icon} name="settings" />Dataset settings
           ${counts.problems > 0 && html`<span class="warn">${countOf(counts.problems, "refused frame")}</span>`}
         </button>`
       }
@@ -82,8 +80,7 @@ export function FramesView({ app, route }) {
         <${FrameFilters} classes=${dataset.value?.classes ?? []} stats=${stats.value} query=${route.query}
           onChange=${setQuery} />
         <${FrameGrid} key=${`${name} ${uploads} ${JSON.stringify(apiParams(route.query))}`} app=${app}
-          dataset=${name} query=${route.query}
-          total=${counts?.frames ?? null} onClear=${() => setQuery({})} />`
+          dataset=${name} query=${route.query} total=${counts?.frames ?? null} onClear=${() => setQuery({})} />`
     }
   </main>`;
 }
@@ -128,8 +125,7 @@ function FrameGrid({ app, dataset, query, total, onClear }) {
       items.length === 0 &&
       Array.from(
         { length: 12 },
-        () => html`<li class="thumb thumb--skeleton"
-          aria-hidden="true"><div class="thumb__picture shimmer" /></li>`,
+        () => html`<li class="thumb thumb--skeleton" aria-hidden="true"><div class="thumb__picture shimmer" /></li>`,
       )
     }
   </ul>
@@ -176,13 +172,11 @@ function Thumb({ app, frame, query }) {
         has_image
           ? html`<${NearPicture}
             url=${pictureUrl("/api/v1/frames/{frame_id}/thumbnail", { path: { frame_id: id } })} />`
-          : html`<${Icon}
-            name="image" />`
+          : html`<${Icon} name="image" />`
       }
       ${lossy && html`<span class="thumb__flag">lossy</span>`}
     </div>
-    <div
-      class="thumb__text"><span class="thumb__key">${key}</span>
+    <div class="thumb__text"><span class="thumb__key">${key}</span>
       <span class="faint num">${countText(counts.boxes)}</span></div>
     <${VerdictBar} counts=${counts} />
     <div class="thumb__text faint"><span>${waiting}</span></div>

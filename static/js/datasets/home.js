@@ -71,8 +71,7 @@ export function HomeView({ app, route }) {
       <h1>${name}</h1>
       ${
         counts &&
-        html`<span class="faint">
-          ${countOf(counts.frames, "frame")} · ${countOf(counts.boxes, "box", "boxes")}</span>`
+        html`<span class="faint">${countOf(counts.frames, "frame")} · ${countOf(counts.boxes, "box", "boxes")}</span>`
       }
       <button class="button home__print" onClick=${() => print()}>Print</button>
     </div>

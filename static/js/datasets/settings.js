@@ -113,8 +113,7 @@ function Removal({ app, dataset }) {
     <summary>Delete this dataset</summary>
     <p>Its frames, boxes and all answers will be deleted permanently. Type <b>${dataset.name}</b> to confirm.</p>
     <div class="settings__confirm">
-      <label
-        class="field"><span class="sr-only">Name of the dataset</span>
+      <label class="field"><span class="sr-only">Name of the dataset</span>
         <input value=${typed} autocomplete="off" spellcheck=${false}
           onInput=${(/** @type {{currentTarget: HTMLInputElement}} */ event) => setTyped(event.currentTarget.value)} />
       </label>

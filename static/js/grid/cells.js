@@ -76,8 +76,7 @@ export function GridCells({ app, place, frameSize, actions }) {
           layout=${layout} frameSize=${frameSize} waiting=${waiting}
           cells=${Array.from({ length: Math.min(layout.columns, layout.count - row * layout.columns) }, (_, i) =>
             cellAt(place, row * layout.columns + i, blind),
-          )}
-          openTitle=${openTitle} onPick=${onPick} onOpen=${onOpen} />`,
+          )} openTitle=${openTitle} onPick=${onPick} onOpen=${onOpen} />`,
       )}
       ${lasso && html`<div class="lasso" role="presentation" style=${placeOf(lasso, view.scrollTop - offset)} />`}
     </div>
@@ -264,8 +263,7 @@ class Cell extends Component {
     return html`<div class="cell ${flags}" role="gridcell" id=${id === undefined ? undefined : `cell-${id}`}
       aria-selected=${isSelected} aria-colindex=${column + 1} data-index=${index}
       onClick=${(/** @type {MouseEvent} */ event) => onPick(event, index)} onDblClick=${() => onOpen(index)}>
-      <span
-        class="sr-only">
+      <span class="sr-only">
         ${box ? `${spokenText(box)}, frame ${box.frame}` : box === null ? "Loading" : "No longer matches the filters"}
       </span>
       <div class="cell__picture" aria-hidden="true" style=${{ height: `${size}px` }}>
@@ -274,8 +272,7 @@ class Cell extends Component {
         ${box === undefined && html`<div class="cell__none">no longer matches</div>`}
         ${
           box &&
-          html`<${Marks} box=${box} isWaiting=${isWaiting} openTitle=${openTitle}
-            onOpen=${() => onOpen(index)} />`
+          html`<${Marks} box=${box} isWaiting=${isWaiting} openTitle=${openTitle} onOpen=${() => onOpen(index)} />`
         }
       </div>
       ${box ? html`<${Caption} box=${box} />` : html`<div class="cell__caption" />`}

@@ -377,8 +377,7 @@ function MoreFilters({ dataset, query, onChange }) {
     ${
       isOpen &&
       html`<div class="menu__panel more-filters" role="group" aria-label="More filters">
-        <label class="switch"
-          title="Boxes with too few pixels to be certain on which side of the threshold they are">
+        <label class="switch" title="Boxes with too few pixels to be certain on which side of the threshold they are">
           <input type="checkbox" checked=${query.toss_up === "true"} onChange=${flag("toss_up")} />
           <span>Toss-ups only</span></label>
         <label
@@ -444,8 +443,7 @@ function GridStatus({ app, pager, query, inAll, selected, onUpdate, onAll }) {
       ${
         total === null && pager.known() === 0
           ? "Loading boxes"
-          : html`<b
-            class="num">${total === null ? `${countText(pager.known())}+` : countText(total)}</b> ${
+          : html`<b class="num">${total === null ? `${countText(pager.known())}+` : countText(total)}</b> ${
               total === 1 ? "box" : "boxes"
             }`
       }
@@ -463,8 +461,7 @@ function GridStatus({ app, pager, query, inAll, selected, onUpdate, onAll }) {
     ${
       total !== null &&
       total > 0 &&
-      html`<button class="button button--small"
-        onClick=${onAll}>Select all ${countText(total)}</button>`
+      html`<button class="button button--small" onClick=${onAll}>Select all ${countText(total)}</button>`
     }
   </div>`;
 }
@@ -545,15 +542,13 @@ function UnsentStrip({ app, item, state, text }) {
       ${
         isChanged &&
         !now &&
-        html`<button class="button button--small" disabled=${count.isBusy}
-          onClick=${count.run}>Count again</button>`
+        html`<button class="button button--small" disabled=${count.isBusy} onClick=${count.run}>Count again</button>`
       }
       ${
         bulk &&
         isChanged &&
         now &&
-        html`<button class="button button--small"
-          onClick=${() => app.bulkAnswers.answerAgain(bulk, now)}>
+        html`<button class="button button--small" onClick=${() => app.bulkAnswers.answerAgain(bulk, now)}>
           ${capital(`${VERBS[bulk.verdict]} all ${countText(now.total)}`)}</button>`
       }
       ${state === "waiting" && html`<button class="button button--small" onClick=${app.resume}>Send now</button>`}

@@ -43,8 +43,7 @@ export function Channels({ app, dataset, active, truth, onTruth, onMeasured }) {
   return html`<section class="panelbox quality__wide" aria-labelledby="channels-title"
     aria-busy=${loaded.state === "loading"}>
     <header class="panelbox__head"><h2 id="channels-title">Kinds of evidence compared</h2>
-      <span
-        class="faint">
+      <span class="faint">
         ${
           truth === "people"
             ? "of the answered boxes alone; visible: people kept it"
@@ -53,21 +52,18 @@ export function Channels({ app, dataset, active, truth, onTruth, onMeasured }) {
       <span class="panelbox__tools">
         ${
           isCounted &&
-          html`<${Segments} label="Compare kinds of evidence by" value=${by} choices=${BY}
-            onChange=${setBy} />`
+          html`<${Segments} label="Compare kinds of evidence by" value=${by} choices=${BY} onChange=${setBy} />`
         }
         <${Segments} label="Compare with" value=${truth} choices=${TRUTHS} onChange=${onTruth} />
         ${isCounted && found.not_measured.length > 0 && html`<${MeasureButton} measuring=${measuring} />`}
       </span></header>
     ${
       measuring.run &&
-      html`<${RunStrip} app=${app} dataset=${dataset} run=${measuring.run}
-        onClose=${measuring.close} />`
+      html`<${RunStrip} app=${app} dataset=${dataset} run=${measuring.run} onClose=${measuring.close} />`
     }
     ${
       measuring.search.error &&
-      html`<${FailureLine} what="Runs" error=${measuring.search.error}
-        onRetry=${measuring.search.reload} />`
+      html`<${FailureLine} what="Runs" error=${measuring.search.error} onRetry=${measuring.search.reload} />`
     }
     ${loaded.error && html`<${FailureLine} error=${loaded.error} onRetry=${loaded.reload} />`}
     ${
@@ -79,10 +75,8 @@ export function Channels({ app, dataset, active, truth, onTruth, onMeasured }) {
     ${
       found &&
       (isCounted
-        ? html`<${Compared} dataset=${dataset} found=${found} by=${by}
-          active=${active} />`
-        : html`<${NoComparison} dataset=${dataset} found=${found} measuring=${measuring}
-          onTruth=${onTruth} />`)
+        ? html`<${Compared} dataset=${dataset} found=${found} by=${by} active=${active} />`
+        : html`<${NoComparison} dataset=${dataset} found=${found} measuring=${measuring} onTruth=${onTruth} />`)
     }
   </section>`;
 }
@@ -94,8 +88,7 @@ const Compared = ({
   by,
   active,
 }) => html`<${ChannelTable} dataset=${dataset} found=${found} by=${by} active=${active} />
-<p
-  class="faint channels__note">
+<p class="faint channels__note">
   ${countOf(found.boxes, "box", "boxes")} of ${countOf(found.frames, "frame")}
   ; dot: measured, line: 95 % interval. Boxes that a kind could not measure are decided by the segmentation.
   ${found.truth === "instances" && found.channels.instance ? " The instance images also define what is visible here, so their score is an upper bound." : ""}
@@ -122,8 +115,7 @@ function NoComparison({ dataset, found, measuring, onTruth }) {
         with the frames; every verdict stays as it is.</p>
       <p><${MeasureButton} measuring=${measuring} /></p></div>`;
   }
-  return html`<p
-    class="panelbox__empty">No frame has an instance image, so visibility is unknown. <button
+  return html`<p class="panelbox__empty">No frame has an instance image, so visibility is unknown. <button
       class="button button--small" onClick=${() => onTruth("people")}>Compare with people</button></p>`;
 }
 
@@ -183,15 +175,13 @@ function ChannelTable({ dataset, found, by, active }) {
       <thead>
         <tr><th scope="col">${by === "class" ? "Class" : "Distance"}</th>
           ${channels.map(
-            ([name]) => html`<th scope="col"
-              key=${name}>${evidenceText(name)} <span class="faint">F1</span></th>`,
+            ([name]) => html`<th scope="col" key=${name}>${evidenceText(name)} <span class="faint">F1</span></th>`,
           )}</tr></thead>
       <tbody>${groupsOf(channels, by).map(
         ({ key, text, scores }) => html`<tr key=${key}>
           <th scope="row">${text}</th>
           ${scores.map(
-            (score, at) => html`<td
-              key=${at}>
+            (score, at) => html`<td key=${at}>
               <${MeasureCell} measure=${score?.f1 ?? null} name=${`F1 of ${evidenceText(channels[at]?.[0] ?? "")}`} />
             </td>`,
           )}
@@ -245,11 +235,9 @@ const OverallTable = ({
     }
       ${channels.map(
         ([name, score]) => html`<tr key=${name}>
-          <th
-            scope="row">${evidenceText(name)}${name === active && html` <span class="tagword">active</span>`}
+          <th scope="row">${evidenceText(name)}${name === active && html` <span class="tagword">active</span>`}
             <span class="faint channels__about">${EVIDENCE[name]?.about}</span></th>
-          <td class="is-num num"
-            title=${`${countText(score.judged)} of ${countText(boxes)} boxes`}>
+          <td class="is-num num" title=${`${countText(score.judged)} of ${countText(boxes)} boxes`}>
             ${percentText((100 * score.judged) / boxes)}
           </td>
           <td><${MeasureCell} measure=${score.precision} name="Precision" /></td>

@@ -68,8 +68,7 @@ function Arms({ report }) {
         ([name, arm]) => html`<tr key=${name}>
           <th scope="row">${name}<span class="faint channels__about">${ARMS[name.split("@")[0] ?? ""]}</span></th>
           ${[arm.labels?.labels, arm.labels?.ghosts, arm.labels?.lost].map(
-            (count, at) => html`<td class="is-num num"
-              key=${at}>${count === undefined ? "–" : countText(count)}</td>`,
+            (count, at) => html`<td class="is-num num" key=${at}>${count === undefined ? "–" : countText(count)}</td>`,
           )}
           ${
             hasTrials &&

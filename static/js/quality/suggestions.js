@@ -35,8 +35,7 @@ export function Suggestions({ app, dataset, truth, suggested, active, target, on
   return html`<section class="panelbox quality__wide" aria-labelledby="suggested-title">
     <header class="panelbox__head"><h2 id="suggested-title">Suggested thresholds</h2>
       <span class="faint">${words.goals[target]}</span>
-      <span
-        class="panelbox__tools">
+      <span class="panelbox__tools">
         <${Segments} label="What to suggest for" value=${target} choices=${TARGETS} onChange=${onTarget} />
         ${
           better.length > 0 &&
@@ -76,28 +75,23 @@ function Card({ app, dataset, active, onOutdated, suggestion, known, isBetter })
       <span class="faint">${suggestion.key === OWN_SHARE ? "own pixels · " : ""}${known}
         ${answers < FEW_ANSWERS ? html` <span class="warn">few</span>` : ""}</span>
     </header>
-    <p
-      class="suggestion__change num"><span>${percentText(current)}</span>
+    <p class="suggestion__change num"><span>${percentText(current)}</span>
       ${
         isBetter
-          ? html`<${Icon} name="right" />
-          <strong>${percentText(suggested)}</strong>`
+          ? html`<${Icon} name="right" /><strong>${percentText(suggested)}</strong>`
           : html`<span class="faint">stays</span>`
       }
       ${
         isBetter &&
         interval &&
-        html`<span
-          class="faint suggestion__interval">${percentText(interval[0])} to ${percentText(interval[1])}</span>`
+        html`<span class="faint suggestion__interval">${percentText(interval[0])} to ${percentText(interval[1])}</span>`
       }</p>
-    <p
-      class="suggestion__f1 num faint">F1 ${shareText(before)}
+    <p class="suggestion__f1 num faint">F1 ${shareText(before)}
       ${isBetter ? html` → <strong>${shareText(after)}</strong>` : ""}</p>
     <${Curve} app=${app} suggestion=${suggestion} />
     ${
       isBetter &&
-      html`<p
-        class="suggestion__actions">
+      html`<p class="suggestion__actions">
         <a class="button button--small"
           href=${linkTo("thresholds", { dataset }, { ...queryOf(editsFor([suggestion])), class: name })}>Try it<span
             class="sr-only">: ${percentText(suggested)} for ${name}</span></a>

@@ -86,13 +86,11 @@ function Choice({ items, selected, text, onToggle, onChoose, onGive }) {
     class="faint">Without an answer, of the same class, cause, hider and distance band. Click on those that differ.</p>
   <ul class="alike" aria-label="Boxes like it">
     ${items.map(
-      (one) => html`<li
-        key=${one.box_id}>
+      (one) => html`<li key=${one.box_id}>
         <button class="alike__box" aria-pressed=${selected.has(one.box_id)} title=${one.frame}
           onClick=${() => onToggle(one.box_id)}>
           <${NearBox} box=${one} size=${SIZE_PX} />
-          <span
-            class="alike__name"><span class="sr-only">${one.class}${" "}</span>
+          <span class="alike__name"><span class="sr-only">${one.class}${" "}</span>
             ${one.id} <span class="faint num">${distanceText(one) ?? ""}</span></span>
         </button></li>`,
     )}

@@ -87,11 +87,9 @@ export function Coach({ app, lesson: { at, count, onNext, onSkip }, box, hider }
   }
   const right = isRight(box, answerOf(box));
   return html`<div class="coach coach--${right ? "right" : "wrong"}">
-    <p
-      role="status"><${Icon} name=${right ? "check" : "warn"} /> <b>${where}.</b> ${toldText(box, hider)}
+    <p role="status"><${Icon} name=${right ? "check" : "warn"} /> <b>${where}.</b> ${toldText(box, hider)}
       ${at === count ? " From the next box on, nobody knows: your answers count." : ""}</p>
-    <button class="button button--small button--primary"
-      onClick=${onNext}>${at === count ? "To the queue" : "Next box"}
+    <button class="button button--small button--primary" onClick=${onNext}>${at === count ? "To the queue" : "Next box"}
       ${key && html` <kbd aria-hidden="true">${key}</kbd>`}</button>
   </div>`;
 }

@@ -45,8 +45,7 @@ export function objectText(box, hider) {
  */
 export function Question({ box, frame, hider, rule, offset }) {
   return html`<div class="question">
-    <p
-      class="question__ask">
+    <p class="question__ask">
       <b>
         ${
           offset === 0
@@ -59,8 +58,7 @@ export function Question({ box, frame, hider, rule, offset }) {
       frame?.files?.depth &&
       box.xyxy &&
       !isWithheld(box) &&
-      html`<${DepthStrip} key=${box.box_id} box=${box}
-        hider=${hider} />`
+      html`<${DepthStrip} key=${box.box_id} box=${box} hider=${hider} />`
     }
   </div>`;
 }
@@ -79,11 +77,9 @@ export function Layers({ box, frame, hider }) {
   if (!box.xyxy) return null;
   const { width, height } = contextOf(box.xyxy, hider?.box.xyxy);
   const side = Math.ceil(Math.max(width, height));
-  return html`<div
-    class="layers">
+  return html`<div class="layers">
     ${layersOf(frame).map(
-      (layer) => html`<${LayerCut} key=${layer} layer=${layer} box=${box} frame=${frame}
-        side=${side} />`,
+      (layer) => html`<${LayerCut} key=${layer} layer=${layer} box=${box} frame=${frame} side=${side} />`,
     )}</div>`;
 }
 

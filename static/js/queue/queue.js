@@ -408,15 +408,13 @@ function AllDone({ app, session, query, actions, onAll }) {
         }</p>
       ${
         waiting.size > 0 &&
-        html`<p>
-          ${countOf(waiting.size, "answer is", "answers are")} kept in this browser and will be sent.</p>`
+        html`<p>${countOf(waiting.size, "answer is", "answers are")} kept in this browser and will be sent.</p>`
       }
       ${open > 0 && html`<p>You skipped ${countOf(open, "box", "boxes")}.</p>`}
       <${OtherBins} dataset=${dataset} />
       ${
         elsewhere > 0 &&
-        html`<p>
-          ${countOf(elsewhere, "box is", "boxes are")} being reviewed by somebody else at the moment.</p>`
+        html`<p>${countOf(elsewhere, "box is", "boxes are")} being reviewed by somebody else at the moment.</p>`
       }
     <//>
   </div>`;
@@ -436,18 +434,15 @@ function OtherBins({ dataset }) {
   return html`<p>The other boxes need no answer. You can look at them, and answer all of a kind at once:</p>
   <ul class="bins">
     ${left.map(
-      (bin) => html`<li
-        key=${bin.value}>
-        <a
-          href=${linkTo("grid", { dataset }, { bin: bin.value, review: "undecided" })}>
+      (bin) => html`<li key=${bin.value}>
+        <a href=${linkTo("grid", { dataset }, { bin: bin.value, review: "undecided" })}>
           <b class="num">${countText(value?.bins?.[bin.value] ?? 0)}</b> ${bin.left}</a></li>`,
     )}
   </ul>`;
 }
 
 const NoBoxesYet = () =>
-  html`<div
-    class="queue__message">
+  html`<div class="queue__message">
     <${Notice} icon="grid" title="No boxes yet"><p>No frames have been uploaded to this dataset.</p><//></div>`;
 
 /**
@@ -469,8 +464,7 @@ function NextSteps({ dataset, order, query, open, elsewhere, session, actions, o
   }
   ${
     order !== "audit" &&
-    html`<a class="button"
-      href=${linkTo("queue", { dataset }, { order: "audit" })}>Audit the answers</a>`
+    html`<a class="button" href=${linkTo("queue", { dataset }, { order: "audit" })}>Audit the answers</a>`
   }
   <a class="button" href=${linkTo("grid", { dataset })}>Grid</a>
   <a class="button" href=${linkTo("frames", { dataset })}>Frames</a>`;

@@ -59,8 +59,7 @@ export function QueueStage({ app, box, see, media, view, actions, stageRef, rule
   <div class="queue__picture" data-layers=${layers || undefined}>
     ${layers > 0 && frame && html`<${Layers} box=${box} frame=${frame} hider=${hider} />`}
     <${StageView} app=${app} frame=${frame} media=${media} boxes=${boxes} selected=${box} isCrop=${mode === "crop"}
-      hider=${hider?.box} scene=${box.box_id}
-      label=${`Box: ${isBlind ? `${box.class} ${box.id}` : spokenText(box)}`}
+      hider=${hider?.box} scene=${box.box_id} label=${`Box: ${isBlind ? `${box.class} ${box.id}` : spokenText(box)}`}
       onCrop=${() => view.set(view.get() === "crop" ? "frame" : "crop")} stageRef=${stageRef}
       onSwipe=${(/** @type {"left" | "right"} */ side) => (side === "left" ? actions.reject : actions.keep)?.()}>
       ${
@@ -78,14 +77,12 @@ function QueueLook({ app, frame, mode, isBlind, actions }) {
   return html`<${LookBar} app=${app} actions=${actions} isCrop=${mode === "crop"} isFit=${mode === "frame"}>
     ${
       frame.has_segmentation &&
-      html`<${Toggle} app=${app} action="mask" icon="layers" isOn=${mask}
-        run=${actions.mask} />`
+      html`<${Toggle} app=${app} action="mask" icon="layers" isOn=${mask} run=${actions.mask} />`
     }
     ${
       frame.has_segmentation &&
       !isBlind &&
-      html`<${Toggle} app=${app} action="lit" icon="light" isOn=${lit}
-        run=${actions.lit} />`
+      html`<${Toggle} app=${app} action="lit" icon="light" isOn=${lit} run=${actions.lit} />`
     }
   <//>`;
 }

@@ -89,8 +89,7 @@ export function TrackStrip({ app, places, shownId, see, isBlind, onShow, actions
           <button class="track__box" aria-current=${box.box_id === shownId ? "true" : undefined}
             onClick=${() => onShow(box.box_id)}>
             <${Picture} box=${box} size=${SIZE_PX} frameSize=${null} />
-            <span
-              class="track__offset num">${offset > 0 ? `+${offset}` : offset === 0 ? "0" : `−${-offset}`}
+            <span class="track__offset num">${offset > 0 ? `+${offset}` : offset === 0 ? "0" : `−${-offset}`}
               <span class="sr-only"> frames: ${spokenText(box)}</span></span>
             ${!isBlind && html`<span class="cell__answer"><${AnswerSign} box=${box} isWaiting=${false} /></span>`}
           </button>

@@ -106,8 +106,7 @@ function FrameReview({ app, frame, media, query }) {
     <h1 class="sr-only">${frame.key}</h1>
     <${Tabs} tab=${tab} count=${shown.length} onChange=${setTab} />
     <${BoxList} app=${app} boxes=${boxes} shown=${shown} selected=${selected} query=${query} waiting=${waiting}
-      onSelect=${actions.select}
-      onQuery=${(/** @type {import("../core/router.js").Query} */ next) =>
+      onSelect=${actions.select} onQuery=${(/** @type {import("../core/router.js").Query} */ next) =>
         app.router.replace(linkTo("frame", { id: frame.id }, next))} />
     <div class="review__stage">
       <${FrameStage} app=${app} frame=${frame} media=${media.of(frame.id)} shown=${shown} selected=${selected}
@@ -227,8 +226,7 @@ function Skeleton({ app, last }) {
     <aside
       class="panel panel--list">${Array.from({ length: 8 }, () => html`<div class="skeleton skeleton--row" />`)}</aside>
     <div class="review__stage"><div class="stage shimmer" /></div>
-    <aside
-      class="panel panel--inspector"><div class="skeleton" /><div class="skeleton skeleton--short" />
+    <aside class="panel panel--inspector"><div class="skeleton" /><div class="skeleton skeleton--short" />
       <div class="skeleton skeleton--tall" /></aside>
     <p class="sr-only" role="status">Loading the frame</p>
   </main>`;

@@ -66,15 +66,13 @@ function BoxDetails({ app, frame, box, boxes, isWaiting, actions, commentRef }) 
     </header>
     ${
       !frame &&
-      html`<p
-        class="inspector__frame faint"><span>Frame</span>
+      html`<p class="inspector__frame faint"><span>Frame</span>
         <a href=${linkTo("frame", { id: box.frame_id }, { box: String(box.box_id) })}
           title=${box.frame}><${MiddleCut} text=${box.frame} /></a></p>`
     }
     ${mine && html`<${OvertakenNotice} app=${app} box=${box} item=${mine} />`}
     <${AnswerLine} box=${box} isWaiting=${isWaiting} />
-    <p
-      class="inspector__sentence">
+    <p class="inspector__sentence">
       ${
         isWithheld(box)
           ? "Blind re-check: the filter's verdict is shown once you have answered."
@@ -82,8 +80,7 @@ function BoxDetails({ app, frame, box, boxes, isWaiting, actions, commentRef }) 
       }</p>
     ${
       box.question &&
-      html`<p
-        class="inspector__question"><${Icon} name="question" />To review: ${unbroken(box.question)}.</p>`
+      html`<p class="inspector__question"><${Icon} name="question" />To review: ${unbroken(box.question)}.</p>`
     }
     <${MatchBar} box=${box} />
     <${HiddenBy} box=${box} />
@@ -121,13 +118,11 @@ function MatchBar({ box }) {
     </div>
     ${
       threshold !== null &&
-      html`<div
-        class="match__scale"><span style=${{ left: `${Math.min(65, threshold)}%` }}>${limit}</span></div>`
+      html`<div class="match__scale"><span style=${{ left: `${Math.min(65, threshold)}%` }}>${limit}</span></div>`
     }
     ${
       box.toss_up &&
-      html`<p
-        class="match__note">
+      html`<p class="match__note">
         <${Icon} name="warn" />A toss-up: too few pixels to be certain on which side of the threshold the box is.</p>`
     }
   </div>`;
@@ -141,8 +136,7 @@ function OtherChannel({ box }) {
       ${typeof visible === "number" && html`<span class="num">${countOf(visible, "pixel")} seen</span>`}</div>
     ${
       typeof match === "number" &&
-      html`<p
-        class="match__note">${percentText(match)} of the box is ${acceptedText(box)}, which did not decide.</p>`
+      html`<p class="match__note">${percentText(match)} of the box is ${acceptedText(box)}, which did not decide.</p>`
     }
   </div>`;
 }
@@ -155,8 +149,7 @@ function HiddenBy({ box }) {
     <ul>
       ${box.hidden_by.map(
         ({ name, rgb, percent }) => html`<li>
-          <span
-            class="hidden-by__name"><span class="swatch" style=${{ background: `rgb(${rgb.join(" ")})` }} />${name}
+          <span class="hidden-by__name"><span class="swatch" style=${{ background: `rgb(${rgb.join(" ")})` }} />${name}
           </span>
           <span class="hidden-by__track"
             aria-hidden="true"><span style=${{ width: `${Math.min(100, percent)}%` }} /></span>
@@ -191,8 +184,7 @@ function FrameDetails({ app, frame, boxes, onStart }) {
   ];
   return html`
     <header class="inspector__head"><h2>This frame</h2></header>
-    <p
-      class="inspector__sentence">
+    <p class="inspector__sentence">
       ${
         unanswered
           ? `${countText(unanswered)} of ${countText(boxes.length)} boxes have no answer yet.`
@@ -262,8 +254,7 @@ export function Comment({ box, onSave, fieldRef }) {
     ${
       text !== null &&
       text !== stored &&
-      html`<div
-        class="comment__foot"><span class="faint">${hint}</span>
+      html`<div class="comment__foot"><span class="faint">${hint}</span>
         <button class="button button--small" onClick=${save}>Save</button></div>`
     }
   </div>`;
@@ -288,8 +279,7 @@ export function History({ app, box }) {
       html`<ol class="history__list">
         ${
           loaded.value?.items.map(
-            (item) => html`<li
-              class="history__item">
+            (item) => html`<li class="history__item">
               ${item.kind === "review" ? html`<${ReviewLine} item=${item} />` : html`<${DecisionLine} item=${item} />`}
             </li>`,
           ) ??
@@ -300,9 +290,7 @@ export function History({ app, box }) {
     }
     ${
       loaded.showOlder &&
-      html`<p class="more">
-        <button class="button button--small" onClick=${loaded.showOlder}>Older entries</button>
-      </p>`
+      html`<p class="more"><button class="button button--small" onClick=${loaded.showOlder}>Older entries</button></p>`
     }
   </section>`;
 }
@@ -325,21 +313,18 @@ function ReviewLine({ item }) {
     ${
       typeof item.looked_ms === "number" &&
       item.looked_ms < HURRIED_MS &&
-      html`<p
-        class="faint">after a look of ${(item.looked_ms / 1000).toFixed(2)} s</p>`
+      html`<p class="faint">after a look of ${(item.looked_ms / 1000).toFixed(2)} s</p>`
     }
     ${
       item.batch_size &&
-      html`<p
-        class="faint">one of ${countText(item.batch_size)} at once${
-          typeof item.looked_at === "number" ? `, ${countText(item.looked_at)} of them looked at` : ""
-        }</p>`
+      html`<p class="faint">one of ${countText(item.batch_size)} at once${
+        typeof item.looked_at === "number" ? `, ${countText(item.looked_at)} of them looked at` : ""
+      }</p>`
     }
     ${item.imported_by && html`<p class="faint">imported by ${item.imported_by}</p>`}
     ${
       item.chosen_by &&
-      html`<p
-        class="faint">from the queue, ${item.chosen_by === "random" ? "at random" : `by ${item.chosen_by}`}</p>`
+      html`<p class="faint">from the queue, ${item.chosen_by === "random" ? "at random" : `by ${item.chosen_by}`}</p>`
     }
     ${item.comment && html`<p class="history__comment">${item.comment}</p>`}
   </div>`;
@@ -356,8 +341,7 @@ function DecisionLine({ item }) {
     <p>Run ${run}
       : ${
         verdict
-          ? html`<b>${verdict}</b>, ${reasonText(reason ?? "")}
-          ${unbroken(numbers)}`
+          ? html`<b>${verdict}</b>, ${reasonText(reason ?? "")}${unbroken(numbers)}`
           : "its measurements are no longer stored"
       } <${TimeAgo} at=${item.at} /></p></div>`;
 }
@@ -422,10 +406,7 @@ function Numbers({ box }) {
     <h3>Numbers</h3>
     <dl class="facts">
       ${rowsOf(box).map(
-        ([name, value]) =>
-          value !== null &&
-          html`<div><dt>${name}</dt><dd class="num">${value}</dd>
-          </div>`,
+        ([name, value]) => value !== null && html`<div><dt>${name}</dt><dd class="num">${value}</dd></div>`,
       )}
     </dl>
   </section>`;

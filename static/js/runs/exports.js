@@ -43,24 +43,21 @@ export function Exports({ app, dataset }) {
   return html`<section class="panelbox" aria-labelledby="exports-title">
     <header class="panelbox__head">
       <h2 id="exports-title">Exports</h2>
-      <span
-        class="panelbox__tools">
+      <span class="panelbox__tools">
         <button class="button button--primary" aria-expanded=${isAsking}
           onClick=${() => setAsking(!isAsking)}><${Icon} name="plus" />New export</button></span>
     </header>
     ${
       isAsking &&
       form.value &&
-      html`<${ExportAsk} dataset=${dataset} form=${form.value} onMade=${onMade}
-        onClose=${() => setAsking(false)} />`
+      html`<${ExportAsk} dataset=${dataset} form=${form.value} onMade=${onMade} onClose=${() => setAsking(false)} />`
     }
     ${isAsking && form.error && html`<${FailureLine} error=${form.error} onRetry=${form.reload} />`}
     ${loaded.error && !items && html`<${FailureLine} error=${loaded.error} onRetry=${loaded.reload} />`}
     ${
       items?.length === 0 &&
       !isAsking &&
-      html`<p
-        class="panelbox__empty">
+      html`<p class="panelbox__empty">
         No export yet. Exports use people's answers, or the filter's verdict where there is none.
       </p>`
     }
@@ -78,8 +75,7 @@ export function Exports({ app, dataset }) {
     }
     ${
       loaded.showOlder &&
-      html`<p
-        class="more"><button class="button" onClick=${loaded.showOlder}>Older exports</button></p>`
+      html`<p class="more"><button class="button" onClick=${loaded.showOlder}>Older exports</button></p>`
     }
   </section>`;
 }
@@ -112,16 +108,14 @@ function ExportRow({ app, item, form, onDelete }) {
   const about = optionsText(item.options, form ? fieldsFor(item.format, form) : []);
   const { run, isBusy } = useTask(() => download(item.id), app.toasts.fail);
   return html`<article class="run" aria-label=${`Export ${item.id}`}>
-    <div
-      class="run__what"><span class="run__name">${formatText(item.format, form)}</span>
+    <div class="run__what"><span class="run__name">${formatText(item.format, form)}</span>
       <${StateBadge} state=${item.state} /></div>
     <p class="run__about faint">Export ${item.id} · ${agoText(item.created_at)}${about && ` · ${about}`}</p>
     <div class="run__how">
       ${
         !isOver(item) &&
         html`<${JobBar} job=${item} label=${`Export ${item.id}`} />
-        <p
-          class="faint num">
+        <p class="faint num">
           ${
             item.total
               ? `${countText(item.done ?? 0)} of ${countOf(item.total, "frame")}, ${percentDone(item)} %`
@@ -136,8 +130,7 @@ function ExportRow({ app, item, form, onDelete }) {
         ${
           item.sha256
             ? html`<${Sum} sum=${item.sha256} />`
-            : html`<p
-              class="faint">No file: ${item.error?.detail ?? "it was deleted"}.</p>`
+            : html`<p class="faint">No file: ${item.error?.detail ?? "it was deleted"}.</p>`
         }`
       }
     </div>
@@ -191,8 +184,7 @@ function ExportCounts({ counts }) {
               <th class="is-num" scope="col">Clipped</th></tr></thead>
           <tbody>
             ${classes.map(
-              (row) => html`<tr
-                key=${row.name}><th scope="row">${row.name}</th>
+              (row) => html`<tr key=${row.name}><th scope="row">${row.name}</th>
                 ${row.counts.map((n) => html`<td class="is-num num">${countText(n)}</td>`)}</tr>`,
             )}</tbody>
         </table><//>

@@ -78,8 +78,7 @@ function Runs({ app, dataset, runs, active, shown, showOlder }) {
     ${runs?.length === 0 && html`<p class="panelbox__empty">No run yet.</p>`}
     <ul class="runs">
       ${runs?.map(
-        (run) => html`<li
-          key=${run.id}>
+        (run) => html`<li key=${run.id}>
           <${RunRow} app=${app} dataset=${dataset} run=${run} isActive=${run.id === active}
             isShown=${run.id === shown} />
         </li>`,
@@ -131,8 +130,7 @@ function ComparedRunSelect({ dataset, run, against, runs }) {
     <select aria-label="Run to compare with" value=${String(against ?? "")} onChange=${onChange}>
       ${
         !isListed &&
-        html`<option
-          value=${String(against ?? "")}>${against ? `run ${against}` : "choose a run"}</option>`
+        html`<option value=${String(against ?? "")}>${against ? `run ${against}` : "choose a run"}</option>`
       }
       ${others.map(({ id, config }) => html`<option value=${String(id)}>run ${id} (${config.slice(0, 8)})</option>`)}
     </select>
@@ -160,10 +158,8 @@ function PerClass({ diff }) {
           <th class="table__bar" aria-hidden="true"></th></tr></thead>
       <tbody>
         ${rows.map(
-          ([name, n]) => html`<tr
-            key=${name}><th scope="row">${name}</th><td class="is-num num">${countText(n)}</td>
-            <td class="table__bar"
-              aria-hidden="true">
+          ([name, n]) => html`<tr key=${name}><th scope="row">${name}</th><td class="is-num num">${countText(n)}</td>
+            <td class="table__bar" aria-hidden="true">
               <span class="meter meter--accent"><i style=${{ width: `${(100 * n) / most}%` }}></i></span>
             </td></tr>`,
         )}
@@ -206,10 +202,8 @@ function Boxes({ app, diff }) {
       ${
         !isDone &&
         items.length > 0 &&
-        html`<p
-          class="flippanel__more">
-          <span
-            class="faint">
+        html`<p class="flippanel__more">
+          <span class="faint">
             ${countText(items.length)} of ${countOf(diff.total, "box", "boxes")}, nearest to the threshold first</span>
           <button class="button button--small" onClick=${more}>Show more</button></p>`
       }
@@ -238,8 +232,7 @@ function RunRow({ app, dataset, run, isActive, isShown }) {
       ${isActive && html`<span class="tagword">active</span>`}
       ${!run.activate && html`<span class="faint run__note">not activated</span>`}
     </div>
-    <p
-      class="run__about faint"><code title=${run.config}>${run.config.slice(0, 8)}</code>
+    <p class="run__about faint"><code title=${run.config}>${run.config.slice(0, 8)}</code>
       ${isFirst(run) ? "" : ` · ${KINDS[run.kind] ?? run.kind}`} · ${run.created_by}, ${agoText(run.created_at)}
       ${tookOf(run)}</p>
     <div class="run__how"><${RunSummary} run=${run} /></div>
@@ -271,8 +264,7 @@ function RunSummary({ run }) {
       class="faint">Stopped at ${countText(run.done)} of ${countOf(run.total, "frame")}; nothing was changed.</p>`;
   if (!isOver(run)) {
     return html`<${JobBar} job=${run} label=${`Run ${run.id}`} />
-    <p
-      class="faint num">
+    <p class="faint num">
       ${
         run.state === "queued"
           ? "queued"
@@ -284,8 +276,7 @@ function RunSummary({ run }) {
   if (boxes === 0)
     return html`<p class="faint">${isFirst(run) ? "Created with the dataset." : "There were no boxes."}</p>`;
   return html`<${VerdictBar} counts=${{ boxes, kept, rejected, unmeasured, reviewed: 0, to_review: 0 }} />
-  <p
-    class="faint num">
+  <p class="faint num">
     ${countText(kept)} kept · ${countText(rejected)} rejected · <strong class="run__changed"
       title="Boxes with another verdict or reason than before">
       ${run.changed ? `${countText(run.changed)} changed` : "nothing changed"}</strong></p>`;

@@ -187,8 +187,7 @@ function SignIn({ app, linkError }) {
         Open a login link, or paste it or a token here. <code>unghost login
         </code> prints a link; so does the server when it starts.</p>
       ${kept.map(
-        ([name, count]) => html`<p key=${name} class="signin__note"
-          role="status">
+        ([name, count]) => html`<p key=${name} class="signin__note" role="status">
           ${countOf(count, "answer")} of ${name} kept in this browser will be saved when ${name} signs in.</p>`,
       )}
       <label class="field">
@@ -198,8 +197,7 @@ function SignIn({ app, linkError }) {
       </label>
       <p id="token-error" class="field__error" role="alert">${refusal}</p>
       <button class="button button--primary" disabled=${isBusy}>${isBusy ? "Signing in…" : "Sign in"}</button>
-      <p
-        class="faint">
+      <p class="faint">
         A link works once, within ten minutes. Without one, ask whoever runs this server: <code>unghost login
         </code> prints another link, and <code>unghost token create NAME</code> makes a token for a guest. The <a
           href="/docs">description of the API</a> is open to all.</p>

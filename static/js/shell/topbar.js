@@ -119,8 +119,7 @@ function MenuPanel({ app, close }) {
         </button>`,
       )}
     </div>
-    <button class="menu__item"
-      onClick=${() => (close(), perform(app, "help"))}>
+    <button class="menu__item" onClick=${() => (close(), perform(app, "help"))}>
       <${Icon} name="keyboard" />Keys${helpKey && html`<kbd aria-hidden="true">${helpKey}</kbd>`}</button>
     <button class="menu__item" onClick=${() => app.signOut().catch(app.toasts.fail)}>
       <${Icon} name="exit" />Sign out

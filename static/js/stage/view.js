@@ -123,8 +123,7 @@ export function StageView({
       data-bare=${isBare || undefined} data-objects=${objects ? "shown" : undefined}></div>
     ${
       hasNoPicture &&
-      html`<div
-        class="stage__note">
+      html`<div class="stage__note">
         <${Notice} title="This frame has no image"><p>Its boxes and numbers are here all the same.</p><//></div>`
     }
     ${!picture && !hasNoPicture && !noPicture && html`<div class="stage__loading shimmer" aria-hidden="true"></div>`}

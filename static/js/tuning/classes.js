@@ -87,8 +87,7 @@ function Legend({ isExclusive }) {
     <span><i class="chartswatch chartswatch--above"></i>${isExclusive ? "above" : "at or above"} it</span>
     <span><i class="chartswatch chartswatch--active"></i>active threshold</span>
     <span>without boxes of too few visible pixels</span>
-    <span
-      class="chartlegend__keys">Drag, or <kbd>←</kbd><kbd>→</kbd> 0.5 · <kbd>⇧</kbd> 5 · <kbd>PgUp</kbd>
+    <span class="chartlegend__keys">Drag, or <kbd>←</kbd><kbd>→</kbd> 0.5 · <kbd>⇧</kbd> 5 · <kbd>PgUp</kbd>
       <kbd>PgDn</kbd> 10</span>
   </p>`;
 }
@@ -102,8 +101,7 @@ export function ClassCards({ app, tuning, scale, selected }) {
   return html`<ul class="classcards">
     ${Object.entries(counts).map(
       ([name, bins]) =>
-        html`<li
-          key=${name}>
+        html`<li key=${name}>
           <${ClassCard} app=${app} tuning=${tuning} name=${name} counts=${bins} scale=${scale}
             isSelected=${name === selected} /></li>`,
     )}
@@ -158,8 +156,7 @@ function ClassCounts({ tuning, name }) {
       <dt><span class="badge__sign badge__sign--rejected"><${Icon} name="cross" /></span>
         <span class="sr-only">rejected</span></dt><dd>${now ? countText(now.rejected) : "…"}</dd></div>
     ${now && now.unmeasured > 0 && html`<div><dt>unmeasured</dt><dd>${countText(now.unmeasured)}</dd></div>`}
-    <div
-      class="classcard__flips"><dt class="sr-only">would flip</dt>
+    <div class="classcard__flips"><dt class="sr-only">would flip</dt>
       <dd>${flips ? `${countOf(flips.kept_to_rejected + flips.rejected_to_kept, "flip")}` : "no flip"}</dd></div>
   </dl>`;
 }
@@ -202,10 +199,8 @@ export function Reasons({ tuning, selected }) {
               <td class="is-num num">${countText(before[reason] ?? 0)}</td>
               <td class="is-num num">${countText(after[reason] ?? 0)}</td>
               <td class="is-num"><${Delta} count=${after[reason] ?? 0} before=${before[reason] ?? 0} /></td>
-              <td class="table__bar"
-                aria-hidden="true">
-                <span
-                  class="meter meter--${meterOf(reason)}">
+              <td class="table__bar" aria-hidden="true">
+                <span class="meter meter--${meterOf(reason)}">
                   <i style=${{ width: `${(100 * (after[reason] ?? 0)) / most}%` }}></i></span></td>
             </tr>`,
           )}

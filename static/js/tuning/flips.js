@@ -70,8 +70,7 @@ function FlipCard({ flip, words }) {
   const box = { box_id: id, xyxy, reason: after.reason, effective_verdict: after.verdict };
   return html`<a class="flip flip--${DIRECTIONS[direction].after}"
     href=${linkTo("frame", { id: flip.frame_id }, { box: String(id) })}>
-    <span
-      class="flip__picture"><${NearBox} box=${box} size=${PICTURE_PX} /><${DirectionSign} direction=${direction} />
+    <span class="flip__picture"><${NearBox} box=${box} size=${PICTURE_PX} /><${DirectionSign} direction=${direction} />
       <${Truth} flip=${flip} /></span>
     <span class="flip__class">${flip.class}<span class="sr-only"> of box ${id}</span></span>
     <span class="flip__side"><b>${words.before(before.verdict)}:</b> <span>${causeText(before)}</span></span>
@@ -134,8 +133,7 @@ function Body({ app, tuning, items, wanted }) {
 }
 
 const SkeletonCards = () =>
-  html`<ul class="flips"
-    aria-hidden="true">
+  html`<ul class="flips" aria-hidden="true">
     ${[0, 1, 2, 3, 4, 5].map(() => html`<li class="flip"><span class="flip__picture shimmer"></span></li>`)}</ul>`;
 
 /** @param {{tuning: Tuning, shown: number, wanted: number}} props */
@@ -153,8 +151,7 @@ function ShowMoreFlips({ tuning, shown, wanted }) {
  */
 export function Delta({ count, before }) {
   const by = count === undefined || before === undefined ? 0 : count - before;
-  return html`<span
-    class="delta num ${by === 0 ? "is-none" : ""}">
+  return html`<span class="delta num ${by === 0 ? "is-none" : ""}">
     ${by === 0 ? "±0" : `${by > 0 ? "+" : "−"}${countText(Math.abs(by))}`}</span>`;
 }
 

@@ -39,8 +39,7 @@ export function ThresholdsView({ app, route }) {
       <h1>Thresholds</h1>
       ${
         counts &&
-        html`<span
-          class="faint">${countOf(counts.boxes, "box", "boxes")} in ${countOf(counts.frames, "frame")}</span>`
+        html`<span class="faint">${countOf(counts.boxes, "box", "boxes")} in ${countOf(counts.frames, "frame")}</span>`
       }
     </div>
     ${
@@ -174,8 +173,7 @@ function Summary({ tuning, onReset, onSave, isRunning }) {
       }
     </div>
     <div class="summary__actions">
-      <span
-        class="summary__state">${changed ? `${countOf(changed, "change")}, not saved` : "The active configuration"}
+      <span class="summary__state">${changed ? `${countOf(changed, "change")}, not saved` : "The active configuration"}
       </span>
       <button class="button button--quiet" disabled=${changed === 0}
         onClick=${onReset}><${Icon} name="undo" />Reset</button>
@@ -186,8 +184,7 @@ function Summary({ tuning, onReset, onSave, isRunning }) {
 }
 
 function NeedsPixels() {
-  return html`<p
-    class="summary__pixels"><${Icon} name="image" />
+  return html`<p class="summary__pixels"><${Icon} name="image" />
     <span><strong>This change requires reading the images again.</strong>${" "}
       Its effect cannot be computed from the stored measurements. Applying it measures all frames again, in the
       background.</span></p>`;
@@ -206,8 +203,7 @@ function Counts({ counts, before }) {
       ${
         counts &&
         counts.unmeasured > 0 &&
-        html`<${Figure} verdict="unmeasured" count=${counts.unmeasured}
-          before=${before?.unmeasured} />`
+        html`<${Figure} verdict="unmeasured" count=${counts.unmeasured} before=${before?.unmeasured} />`
       }
     </div>
     ${counts && html`<${VerdictBar} counts=${{ ...counts, boxes: all, reviewed: 0, to_review: 0 }} />`}
