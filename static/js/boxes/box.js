@@ -106,10 +106,8 @@ const hasAnswer = (box) => answerOf(box) !== null;
 /**
  * The box as it may be shown: withheld in a blind review until it is answered. For an audit of answered boxes, `isOpen`
  * tells which ones this person has answered by now.
- * @param {Decision} box
- * @param {boolean} isBlind  the switch in the preferences
- * @param {(box: Decision) => boolean} [isOpen]
- * @returns {Decision}
+ * @param {Decision} box @param {boolean} isBlind  the switch in the preferences
+ * @param {(box: Decision) => boolean} [isOpen] @returns {Decision}
  */
 export const asShown = (box, isBlind, isOpen = hasAnswer) => (isBlind && !isOpen(box) ? withheld(box) : box);
 

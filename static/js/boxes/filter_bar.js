@@ -63,9 +63,8 @@ export function VerdictFilter({ query, choices = VERDICT_CHOICES, onChange }) {
 /**
  * The filters as menus, then what the view adds, then a button that clears all.
  * @param {{query: Query, keys?: readonly Key[], own: Partial<Record<Key, Partial<Control>>>, onChange: (query: Query)
- *   => void,
- *   onClear?: (() => void) | null, children?: unknown}} props
- * `own`: what differs in this view, such as the classes of its dataset; `onClear`: null while there is nothing to clear
+ *   => void, onClear?: (() => void) | null, children?: unknown}} props `own`: what differs in this view, such as the
+ *   classes of its dataset; `onClear`: null while there is nothing to clear
  */
 export function FilterMenus({ query, keys = ["reason", "class", "review"], own, onChange, onClear = null, children }) {
   return html`${keys.map((key) => {

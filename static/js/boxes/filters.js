@@ -10,8 +10,7 @@ import { answerOf, isUnanswered } from "./box.js";
 
 /**
  * The filters that live in the address; a list of frames and a frame share them. `verdict` is the one in force, as
- * every
- * box is drawn: a person's, else the filter's. `by_filter` is the filter's, whatever people say.
+ * every box is drawn: a person's, else the filter's. `by_filter` is the filter's, whatever people say.
  */
 export const FILTER_KEYS = /** @type {const} */ (["verdict", "by_filter", "reason", "class", "review"]);
 
@@ -89,10 +88,7 @@ export function neighbour(boxes, query, selected, step) {
 
 /**
  * The next shown box without an answer, continuing at the start after the end.
- * @param {readonly Decision[]} boxes
- * @param {Query} query
- * @param {number | null} selected
- * @returns {Decision | null}
+ * @param {readonly Decision[]} boxes @param {Query} query @param {number | null} selected @returns {Decision | null}
  */
 export function nextUnanswered(boxes, query, selected) {
   /** @param {Decision} box */
@@ -116,9 +112,7 @@ function search(boxes, selected, step, wanted) {
 
 /**
  * How many boxes have each value of a key, for the choices of a filter.
- * @param {readonly Decision[]} boxes
- * @param {"verdict" | "reason" | "class"} key
- * @returns {Map<string, number>}
+ * @param {readonly Decision[]} boxes @param {"verdict" | "reason" | "class"} key @returns {Map<string, number>}
  */
 export function countsBy(boxes, key) {
   /** @type {Map<string, number>} */
@@ -160,8 +154,7 @@ const REVIEWS = /** @type {const} */ (["undecided", "decided", "keep", "reject",
 
 /**
  * The filters of an address as parameters of the API; invalid values are left out.
- * @param {Query} query
- * @returns {BoxSelection}
+ * @param {Query} query @returns {BoxSelection}
  */
 export function selectionOf(query) {
   /** @type {BoxSelection} */
@@ -213,8 +206,7 @@ const MOST = 50;
 
 /**
  * The ids of single boxes that an address lists; invalid ones are left out.
- * @param {Query} query
- * @returns {number[]}
+ * @param {Query} query @returns {number[]}
  */
 export function listedOf(query) {
   const ids = (query.boxes ?? "")

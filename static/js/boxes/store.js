@@ -215,9 +215,8 @@ export function createBoxes(later) {
 
     /**
      * Remember boxes that were just answered, for the next 500 answers. An earlier response with such a box may still
-     * be
-     * on its way. When it comes, `receive` drops it, as its revision is lower. Otherwise the store might have forgotten
-     * the revision.
+     * be on its way. When it comes, `receive` drops it, as its revision is lower. Otherwise the store might have
+     * forgotten the revision.
      * @param {readonly number[]} ids
      */
     keepRevisions(ids) {

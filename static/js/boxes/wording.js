@@ -117,10 +117,7 @@ export const EVIDENCE = {
 /** @param {string} name */
 export const evidenceText = (name) => EVIDENCE[name]?.text ?? name.replaceAll("_", " ");
 
-/**
- * The distance of a box, or between which distances it is; null if neither is known.
- * @param {Decision} box
- */
+/** The distance of a box, or between which distances it is; null if neither is known. @param {Decision} box */
 export const distanceText = ({ distance, distance_range: range }) => {
   if (distance !== null) return metresText(distance);
   return range ? `${range[0]} to ${metresText(range[1])}` : null;

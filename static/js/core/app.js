@@ -148,8 +148,7 @@ function createToasts() {
 
     /**
      * Say why something failed.
-     * @param {Error} error
-     * @param {string} [what] what failed
+     * @param {Error} error @param {string} [what] what failed
      * @param {ToastAction} [action]
      */
     fail: (error, what = "", action) => void show(`${what && `${what}: `}${error.message}`, { kind: "error", action }),

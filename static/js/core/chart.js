@@ -38,10 +38,8 @@ const fontOf = (element) => `11px ${getComputedStyle(element).fontFamily}`;
 
 /**
  * Draw into an element until stopped: again when it gets another size or the theme changes.
- * @param {HTMLElement} element
- * @param {import("./prefs.js").PrefsValue} prefs
- * @param {(ink: Ink, font: string) => Omit<Options, "width" | "height">} describe
- * @param {() => Data} data
+ * @param {HTMLElement} element @param {import("./prefs.js").PrefsValue} prefs
+ * @param {(ink: Ink, font: string) => Omit<Options, "width" | "height">} describe @param {() => Data} data
  * @returns {{redraw: () => void, redrawSoon: () => void, update: () => void, stop: () => void}}
  */
 export function drawChart(element, prefs, describe, data) {

@@ -134,9 +134,7 @@ export function lossText(before, after, name) {
 
 /**
  * The rows that are active in a view. A key that a row of this view uses is removed from the general rows.
- * @param {KeySettings} settings
- * @param {string} view
- * @returns {Binding[]}
+ * @param {KeySettings} settings @param {string} view @returns {Binding[]}
  */
 export function keysIn(settings, view) {
   const rows = boundKeys(settings).filter(({ where }) => where === undefined || where === view);
@@ -259,9 +257,7 @@ export function watchKeys(app) {
 }
 
 /**
- * @param {import("./app.js").App} app
- * @param {string} action
- * @param {KeyPress} [press] the key press that asked for it
+ * @param {import("./app.js").App} app @param {string} action @param {KeyPress} [press] the key press that asked for it
  * @returns {boolean} whether a view on the page offers this action
  */
 export function perform(app, action, press) {

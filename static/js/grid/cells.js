@@ -213,8 +213,7 @@ const SMALL_PX = 112;
 
 /**
  * @typedef {{app: App, row: number, top: number, layout: Layout, frameSize: Size | null, waiting: ReadonlySet<number>,
- *   cells: readonly CellState[],
- *   openTitle: string, onPick: OnPick, onOpen: (index: number) => void}} RowProps
+ *   cells: readonly CellState[], openTitle: string, onPick: OnPick, onOpen: (index: number) => void}} RowProps
  */
 
 /** @param {RowProps} props */

@@ -119,9 +119,7 @@ function SelectionBar({ app, selected, isAll, actions, onNone }) {
 
 /**
  * The list of boxes that match the filters, as it was left; `update` reads it again.
- * @param {App} app
- * @param {string} dataset
- * @param {Query} query
+ * @param {App} app @param {string} dataset @param {Query} query
  */
 function usePlace(app, dataset, query) {
   const [reading, setReading] = useState(0);
@@ -155,8 +153,7 @@ function usePager(app, { pager }) {
 
 /**
  * The size of the first frame; nearly always all frames of a dataset have the same.
- * @param {App} app
- * @param {string} dataset
+ * @param {App} app @param {string} dataset
  */
 function useFrameSize(app, dataset) {
   const frames = useLoaded(
@@ -184,8 +181,7 @@ function NoBoxes({ query, inAll, onQuery }) {
 
 /**
  * How many boxes match a filter, and the snapshot that identifies their current state.
- * @param {string} dataset
- * @param {import("../core/openapi.js").BoxSelection} filter
+ * @param {string} dataset @param {import("../core/openapi.js").BoxSelection} filter
  */
 async function countBoxes(dataset, filter) {
   const { total, snapshot } = await get("/api/v1/boxes", { query: { dataset, ...filter, limit: 1, count: true } });
@@ -194,8 +190,7 @@ async function countBoxes(dataset, filter) {
 
 /**
  * How many boxes that match a filter have an answer; null: all of them.
- * @param {string} dataset
- * @param {import("../core/openapi.js").BoxSelection} filter
+ * @param {string} dataset @param {import("../core/openapi.js").BoxSelection} filter
  */
 async function countAnswered(dataset, filter) {
   const { review } = filter;
@@ -508,8 +503,7 @@ function UnsentBulkAnswers({ app, dataset }) {
 }
 
 /**
- * @param {{total: number, answered: number}} now
- * @param {number} before how many boxes the filter selected
+ * @param {{total: number, answered: number}} now @param {number} before how many boxes the filter selected
  * @param {boolean} isRemoval
  */
 function changedText({ total, answered }, before, isRemoval) {

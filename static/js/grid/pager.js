@@ -197,8 +197,7 @@ export function createPager(boxes, load) {
 
     /**
      * The box at a place; null: not loaded yet; undefined: it no longer matches the filter.
-     * @param {number} index
-     * @returns {Decision | null | undefined}
+     * @param {number} index @returns {Decision | null | undefined}
      */
     at(index) {
       const part = partAt(index);
@@ -299,10 +298,8 @@ const places = new Map();
 
 /**
  * The list of boxes that match the filters: as it was left, or a new one.
- * @param {import("../review/answers.js").ReviewApp} app
- * @param {string} dataset
- * @param {import("../core/router.js").Query} query
- * @param {string} key @returns {Place}
+ * @param {import("../review/answers.js").ReviewApp} app @param {string} dataset
+ * @param {import("../core/router.js").Query} query @param {string} key @returns {Place}
  */
 export function placeOf(app, dataset, query, key) {
   const known = places.get(key);

@@ -41,8 +41,7 @@ export function JobBar({ job, label }) {
  * The current state of a run, kept up to date while the component is on the page.
  * @param {Run | null} run
  * @param {{onOver?: (run: Run) => void, onLost: (error: ApiError) => void}} then `onLost`: its state cannot be loaded
- *   any
- *   more, for instance because its dataset was deleted
+ *   any more, for instance because its dataset was deleted
  * @returns {Run | null}
  */
 export function useWatched(run, { onOver, onLost }) {
@@ -83,8 +82,7 @@ const LOOK_AGAIN_MS = 5000;
 
 /**
  * Load a list of jobs again every few seconds, since other people start jobs too; every second while one of them has
- * not ended.
- * Only in a visible tab, and one request at a time.
+ * not ended. Only in a visible tab, and one request at a time.
  * @param {{state: "loading" | "ready" | "error", value: unknown, reload: () => void}} list @param {readonly Job[]} jobs
  */
 export function useLookAgain(list, jobs) {
@@ -196,12 +194,10 @@ export function percentDone({ state, done = 0, total = 0 }) {
 /**
  * Load a job again and again until it has ended. (Its stream of events would hold a connection for as long as the job
  * lasts, and a browser opens only six to a server, for all its tabs together.)
- * @template {Job} J
- * @param {() => Promise<J>} load
+ * @template {Job} J @param {() => Promise<J>} load
  * @param {{onJob: (job: J) => void, onLost: (error: ApiError) => void}} then `onLost`: the server refuses; it is not
  *   asked again
- * @param {import("../core/api.js").Later} [later]
- * @returns {() => void} stop watching
+ * @param {import("../core/api.js").Later} [later] @returns {() => void} stop watching
  */
 export function watchJob(load, { onJob, onLost }, later = (run, delayMs) => void setTimeout(run, delayMs)) {
   const retries = createRetries(later);

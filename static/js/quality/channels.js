@@ -130,10 +130,7 @@ const MeasureButton = ({ measuring: { start, isBusy } }) =>
 
 /**
  * The run that measures all channels: started here, or already running when the view is opened.
- * @param {App} app
- * @param {string} dataset
- * @param {() => void} onDone
- * @returns {Measuring}
+ * @param {App} app @param {string} dataset @param {() => void} onDone @returns {Measuring}
  */
 function useMeasuring(app, dataset, onDone) {
   const [asked, setAsked] = useState(/** @type {Run | null} */ (null));
@@ -191,8 +188,7 @@ function ChannelTable({ dataset, found, by, active }) {
 }
 
 /**
- * @param {readonly [string, ChannelScore][]} channels
- * @param {string} by
+ * @param {readonly [string, ChannelScore][]} channels @param {string} by
  * @returns {{key: string, text: string, scores: (Score | undefined)[]}[]}
  */
 function groupsOf(channels, by) {

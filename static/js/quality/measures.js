@@ -33,9 +33,7 @@ export const shareOf = (confusion, cell) => confusion[cell] / Math.max(1, answer
 
 /**
  * Which boxes a cell counts, as filters of the grid.
- * @param {"kept" | "rejected"} filter
- * @param {"keep" | "reject"} person
- * @returns {Record<string, string>}
+ * @param {"kept" | "rejected"} filter @param {"keep" | "reject"} person @returns {Record<string, string>}
  */
 export const cellQuery = (filter, person) => ({ by_filter: filter, review: person });
 
@@ -85,8 +83,7 @@ export function bandText(band) {
 
 /**
  * The limits of a band, as filters of the grid; null where the grid has none.
- * @param {string} band
- * @returns {Record<string, string> | null}
+ * @param {string} band @returns {Record<string, string> | null}
  */
 export function bandQuery(band) {
   const between = /^(\d+)-(\d+)$/.exec(band);

@@ -34,8 +34,7 @@ const isSeen = ({ visible_pixels: pixels }) => (pixels ?? 0) > 0;
 
 /**
  * Whether an answer on a box of a lesson is right; an unsure one is neither.
- * @param {Decision} box
- * @param {string | null} answer
+ * @param {Decision} box @param {string | null} answer
  */
 export const isRight = (box, answer) => answer === (isSeen(box) ? "keep" : "reject");
 

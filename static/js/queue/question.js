@@ -154,8 +154,7 @@ const MOST_PERCENT = 80;
 
 /**
  * Within which depth so many percent of the pixels lie.
- * @param {import("../core/openapi.js").DepthSlice["bands"]} bands
- * @param {number} most
+ * @param {import("../core/openapi.js").DepthSlice["bands"]} bands @param {number} most
  */
 function nearestOf(bands, most) {
   let sum = 0;

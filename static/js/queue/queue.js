@@ -189,9 +189,7 @@ function useBoxInAddress(app, session, here) {
 
 /**
  * Load boxes, frames and pictures before they are shown.
- * @param {App} app
- * @param {Session} session
- * @param {import("../stage/media.js").MediaCache} media
+ * @param {App} app @param {Session} session @param {import("../stage/media.js").MediaCache} media
  */
 function useSupply(app, session, media) {
   const line = useValue(session.line);
@@ -311,9 +309,7 @@ function createQueueActions(app, session, page) {
 
     /**
      * A comment on a box that has no answer flags it as unsure, and stays.
-     * @param {Answer} verdict
-     * @param {string} comment
-     * @returns {boolean} false: it was not given
+     * @param {Answer} verdict @param {string} comment @returns {boolean} false: it was not given
      */
     saveComment(verdict, comment) {
       const box = current();

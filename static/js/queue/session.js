@@ -54,8 +54,7 @@ const LOOKABLE = Object.keys(REASONS)
 
 /**
  * Whether the queue has only the boxes to review, as long as no filter says otherwise. A random sample and an audit
- * have
- * all that can be seen.
+ * have all that can be seen.
  * @param {import("../core/router.js").Query} query
  */
 export function hasOnlyDoubts(query) {
@@ -385,8 +384,7 @@ function createQueueSession(app, dataset, query, past = NO_PAST) {
 
 /**
  * `shownAt`: when it was last shown (ms); Infinity while it is. `run`: the active run of the dataset; undefined until
- * it
- * is known.
+ * it is known.
  * @type {WeakMap<App, {key: string, session: Session, shownAt: number, run: number | null | undefined}>}
  */
 const sessions = new WeakMap();
@@ -430,9 +428,7 @@ export function keepSession(app, now) {
 
 /**
  * The number, or the limit that is nearest to it; none is below 0.
- * @param {number} number
- * @param {number} least
- * @param {number} most
+ * @param {number} number @param {number} least @param {number} most
  */
 const within = (number, least, most) => Math.min(Math.max(number, least, 0), Math.max(most, 0));
 

@@ -24,12 +24,11 @@ const NONE = [];
 
 /**
  * @param {{app: App, box: Decision, see: (box: Decision) => Decision, media: import("../stage/media.js").Media, view:
- *   import("../core/observable.js").Value<"crop" | "frame">,
- * actions: Actions, stageRef: {current: import("../stage/stage.js").Stage | null}, rule: string, offset: number,
- * lesson: import("./coach.js").Lesson | null, strip: unknown}} props
- * `offset`: how many frames later than the asked one the box is; `lesson`: null if the box is of none; `strip`: shown
- * below the question; `box`: withheld until it is answered in a blind review; then its frame's other boxes are not
- * shown either; `see`: what may be shown of those
+ *   import("../core/observable.js").Value<"crop" | "frame">, actions: Actions, stageRef: {current:
+ *   import("../stage/stage.js").Stage | null}, rule: string, offset: number, lesson: import("./coach.js").Lesson |
+ *   null, strip: unknown}} props `offset`: how many frames later than the asked one the box is; `lesson`: null if the
+ *   box is of none; `strip`: shown below the question; `box`: withheld until it is answered in a blind review; then its
+ *   frame's other boxes are not shown either; `see`: what may be shown of those
  */
 export function QueueStage({ app, box, see, media, view, actions, stageRef, rule, offset, lesson, strip }) {
   const mode = useValue(view);
@@ -131,8 +130,7 @@ function SmallPicture({ picture }) {
 
 /**
  * Measure the time from an answer until the next box is on the screen (performance entry "queue:next").
- * @param {number} boxId
- * @param {boolean} isHere
+ * @param {number} boxId @param {boolean} isHere
  */
 function useMeasure(boxId, isHere) {
   useLayoutEffect(() => {

@@ -215,8 +215,7 @@ export function createBulkAnswers({ toasts, router }, { boxes, sender, steps }) 
      * One answer on all boxes that a filter selected when the list was read.
      * @param {string} dataset @param {Answer} verdict @param {import("./outbox.js").Filter} filter
      * @param {{total: number, snapshot: string, knownIds?: readonly number[]}} list `knownIds`: of its boxes, those
-     *   that the page
-     *   has loaded
+     *   that the page has loaded
      */
     answerAll: (dataset, verdict, filter, { total, snapshot, knownIds }) =>
       answer({
@@ -243,9 +242,7 @@ function reportOf(dataset, stale, skipped) {
 
 /**
  * The boxes that the undo of a bulk answer has left as they are.
- * @param {string} dataset
- * @param {number[]} skipped
- * @returns {Report | null}
+ * @param {string} dataset @param {number[]} skipped @returns {Report | null}
  */
 function undoReportOf(dataset, skipped) {
   if (skipped.length === 0) return null;

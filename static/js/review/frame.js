@@ -122,9 +122,8 @@ function FrameReview({ app, frame, media, query }) {
 
 /**
  * @param {{app: App, frame: Frame, media: import("../stage/media.js").Media, shown: readonly Decision[], selected:
- *   Decision | null,
- *   onSelect: (boxId: number | null) => void, stageRef: {current: import("../stage/stage.js").Stage | null}}} props
- *   `shown`: the boxes that the filters leave; the selected one is drawn even if it is not among them
+ *   Decision | null, onSelect: (boxId: number | null) => void, stageRef: {current: import("../stage/stage.js").Stage |
+ *   null}}} props `shown`: the boxes that the filters leave; the selected one is drawn even if it is not among them
  */
 function FrameStage({ app, frame, media, shown, selected, onSelect, stageRef }) {
   const { crop } = useValue(app.prefs);
@@ -166,9 +165,7 @@ function FrameLook({ app, frame, actions }) {
 
 /**
  * The address may ask for the first, last or next unanswered box: select it, and put its id into the address.
- * @param {App} app
- * @param {FrameActions} actions
- * @param {import("../core/router.js").Query} query
+ * @param {App} app @param {FrameActions} actions @param {import("../core/router.js").Query} query
  */
 function useArrival(app, actions, query) {
   useEffect(() => {
@@ -309,8 +306,7 @@ export function createFrameActions(app, frame, ids, page) {
 
     /**
      * The id of the box that the address asks for by a word (first, last, unanswered).
-     * @param {string} which
-     * @returns {number | null}
+     * @param {string} which @returns {number | null}
      */
     resolve(which) {
       const shown = shownBoxes(boxes(), query());

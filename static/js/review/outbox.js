@@ -143,8 +143,7 @@ function withSeen(item, revisions) {
 }
 
 /**
- * @param {Storage} storage
- * @param {string} tab  the id of this tab
+ * @param {Storage} storage @param {string} tab  the id of this tab
  * @param {() => string} who  returns the person who is signed in
  * @param {() => string} [newKey]
  */

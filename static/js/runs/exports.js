@@ -261,15 +261,13 @@ export function fieldsFor(format, { formats, fields }) {
 
 /**
  * A format's title, or its name where the form is not there yet.
- * @param {string} format
- * @param {ExportForm | null | undefined} form
+ * @param {string} format @param {ExportForm | null | undefined} form
  */
 export const formatText = (format, form) => form?.formats.find(({ value }) => value === format)?.text ?? format;
 
 /**
  * The options of an export that differ from the defaults.
- * @param {Record<string, unknown>} options
- * @param {readonly Field[]} fields of its format
+ * @param {Record<string, unknown>} options @param {readonly Field[]} fields of its format
  */
 export function optionsText(options, fields) {
   const special = fields.filter(
@@ -303,10 +301,7 @@ const COUNT_LINES = [
 /** What is counted of frames beside those of each part. */
 const NO_PARTS = ["in", "without_boxes", "without_image", "left_out"];
 
-/**
- * The frames of each part, with its share and, if an export made the parts, its sequences.
- * @param {Schema} counts
- */
+/** The frames of each part, with its share and, if an export made the parts, its sequences. @param {Schema} counts */
 function partLinesOf({ frames = {}, sequences = {} }) {
   const parts = Object.entries(frames).filter(([name]) => !NO_PARTS.includes(name));
   const total = parts.reduce((sum, [, count]) => sum + Number(count), 0);
@@ -316,10 +311,7 @@ function partLinesOf({ frames = {}, sequences = {} }) {
   });
 }
 
-/**
- * What the parts of an export would be, before it is made.
- * @param {{dataset: string, shares: unknown}} props
- */
+/** What the parts of an export would be, before it is made. @param {{dataset: string, shares: unknown}} props */
 function PlannedParts({ dataset, shares }) {
   const split = [shares ?? []].flat().join(",");
   const { value, error } = useLoaded(

@@ -91,8 +91,7 @@ function Runs({ app, dataset, runs, active, shown, showOlder }) {
 const PAGE = 60;
 
 /**
- * @param {number} run
- * @param {{against: number | null, limit: number, cursor?: string}} query
+ * @param {number} run @param {{against: number | null, limit: number, cursor?: string}} query
  * @param {AbortSignal} [signal]
  */
 const diffOf = (run, query, signal) => get("/api/v1/runs/{run_id}/diff", { path: { run_id: run }, query, signal });
@@ -213,8 +212,7 @@ function Boxes({ app, diff }) {
 
 /**
  * Whether a run was stored, as done, when its dataset was created: it has decided nothing. A run that was carried out
- * has
- * not ended at the very moment when it started.
+ * has not ended at the very moment when it started.
  * @param {Pick<Run, "total" | "started_at" | "finished_at">} run
  */
 export const isFirst = ({ total, started_at, finished_at }) =>

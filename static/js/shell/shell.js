@@ -77,8 +77,7 @@ export function Shell({ app, linkError }) {
 
 /**
  * After a change of view, move the focus to it, for keyboards and screen readers.
- * @param {Route} route
- * @param {(options: FocusOptions) => void} focusMain
+ * @param {Route} route @param {(options: FocusOptions) => void} focusMain
  */
 function useFocusOnMove(route, focusMain) {
   const isFirst = useRef(true);

@@ -65,8 +65,7 @@ export function createMedia(boxes) {
 
     /**
      * A frame whose boxes are to be shown: the one that was fetched ahead, once; else a new one.
-     * @param {number} frameId
-     * @param {AbortSignal} signal
+     * @param {number} frameId @param {AbortSignal} signal
      */
     frame(frameId, signal) {
       if (!isFresh(frameId)) drop(frameId);
@@ -128,8 +127,7 @@ async function decoded(file) {
 
 /**
  * A frame's image as crops and thumbnails show it, in its full size; null: it has none.
- * @param {number} frameId
- * @param {AbortSignal} [signal]
+ * @param {number} frameId @param {AbortSignal} [signal]
  */
 async function pictureOf(frameId, signal) {
   const address = pictureUrl("/api/v1/frames/{frame_id}/thumbnail", {

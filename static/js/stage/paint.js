@@ -69,8 +69,7 @@ export function readInks(host) {
 }
 
 /**
- * @param {CanvasRenderingContext2D} ctx
- * @param {Scene} scene
+ * @param {CanvasRenderingContext2D} ctx @param {Scene} scene
  * @param {(ctx: CanvasRenderingContext2D, scene: Scene) => void} [paintBoxes]
  */
 export function paintBase(ctx, scene, paintBoxes = paintAllBoxes) {
@@ -87,8 +86,7 @@ export function paintBase(ctx, scene, paintBoxes = paintAllBoxes) {
 
 /**
  * All but the selected one, and short labels where there is room.
- * @param {CanvasRenderingContext2D} ctx
- * @param {Scene} scene
+ * @param {CanvasRenderingContext2D} ctx @param {Scene} scene
  */
 export function paintAllBoxes(ctx, scene) {
   const { snapshot, view, size, neighbours } = scene;
@@ -129,9 +127,7 @@ function paintSome(ctx, placed, inks) {
 }
 
 /**
- * @param {CanvasRenderingContext2D} ctx
- * @param {CanvasImageSource | null} picture
- * @param {Scene} scene
+ * @param {CanvasRenderingContext2D} ctx @param {CanvasImageSource | null} picture @param {Scene} scene
  * @param {boolean} [smooth]
  */
 function paintPicture(ctx, picture, { snapshot, view }, smooth = view.scale < CRISP_FROM) {
@@ -171,10 +167,8 @@ export function paintTop(ctx, scene) {
 
 /**
  * The matching pixels, outlined: what they show stays visible.
- * @param {CanvasRenderingContext2D} ctx
- * @param {import("./pixels.js").Highlight} highlight
- * @param {import("./geometry.js").View} view
- * @param {Inks} inks
+ * @param {CanvasRenderingContext2D} ctx @param {import("./pixels.js").Highlight} highlight
+ * @param {import("./geometry.js").View} view @param {Inks} inks
  */
 function paintOutline(ctx, { outline }, { scale, x, y }, inks) {
   ctx.save();
@@ -193,9 +187,7 @@ function paintOutline(ctx, { outline }, { scale, x, y }, inks) {
 
 /**
  * A box in front of the others, with its full label.
- * @param {CanvasRenderingContext2D} ctx
- * @param {Decision} box
- * @param {Scene} scene
+ * @param {CanvasRenderingContext2D} ctx @param {Decision} box @param {Scene} scene
  */
 function paintForward(ctx, box, { view, size, inks, snapshot }) {
   if (!box.xyxy) return;
@@ -213,10 +205,8 @@ function paintForward(ctx, box, { view, size, inks, snapshot }) {
 }
 
 /**
- * @param {readonly Decision[]} boxes
- * @param {import("./geometry.js").View} view
- * @param {{width: number, height: number}} size
- * @returns {Placed[]} those on the stage, large ones first
+ * @param {readonly Decision[]} boxes @param {import("./geometry.js").View} view
+ * @param {{width: number, height: number}} size @returns {Placed[]} those on the stage, large ones first
  */
 function placedBoxes(boxes, view, size) {
   const placed = [];
@@ -246,9 +236,7 @@ function largeFirst(boxes) {
 }
 
 /**
- * @param {CanvasRenderingContext2D} ctx
- * @param {readonly Xyxy[]} edges
- * @param {import("./geometry.js").View} view
+ * @param {CanvasRenderingContext2D} ctx @param {readonly Xyxy[]} edges @param {import("./geometry.js").View} view
  * @param {Inks} inks
  */
 function paintEdges(ctx, edges, view, inks) {
@@ -303,8 +291,7 @@ export function createDrawnBoxes(paint) {
 
   /**
    * Copy the boxes of a moving scene, shifted by whole pixels.
-   * @param {CanvasRenderingContext2D} ctx
-   * @param {Scene} scene
+   * @param {CanvasRenderingContext2D} ctx @param {Scene} scene
    */
   return function copy(ctx, scene) {
     const density = ctx.getTransform().a;

@@ -94,8 +94,7 @@ const isNear = (found, wanted) => Math.abs(found - wanted) <= LOSSY_TOLERANCE;
 
 /**
  * Which pixels match, 1 or 0.
- * @param {Uint8ClampedArray} rgba
- * @param {(c0: number, c1: number, c2: number) => boolean} matches
+ * @param {Uint8ClampedArray} rgba @param {(c0: number, c1: number, c2: number) => boolean} matches
  */
 export const matchingPixels = (rgba, matches) =>
   Uint8Array.from({ length: rgba.length / 4 }, (_, i) =>
@@ -160,9 +159,7 @@ export function createObjects(instances) {
 /** @typedef {ReturnType<typeof createObjects>} Objects */
 
 /**
- * @param {Uint32Array} colors
- * @param {number} width
- * @param {number} color one of them
+ * @param {Uint32Array} colors @param {number} width @param {number} color one of them
  * @returns {import("../boxes/box.js").Xyxy}
  */
 export function extentOf(colors, width, color) {

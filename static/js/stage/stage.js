@@ -143,8 +143,7 @@ export function createStage(host, events) {
 
   /**
    * Move the view when another box is selected or the crop is switched.
-   * @param {Snapshot} before
-   * @param {Snapshot} next
+   * @param {Snapshot} before @param {Snapshot} next
    */
   function follow(before, next) {
     const isMove = before.selected?.box_id !== next.selected?.box_id;
@@ -325,10 +324,7 @@ function createGlide(current, show) {
 
 /**
  * Scale moves geometrically, so that zooming feels even.
- * @param {View} a
- * @param {View} b
- * @param {number} share
- * @returns {View}
+ * @param {View} a @param {View} b @param {number} share @returns {View}
  */
 function between(a, b, share) {
   if (share === 1) return b;

@@ -20,12 +20,11 @@ import { createStage } from "./stage.js";
 /**
  * The boxes are shown as soon as the frame is known; the picture and the segmentation follow.
  * @param {{app: App, frame: Frame | null, media: import("./media.js").Media, boxes: readonly Decision[], selected:
- *   Decision | null, isCrop: boolean,
- * hider?: Decision | null, scene?: number, label: string, onSelect?: (boxId: number | null) => void, onSwipe?: (side:
- * "left" | "right") => void, onCrop: (isOnBox: boolean) => void,
- *   stageRef: {current: import("./stage.js").Stage | null}, children?: unknown}} props
- * `frame`: null until it is loaded; `isCrop`, `hider`, `scene`: `crop`, `hider`, `scene` of a Snapshot (stage.js);
- * `onCrop`: a double click; `onSwipe`: a finger has moved the picture far enough; without it, a finger pans
+ *   Decision | null, isCrop: boolean, hider?: Decision | null, scene?: number, label: string, onSelect?: (boxId: number
+ *   | null) => void, onSwipe?: (side: "left" | "right") => void, onCrop: (isOnBox: boolean) => void, stageRef:
+ *   {current: import("./stage.js").Stage | null}, children?: unknown}} props `frame`: null until it is loaded;
+ *   `isCrop`, `hider`, `scene`: `crop`, `hider`, `scene` of a Snapshot (stage.js); `onCrop`: a double click; `onSwipe`:
+ *   a finger has moved the picture far enough; without it, a finger pans
  */
 export function StageView({
   app,
@@ -201,8 +200,7 @@ export function createLookActions(app, stage) {
 /**
  * Toggles of the view, then the close-up and the zoom, which every view has.
  * @param {{app: App, actions: Actions, isCrop: boolean, isFit?: boolean, hasZoomText?: boolean, children?: unknown}}
- *   props
- *   `isFit`: whether the whole frame is shown, where that is a state; `children`: the toggles
+ *   props `isFit`: whether the whole frame is shown, where that is a state; `children`: the toggles
  */
 export function LookBar({ app, actions, isCrop, isFit, hasZoomText = false, children }) {
   const { panels } = useValue(app.prefs);

@@ -28,8 +28,7 @@ const globalsOf = ({ classes: _, ...values }) => values;
 
 /**
  * The values of single classes that differ, by the names of the classes.
- * @param {ConfigBody} config
- * @returns {Readonly<Record<string, Values>>}
+ * @param {ConfigBody} config @returns {Readonly<Record<string, Values>>}
  */
 const overridesOf = ({ classes }) =>
   Object.fromEntries(
@@ -43,9 +42,7 @@ function parsePath(path) {
 }
 
 /**
- * @param {ConfigBody} config
- * @param {string} path
- * @returns {ConfigValue | undefined} undefined: not set for this class
+ * @param {ConfigBody} config @param {string} path @returns {ConfigValue | undefined} undefined: not set for this class
  */
 export function valueOf(config, path) {
   const { name, key } = parsePath(path);
@@ -54,9 +51,7 @@ export function valueOf(config, path) {
 
 /**
  * The value of a key, or its default if the version is older than the key.
- * @param {ConfigBody} config
- * @param {{key: string, initial: unknown}} field
- * @returns {ConfigValue | undefined}
+ * @param {ConfigBody} config @param {{key: string, initial: unknown}} field @returns {ConfigValue | undefined}
  */
 export function keyValue(config, { key, initial }) {
   const own = valueOf(config, key);
@@ -68,8 +63,7 @@ const UNSET = ["auto", "refuse"];
 
 /**
  * The dataset's own setting, if it is used in place of this key of the configuration; else "".
- * @param {Readonly<Record<string, unknown>>} dataset
- * @param {ConfigBody} config
+ * @param {Readonly<Record<string, unknown>>} dataset @param {ConfigBody} config
  * @param {{key: string, initial: unknown}} field
  */
 export function ownSetting(dataset, config, field) {
@@ -84,10 +78,7 @@ export const isReading = (key) => ["palette", "encoding", "channel_order", "loss
 
 /**
  * The value that applies to a class: its own, or the one for all classes.
- * @param {ConfigBody} config
- * @param {string} name
- * @param {string} [key]
- * @returns {ConfigValue | undefined}
+ * @param {ConfigBody} config @param {string} name @param {string} [key] @returns {ConfigValue | undefined}
  */
 export function appliesTo(config, name, key = THRESHOLD) {
   const own = valueOf(config, classPath(name, key));
@@ -121,9 +112,7 @@ const isSame = (a, b) => JSON.stringify(a) === JSON.stringify(b);
 
 /**
  * The keys in which two configurations differ, those for all classes first.
- * @param {ConfigBody} before
- * @param {ConfigBody} after
- * @returns {Difference[]}
+ * @param {ConfigBody} before @param {ConfigBody} after @returns {Difference[]}
  */
 export function differences(before, after) {
   const paths = new Set([...pathsOf(before), ...pathsOf(after)]);
@@ -142,18 +131,14 @@ function pathsOf(config) {
 
 /**
  * The edits that turn one configuration into another.
- * @param {ConfigBody} before
- * @param {ConfigBody} after
- * @returns {Edits}
+ * @param {ConfigBody} before @param {ConfigBody} after @returns {Edits}
  */
 export const editsBetween = (before, after) =>
   Object.fromEntries(differences(before, after).map((row) => [row.path, row.after]));
 
 /**
  * The parts of an address that are about the configuration.
- * @param {ConfigBody} config
- * @param {Record<string, string>} query
- * @returns {Record<string, string>}
+ * @param {ConfigBody} config @param {Record<string, string>} query @returns {Record<string, string>}
  */
 export const configQuery = (config, query) =>
   Object.fromEntries(
@@ -162,9 +147,7 @@ export const configQuery = (config, query) =>
 
 /**
  * The edits that an address names; without those that are no number where one is needed.
- * @param {ConfigBody} config
- * @param {Record<string, string>} query
- * @returns {Edits}
+ * @param {ConfigBody} config @param {Record<string, string>} query @returns {Edits}
  */
 export function editsOf(config, query) {
   const known = Object.entries(configQuery(config, query));

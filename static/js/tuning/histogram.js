@@ -64,9 +64,7 @@ export function Histogram({ app, name, counts, threshold, active, isLog, size, o
 }
 
 /**
- * @param {{current: HTMLDivElement | null}} element
- * @param {readonly number[]} counts
- * @param {boolean} isLog
+ * @param {{current: HTMLDivElement | null}} element @param {readonly number[]} counts @param {boolean} isLog
  * @param {"large" | "small"} size
  */
 function useBars(element, counts, isLog, size) {
@@ -94,11 +92,8 @@ function useBars(element, counts, isLog, size) {
 const dataOf = (heights) => [heights.map((_, bin) => (100 * (bin + 0.5)) / heights.length), [...heights]];
 
 /**
- * @param {import("../core/chart.js").Ink} ink
- * @param {string} font
- * @param {() => Shown} shown
- * @param {"large" | "small"} size
- * @param {(text: string) => void} onPoint
+ * @param {import("../core/chart.js").Ink} ink @param {string} font @param {() => Shown} shown
+ * @param {"large" | "small"} size @param {(text: string) => void} onPoint
  */
 function describe(ink, font, shown, size, onPoint) {
   const axis = { stroke: ink["text-faint"], font, ticks: { show: false }, gap: 4 };
@@ -193,8 +188,7 @@ function Handle({ name, threshold, size, onChange }) {
 
 /**
  * Neighbouring bins together.
- * @param {readonly number[]} counts
- * @param {number} wanted how many bins; divides their number
+ * @param {readonly number[]} counts @param {number} wanted how many bins; divides their number
  */
 export function rebinned(counts, wanted) {
   const size = Math.max(1, Math.round(counts.length / wanted));
@@ -281,8 +275,7 @@ const MOVES = {
 
 /**
  * Where a key moves the threshold; null when the key is not one of the slider's.
- * @param {number} value
- * @param {{key: string, shiftKey: boolean}} press
+ * @param {number} value @param {{key: string, shiftKey: boolean}} press
  */
 export function movedByKey(value, { key, shiftKey }) {
   const move = MOVES[key];
@@ -348,10 +341,7 @@ function barShape(plot, heights) {
 
 /**
  * Paint the range between the active threshold and the one that is tried.
- * @param {UPlot} plot
- * @param {Ink} ink
- * @param {number} from
- * @param {number} to
+ * @param {UPlot} plot @param {Ink} ink @param {number} from @param {number} to
  */
 function paintChange({ ctx, bbox }, ink, from, to) {
   ctx.save();
@@ -370,10 +360,7 @@ function paintChange({ ctx, bbox }, ink, from, to) {
 }
 
 /**
- * @param {CanvasRenderingContext2D} ctx
- * @param {number} left
- * @param {number} right
- * @param {UPlot["bbox"]} bbox
+ * @param {CanvasRenderingContext2D} ctx @param {number} left @param {number} right @param {UPlot["bbox"]} bbox
  * @param {() => void} paint
  */
 function within(ctx, left, right, bbox, paint) {
@@ -390,8 +377,7 @@ const tiles = new Map();
 
 /**
  * Slanted lines: the sign of a rejected box that needs no colour.
- * @param {CanvasRenderingContext2D} ctx
- * @param {string} color
+ * @param {CanvasRenderingContext2D} ctx @param {string} color
  */
 function hatch(ctx, color) {
   const name = `${color} ${devicePixelRatio}`;

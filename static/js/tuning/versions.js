@@ -34,9 +34,7 @@ const activate = (dataset, digest) => put("/api/v1/datasets/{dataset}/config", {
 
 /**
  * Fail if another version has become active: one that is made from the former would lack what the other person changed.
- * @param {string} dataset
- * @param {string} digest
- * @param {() => void} onOutdated
+ * @param {string} dataset @param {string} digest @param {() => void} onOutdated
  * @param {string} [more] the end of the message
  */
 export async function requireActive(dataset, digest, onOutdated, more = "The page shows now what it says.") {
