@@ -78,11 +78,7 @@ export function revealView(view, xyxy, stage) {
 
 /** @param {Point} centre image px @param {number} scale @param {Size} stage @returns {View} */
 function centredOn(centre, scale, stage) {
-  return {
-    scale,
-    x: stage.width / 2 - centre.x * scale,
-    y: stage.height / 2 - centre.y * scale,
-  };
+  return { scale, x: stage.width / 2 - centre.x * scale, y: stage.height / 2 - centre.y * scale };
 }
 
 /**
@@ -119,10 +115,7 @@ export function toStage(view, [x0, y0, x1, y1]) {
 }
 
 /** @param {View} view @param {Point} at stage px @returns {Point} image px */
-export const toImage = (view, at) => ({
-  x: (at.x - view.x) / view.scale,
-  y: (at.y - view.y) / view.scale,
-});
+export const toImage = (view, at) => ({ x: (at.x - view.x) / view.scale, y: (at.y - view.y) / view.scale });
 
 /** @param {Xyxy} xyxy @param {Size} stage */
 export function isOnStage([x0, y0, x1, y1], stage) {
