@@ -1,7 +1,7 @@
 // @ts-check
 // How an answer changes a box, and what a blind review shows of a box before it is answered.
 
-/** @typedef {import("../core/openapi.js").Decision} StoredDecision */
+/** @import { Decision as StoredDecision } from "../core/openapi.js" */
 /** @typedef {import("../core/openapi.js").Review["verdict"]} Answer  a person's answer; clear removes it */
 /** @typedef {{verdict: Answer, comment: string}} AnswerWithComment */
 /**

@@ -7,8 +7,7 @@ import { useRetries, useRetryOnline } from "../core/hooks.js";
 import { html, useEffect, useMemo, useRef, useState } from "../core/html.js";
 import { Icon } from "../core/icons.js";
 
-/** @typedef {import("./box.js").Decision} Decision */
-/** @typedef {import("./box.js").Xyxy} Xyxy */
+/** @import { Decision, Xyxy } from "./box.js" */
 /** @typedef {{src: string, width: number, height: number}} Crop */
 /** @typedef {{state: "failed", crop: null, error: Error}} NoCrop */
 /** @typedef {{state: "shown", crop: Crop} | {state: "none", crop: null} | NoCrop} CropAnswer */

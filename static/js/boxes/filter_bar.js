@@ -8,7 +8,7 @@ import { Segments, Select } from "../core/parts.js";
 import { BINS, PLACE_KEYS } from "./filters.js";
 import { REASONS } from "./wording.js";
 
-/** @typedef {import("../core/router.js").Query} Query */
+/** @import { Query } from "../core/router.js" */
 /** @typedef {readonly {value: string, text: string}[]} Choices */
 /**
  * @typedef {{label: string, any: string, choices: Choices}} Control `any`: the text of the choice that filters nothing

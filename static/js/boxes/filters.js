@@ -4,9 +4,9 @@
 import { linkTo } from "../core/router.js";
 import { answerOf, isUnanswered } from "./box.js";
 
-/** @typedef {import("./box.js").Decision} Decision */
-/** @typedef {import("../core/openapi.js").BoxSelection} BoxSelection */
-/** @typedef {import("../core/router.js").Query} Query */
+/** @import { Decision } from "./box.js" */
+/** @import { BoxSelection } from "../core/openapi.js" */
+/** @import { Query } from "../core/router.js" */
 
 /**
  * The filters that live in the address; a list of frames and a frame share them. `verdict` is the one in force, as

@@ -7,8 +7,7 @@ import { useEffect, useMemo, useState } from "../core/html.js";
 import { createValue } from "../core/observable.js";
 import { asShown, seenRevision, withAnswer } from "./box.js";
 
-/** @typedef {import("./box.js").AnswerWithComment} AnswerWithComment */
-/** @typedef {import("./box.js").Decision} Decision */
+/** @import { AnswerWithComment, Decision } from "./box.js" */
 
 /**
  * If more boxes than this have changed at the server, the grid reads its lists again, and frames are not loaded for it.

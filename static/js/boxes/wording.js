@@ -7,8 +7,7 @@
 
 import { exactPercentText, metresText, percentText, unbroken, wholePercentText } from "../core/numbers.js";
 
-/** @typedef {import("./box.js").Decision} Decision */
-/** @typedef {import("./box.js").Verdict} Verdict */
+/** @import { Decision, Verdict } from "./box.js" */
 
 /**
  * Short names of the reasons, in the order of `ReasonLabel` in filter_core/verdicts.py.

@@ -4,7 +4,7 @@
 
 import { createValue } from "./observable.js";
 
-/** @typedef {import("./openapi.js").paths} Paths */
+/** @import { paths as Paths } from "./openapi.js" */
 /** @typedef {"get" | "post" | "put" | "patch" | "delete"} Method */
 /**
  * @typedef {Partial<Omit<import("./openapi.js").Problem, "current">> & {current?: import("./openapi.js").Decision |

@@ -9,8 +9,7 @@ import { createValue } from "./observable.js";
 import { createPrefs } from "./prefs.js";
 import { createRouter } from "./router.js";
 
-/** @typedef {import("./openapi.js").LogIn} Credential */
-/** @typedef {import("./openapi.js").NewSession} NewSession */
+/** @import { LogIn as Credential, NewSession } from "./openapi.js" */
 /** @typedef {Record<string, (press?: import("./keymap.js").KeyPress) => void>} Actions */
 /** @typedef {{text: string, href?: string, run?: () => void}} ToastAction  a link, or something to run */
 /** @typedef {{id: number, kind: "info" | "error", text: string, action?: ToastAction}} Toast */

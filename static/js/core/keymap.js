@@ -8,7 +8,7 @@ import { Icon } from "./icons.js";
 import { Dialog, useDialog } from "./parts.js";
 import { keep } from "./prefs.js";
 
-/** @typedef {import("./app.js").App} App */
+/** @import { App } from "./app.js" */
 
 /**
  * @typedef {"Answer" | "Look" | "Move" | "In the grid" | "Page"} Group
@@ -239,7 +239,7 @@ const HELD = new Set([
 const clicksAgain = ({ repeat, key, target }) =>
   repeat && key === "Enter" && target instanceof Element && target.closest("button") !== null;
 
-/** @param {import("./app.js").App} app */
+/** @param {App} app */
 export function watchKeys(app) {
   /** Whether the focused control was clicked: then Space and the arrows are for the stage, as before the click. */
   let isClicked = false;
@@ -257,7 +257,7 @@ export function watchKeys(app) {
 }
 
 /**
- * @param {import("./app.js").App} app @param {string} action @param {KeyPress} [press] the key press that asked for it
+ * @param {App} app @param {string} action @param {KeyPress} [press] the key press that asked for it
  * @returns {boolean} whether a view on the page offers this action
  */
 export function perform(app, action, press) {
@@ -371,7 +371,7 @@ function Row({ app, row, isOff, changing, onChange }) {
 
 /**
  * The keys of an action, drawn as key caps; those that are switched off are struck through.
- * @param {{app: import("./app.js").App, keys: readonly string[], where?: string}} props  `where`: as in `Binding`
+ * @param {{app: App, keys: readonly string[], where?: string}} props  `where`: as in `Binding`
  */
 export function Keys({ app, keys, where }) {
   const settings = useValue(app.keys);

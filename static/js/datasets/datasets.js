@@ -12,8 +12,8 @@ import { Command, Failure, Notice } from "../core/parts.js";
 import { linkTo } from "../core/router.js";
 import { UploadButtons } from "../upload/upload.js";
 
-/** @typedef {import("../upload/uploader.js").UploadApp} App */
-/** @typedef {import("../core/openapi.js").Dataset} Dataset */
+/** @import { UploadApp as App } from "../upload/uploader.js" */
+/** @import { Dataset } from "../core/openapi.js" */
 
 /** @param {{app: App}} props */
 export function DatasetsView({ app }) {

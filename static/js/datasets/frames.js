@@ -15,9 +15,9 @@ import { Failure, FailureLine, Notice } from "../core/parts.js";
 import { linkTo } from "../core/router.js";
 import { DatasetDialog } from "./settings.js";
 
-/** @typedef {import("../upload/uploader.js").UploadApp} App */
-/** @typedef {import("../core/openapi.js").FrameSummary} FrameItem */
-/** @typedef {import("../core/router.js").Query} Query */
+/** @import { UploadApp as App } from "../upload/uploader.js" */
+/** @import { FrameSummary as FrameItem } from "../core/openapi.js" */
+/** @import { Query } from "../core/router.js" */
 
 const PAGE_SIZE = 60;
 

@@ -17,9 +17,7 @@ import { linkTo } from "../core/router.js";
 import { useMedia } from "../stage/media.js";
 
 /** @typedef {import("../core/app.js").App & {boxes: import("../boxes/store.js").Boxes}} App */
-/** @typedef {import("../core/openapi.js").Dataset} Dataset */
-/** @typedef {import("../core/openapi.js").Stats} Stats */
-/** @typedef {import("../core/openapi.js").FrameSummary} FrameItem */
+/** @import { FrameSummary as FrameItem, Stats } from "../core/openapi.js" */
 
 /** The words of the trade, explained where one points at them. */
 const WORDS = {

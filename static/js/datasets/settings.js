@@ -9,9 +9,9 @@ import { countOf } from "../core/numbers.js";
 import { Dialog, FailureLine, FileList, RecordingDownload, useDialog } from "../core/parts.js";
 import { linkTo } from "../core/router.js";
 
-/** @typedef {import("../core/app.js").App} App */
-/** @typedef {import("../core/openapi.js").Dataset} Dataset */
-/** @typedef {import("../core/form.js").Field} Field */
+/** @import { App } from "../core/app.js" */
+/** @import { Dataset } from "../core/openapi.js" */
+/** @import { Field } from "../core/form.js" */
 
 /** @type {import("../core/form.js").Words} */
 const WORDS = { fields: { lossy_segmentation: "JPEG segmentations" } };

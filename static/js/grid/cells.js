@@ -24,16 +24,16 @@ import {
 } from "./layout.js";
 import { createPicking, extended, focused, isSelected, lassoed, listenToLasso } from "./selection.js";
 
-/** @typedef {import("../review/answers.js").ReviewApp} App */
-/** @typedef {import("../boxes/box.js").Decision} Decision */
-/** @typedef {import("./layout.js").Layout} Layout */
-/** @typedef {import("../boxes/crops.js").Size} Size */
+/** @import { ReviewApp as App } from "../review/answers.js" */
+/** @import { Decision } from "../boxes/box.js" */
+/** @import { Layout } from "./layout.js" */
+/** @import { Size } from "../boxes/crops.js" */
 
 const SPARE_ROWS = 2;
 const PADDING_PX = 16;
 
 /**
- * @param {{app: App, place: import("./pager.js").Place, frameSize: import("../boxes/crops.js").Size | null,
+ * @param {{app: App, place: import("./pager.js").Place, frameSize: Size | null,
  *   actions: import("./grid.js").GridActions}} props
  */
 export function GridCells({ app, place, frameSize, actions }) {

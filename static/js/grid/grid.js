@@ -37,11 +37,11 @@ import { GridCells } from "./cells.js";
 import { leave, placeOf } from "./pager.js";
 import { allBut, everything, nothing, sizeOf, toggled } from "./selection.js";
 
-/** @typedef {import("../boxes/box.js").Answer} Answer */
-/** @typedef {import("../review/answers.js").ReviewApp} App */
-/** @typedef {import("./pager.js").Pager} Pager */
-/** @typedef {import("../core/router.js").Query} Query */
-/** @typedef {import("./selection.js").Selection} Selection */
+/** @import { Answer } from "../boxes/box.js" */
+/** @import { ReviewApp as App } from "../review/answers.js" */
+/** @import { Pager } from "./pager.js" */
+/** @import { Query } from "../core/router.js" */
+/** @import { Selection } from "./selection.js" */
 
 /** @param {{app: App, route: import("../core/router.js").Route}} props */
 export function GridView({ app, route }) {
@@ -202,7 +202,7 @@ async function countAnswered(dataset, filter) {
 
 /**
  * @param {App} app @param {string} dataset
- * @param {() => {place: import("./pager.js").Place, query: import("../core/router.js").Query}} page the current place
+ * @param {() => {place: import("./pager.js").Place, query: Query}} page the current place
  *   and query
  */
 function createGridActions(app, dataset, page) {

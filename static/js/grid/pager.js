@@ -8,7 +8,7 @@ import { get } from "../core/api.js";
 import { createValue } from "../core/observable.js";
 import { NOTHING } from "./selection.js";
 
-/** @typedef {import("../boxes/box.js").Decision} Decision */
+/** @import { Decision } from "../boxes/box.js" */
 
 /**
  * @typedef {object} Part  boxes that one request brought, in their order

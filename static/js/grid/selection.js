@@ -1,7 +1,7 @@
 // @ts-check
 // Which boxes of the grid are selected, and how clicks, keys and the lasso change that.
 
-/** @typedef {import("./layout.js").Rect} Rect */
+/** @import { Rect } from "./layout.js" */
 
 /**
  * @typedef {object} Selection

@@ -8,8 +8,8 @@ import { Icon } from "../core/icons.js";
 import { countOf, countText } from "../core/numbers.js";
 import { linkTo } from "../core/router.js";
 
-/** @typedef {import("../core/openapi.js").Run["state"]} JobState */
-/** @typedef {import("../core/openapi.js").Run} Run */
+/** @typedef {Run["state"]} JobState */
+/** @import { Run } from "../core/openapi.js" */
 
 const STATES = {
   queued: { icon: "clock", text: "queued" },
@@ -172,7 +172,7 @@ function wordsOf(run) {
   }
 }
 
-/** @typedef {{state: import("../core/openapi.js").Run["state"]}} Job */
+/** @typedef {{state: Run["state"]}} Job */
 
 const OVER = new Set(["done", "failed", "cancelled"]);
 

@@ -14,11 +14,8 @@ import { RunStrip, isOver, useOpenRun, useWatched } from "../jobs/job.js";
 import { MeasureCell } from "./comparison.js";
 import { COUNTED, TRUTHS, bandText } from "./measures.js";
 
-/** @typedef {import("../core/app.js").App} App */
-/** @typedef {import("../core/openapi.js").ChannelScore} ChannelScore */
-/** @typedef {import("../core/openapi.js").Evaluation} Evaluation */
-/** @typedef {import("../core/openapi.js").Run} Run */
-/** @typedef {import("../core/openapi.js").Score} Score */
+/** @import { App } from "../core/app.js" */
+/** @import { ChannelScore, Evaluation, Run, Score } from "../core/openapi.js" */
 
 const BY = [
   { value: "all", text: "All boxes" },

@@ -21,8 +21,7 @@ import {
   shareText,
 } from "./measures.js";
 
-/** @typedef {import("../core/openapi.js").Confusion} Confusion */
-/** @typedef {import("../core/openapi.js").Measure} Measure */
+/** @import { Confusion, Measure } from "../core/openapi.js" */
 /** @typedef {import("../core/openapi.js").Quality["truth"]} Truth */
 
 const MEASURES = /** @type {const} */ ([

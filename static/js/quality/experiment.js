@@ -9,8 +9,7 @@ import { Command, FailureLine, WideTable } from "../core/parts.js";
 import { MeasureCell } from "./comparison.js";
 import { percentOf } from "./measures.js";
 
-/** @typedef {import("../core/openapi.js").Arm} Arm */
-/** @typedef {import("../core/openapi.js").Experiment} Report */
+/** @import { Arm, Experiment as Report } from "../core/openapi.js" */
 
 /** What an arm's labels are, by its name without a number of pixels. @type {Readonly<Record<string, string>>} */
 const ARMS = {

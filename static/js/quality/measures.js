@@ -8,7 +8,7 @@ import { linkTo } from "../core/router.js";
  * @typedef {"kept_keep" | "kept_reject" | "rejected_keep" | "rejected_reject"} Cell the filter's verdict, then the
  *   truth
  */
-/** @typedef {import("../core/openapi.js").Measure} Measure */
+/** @import { Measure } from "../core/openapi.js" */
 /** @typedef {import("../core/openapi.js").Quality["truth"]} Truth */
 
 /** With fewer answers of a class, a suggested threshold is marked. */

@@ -15,9 +15,8 @@ import { Experiment } from "./experiment.js";
 import { TRUTHS, WORDS, answersIn, kappaText, planText, refusalText } from "./measures.js";
 import { Suggestions } from "./suggestions.js";
 
-/** @typedef {import("../core/openapi.js").Agreement} Agreement */
-/** @typedef {import("../core/app.js").App} App */
-/** @typedef {import("../core/openapi.js").Reviewer} Reviewer */
+/** @import { Agreement, Reviewer } from "../core/openapi.js" */
+/** @import { App } from "../core/app.js" */
 
 /** @param {{app: App, route: import("../core/router.js").Route}} props */
 export function QualityView({ app, route }) {

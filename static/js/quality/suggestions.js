@@ -13,11 +13,10 @@ import { OWN_SHARE, editsFor, queryOf, withEdits, worthTrying } from "../tuning/
 import { requireActive } from "../tuning/versions.js";
 import { FEW_ANSWERS, WORDS, shareText } from "./measures.js";
 
-/** @typedef {import("../core/app.js").App} App */
-/** @typedef {import("../core/openapi.js").ConfigVersion} ConfigVersion */
-/** @typedef {import("../core/chart.js").Ink} Ink */
-/** @typedef {import("../core/openapi.js").Suggestion} Suggestion */
-/** @typedef {import("../../vendor/uplot-1.6.32.module.js").default} UPlot */
+/** @import { App } from "../core/app.js" */
+/** @import { ConfigVersion, Suggestion } from "../core/openapi.js" */
+/** @import { Ink } from "../core/chart.js" */
+/** @import { default as UPlot } from "../../vendor/uplot-1.6.32.module.js" */
 
 const TARGETS = [
   { value: "f1", text: "Best F1" },
@@ -123,7 +122,7 @@ function SaveButton({ app, dataset, active, suggested, text, isLarge = false, on
 
 const TABLE_ROWS = 12;
 
-/** @param {{app: import("../core/app.js").App, suggestion: Suggestion}} props */
+/** @param {{app: App, suggestion: Suggestion}} props */
 function Curve({ app, suggestion }) {
   const element = useRef(/** @type {HTMLDivElement | null} */ (null));
   useEffect(() => {

@@ -11,8 +11,8 @@ import { capital, countOf, countText } from "../core/numbers.js";
 import { Dialog, Failure, useDialog } from "../core/parts.js";
 import { VERBS } from "../review/bulk.js";
 
-/** @typedef {import("../review/answers.js").ReviewApp} App */
-/** @typedef {import("../boxes/box.js").Answer} Answer */
+/** @import { ReviewApp as App } from "../review/answers.js" */
+/** @import { Answer } from "../boxes/box.js" */
 
 const SIZE_PX = 112;
 

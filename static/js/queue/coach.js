@@ -8,8 +8,8 @@ import { Icon } from "../core/icons.js";
 import { useKeyText } from "../core/keymap.js";
 import { countOf, countText, wholePercentText } from "../core/numbers.js";
 
-/** @typedef {import("../boxes/box.js").Decision} Decision */
-/** @typedef {import("./question.js").Hider} Hider */
+/** @import { Decision } from "../boxes/box.js" */
+/** @import { Hider } from "./question.js" */
 
 /**
  * @typedef {object} Lesson

@@ -15,10 +15,10 @@ import { Segments } from "../core/parts.js";
 import { currentOf, inOrder, isBlind, movedTo, paceOf, upcoming } from "./line.js";
 import { ORDERS, hasOnlyDoubts, orderOf } from "./session.js";
 
-/** @typedef {import("../review/answers.js").ReviewApp} App */
-/** @typedef {import("./line.js").Line} Line */
-/** @typedef {import("../core/router.js").Query} Query */
-/** @typedef {import("./session.js").Session} Session */
+/** @import { ReviewApp as App } from "../review/answers.js" */
+/** @import { Line } from "./line.js" */
+/** @import { Query } from "../core/router.js" */
+/** @import { Session } from "./session.js" */
 
 /**
  * @param {{app: App, session: Session, classes: readonly string[], query: Query, onChange: (query: Query) => void}}
@@ -112,7 +112,7 @@ const AHEAD = 6;
 const SIZE_PX = 56;
 
 /**
- * @param {{app: import("../review/answers.js").ReviewApp, session: import("./session.js").Session, line: Line,
+ * @param {{app: App, session: Session, line: Line,
  *   isHidden: boolean, onShow: (line: Line) => void}} props
  */
 export function QueueStrip({ app, session, line, isHidden, onShow }) {

@@ -4,9 +4,8 @@
 
 import { answerOf } from "../boxes/box.js";
 
-/** @typedef {import("../boxes/box.js").Answer} Answer */
-/** @typedef {import("../boxes/box.js").Decision} Decision */
-/** @typedef {import("../core/router.js").Query} Query */
+/** @import { Answer, Decision } from "../boxes/box.js" */
+/** @import { Query } from "../core/router.js" */
 
 /**
  * @typedef {object} Line

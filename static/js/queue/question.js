@@ -11,8 +11,8 @@ import { html } from "../core/html.js";
 import { metresText, wholePercentText } from "../core/numbers.js";
 import { contextOf } from "../stage/geometry.js";
 
-/** @typedef {import("../boxes/box.js").Decision} Decision */
-/** @typedef {import("../stage/media.js").Frame} Frame */
+/** @import { Decision } from "../boxes/box.js" */
+/** @import { Frame } from "../stage/media.js" */
 /** @typedef {ReturnType<typeof import("../stage/geometry.js").hiderOf>} Hider */
 
 /** The rule of a dataset that has none of its own. */

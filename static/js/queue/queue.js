@@ -24,10 +24,10 @@ import { keepSession, sessionOf } from "./session.js";
 import { QueueStage } from "./stage.js";
 import { TrackStrip, useTrack } from "./track.js";
 
-/** @typedef {import("../boxes/box.js").Answer} Answer */
-/** @typedef {import("../review/answers.js").ReviewApp} App */
-/** @typedef {import("../core/router.js").Query} Query */
-/** @typedef {import("./session.js").Session} Session */
+/** @import { Answer } from "../boxes/box.js" */
+/** @import { ReviewApp as App } from "../review/answers.js" */
+/** @import { Query } from "../core/router.js" */
+/** @import { Session } from "./session.js" */
 
 const AHEAD = 3;
 const RENEW_MS = 4 * 60_000;
@@ -357,7 +357,7 @@ function createQueueActions(app, session, page) {
 /** @typedef {ReturnType<typeof createQueueActions>} QueueActions */
 
 /**
- * @param {{box: import("../boxes/box.js").Decision, session: import("./session.js").Session, onSee: (() => void) |
+ * @param {{box: import("../boxes/box.js").Decision, session: Session, onSee: (() => void) |
  *   null}} props `onSee`: null if they cannot be shown before
  */
 function BlindPanel({ box, session, onSee }) {

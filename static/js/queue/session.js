@@ -22,10 +22,9 @@ import {
   without,
 } from "./line.js";
 
-/** @typedef {import("../boxes/box.js").Answer} Answer */
-/** @typedef {import("../review/answers.js").ReviewApp} App */
-/** @typedef {import("../boxes/box.js").Decision} Decision */
-/** @typedef {import("./line.js").Line} Line */
+/** @import { Answer, Decision } from "../boxes/box.js" */
+/** @import { ReviewApp as App } from "../review/answers.js" */
+/** @import { Line } from "./line.js" */
 
 /**
  * @typedef {object} Counts

@@ -14,10 +14,10 @@ import { LookBar, StageView } from "../stage/view.js";
 import { Coach } from "./coach.js";
 import { Layers, Question, layersOf } from "./question.js";
 
-/** @typedef {import("../core/app.js").Actions} Actions */
-/** @typedef {import("../review/answers.js").ReviewApp} App */
-/** @typedef {import("../boxes/box.js").Decision} Decision */
-/** @typedef {import("../stage/media.js").Frame} Frame */
+/** @import { Actions } from "../core/app.js" */
+/** @import { ReviewApp as App } from "../review/answers.js" */
+/** @import { Decision } from "../boxes/box.js" */
+/** @import { Frame } from "../stage/media.js" */
 
 /** @type {readonly number[]} */
 const NONE = [];

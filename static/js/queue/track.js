@@ -9,7 +9,7 @@ import { useLoaded } from "../core/hooks.js";
 import { html, useEffect, useRef } from "../core/html.js";
 import { useKeyText, withKey } from "../core/keymap.js";
 
-/** @typedef {import("../boxes/box.js").Decision} Decision */
+/** @import { Decision } from "../boxes/box.js" */
 /** @typedef {{boxId: number, offset: number}} Place  a box of the object, and how many frames later it is */
 
 /** @type {readonly Place[]} */

@@ -6,9 +6,8 @@ import { html } from "../core/html.js";
 import { Icon } from "../core/icons.js";
 import { Keys, keepFocus, useKeys } from "../core/keymap.js";
 
-/** @typedef {import("../core/app.js").Actions} Actions */
-/** @typedef {import("../core/app.js").App} App */
-/** @typedef {import("../boxes/box.js").Decision} Decision */
+/** @import { Actions, App } from "../core/app.js" */
+/** @import { Decision } from "../boxes/box.js" */
 /** @typedef {{action: string, icon: string, text: string}} AnswerRow */
 
 /** The answers, by the names of their actions. @type {readonly AnswerRow[]} */

@@ -10,11 +10,9 @@ import { createBulkAnswers } from "./bulk.js";
 import { createOutbox, isItemName } from "./outbox.js";
 import { createSender } from "./sender.js";
 
-/** @typedef {import("../boxes/box.js").Answer} Answer */
-/** @typedef {import("../boxes/box.js").AnswerWithComment} AnswerWithComment */
-/** @typedef {import("../boxes/box.js").Decision} Decision */
-/** @typedef {import("../boxes/store.js").Boxes} Boxes */
-/** @typedef {import("./outbox.js").SingleAnswer} SingleAnswer */
+/** @import { Answer, AnswerWithComment, Decision } from "../boxes/box.js" */
+/** @import { Boxes } from "../boxes/store.js" */
+/** @import { SingleAnswer } from "./outbox.js" */
 
 /** So many answers within two seconds are faster than people look. */
 const STREAK = 12;

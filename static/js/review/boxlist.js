@@ -9,8 +9,8 @@ import { Component, html, useEffect, useRef } from "../core/html.js";
 import { countOf, countText } from "../core/numbers.js";
 import { Select } from "../core/parts.js";
 
-/** @typedef {import("../boxes/box.js").Decision} Decision */
-/** @typedef {import("../core/router.js").Query} Query */
+/** @import { Decision } from "../boxes/box.js" */
+/** @import { Query } from "../core/router.js" */
 
 /**
  * @param {{app: import("../core/app.js").App, boxes: readonly Decision[], shown: readonly Decision[], selected:

@@ -9,11 +9,9 @@ import { createValue } from "../core/observable.js";
 import { linkTo } from "../core/router.js";
 import { randomId } from "../core/tab.js";
 
-/** @typedef {import("../boxes/box.js").Answer} Answer */
-/** @typedef {import("../boxes/box.js").AnswerWithComment} AnswerWithComment */
-/** @typedef {import("../boxes/box.js").Decision} Decision */
-/** @typedef {import("./answers.js").Step} Step */
-/** @typedef {import("./outbox.js").NewBulkAnswer} NewBulkAnswer */
+/** @import { Answer, AnswerWithComment } from "../boxes/box.js" */
+/** @import { Step } from "./answers.js" */
+/** @import { NewBulkAnswer } from "./outbox.js" */
 /**
  * @typedef {{dataset: string, text: string, boxes: readonly number[]}} Report boxes that a bulk answer, or its undo,
  *   has left out
@@ -213,7 +211,7 @@ export function createBulkAnswers({ toasts, router }, { boxes, sender, steps }) 
 
     /**
      * One answer on all boxes that a filter selected when the list was read.
-     * @param {string} dataset @param {Answer} verdict @param {import("./outbox.js").Filter} filter
+     * @param {string} dataset @param {Answer} verdict @param {import("../core/openapi.js").BoxSelection} filter
      * @param {{total: number, snapshot: string, knownIds?: readonly number[]}} list `knownIds`: of its boxes, those
      *   that the page has loaded
      */

@@ -27,10 +27,9 @@ import { AnswerBar } from "./answer_bar.js";
 import { BoxList } from "./boxlist.js";
 import { Inspector, NOT_PAINTED, forgetTyped, typedComment } from "./inspector.js";
 
-/** @typedef {import("../boxes/box.js").Answer} Answer */
-/** @typedef {import("./answers.js").ReviewApp} App */
-/** @typedef {import("../boxes/box.js").Decision} Decision */
-/** @typedef {import("../stage/media.js").Frame} Frame */
+/** @import { Answer, Decision } from "../boxes/box.js" */
+/** @import { ReviewApp as App } from "./answers.js" */
+/** @import { Frame } from "../stage/media.js" */
 
 /** @param {{app: App, route: import("../core/router.js").Route}} props */
 export function FrameView({ app, route }) {

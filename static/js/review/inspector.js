@@ -24,10 +24,10 @@ import { linkTo } from "../core/router.js";
 import { overlapping } from "../stage/geometry.js";
 import { OvertakenNotice } from "./answer_bar.js";
 
-/** @typedef {import("./answers.js").ReviewApp} App */
-/** @typedef {import("../boxes/box.js").Decision} Decision */
-/** @typedef {import("../stage/media.js").Frame} Frame */
-/** @typedef {import("../core/openapi.js").HistoryEntry} HistoryEntry */
+/** @import { ReviewApp as App } from "./answers.js" */
+/** @import { Decision } from "../boxes/box.js" */
+/** @import { Frame } from "../stage/media.js" */
+/** @import { HistoryEntry } from "../core/openapi.js" */
 
 /** Said in place of an answer by somebody who cannot have seen the box. */
 export const NOT_PAINTED =
@@ -263,7 +263,7 @@ export function Comment({ box, onSave, fieldRef }) {
 /** How many entries of the history are shown at first. */
 const NEWEST = 50;
 
-/** @param {{app: import("../core/app.js").App, box: import("../boxes/box.js").Decision}} props */
+/** @param {{app: import("../core/app.js").App, box: Decision}} props */
 export function History({ app, box }) {
   const { box_id } = box;
   const loaded = useNewest(

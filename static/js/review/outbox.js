@@ -20,9 +20,8 @@
 
 import { randomId } from "../core/tab.js";
 
-/** @typedef {import("../boxes/box.js").Answer} Answer */
-/** @typedef {import("../boxes/box.js").AnswerWithComment} AnswerWithComment */
-/** @typedef {import("../core/openapi.js").BoxSelection} Filter */
+/** @import { Answer, AnswerWithComment } from "../boxes/box.js" */
+/** @import { BoxSelection as Filter } from "../core/openapi.js" */
 
 /**
  * @typedef {object} SingleAnswer  on one box, or the undo of one

@@ -7,17 +7,9 @@ import { ApiError, NoResponse, createRetries, get, post } from "../core/api.js";
 import { createValue } from "../core/observable.js";
 import { countAnswers, idempotencyKey, isBulk, isBulkAnswer, isBulkUndo, isSingle, wasAttempted } from "./outbox.js";
 
-/** @typedef {import("../boxes/box.js").Decision} Decision */
-/** @typedef {import("../core/openapi.js").Review} StoredReview */
-/** @typedef {import("../core/openapi.js").History} History */
-/** @typedef {import("../core/openapi.js").HistoryEntry} HistoryEntry */
-/** @typedef {import("../core/openapi.js").ReviewBatch} ReviewBatch */
-/** @typedef {import("../core/openapi.js").UndoneBatch} UndoneBatch */
-/** @typedef {import("./outbox.js").SingleAnswer} SingleAnswer */
-/** @typedef {import("./outbox.js").BulkAnswer} BulkAnswer */
-/** @typedef {import("./outbox.js").BulkUndo} BulkUndo */
-/** @typedef {import("./outbox.js").BulkItem} BulkItem */
-/** @typedef {import("./outbox.js").OutboxItem} OutboxItem */
+/** @import { Decision } from "../boxes/box.js" */
+/** @import { History, HistoryEntry, Review as StoredReview, ReviewBatch, UndoneBatch } from "../core/openapi.js" */
+/** @import { BulkAnswer, BulkItem, BulkUndo, OutboxItem, SingleAnswer } from "./outbox.js" */
 
 /**
  * @typedef {object} Requests  all but `history` resolve when the server has stored the item

@@ -10,16 +10,15 @@ import { agoText, countOf, countText, sizeText } from "../core/numbers.js";
 import { Dialog, FailureLine, WideTable, useCopy, useDialog } from "../core/parts.js";
 import { Canceller, JobBar, StateBadge, isOver, percentDone, useLookAgain } from "../jobs/job.js";
 
-/** @typedef {import("../core/app.js").App} App */
-/** @typedef {import("../core/openapi.js").Export} Export */
+/** @import { App } from "../core/app.js" */
+/** @import { Export } from "../core/openapi.js" */
 /** @typedef {Export["format"]} Format */
 /**
  * `options`: the keys of the options that a format has; it refuses any other.
  * @typedef {{formats: {value: Format, text: string, help: string, options: readonly string[]}[], fields: Field[]}}
  *   ExportForm
  */
-/** @typedef {import("../core/form.js").Field} Field */
-/** @typedef {import("../core/form.js").Schema} Schema */
+/** @import { Field, Schema } from "../core/form.js" */
 
 /** How many exports are shown at first. */
 const NEWEST = 50;

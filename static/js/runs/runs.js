@@ -14,10 +14,9 @@ import { DirectionTabs, FlipGrid, directionOf } from "../tuning/flips.js";
 import { DiffTable } from "../tuning/versions.js";
 import { Exports } from "./exports.js";
 
-/** @typedef {import("../core/app.js").App} App */
-/** @typedef {import("../core/router.js").Route} Route */
-/** @typedef {import("../core/openapi.js").Run} Run */
-/** @typedef {import("../core/openapi.js").Diff} RunDiff */
+/** @import { App } from "../core/app.js" */
+/** @import { Route } from "../core/router.js" */
+/** @import { Diff as RunDiff, Run } from "../core/openapi.js" */
 
 /** How many runs are shown at first. */
 const NEWEST = 25;
@@ -221,7 +220,7 @@ export const isFirst = ({ total, started_at, finished_at }) =>
 const KINDS = /** @type {Record<string, string>} */ ({ measure: "measured again", decide: "decided again" });
 
 /**
- * @param {{app: import("../core/app.js").App, dataset: string, run: Run, isActive: boolean, isShown: boolean}} props
+ * @param {{app: App, dataset: string, run: Run, isActive: boolean, isShown: boolean}} props
  */
 function RunRow({ app, dataset, run, isActive, isShown }) {
   return html`<article class="run ${isShown ? "is-shown" : ""}" aria-label=${`Run ${run.id}`}>

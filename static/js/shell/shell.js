@@ -15,7 +15,7 @@ import { Uploads } from "../upload/upload.js";
 import { TopBar, hasTabs } from "./topbar.js";
 
 /** @typedef {import("../review/answers.js").ReviewApp & import("../upload/uploader.js").UploadApp} App */
-/** @typedef {import("../core/router.js").Route} Route */
+/** @import { Route } from "../core/router.js" */
 /** @typedef {(props: {app: App, route: Route}) => unknown} View */
 
 /**

@@ -11,7 +11,7 @@ import { perform, useKeyText } from "../core/keymap.js";
 import { countOf } from "../core/numbers.js";
 import { ROUTES, linkTo } from "../core/router.js";
 
-/** @typedef {import("../review/answers.js").ReviewApp} App */
+/** @import { ReviewApp as App } from "../review/answers.js" */
 
 /** @param {{app: App}} props */
 export function TopBar({ app }) {
@@ -135,7 +135,7 @@ const ofFrame = (name) => name === "frame" || name === "compare";
 
 /**
  * The tabs of a dataset. Their links keep the filters.
- * @param {{app: import("../review/answers.js").ReviewApp}} props
+ * @param {{app: App}} props
  */
 function DatasetTabs({ app }) {
   const route = useValue(app.router.route);

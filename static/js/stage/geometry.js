@@ -1,8 +1,7 @@
 // @ts-check
 // Geometry of the stage, pure functions: view transform, hit test, stacked boxes, overlaps.
 
-/** @typedef {import("../boxes/box.js").Decision} Decision */
-/** @typedef {import("../boxes/box.js").Xyxy} Xyxy */
+/** @import { Decision, Xyxy } from "../boxes/box.js" */
 /** @typedef {{width: number, height: number}} Size */
 /** @typedef {{x: number, y: number}} Point */
 /** @typedef {{scale: number, x: number, y: number}} View  stage = image * scale + (x, y) */

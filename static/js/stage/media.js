@@ -8,7 +8,7 @@ import { createLazy } from "../core/observable.js";
 import { PAINTED, canvasOf, createObjects, isPaintedAlready } from "./pixels.js";
 import { isOpaque, storedImage } from "./stored.js";
 
-/** @typedef {import("../boxes/store.js").Boxes} Boxes */
+/** @import { Boxes } from "../boxes/store.js" */
 /** @typedef {Omit<import("../core/openapi.js").Frame, "boxes"> & {boxIds: readonly number[]}} Frame */
 /** @template T @typedef {import("../core/observable.js").Lazy<T>} Lazy */
 

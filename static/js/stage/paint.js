@@ -6,9 +6,7 @@ import { distanceText, isFar, labelText } from "../boxes/wording.js";
 import { areaOf, isOnStage, toStage } from "./geometry.js";
 import { outline, paintLabel, paintMark, paintShortLabels, solidLines } from "./shapes.js";
 
-/** @typedef {import("../boxes/box.js").Decision} Decision */
-/** @typedef {import("../boxes/box.js").Verdict} Verdict */
-/** @typedef {import("../boxes/box.js").Xyxy} Xyxy */
+/** @import { Decision, Verdict, Xyxy } from "../boxes/box.js" */
 /**
  * @typedef {{stroke: Record<Verdict, string>, label: Record<Verdict, string>, text: string, casing: string, halo:
  *   string, edge: string, matching: string, unsure: string, font: string}} Inks

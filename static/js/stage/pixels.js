@@ -3,10 +3,9 @@
 
 import { pixelBounds } from "./geometry.js";
 
-/** @typedef {import("../core/openapi.js").AcceptedTag} AcceptedTag */
-/** @typedef {import("../boxes/box.js").Decision} Decision */
-/** @typedef {import("../core/openapi.js").AcceptedTag["rgb"]} Rgb */
-/** @typedef {import("../core/openapi.js").SegmentationReport} SegmentationReport */
+/** @import { AcceptedTag, SegmentationReport } from "../core/openapi.js" */
+/** @import { Decision } from "../boxes/box.js" */
+/** @typedef {AcceptedTag["rgb"]} Rgb */
 /** @typedef {{x: number, y: number, width: number, height: number}} Bounds */
 /**
  * @typedef {{outline: Path2D, count: number}} Highlight the outline of the pixels, in px of the image; how many they

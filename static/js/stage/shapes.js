@@ -3,9 +3,8 @@
 
 import { VERDICT_SIGN, shortText } from "../boxes/wording.js";
 
-/** @typedef {import("./paint.js").Inks} Inks */
-/** @typedef {import("../boxes/box.js").Verdict} Verdict */
-/** @typedef {import("../boxes/box.js").Xyxy} Xyxy */
+/** @import { Inks } from "./paint.js" */
+/** @import { Verdict, Xyxy } from "../boxes/box.js" */
 /** @typedef {{color: string, casing: string, dash: readonly number[]}} Pen  whole px; dash: on, off */
 /** @typedef {{across: ImageBitmap, down: ImageBitmap}} Strips */
 
@@ -236,7 +235,7 @@ const signs = new Map();
 
 /**
  * The sign of an answer, on the top right corner of its box.
- * @param {CanvasRenderingContext2D} ctx @param {Given | null} answer @param {import("../boxes/box.js").Xyxy} rect
+ * @param {CanvasRenderingContext2D} ctx @param {Given | null} answer @param {Xyxy} rect
  * @param {Inks} inks
  */
 export function paintMark(ctx, answer, [, y0, x1], inks) {

@@ -19,10 +19,8 @@ import {
 import { listen } from "./input.js";
 import { createDrawnBoxes, paintAllBoxes, paintBase, paintTop, readInks } from "./paint.js";
 
-/** @typedef {import("../boxes/box.js").Decision} Decision */
-/** @typedef {import("./geometry.js").Point} Point */
-/** @typedef {import("./geometry.js").View} View */
-/** @typedef {import("../boxes/box.js").Xyxy} Xyxy */
+/** @import { Decision, Xyxy } from "../boxes/box.js" */
+/** @import { Point, View } from "./geometry.js" */
 
 /**
  * @typedef {object} Snapshot  everything that is drawn

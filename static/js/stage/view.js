@@ -12,10 +12,9 @@ import { clamp } from "./geometry.js";
 import { highlightOf } from "./pixels.js";
 import { createStage } from "./stage.js";
 
-/** @typedef {import("../core/app.js").Actions} Actions */
-/** @typedef {import("../core/app.js").App} App */
-/** @typedef {import("../boxes/box.js").Decision} Decision */
-/** @typedef {import("./media.js").Frame} Frame */
+/** @import { Actions, App } from "../core/app.js" */
+/** @import { Decision } from "../boxes/box.js" */
+/** @import { Frame } from "./media.js" */
 
 /**
  * The boxes are shown as soon as the frame is known; the picture and the segmentation follow.

@@ -10,8 +10,8 @@ import { appliesTo, classPath, valueOf } from "./config.js";
 import { Delta } from "./flips.js";
 import { Histogram, together, typedPercent } from "./histogram.js";
 
-/** @typedef {import("../core/app.js").App} App */
-/** @typedef {import("./preview.js").Tuning} Tuning */
+/** @import { App } from "../core/app.js" */
+/** @import { Tuning } from "./preview.js" */
 
 const SCALES = [
   { value: "", text: "Log" },
@@ -173,7 +173,7 @@ const METERS = {
   unknown_pixels: "unmeasured",
 };
 
-/** @param {{tuning: import("./preview.js").Tuning, selected: string}} props */
+/** @param {{tuning: Tuning, selected: string}} props */
 export function Reasons({ tuning, selected }) {
   /** @param {import("../core/openapi.js").Preview | null} preview @returns {Record<string, number>} */
   const of = (preview) => (selected ? preview?.reasons_by_class?.[selected] : preview?.by_reason) ?? {};

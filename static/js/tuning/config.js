@@ -1,7 +1,7 @@
 // @ts-check
 // A configuration that is tried out: edits, differences, link, YAML. Pure functions.
 
-/** @typedef {import("../core/openapi.js").FilterConfigIn} ConfigBody */
+/** @import { FilterConfigIn as ConfigBody } from "../core/openapi.js" */
 /** @typedef {string | number | null | readonly (string | number)[] | Readonly<Record<string, string>>} ConfigValue */
 /** @typedef {Readonly<Record<string, ConfigValue | undefined>>} Values  by their keys */
 /** @typedef {Record<string, ConfigValue | undefined>} Edits  by path; undefined removes a class's own value */

@@ -13,10 +13,8 @@ import { linkTo } from "../core/router.js";
 import { RunStrip, isOver, useWatched } from "../jobs/job.js";
 import { effectiveEdits, queryOf } from "./config.js";
 
-/** @typedef {import("../core/app.js").App} App */
-/** @typedef {import("../core/openapi.js").ConfigVersion} ConfigVersion */
-/** @typedef {import("../core/openapi.js").FilterConfigIn} ConfigBody */
-/** @typedef {import("../core/openapi.js").Preview} Preview */
+/** @import { App } from "../core/app.js" */
+/** @import { ConfigVersion, FilterConfigIn as ConfigBody, Preview } from "../core/openapi.js" */
 
 const STRONGEST = "auto";
 const TAGS = "semantic";

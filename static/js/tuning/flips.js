@@ -8,9 +8,9 @@ import { Icon } from "../core/icons.js";
 import { countOf, countText } from "../core/numbers.js";
 import { linkTo } from "../core/router.js";
 
-/** @typedef {import("../core/app.js").App} App */
-/** @typedef {import("../core/openapi.js").Flip} Flip */
-/** @typedef {import("./preview.js").Tuning} Tuning */
+/** @import { App } from "../core/app.js" */
+/** @import { Flip } from "../core/openapi.js" */
+/** @import { Tuning } from "./preview.js" */
 /** @typedef {"kept_to_rejected" | "rejected_to_kept"} Direction */
 
 /** How large a picture is, in css px: about that, as cards share the width of the list. */
@@ -112,7 +112,7 @@ export function FlipPanel({ app, tuning, selected, direction, onDirection }) {
   </aside>`;
 }
 
-/** @param {{app: App, tuning: Tuning, items: readonly import("../core/openapi.js").Flip[], wanted: number}} props */
+/** @param {{app: App, tuning: Tuning, items: readonly Flip[], wanted: number}} props */
 function Body({ app, tuning, items, wanted }) {
   const { preview, listed, isListed } = tuning;
   if (!preview) return html`<div class="flippanel__list"><${SkeletonCards} /></div>`;

@@ -5,9 +5,9 @@ import { drawChart } from "../core/chart.js";
 import { html, useEffect, useLayoutEffect, useMemo, useRef, useState } from "../core/html.js";
 import { countOf, percentText } from "../core/numbers.js";
 
-/** @typedef {import("../core/app.js").App} App */
-/** @typedef {import("../core/chart.js").Ink} Ink */
-/** @typedef {import("../../vendor/uplot-1.6.32.module.js").default} UPlot */
+/** @import { App } from "../core/app.js" */
+/** @import { Ink } from "../core/chart.js" */
+/** @import { default as UPlot } from "../../vendor/uplot-1.6.32.module.js" */
 
 /** The plot inside of the drawing; tuning.css puts the handle on the same place. */
 const AXIS = { left: 40, bottom: 22 };
@@ -92,12 +92,12 @@ function useBars(element, counts, isLog, size) {
 const dataOf = (heights) => [heights.map((_, bin) => (100 * (bin + 0.5)) / heights.length), [...heights]];
 
 /**
- * @param {import("../core/chart.js").Ink} ink @param {string} font @param {() => Shown} shown
+ * @param {Ink} ink @param {string} font @param {() => Shown} shown
  * @param {"large" | "small"} size @param {(text: string) => void} onPoint
  */
 function describe(ink, font, shown, size, onPoint) {
   const axis = { stroke: ink["text-faint"], font, ticks: { show: false }, gap: 4 };
-  /** Labels that have room. @param {import("../../vendor/uplot-1.6.32.module.js").default} plot */
+  /** Labels that have room. @param {UPlot} plot */
   const every = (plot) => (size === "small" ? 50 : plot.width < 560 ? 20 : 10);
   return {
     legend: { show: false },
@@ -113,8 +113,7 @@ function describe(ink, font, shown, size, onPoint) {
         ...axis,
         size: AXIS.bottom,
         grid: { show: false },
-        splits: (/** @type {import("../../vendor/uplot-1.6.32.module.js").default} */ plot) =>
-          range(0, 100, every(plot)),
+        splits: (/** @type {UPlot} */ plot) => range(0, 100, every(plot)),
         values: (/** @type {unknown} */ _, /** @type {number[]} */ at) => at.map((percent) => `${percent} %`),
       },
       {
@@ -127,11 +126,9 @@ function describe(ink, font, shown, size, onPoint) {
       },
     ],
     hooks: {
-      draw: [
-        (/** @type {import("../../vendor/uplot-1.6.32.module.js").default} */ plot) => paintBars(plot, ink, shown()),
-      ],
+      draw: [(/** @type {UPlot} */ plot) => paintBars(plot, ink, shown())],
       setCursor: [
-        (/** @type {import("../../vendor/uplot-1.6.32.module.js").default} */ plot) =>
+        (/** @type {UPlot} */ plot) =>
           onPoint(pointedText(plot.cursor.idx ?? null, shown().binned, plot.cursor.left ?? -1)),
       ],
     },

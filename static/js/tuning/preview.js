@@ -9,9 +9,8 @@ import { useCallback, useEffect, useLayoutEffect, useMemo, useRef, useState } fr
 import { linkTo } from "../core/router.js";
 import { OWN_SHARE, THRESHOLD, configQuery, editsOf, effectiveEdits, queryOf, withEdits } from "./config.js";
 
-/** @typedef {import("../core/openapi.js").ConfigVersion} ConfigVersion */
-/** @typedef {import("./config.js").Edits} Edits */
-/** @typedef {import("../core/openapi.js").Preview} Preview */
+/** @import { ConfigVersion, Preview } from "../core/openapi.js" */
+/** @import { Edits } from "./config.js" */
 
 /** How long nothing may change before boxes are listed and the address is updated. */
 const SETTLE_MS = 220;

@@ -17,11 +17,10 @@ import { Delta, DirectionSign, FlipPanel } from "./flips.js";
 import { useTuning } from "./preview.js";
 import { ConfigPanel, SaveDialog, Versions } from "./versions.js";
 
-/** @typedef {import("../core/app.js").App} App */
-/** @typedef {import("../core/openapi.js").ConfigVersion} ConfigVersion */
-/** @typedef {import("../core/router.js").Route} Route */
-/** @typedef {import("../core/openapi.js").Run} Run */
-/** @typedef {import("./preview.js").Tuning} Tuning */
+/** @import { App } from "../core/app.js" */
+/** @import { ConfigVersion, Run } from "../core/openapi.js" */
+/** @import { Route } from "../core/router.js" */
+/** @import { Tuning } from "./preview.js" */
 
 /** @param {{app: App, route: Route}} props */
 export function ThresholdsView({ app, route }) {
@@ -142,7 +141,7 @@ const Skeleton = () => html`<div aria-hidden="true">
 
 /**
  * Says what decides, and by which keys, if it is not the segmentation alone.
- * @param {{config: import("./config.js").ConfigBody, keys: readonly import("../core/form.js").Field[]}} props
+ * @param {{config: import("../core/openapi.js").FilterConfigIn, keys: readonly import("../core/form.js").Field[]}} props
  */
 function ChannelLine({ config, keys }) {
   const channel = config.evidence ?? "semantic";

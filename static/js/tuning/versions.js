@@ -20,11 +20,10 @@ import {
   valueText,
 } from "./config.js";
 
-/** @typedef {import("../core/openapi.js").ConfigVersion} ConfigVersion */
-/** @typedef {import("../core/openapi.js").Run} Run */
-/** @typedef {import("./config.js").ConfigValue} ConfigValue */
-/** @typedef {import("../core/form.js").Field} Field */
-/** @typedef {import("./preview.js").Tuning} Tuning */
+/** @import { ConfigVersion, Run } from "../core/openapi.js" */
+/** @import { ConfigValue } from "./config.js" */
+/** @import { Field } from "../core/form.js" */
+/** @import { Tuning } from "./preview.js" */
 
 /** How many versions are shown at first. */
 const NEWEST = 50;
@@ -46,7 +45,7 @@ export async function requireActive(dataset, digest, onOutdated, more = "The pag
 
 /**
  * @param {{dataset: string, tuning: Tuning, saved: number, isRunning: boolean,
- *   onRun: (run: import("../core/openapi.js").Run) => void}} props
+ *   onRun: (run: Run) => void}} props
  */
 export function Versions({ dataset, tuning, saved, isRunning, onRun }) {
   const { active } = tuning;
