@@ -1,7 +1,7 @@
 // @ts-check
 // How an answer changes a box, and what a blind review shows of a box before it is answered.
 
-/** @import { Decision as StoredDecision } from "../core/openapi.js" */
+/** @import { Decision as StoredDecision, Review } from "../core/openapi.js" */
 /** @typedef {import("../core/openapi.js").Review["verdict"]} Answer  a person's answer; clear removes it */
 /** @typedef {{verdict: Answer, comment: string}} AnswerWithComment */
 /**
@@ -57,11 +57,7 @@ export function withAnswer(box, answer, comment = "", revision = seenRevision(bo
   return { ...box, revision, review, effective_verdict: effectiveAfter(box, answer) };
 }
 
-/**
- * The box as the server has stored it.
- * @param {Decision} box @param {import("../core/openapi.js").Review} stored
- * @returns {Decision}
- */
+/** The box as the server has stored it. @param {Decision} box @param {Review} stored @returns {Decision} */
 export function withStored(box, stored) {
   const { revision, verdict, reviewer, comment, effective_verdict, created_at } = stored;
   const review = verdict === "clear" ? null : { verdict, reviewer, revision, comment: comment ?? "", created_at };

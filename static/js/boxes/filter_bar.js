@@ -8,6 +8,7 @@ import { Segments, Select } from "../core/parts.js";
 import { BINS, PLACE_KEYS } from "./filters.js";
 import { REASONS } from "./wording.js";
 
+/** @import { Stats } from "../core/openapi.js" */
 /** @import { Query } from "../core/router.js" */
 /** @typedef {readonly {value: string, text: string}[]} Choices */
 /**
@@ -90,7 +91,7 @@ export const bandText = (from, to) => (to === null || to === "" ? `from ${from} 
 
 /**
  * The frames' maps, weathers, cameras and drives as menus, where the dataset has several, and bands of distance.
- * @param {{stats: import("../core/openapi.js").Stats | null, query: Query, onChange: (query: Query) => void}} props
+ * @param {{stats: Stats | null, query: Query, onChange: (query: Query) => void}} props
  *   `stats`: null until they are loaded
  */
 export function PlaceFilters({ stats, query, onChange }) {

@@ -4,9 +4,10 @@
 import { linkTo } from "../core/router.js";
 import { answerOf, isUnanswered } from "./box.js";
 
-/** @import { Decision } from "./box.js" */
+/** @import { App } from "../core/app.js" */
 /** @import { BoxSelection } from "../core/openapi.js" */
 /** @import { Query } from "../core/router.js" */
+/** @import { Decision } from "./box.js" */
 
 /**
  * The filters that live in the address; a list of frames and a frame share them. `verdict` is the one in force, as
@@ -222,7 +223,7 @@ export const listQuery = (ids) => ({ boxes: ids.slice(0, MOST).join(",") });
 /** @param {Query} query @returns {Query} */
 export const withoutList = ({ boxes: _, ...rest }) => rest;
 
-/** Shows kept, rejected or all boxes, in turn. @param {import("../core/app.js").App} app */
+/** Shows kept, rejected or all boxes, in turn. @param {App} app */
 export function cycleVerdict(app) {
   const { name, params, query } = app.router.route.get();
   const at = VERDICT_CYCLE.findIndex((verdict) => verdict === (query.verdict ?? ""));

@@ -7,6 +7,8 @@ import { useEffect, useMemo, useState } from "../core/html.js";
 import { createValue } from "../core/observable.js";
 import { asShown, seenRevision, withAnswer } from "./box.js";
 
+/** @import { Later } from "../core/api.js" */
+/** @import { App } from "../core/app.js" */
 /** @import { AnswerWithComment, Decision } from "./box.js" */
 
 /**
@@ -29,7 +31,7 @@ const MOST_EARLY = 10_000;
 /**
  * One store for the whole page. A box stays in memory as long as its id is held, to show it, or remembered.
  * Of two versions of a box the higher revision wins; with equal revisions, the one received later.
- * @param {import("../core/api.js").Later} [later]
+ * @param {Later} [later]
  */
 export function createBoxes(later) {
   /** Boxes as the server last sent them. @type {Map<number, Decision>} */
@@ -264,7 +266,7 @@ export function useBoxes(boxes, ids) {
 
 /**
  * Boxes as they may be shown: withheld in a blind review until they are answered.
- * @param {import("../core/app.js").App} app @param {readonly Decision[]} boxes
+ * @param {App} app @param {readonly Decision[]} boxes
  */
 export function useAsShown(app, boxes) {
   const { blind } = useValue(app.prefs);

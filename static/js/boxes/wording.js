@@ -7,6 +7,7 @@
 
 import { exactPercentText, metresText, percentText, unbroken, wholePercentText } from "../core/numbers.js";
 
+/** @import { FlipSide } from "../core/openapi.js" */
 /** @import { Decision, Verdict } from "./box.js" */
 
 /**
@@ -171,10 +172,7 @@ function hiddenText(box) {
   return most && box.verdict === "rejected" ? `hidden by ${most.name} ${wholePercentText(most.percent)}` : "";
 }
 
-/**
- * What led to a verdict: "match 16.2 % < 16.5 %", or the reason where no threshold applied.
- * @param {import("../core/openapi.js").FlipSide} side
- */
+/** What led to a verdict: "match 16.2 % < 16.5 %", or the reason where no threshold applied. @param {FlipSide} side */
 export function causeText({ verdict, reason, match_percent: match, threshold }) {
   if (match === null || threshold === null) return reasonText(reason);
   const sign = verdict === "kept" ? "≥" : match === threshold ? "≤" : "<";

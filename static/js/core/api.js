@@ -4,10 +4,10 @@
 
 import { createValue } from "./observable.js";
 
-/** @import { paths as Paths } from "./openapi.js" */
+/** @import { Decision, paths as Paths } from "./openapi.js" */
 /** @typedef {"get" | "post" | "put" | "patch" | "delete"} Method */
 /**
- * @typedef {Partial<Omit<import("./openapi.js").Problem, "current">> & {current?: import("./openapi.js").Decision |
+ * @typedef {Partial<Omit<import("./openapi.js").Problem, "current">> & {current?: Decision |
  *   null}} Problem of a 412, `current` is the box as it is now
  */
 

@@ -4,6 +4,8 @@
 import Plot from "../../vendor/uplot-1.6.32.module.js";
 import { onThemeChange } from "./prefs.js";
 
+/** @import { PrefsValue } from "./prefs.js" */
+
 /** @typedef {Plot.Options} Options */
 /** @typedef {Plot.AlignedData} Data */
 /** @typedef {Record<string, string>} Ink  CSS colours by token name */
@@ -38,7 +40,7 @@ const fontOf = (element) => `11px ${getComputedStyle(element).fontFamily}`;
 
 /**
  * Draw into an element until stopped: again when it gets another size or the theme changes.
- * @param {HTMLElement} element @param {import("./prefs.js").PrefsValue} prefs
+ * @param {HTMLElement} element @param {PrefsValue} prefs
  * @param {(ink: Ink, font: string) => Omit<Options, "width" | "height">} describe @param {() => Data} data
  * @returns {{redraw: () => void, redrawSoon: () => void, update: () => void, stop: () => void}}
  */

@@ -6,7 +6,10 @@ import { ApiError, createRetries, get, mayPass } from "./api.js";
 import { useCallback, useEffect, useLayoutEffect, useMemo, useRef, useState } from "./html.js";
 import { linkTo } from "./router.js";
 
-/** @template T @param {import("./observable.js").Value<T>} value @returns {T} */
+/** @import { Actions, App } from "./app.js" */
+/** @import { Lazy, Value } from "./observable.js" */
+
+/** @template T @param {Value<T>} value @returns {T} */
 export function useValue(value) {
   const [seen, setSeen] = useState(() => value.get());
   useEffect(() => {
@@ -18,11 +21,11 @@ export function useValue(value) {
 
 /**
  * Ask for something while the component is on the page. `value` is undefined until it is there.
- * @template T @param {import("./observable.js").Lazy<T> | null} lazy  null: it is not wanted
+ * @template T @param {Lazy<T> | null} lazy  null: it is not wanted
  */
 export function useLazy(lazy) {
   const [settled, setSettled] = useState(
-    /** @type {{lazy: import("./observable.js").Lazy<T> | null, error: Error | null}} */ ({ lazy: null, error: null }),
+    /** @type {{lazy: Lazy<T> | null, error: Error | null}} */ ({ lazy: null, error: null }),
   );
   const [attempt, setAttempt] = useState(0);
   const value = lazy?.value;
@@ -142,7 +145,7 @@ export function useTask(act, tell) {
 
 /**
  * Offer actions to the keyboard while a view is on the page; active before the view's first paint.
- * @param {import("./app.js").App} app @param {import("./app.js").Actions} actions
+ * @param {App} app @param {Actions} actions
  */
 export function useActions(app, actions) {
   useLayoutEffect(() => {
@@ -237,8 +240,7 @@ const pathTo = (dataset) => [{ text: "Datasets", href: linkTo("datasets") }, ...
 
 /**
  * Set what the top bar shows while a view is on the page.
- * @param {import("./app.js").App} app
- * @param {{title: string, dataset?: string, crumbs?: readonly Crumb[], tools?: unknown}} head
+ * @param {App} app @param {{title: string, dataset?: string, crumbs?: readonly Crumb[], tools?: unknown}} head
  */
 export function useTopBar(app, { title, dataset = "", crumbs = pathTo(dataset), tools = null }) {
   useTitle(title);

@@ -12,8 +12,8 @@ import { Command, Failure, Notice } from "../core/parts.js";
 import { linkTo } from "../core/router.js";
 import { UploadButtons } from "../upload/upload.js";
 
+/** @import { Dataset, FrameCounts } from "../core/openapi.js" */
 /** @import { UploadApp as App } from "../upload/uploader.js" */
-/** @import { Dataset } from "../core/openapi.js" */
 
 /** @param {{app: App}} props */
 export function DatasetsView({ app }) {
@@ -67,7 +67,7 @@ function Card({ app, dataset }) {
   </a>`;
 }
 
-/** @param {{counts: import("../core/openapi.js").FrameCounts}} props */
+/** @param {{counts: FrameCounts}} props */
 function Legend({ counts }) {
   return html`<div class="legend">
     <span><${StrokeSwatch} verdict="kept" /><b>${countText(counts.kept)}</b> kept</span>

@@ -15,9 +15,9 @@ import { Failure, FailureLine, Notice } from "../core/parts.js";
 import { linkTo } from "../core/router.js";
 import { DatasetDialog } from "./settings.js";
 
+/** @import { FrameSummary as FrameItem, Stats } from "../core/openapi.js" */
+/** @import { Query, Route } from "../core/router.js" */
 /** @import { UploadApp as App } from "../upload/uploader.js" */
-/** @import { FrameSummary as FrameItem } from "../core/openapi.js" */
-/** @import { Query } from "../core/router.js" */
 
 const PAGE_SIZE = 60;
 
@@ -33,7 +33,7 @@ function Evidence({ app, dataset, evidence }) {
   return StrongerEvidence ? html`<${StrongerEvidence} app=${app} dataset=${dataset} />` : null;
 }
 
-/** @param {{app: App, route: import("../core/router.js").Route}} props */
+/** @param {{app: App, route: Route}} props */
 export function FramesView({ app, route }) {
   const name = route.params.dataset ?? "";
   useTopBar(app, { title: name, dataset: name });
@@ -195,10 +195,7 @@ function NoFrames({ isFiltered, onClear }) {
 
 const TYPING_PAUSE_MS = 250;
 
-/**
- * @param {{classes: readonly string[], stats: import("../core/openapi.js").Stats | null, query: Query,
- *   onChange: (query: Query) => void}} props
- */
+/** @param {{classes: readonly string[], stats: Stats | null, query: Query, onChange: (query: Query) => void}} props */
 function FrameFilters({ classes, stats, query, onChange }) {
   return html`<div class="filters" role="search" aria-label="Filter frames">
     <${VerdictFilter} query=${query} onChange=${onChange} />

@@ -16,8 +16,10 @@ import { Failure, FailureLine, Notice, WideTable, useCopy } from "../core/parts.
 import { linkTo } from "../core/router.js";
 import { useMedia } from "../stage/media.js";
 
-/** @typedef {import("../core/app.js").App & {boxes: import("../boxes/store.js").Boxes}} App */
-/** @import { FrameSummary as FrameItem, Stats } from "../core/openapi.js" */
+/** @typedef {import("../core/app.js").App & {boxes: Boxes}} App */
+/** @import { Boxes } from "../boxes/store.js" */
+/** @import { DistanceBand, FrameSummary as FrameItem, Measure, Stats } from "../core/openapi.js" */
+/** @import { Route } from "../core/router.js" */
 
 /** The words of the trade, explained where one points at them. */
 const WORDS = {
@@ -35,7 +37,7 @@ const WORDS = {
 const Term = ({ name, children }) =>
   html`<abbr class="term" title=${WORDS[name]} tabindex="0" aria-description=${WORDS[name]}>${children}</abbr>`;
 
-/** @param {{app: App, route: import("../core/router.js").Route}} props */
+/** @param {{app: App, route: Route}} props */
 export function HomeView({ app, route }) {
   const name = route.params.dataset ?? "";
   useTopBar(app, { title: name, dataset: name });
@@ -175,7 +177,7 @@ export function BeforeAfter({ app, id }) {
 
 /**
  * A frame before and after, as a page of its own: a link to it is for everybody who may read.
- * @param {{app: App, route: import("../core/router.js").Route}} props
+ * @param {{app: App, route: Route}} props
  */
 export function CompareView({ app, route }) {
   const id = Number(route.params.id);
@@ -267,7 +269,7 @@ function ByClass({ dataset, stats }) {
 /** @param {{dataset: string, bands: readonly import("../core/openapi.js").DistanceBand[]}} props */
 function ByDistance({ dataset, bands }) {
   if (bands.length === 0) return null;
-  /** @param {import("../core/openapi.js").DistanceBand} band */
+  /** @param {DistanceBand} band */
   const name = ({ distance_from: from, distance_to: to }) => {
     if (from === null) return "not known";
     const query = { verdict: "rejected", distance_min: `${from}`, distance_max: to === null ? "" : `${to}` };
@@ -343,7 +345,7 @@ function Evidence({ dataset, frames }) {
   </section>`;
 }
 
-/** In percent. @param {import("../core/openapi.js").Measure | null} measure */
+/** In percent. @param {Measure | null} measure */
 const shareOf = (measure) => (measure ? 100 * measure.value : null);
 
 const NEWEST_EXPORTS = 5;

@@ -10,10 +10,10 @@ import { Dialog, FailureLine, FileList, RecordingDownload, useDialog } from "../
 import { linkTo } from "../core/router.js";
 
 /** @import { App } from "../core/app.js" */
+/** @import { Field, Words } from "../core/form.js" */
 /** @import { Dataset } from "../core/openapi.js" */
-/** @import { Field } from "../core/form.js" */
 
-/** @type {import("../core/form.js").Words} */
+/** @type {Words} */
 const WORDS = { fields: { lossy_segmentation: "JPEG segmentations" } };
 
 /** @param {{app: App, dataset: Dataset, onClose: () => void, onChanged: () => void}} props */

@@ -24,25 +24,24 @@ import {
 } from "./layout.js";
 import { createPicking, extended, focused, isSelected, lassoed, listenToLasso } from "./selection.js";
 
-/** @import { ReviewApp as App } from "../review/answers.js" */
 /** @import { Decision } from "../boxes/box.js" */
-/** @import { Layout } from "./layout.js" */
 /** @import { Size } from "../boxes/crops.js" */
+/** @import { ReviewApp as App } from "../review/answers.js" */
+/** @import { GridActions } from "./grid.js" */
+/** @import { Layout, Move, Rect } from "./layout.js" */
+/** @import { Place } from "./pager.js" */
 
 const SPARE_ROWS = 2;
 const PADDING_PX = 16;
 
-/**
- * @param {{app: App, place: import("./pager.js").Place, frameSize: Size | null,
- *   actions: import("./grid.js").GridActions}} props
- */
+/** @param {{app: App, place: Place, frameSize: Size | null, actions: GridActions}} props */
 export function GridCells({ app, place, frameSize, actions }) {
   const { pager } = place;
   const selection = place.selection.get();
   const host = useRef(/** @type {HTMLDivElement | null} */ (null));
   const { cropSize, blind } = useValue(app.prefs);
   const [view, setView] = useState({ width: 0, height: 0, scrollTop: 0 });
-  const [lasso, setLasso] = useState(/** @type {import("./layout.js").Rect | null} */ (null));
+  const [lasso, setLasso] = useState(/** @type {Rect | null} */ (null));
   const width = Math.max(0, view.width - 2 * PADDING_PX);
   const layout = layoutOf({ count: pager.count(), width, size: cropSize });
   const offset = offsetAt(layout, view.scrollTop, view.height);
@@ -83,7 +82,7 @@ export function GridCells({ app, place, frameSize, actions }) {
   </div>`;
 }
 
-/** @param {import("./pager.js").Place} place @param {number} index @param {boolean} isBlind @returns {CellState} */
+/** @param {Place} place @param {number} index @param {boolean} isBlind @returns {CellState} */
 function cellAt({ pager, selection }, index, isBlind) {
   const now = selection.get();
   const id = pager.idAt(index);
@@ -97,7 +96,7 @@ function cellAt({ pager, selection }, index, isBlind) {
   };
 }
 
-/** @param {import("./layout.js").Rect} rect @param {number} shift */
+/** @param {Rect} rect @param {number} shift */
 const placeOf = ({ x0, y0, x1, y1 }, shift) => ({
   left: `${Math.min(x0, x1) + PADDING_PX}px`,
   top: `${Math.min(y0, y1) + HEAD_PX + shift}px`,
@@ -111,7 +110,7 @@ const placeOf = ({ x0, y0, x1, y1 }, shift) => ({
 
 /**
  * How large the view is and how far it is scrolled; the same boxes stay visible when its size changes.
- * @param {{current: HTMLDivElement | null}} host @param {import("./pager.js").Place} place @param {Now} now
+ * @param {{current: HTMLDivElement | null}} host @param {Place} place @param {Now} now
  * @param {(change: (view: Now["current"]["view"]) => Now["current"]["view"]) => void} setView
  */
 function useMeasures(host, place, now, setView) {
@@ -148,7 +147,7 @@ function useMeasures(host, place, now, setView) {
 /**
  * The keyboard actions that move through the grid.
  * @param {App} app @param {{current: HTMLDivElement | null}} host
- * @param {{place: import("./pager.js").Place, now: Now, actions: import("./grid.js").GridActions}} grid
+ * @param {{place: Place, now: Now, actions: GridActions}} grid
  */
 function useKeysOfGrid(app, host, { place, now, actions }) {
   const byName = useMemo(() => {
@@ -162,7 +161,7 @@ function useKeysOfGrid(app, host, { place, now, actions }) {
       const offset = offsetAt(layout, element.scrollTop, view.height);
       element.scrollTop = scrollTopFor(layout, offsetToShow(layout, index, offset, view.height), view.height);
     };
-    /** @param {import("./layout.js").Move} move */
+    /** @param {Move} move */
     const to = (move) => (/** @type {{shiftKey: boolean} | undefined} */ press) => {
       const { layout, view } = now.current;
       const page = Math.max(1, Math.floor(view.height / layout.pitch));
@@ -177,8 +176,7 @@ function useKeysOfGrid(app, host, { place, now, actions }) {
 
 /**
  * @param {{current: HTMLDivElement | null}} host
- * @param {{place: import("./pager.js").Place, now: Now, setLasso: (rect: import("./layout.js").Rect | null) => void}}
- *   grid
+ * @param {{place: Place, now: Now, setLasso: (rect: Rect | null) => void}} grid
  */
 function useLasso(host, { place, now, setLasso }) {
   useEffect(() => {

@@ -38,12 +38,14 @@ import { leave, placeOf } from "./pager.js";
 import { allBut, everything, nothing, sizeOf, toggled } from "./selection.js";
 
 /** @import { Answer } from "../boxes/box.js" */
+/** @import { BoxSelection } from "../core/openapi.js" */
+/** @import { Query, Route } from "../core/router.js" */
 /** @import { ReviewApp as App } from "../review/answers.js" */
-/** @import { Pager } from "./pager.js" */
-/** @import { Query } from "../core/router.js" */
+/** @import { OpenBulkItem } from "../review/sender.js" */
+/** @import { Pager, Place } from "./pager.js" */
 /** @import { Selection } from "./selection.js" */
 
-/** @param {{app: App, route: import("../core/router.js").Route}} props */
+/** @param {{app: App, route: Route}} props */
 export function GridView({ app, route }) {
   const name = route.params.dataset ?? "";
   useTopBar(app, { title: `Grid · ${name}`, dataset: name });
@@ -135,7 +137,7 @@ function usePlace(app, dataset, query) {
   return { place, update };
 }
 
-/** Draw again whenever the list changes. @param {App} app @param {import("./pager.js").Place} place */
+/** Draw again whenever the list changes. @param {App} app @param {Place} place */
 function usePager(app, { pager }) {
   const [, setVersion] = useState(0);
   useEffect(() => {
@@ -181,7 +183,7 @@ function NoBoxes({ query, inAll, onQuery }) {
 
 /**
  * How many boxes match a filter, and the snapshot that identifies their current state.
- * @param {string} dataset @param {import("../core/openapi.js").BoxSelection} filter
+ * @param {string} dataset @param {BoxSelection} filter
  */
 async function countBoxes(dataset, filter) {
   const { total, snapshot } = await get("/api/v1/boxes", { query: { dataset, ...filter, limit: 1, count: true } });
@@ -190,7 +192,7 @@ async function countBoxes(dataset, filter) {
 
 /**
  * How many boxes that match a filter have an answer; null: all of them.
- * @param {string} dataset @param {import("../core/openapi.js").BoxSelection} filter
+ * @param {string} dataset @param {BoxSelection} filter
  */
 async function countAnswered(dataset, filter) {
   const { review } = filter;
@@ -202,8 +204,7 @@ async function countAnswered(dataset, filter) {
 
 /**
  * @param {App} app @param {string} dataset
- * @param {() => {place: import("./pager.js").Place, query: Query}} page the current place
- *   and query
+ * @param {() => {place: Place, query: Query}} page the current place and query
  */
 function createGridActions(app, dataset, page) {
   /** Read again for each action: keys may be pressed faster than the page is drawn. */
@@ -512,7 +513,7 @@ function changedText({ total, answered }, before, isRemoval) {
   return `${text} ${countText(answered)} of these ${answered === 1 ? "has" : "have"} an answer, which yours would replace.`;
 }
 
-/** @param {{app: App} & import("../review/sender.js").OpenBulkItem} props */
+/** @param {{app: App} & OpenBulkItem} props */
 function UnsentStrip({ app, item, state, text }) {
   /** The boxes that the filter selects by now, once the person has asked, and how many of them have an answer. */
   const [now, setNow] = useState(/** @type {{total: number, snapshot: string, answered: number} | null} */ (null));

@@ -1,7 +1,9 @@
 // @ts-check
 // Which boxes of the grid are selected, and how clicks, keys and the lasso change that.
 
+/** @import { GridActions } from "./grid.js" */
 /** @import { Rect } from "./layout.js" */
+/** @import { Place } from "./pager.js" */
 
 /**
  * @typedef {object} Selection
@@ -174,10 +176,7 @@ function swallow(event) {
   event.preventDefault();
 }
 
-/**
- * What the mouse does to the selection as it is at that moment.
- * @param {import("./pager.js").Place} place @param {import("./grid.js").GridActions} actions
- */
+/** What the mouse does to the selection as it is at that moment. @param {Place} place @param {GridActions} actions */
 export function createPicking({ pager, selection }, actions) {
   return {
     /** @param {MouseEvent} event @param {number} index */

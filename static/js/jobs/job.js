@@ -9,6 +9,8 @@ import { countOf, countText } from "../core/numbers.js";
 import { linkTo } from "../core/router.js";
 
 /** @typedef {Run["state"]} JobState */
+/** @import { Later } from "../core/api.js" */
+/** @import { App } from "../core/app.js" */
 /** @import { Run } from "../core/openapi.js" */
 
 const STATES = {
@@ -105,14 +107,14 @@ export function useLookAgain(list, jobs) {
   }, [hasOpen]);
 }
 
-/** @param {{app: import("../core/app.js").App, run: Run}} props */
+/** @param {{app: App, run: Run}} props */
 export const CancelButton = ({ app, run }) =>
   html`<${Canceller} app=${app} what=${`run ${run.id}`}
     cancel=${() => post("/api/v1/runs/{run_id}/cancel", { path: { run_id: run.id } })} />`;
 
 /**
  * A button that cancels a job. It stays disabled until the job's state says that it is cancelled.
- * @param {{app: import("../core/app.js").App, what: string, cancel: () => Promise<unknown>}} props
+ * @param {{app: App, what: string, cancel: () => Promise<unknown>}} props
  */
 export function Canceller({ app, what, cancel }) {
   const [isAsked, setAsked] = useState(false);
@@ -132,7 +134,7 @@ export function Canceller({ app, what, cancel }) {
 
 /**
  * The state of a run, as a strip above a view.
- * @param {{app: import("../core/app.js").App, dataset: string, run: Run, isOwn?: boolean, onClose: () => void}} props
+ * @param {{app: App, dataset: string, run: Run, isOwn?: boolean, onClose: () => void}} props
  *   `isOwn`: the person has just started it: the strip is scrolled to
  */
 export function RunStrip({ app, dataset, run, isOwn = false, onClose }) {
@@ -197,7 +199,7 @@ export function percentDone({ state, done = 0, total = 0 }) {
  * @template {Job} J @param {() => Promise<J>} load
  * @param {{onJob: (job: J) => void, onLost: (error: ApiError) => void}} then `onLost`: the server refuses; it is not
  *   asked again
- * @param {import("../core/api.js").Later} [later] @returns {() => void} stop watching
+ * @param {Later} [later] @returns {() => void} stop watching
  */
 export function watchJob(load, { onJob, onLost }, later = (run, delayMs) => void setTimeout(run, delayMs)) {
   const retries = createRetries(later);

@@ -21,7 +21,7 @@ import {
   shareText,
 } from "./measures.js";
 
-/** @import { Confusion, Measure } from "../core/openapi.js" */
+/** @import { Confusion, Measure, Quality } from "../core/openapi.js" */
 /** @typedef {import("../core/openapi.js").Quality["truth"]} Truth */
 
 const MEASURES = /** @type {const} */ ([
@@ -30,7 +30,7 @@ const MEASURES = /** @type {const} */ ([
   { key: "f1", text: "F1" },
 ]);
 
-/** @param {{dataset: string, quality: import("../core/openapi.js").Quality}} props */
+/** @param {{dataset: string, quality: Quality}} props */
 export function ConfusionPanel({ dataset, quality: { truth, confusion, sample } }) {
   const words = WORDS[truth];
   return html`<section class="panelbox quality__all" aria-labelledby="confusion-title">
@@ -121,7 +121,7 @@ const CHOICES = [
   { value: "distance", text: "Distance" },
 ];
 
-/** @param {{dataset: string, quality: import("../core/openapi.js").Quality}} props */
+/** @param {{dataset: string, quality: Quality}} props */
 export function PerGroup({ dataset, quality }) {
   const [by, setBy] = useState("class");
   const groups = (by === "class" ? classGroups(quality) : bandGroups(quality)).filter(
@@ -147,11 +147,11 @@ export function PerGroup({ dataset, quality }) {
   </section>`;
 }
 
-/** @param {import("../core/openapi.js").Quality} quality @returns {Group[]} */
+/** @param {Quality} quality @returns {Group[]} */
 const classGroups = ({ by_class }) =>
   Object.entries(by_class).map(([name, confusion]) => ({ key: name, text: name, confusion, query: { class: name } }));
 
-/** @param {import("../core/openapi.js").Quality} quality @returns {Group[]} */
+/** @param {Quality} quality @returns {Group[]} */
 const bandGroups = ({ by_distance }) =>
   by_distance.map((confusion) => ({
     key: confusion.band,

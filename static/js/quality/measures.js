@@ -8,7 +8,7 @@ import { linkTo } from "../core/router.js";
  * @typedef {"kept_keep" | "kept_reject" | "rejected_keep" | "rejected_reject"} Cell the filter's verdict, then the
  *   truth
  */
-/** @import { Measure } from "../core/openapi.js" */
+/** @import { Measure, Plan } from "../core/openapi.js" */
 /** @typedef {import("../core/openapi.js").Quality["truth"]} Truth */
 
 /** With fewer answers of a class, a suggested threshold is marked. */
@@ -56,7 +56,7 @@ export function refusalText(answers, random) {
   return `${were} not chosen at random, such as doubtful ones: they cannot say how good the filter is.`;
 }
 
-/** @param {import("../core/openapi.js").Plan} plan @param {number} answered  of its boxes */
+/** @param {Plan} plan @param {number} answered  of its boxes */
 export function planText({ boxes, half_width: half }, answered) {
   const result = half > 0 ? `to about ± ${Math.ceil(100 * half)} %` : "exactly";
   return `${answered > 0 ? "With" : "Answer"} ${countOf(boxes, "random box", "random boxes")}${answered > 0 ? " it is known" : " to know it"} ${result}.`;

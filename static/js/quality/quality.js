@@ -15,10 +15,11 @@ import { Experiment } from "./experiment.js";
 import { TRUTHS, WORDS, answersIn, kappaText, planText, refusalText } from "./measures.js";
 import { Suggestions } from "./suggestions.js";
 
-/** @import { Agreement, Reviewer } from "../core/openapi.js" */
 /** @import { App } from "../core/app.js" */
+/** @import { Agreement, Quality, Reviewer } from "../core/openapi.js" */
+/** @import { Route } from "../core/router.js" */
 
-/** @param {{app: App, route: import("../core/router.js").Route}} props */
+/** @param {{app: App, route: Route}} props */
 export function QualityView({ app, route }) {
   const name = route.params.dataset ?? "";
   useTopBar(app, { title: `Quality · ${name}`, dataset: name });
@@ -88,7 +89,7 @@ export function QualityView({ app, route }) {
 
 /**
  * Whether the answers can say how good the filter is, and how many random ones can.
- * @param {{dataset: string, quality: import("../core/openapi.js").Quality}} props
+ * @param {{dataset: string, quality: Quality}} props
  */
 function SampleNote({ dataset, quality }) {
   const { sample, plan, confusion } = quality;

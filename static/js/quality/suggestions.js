@@ -13,10 +13,10 @@ import { OWN_SHARE, editsFor, queryOf, withEdits, worthTrying } from "../tuning/
 import { requireActive } from "../tuning/versions.js";
 import { FEW_ANSWERS, WORDS, shareText } from "./measures.js";
 
-/** @import { App } from "../core/app.js" */
-/** @import { ConfigVersion, Suggestion } from "../core/openapi.js" */
-/** @import { Ink } from "../core/chart.js" */
 /** @import { default as UPlot } from "../../vendor/uplot-1.6.32.module.js" */
+/** @import { App } from "../core/app.js" */
+/** @import { Data, Ink } from "../core/chart.js" */
+/** @import { ConfigVersion, Suggestion } from "../core/openapi.js" */
 
 const TARGETS = [
   { value: "f1", text: "Best F1" },
@@ -139,7 +139,7 @@ function Curve({ app, suggestion }) {
     class="curve"><div class="curve__drawing" ref=${element}></div><${CurveTable} suggestion=${suggestion} /></div>`;
 }
 
-/** @param {Suggestion} suggestion @returns {import("../core/chart.js").Data} */
+/** @param {Suggestion} suggestion @returns {Data} */
 const dataOf = ({ curve }) => [
   curve.map((p) => p.threshold),
   curve.map((p) => percent(p.precision)),

@@ -11,15 +11,13 @@ import { capital, countOf, countText } from "../core/numbers.js";
 import { Dialog, Failure, useDialog } from "../core/parts.js";
 import { VERBS } from "../review/bulk.js";
 
-/** @import { ReviewApp as App } from "../review/answers.js" */
 /** @import { Answer } from "../boxes/box.js" */
+/** @import { ReviewApp as App } from "../review/answers.js" */
+/** @import { Session } from "./session.js" */
 
 const SIZE_PX = 112;
 
-/**
- * @param {{app: App, session: import("./session.js").Session, answered: {boxId: number, verdict: Answer}, onClose: ()
- *   => void}} props
- */
+/** @param {{app: App, session: Session, answered: {boxId: number, verdict: Answer}, onClose: () => void}} props */
 export function AlikeDialog({ app, session, answered: { boxId, verdict }, onClose }) {
   const dialog = useDialog();
   const loaded = useLoaded(

@@ -9,6 +9,7 @@ import { useKeyText } from "../core/keymap.js";
 import { countOf, countText, wholePercentText } from "../core/numbers.js";
 
 /** @import { Decision } from "../boxes/box.js" */
+/** @import { App } from "../core/app.js" */
 /** @import { Hider } from "./question.js" */
 
 /**
@@ -70,7 +71,7 @@ function insteadText({ match_percent: match, hidden_by: tags }, name, hider) {
 
 /**
  * Above the question: which box of the lesson it is, and after the answer what is known.
- * @param {{app: import("../core/app.js").App, lesson: Lesson, box: Decision, hider: Hider}} props
+ * @param {{app: App, lesson: Lesson, box: Decision, hider: Hider}} props
  */
 export function Coach({ app, lesson: { at, count, onNext, onSkip }, box, hider }) {
   const key = useKeyText(app, "next");

@@ -111,10 +111,7 @@ const BEHIND = 3;
 const AHEAD = 6;
 const SIZE_PX = 56;
 
-/**
- * @param {{app: App, session: Session, line: Line,
- *   isHidden: boolean, onShow: (line: Line) => void}} props
- */
+/** @param {{app: App, session: Session, line: Line, isHidden: boolean, onShow: (line: Line) => void}} props */
 export function QueueStrip({ app, session, line, isHidden, onShow }) {
   const { waiting } = useValue(app.sender.state);
   const list = useRef(/** @type {HTMLOListElement | null} */ (null));

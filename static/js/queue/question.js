@@ -11,7 +11,8 @@ import { html } from "../core/html.js";
 import { metresText, wholePercentText } from "../core/numbers.js";
 import { contextOf } from "../stage/geometry.js";
 
-/** @import { Decision } from "../boxes/box.js" */
+/** @import { Decision, Xyxy } from "../boxes/box.js" */
+/** @import { DepthSlice } from "../core/openapi.js" */
 /** @import { Frame } from "../stage/media.js" */
 /** @typedef {ReturnType<typeof import("../stage/geometry.js").hiderOf>} Hider */
 
@@ -88,7 +89,7 @@ const CUT_PX = 256;
 
 /** @param {{layer: Layer, box: Decision, frame: Frame, side: number}} props  `side`: of the cut, px of the image */
 function LayerCut({ layer, box, frame, side }) {
-  const [x0, y0, x1, y1] = /** @type {import("../boxes/box.js").Xyxy} */ (box.xyxy);
+  const [x0, y0, x1, y1] = /** @type {Xyxy} */ (box.xyxy);
   const { crop } = useCrop(
     url("/api/v1/boxes/{box_id}/crop", {
       path: { box_id: box.box_id },
@@ -120,10 +121,7 @@ const DEEP_M = 2;
 /** What hides a box lies so much nearer than the pixels, at most, m. */
 const LIKE_HIDER_M = 4;
 
-/**
- * "Box 53 m, pixels 31 m: a nearer car".
- * @param {import("../core/openapi.js").DepthSlice} slice @param {Decision} box @param {Hider} hider
- */
+/** "Box 53 m, pixels 31 m: a nearer car". @param {DepthSlice} slice @param {Decision} box @param {Hider} hider */
 export function depthText({ near, far, median }, box, hider) {
   const at = near !== null && far !== null ? (near + far) / 2 : box.distance;
   const isDeep = near !== null && far !== null && far - near >= DEEP_M;

@@ -24,15 +24,19 @@ import { keepSession, sessionOf } from "./session.js";
 import { QueueStage } from "./stage.js";
 import { TrackStrip, useTrack } from "./track.js";
 
-/** @import { Answer } from "../boxes/box.js" */
+/** @import { Answer, Decision } from "../boxes/box.js" */
+/** @import { Value } from "../core/observable.js" */
+/** @import { Query, Route } from "../core/router.js" */
 /** @import { ReviewApp as App } from "../review/answers.js" */
-/** @import { Query } from "../core/router.js" */
+/** @import { MediaCache } from "../stage/media.js" */
+/** @import { Stage } from "../stage/stage.js" */
+/** @import { Line } from "./line.js" */
 /** @import { Session } from "./session.js" */
 
 const AHEAD = 3;
 const RENEW_MS = 4 * 60_000;
 
-/** @param {{app: App, route: import("../core/router.js").Route}} props */
+/** @param {{app: App, route: Route}} props */
 export function QueueView({ app, route }) {
   const name = route.params.dataset ?? "";
   useTopBar(app, { title: `Queue · ${name}`, dataset: name });
@@ -70,7 +74,7 @@ export function QueueView({ app, route }) {
  */
 function SessionView({ app, session, query, rule, isEmpty, onQuery }) {
   const media = useMedia(app.boxes);
-  const stage = useRef(/** @type {import("../stage/stage.js").Stage | null} */ (null));
+  const stage = useRef(/** @type {Stage | null} */ (null));
   const comment = useRef(/** @type {HTMLTextAreaElement | null} */ (null));
   /** The box of the same object in another frame, while one looks at it; 0: the asked one is on the stage. */
   const [peek] = useState(() => createValue(0));
@@ -108,8 +112,7 @@ function SessionView({ app, session, query, rule, isEmpty, onQuery }) {
   const isAsked = box !== null && lesson.includes(box.box_id) && !session.isTold(box);
   /** What this session may show of a box. */
   const see = useCallback(
-    (/** @type {import("../boxes/box.js").Decision} */ one) =>
-      asShown(one, isBlindNow || isAsked, ({ box_id }) => verdicts.has(box_id)),
+    (/** @type {Decision} */ one) => asShown(one, isBlindNow || isAsked, ({ box_id }) => verdicts.has(box_id)),
     [isBlindNow, isAsked, verdicts],
   );
   const shown = box && see(box);
@@ -189,7 +192,7 @@ function useBoxInAddress(app, session, here) {
 
 /**
  * Load boxes, frames and pictures before they are shown.
- * @param {App} app @param {Session} session @param {import("../stage/media.js").MediaCache} media
+ * @param {App} app @param {Session} session @param {MediaCache} media
  */
 function useSupply(app, session, media) {
   const line = useValue(session.line);
@@ -219,10 +222,9 @@ function useSupply(app, session, media) {
 
 /**
  * @param {App} app @param {Session} session
- * @param {{stage: () => import("../stage/stage.js").Stage | null, openComment: () => void, isBlind: () => boolean,
- *   openAlike: (answered: {boxId: number, verdict: Answer}) => void,
- *   peek: import("../core/observable.js").Value<number>, track: () => readonly import("./track.js").Place[],
- *   view: import("../core/observable.js").Value<"crop" | "frame">}} page
+ * @param {{stage: () => Stage | null, openComment: () => void, isBlind: () => boolean, openAlike: (answered: {boxId:
+ *   number, verdict: Answer}) => void, peek: Value<number>, track: () => readonly import("./track.js").Place[], view:
+ *   Value<"crop" | "frame">}} page
  */
 function createQueueActions(app, session, page) {
   const { line } = session;
@@ -253,7 +255,7 @@ function createQueueActions(app, session, page) {
     if (session.answerMany(boxes, verdict)) say();
   }
 
-  /** @param {import("./line.js").Line} next */
+  /** @param {Line} next */
   function show(next) {
     page.peek.set(0);
     page.view.set("crop");
@@ -357,7 +359,7 @@ function createQueueActions(app, session, page) {
 /** @typedef {ReturnType<typeof createQueueActions>} QueueActions */
 
 /**
- * @param {{box: import("../boxes/box.js").Decision, session: Session, onSee: (() => void) |
+ * @param {{box: Decision, session: Session, onSee: (() => void) |
  *   null}} props `onSee`: null if they cannot be shown before
  */
 function BlindPanel({ box, session, onSee }) {
@@ -480,7 +482,7 @@ function doneText(verdicts) {
 
 /**
  * Notices for boxes that somebody else answered first.
- * @param {{app: App, session: Session, onShow: (line: import("./line.js").Line) => void}} props
+ * @param {{app: App, session: Session, onShow: (line: Line) => void}} props
  */
 function OvertakenNotices({ app, session, onShow }) {
   const overtaken = [...useValue(app.overtaken).values()].flatMap((item) => {

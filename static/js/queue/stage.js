@@ -14,21 +14,22 @@ import { LookBar, StageView } from "../stage/view.js";
 import { Coach } from "./coach.js";
 import { Layers, Question, layersOf } from "./question.js";
 
-/** @import { Actions } from "../core/app.js" */
-/** @import { ReviewApp as App } from "../review/answers.js" */
 /** @import { Decision } from "../boxes/box.js" */
-/** @import { Frame } from "../stage/media.js" */
+/** @import { Actions } from "../core/app.js" */
+/** @import { Value } from "../core/observable.js" */
+/** @import { ReviewApp as App } from "../review/answers.js" */
+/** @import { Frame, Media } from "../stage/media.js" */
+/** @import { Lesson } from "./coach.js" */
 
 /** @type {readonly number[]} */
 const NONE = [];
 
 /**
- * @param {{app: App, box: Decision, see: (box: Decision) => Decision, media: import("../stage/media.js").Media, view:
- *   import("../core/observable.js").Value<"crop" | "frame">, actions: Actions, stageRef: {current:
- *   import("../stage/stage.js").Stage | null}, rule: string, offset: number, lesson: import("./coach.js").Lesson |
- *   null, strip: unknown}} props `offset`: how many frames later than the asked one the box is; `lesson`: null if the
- *   box is of none; `strip`: shown below the question; `box`: withheld until it is answered in a blind review; then its
- *   frame's other boxes are not shown either; `see`: what may be shown of those
+ * @param {{app: App, box: Decision, see: (box: Decision) => Decision, media: Media, view: Value<"crop" | "frame">,
+ *   actions: Actions, stageRef: {current: import("../stage/stage.js").Stage | null}, rule: string, offset: number,
+ *   lesson: Lesson | null, strip: unknown}} props `offset`: how many frames later than the asked one the box is;
+ *   `lesson`: null if the box is of none; `strip`: shown below the question; `box`: withheld until it is answered in a
+ *   blind review; then its frame's other boxes are not shown either; `see`: what may be shown of those
  */
 export function QueueStage({ app, box, see, media, view, actions, stageRef, rule, offset, lesson, strip }) {
   const mode = useValue(view);

@@ -12,7 +12,9 @@ import { createSender } from "./sender.js";
 
 /** @import { Answer, AnswerWithComment, Decision } from "../boxes/box.js" */
 /** @import { Boxes } from "../boxes/store.js" */
-/** @import { SingleAnswer } from "./outbox.js" */
+/** @import { App } from "../core/app.js" */
+/** @import { OpenTabs } from "../core/tab.js" */
+/** @import { GivenAnswer, NewAnswer, SingleAnswer } from "./outbox.js" */
 
 /** So many answers within two seconds are faster than people look. */
 const STREAK = 12;
@@ -20,8 +22,8 @@ const STREAK_MS = 2000;
 
 /**
  * Answers, for the whole page: giving and undoing them, those not saved yet, and those overtaken.
- * @param {import("../core/app.js").App} app @param {Boxes} boxes @param {Storage} storage
- * @param {{tab: string, openTabs: () => Promise<import("../core/tab.js").OpenTabs>}} tabs  the id of this tab, and
+ * @param {App} app @param {Boxes} boxes @param {Storage} storage
+ * @param {{tab: string, openTabs: () => Promise<OpenTabs>}} tabs  the id of this tab, and
  *   those of the tabs that are open now: each sends its own answers
  */
 export function createAnswers(app, boxes, storage, { tab, openTabs }) {
@@ -52,7 +54,7 @@ export function createAnswers(app, boxes, storage, { tab, openTabs }) {
     overtaken.set(rest);
   }
 
-  /** @param {Decision} box @param {AnswerWithComment} answer @returns {import("./outbox.js").NewAnswer} */
+  /** @param {Decision} box @param {AnswerWithComment} answer @returns {NewAnswer} */
   const answerOn = (box, { verdict, comment }) => ({
     boxId: box.box_id,
     frameId: box.frame_id,
@@ -199,17 +201,14 @@ export function createAnswers(app, boxes, storage, { tab, openTabs }) {
   };
 }
 
-/**
- * What views are given in which people answer.
- * @typedef {import("../core/app.js").App & ReturnType<typeof createAnswers>} ReviewApp
- */
+/** What views are given in which people answer. @typedef {App & ReturnType<typeof createAnswers>} ReviewApp */
 
 /**
  * @typedef {object} Step  something that can be undone: an answer on one box, or a bulk answer
  * @property {readonly (AnswerWithComment & {boxId: number})[]} before  the earlier answers on its boxes; none for a
  *   bulk answer on boxes that the page does not know
  * @property {string} dataset
- * @property {import("./outbox.js").GivenAnswer} [given]  an answer on one box
+ * @property {GivenAnswer} [given]  an answer on one box
  * @property {string} [bulkKey]  the key of a bulk answer
  * @property {number | null} [batchId]  the bulk answer's id on the server, once it is stored
  * @property {number} [count]  how many boxes the bulk answer was to answer

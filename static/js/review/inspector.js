@@ -24,10 +24,11 @@ import { linkTo } from "../core/router.js";
 import { overlapping } from "../stage/geometry.js";
 import { OvertakenNotice } from "./answer_bar.js";
 
-/** @import { ReviewApp as App } from "./answers.js" */
 /** @import { Decision } from "../boxes/box.js" */
-/** @import { Frame } from "../stage/media.js" */
 /** @import { HistoryEntry } from "../core/openapi.js" */
+/** @import { Frame } from "../stage/media.js" */
+/** @import { ReviewApp as App } from "./answers.js" */
+/** @import { FrameActions } from "./frame.js" */
 
 /** Said in place of an answer by somebody who cannot have seen the box. */
 export const NOT_PAINTED =
@@ -35,7 +36,7 @@ export const NOT_PAINTED =
 
 /**
  * @param {{app: App, frame: Frame | null, box: Decision | null, boxes: readonly Decision[], isWaiting: boolean,
- *   actions: import("./frame.js").FrameActions, commentRef: {current: HTMLTextAreaElement | null}}} props
+ *   actions: FrameActions, commentRef: {current: HTMLTextAreaElement | null}}} props
  *   `frame`: whose view this is; null: the view is not of one frame, so the box's is named
  */
 export function Inspector({ app, frame, box, boxes, isWaiting, actions, commentRef }) {
@@ -51,7 +52,7 @@ export function Inspector({ app, frame, box, boxes, isWaiting, actions, commentR
 
 /**
  * @param {{app: App, frame: Frame | null, box: Decision, boxes: readonly Decision[], isWaiting: boolean,
- *   actions: import("./frame.js").FrameActions, commentRef: {current: HTMLTextAreaElement | null}}} props
+ *   actions: FrameActions, commentRef: {current: HTMLTextAreaElement | null}}} props
  */
 function BoxDetails({ app, frame, box, boxes, isWaiting, actions, commentRef }) {
   const mine = useValue(app.overtaken).get(box.box_id);

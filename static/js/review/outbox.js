@@ -22,6 +22,7 @@ import { randomId } from "../core/tab.js";
 
 /** @import { Answer, AnswerWithComment } from "../boxes/box.js" */
 /** @import { BoxSelection as Filter } from "../core/openapi.js" */
+/** @import { OpenTabs } from "../core/tab.js" */
 
 /**
  * @typedef {object} SingleAnswer  on one box, or the undo of one
@@ -322,7 +323,7 @@ export function createOutbox(storage, tab, who, newKey = randomId) {
       write({ ...undo, ...boxes, batchId, before: rest(before) });
     },
 
-    /** Take over the items of closed tabs, of all people. @param {import("../core/tab.js").OpenTabs} openTabs */
+    /** Take over the items of closed tabs, of all people. @param {OpenTabs} openTabs */
     takeOver(openTabs) {
       for (const item of storedItems(storage)) if (item.tab !== tab && !openTabs.has(item.tab)) write({ ...item, tab });
     },

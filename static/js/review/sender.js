@@ -8,8 +8,12 @@ import { createValue } from "../core/observable.js";
 import { countAnswers, idempotencyKey, isBulk, isBulkAnswer, isBulkUndo, isSingle, wasAttempted } from "./outbox.js";
 
 /** @import { Decision } from "../boxes/box.js" */
+/** @import { Later } from "../core/api.js" */
+/** @import { Value } from "../core/observable.js" */
 /** @import { History, HistoryEntry, Review as StoredReview, ReviewBatch, UndoneBatch } from "../core/openapi.js" */
-/** @import { BulkAnswer, BulkItem, BulkUndo, OutboxItem, SingleAnswer } from "./outbox.js" */
+/** @import { OpenTabs } from "../core/tab.js" */
+/** @import { BulkAnswer, BulkItem, BulkUndo, GivenAnswer, NewAnswer, NewBulkAnswer, NewBulkUndo } from "./outbox.js" */
+/** @import { Outbox, OutboxItem, SingleAnswer } from "./outbox.js" */
 
 /**
  * @typedef {object} Requests  all but `history` resolve when the server has stored the item
@@ -91,10 +95,7 @@ const currentBox = (error) => (error instanceof ApiError && error.status === 412
 const mayLoadLater = (error) =>
   !(error instanceof ApiError) || error.status === 401 || (error.isTemporary && error.status !== 500);
 
-/**
- * @param {import("./outbox.js").Outbox} outbox @param {Requests} [requests]
- * @param {import("../core/api.js").Later} [later]
- */
+/** @param {Outbox} outbox @param {Requests} [requests] @param {Later} [later] */
 export function createSender(outbox, requests = REQUESTS, later) {
   const retries = createRetries(later);
   /** @type {Partial<SenderEvents>[]} */
@@ -118,7 +119,7 @@ export function createSender(outbox, requests = REQUESTS, later) {
    */
   const storedOnFilter = new Map();
 
-  /** @type {import("../core/observable.js").Value<SenderState>} */
+  /** @type {Value<SenderState>} */
   const state = createValue(stateIn("saved"));
 
   /** @param {Phase} phase @returns {SenderState} */
@@ -374,27 +375,22 @@ export function createSender(outbox, requests = REQUESTS, later) {
     /** @param {Partial<SenderEvents>} events */
     observe: (events) => void observers.push(events),
 
-    /** @param {import("./outbox.js").NewAnswer} answer @returns null: this browser has no room for it */
+    /** @param {NewAnswer} answer @returns null: this browser has no room for it */
     addAnswer: (answer) => put(() => outbox.addAnswer(answer)),
 
     /**
      * Undo an answer on one box.
-     * @param {import("./outbox.js").GivenAnswer} given @param {import("./outbox.js").NewAnswer} earlier  what its box
-     *   gets again
+     * @param {GivenAnswer} given @param {NewAnswer} earlier  what its box gets again
      * @returns {boolean | null} as that of the outbox; null: this browser has no room for it
      */
     undoAnswer: (given, earlier) => put(() => outbox.undoAnswer(given, earlier)),
 
-    /**
-     * @param {import("./outbox.js").NewBulkAnswer} bulk @param {string} [key]
-     * @returns {boolean} false: this browser has no room for it
-     */
+    /** @param {NewBulkAnswer} bulk @param {string} [key] @returns {boolean} false: this browser has no room for it */
     addBulkAnswer: (bulk, key) => put(() => outbox.addBulkAnswer(bulk, key)) !== null,
 
     /**
      * Undo a bulk answer. If the server cannot have stored it, it is discarded; else its undo is put into the outbox.
-     * @param {import("./outbox.js").NewBulkUndo} undo
-     * @returns {"discarded" | "added" | "full"}  full: this browser has no room for it
+     * @param {NewBulkUndo} undo @returns {"discarded" | "added" | "full"}  full: this browser has no room for it
      */
     addBulkUndo(undo) {
       const { bulkKey } = undo;
@@ -410,7 +406,7 @@ export function createSender(outbox, requests = REQUESTS, later) {
     /**
      * Take over the items of closed tabs. `resume` then sends the items of the person who is signed in: those taken
      * over, and those that this tab had before it was loaded again.
-     * @param {import("../core/tab.js").OpenTabs} openTabs
+     * @param {OpenTabs} openTabs
      */
     takeOver(openTabs) {
       outbox.takeOver(openTabs);

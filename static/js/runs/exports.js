@@ -11,6 +11,7 @@ import { Dialog, FailureLine, WideTable, useCopy, useDialog } from "../core/part
 import { Canceller, JobBar, StateBadge, isOver, percentDone, useLookAgain } from "../jobs/job.js";
 
 /** @import { App } from "../core/app.js" */
+/** @import { Field, Schema, Words } from "../core/form.js" */
 /** @import { Export } from "../core/openapi.js" */
 /** @typedef {Export["format"]} Format */
 /**
@@ -18,7 +19,6 @@ import { Canceller, JobBar, StateBadge, isOver, percentDone, useLookAgain } from
  * @typedef {{formats: {value: Format, text: string, help: string, options: readonly string[]}[], fields: Field[]}}
  *   ExportForm
  */
-/** @import { Field, Schema } from "../core/form.js" */
 
 /** How many exports are shown at first. */
 const NEWEST = 50;
@@ -200,7 +200,7 @@ function Sum({ sum }) {
       onClick=${copy}><${Icon} name=${isCopied ? "check" : "copy"} /></button></p>`;
 }
 
-/** @type {import("../core/form.js").Words} */
+/** @type {Words} */
 const OPTION_WORDS = {
   fields: {
     include: "Boxes that go in",

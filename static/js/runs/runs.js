@@ -219,9 +219,7 @@ export const isFirst = ({ total, started_at, finished_at }) =>
 
 const KINDS = /** @type {Record<string, string>} */ ({ measure: "measured again", decide: "decided again" });
 
-/**
- * @param {{app: App, dataset: string, run: Run, isActive: boolean, isShown: boolean}} props
- */
+/** @param {{app: App, dataset: string, run: Run, isActive: boolean, isShown: boolean}} props */
 function RunRow({ app, dataset, run, isActive, isShown }) {
   return html`<article class="run ${isShown ? "is-shown" : ""}" aria-label=${`Run ${run.id}`}>
     <div class="run__what">

@@ -14,8 +14,11 @@ import { FramesView } from "../datasets/frames.js";
 import { Uploads } from "../upload/upload.js";
 import { TopBar, hasTabs } from "./topbar.js";
 
-/** @typedef {import("../review/answers.js").ReviewApp & import("../upload/uploader.js").UploadApp} App */
+/** @typedef {ReviewApp & UploadApp} App */
+/** @import { Lazy } from "../core/observable.js" */
 /** @import { Route } from "../core/router.js" */
+/** @import { ReviewApp } from "../review/answers.js" */
+/** @import { UploadApp } from "../upload/uploader.js" */
 /** @typedef {(props: {app: App, route: Route}) => unknown} View */
 
 /**
@@ -24,7 +27,7 @@ import { TopBar, hasTabs } from "./topbar.js";
  */
 const VIEWS = { datasets: DatasetsView, frames: FramesView };
 
-/** @type {Record<string, import("../core/observable.js").Lazy<View>>} */
+/** @type {Record<string, Lazy<View>>} */
 const LATER = {
   home: createLazy(async () => (await import("../datasets/home.js")).HomeView),
   compare: createLazy(async () => (await import("../datasets/home.js")).CompareView),
@@ -137,7 +140,7 @@ function Newcomer({ app, newcomer: { name, role } }) {
 
 /**
  * Asks once about answers that were faster than people look.
- * @param {{app: import("../review/answers.js").ReviewApp, boxIds: readonly number[]}} props
+ * @param {{app: ReviewApp, boxIds: readonly number[]}} props
  */
 function Streak({ app, boxIds }) {
   const { dataset } = useValue(app.topBar);
@@ -158,7 +161,7 @@ function Streak({ app, boxIds }) {
   <//>`;
 }
 
-/** @param {{app: import("../review/answers.js").ReviewApp, linkError: string}} props */
+/** @param {{app: ReviewApp, linkError: string}} props */
 function SignIn({ app, linkError }) {
   useTitle("Sign in");
   const kept = [...app.kept()];
@@ -204,7 +207,7 @@ function SignIn({ app, linkError }) {
   </main>`;
 }
 
-/** @param {{app: import("../review/answers.js").ReviewApp & import("../upload/uploader.js").UploadApp}} props */
+/** @param {{app: ReviewApp & UploadApp}} props */
 function Toasts({ app }) {
   const toasts = useValue(app.toasts.list);
   return html`<div class="toasts">

@@ -9,6 +9,7 @@ import { PAINTED, canvasOf, createObjects, isPaintedAlready } from "./pixels.js"
 import { isOpaque, storedImage } from "./stored.js";
 
 /** @import { Boxes } from "../boxes/store.js" */
+/** @import { Objects } from "./pixels.js" */
 /** @typedef {Omit<import("../core/openapi.js").Frame, "boxes"> & {boxIds: readonly number[]}} Frame */
 /** @template T @typedef {import("../core/observable.js").Lazy<T>} Lazy */
 
@@ -18,7 +19,7 @@ import { isOpaque, storedImage } from "./stored.js";
  * @property {Lazy<HTMLImageElement | null>} picture  null: the frame has none
  * @property {Lazy<Pixels | null>} segmentation  its pixels, and what they mean; null: the frame has none
  * @property {Lazy<CanvasImageSource | null>} mask  the segmentation in the colours of its palette
- * @property {Lazy<import("./pixels.js").Objects | null>} objects  by the instance image; null: the frame has none
+ * @property {Lazy<Objects | null>} objects  by the instance image; null: the frame has none
  * @property {() => void} release  its boxes need not stay in the store
  */
 

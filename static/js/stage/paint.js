@@ -7,6 +7,9 @@ import { areaOf, isOnStage, toStage } from "./geometry.js";
 import { outline, paintLabel, paintMark, paintShortLabels, solidLines } from "./shapes.js";
 
 /** @import { Decision, Verdict, Xyxy } from "../boxes/box.js" */
+/** @import { View } from "./geometry.js" */
+/** @import { Highlight } from "./pixels.js" */
+/** @import { Snapshot } from "./stage.js" */
 /**
  * @typedef {{stroke: Record<Verdict, string>, label: Record<Verdict, string>, text: string, casing: string, halo:
  *   string, edge: string, matching: string, unsure: string, font: string}} Inks
@@ -14,8 +17,8 @@ import { outline, paintLabel, paintMark, paintShortLabels, solidLines } from "./
 
 /**
  * @typedef {object} Scene
- * @property {import("./stage.js").Snapshot} snapshot
- * @property {import("./geometry.js").View} view
+ * @property {Snapshot} snapshot
+ * @property {View} view
  * @property {{width: number, height: number}} size
  * @property {Decision | null} hovered
  * @property {ReadonlySet<Decision>} neighbours  of the selected box
@@ -165,8 +168,8 @@ export function paintTop(ctx, scene) {
 
 /**
  * The matching pixels, outlined: what they show stays visible.
- * @param {CanvasRenderingContext2D} ctx @param {import("./pixels.js").Highlight} highlight
- * @param {import("./geometry.js").View} view @param {Inks} inks
+ * @param {CanvasRenderingContext2D} ctx @param {Highlight} highlight
+ * @param {View} view @param {Inks} inks
  */
 function paintOutline(ctx, { outline }, { scale, x, y }, inks) {
   ctx.save();
@@ -203,7 +206,7 @@ function paintForward(ctx, box, { view, size, inks, snapshot }) {
 }
 
 /**
- * @param {readonly Decision[]} boxes @param {import("./geometry.js").View} view
+ * @param {readonly Decision[]} boxes @param {View} view
  * @param {{width: number, height: number}} size @returns {Placed[]} those on the stage, large ones first
  */
 function placedBoxes(boxes, view, size) {
@@ -233,10 +236,7 @@ function largeFirst(boxes) {
   return order;
 }
 
-/**
- * @param {CanvasRenderingContext2D} ctx @param {readonly Xyxy[]} edges @param {import("./geometry.js").View} view
- * @param {Inks} inks
- */
+/** @param {CanvasRenderingContext2D} ctx @param {readonly Xyxy[]} edges @param {View} view @param {Inks} inks */
 function paintEdges(ctx, edges, view, inks) {
   ctx.beginPath();
   for (const edge of edges) {

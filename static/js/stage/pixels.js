@@ -3,8 +3,9 @@
 
 import { pixelBounds } from "./geometry.js";
 
+/** @import { Decision, Xyxy } from "../boxes/box.js" */
 /** @import { AcceptedTag, SegmentationReport } from "../core/openapi.js" */
-/** @import { Decision } from "../boxes/box.js" */
+/** @import { Point } from "./geometry.js" */
 /** @typedef {AcceptedTag["rgb"]} Rgb */
 /** @typedef {{x: number, y: number, width: number, height: number}} Bounds */
 /**
@@ -141,10 +142,10 @@ export function outlinesOf(mask, width) {
 export function createObjects(instances) {
   const { width, height } = instances;
   const colors = new Uint32Array(contextOf(instances).getImageData(0, 0, width, height).data.buffer);
-  /** @type {Map<number, import("../boxes/box.js").Xyxy>} */
+  /** @type {Map<number, Xyxy>} */
   const known = new Map();
   return {
-    /** @param {import("./geometry.js").Point} at  image px @returns {import("../boxes/box.js").Xyxy | null} */
+    /** @param {Point} at  image px @returns {Xyxy | null} */
     at({ x, y }) {
       if (x < 0 || y < 0 || x >= width || y >= height) return null;
       const color = colors[Math.floor(y) * width + Math.floor(x)] ?? 0;
@@ -157,10 +158,7 @@ export function createObjects(instances) {
 
 /** @typedef {ReturnType<typeof createObjects>} Objects */
 
-/**
- * @param {Uint32Array} colors @param {number} width @param {number} color one of them
- * @returns {import("../boxes/box.js").Xyxy}
- */
+/** @param {Uint32Array} colors @param {number} width @param {number} color one of them @returns {Xyxy} */
 export function extentOf(colors, width, color) {
   let [x0, y0, x1, y1] = [Infinity, Infinity, 0, 0];
   for (let i = colors.indexOf(color); i >= 0; i = colors.indexOf(color, i + 1)) {

@@ -3,8 +3,8 @@
 
 import { VERDICT_SIGN, shortText } from "../boxes/wording.js";
 
+/** @import { Decision, Verdict, Xyxy } from "../boxes/box.js" */
 /** @import { Inks } from "./paint.js" */
-/** @import { Verdict, Xyxy } from "../boxes/box.js" */
 /** @typedef {{color: string, casing: string, dash: readonly number[]}} Pen  whole px; dash: on, off */
 /** @typedef {{across: ImageBitmap, down: ImageBitmap}} Strips */
 
@@ -205,11 +205,11 @@ export function paintShortLabels(ctx, placed, { inks, size }) {
 
 /**
  * Measured once per box: a pan asks for hundreds of them, frame after frame.
- * @type {WeakMap<import("../boxes/box.js").Decision, {text: string, width: number, font: string}>}
+ * @type {WeakMap<Decision, {text: string, width: number, font: string}>}
  */
 const shortLabels = new WeakMap();
 
-/** @param {CanvasRenderingContext2D} ctx @param {import("../boxes/box.js").Decision} box */
+/** @param {CanvasRenderingContext2D} ctx @param {Decision} box */
 function shortLabel(ctx, box) {
   const known = shortLabels.get(box);
   if (known?.font === ctx.font) return known;

@@ -21,6 +21,7 @@ import { createDrawnBoxes, paintAllBoxes, paintBase, paintTop, readInks } from "
 
 /** @import { Decision, Xyxy } from "../boxes/box.js" */
 /** @import { Point, View } from "./geometry.js" */
+/** @import { Highlight, Objects } from "./pixels.js" */
 
 /**
  * @typedef {object} Snapshot  everything that is drawn
@@ -30,13 +31,13 @@ import { createDrawnBoxes, paintAllBoxes, paintBase, paintTop, readInks } from "
  * @property {number} opacity  of the mask
  * @property {readonly Decision[]} boxes
  * @property {Decision | null} selected  one of `boxes`
- * @property {import("./pixels.js").Highlight | null} highlight
+ * @property {Highlight | null} highlight
  * @property {boolean} edges
  * @property {boolean} isWhole  the picture is there, or the frame has none
  * @property {boolean} crop  show the selected box's surroundings rather than the frame
  * @property {boolean} [isBare]  show the picture alone
  * @property {Decision | null} [hider]  the box that most likely hides the selected one
- * @property {import("./pixels.js").Objects | null} [objects]  what the picture shows, for clicks
+ * @property {Objects | null} [objects]  what the picture shows, for clicks
  * @property {boolean} [hasFar]  draw far boxes as strong as others
  * @property {number} [scene]  a changed number means another scene: the view jumps there without an animation
  */

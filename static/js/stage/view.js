@@ -12,16 +12,17 @@ import { clamp } from "./geometry.js";
 import { highlightOf } from "./pixels.js";
 import { createStage } from "./stage.js";
 
-/** @import { Actions, App } from "../core/app.js" */
 /** @import { Decision } from "../boxes/box.js" */
-/** @import { Frame } from "./media.js" */
+/** @import { Actions, App } from "../core/app.js" */
+/** @import { Frame, Media } from "./media.js" */
+/** @import { Stage } from "./stage.js" */
 
 /**
  * The boxes are shown as soon as the frame is known; the picture and the segmentation follow.
- * @param {{app: App, frame: Frame | null, media: import("./media.js").Media, boxes: readonly Decision[], selected:
+ * @param {{app: App, frame: Frame | null, media: Media, boxes: readonly Decision[], selected:
  *   Decision | null, isCrop: boolean, hider?: Decision | null, scene?: number, label: string, onSelect?: (boxId: number
  *   | null) => void, onSwipe?: (side: "left" | "right") => void, onCrop: (isOnBox: boolean) => void, stageRef:
- *   {current: import("./stage.js").Stage | null}, children?: unknown}} props `frame`: null until it is loaded;
+ *   {current: Stage | null}, children?: unknown}} props `frame`: null until it is loaded;
  *   `isCrop`, `hider`, `scene`: `crop`, `hider`, `scene` of a Snapshot (stage.js); `onCrop`: a double click; `onSwipe`:
  *   a finger has moved the picture far enough; without it, a finger pans
  */
@@ -157,7 +158,7 @@ function imageSize(frame, picture) {
 const OPACITY_STEP = 0.1;
 const ZOOM_STEP = 1.4;
 
-/** @param {App} app @param {() => import("./stage.js").Stage | null} stage */
+/** @param {App} app @param {() => Stage | null} stage */
 export function createLookActions(app, stage) {
   /** @param {number} change */
   function fade(change) {

@@ -11,6 +11,7 @@ import { Delta } from "./flips.js";
 import { Histogram, together, typedPercent } from "./histogram.js";
 
 /** @import { App } from "../core/app.js" */
+/** @import { FilterConfigIn, Preview } from "../core/openapi.js" */
 /** @import { Tuning } from "./preview.js" */
 
 const SCALES = [
@@ -23,10 +24,10 @@ const BY = [
   { value: "tags", text: "By tags" },
 ];
 
-/** @param {import("../core/openapi.js").FilterConfigIn} config @param {string} name @param {string} key */
+/** @param {FilterConfigIn} config @param {string} name @param {string} key */
 const hasOwn = (config, name, key) => valueOf(config, classPath(name, key)) !== undefined;
 
-/** @param {import("../core/openapi.js").FilterConfigIn} config @param {string} name @param {string} key */
+/** @param {FilterConfigIn} config @param {string} name @param {string} key */
 const thresholdOf = (config, name, key) => Number(appliesTo(config, name, key) ?? 0);
 
 /** @param {{app: App, tuning: Tuning, scale: string, selected: string}} props */
@@ -175,7 +176,7 @@ const METERS = {
 
 /** @param {{tuning: Tuning, selected: string}} props */
 export function Reasons({ tuning, selected }) {
-  /** @param {import("../core/openapi.js").Preview | null} preview @returns {Record<string, number>} */
+  /** @param {Preview | null} preview @returns {Record<string, number>} */
   const of = (preview) => (selected ? preview?.reasons_by_class?.[selected] : preview?.by_reason) ?? {};
   const before = of(tuning.baseline);
   const after = of(tuning.preview);

@@ -14,7 +14,7 @@ import { RunStrip, isOver, useWatched } from "../jobs/job.js";
 import { effectiveEdits, queryOf } from "./config.js";
 
 /** @import { App } from "../core/app.js" */
-/** @import { ConfigVersion, FilterConfigIn as ConfigBody, Preview } from "../core/openapi.js" */
+/** @import { ConfigVersion, FilterConfigIn as ConfigBody, Preview, Run } from "../core/openapi.js" */
 
 const STRONGEST = "auto";
 const TAGS = "semantic";
@@ -65,7 +65,7 @@ export function EvidenceSwitch({ app, dataset, active, isQuiet = false, onApplie
     },
     [dataset, active, kind],
   );
-  const [started, setStarted] = useState(/** @type {import("../core/openapi.js").Run | null} */ (null));
+  const [started, setStarted] = useState(/** @type {Run | null} */ (null));
   const undo = () => {
     const tell = () => app.toasts.show(`Boxes are decided by ${nameOf(now)} again, in the background.`);
     void put("/api/v1/datasets/{dataset}/config", { path, body: { digest: active.digest } }).then(

@@ -5,9 +5,9 @@ import { drawChart } from "../core/chart.js";
 import { html, useEffect, useLayoutEffect, useMemo, useRef, useState } from "../core/html.js";
 import { countOf, percentText } from "../core/numbers.js";
 
-/** @import { App } from "../core/app.js" */
-/** @import { Ink } from "../core/chart.js" */
 /** @import { default as UPlot } from "../../vendor/uplot-1.6.32.module.js" */
+/** @import { App } from "../core/app.js" */
+/** @import { Data, Ink } from "../core/chart.js" */
 
 /** The plot inside of the drawing; tuning.css puts the handle on the same place. */
 const AXIS = { left: 40, bottom: 22 };
@@ -88,7 +88,7 @@ function useBars(element, counts, isLog, size) {
  *   threshold: number, active: number}} Shown
  */
 
-/** @param {readonly number[]} heights @returns {import("../core/chart.js").Data} */
+/** @param {readonly number[]} heights @returns {Data} */
 const dataOf = (heights) => [heights.map((_, bin) => (100 * (bin + 0.5)) / heights.length), [...heights]];
 
 /**

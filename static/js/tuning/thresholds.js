@@ -18,7 +18,8 @@ import { useTuning } from "./preview.js";
 import { ConfigPanel, SaveDialog, Versions } from "./versions.js";
 
 /** @import { App } from "../core/app.js" */
-/** @import { ConfigVersion, Run } from "../core/openapi.js" */
+/** @import { ConfigVersion, Dataset, FilterConfigIn, FlipCounts, Measure, Run } from "../core/openapi.js" */
+/** @import { VerdictCounts } from "../core/openapi.js" */
 /** @import { Route } from "../core/router.js" */
 /** @import { Tuning } from "./preview.js" */
 
@@ -55,7 +56,7 @@ export function ThresholdsView({ app, route }) {
 }
 
 /**
- * @param {{app: App, route: Route, dataset: string, settings: import("../core/openapi.js").Dataset, active:
+ * @param {{app: App, route: Route, dataset: string, settings: Dataset, active:
  *   ConfigVersion, onApplied: () => void}} props
  */
 function Tuner({ app, route, dataset, settings, active, onApplied }) {
@@ -141,7 +142,7 @@ const Skeleton = () => html`<div aria-hidden="true">
 
 /**
  * Says what decides, and by which keys, if it is not the segmentation alone.
- * @param {{config: import("../core/openapi.js").FilterConfigIn, keys: readonly import("../core/form.js").Field[]}} props
+ * @param {{config: FilterConfigIn, keys: readonly import("../core/form.js").Field[]}} props
  */
 function ChannelLine({ config, keys }) {
   const channel = config.evidence ?? "semantic";
@@ -189,10 +190,7 @@ function NeedsPixels() {
       background.</span></p>`;
 }
 
-/**
- * @param {{counts: import("../core/openapi.js").VerdictCounts | null, before:
- *   import("../core/openapi.js").VerdictCounts | null}} props
- */
+/** @param {{counts: VerdictCounts | null, before: VerdictCounts | null}} props */
 function Counts({ counts, before }) {
   const all = counts ? counts.kept + counts.rejected + counts.unmeasured : 0;
   return html`<div class="summary__verdicts">
@@ -257,7 +255,7 @@ function Scores({ tuning }) {
 /** In percent, with one decimal. @param {number} share */
 const tenths = (share) => Math.round(1000 * share) / 10;
 
-/** @param {import("../core/openapi.js").Measure | null} measure */
+/** @param {Measure | null} measure */
 const points = (measure) => (measure ? tenths(measure.value) : undefined);
 
 /** So many verdicts of a class that the truth contradicts are worth a hint. */
@@ -289,7 +287,7 @@ function Overturned({ tuning }) {
   </ul>`;
 }
 
-/** @param {{flips: import("../core/openapi.js").FlipCounts & {total: number} | null}} props */
+/** @param {{flips: FlipCounts & {total: number} | null}} props */
 function Flips({ flips }) {
   return html`<div class="figures figures--flips">
     <div class="figure" data-figure="kept_to_rejected">

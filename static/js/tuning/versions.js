@@ -20,9 +20,10 @@ import {
   valueText,
 } from "./config.js";
 
-/** @import { ConfigVersion, Run } from "../core/openapi.js" */
-/** @import { ConfigValue } from "./config.js" */
 /** @import { Field } from "../core/form.js" */
+/** @import { Loaded } from "../core/hooks.js" */
+/** @import { ConfigVersion, Dataset, Run } from "../core/openapi.js" */
+/** @import { ConfigValue } from "./config.js" */
 /** @import { Tuning } from "./preview.js" */
 
 /** How many versions are shown at first. */
@@ -43,10 +44,7 @@ export async function requireActive(dataset, digest, onOutdated, more = "The pag
   throw new Error(`Nothing was saved: somebody has applied another version since. ${more}`);
 }
 
-/**
- * @param {{dataset: string, tuning: Tuning, saved: number, isRunning: boolean,
- *   onRun: (run: Run) => void}} props
- */
+/** @param {{dataset: string, tuning: Tuning, saved: number, isRunning: boolean, onRun: (run: Run) => void}} props */
 export function Versions({ dataset, tuning, saved, isRunning, onRun }) {
   const { active } = tuning;
   const loaded = useNewest(
@@ -138,10 +136,7 @@ function differenceText(active, version) {
   return rows.length > 1 ? `${words}, and ${countOf(rows.length - 1, "more key")}` : words;
 }
 
-/**
- * @param {{tuning: Tuning, keys: import("../core/hooks.js").Loaded<Field[]>, settings:
- *   import("../core/openapi.js").Dataset}} props
- */
+/** @param {{tuning: Tuning, keys: Loaded<Field[]>, settings: Dataset}} props */
 export function ConfigPanel({ tuning, keys, settings }) {
   const { tried, active } = tuning;
   const ofClasses = differences({ ...tried, classes: {} }, tried);
