@@ -173,16 +173,10 @@ export function selectionOf(query) {
   if (bin) found.bin = bin;
   for (const key of FLAGS) if (query[key] === "true") found[key] = true;
   for (const key of NUMBERS) {
-    const value = numberOf(query[key]);
-    if (value !== null) found[key] = value;
+    const value = query[key]?.trim() ? Number(query[key]) : NaN;
+    if (Number.isFinite(value) && value >= 0) found[key] = value;
   }
   return found;
-}
-
-/** @param {string | undefined} text */
-function numberOf(text) {
-  const value = text === undefined || text.trim() === "" ? NaN : Number(text);
-  return Number.isFinite(value) && value >= 0 ? value : null;
 }
 
 /** @param {Query} query */

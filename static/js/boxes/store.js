@@ -79,16 +79,6 @@ export function createBoxes(later) {
     return now;
   }
 
-  /** Drop boxes that are neither held nor remembered. @param {readonly number[]} ids */
-  function sweep(ids) {
-    for (const id of ids) {
-      if (held.has(id) || remembered.has(id)) continue;
-      stored.delete(id);
-      sentElsewhere.delete(id);
-      combined.delete(id);
-    }
-  }
-
   /**
    * Add boxes that the server sent. Hold their ids to keep them in the store.
    * @param {readonly Decision[]} boxes @returns {number[]} their ids
@@ -115,7 +105,7 @@ export function createBoxes(later) {
    * @returns {() => void} release them
    */
   function keep(counts, ids) {
-    const kept = [...ids];
+    const kept = [...ids]; // emptied by the first release
     for (const id of kept) counts.set(id, (counts.get(id) ?? 0) + 1);
     return () => {
       for (const id of kept.splice(0)) {
@@ -124,7 +114,11 @@ export function createBoxes(later) {
         else counts.delete(id);
       }
       // Not at once: a view may release boxes that the next view is about to hold.
-      queueMicrotask(() => sweep([...ids]));
+      queueMicrotask(() => {
+        for (const id of ids) {
+          if (!held.has(id) && !remembered.has(id)) for (const map of [stored, sentElsewhere, combined]) map.delete(id);
+        }
+      });
     };
   }
 
@@ -171,7 +165,8 @@ export function createBoxes(later) {
           receive(boxes.filter(({ box_id }) => stored.has(box_id)));
           retries.reset();
         } catch (error) {
-          if (mayComeLater(error)) {
+          // After a 401 somebody may sign in again.
+          if (!(error instanceof ApiError) || error.isTemporary || error.status === 401) {
             toLoad.push([frameId, boxIds]); // after all others
             await new Promise((done) =>
               retries.wait(() => done(null), error instanceof ApiError ? error.retryAfterS : null),
@@ -237,12 +232,6 @@ export function createBoxes(later) {
 }
 
 /** @typedef {ReturnType<typeof createBoxes>} Boxes */
-
-/**
- * Whether a frame that could not be loaded may be loaded later. (After a 401 somebody may sign in again.)
- * @param {unknown} error
- */
-const mayComeLater = (error) => !(error instanceof ApiError) || error.isTemporary || error.status === 401;
 
 /** @param {Decision} one @param {Decision} other */
 const isSame = (one, other) => one === other || JSON.stringify(one) === JSON.stringify(other);

@@ -157,10 +157,11 @@ export async function send(address, init = {}, shown = session) {
   const response = await whole(fetch(address, { credentials: "omit", ...init, headers }), init.signal);
   isReached.set(true);
   if (response.ok) return response;
+  const seconds = Number(response.headers.get("Retry-After") ?? NaN);
   const error = new ApiError(
     response.status,
     problemOf(await whole(response.text(), init.signal)),
-    retryAfterOf(response),
+    Number.isFinite(seconds) ? seconds : null,
   );
   if (response.status === 401 && shown && shown === session) onSignedOut(error);
   throw error;
@@ -185,12 +186,6 @@ function problemOf(text) {
   } catch {
     return {};
   }
-}
-
-/** @param {Response} response */
-function retryAfterOf(response) {
-  const seconds = Number(response.headers.get("Retry-After") ?? NaN);
-  return Number.isFinite(seconds) ? seconds : null;
 }
 
 /** @typedef {string | number | boolean | null | undefined} Parameter  one that is empty or not set is not sent */

@@ -107,13 +107,10 @@ function boundKeys(settings) {
   /** @param {string | undefined} where */
   const chosen = (where) => KEYMAP.flatMap((row) => (row.where === where ? (settings.keys[row.action] ?? []) : []));
   return KEYMAP.map((row) => {
-    const taken = new Set([...chosen(row.where), ...chosen(undefined).filter(isLetter)]);
+    const taken = new Set([...chosen(row.where), ...chosen(undefined).filter((name) => /^\p{L}$/u.test(name))]);
     return { ...row, keys: settings.keys[row.action] ?? row.keys.filter((key) => !taken.has(key)) };
   });
 }
-
-/** @param {string} name */
-const isLetter = (name) => /^\p{L}$/u.test(name);
 
 /**
  * What the person is told about the actions that lose a key because it is given to another one.

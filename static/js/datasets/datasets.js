@@ -12,7 +12,7 @@ import { Command, Failure, Notice } from "../core/parts.js";
 import { linkTo } from "../core/router.js";
 import { UploadButtons } from "../upload/upload.js";
 
-/** @import { Dataset, FrameCounts } from "../core/openapi.js" */
+/** @import { Dataset } from "../core/openapi.js" */
 /** @import { UploadApp as App } from "../upload/uploader.js" */
 
 /** @param {{app: App}} props */
@@ -30,17 +30,16 @@ export function DatasetsView({ app }) {
     ${loaded.state === "error" && html`<${Failure} error=${loaded.error} onRetry=${loaded.reload} />`}
     ${loaded.state === "loading" && !datasets && html`<${Skeleton} />`}
     ${datasets?.length === 0 && html`<${Empty} app=${app} />`}
-    ${datasets && datasets.length > 0 && html`<${Cards} app=${app} datasets=${datasets} />`}
+    ${
+      datasets &&
+      datasets.length > 0 &&
+      html`<div class="page__head"><h1>Datasets</h1><span class="faint">${countText(datasets.length)}</span>
+        <${UploadButtons} app=${app} /></div>
+      <ul class="cards">
+        ${datasets.map((dataset) => html`<li key=${dataset.name}><${Card} app=${app} dataset=${dataset} /></li>`)}
+      </ul>`
+    }
   </main>`;
-}
-
-/** @param {{app: App, datasets: readonly Dataset[]}} props */
-function Cards({ app, datasets }) {
-  return html`<div class="page__head"><h1>Datasets</h1><span class="faint">${countText(datasets.length)}</span>
-    <${UploadButtons} app=${app} /></div>
-  <ul class="cards">
-    ${datasets.map((dataset) => html`<li key=${dataset.name}><${Card} app=${app} dataset=${dataset} /></li>`)}
-  </ul>`;
 }
 
 /** @param {{app: App, dataset: Dataset}} props */
@@ -61,22 +60,17 @@ function Card({ app, dataset }) {
       <p class="card__counts">${countOf(counts.frames, "frame")} · ${countOf(counts.boxes, "box", "boxes")}
         ${counts.problems > 0 && html` · <span class="warn">${countOf(counts.problems, "refused frame")}</span>`}</p>
       <${VerdictBar} counts=${counts} />
-      <${Legend} counts=${counts} />
+      <div class="legend">
+        <span><${StrokeSwatch} verdict="kept" /><b>${countText(counts.kept)}</b> kept</span>
+        <span><${StrokeSwatch} verdict="rejected" /><b>${countText(counts.rejected)}</b> rejected</span>
+        ${
+          counts.unmeasured > 0 &&
+          html`<span><${StrokeSwatch} verdict="unmeasured" /><b>${countText(counts.unmeasured)}</b> unmeasured</span>`
+        }
+      </div>
       <${ReviewProgress} counts=${counts} />
     </div>
   </a>`;
-}
-
-/** @param {{counts: FrameCounts}} props */
-function Legend({ counts }) {
-  return html`<div class="legend">
-    <span><${StrokeSwatch} verdict="kept" /><b>${countText(counts.kept)}</b> kept</span>
-    <span><${StrokeSwatch} verdict="rejected" /><b>${countText(counts.rejected)}</b> rejected</span>
-    ${
-      counts.unmeasured > 0 &&
-      html`<span><${StrokeSwatch} verdict="unmeasured" /><b>${countText(counts.unmeasured)}</b> unmeasured</span>`
-    }
-  </div>`;
 }
 
 /** @param {{app: App}} props */

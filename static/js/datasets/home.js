@@ -260,9 +260,10 @@ function Table({ title, head, rows }) {
 /** @param {{dataset: string, stats: Stats}} props */
 function ByClass({ dataset, stats }) {
   const rows = Object.entries(stats.by_class).sort(([, a], [, b]) => b.rejected - a.rejected);
-  /** @param {string} name */
-  const ghosts = (name) => linkTo("grid", { dataset }, { class: name, verdict: "rejected" });
-  const linked = rows.map(([name, counts]) => ({ counts, name: html`<a href=${ghosts(name)}>${name}</a>` }));
+  const linked = rows.map(([name, counts]) => ({
+    counts,
+    name: html`<a href=${linkTo("grid", { dataset }, { class: name, verdict: "rejected" })}>${name}</a>`,
+  }));
   return html`<${Table} title="By class" head="Class" rows=${linked} />`;
 }
 

@@ -531,7 +531,11 @@ function UnsentStrip({ app, item, state, text }) {
     <${Icon} name="cloud" />
     <p>
       <b>${STATES[state]}: ${what}.</b> ${
-        now ? changedText(now, item.count, bulk?.verdict === "clear") : sentence(text)
+        now
+          ? changedText(now, item.count, bulk?.verdict === "clear")
+          : text
+            ? `${capital(text).replace(/\.$/, "")}.`
+            : ""
       }</p>
     <div class="strip__actions">
       ${
@@ -562,6 +566,3 @@ function UnsentStrip({ app, item, state, text }) {
     </div>
   </div>`;
 }
-
-/** @param {string} text */
-const sentence = (text) => (text ? `${capital(text).replace(/\.$/, "")}.` : "");

@@ -60,7 +60,11 @@ export function QualityView({ app, route }) {
       loaded.state === "error"
         ? html`<${Failure} error=${loaded.error} onRetry=${loaded.reload} />`
         : !quality || !loaded.value
-          ? html`<${Skeleton} />`
+          ? html`<div class="quality" aria-hidden="true">
+            ${[0, 1, 2].map(
+              () => html`<div class="panelbox"><div class="skeleton skeleton--tall shimmer"></div></div>`,
+            )}</div>
+          <p class="sr-only" role="status">Loading quality</p>`
           : html`<${EvidenceSwitch} key=${loaded.value.active.digest} app=${app} dataset=${name}
             active=${loaded.value.active} onApplied=${loaded.reload} />
           <div class="quality">
@@ -128,10 +132,6 @@ const Empty = ({ dataset, truth, unsure, onInstances }) =>
           ${countOf(unsure, "box", "boxes")} flagged as unsure ${unsure === 1 ? "does" : "do"} not count.</p>`
       }
     <//>`;
-
-const Skeleton = () => html`<div class="quality" aria-hidden="true">
-  ${[0, 1, 2].map(() => html`<div class="panelbox"><div class="skeleton skeleton--tall shimmer"></div></div>`)}</div>
-<p class="sr-only" role="status">Loading quality</p>`;
 
 /** @param {{agreement: Agreement, reviewers: readonly Reviewer[]}} props */
 function Reviewers({ agreement, reviewers }) {

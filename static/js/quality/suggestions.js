@@ -45,7 +45,15 @@ export function Suggestions({ app, dataset, truth, suggested, active, target, on
         }</span>
     </header>
     ${suggested.length === 0 && html`<p class="panelbox__empty">${words.both}</p>`}
-    ${suggested.length > 0 && html`<${CurveLegend} />`}
+    ${
+      suggested.length > 0 &&
+      html`<p class="chartlegend">
+        <span><i class="line line--f1"></i>F1</span><span><i class="line line--precision"></i>precision</span>
+        <span><i class="line line--recall"></i>recall</span>
+        <span><i class="line line--current"></i>active</span>
+        <span><i class="line line--suggested"></i>suggested, with its 95 % interval</span>
+      </p>`
+    }
     <ul class="suggestions">${suggested.map(
       (suggestion) => html`<li key=${`${suggestion.class} ${suggestion.key}`}>
         <${Card} app=${app} dataset=${dataset} active=${active} onOutdated=${onOutdated} suggestion=${suggestion}
@@ -54,13 +62,6 @@ export function Suggestions({ app, dataset, truth, suggested, active, target, on
     )}</ul>
   </section>`;
 }
-
-const CurveLegend = () => html`<p class="chartlegend">
-  <span><i class="line line--f1"></i>F1</span><span><i class="line line--precision"></i>precision</span>
-  <span><i class="line line--recall"></i>recall</span>
-  <span><i class="line line--current"></i>active</span>
-  <span><i class="line line--suggested"></i>suggested, with its 95 % interval</span>
-</p>`;
 
 /**
  * @param {{app: App, dataset: string, active: ConfigVersion, onOutdated: () => void, suggestion: Suggestion, known:

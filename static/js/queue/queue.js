@@ -165,7 +165,9 @@ function NoBox({ app, session, query, actions, isEmpty, onQuery }) {
   if (state === "error" && error)
     return html`<div class="queue__message"><${Failure} error=${error} onRetry=${() => void session.refill()} /></div>`;
   if (!isEnd) return html`<${Fetching} />`;
-  if (isEmpty) return html`<${NoBoxesYet} />`;
+  if (isEmpty)
+    return html`<div class="queue__message">
+    <${Notice} icon="grid" title="No boxes yet"><p>No frames have been uploaded to this dataset.</p><//></div>`;
   return html`<${AllDone} app=${app} session=${session} query=${query} actions=${actions}
     onAll=${() => onQuery(withoutList(withoutFilters(query)))} />`;
 }
@@ -438,10 +440,6 @@ function OtherBins({ dataset }) {
     )}
   </ul>`;
 }
-
-const NoBoxesYet = () =>
-  html`<div class="queue__message">
-    <${Notice} icon="grid" title="No boxes yet"><p>No frames have been uploaded to this dataset.</p><//></div>`;
 
 /**
  * What one can do now.

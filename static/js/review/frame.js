@@ -103,7 +103,11 @@ function FrameReview({ app, frame, media, query }) {
 
   return html`<main id="main" class="review" tabindex="-1" data-tab=${tab} data-panels=${panels ? undefined : "off"}>
     <h1 class="sr-only">${frame.key}</h1>
-    <${Tabs} tab=${tab} count=${shown.length} onChange=${setTab} />
+    <div class="review__tabs segments segments--wide" role="group" aria-label="Panel">
+      <button class="segments__item" aria-pressed=${tab === "box"} onClick=${() => setTab("box")}>Selected box</button>
+      <button class="segments__item" aria-pressed=${tab === "list"}
+        onClick=${() => setTab("list")}>Boxes <span class="num">${shown.length}</span></button>
+    </div>
     <${BoxList} app=${app} boxes=${boxes} shown=${shown} selected=${selected} query=${query} waiting=${waiting}
       onSelect=${actions.select} onQuery=${(/** @type {Query} */ next) =>
         app.router.replace(linkTo("frame", { id: frame.id }, next))} />
@@ -201,18 +205,6 @@ function useFollowing(app, frame, query) {
       stopped.abort();
     };
   }, [app, frame, isOn]);
-}
-
-/**
- * Tabs that switch between list and box on a narrow screen.
- * @param {{tab: string, count: number, onChange: (tab: string) => void}} props
- */
-function Tabs({ tab, count, onChange }) {
-  return html`<div class="review__tabs segments segments--wide" role="group" aria-label="Panel">
-    <button class="segments__item" aria-pressed=${tab === "box"} onClick=${() => onChange("box")}>Selected box</button>
-    <button class="segments__item" aria-pressed=${tab === "list"}
-      onClick=${() => onChange("list")}>Boxes <span class="num">${count}</span></button>
-  </div>`;
 }
 
 /** @param {{app: App, last: Frame | null}} props */

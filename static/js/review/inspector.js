@@ -87,7 +87,14 @@ function BoxDetails({ app, frame, box, boxes, isWaiting, actions, commentRef }) 
     <${HiddenBy} box=${box} />
     <${Comment} box=${box} onSave=${saveComment} fieldRef=${commentRef} />
     <${Neighbours} boxes=${boxes} box=${box} onSelect=${actions.select} />
-    <${Numbers} box=${box} />
+    <section class="numbers">
+      <h3>Numbers</h3>
+      <dl class="facts">
+        ${rowsOf(box).map(
+          ([name, value]) => value !== null && html`<div><dt>${name}</dt><dd class="num">${value}</dd></div>`,
+        )}
+      </dl>
+    </section>
     ${!isWithheld(box) && html`<${History} app=${app} box=${box} />`}`;
 }
 
@@ -385,7 +392,7 @@ function rowsOf(box) {
       "Matched pixels",
       box.box_pixels && isCounted(box) ? `${countText(box.matched_pixels ?? 0)} of ${countText(box.box_pixels)}` : null,
     ],
-    ["Margin", box.margin === null ? null : signed(box.margin)],
+    ["Margin", box.margin === null ? null : `${box.margin < 0 ? "−" : "+"}${percentText(Math.abs(box.margin))}`],
     ["Share of the image", percentText(box.area_percent)],
     ["Crowding", box.crowding === null ? null : percentText(box.crowding)],
     ["Distance", distanceText(box)],
@@ -396,19 +403,4 @@ function rowsOf(box) {
     ["Run", String(box.run)],
     ["Configuration", box.config.slice(0, 8)],
   ];
-}
-
-/** @param {number} percent */
-const signed = (percent) => `${percent < 0 ? "−" : "+"}${percentText(Math.abs(percent))}`;
-
-/** @param {{box: Decision}} props */
-function Numbers({ box }) {
-  return html`<section class="numbers">
-    <h3>Numbers</h3>
-    <dl class="facts">
-      ${rowsOf(box).map(
-        ([name, value]) => value !== null && html`<div><dt>${name}</dt><dd class="num">${value}</dd></div>`,
-      )}
-    </dl>
-  </section>`;
 }

@@ -167,14 +167,11 @@ export function createOutbox(storage, tab, who, newKey = randomId) {
   const nextOrder = () =>
     Math.max(Date.now(), ...storedItems(storage).flatMap((item) => (isOfThisTab(item) ? item.order + 1 : [])));
 
-  /** By box: the seen revision of the last item on it. */
-  const lastSeen = () => new Map(itemsOfAllTabs().flatMap(seenRevisionsOf));
-
   /**
    * Add an item. Where another one waits on the same box, it gets that one's seen revision.
    * @param {OutboxItem} item
    */
-  const add = (item) => write(withSeen(item, lastSeen()));
+  const add = (item) => write(withSeen(item, new Map(itemsOfAllTabs().flatMap(seenRevisionsOf))));
 
   /** @param {string} key */
   const answer = (key) =>

@@ -87,14 +87,6 @@ const REQUESTS = {
 /** The box as it is now, if an answer was refused because the box was answered since. @param {unknown} error */
 const currentBox = (error) => (error instanceof ApiError && error.status === 412 && error.problem.current) || null;
 
-/**
- * Whether the history of a box that could not be loaded may be loaded later: after all errors but a refusal, or a fault
- * of the server (500) with this one box.
- * @param {unknown} error
- */
-const mayLoadLater = (error) =>
-  !(error instanceof ApiError) || error.status === 401 || (error.isTemporary && error.status !== 500);
-
 /** @param {Outbox} outbox @param {Requests} [requests] @param {Later} [later] */
 export function createSender(outbox, requests = REQUESTS, later) {
   const retries = createRetries(later);
@@ -129,7 +121,7 @@ export function createSender(outbox, requests = REQUESTS, later) {
     const bulkItems = items.filter(isBulk);
     return {
       phase: items.length > 0 ? phase : "saved",
-      waiting: boxesOf(ofAllTabs),
+      waiting: new Set(ofAllTabs.filter(isSingle).map(({ boxId }) => boxId)),
       waitingInBulk: new Set(ofAllTabs.filter(isBulk).flatMap(({ boxIds = [] }) => boxIds)),
       count: countAnswers(items),
       bulkItems: [...refused.values(), ...bulkItems.map((item) => openItem(phase, item))],
@@ -219,7 +211,9 @@ export function createSender(outbox, requests = REQUESTS, later) {
     try {
       ({ items } = await requests.history(item.boxId));
     } catch (error) {
-      if (mayLoadLater(error)) throw error;
+      // After a 500 it would fail again: that is a fault of the server with this one box.
+      if (!(error instanceof ApiError) || error.status === 401 || (error.isTemporary && error.status !== 500))
+        throw error;
       return false;
     }
     const since = items.filter(({ revision }) => (revision ?? 0) > item.seenRevision);
@@ -417,6 +411,3 @@ export function createSender(outbox, requests = REQUESTS, later) {
 }
 
 /** @typedef {ReturnType<typeof createSender>} Sender */
-
-/** The boxes of the answers on one box. @param {readonly OutboxItem[]} items */
-const boxesOf = (items) => new Set(items.filter(isSingle).map(({ boxId }) => boxId));

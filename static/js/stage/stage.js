@@ -227,7 +227,9 @@ export function createStage(host, events) {
       if (hovered) hovered = next.boxes.find(({ box_id }) => box_id === hovered?.box_id) ?? null;
       if (before && !isNewImage) follow(before, next);
       else restore(false);
-      invalidate(before && sameBut(before, next, "highlight") ? "top" : "all");
+      const keys = /** @type {(keyof Snapshot)[]} */ (Object.keys(next));
+      const isHighlight = before && keys.every((key) => key === "highlight" || Object.is(before[key], next[key]));
+      invalidate(isHighlight ? "top" : "all");
     },
     fit: () => fit(true),
     mode: () => mode,
@@ -262,11 +264,6 @@ export function createStage(host, events) {
 }
 
 /** @typedef {ReturnType<typeof createStage>} Stage */
-
-/** @param {Snapshot} a @param {Snapshot} b @param {keyof Snapshot} key */
-function sameBut(a, b, key) {
-  return /** @type {(keyof Snapshot)[]} */ (Object.keys(b)).every((k) => k === key || Object.is(a[k], b[k]));
-}
 
 /** @param {HTMLElement} host @param {string} name */
 function layerIn(host, name) {

@@ -70,9 +70,6 @@ export function AllClasses({ app, tuning, scale, selected }) {
 /** @param {Tuning} tuning @returns {Record<string, number[]>} */
 const histogramsOf = ({ share }) => share.histograms?.classes ?? {};
 
-/** The share of a class's pixels that have no known tag, in percent. @param {Tuning} tuning @param {string} name */
-const unknownOf = ({ share }, name) => share.histograms?.unknown_percent?.[name] ?? 0;
-
 /** @param {number} following @param {readonly string[]} own @param {boolean} isOwn */
 function followText(following, own, isOwn) {
   const share = isOwn ? "the share of their pixels that is their object's own" : "their share of matching pixels";
@@ -118,10 +115,9 @@ function ClassCard({ app, tuning, name, counts, scale, isSelected }) {
   const { key } = share;
   const path = classPath(name, key);
   const threshold = thresholdOf(tried, name, key);
-  const unknown = unknownOf(tuning, name);
+  const unknown = tuning.share.histograms?.unknown_percent?.[name] ?? 0;
   /** @param {number | null} value */
   const set = (value) => value !== null && change({ [path]: value });
-  const follow = () => change({ [path]: undefined });
   return html`<section class="classcard ${isSelected ? "is-selected" : ""}" aria-label=${name}>
     <header class="classcard__head">
       <button class="classcard__name" aria-pressed=${isSelected}
@@ -129,7 +125,7 @@ function ClassCard({ app, tuning, name, counts, scale, isSelected }) {
         onClick=${() => look({ class: isSelected ? "" : name, scale })}>${name}</button>
       ${
         hasOwn(tried, name, key)
-          ? html`<button class="button button--quiet button--small" onClick=${follow}
+          ? html`<button class="button button--quiet button--small" onClick=${() => change({ [path]: undefined })}
             title=${`Follow all classes (${percentText(Number(valueOf(tried, key) ?? 0))})`}>
             <${Icon} name="undo" />Follow all</button>`
           : html`<span class="faint classcard__follows">as for all</span>`

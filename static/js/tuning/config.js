@@ -17,11 +17,8 @@ const FOLLOW = "follow";
 /** Names that mean the same class. @type {Record<string, string>} */
 const ALIASES = { street_light: "traffic_light" };
 
-/** @param {string} name */
-const canonical = (name) => ALIASES[name] ?? name;
-
 /** @param {string} name @param {string} [key] */
-export const classPath = (name, key = THRESHOLD) => `classes.${canonical(name)}.${key}`;
+export const classPath = (name, key = THRESHOLD) => `classes.${ALIASES[name] ?? name}.${key}`;
 
 /** The values for all classes. @param {ConfigBody} config @returns {Values} */
 const globalsOf = ({ classes: _, ...values }) => values;

@@ -255,9 +255,6 @@ const PAGE_STEP = 10;
 /** @param {number} value */
 const clampPercent = (value) => Math.min(100, Math.max(0, value));
 
-/** Two digits, so that steps never leave 10.499999. @param {number} value */
-const rounded = (value) => Math.round(value * 100) / 100;
-
 /** @type {Record<string, (value: number, isLarge: boolean) => number>} */
 const MOVES = {
   ArrowRight: (value, isLarge) => value + (isLarge ? LARGE_STEP : STEP),
@@ -276,7 +273,8 @@ const MOVES = {
  */
 export function movedByKey(value, { key, shiftKey }) {
   const move = MOVES[key];
-  return move ? rounded(clampPercent(move(value, shiftKey))) : null;
+  // Two digits, so that steps never leave 10.499999.
+  return move ? Math.round(clampPercent(move(value, shiftKey)) * 100) / 100 : null;
 }
 
 /**

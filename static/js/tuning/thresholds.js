@@ -46,7 +46,9 @@ export function ThresholdsView({ app, route }) {
       failed?.error
         ? html`<${Failure} error=${failed.error} onRetry=${failed.reload} />`
         : counts?.boxes === 0
-          ? html`<${Empty} />`
+          ? html`<${Notice} icon="layers" title="No boxes yet">
+            <p>Histograms are shown once frames with boxes have been uploaded to this dataset.</p>
+          <//>`
           : counts && active.value
             ? html`<${Tuner} key=${name} app=${app} route=${route} dataset=${name} settings=${dataset.value}
               active=${active.value} onApplied=${active.reload} />`
@@ -130,10 +132,6 @@ function Tuner({ app, route, dataset, settings, active, onApplied }) {
   }`;
 }
 
-const Empty = () =>
-  html`<${Notice} icon="layers"
-    title="No boxes yet"><p>Histograms are shown once frames with boxes have been uploaded to this dataset.</p><//>`;
-
 const Skeleton = () => html`<div aria-hidden="true">
   <div class="skeleton skeleton--row shimmer"></div><div class="skeleton skeleton--chart shimmer"></div>
   <div class="classcards">${[0, 1, 2, 3].map(() => html`<div class="skeleton skeleton--tall shimmer"></div>`)}</div>
@@ -166,7 +164,10 @@ function Summary({ tuning, onReset, onSave, isRunning }) {
     <div class="summary__numbers">
       ${
         preview?.needs_pixels
-          ? html`<${NeedsPixels} />`
+          ? html`<p class="summary__pixels"><${Icon} name="image" />
+            <span><strong>This change requires reading the images again.</strong>${" "}
+              Its effect cannot be computed from the stored measurements. Applying it measures all frames again, in the
+              background.</span></p>`
           : html`<${Counts} counts=${preview?.counts ?? null} before=${baseline?.counts ?? null} />
           <${Flips} flips=${preview?.flips ?? null} />
           <${Scores} tuning=${tuning} />`
@@ -181,13 +182,6 @@ function Summary({ tuning, onReset, onSave, isRunning }) {
         onClick=${onSave}>Save as new config version…</button>
     </div>
   </section>`;
-}
-
-function NeedsPixels() {
-  return html`<p class="summary__pixels"><${Icon} name="image" />
-    <span><strong>This change requires reading the images again.</strong>${" "}
-      Its effect cannot be computed from the stored measurements. Applying it measures all frames again, in the
-      background.</span></p>`;
 }
 
 /** @param {{counts: VerdictCounts | null, before: VerdictCounts | null}} props */
