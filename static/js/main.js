@@ -5,7 +5,6 @@ import { createBoxes } from "./boxes/store.js";
 import { createApp } from "./core/app.js";
 import { h, render } from "./core/html.js";
 import { watchKeys } from "./core/keymap.js";
-import { NO_TOKEN_LINKS } from "./core/login.js";
 import { watchTheme } from "./core/prefs.js";
 import { loginOf } from "./core/router.js";
 import { nameThisTab } from "./core/tab.js";
@@ -21,23 +20,21 @@ function element(id) {
 }
 
 /**
- * The credential of a login link. It is removed from the address and the history before anything else happens.
+ * The code of a login link. It is removed from the address and the history before anything else happens.
  * @param {string} [before]  the address before, to which the page returns
  */
 function takeLogin(before = "") {
   const login = loginOf(location.hash);
   if (login) history.replaceState(null, "", login.to || (before.startsWith("#/") ? before : "#/datasets"));
-  return login;
+  return login?.code ?? "";
 }
 
-/** @param {NonNullable<ReturnType<typeof loginOf>>} login @returns {Promise<string>} why it does not sign in */
-async function signIn({ kind, secret }) {
-  if (kind === "token") return NO_TOKEN_LINKS;
-  return app.signInByLink({ code: secret }).then(
+/** @param {string} code @returns {Promise<string>} why it does not sign in */
+const signIn = (code) =>
+  app.signInByLink({ code }).then(
     () => "",
     (error) => error.message,
   );
-}
 
 const first = takeLogin();
 
@@ -62,9 +59,9 @@ if (app.isSignedIn.get()) {
 
 // A login link opened over the running page.
 addEventListener("hashchange", async ({ oldURL }) => {
-  const login = takeLogin(new URL(oldURL).hash);
-  if (!login) return;
+  const code = takeLogin(new URL(oldURL).hash);
+  if (!code) return;
   app.router.read();
-  const error = await signIn(login);
+  const error = await signIn(code);
   if (error) app.refuse(error);
 });

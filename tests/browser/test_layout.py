@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import httpx
 import pytest
-from playwright.sync_api import FloatRect, Locator, Route, ViewportSize, expect
+from playwright.sync_api import FloatRect, Locator, Route, expect
 
 from tests.support.page import many_boxes
 from tests.support.page.accessibility import findings
@@ -21,8 +21,6 @@ pytestmark = pytest.mark.browser
 
 LONG_KEY = f"{'a-run-whose-name-says-everything-' * 4}/front-camera/000001"
 OVERFLOW_DOWN = "document.documentElement.scrollHeight - innerHeight"
-KEEP_WITHOUT_A_NAME = """localStorage.setItem(
-  "unghost.bulk.v1.k", JSON.stringify({ key: "k", count: 7 }))"""
 TOP = "(element) => element.getBoundingClientRect().top"
 BROKEN_WORDS = """(elements) => elements.flatMap((element) => {
   const broken = [];
@@ -149,29 +147,6 @@ def test_dataset_without_answers_shows_zero_progress(make_scene, user, empty):
     page = user.open("#/datasets")
     progress = page.locator(".card", has_text=empty).get_by_role("progressbar")
     expect(progress).to_have_attribute("aria-valuenow", "0")
-
-
-@pytest.mark.parametrize(
-    ("view", "size"),
-    [
-        pytest.param("grid-view", PHONE, id="grid"),
-        pytest.param("queue", PHONE, id="queue"),
-        # Not on a phone, where this view is meant to scroll.
-        pytest.param("review", WIDE, id="frame"),
-    ],
-)
-def test_message_above_a_full_window_view_causes_no_overflow(
-    scene: Scene, open_window: OpenWindow, view: str, size: ViewportSize
-):
-    links = {"review": scene.link("ghost"), "queue": many_boxes.queue(scene)}
-    page = open_window(viewport=size).open(links.get(view, many_boxes.grid(scene)))
-    page.evaluate(KEEP_WITHOUT_A_NAME)
-    page.reload()
-    expect(page.locator(".strip")).to_contain_text("7 unsent answers")
-    expect(page.locator(f".{view}")).to_be_visible()
-
-    assert page.evaluate(OVERFLOW) == 0
-    assert page.evaluate(OVERFLOW_DOWN) == 0
 
 
 def test_numbers_and_units_do_not_wrap_in_a_narrow_window(

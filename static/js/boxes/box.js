@@ -1,7 +1,7 @@
 // @ts-check
 // How an answer changes a box, and what a blind review shows of a box before it is answered.
 
-/** @typedef {import("../core/openapi.js").Decision} StoredDecision */
+/** @import { Decision as StoredDecision, Review } from "../core/openapi.js" */
 /** @typedef {import("../core/openapi.js").Review["verdict"]} Answer  a person's answer; clear removes it */
 /** @typedef {{verdict: Answer, comment: string}} AnswerWithComment */
 /**
@@ -40,13 +40,6 @@ export const isUnanswered = (box) => answerOf(box) === null;
  */
 export const seenRevision = (box) => Math.max(box.revision ?? 0, box.review?.revision ?? 0);
 
-/** @param {Decision} box @param {Answer} answer @returns {Verdict} */
-function effectiveAfter(box, answer) {
-  if (answer === "keep") return "kept";
-  if (answer === "reject") return "rejected";
-  return box.verdict;
-}
-
 /**
  * The box with an answer. As long as that is not stored, its revision stays the server's.
  * @param {Decision} box @param {Answer} answer @param {string} [comment] @param {number} [revision]
@@ -54,14 +47,11 @@ function effectiveAfter(box, answer) {
  */
 export function withAnswer(box, answer, comment = "", revision = seenRevision(box)) {
   const review = answer === "clear" ? null : { verdict: answer, reviewer: "", revision, comment, created_at: "" };
-  return { ...box, revision, review, effective_verdict: effectiveAfter(box, answer) };
+  const effective_verdict = answer === "keep" ? "kept" : answer === "reject" ? "rejected" : box.verdict;
+  return { ...box, revision, review, effective_verdict };
 }
 
-/**
- * The box as the server has stored it.
- * @param {Decision} box @param {import("../core/openapi.js").Review} stored
- * @returns {Decision}
- */
+/** The box as the server has stored it. @param {Decision} box @param {Review} stored @returns {Decision} */
 export function withStored(box, stored) {
   const { revision, verdict, reviewer, comment, effective_verdict, created_at } = stored;
   const review = verdict === "clear" ? null : { verdict, reviewer, revision, comment: comment ?? "", created_at };
@@ -100,18 +90,14 @@ export function withheld(box) {
   return copy;
 }
 
-/** @param {Decision} box */
-const hasAnswer = (box) => answerOf(box) !== null;
-
 /**
  * The box as it may be shown: withheld in a blind review until it is answered. For an audit of answered boxes, `isOpen`
  * tells which ones this person has answered by now.
- * @param {Decision} box
- * @param {boolean} isBlind  the switch in the preferences
- * @param {(box: Decision) => boolean} [isOpen]
- * @returns {Decision}
+ * @param {Decision} box @param {boolean} isBlind  the switch in the preferences
+ * @param {(box: Decision) => boolean} [isOpen] @returns {Decision}
  */
-export const asShown = (box, isBlind, isOpen = hasAnswer) => (isBlind && !isOpen(box) ? withheld(box) : box);
+export const asShown = (box, isBlind, isOpen = (one) => !isUnanswered(one)) =>
+  isBlind && !isOpen(box) ? withheld(box) : box;
 
 /** @param {Decision} box */
 export const isWithheld = (box) => box.verdict === "withheld";

@@ -7,8 +7,7 @@ import { useRetries, useRetryOnline } from "../core/hooks.js";
 import { html, useEffect, useMemo, useRef, useState } from "../core/html.js";
 import { Icon } from "../core/icons.js";
 
-/** @typedef {import("./box.js").Decision} Decision */
-/** @typedef {import("./box.js").Xyxy} Xyxy */
+/** @import { Decision, Xyxy } from "./box.js" */
 /** @typedef {{src: string, width: number, height: number}} Crop */
 /** @typedef {{state: "failed", crop: null, error: Error}} NoCrop */
 /** @typedef {{state: "shown", crop: Crop} | {state: "none", crop: null} | NoCrop} CropAnswer */
@@ -91,8 +90,7 @@ export function createCrops(
 
     /**
      * Request a crop. Returns a function to be called when the crop is no longer needed.
-     * @param {string} url
-     * @param {(answer: CropAnswer) => void} tell
+     * @param {string} url @param {(answer: CropAnswer) => void} tell
      */
     want(url, tell) {
       use(url, 1);
@@ -126,8 +124,7 @@ export function createCrops(
 /** @typedef {ReturnType<typeof createCrops>} Crops */
 
 /**
- * @param {number} boxId
- * @param {Xyxy} xyxy which another run may have measured otherwise
+ * @param {number} boxId @param {Xyxy} xyxy which another run may have measured otherwise
  * @param {{pad: number, height: number}} how
  */
 const cropUrl = (boxId, xyxy, how) =>
@@ -157,8 +154,7 @@ function squareAround([x0, y0, x1, y1]) {
 
 /**
  * What to ask the server for: enough around the box to fill the square.
- * @param {Xyxy} xyxy
- * @param {number} cell css px
+ * @param {Xyxy} xyxy @param {number} cell css px
  * @param {number} density device px per css px
  * @returns {{pad: number, height: number}}
  */
@@ -176,8 +172,7 @@ export function cropRequest(xyxy, cell, density) {
 
 /**
  * The part of the image that the server cuts out, as long as the image goes on.
- * @param {Xyxy} xyxy
- * @param {number} pad
+ * @param {Xyxy} xyxy @param {number} pad
  */
 function windowOf([x0, y0, x1, y1], pad) {
   const margin = pad * Math.max(x1 - x0, y1 - y0, 1);
@@ -219,11 +214,7 @@ export function boxIn(xyxy, cell) {
 }
 
 /**
- * @param {number} left
- * @param {number} top
- * @param {number} width
- * @param {number} height
- * @param {number} scale
+ * @param {number} left @param {number} top @param {number} width @param {number} height @param {number} scale
  * @returns {Place}
  */
 const boxPlace = (left, top, width, height, scale) => ({
@@ -260,9 +251,7 @@ const shapeOf = ({ left, top, right, bottom }) => (right - left) / Math.max(1, b
 
 /**
  * Equal but for the rounding of either side to whole pixels.
- * @param {number} a
- * @param {number} b
- * @param {Size} natural
+ * @param {number} a @param {number} b @param {Size} natural
  */
 const isLike = (a, b, { width, height }) => Math.abs(a / b - 1) <= 1.5 / Math.min(width, height);
 
@@ -282,8 +271,7 @@ async function load(address, signal) {
 
 /**
  * A crop, requested while its cell is on the page, and again after a failure that may pass.
- * @param {string} url
- * @returns {SeenCrop}
+ * @param {string} url @returns {SeenCrop}
  */
 export function useCrop(url) {
   const [seen, setSeen] = useState(/** @type {(CropAnswer & {url: string}) | null} */ (null));
@@ -335,9 +323,7 @@ export const countLookedAt = (ids) => ids.filter((id) => lookedAt.has(id)).lengt
 
 /**
  * Note that a box is looked at when its picture is on the screen.
- * @param {number} boxId
- * @param {Crop | null} crop
- * @param {number} size
+ * @param {number} boxId @param {Crop | null} crop @param {number} size
  */
 function useLook(boxId, crop, size) {
   const picture = useRef(/** @type {HTMLImageElement | null} */ (null));
@@ -375,8 +361,7 @@ export function Picture({ box, size, frameSize }) {
   const outline = html`<span class="cell__box cell__box--${box.effective_verdict}"
     style=${shareOf(places?.box ?? boxIn(xyxy, size), size)} />`;
   if (!places || !crop)
-    return html`<div
-      class="cell__none cell__none--low ${state === "waiting" ? "shimmer" : ""}">
+    return html`<div class="cell__none cell__none--low ${state === "waiting" ? "shimmer" : ""}">
       ${state === "waiting" ? "" : state === "failed" ? "not loaded" : "no picture"}</div>${outline}`;
   return html`<img ref=${picture} class="cell__image" src=${crop.src} alt="" draggable=${false}
     style=${shareOf(places.picture, size)} />${outline}`;
@@ -384,8 +369,7 @@ export function Picture({ box, size, frameSize }) {
 
 /**
  * A place as share of the square, which may be drawn a little larger or smaller.
- * @param {Place} place
- * @param {number} size
+ * @param {Place} place @param {number} size
  */
 const shareOf = ({ left, top, width, height }, size) => {
   const percent = (/** @type {number} */ px) => `${(100 * px) / size}%`;

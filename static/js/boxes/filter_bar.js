@@ -8,7 +8,8 @@ import { Segments, Select } from "../core/parts.js";
 import { BINS, PLACE_KEYS } from "./filters.js";
 import { REASONS } from "./wording.js";
 
-/** @typedef {import("../core/router.js").Query} Query */
+/** @import { Stats } from "../core/openapi.js" */
+/** @import { Query } from "../core/router.js" */
 /** @typedef {readonly {value: string, text: string}[]} Choices */
 /**
  * @typedef {{label: string, any: string, choices: Choices}} Control `any`: the text of the choice that filters nothing
@@ -63,9 +64,8 @@ export function VerdictFilter({ query, choices = VERDICT_CHOICES, onChange }) {
 /**
  * The filters as menus, then what the view adds, then a button that clears all.
  * @param {{query: Query, keys?: readonly Key[], own: Partial<Record<Key, Partial<Control>>>, onChange: (query: Query)
- *   => void,
- *   onClear?: (() => void) | null, children?: unknown}} props
- * `own`: what differs in this view, such as the classes of its dataset; `onClear`: null while there is nothing to clear
+ *   => void, onClear?: (() => void) | null, children?: unknown}} props `own`: what differs in this view, such as the
+ *   classes of its dataset; `onClear`: null while there is nothing to clear
  */
 export function FilterMenus({ query, keys = ["reason", "class", "review"], own, onChange, onClear = null, children }) {
   return html`${keys.map((key) => {
@@ -91,7 +91,7 @@ export const bandText = (from, to) => (to === null || to === "" ? `from ${from} 
 
 /**
  * The frames' maps, weathers, cameras and drives as menus, where the dataset has several, and bands of distance.
- * @param {{stats: import("../core/openapi.js").Stats | null, query: Query, onChange: (query: Query) => void}} props
+ * @param {{stats: Stats | null, query: Query, onChange: (query: Query) => void}} props
  *   `stats`: null until they are loaded
  */
 export function PlaceFilters({ stats, query, onChange }) {

@@ -4,14 +4,14 @@
 import { linkTo } from "../core/router.js";
 import { answerOf, isUnanswered } from "./box.js";
 
-/** @typedef {import("./box.js").Decision} Decision */
-/** @typedef {import("../core/openapi.js").BoxSelection} BoxSelection */
-/** @typedef {import("../core/router.js").Query} Query */
+/** @import { App } from "../core/app.js" */
+/** @import { BoxSelection } from "../core/openapi.js" */
+/** @import { Query } from "../core/router.js" */
+/** @import { Decision } from "./box.js" */
 
 /**
  * The filters that live in the address; a list of frames and a frame share them. `verdict` is the one in force, as
- * every
- * box is drawn: a person's, else the filter's. `by_filter` is the filter's, whatever people say.
+ * every box is drawn: a person's, else the filter's. `by_filter` is the filter's, whatever people say.
  */
 export const FILTER_KEYS = /** @type {const} */ (["verdict", "by_filter", "reason", "class", "review"]);
 
@@ -89,10 +89,7 @@ export function neighbour(boxes, query, selected, step) {
 
 /**
  * The next shown box without an answer, continuing at the start after the end.
- * @param {readonly Decision[]} boxes
- * @param {Query} query
- * @param {number | null} selected
- * @returns {Decision | null}
+ * @param {readonly Decision[]} boxes @param {Query} query @param {number | null} selected @returns {Decision | null}
  */
 export function nextUnanswered(boxes, query, selected) {
   /** @param {Decision} box */
@@ -116,9 +113,7 @@ function search(boxes, selected, step, wanted) {
 
 /**
  * How many boxes have each value of a key, for the choices of a filter.
- * @param {readonly Decision[]} boxes
- * @param {"verdict" | "reason" | "class"} key
- * @returns {Map<string, number>}
+ * @param {readonly Decision[]} boxes @param {"verdict" | "reason" | "class"} key @returns {Map<string, number>}
  */
 export function countsBy(boxes, key) {
   /** @type {Map<string, number>} */
@@ -160,8 +155,7 @@ const REVIEWS = /** @type {const} */ (["undecided", "decided", "keep", "reject",
 
 /**
  * The filters of an address as parameters of the API; invalid values are left out.
- * @param {Query} query
- * @returns {BoxSelection}
+ * @param {Query} query @returns {BoxSelection}
  */
 export function selectionOf(query) {
   /** @type {BoxSelection} */
@@ -179,16 +173,10 @@ export function selectionOf(query) {
   if (bin) found.bin = bin;
   for (const key of FLAGS) if (query[key] === "true") found[key] = true;
   for (const key of NUMBERS) {
-    const value = numberOf(query[key]);
-    if (value !== null) found[key] = value;
+    const value = query[key]?.trim() ? Number(query[key]) : NaN;
+    if (Number.isFinite(value) && value >= 0) found[key] = value;
   }
   return found;
-}
-
-/** @param {string | undefined} text */
-function numberOf(text) {
-  const value = text === undefined || text.trim() === "" ? NaN : Number(text);
-  return Number.isFinite(value) && value >= 0 ? value : null;
 }
 
 /** @param {Query} query */
@@ -213,8 +201,7 @@ const MOST = 50;
 
 /**
  * The ids of single boxes that an address lists; invalid ones are left out.
- * @param {Query} query
- * @returns {number[]}
+ * @param {Query} query @returns {number[]}
  */
 export function listedOf(query) {
   const ids = (query.boxes ?? "")
@@ -230,7 +217,7 @@ export const listQuery = (ids) => ({ boxes: ids.slice(0, MOST).join(",") });
 /** @param {Query} query @returns {Query} */
 export const withoutList = ({ boxes: _, ...rest }) => rest;
 
-/** Shows kept, rejected or all boxes, in turn. @param {import("../core/app.js").App} app */
+/** Shows kept, rejected or all boxes, in turn. @param {App} app */
 export function cycleVerdict(app) {
   const { name, params, query } = app.router.route.get();
   const at = VERDICT_CYCLE.findIndex((verdict) => verdict === (query.verdict ?? ""));

@@ -6,8 +6,8 @@ import { Icon } from "../core/icons.js";
 import { countOf, countText } from "../core/numbers.js";
 import { answerOf } from "./box.js";
 
-/** @typedef {import("./box.js").Decision} Decision */
-/** @typedef {import("../core/openapi.js").FrameCounts} FrameCounts */
+/** @import { Decision } from "./box.js" */
+/** @import { FrameCounts } from "../core/openapi.js" */
 
 /** The icon of each answer; "clear" takes an answer back. @type {Record<string, string>} */
 export const ANSWER_ICONS = { keep: "check", reject: "cross", unsure: "question", clear: "minus" };

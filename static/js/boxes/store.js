@@ -7,8 +7,9 @@ import { useEffect, useMemo, useState } from "../core/html.js";
 import { createValue } from "../core/observable.js";
 import { asShown, seenRevision, withAnswer } from "./box.js";
 
-/** @typedef {import("./box.js").AnswerWithComment} AnswerWithComment */
-/** @typedef {import("./box.js").Decision} Decision */
+/** @import { Later } from "../core/api.js" */
+/** @import { App } from "../core/app.js" */
+/** @import { AnswerWithComment, Decision } from "./box.js" */
 
 /**
  * If more boxes than this have changed at the server, the grid reads its lists again, and frames are not loaded for it.
@@ -30,7 +31,7 @@ const MOST_EARLY = 10_000;
 /**
  * One store for the whole page. A box stays in memory as long as its id is held, to show it, or remembered.
  * Of two versions of a box the higher revision wins; with equal revisions, the one received later.
- * @param {import("../core/api.js").Later} [later]
+ * @param {Later} [later]
  */
 export function createBoxes(later) {
   /** Boxes as the server last sent them. @type {Map<number, Decision>} */
@@ -78,16 +79,6 @@ export function createBoxes(later) {
     return now;
   }
 
-  /** Drop boxes that are neither held nor remembered. @param {readonly number[]} ids */
-  function sweep(ids) {
-    for (const id of ids) {
-      if (held.has(id) || remembered.has(id)) continue;
-      stored.delete(id);
-      sentElsewhere.delete(id);
-      combined.delete(id);
-    }
-  }
-
   /**
    * Add boxes that the server sent. Hold their ids to keep them in the store.
    * @param {readonly Decision[]} boxes @returns {number[]} their ids
@@ -114,7 +105,7 @@ export function createBoxes(later) {
    * @returns {() => void} release them
    */
   function keep(counts, ids) {
-    const kept = [...ids];
+    const kept = [...ids]; // emptied by the first release
     for (const id of kept) counts.set(id, (counts.get(id) ?? 0) + 1);
     return () => {
       for (const id of kept.splice(0)) {
@@ -123,7 +114,11 @@ export function createBoxes(later) {
         else counts.delete(id);
       }
       // Not at once: a view may release boxes that the next view is about to hold.
-      queueMicrotask(() => sweep([...ids]));
+      queueMicrotask(() => {
+        for (const id of ids) {
+          if (!held.has(id) && !remembered.has(id)) for (const map of [stored, sentElsewhere, combined]) map.delete(id);
+        }
+      });
     };
   }
 
@@ -170,7 +165,8 @@ export function createBoxes(later) {
           receive(boxes.filter(({ box_id }) => stored.has(box_id)));
           retries.reset();
         } catch (error) {
-          if (mayComeLater(error)) {
+          // After a 401 somebody may sign in again.
+          if (!(error instanceof ApiError) || error.isTemporary || error.status === 401) {
             toLoad.push([frameId, boxIds]); // after all others
             await new Promise((done) =>
               retries.wait(() => done(null), error instanceof ApiError ? error.retryAfterS : null),
@@ -215,9 +211,8 @@ export function createBoxes(later) {
 
     /**
      * Remember boxes that were just answered, for the next 500 answers. An earlier response with such a box may still
-     * be
-     * on its way. When it comes, `receive` drops it, as its revision is lower. Otherwise the store might have forgotten
-     * the revision.
+     * be on its way. When it comes, `receive` drops it, as its revision is lower. Otherwise the store might have
+     * forgotten the revision.
      * @param {readonly number[]} ids
      */
     keepRevisions(ids) {
@@ -237,12 +232,6 @@ export function createBoxes(later) {
 }
 
 /** @typedef {ReturnType<typeof createBoxes>} Boxes */
-
-/**
- * Whether a frame that could not be loaded may be loaded later. (After a 401 somebody may sign in again.)
- * @param {unknown} error
- */
-const mayComeLater = (error) => !(error instanceof ApiError) || error.isTemporary || error.status === 401;
 
 /** @param {Decision} one @param {Decision} other */
 const isSame = (one, other) => one === other || JSON.stringify(one) === JSON.stringify(other);
@@ -266,7 +255,7 @@ export function useBoxes(boxes, ids) {
 
 /**
  * Boxes as they may be shown: withheld in a blind review until they are answered.
- * @param {import("../core/app.js").App} app @param {readonly Decision[]} boxes
+ * @param {App} app @param {readonly Decision[]} boxes
  */
 export function useAsShown(app, boxes) {
   const { blind } = useValue(app.prefs);

@@ -7,8 +7,8 @@
 
 import { exactPercentText, metresText, percentText, unbroken, wholePercentText } from "../core/numbers.js";
 
-/** @typedef {import("./box.js").Decision} Decision */
-/** @typedef {import("./box.js").Verdict} Verdict */
+/** @import { FlipSide } from "../core/openapi.js" */
+/** @import { Decision, Verdict } from "./box.js" */
 
 /**
  * Short names of the reasons, in the order of `ReasonLabel` in filter_core/verdicts.py.
@@ -64,8 +64,10 @@ export const matchText = (box) => (isMeasured(box) && isByShare(box) ? shareText
  * @param {Decision} box
  */
 export function labelText(box) {
-  if (!isByShare(box)) return sentenceText(box);
-  return [measureText(box), hiddenText(box)].filter(Boolean).join(" · ");
+  // The server's sentence after its verdict: "its Car pixels belong to nearer boxes, above all car 122".
+  if (!isByShare(box)) return box.explanation?.replace(/^\w+: /, "") || reasonText(box.reason);
+  const most = box.verdict === "rejected" && box.hidden_by?.[0];
+  return measureText(box) + (most ? ` · hidden by ${most.name} ${wholePercentText(most.percent)}` : "");
 }
 
 /**
@@ -117,10 +119,7 @@ export const EVIDENCE = {
 /** @param {string} name */
 export const evidenceText = (name) => EVIDENCE[name]?.text ?? name.replaceAll("_", " ");
 
-/**
- * The distance of a box, or between which distances it is; null if neither is known.
- * @param {Decision} box
- */
+/** The distance of a box, or between which distances it is; null if neither is known. @param {Decision} box */
 export const distanceText = ({ distance, distance_range: range }) => {
   if (distance !== null) return metresText(distance);
   return range ? `${range[0]} to ${metresText(range[1])}` : null;
@@ -130,12 +129,6 @@ const FAR_M = 100;
 
 /** Boxes that are farther away fade, until a person asks for them. @param {Decision} box */
 export const isFar = ({ distance, distance_range: range }) => (distance ?? range?.[0] ?? 0) > FAR_M;
-
-/**
- * The server's sentence after its verdict: "its Car pixels belong to nearer boxes, above all car 122".
- * @param {Decision} box
- */
-const sentenceText = ({ explanation, reason }) => explanation?.replace(/^\w+: /, "") || reasonText(reason);
 
 /** @param {Decision} box */
 function measureText(box) {
@@ -169,16 +162,7 @@ const thresholdText = (box, sign) => (box.threshold === null ? "" : ` ${sign} ${
 /** The share of matching pixels, on its side of the threshold. @param {Decision} box */
 const shareText = ({ match_percent: match, threshold }) => percentText(match, threshold);
 
-/** @param {Decision} box */
-function hiddenText(box) {
-  const most = box.hidden_by?.[0];
-  return most && box.verdict === "rejected" ? `hidden by ${most.name} ${wholePercentText(most.percent)}` : "";
-}
-
-/**
- * What led to a verdict: "match 16.2 % < 16.5 %", or the reason where no threshold applied.
- * @param {import("../core/openapi.js").FlipSide} side
- */
+/** What led to a verdict: "match 16.2 % < 16.5 %", or the reason where no threshold applied. @param {FlipSide} side */
 export function causeText({ verdict, reason, match_percent: match, threshold }) {
   if (match === null || threshold === null) return reasonText(reason);
   const sign = verdict === "kept" ? "≥" : match === threshold ? "≤" : "<";

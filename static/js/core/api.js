@@ -4,10 +4,10 @@
 
 import { createValue } from "./observable.js";
 
-/** @typedef {import("./openapi.js").paths} Paths */
+/** @import { Decision, paths as Paths } from "./openapi.js" */
 /** @typedef {"get" | "post" | "put" | "patch" | "delete"} Method */
 /**
- * @typedef {Partial<Omit<import("./openapi.js").Problem, "current">> & {current?: import("./openapi.js").Decision |
+ * @typedef {Partial<Omit<import("./openapi.js").Problem, "current">> & {current?: Decision |
  *   null}} Problem of a 412, `current` is the box as it is now
  */
 
@@ -18,8 +18,7 @@ import { createValue } from "./observable.js";
  */
 
 /**
- * @template {Method} M
- * @template {PathOf<M>} P
+ * @template {Method} M @template {PathOf<M>} P
  * @typedef {Extract<Paths[P][M], {parameters: unknown, responses: unknown}>} Operation
  */
 
@@ -34,16 +33,14 @@ import { createValue } from "./observable.js";
 /**
  * What a call is given: parameters and body by the description. `key` makes a repeated POST the same one
  * (Idempotency-Key); `session` is sent in place of the page's own; `signal` abandons the call.
- * @template {Method} M
- * @template {PathOf<M>} P
+ * @template {Method} M @template {PathOf<M>} P
  * @typedef {Pick<Operation<M, P>["parameters"], "path" | "query"> & Body<Operation<M, P>> & {key?: string, session?:
  *   string, signal?: AbortSignal}} Given
  */
 
 /**
  * The JSON of the response to a call; nothing where there is none.
- * @template {Method} M
- * @template {PathOf<M>} P
+ * @template {Method} M @template {PathOf<M>} P
  * @typedef {{[S in 200 | 201 | 202]: Operation<M, P>["responses"] extends Record<S, {content: {"application/json":
  *   infer A}}> ? A : never}[200 | 201 | 202]} ApiResponse
  */
@@ -160,10 +157,11 @@ export async function send(address, init = {}, shown = session) {
   const response = await whole(fetch(address, { credentials: "omit", ...init, headers }), init.signal);
   isReached.set(true);
   if (response.ok) return response;
+  const seconds = Number(response.headers.get("Retry-After") ?? NaN);
   const error = new ApiError(
     response.status,
     problemOf(await whole(response.text(), init.signal)),
-    retryAfterOf(response),
+    Number.isFinite(seconds) ? seconds : null,
   );
   if (response.status === 401 && shown && shown === session) onSignedOut(error);
   throw error;
@@ -171,8 +169,7 @@ export async function send(address, init = {}, shown = session) {
 
 /**
  * A response or its body. If it does not come, breaks off, or cannot be read, there is no response: the same request
- * may
- * succeed later. (A request that was abandoned is left as it is.)
+ * may succeed later. (A request that was abandoned is left as it is.)
  * @template T @param {Promise<T>} part @param {AbortSignal | null} [signal] @returns {Promise<T>}
  */
 export const whole = (part, signal) =>
@@ -189,12 +186,6 @@ function problemOf(text) {
   } catch {
     return {};
   }
-}
-
-/** @param {Response} response */
-function retryAfterOf(response) {
-  const seconds = Number(response.headers.get("Retry-After") ?? NaN);
-  return Number.isFinite(seconds) ? seconds : null;
 }
 
 /** @typedef {string | number | boolean | null | undefined} Parameter  one that is empty or not set is not sent */
@@ -223,11 +214,9 @@ export const url = (path, ...[given]) => addressOf(path, given);
 
 /**
  * The address of a drawn picture. A browser keeps it for the whole session: a box or a frame never gets another
- * picture,
- * but another server, or a new one at this address, may have other frames under the same numbers.
+ * picture, but another server, or a new one at this address, may have other frames under the same numbers.
  * @template {"/api/v1/boxes/{box_id}/crop" | "/api/v1/frames/{frame_id}/thumbnail"} P
- * @param {P} path
- * @param {Pick<Operation<"get", P>["parameters"], "path" | "query">} given
+ * @param {P} path @param {Pick<Operation<"get", P>["parameters"], "path" | "query">} given
  * @param {string} [version] what else it depends on
  */
 export const pictureUrl = (path, given, version = "") =>
@@ -270,8 +259,7 @@ async function call(method, path, given) {
 
 /**
  * The response itself, for those who need its status, or read it while it comes.
- * @template {Method} M
- * @template {PathOf<M>} P
+ * @template {Method} M @template {PathOf<M>} P
  * @param {M} method @param {P} path @param {Rest<Given<M, P>>} given @returns {Promise<Response>}
  */
 export const ask = (method, path, ...[given]) => respond(method.toUpperCase(), path, given);
@@ -300,8 +288,5 @@ export const put = (path, ...[given]) => call("PUT", path, given);
  */
 export const patch = (path, ...[given]) => call("PATCH", path, given);
 
-/**
- * @template {PathOf<"delete">} P
- * @param {P} path @param {Rest<Given<"delete", P>>} given @returns {Promise<void>}
- */
+/** @template {PathOf<"delete">} P @param {P} path @param {Rest<Given<"delete", P>>} given @returns {Promise<void>} */
 export const remove = (path, ...[given]) => call("DELETE", path, given);

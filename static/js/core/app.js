@@ -9,9 +9,10 @@ import { createValue } from "./observable.js";
 import { createPrefs } from "./prefs.js";
 import { createRouter } from "./router.js";
 
-/** @typedef {import("./openapi.js").LogIn} Credential */
-/** @typedef {import("./openapi.js").NewSession} NewSession */
-/** @typedef {Record<string, (press?: import("./keymap.js").KeyPress) => void>} Actions */
+/** @import { TopBar } from "./hooks.js" */
+/** @import { KeyPress } from "./keymap.js" */
+/** @import { LogIn as Credential, NewSession, Session } from "./openapi.js" */
+/** @typedef {Record<string, (press?: KeyPress) => void>} Actions */
 /** @typedef {{text: string, href?: string, run?: () => void}} ToastAction  a link, or something to run */
 /** @typedef {{id: number, kind: "info" | "error", text: string, action?: ToastAction}} Toast */
 
@@ -28,7 +29,7 @@ export function createApp(storage, startAnew = () => location.reload()) {
   /** Why the session has ended; empty if nobody was signed in. */
   const ended = createValue("");
   /** Who is signed in; answers are stored under this name. */
-  const person = createValue(/** @type {import("./openapi.js").Session | null} */ (session.current.get()));
+  const person = createValue(/** @type {Session | null} */ (session.current.get()));
   session.current.observe(person.set);
   /** Another person, whom an opened login link would sign in, until somebody confirms or refuses it. */
   const newcomer = createValue(/** @type {NewSession | null} */ (null));
@@ -66,7 +67,7 @@ export function createApp(storage, startAnew = () => location.reload()) {
     toasts,
     keys,
     /** What the top bar says; views set it by `useTopBar`. */
-    topBar: createValue(/** @type {import("./hooks.js").TopBar} */ ({ dataset: "", crumbs: [], tools: null })),
+    topBar: createValue(/** @type {TopBar} */ ({ dataset: "", crumbs: [], tools: null })),
     /** Actions of the views on the page; if several offer the same one, the last is used. */
     actions: createValue(/** @type {readonly Actions[]} */ ([])),
     /** For screen readers. */
@@ -148,8 +149,7 @@ function createToasts() {
 
     /**
      * Say why something failed.
-     * @param {Error} error
-     * @param {string} [what] what failed
+     * @param {Error} error @param {string} [what] what failed
      * @param {ToastAction} [action]
      */
     fail: (error, what = "", action) => void show(`${what && `${what}: `}${error.message}`, { kind: "error", action }),

@@ -4,6 +4,8 @@
 import Plot from "../../vendor/uplot-1.6.32.module.js";
 import { onThemeChange } from "./prefs.js";
 
+/** @import { PrefsValue } from "./prefs.js" */
+
 /** @typedef {Plot.Options} Options */
 /** @typedef {Plot.AlignedData} Data */
 /** @typedef {Record<string, string>} Ink  CSS colours by token name */
@@ -27,21 +29,10 @@ const TOKENS = [
   "unmeasured-strong",
 ];
 
-/** The colours as they are now. @param {Element} element @returns {Ink} */
-function readInk(element) {
-  const style = getComputedStyle(element);
-  return Object.fromEntries(TOKENS.map((name) => [name, style.getPropertyValue(`--${name}`).trim()]));
-}
-
-/** Canvas text in the page's own font. @param {Element} element */
-const fontOf = (element) => `11px ${getComputedStyle(element).fontFamily}`;
-
 /**
  * Draw into an element until stopped: again when it gets another size or the theme changes.
- * @param {HTMLElement} element
- * @param {import("./prefs.js").PrefsValue} prefs
- * @param {(ink: Ink, font: string) => Omit<Options, "width" | "height">} describe
- * @param {() => Data} data
+ * @param {HTMLElement} element @param {PrefsValue} prefs
+ * @param {(ink: Ink, font: string) => Omit<Options, "width" | "height">} describe @param {() => Data} data
  * @returns {{redraw: () => void, redrawSoon: () => void, update: () => void, stop: () => void}}
  */
 export function drawChart(element, prefs, describe, data) {
@@ -75,7 +66,9 @@ export function drawChart(element, prefs, describe, data) {
   const build = () => {
     if (isStopped) return;
     plot?.destroy();
-    plot = new Plot({ ...describe(readInk(element), fontOf(element)), ...size() }, data(), element);
+    const style = getComputedStyle(element);
+    const ink = Object.fromEntries(TOKENS.map((name) => [name, style.getPropertyValue(`--${name}`).trim()]));
+    plot = new Plot({ ...describe(ink, `11px ${style.fontFamily}`), ...size() }, data(), element);
     // A drawing: hidden from screen readers.
     plot.root.setAttribute("aria-hidden", "true");
     element.dataset.drawn = String(Number(element.dataset.drawn ?? 0) + 1);

@@ -59,10 +59,7 @@ export const useFields = (name, words) => useLoaded(async () => fieldsOf(await d
 
 /**
  * Those properties of an API object for which there is a control.
- * @param {Schema} openapi
- * @param {string} name
- * @param {Words} [words]
- * @returns {Field[]}
+ * @param {Schema} openapi @param {string} name @param {Words} [words] @returns {Field[]}
  */
 export const fieldsOf = (openapi, name, words = {}) =>
   Object.entries(openapi.components?.schemas?.[name]?.properties ?? {}).flatMap(
@@ -122,16 +119,14 @@ const isNumeric = (types) => types.includes("number") || types.includes("integer
 
 /**
  * The options to be sent: what was chosen, else the default.
- * @param {readonly Field[]} fields
- * @param {Record<string, unknown>} chosen
+ * @param {readonly Field[]} fields @param {Record<string, unknown>} chosen
  */
 export const optionsOf = (fields, chosen) =>
   Object.fromEntries(fields.map(({ key, initial }) => [key, key in chosen ? chosen[key] : initial]));
 
 /**
  * The typed text as a number; null if it is not one that the field allows.
- * @param {Pick<Field, "min" | "max" | "isWhole">} field
- * @param {string} text
+ * @param {Pick<Field, "min" | "max" | "isWhole">} field @param {string} text
  */
 export function parseNumber({ min, max, isWhole }, text) {
   const number = Number(text.trim() || NaN);
@@ -204,8 +199,7 @@ export function Control({ field, value, onChange, label = field.text, isSet = fa
         expected="pairs, separated by commas" hint="none, or 40: Pedestrian" onDone=${onChange} />`;
     default:
       if (isShare) {
-        return html`<span
-          class="ask__number">
+        return html`<span class="ask__number">
           <input type="range" class="slider" aria-label=${label} min=${min} max=${max} step="0.05"
             value=${Number(value)}
             onInput=${(/** @type {Given} */ { currentTarget }) => onChange(Number(currentTarget.value))} />

@@ -6,7 +6,10 @@ import { ApiError, createRetries, get, mayPass } from "./api.js";
 import { useCallback, useEffect, useLayoutEffect, useMemo, useRef, useState } from "./html.js";
 import { linkTo } from "./router.js";
 
-/** @template T @param {import("./observable.js").Value<T>} value @returns {T} */
+/** @import { Actions, App } from "./app.js" */
+/** @import { Lazy, Value } from "./observable.js" */
+
+/** @template T @param {Value<T>} value @returns {T} */
 export function useValue(value) {
   const [seen, setSeen] = useState(() => value.get());
   useEffect(() => {
@@ -18,11 +21,11 @@ export function useValue(value) {
 
 /**
  * Ask for something while the component is on the page. `value` is undefined until it is there.
- * @template T @param {import("./observable.js").Lazy<T> | null} lazy  null: it is not wanted
+ * @template T @param {Lazy<T> | null} lazy  null: it is not wanted
  */
 export function useLazy(lazy) {
   const [settled, setSettled] = useState(
-    /** @type {{lazy: import("./observable.js").Lazy<T> | null, error: Error | null}} */ ({ lazy: null, error: null }),
+    /** @type {{lazy: Lazy<T> | null, error: Error | null}} */ ({ lazy: null, error: null }),
   );
   const [attempt, setAttempt] = useState(0);
   const value = lazy?.value;
@@ -44,17 +47,14 @@ export function useLazy(lazy) {
 
 /**
  * @template T
- * @typedef {{state: "loading", value: T | null, error: null, reload: () => void}
- *   | {state: "ready", value: T, error: null, reload: () => void}
- *   | {state: "error", value: T | null, error: Error, reload: () => void}} Loaded
+ * @typedef {{state: "loading", value: T | null, error: null, reload: () => void} | {state: "ready", value: T, error:
+ *   null, reload: () => void} | {state: "error", value: T | null, error: Error, reload: () => void}} Loaded
  */
 
 /**
  * Load when `deps` change; an earlier request that is still running is aborted.
  * @template T
- * @param {(signal: AbortSignal) => Promise<T>} load
- * @param {readonly unknown[]} deps
- * @returns {Loaded<T>}
+ * @param {(signal: AbortSignal) => Promise<T>} load @param {readonly unknown[]} deps @returns {Loaded<T>}
  */
 export function useLoaded(load, deps) {
   const [attempt, setAttempt] = useState(0);
@@ -78,11 +78,7 @@ export function useLoaded(load, deps) {
     : { state: "loading", value, error: null, reload };
 }
 
-/**
- * The dataset of a view.
- * @param {string} name
- * @param {unknown} [state] when it changes, the dataset is loaded again
- */
+/** The dataset of a view. @param {string} name @param {unknown} [state] when it changes, the dataset is loaded again */
 export const useDataset = (name, state) =>
   useLoaded((signal) => get("/api/v1/datasets/{dataset}", { path: { dataset: name }, signal }), [name, state]);
 
@@ -94,8 +90,7 @@ const MOST_AT_ONCE = 1000;
 /**
  * All items of a list.
  * @template T
- * @param {(query: {limit: number, cursor?: string}) => Promise<ListPage<T>>} load
- * @returns {Promise<ListPage<T>>}
+ * @param {(query: {limit: number, cursor?: string}) => Promise<ListPage<T>>} load @returns {Promise<ListPage<T>>}
  */
 async function allOf(load) {
   const page = await load({ limit: MOST_AT_ONCE });
@@ -129,8 +124,7 @@ export function useNewest(size, load, deps) {
 
 /**
  * Something that a person asks for, with its state: whether it is running (`isBusy`), and why it failed (`error`).
- * @template {unknown[]} A
- * @param {(...given: A) => Promise<unknown>} act
+ * @template {unknown[]} A @param {(...given: A) => Promise<unknown>} act
  * @param {(error: Error) => void} [tell]  told about a failure; without it the view shows `error` itself
  */
 export function useTask(act, tell) {
@@ -151,8 +145,7 @@ export function useTask(act, tell) {
 
 /**
  * Offer actions to the keyboard while a view is on the page; active before the view's first paint.
- * @param {import("./app.js").App} app
- * @param {import("./app.js").Actions} actions
+ * @param {App} app @param {Actions} actions
  */
 export function useActions(app, actions) {
   useLayoutEffect(() => {
@@ -197,8 +190,7 @@ const EMPTY_MS = 300_000;
 
 /**
  * Load again while frames come in, so that somebody who looks on sees them.
- * @param {{state: string, reload: () => void}} loaded
- * @param {number} count of what is there
+ * @param {{state: string, reload: () => void}} loaded @param {number} count of what is there
  * @param {string} [since] when the newest dataset was made
  */
 export function useGrowth({ state, reload }, count, since) {
@@ -215,9 +207,7 @@ export function useGrowth({ state, reload }, count, since) {
 
 /**
  * Close an open menu when Escape is pressed or when somebody clicks outside it.
- * @param {{current: HTMLElement | null}} root
- * @param {boolean} isOpen
- * @param {() => void} close
+ * @param {{current: HTMLElement | null}} root @param {boolean} isOpen @param {() => void} close
  */
 export function useClosing(root, isOpen, close) {
   useEffect(() => {
@@ -250,8 +240,7 @@ const pathTo = (dataset) => [{ text: "Datasets", href: linkTo("datasets") }, ...
 
 /**
  * Set what the top bar shows while a view is on the page.
- * @param {import("./app.js").App} app
- * @param {{title: string, dataset?: string, crumbs?: readonly Crumb[], tools?: unknown}} head
+ * @param {App} app @param {{title: string, dataset?: string, crumbs?: readonly Crumb[], tools?: unknown}} head
  */
 export function useTopBar(app, { title, dataset = "", crumbs = pathTo(dataset), tools = null }) {
   useTitle(title);
@@ -265,10 +254,7 @@ export function useTitle(title) {
   }, [title]);
 }
 
-/**
- * @template T
- * @typedef {{items: readonly T[], cursor: string | null, isDone: boolean, error: Error | null}} Pages
- */
+/** @template T @typedef {{items: readonly T[], cursor: string | null, isDone: boolean, error: Error | null}} Pages */
 
 /**
  * Lists that were left, by key: how many items were shown, and the scroll position, to be restored.
@@ -327,8 +313,7 @@ globalThis.addEventListener?.("online", () => void (wasOnlineAgainAt = Date.now(
 
 /**
  * Try again when the browser is online again. The first attempt then may fail, too, for instance if a request from
- * before
- * is still under way for the same module.
+ * before is still under way for the same module.
  * @param {unknown} failure  another object after each failure; null: there is none
  * @param {() => void} [onRetry]
  */
@@ -351,8 +336,7 @@ export function useRetryOnline(failure, onRetry) {
 /**
  * Try again after a pause, a longer one each time, as long as the error may pass without a person's doing.
  * @param {Error | null} error  another object after each failure
- * @param {() => void} retry
- * @param {unknown} subject  what is asked for; for another one the pauses are short again
+ * @param {() => void} retry @param {unknown} subject  what is asked for; for another one the pauses are short again
  */
 export function useRetries(error, retry, subject) {
   const latest = useRef(retry);

@@ -8,7 +8,7 @@ import { Icon } from "./icons.js";
 import { Dialog, useDialog } from "./parts.js";
 import { keep } from "./prefs.js";
 
-/** @typedef {import("./app.js").App} App */
+/** @import { App } from "./app.js" */
 
 /**
  * @typedef {"Answer" | "Look" | "Move" | "In the grid" | "Page"} Group
@@ -107,13 +107,10 @@ function boundKeys(settings) {
   /** @param {string | undefined} where */
   const chosen = (where) => KEYMAP.flatMap((row) => (row.where === where ? (settings.keys[row.action] ?? []) : []));
   return KEYMAP.map((row) => {
-    const taken = new Set([...chosen(row.where), ...chosen(undefined).filter(isLetter)]);
+    const taken = new Set([...chosen(row.where), ...chosen(undefined).filter((name) => /^\p{L}$/u.test(name))]);
     return { ...row, keys: settings.keys[row.action] ?? row.keys.filter((key) => !taken.has(key)) };
   });
 }
-
-/** @param {string} name */
-const isLetter = (name) => /^\p{L}$/u.test(name);
 
 /**
  * What the person is told about the actions that lose a key because it is given to another one.
@@ -134,9 +131,7 @@ export function lossText(before, after, name) {
 
 /**
  * The rows that are active in a view. A key that a row of this view uses is removed from the general rows.
- * @param {KeySettings} settings
- * @param {string} view
- * @returns {Binding[]}
+ * @param {KeySettings} settings @param {string} view @returns {Binding[]}
  */
 export function keysIn(settings, view) {
   const rows = boundKeys(settings).filter(({ where }) => where === undefined || where === view);
@@ -219,8 +214,7 @@ const shownKey = (name) => SHOWN[name] ?? name.replace("Shift+", "⇧");
 export function loadKeys(storage) {
   try {
     const { off, keys } = JSON.parse(storage.getItem(STORAGE_KEY) ?? "");
-    const named = Object.entries(keys ?? {}).map(([action, names]) => [RENAMED[action] ?? action, names]);
-    return { off: off === true, keys: Object.fromEntries(named) };
+    return { off: off === true, keys: keys ?? {} };
   } catch {
     return DEFAULT_SETTINGS;
   }
@@ -230,9 +224,6 @@ export function loadKeys(storage) {
 export const saveKeys = (storage, settings) => keep(storage, STORAGE_KEY, settings);
 
 const STORAGE_KEY = "unghost.keys.v1";
-
-/** Actions by the names under which earlier versions of the page have stored them. @type {Record<string, string>} */
-const RENAMED = { nextUndecided: "nextUnanswered" };
 
 /** Actions that repeat while their key is held down. Answers do not: nobody would see the boxes. */
 const HELD = new Set([
@@ -245,7 +236,7 @@ const HELD = new Set([
 const clicksAgain = ({ repeat, key, target }) =>
   repeat && key === "Enter" && target instanceof Element && target.closest("button") !== null;
 
-/** @param {import("./app.js").App} app */
+/** @param {App} app */
 export function watchKeys(app) {
   /** Whether the focused control was clicked: then Space and the arrows are for the stage, as before the click. */
   let isClicked = false;
@@ -263,9 +254,7 @@ export function watchKeys(app) {
 }
 
 /**
- * @param {import("./app.js").App} app
- * @param {string} action
- * @param {KeyPress} [press] the key press that asked for it
+ * @param {App} app @param {string} action @param {KeyPress} [press] the key press that asked for it
  * @returns {boolean} whether a view on the page offers this action
  */
 export function perform(app, action, press) {
@@ -379,7 +368,7 @@ function Row({ app, row, isOff, changing, onChange }) {
 
 /**
  * The keys of an action, drawn as key caps; those that are switched off are struck through.
- * @param {{app: import("./app.js").App, keys: readonly string[], where?: string}} props  `where`: as in `Binding`
+ * @param {{app: App, keys: readonly string[], where?: string}} props  `where`: as in `Binding`
  */
 export function Keys({ app, keys, where }) {
   const settings = useValue(app.keys);

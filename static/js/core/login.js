@@ -12,9 +12,6 @@ import { createValue } from "./observable.js";
 
 export const SESSION_KEY = "unghost.session.v1";
 
-/** Why a link of an earlier version does not sign in. */
-export const NO_TOKEN_LINKS = "Links with a token in them are no longer used. `unghost login` prints a new one.";
-
 /** @param {Storage} storage */
 export function createLogin(storage) {
   const current = createValue(stored(storage));

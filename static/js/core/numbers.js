@@ -43,9 +43,7 @@ export const exactPercentText = (percent) => `${Number(percent.toPrecision(15))}
 
 /**
  * With at least so many decimals, less zeros at the end.
- * @param {number} percent
- * @param {number} decimals
- * @param {number | null} [against]
+ * @param {number} percent @param {number} decimals @param {number | null} [against]
  */
 function roundedText(percent, decimals, against = null) {
   const marks = against === null ? [0, 100] : [0, 100, against];

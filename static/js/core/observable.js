@@ -1,11 +1,7 @@
 // @ts-check
 // Values that can be observed, and values that are loaded when they are first asked for.
 
-/**
- * One observable value.
- * @template T
- * @param {T} initial
- */
+/** One observable value. @template T @param {T} initial */
 export function createValue(initial) {
   let value = initial;
   /** @type {Set<(value: T) => void>} */

@@ -26,12 +26,9 @@ export function Notice({ title, children, icon = "image", actions }) {
 export function Failure({ error, onRetry }) {
   useRetryOnline(error instanceof ApiError ? null : error, onRetry);
   const { problem = null, status = 0 } = error instanceof ApiError ? error : {};
-  return html`<${Notice} icon="warn" title=${problem?.title ?? "This could not be loaded"}
-    actions=${html`${
-      status === 404 &&
-      html`<a class="button button--primary"
-        href=${linkTo("datasets")}>All datasets</a>`
-    }
+  return html`<${Notice} icon="warn" title=${problem?.title ?? "This could not be loaded"} actions=${html`${
+    status === 404 && html`<a class="button button--primary" href=${linkTo("datasets")}>All datasets</a>`
+  }
     <button class="button" onClick=${onRetry}>Try again</button>`}>
     <p role="alert">${error.message}</p>
     ${problem?.request_id && html`<p class="faint">Request ${problem.request_id}</p>`}
@@ -41,9 +38,8 @@ export function Failure({ error, onRetry }) {
 /**
  * A part of a view that could not be loaded, or something that was asked for and not done, in one line: why, in the
  * server's words.
- * @param {{what?: string, error: {message: string}, onRetry?: () => void}} props
- * `what`: the part, where its place does not say it; `onRetry`: with a button to try again; without one, the button
- * that was pressed is still there
+ * @param {{what?: string, error: {message: string}, onRetry?: () => void}} props `what`: the part, where its place does
+ *   not say it; `onRetry`: with a button to try again; without one, the button that was pressed is still there
  */
 export function FailureLine({ what, error, onRetry }) {
   useRetryOnline(error instanceof ApiError ? null : error, onRetry);
@@ -82,8 +78,7 @@ const TAIL = 10;
  */
 export function MiddleCut({ text }) {
   const characters = [...text];
-  return html`<span
-    class="middlecut"><span class="middlecut__head">${characters.slice(0, -TAIL).join("")}</span>
+  return html`<span class="middlecut"><span class="middlecut__head">${characters.slice(0, -TAIL).join("")}</span>
     <span class="middlecut__tail">${characters.slice(-TAIL).join("")}</span></span>`;
 }
 
@@ -137,9 +132,8 @@ export function useDialog() {
 /**
  * A window over the page, with a title and a cross.
  * @param {{dialog: ReturnType<typeof useDialog>, id: string, title: string, kind?: string, isLight?: boolean,
- *   children?: unknown,
- * onClose: () => void, onKeyDown?: (event: KeyboardEvent) => void}} props `isLight`: a click outside closes it, because
- * no input would be lost
+ *   children?: unknown, onClose: () => void, onKeyDown?: (event: KeyboardEvent) => void}} props `isLight`: a click
+ *   outside closes it, because no input would be lost
  */
 export function Dialog({
   dialog: { ref, close },
@@ -232,9 +226,8 @@ export function useFault(fault) {
 /**
  * A field for a number. While what is typed is not allowed, it says why.
  * @param {{label: string, value: number | null, unit: string, expected: string, step?: number, isEmptyAllowed?:
- *   boolean, isSet?: boolean,
- * parse: (text: string) => number | null, onChange: (value: number | null) => void}} props `expected`: which numbers
- * `parse` allows
+ *   boolean, isSet?: boolean, parse: (text: string) => number | null, onChange: (value: number | null) => void}} props
+ *   `expected`: which numbers `parse` allows
  */
 export function NumberField({
   label,

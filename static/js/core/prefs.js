@@ -37,9 +37,7 @@ const DEFAULTS = {
 
 /**
  * Keep a value in the browser, if there is room.
- * @param {Pick<Storage, "setItem">} storage
- * @param {string} name
- * @param {unknown} value
+ * @param {Pick<Storage, "setItem">} storage @param {string} name @param {unknown} value
  */
 export function keep(storage, name, value) {
   try {

@@ -69,14 +69,12 @@ export function linkTo(name, params = {}, query = {}) {
 }
 
 /**
- * What a login link carries, and the view that it leads to, if it names one; null for any other address. Links with a
- * token are of earlier versions.
+ * The code of a login link, and the view that it leads to, if it names one; null for any other address.
  * @param {string} hash
- * @returns {{kind: "code" | "token", secret: string, to: string} | null}
  */
 export function loginOf(hash) {
-  const [, kind, secret = "", to = ""] = /^#(code|token)=([^&]+)(?:&to=(.+))?$/.exec(hash) ?? [];
-  return kind === "code" || kind === "token" ? { kind, secret: decoded(secret), to: to && `#/${decoded(to)}` } : null;
+  const [, code = "", to = ""] = /^#code=([^&]+)(?:&to=(.+))?$/.exec(hash) ?? [];
+  return code ? { code: decoded(code), to: to && `#/${decoded(to)}` } : null;
 }
 
 /** A login link that leads to a view. @param {string} code @param {string} view  as `linkTo` gives it */

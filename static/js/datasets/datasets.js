@@ -12,8 +12,8 @@ import { Command, Failure, Notice } from "../core/parts.js";
 import { linkTo } from "../core/router.js";
 import { UploadButtons } from "../upload/upload.js";
 
-/** @typedef {import("../upload/uploader.js").UploadApp} App */
-/** @typedef {import("../core/openapi.js").Dataset} Dataset */
+/** @import { Dataset } from "../core/openapi.js" */
+/** @import { UploadApp as App } from "../upload/uploader.js" */
 
 /** @param {{app: App}} props */
 export function DatasetsView({ app }) {
@@ -30,18 +30,16 @@ export function DatasetsView({ app }) {
     ${loaded.state === "error" && html`<${Failure} error=${loaded.error} onRetry=${loaded.reload} />`}
     ${loaded.state === "loading" && !datasets && html`<${Skeleton} />`}
     ${datasets?.length === 0 && html`<${Empty} app=${app} />`}
-    ${datasets && datasets.length > 0 && html`<${Cards} app=${app} datasets=${datasets} />`}
+    ${
+      datasets &&
+      datasets.length > 0 &&
+      html`<div class="page__head"><h1>Datasets</h1><span class="faint">${countText(datasets.length)}</span>
+        <${UploadButtons} app=${app} /></div>
+      <ul class="cards">
+        ${datasets.map((dataset) => html`<li key=${dataset.name}><${Card} app=${app} dataset=${dataset} /></li>`)}
+      </ul>`
+    }
   </main>`;
-}
-
-/** @param {{app: App, datasets: readonly Dataset[]}} props */
-function Cards({ app, datasets }) {
-  return html`<div
-    class="page__head"><h1>Datasets</h1><span class="faint">${countText(datasets.length)}</span>
-    <${UploadButtons} app=${app} /></div>
-  <ul class="cards">
-    ${datasets.map((dataset) => html`<li key=${dataset.name}><${Card} app=${app} dataset=${dataset} /></li>`)}
-  </ul>`;
 }
 
 /** @param {{app: App, dataset: Dataset}} props */
@@ -53,8 +51,7 @@ function Card({ app, dataset }) {
         thumbnail
           ? html`<${NearPicture}
             url=${pictureUrl("/api/v1/frames/{frame_id}/thumbnail", { path: { frame_id: thumbnail } })} />`
-          : html`<${Icon}
-            name="image" class="card__none" />`
+          : html`<${Icon} name="image" class="card__none" />`
       }
     </div>
     <div class="card__body">
@@ -63,23 +60,17 @@ function Card({ app, dataset }) {
       <p class="card__counts">${countOf(counts.frames, "frame")} · ${countOf(counts.boxes, "box", "boxes")}
         ${counts.problems > 0 && html` · <span class="warn">${countOf(counts.problems, "refused frame")}</span>`}</p>
       <${VerdictBar} counts=${counts} />
-      <${Legend} counts=${counts} />
+      <div class="legend">
+        <span><${StrokeSwatch} verdict="kept" /><b>${countText(counts.kept)}</b> kept</span>
+        <span><${StrokeSwatch} verdict="rejected" /><b>${countText(counts.rejected)}</b> rejected</span>
+        ${
+          counts.unmeasured > 0 &&
+          html`<span><${StrokeSwatch} verdict="unmeasured" /><b>${countText(counts.unmeasured)}</b> unmeasured</span>`
+        }
+      </div>
       <${ReviewProgress} counts=${counts} />
     </div>
   </a>`;
-}
-
-/** @param {{counts: import("../core/openapi.js").FrameCounts}} props */
-function Legend({ counts }) {
-  return html`<div class="legend">
-    <span><${StrokeSwatch} verdict="kept" /><b>${countText(counts.kept)}</b> kept</span>
-    <span><${StrokeSwatch} verdict="rejected" /><b>${countText(counts.rejected)}</b> rejected</span>
-    ${
-      counts.unmeasured > 0 &&
-      html`<span><${StrokeSwatch} verdict="unmeasured" />
-        <b>${countText(counts.unmeasured)}</b> unmeasured</span>`
-    }
-  </div>`;
 }
 
 /** @param {{app: App}} props */
@@ -99,13 +90,10 @@ function Empty({ app }) {
 
 function Skeleton() {
   return html`<div class="page__head"><h1>Datasets</h1></div>
-  <div class="cards"
-    aria-hidden="true">
+  <div class="cards" aria-hidden="true">
     ${[0, 1, 2].map(
-      () => html`<div
-        class="card card--skeleton"><div class="card__picture shimmer" />
-        <div
-          class="card__body"><div class="skeleton" /><div class="skeleton skeleton--short" /><div class="skeleton" />
+      () => html`<div class="card card--skeleton"><div class="card__picture shimmer" />
+        <div class="card__body"><div class="skeleton" /><div class="skeleton skeleton--short" /><div class="skeleton" />
         </div></div>`,
     )}</div>
   <p class="sr-only" role="status">Loading datasets</p>`;

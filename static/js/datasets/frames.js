@@ -15,9 +15,9 @@ import { Failure, FailureLine, Notice } from "../core/parts.js";
 import { linkTo } from "../core/router.js";
 import { DatasetDialog } from "./settings.js";
 
-/** @typedef {import("../upload/uploader.js").UploadApp} App */
-/** @typedef {import("../core/openapi.js").FrameSummary} FrameItem */
-/** @typedef {import("../core/router.js").Query} Query */
+/** @import { FrameSummary as FrameItem, Stats } from "../core/openapi.js" */
+/** @import { Query, Route } from "../core/router.js" */
+/** @import { UploadApp as App } from "../upload/uploader.js" */
 
 const PAGE_SIZE = 60;
 
@@ -33,7 +33,7 @@ function Evidence({ app, dataset, evidence }) {
   return StrongerEvidence ? html`<${StrongerEvidence} app=${app} dataset=${dataset} />` : null;
 }
 
-/** @param {{app: App, route: import("../core/router.js").Route}} props */
+/** @param {{app: App, route: Route}} props */
 export function FramesView({ app, route }) {
   const name = route.params.dataset ?? "";
   useTopBar(app, { title: name, dataset: name });
@@ -52,8 +52,7 @@ export function FramesView({ app, route }) {
       <h1>${name}</h1>
       ${
         counts &&
-        html`<span
-          class="faint">
+        html`<span class="faint">
           ${countOf(counts.frames, "frame")} · ${countOf(counts.boxes, "box", "boxes")} · ${countOf(
             counts.to_review,
             "needs review",
@@ -63,8 +62,7 @@ export function FramesView({ app, route }) {
       ${
         counts &&
         html`<button class="button page__settings" onClick=${() => setOpen(true)}>
-          <${Icon}
-            name="settings" />Dataset settings
+          <${Icon} name="settings" />Dataset settings
           ${counts.problems > 0 && html`<span class="warn">${countOf(counts.problems, "refused frame")}</span>`}
         </button>`
       }
@@ -82,8 +80,7 @@ export function FramesView({ app, route }) {
         <${FrameFilters} classes=${dataset.value?.classes ?? []} stats=${stats.value} query=${route.query}
           onChange=${setQuery} />
         <${FrameGrid} key=${`${name} ${uploads} ${JSON.stringify(apiParams(route.query))}`} app=${app}
-          dataset=${name} query=${route.query}
-          total=${counts?.frames ?? null} onClear=${() => setQuery({})} />`
+          dataset=${name} query=${route.query} total=${counts?.frames ?? null} onClear=${() => setQuery({})} />`
     }
   </main>`;
 }
@@ -128,8 +125,7 @@ function FrameGrid({ app, dataset, query, total, onClear }) {
       items.length === 0 &&
       Array.from(
         { length: 12 },
-        () => html`<li class="thumb thumb--skeleton"
-          aria-hidden="true"><div class="thumb__picture shimmer" /></li>`,
+        () => html`<li class="thumb thumb--skeleton" aria-hidden="true"><div class="thumb__picture shimmer" /></li>`,
       )
     }
   </ul>
@@ -176,13 +172,11 @@ function Thumb({ app, frame, query }) {
         has_image
           ? html`<${NearPicture}
             url=${pictureUrl("/api/v1/frames/{frame_id}/thumbnail", { path: { frame_id: id } })} />`
-          : html`<${Icon}
-            name="image" />`
+          : html`<${Icon} name="image" />`
       }
       ${lossy && html`<span class="thumb__flag">lossy</span>`}
     </div>
-    <div
-      class="thumb__text"><span class="thumb__key">${key}</span>
+    <div class="thumb__text"><span class="thumb__key">${key}</span>
       <span class="faint num">${countText(counts.boxes)}</span></div>
     <${VerdictBar} counts=${counts} />
     <div class="thumb__text faint"><span>${waiting}</span></div>
@@ -201,10 +195,7 @@ function NoFrames({ isFiltered, onClear }) {
 
 const TYPING_PAUSE_MS = 250;
 
-/**
- * @param {{classes: readonly string[], stats: import("../core/openapi.js").Stats | null, query: Query,
- *   onChange: (query: Query) => void}} props
- */
+/** @param {{classes: readonly string[], stats: Stats | null, query: Query, onChange: (query: Query) => void}} props */
 function FrameFilters({ classes, stats, query, onChange }) {
   return html`<div class="filters" role="search" aria-label="Filter frames">
     <${VerdictFilter} query=${query} onChange=${onChange} />

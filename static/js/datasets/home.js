@@ -16,10 +16,10 @@ import { Failure, FailureLine, Notice, WideTable, isInClipboard, useCopy } from 
 import { linkTo, loginLink } from "../core/router.js";
 import { useMedia } from "../stage/media.js";
 
-/** @typedef {import("../core/app.js").App & {boxes: import("../boxes/store.js").Boxes}} App */
-/** @typedef {import("../core/openapi.js").Dataset} Dataset */
-/** @typedef {import("../core/openapi.js").Stats} Stats */
-/** @typedef {import("../core/openapi.js").FrameSummary} FrameItem */
+/** @typedef {import("../core/app.js").App & {boxes: Boxes}} App */
+/** @import { Boxes } from "../boxes/store.js" */
+/** @import { DistanceBand, FrameSummary as FrameItem, Measure, Stats } from "../core/openapi.js" */
+/** @import { Route } from "../core/router.js" */
 
 /** The words of the trade, explained where one points at them. */
 const WORDS = {
@@ -37,7 +37,7 @@ const WORDS = {
 const Term = ({ name, children }) =>
   html`<abbr class="term" title=${WORDS[name]} tabindex="0" aria-description=${WORDS[name]}>${children}</abbr>`;
 
-/** @param {{app: App, route: import("../core/router.js").Route}} props */
+/** @param {{app: App, route: Route}} props */
 export function HomeView({ app, route }) {
   const name = route.params.dataset ?? "";
   useTopBar(app, { title: name, dataset: name });
@@ -75,8 +75,7 @@ export function HomeView({ app, route }) {
       <h1>${name}</h1>
       ${
         counts &&
-        html`<span class="faint">
-          ${countOf(counts.frames, "frame")} · ${countOf(counts.boxes, "box", "boxes")}</span>`
+        html`<span class="faint">${countOf(counts.frames, "frame")} · ${countOf(counts.boxes, "box", "boxes")}</span>`
       }
       <button class="button home__print" onClick=${() => print()}>Print</button>
     </div>
@@ -182,7 +181,7 @@ export function BeforeAfter({ app, id }) {
 
 /**
  * A frame before and after, as a page of its own: a link to it is for everybody who may read.
- * @param {{app: App, route: import("../core/router.js").Route}} props
+ * @param {{app: App, route: Route}} props
  */
 export function CompareView({ app, route }) {
   const id = Number(route.params.id);
@@ -290,16 +289,17 @@ function Table({ title, head, rows }) {
 /** @param {{dataset: string, stats: Stats}} props */
 function ByClass({ dataset, stats }) {
   const rows = Object.entries(stats.by_class).sort(([, a], [, b]) => b.rejected - a.rejected);
-  /** @param {string} name */
-  const ghosts = (name) => linkTo("grid", { dataset }, { class: name, verdict: "rejected" });
-  const linked = rows.map(([name, counts]) => ({ counts, name: html`<a href=${ghosts(name)}>${name}</a>` }));
+  const linked = rows.map(([name, counts]) => ({
+    counts,
+    name: html`<a href=${linkTo("grid", { dataset }, { class: name, verdict: "rejected" })}>${name}</a>`,
+  }));
   return html`<${Table} title="By class" head="Class" rows=${linked} />`;
 }
 
 /** @param {{dataset: string, bands: readonly import("../core/openapi.js").DistanceBand[]}} props */
 function ByDistance({ dataset, bands }) {
   if (bands.length === 0) return null;
-  /** @param {import("../core/openapi.js").DistanceBand} band */
+  /** @param {DistanceBand} band */
   const name = ({ distance_from: from, distance_to: to }) => {
     if (from === null) return "not known";
     const query = { verdict: "rejected", distance_min: `${from}`, distance_max: to === null ? "" : `${to}` };
@@ -375,7 +375,7 @@ function Evidence({ dataset, frames }) {
   </section>`;
 }
 
-/** In percent. @param {import("../core/openapi.js").Measure | null} measure */
+/** In percent. @param {Measure | null} measure */
 const shareOf = (measure) => (measure ? 100 * measure.value : null);
 
 const NEWEST_EXPORTS = 5;

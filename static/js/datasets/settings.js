@@ -9,11 +9,11 @@ import { countOf } from "../core/numbers.js";
 import { Dialog, FailureLine, FileList, RecordingDownload, useDialog } from "../core/parts.js";
 import { linkTo } from "../core/router.js";
 
-/** @typedef {import("../core/app.js").App} App */
-/** @typedef {import("../core/openapi.js").Dataset} Dataset */
-/** @typedef {import("../core/form.js").Field} Field */
+/** @import { App } from "../core/app.js" */
+/** @import { Field, Words } from "../core/form.js" */
+/** @import { Dataset } from "../core/openapi.js" */
 
-/** @type {import("../core/form.js").Words} */
+/** @type {Words} */
 const WORDS = { fields: { lossy_segmentation: "JPEG segmentations" } };
 
 /** @param {{app: App, dataset: Dataset, onClose: () => void, onChanged: () => void}} props */
@@ -113,8 +113,7 @@ function Removal({ app, dataset }) {
     <summary>Delete this dataset</summary>
     <p>Its frames, boxes and all answers will be deleted permanently. Type <b>${dataset.name}</b> to confirm.</p>
     <div class="settings__confirm">
-      <label
-        class="field"><span class="sr-only">Name of the dataset</span>
+      <label class="field"><span class="sr-only">Name of the dataset</span>
         <input value=${typed} autocomplete="off" spellcheck=${false}
           onInput=${(/** @type {{currentTarget: HTMLInputElement}} */ event) => setTyped(event.currentTarget.value)} />
       </label>

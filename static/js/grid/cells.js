@@ -24,25 +24,24 @@ import {
 } from "./layout.js";
 import { createPicking, extended, focused, isSelected, lassoed, listenToLasso } from "./selection.js";
 
-/** @typedef {import("../review/answers.js").ReviewApp} App */
-/** @typedef {import("../boxes/box.js").Decision} Decision */
-/** @typedef {import("./layout.js").Layout} Layout */
-/** @typedef {import("../boxes/crops.js").Size} Size */
+/** @import { Decision } from "../boxes/box.js" */
+/** @import { Size } from "../boxes/crops.js" */
+/** @import { ReviewApp as App } from "../review/answers.js" */
+/** @import { GridActions } from "./grid.js" */
+/** @import { Layout, Move, Rect } from "./layout.js" */
+/** @import { Place } from "./pager.js" */
 
 const SPARE_ROWS = 2;
 const PADDING_PX = 16;
 
-/**
- * @param {{app: App, place: import("./pager.js").Place, frameSize: import("../boxes/crops.js").Size | null,
- *   actions: import("./grid.js").GridActions}} props
- */
+/** @param {{app: App, place: Place, frameSize: Size | null, actions: GridActions}} props */
 export function GridCells({ app, place, frameSize, actions }) {
   const { pager } = place;
   const selection = place.selection.get();
   const host = useRef(/** @type {HTMLDivElement | null} */ (null));
   const { cropSize, blind } = useValue(app.prefs);
   const [view, setView] = useState({ width: 0, height: 0, scrollTop: 0 });
-  const [lasso, setLasso] = useState(/** @type {import("./layout.js").Rect | null} */ (null));
+  const [lasso, setLasso] = useState(/** @type {Rect | null} */ (null));
   const width = Math.max(0, view.width - 2 * PADDING_PX);
   const layout = layoutOf({ count: pager.count(), width, size: cropSize });
   const offset = offsetAt(layout, view.scrollTop, view.height);
@@ -76,15 +75,14 @@ export function GridCells({ app, place, frameSize, actions }) {
           layout=${layout} frameSize=${frameSize} waiting=${waiting}
           cells=${Array.from({ length: Math.min(layout.columns, layout.count - row * layout.columns) }, (_, i) =>
             cellAt(place, row * layout.columns + i, blind),
-          )}
-          openTitle=${openTitle} onPick=${onPick} onOpen=${onOpen} />`,
+          )} openTitle=${openTitle} onPick=${onPick} onOpen=${onOpen} />`,
       )}
       ${lasso && html`<div class="lasso" role="presentation" style=${placeOf(lasso, view.scrollTop - offset)} />`}
     </div>
   </div>`;
 }
 
-/** @param {import("./pager.js").Place} place @param {number} index @param {boolean} isBlind @returns {CellState} */
+/** @param {Place} place @param {number} index @param {boolean} isBlind @returns {CellState} */
 function cellAt({ pager, selection }, index, isBlind) {
   const now = selection.get();
   const id = pager.idAt(index);
@@ -98,7 +96,7 @@ function cellAt({ pager, selection }, index, isBlind) {
   };
 }
 
-/** @param {import("./layout.js").Rect} rect @param {number} shift */
+/** @param {Rect} rect @param {number} shift */
 const placeOf = ({ x0, y0, x1, y1 }, shift) => ({
   left: `${Math.min(x0, x1) + PADDING_PX}px`,
   top: `${Math.min(y0, y1) + HEAD_PX + shift}px`,
@@ -112,7 +110,7 @@ const placeOf = ({ x0, y0, x1, y1 }, shift) => ({
 
 /**
  * How large the view is and how far it is scrolled; the same boxes stay visible when its size changes.
- * @param {{current: HTMLDivElement | null}} host @param {import("./pager.js").Place} place @param {Now} now
+ * @param {{current: HTMLDivElement | null}} host @param {Place} place @param {Now} now
  * @param {(change: (view: Now["current"]["view"]) => Now["current"]["view"]) => void} setView
  */
 function useMeasures(host, place, now, setView) {
@@ -149,7 +147,7 @@ function useMeasures(host, place, now, setView) {
 /**
  * The keyboard actions that move through the grid.
  * @param {App} app @param {{current: HTMLDivElement | null}} host
- * @param {{place: import("./pager.js").Place, now: Now, actions: import("./grid.js").GridActions}} grid
+ * @param {{place: Place, now: Now, actions: GridActions}} grid
  */
 function useKeysOfGrid(app, host, { place, now, actions }) {
   const byName = useMemo(() => {
@@ -163,7 +161,7 @@ function useKeysOfGrid(app, host, { place, now, actions }) {
       const offset = offsetAt(layout, element.scrollTop, view.height);
       element.scrollTop = scrollTopFor(layout, offsetToShow(layout, index, offset, view.height), view.height);
     };
-    /** @param {import("./layout.js").Move} move */
+    /** @param {Move} move */
     const to = (move) => (/** @type {{shiftKey: boolean} | undefined} */ press) => {
       const { layout, view } = now.current;
       const page = Math.max(1, Math.floor(view.height / layout.pitch));
@@ -178,8 +176,7 @@ function useKeysOfGrid(app, host, { place, now, actions }) {
 
 /**
  * @param {{current: HTMLDivElement | null}} host
- * @param {{place: import("./pager.js").Place, now: Now, setLasso: (rect: import("./layout.js").Rect | null) => void}}
- *   grid
+ * @param {{place: Place, now: Now, setLasso: (rect: Rect | null) => void}} grid
  */
 function useLasso(host, { place, now, setLasso }) {
   useEffect(() => {
@@ -214,8 +211,7 @@ const SMALL_PX = 112;
 
 /**
  * @typedef {{app: App, row: number, top: number, layout: Layout, frameSize: Size | null, waiting: ReadonlySet<number>,
- *   cells: readonly CellState[],
- *   openTitle: string, onPick: OnPick, onOpen: (index: number) => void}} RowProps
+ *   cells: readonly CellState[], openTitle: string, onPick: OnPick, onOpen: (index: number) => void}} RowProps
  */
 
 /** @param {RowProps} props */
@@ -264,8 +260,7 @@ class Cell extends Component {
     return html`<div class="cell ${flags}" role="gridcell" id=${id === undefined ? undefined : `cell-${id}`}
       aria-selected=${isSelected} aria-colindex=${column + 1} data-index=${index}
       onClick=${(/** @type {MouseEvent} */ event) => onPick(event, index)} onDblClick=${() => onOpen(index)}>
-      <span
-        class="sr-only">
+      <span class="sr-only">
         ${box ? `${spokenText(box)}, frame ${box.frame}` : box === null ? "Loading" : "No longer matches the filters"}
       </span>
       <div class="cell__picture" aria-hidden="true" style=${{ height: `${size}px` }}>
@@ -274,8 +269,7 @@ class Cell extends Component {
         ${box === undefined && html`<div class="cell__none">no longer matches</div>`}
         ${
           box &&
-          html`<${Marks} box=${box} isWaiting=${isWaiting} openTitle=${openTitle}
-            onOpen=${() => onOpen(index)} />`
+          html`<${Marks} box=${box} isWaiting=${isWaiting} openTitle=${openTitle} onOpen=${() => onOpen(index)} />`
         }
       </div>
       ${box ? html`<${Caption} box=${box} />` : html`<div class="cell__caption" />`}

@@ -37,13 +37,15 @@ import { GridCells } from "./cells.js";
 import { leave, placeOf } from "./pager.js";
 import { allBut, everything, nothing, sizeOf, toggled } from "./selection.js";
 
-/** @typedef {import("../boxes/box.js").Answer} Answer */
-/** @typedef {import("../review/answers.js").ReviewApp} App */
-/** @typedef {import("./pager.js").Pager} Pager */
-/** @typedef {import("../core/router.js").Query} Query */
-/** @typedef {import("./selection.js").Selection} Selection */
+/** @import { Answer } from "../boxes/box.js" */
+/** @import { BoxSelection } from "../core/openapi.js" */
+/** @import { Query, Route } from "../core/router.js" */
+/** @import { ReviewApp as App } from "../review/answers.js" */
+/** @import { OpenBulkItem } from "../review/sender.js" */
+/** @import { Pager, Place } from "./pager.js" */
+/** @import { Selection } from "./selection.js" */
 
-/** @param {{app: App, route: import("../core/router.js").Route}} props */
+/** @param {{app: App, route: Route}} props */
 export function GridView({ app, route }) {
   const name = route.params.dataset ?? "";
   useTopBar(app, { title: `Grid · ${name}`, dataset: name });
@@ -119,9 +121,7 @@ function SelectionBar({ app, selected, isAll, actions, onNone }) {
 
 /**
  * The list of boxes that match the filters, as it was left; `update` reads it again.
- * @param {App} app
- * @param {string} dataset
- * @param {Query} query
+ * @param {App} app @param {string} dataset @param {Query} query
  */
 function usePlace(app, dataset, query) {
   const [reading, setReading] = useState(0);
@@ -137,7 +137,7 @@ function usePlace(app, dataset, query) {
   return { place, update };
 }
 
-/** Draw again whenever the list changes. @param {App} app @param {import("./pager.js").Place} place */
+/** Draw again whenever the list changes. @param {App} app @param {Place} place */
 function usePager(app, { pager }) {
   const [, setVersion] = useState(0);
   useEffect(() => {
@@ -155,8 +155,7 @@ function usePager(app, { pager }) {
 
 /**
  * The size of the first frame; nearly always all frames of a dataset have the same.
- * @param {App} app
- * @param {string} dataset
+ * @param {App} app @param {string} dataset
  */
 function useFrameSize(app, dataset) {
   const frames = useLoaded(
@@ -184,8 +183,7 @@ function NoBoxes({ query, inAll, onQuery }) {
 
 /**
  * How many boxes match a filter, and the snapshot that identifies their current state.
- * @param {string} dataset
- * @param {import("../core/openapi.js").BoxSelection} filter
+ * @param {string} dataset @param {BoxSelection} filter
  */
 async function countBoxes(dataset, filter) {
   const { total, snapshot } = await get("/api/v1/boxes", { query: { dataset, ...filter, limit: 1, count: true } });
@@ -194,8 +192,7 @@ async function countBoxes(dataset, filter) {
 
 /**
  * How many boxes that match a filter have an answer; null: all of them.
- * @param {string} dataset
- * @param {import("../core/openapi.js").BoxSelection} filter
+ * @param {string} dataset @param {BoxSelection} filter
  */
 async function countAnswered(dataset, filter) {
   const { review } = filter;
@@ -207,8 +204,7 @@ async function countAnswered(dataset, filter) {
 
 /**
  * @param {App} app @param {string} dataset
- * @param {() => {place: import("./pager.js").Place, query: import("../core/router.js").Query}} page the current place
- *   and query
+ * @param {() => {place: Place, query: Query}} page the current place and query
  */
 function createGridActions(app, dataset, page) {
   /** Read again for each action: keys may be pressed faster than the page is drawn. */
@@ -377,8 +373,7 @@ function MoreFilters({ dataset, query, onChange }) {
     ${
       isOpen &&
       html`<div class="menu__panel more-filters" role="group" aria-label="More filters">
-        <label class="switch"
-          title="Boxes with too few pixels to be certain on which side of the threshold they are">
+        <label class="switch" title="Boxes with too few pixels to be certain on which side of the threshold they are">
           <input type="checkbox" checked=${query.toss_up === "true"} onChange=${flag("toss_up")} />
           <span>Toss-ups only</span></label>
         <label
@@ -444,8 +439,7 @@ function GridStatus({ app, pager, query, inAll, selected, onUpdate, onAll }) {
       ${
         total === null && pager.known() === 0
           ? "Loading boxes"
-          : html`<b
-            class="num">${total === null ? `${countText(pager.known())}+` : countText(total)}</b> ${
+          : html`<b class="num">${total === null ? `${countText(pager.known())}+` : countText(total)}</b> ${
               total === 1 ? "box" : "boxes"
             }`
       }
@@ -463,8 +457,7 @@ function GridStatus({ app, pager, query, inAll, selected, onUpdate, onAll }) {
     ${
       total !== null &&
       total > 0 &&
-      html`<button class="button button--small"
-        onClick=${onAll}>Select all ${countText(total)}</button>`
+      html`<button class="button button--small" onClick=${onAll}>Select all ${countText(total)}</button>`
     }
   </div>`;
 }
@@ -511,8 +504,7 @@ function UnsentBulkAnswers({ app, dataset }) {
 }
 
 /**
- * @param {{total: number, answered: number}} now
- * @param {number} before how many boxes the filter selected
+ * @param {{total: number, answered: number}} now @param {number} before how many boxes the filter selected
  * @param {boolean} isRemoval
  */
 function changedText({ total, answered }, before, isRemoval) {
@@ -521,7 +513,7 @@ function changedText({ total, answered }, before, isRemoval) {
   return `${text} ${countText(answered)} of these ${answered === 1 ? "has" : "have"} an answer, which yours would replace.`;
 }
 
-/** @param {{app: App} & import("../review/sender.js").OpenBulkItem} props */
+/** @param {{app: App} & OpenBulkItem} props */
 function UnsentStrip({ app, item, state, text }) {
   /** The boxes that the filter selects by now, once the person has asked, and how many of them have an answer. */
   const [now, setNow] = useState(/** @type {{total: number, snapshot: string, answered: number} | null} */ (null));
@@ -539,21 +531,23 @@ function UnsentStrip({ app, item, state, text }) {
     <${Icon} name="cloud" />
     <p>
       <b>${STATES[state]}: ${what}.</b> ${
-        now ? changedText(now, item.count, bulk?.verdict === "clear") : sentence(text)
+        now
+          ? changedText(now, item.count, bulk?.verdict === "clear")
+          : text
+            ? `${capital(text).replace(/\.$/, "")}.`
+            : ""
       }</p>
     <div class="strip__actions">
       ${
         isChanged &&
         !now &&
-        html`<button class="button button--small" disabled=${count.isBusy}
-          onClick=${count.run}>Count again</button>`
+        html`<button class="button button--small" disabled=${count.isBusy} onClick=${count.run}>Count again</button>`
       }
       ${
         bulk &&
         isChanged &&
         now &&
-        html`<button class="button button--small"
-          onClick=${() => app.bulkAnswers.answerAgain(bulk, now)}>
+        html`<button class="button button--small" onClick=${() => app.bulkAnswers.answerAgain(bulk, now)}>
           ${capital(`${VERBS[bulk.verdict]} all ${countText(now.total)}`)}</button>`
       }
       ${state === "waiting" && html`<button class="button button--small" onClick=${app.resume}>Send now</button>`}
@@ -572,6 +566,3 @@ function UnsentStrip({ app, item, state, text }) {
     </div>
   </div>`;
 }
-
-/** @param {string} text */
-const sentence = (text) => (text ? `${capital(text).replace(/\.$/, "")}.` : "");

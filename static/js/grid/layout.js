@@ -39,10 +39,8 @@ export function layoutOf({ count, width, size }) {
 
 /**
  * The offset of the visible part in the whole grid, px. It differs from `scrollTop` where the grid is higher than a
- *   browser allows an element to be.
- * @param {Layout} layout
- * @param {number} scrollTop
- * @param {number} view px
+ * browser allows an element to be.
+ * @param {Layout} layout @param {number} scrollTop @param {number} view px
  */
 export function offsetAt({ full, height }, scrollTop, view) {
   if (height === full) return scrollTop;
@@ -57,9 +55,7 @@ export function scrollTopFor({ full, height }, offset, view) {
 
 /**
  * Rows from `first` up to, and without, `end`.
- * @param {Layout} layout
- * @param {number} offset
- * @param {number} view px
+ * @param {Layout} layout @param {number} offset @param {number} view px
  * @param {number} spare rows on both sides
  */
 export function rowsInSight({ pitch, rows }, offset, view, spare) {
@@ -70,10 +66,7 @@ export function rowsInSight({ pitch, rows }, offset, view, spare) {
 
 /**
  * The nearest offset at which a cell is wholly visible.
- * @param {Layout} layout
- * @param {number} index
- * @param {number} offset
- * @param {number} view px
+ * @param {Layout} layout @param {number} index @param {number} offset @param {number} view px
  */
 export function offsetToShow({ columns, pitch, full }, index, offset, view) {
   const top = Math.floor(index / columns) * pitch;
@@ -99,11 +92,7 @@ export function cellsIn({ count, columns, cell, pitch, rows }, rect) {
 
 /**
  * Which of the bars of `length`, one every `pitch`, does an interval touch?
- * @param {number} a
- * @param {number} b
- * @param {number} length
- * @param {number} pitch
- * @param {number} most
+ * @param {number} a @param {number} b @param {number} length @param {number} pitch @param {number} most
  */
 function spanned(a, b, length, pitch, most) {
   const [low, high] = a < b ? [a, b] : [b, a];

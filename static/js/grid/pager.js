@@ -8,7 +8,12 @@ import { get } from "../core/api.js";
 import { createValue } from "../core/observable.js";
 import { NOTHING } from "./selection.js";
 
-/** @typedef {import("../boxes/box.js").Decision} Decision */
+/** @import { Decision } from "../boxes/box.js" */
+/** @import { Boxes } from "../boxes/store.js" */
+/** @import { Value } from "../core/observable.js" */
+/** @import { Query } from "../core/router.js" */
+/** @import { ReviewApp } from "../review/answers.js" */
+/** @import { Selection } from "./selection.js" */
 
 /**
  * @typedef {object} Part  boxes that one request brought, in their order
@@ -35,10 +40,7 @@ const PLACEHOLDERS = 60;
 /** How many boxes outside the visible part are kept in memory. */
 const KEPT = 6000;
 
-/**
- * @param {import("../boxes/store.js").Boxes} boxes
- * @param {(request: BoxRequest, signal: AbortSignal) => Promise<BoxPage>} load
- */
+/** @param {Boxes} boxes @param {(request: BoxRequest, signal: AbortSignal) => Promise<BoxPage>} load */
 export function createPager(boxes, load) {
   /** @type {Part[]} in order, without gaps */
   const parts = [];
@@ -197,8 +199,7 @@ export function createPager(boxes, load) {
 
     /**
      * The box at a place; null: not loaded yet; undefined: it no longer matches the filter.
-     * @param {number} index
-     * @returns {Decision | null | undefined}
+     * @param {number} index @returns {Decision | null | undefined}
      */
     at(index) {
       const part = partAt(index);
@@ -261,7 +262,7 @@ export function createPager(boxes, load) {
  * @typedef {object} Place
  * @property {string} key
  * @property {Pager} pager
- * @property {import("../core/observable.js").Value<import("./selection.js").Selection>} selection
+ * @property {Value<Selection>} selection
  * @property {{offset: number, seen: number}} scroll  how far down it is scrolled, and when it was left
  * @property {Promise<string | null>} state  `stateNow`, about when the list was read; null: it could not be loaded
  * @property {Promise<boolean>} isOutdated whether the dataset has changed since the list was read; true if that is not
@@ -299,10 +300,8 @@ const places = new Map();
 
 /**
  * The list of boxes that match the filters: as it was left, or a new one.
- * @param {import("../review/answers.js").ReviewApp} app
- * @param {string} dataset
- * @param {import("../core/router.js").Query} query
- * @param {string} key @returns {Place}
+ * @param {ReviewApp} app @param {string} dataset
+ * @param {Query} query @param {string} key @returns {Place}
  */
 export function placeOf(app, dataset, query, key) {
   const known = places.get(key);

@@ -1,7 +1,9 @@
 // @ts-check
 // Which boxes of the grid are selected, and how clicks, keys and the lasso change that.
 
-/** @typedef {import("./layout.js").Rect} Rect */
+/** @import { GridActions } from "./grid.js" */
+/** @import { Rect } from "./layout.js" */
+/** @import { Place } from "./pager.js" */
 
 /**
  * @typedef {object} Selection
@@ -25,10 +27,7 @@ export const only = (index, id) => ({ all: false, ids: new Set([id]), focus: ind
 
 /**
  * A click with Ctrl, or Space.
- * @param {Selection} before
- * @param {number} index
- * @param {number} id
- * @returns {Selection}
+ * @param {Selection} before @param {number} index @param {number} id @returns {Selection}
  */
 export function toggled(before, index, id) {
   const ids = new Set(before.ids);
@@ -38,9 +37,7 @@ export function toggled(before, index, id) {
 
 /**
  * A click or an arrow with Shift.
- * @param {Selection} before
- * @param {number} index
- * @param {readonly number[]} range ids from the anchor to here
+ * @param {Selection} before @param {number} index @param {readonly number[]} range ids from the anchor to here
  * @param {boolean} [adds] to what is selected already
  * @returns {Selection}
  */
@@ -54,8 +51,7 @@ export function extended(before, index, range, adds = false) {
  * @param {Selection} before as it was when the drawing began
  * @param {readonly number[]} inside ids
  * @param {number} index of the last one
- * @param {boolean} adds
- * @returns {Selection}
+ * @param {boolean} adds @returns {Selection}
  */
 export function lassoed(before, inside, index, adds) {
   return { all: false, ids: new Set([...(adds ? before.ids : []), ...inside]), focus: index, anchor: index };
@@ -72,10 +68,7 @@ export const nothing = (before) => ({ ...before, all: false, ids: new Set() });
 
 /**
  * From everything to all that are known but one.
- * @param {Selection} before
- * @param {readonly number[]} known
- * @param {number} index
- * @param {number} id
+ * @param {Selection} before @param {readonly number[]} known @param {number} index @param {number} id
  * @returns {Selection}
  */
 export function allBut(before, known, index, id) {
@@ -183,11 +176,7 @@ function swallow(event) {
   event.preventDefault();
 }
 
-/**
- * What the mouse does to the selection as it is at that moment.
- * @param {import("./pager.js").Place} place
- * @param {import("./grid.js").GridActions} actions
- */
+/** What the mouse does to the selection as it is at that moment. @param {Place} place @param {GridActions} actions */
 export function createPicking({ pager, selection }, actions) {
   return {
     /** @param {MouseEvent} event @param {number} index */

@@ -8,8 +8,10 @@ import { Icon } from "../core/icons.js";
 import { countOf, countText } from "../core/numbers.js";
 import { linkTo } from "../core/router.js";
 
-/** @typedef {import("../core/openapi.js").Run["state"]} JobState */
-/** @typedef {import("../core/openapi.js").Run} Run */
+/** @typedef {Run["state"]} JobState */
+/** @import { Later } from "../core/api.js" */
+/** @import { App } from "../core/app.js" */
+/** @import { Run } from "../core/openapi.js" */
 
 const STATES = {
   queued: { icon: "clock", text: "queued" },
@@ -41,8 +43,7 @@ export function JobBar({ job, label }) {
  * The current state of a run, kept up to date while the component is on the page.
  * @param {Run | null} run
  * @param {{onOver?: (run: Run) => void, onLost: (error: ApiError) => void}} then `onLost`: its state cannot be loaded
- *   any
- *   more, for instance because its dataset was deleted
+ *   any more, for instance because its dataset was deleted
  * @returns {Run | null}
  */
 export function useWatched(run, { onOver, onLost }) {
@@ -83,8 +84,7 @@ const LOOK_AGAIN_MS = 5000;
 
 /**
  * Load a list of jobs again every few seconds, since other people start jobs too; every second while one of them has
- * not ended.
- * Only in a visible tab, and one request at a time.
+ * not ended. Only in a visible tab, and one request at a time.
  * @param {{state: "loading" | "ready" | "error", value: unknown, reload: () => void}} list @param {readonly Job[]} jobs
  */
 export function useLookAgain(list, jobs) {
@@ -107,14 +107,14 @@ export function useLookAgain(list, jobs) {
   }, [hasOpen]);
 }
 
-/** @param {{app: import("../core/app.js").App, run: Run}} props */
+/** @param {{app: App, run: Run}} props */
 export const CancelButton = ({ app, run }) =>
   html`<${Canceller} app=${app} what=${`run ${run.id}`}
     cancel=${() => post("/api/v1/runs/{run_id}/cancel", { path: { run_id: run.id } })} />`;
 
 /**
  * A button that cancels a job. It stays disabled until the job's state says that it is cancelled.
- * @param {{app: import("../core/app.js").App, what: string, cancel: () => Promise<unknown>}} props
+ * @param {{app: App, what: string, cancel: () => Promise<unknown>}} props
  */
 export function Canceller({ app, what, cancel }) {
   const [isAsked, setAsked] = useState(false);
@@ -134,7 +134,7 @@ export function Canceller({ app, what, cancel }) {
 
 /**
  * The state of a run, as a strip above a view.
- * @param {{app: import("../core/app.js").App, dataset: string, run: Run, isOwn?: boolean, onClose: () => void}} props
+ * @param {{app: App, dataset: string, run: Run, isOwn?: boolean, onClose: () => void}} props
  *   `isOwn`: the person has just started it: the strip is scrolled to
  */
 export function RunStrip({ app, dataset, run, isOwn = false, onClose }) {
@@ -174,7 +174,7 @@ function wordsOf(run) {
   }
 }
 
-/** @typedef {{state: import("../core/openapi.js").Run["state"]}} Job */
+/** @typedef {{state: Run["state"]}} Job */
 
 const OVER = new Set(["done", "failed", "cancelled"]);
 
@@ -196,12 +196,10 @@ export function percentDone({ state, done = 0, total = 0 }) {
 /**
  * Load a job again and again until it has ended. (Its stream of events would hold a connection for as long as the job
  * lasts, and a browser opens only six to a server, for all its tabs together.)
- * @template {Job} J
- * @param {() => Promise<J>} load
+ * @template {Job} J @param {() => Promise<J>} load
  * @param {{onJob: (job: J) => void, onLost: (error: ApiError) => void}} then `onLost`: the server refuses; it is not
  *   asked again
- * @param {import("../core/api.js").Later} [later]
- * @returns {() => void} stop watching
+ * @param {Later} [later] @returns {() => void} stop watching
  */
 export function watchJob(load, { onJob, onLost }, later = (run, delayMs) => void setTimeout(run, delayMs)) {
   const retries = createRetries(later);

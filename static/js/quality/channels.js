@@ -14,11 +14,8 @@ import { RunStrip, isOver, useOpenRun, useWatched } from "../jobs/job.js";
 import { MeasureCell } from "./comparison.js";
 import { COUNTED, TRUTHS, bandText } from "./measures.js";
 
-/** @typedef {import("../core/app.js").App} App */
-/** @typedef {import("../core/openapi.js").ChannelScore} ChannelScore */
-/** @typedef {import("../core/openapi.js").Evaluation} Evaluation */
-/** @typedef {import("../core/openapi.js").Run} Run */
-/** @typedef {import("../core/openapi.js").Score} Score */
+/** @import { App } from "../core/app.js" */
+/** @import { ChannelScore, Evaluation, Run, Score } from "../core/openapi.js" */
 
 const BY = [
   { value: "all", text: "All boxes" },
@@ -43,8 +40,7 @@ export function Channels({ app, dataset, active, truth, onTruth, onMeasured }) {
   return html`<section class="panelbox quality__wide" aria-labelledby="channels-title"
     aria-busy=${loaded.state === "loading"}>
     <header class="panelbox__head"><h2 id="channels-title">Kinds of evidence compared</h2>
-      <span
-        class="faint">
+      <span class="faint">
         ${
           truth === "people"
             ? "of the answered boxes alone; visible: people kept it"
@@ -53,21 +49,18 @@ export function Channels({ app, dataset, active, truth, onTruth, onMeasured }) {
       <span class="panelbox__tools">
         ${
           isCounted &&
-          html`<${Segments} label="Compare kinds of evidence by" value=${by} choices=${BY}
-            onChange=${setBy} />`
+          html`<${Segments} label="Compare kinds of evidence by" value=${by} choices=${BY} onChange=${setBy} />`
         }
         <${Segments} label="Compare with" value=${truth} choices=${TRUTHS} onChange=${onTruth} />
         ${isCounted && found.not_measured.length > 0 && html`<${MeasureButton} measuring=${measuring} />`}
       </span></header>
     ${
       measuring.run &&
-      html`<${RunStrip} app=${app} dataset=${dataset} run=${measuring.run}
-        onClose=${measuring.close} />`
+      html`<${RunStrip} app=${app} dataset=${dataset} run=${measuring.run} onClose=${measuring.close} />`
     }
     ${
       measuring.search.error &&
-      html`<${FailureLine} what="Runs" error=${measuring.search.error}
-        onRetry=${measuring.search.reload} />`
+      html`<${FailureLine} what="Runs" error=${measuring.search.error} onRetry=${measuring.search.reload} />`
     }
     ${loaded.error && html`<${FailureLine} error=${loaded.error} onRetry=${loaded.reload} />`}
     ${
@@ -79,10 +72,8 @@ export function Channels({ app, dataset, active, truth, onTruth, onMeasured }) {
     ${
       found &&
       (isCounted
-        ? html`<${Compared} dataset=${dataset} found=${found} by=${by}
-          active=${active} />`
-        : html`<${NoComparison} dataset=${dataset} found=${found} measuring=${measuring}
-          onTruth=${onTruth} />`)
+        ? html`<${Compared} dataset=${dataset} found=${found} by=${by} active=${active} />`
+        : html`<${NoComparison} dataset=${dataset} found=${found} measuring=${measuring} onTruth=${onTruth} />`)
     }
   </section>`;
 }
@@ -94,8 +85,7 @@ const Compared = ({
   by,
   active,
 }) => html`<${ChannelTable} dataset=${dataset} found=${found} by=${by} active=${active} />
-<p
-  class="faint channels__note">
+<p class="faint channels__note">
   ${countOf(found.boxes, "box", "boxes")} of ${countOf(found.frames, "frame")}
   ; dot: measured, line: 95 % interval. Boxes that a kind could not measure are decided by the segmentation.
   ${found.truth === "instances" && found.channels.instance ? " The instance images also define what is visible here, so their score is an upper bound." : ""}
@@ -122,8 +112,7 @@ function NoComparison({ dataset, found, measuring, onTruth }) {
         with the frames; every verdict stays as it is.</p>
       <p><${MeasureButton} measuring=${measuring} /></p></div>`;
   }
-  return html`<p
-    class="panelbox__empty">No frame has an instance image, so visibility is unknown. <button
+  return html`<p class="panelbox__empty">No frame has an instance image, so visibility is unknown. <button
       class="button button--small" onClick=${() => onTruth("people")}>Compare with people</button></p>`;
 }
 
@@ -138,10 +127,7 @@ const MeasureButton = ({ measuring: { start, isBusy } }) =>
 
 /**
  * The run that measures all channels: started here, or already running when the view is opened.
- * @param {App} app
- * @param {string} dataset
- * @param {() => void} onDone
- * @returns {Measuring}
+ * @param {App} app @param {string} dataset @param {() => void} onDone @returns {Measuring}
  */
 function useMeasuring(app, dataset, onDone) {
   const [asked, setAsked] = useState(/** @type {Run | null} */ (null));
@@ -183,15 +169,13 @@ function ChannelTable({ dataset, found, by, active }) {
       <thead>
         <tr><th scope="col">${by === "class" ? "Class" : "Distance"}</th>
           ${channels.map(
-            ([name]) => html`<th scope="col"
-              key=${name}>${evidenceText(name)} <span class="faint">F1</span></th>`,
+            ([name]) => html`<th scope="col" key=${name}>${evidenceText(name)} <span class="faint">F1</span></th>`,
           )}</tr></thead>
       <tbody>${groupsOf(channels, by).map(
         ({ key, text, scores }) => html`<tr key=${key}>
           <th scope="row">${text}</th>
           ${scores.map(
-            (score, at) => html`<td
-              key=${at}>
+            (score, at) => html`<td key=${at}>
               <${MeasureCell} measure=${score?.f1 ?? null} name=${`F1 of ${evidenceText(channels[at]?.[0] ?? "")}`} />
             </td>`,
           )}
@@ -201,8 +185,7 @@ function ChannelTable({ dataset, found, by, active }) {
 }
 
 /**
- * @param {readonly [string, ChannelScore][]} channels
- * @param {string} by
+ * @param {readonly [string, ChannelScore][]} channels @param {string} by
  * @returns {{key: string, text: string, scores: (Score | undefined)[]}[]}
  */
 function groupsOf(channels, by) {
@@ -245,11 +228,9 @@ const OverallTable = ({
     }
       ${channels.map(
         ([name, score]) => html`<tr key=${name}>
-          <th
-            scope="row">${evidenceText(name)}${name === active && html` <span class="tagword">active</span>`}
+          <th scope="row">${evidenceText(name)}${name === active && html` <span class="tagword">active</span>`}
             <span class="faint channels__about">${EVIDENCE[name]?.about}</span></th>
-          <td class="is-num num"
-            title=${`${countText(score.judged)} of ${countText(boxes)} boxes`}>
+          <td class="is-num num" title=${`${countText(score.judged)} of ${countText(boxes)} boxes`}>
             ${percentText((100 * score.judged) / boxes)}
           </td>
           <td><${MeasureCell} measure=${score.precision} name="Precision" /></td>

@@ -21,8 +21,7 @@ import {
   shareText,
 } from "./measures.js";
 
-/** @typedef {import("../core/openapi.js").Confusion} Confusion */
-/** @typedef {import("../core/openapi.js").Measure} Measure */
+/** @import { Confusion, Measure, Quality } from "../core/openapi.js" */
 /** @typedef {import("../core/openapi.js").Quality["truth"]} Truth */
 
 const MEASURES = /** @type {const} */ ([
@@ -31,18 +30,16 @@ const MEASURES = /** @type {const} */ ([
   { key: "f1", text: "F1" },
 ]);
 
-/** @param {{dataset: string, quality: import("../core/openapi.js").Quality}} props */
+/** @param {{dataset: string, quality: Quality}} props */
 export function ConfusionPanel({ dataset, quality: { truth, confusion, sample } }) {
   const words = WORDS[truth];
   return html`<section class="panelbox quality__all" aria-labelledby="confusion-title">
-    <header
-      class="panelbox__head"><h2 id="confusion-title">${words.all}</h2>
+    <header class="panelbox__head"><h2 id="confusion-title">${words.all}</h2>
       <span class="faint">${words.counted(answersIn(confusion))}</span></header>
     <div class="quality__split">
       <${Matrix} dataset=${dataset} truth=${truth} confusion=${confusion} />
       <div>
-        <p
-          class="faint">
+        <p class="faint">
           ${
             sample
               ? html`<b>All ${countText(sample.boxes)} boxes</b>, estimated from ${countOf(
@@ -60,8 +57,7 @@ export function ConfusionPanel({ dataset, quality: { truth, confusion, sample } 
               <dt>${text} <span class="faint">${key === "f1" ? "both in one number" : words[key]}</span></dt>
               <dd><span class="score__value num">${shareText(measure?.value)}</span>
                 <${Whisker} measure=${measure} name=${text} />
-                <span
-                  class="score__interval num faint">
+                <span class="score__interval num faint">
                   ${measure ? `95 %: ${intervalText(measure)}` : intervalText(measure)}
                 </span></dd>
             </div>`;
@@ -71,10 +67,8 @@ export function ConfusionPanel({ dataset, quality: { truth, confusion, sample } 
     ${
       truth === "people" &&
       confusion.kept_reject + confusion.rejected_keep > 0 &&
-      html`<p
-        class="quality__conflicts">
-        <a class="button"
-          href=${linkTo("grid", { dataset }, { conflict: "true" })}>
+      html`<p class="quality__conflicts">
+        <a class="button" href=${linkTo("grid", { dataset }, { conflict: "true" })}>
           ${conflictText(confusion.kept_reject + confusion.rejected_keep)}<${Icon} name="right" /></a></p>`
     }
   </section>`;
@@ -95,8 +89,7 @@ function Matrix({ dataset, truth, confusion }) {
         (filter) => html`<tr key=${filter}>
           <th scope="row">filter ${filter === "kept" ? "keeps" : "rejects"}</th>
           ${CELLS.filter((cell) => cell.filter === filter).map(
-            (cell) => html`<td
-              key=${cell.cell}>
+            (cell) => html`<td key=${cell.cell}>
               <${MatrixCell} confusion=${confusion} cell=${cell} href=${boxesOf(dataset, truth, cell)} />
             </td>`,
           )}
@@ -128,7 +121,7 @@ const CHOICES = [
   { value: "distance", text: "Distance" },
 ];
 
-/** @param {{dataset: string, quality: import("../core/openapi.js").Quality}} props */
+/** @param {{dataset: string, quality: Quality}} props */
 export function PerGroup({ dataset, quality }) {
   const [by, setBy] = useState("class");
   const groups = (by === "class" ? classGroups(quality) : bandGroups(quality)).filter(
@@ -137,8 +130,7 @@ export function PerGroup({ dataset, quality }) {
   return html`<section class="panelbox quality__wide" aria-labelledby="groups-title">
     <header class="panelbox__head"><h2 id="groups-title">${by === "class" ? "By class" : "By distance"}</h2>
       <span class="faint">dot: measured; line: 95 % interval; axis from 0 to 100 %</span>
-      <span
-        class="panelbox__tools"><${Segments} label="Compare by" value=${by} choices=${CHOICES} onChange=${setBy} />
+      <span class="panelbox__tools"><${Segments} label="Compare by" value=${by} choices=${CHOICES} onChange=${setBy} />
       </span></header>
     <${WideTable} label="Scores"><table class="table groups">
         <thead>
@@ -149,18 +141,17 @@ export function PerGroup({ dataset, quality }) {
             <th class="is-num" scope="col" title=${COUNTED.lost}>Lost boxes</th></tr></thead>
         <tbody>
           ${groups.map(
-            (group) => html`<${Row} key=${group.key} dataset=${dataset} truth=${quality.truth}
-              group=${group} />`,
+            (group) => html`<${Row} key=${group.key} dataset=${dataset} truth=${quality.truth} group=${group} />`,
           )}</tbody>
       </table><//>
   </section>`;
 }
 
-/** @param {import("../core/openapi.js").Quality} quality @returns {Group[]} */
+/** @param {Quality} quality @returns {Group[]} */
 const classGroups = ({ by_class }) =>
   Object.entries(by_class).map(([name, confusion]) => ({ key: name, text: name, confusion, query: { class: name } }));
 
-/** @param {import("../core/openapi.js").Quality} quality @returns {Group[]} */
+/** @param {Quality} quality @returns {Group[]} */
 const bandGroups = ({ by_distance }) =>
   by_distance.map((confusion) => ({
     key: confusion.band,

@@ -9,8 +9,7 @@ import { Command, FailureLine, WideTable } from "../core/parts.js";
 import { MeasureCell } from "./comparison.js";
 import { percentOf } from "./measures.js";
 
-/** @typedef {import("../core/openapi.js").Arm} Arm */
-/** @typedef {import("../core/openapi.js").Experiment} Report */
+/** @import { Arm, Experiment as Report } from "../core/openapi.js" */
 
 /** What an arm's labels are, by its name without a number of pixels. @type {Readonly<Record<string, string>>} */
 const ARMS = {
@@ -68,8 +67,7 @@ function Arms({ report }) {
         ([name, arm]) => html`<tr key=${name}>
           <th scope="row">${name}<span class="faint channels__about">${ARMS[name.split("@")[0] ?? ""]}</span></th>
           ${[arm.labels?.labels, arm.labels?.ghosts, arm.labels?.lost].map(
-            (count, at) => html`<td class="is-num num"
-              key=${at}>${count === undefined ? "–" : countText(count)}</td>`,
+            (count, at) => html`<td class="is-num num" key=${at}>${count === undefined ? "–" : countText(count)}</td>`,
           )}
           ${
             hasTrials &&

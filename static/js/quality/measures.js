@@ -8,7 +8,7 @@ import { linkTo } from "../core/router.js";
  * @typedef {"kept_keep" | "kept_reject" | "rejected_keep" | "rejected_reject"} Cell the filter's verdict, then the
  *   truth
  */
-/** @typedef {import("../core/openapi.js").Measure} Measure */
+/** @import { Measure, Plan } from "../core/openapi.js" */
 /** @typedef {import("../core/openapi.js").Quality["truth"]} Truth */
 
 /** With fewer answers of a class, a suggested threshold is marked. */
@@ -33,9 +33,7 @@ export const shareOf = (confusion, cell) => confusion[cell] / Math.max(1, answer
 
 /**
  * Which boxes a cell counts, as filters of the grid.
- * @param {"kept" | "rejected"} filter
- * @param {"keep" | "reject"} person
- * @returns {Record<string, string>}
+ * @param {"kept" | "rejected"} filter @param {"keep" | "reject"} person @returns {Record<string, string>}
  */
 export const cellQuery = (filter, person) => ({ by_filter: filter, review: person });
 
@@ -58,7 +56,7 @@ export function refusalText(answers, random) {
   return `${were} not chosen at random, such as doubtful ones: they cannot say how good the filter is.`;
 }
 
-/** @param {import("../core/openapi.js").Plan} plan @param {number} answered  of its boxes */
+/** @param {Plan} plan @param {number} answered  of its boxes */
 export function planText({ boxes, half_width: half }, answered) {
   const result = half > 0 ? `to about ± ${Math.ceil(100 * half)} %` : "exactly";
   return `${answered > 0 ? "With" : "Answer"} ${countOf(boxes, "random box", "random boxes")}${answered > 0 ? " it is known" : " to know it"} ${result}.`;
@@ -85,8 +83,7 @@ export function bandText(band) {
 
 /**
  * The limits of a band, as filters of the grid; null where the grid has none.
- * @param {string} band
- * @returns {Record<string, string> | null}
+ * @param {string} band @returns {Record<string, string> | null}
  */
 export function bandQuery(band) {
   const between = /^(\d+)-(\d+)$/.exec(band);

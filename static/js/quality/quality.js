@@ -15,11 +15,11 @@ import { Experiment } from "./experiment.js";
 import { TRUTHS, WORDS, answersIn, kappaText, planText, refusalText } from "./measures.js";
 import { Suggestions } from "./suggestions.js";
 
-/** @typedef {import("../core/openapi.js").Agreement} Agreement */
-/** @typedef {import("../core/app.js").App} App */
-/** @typedef {import("../core/openapi.js").Reviewer} Reviewer */
+/** @import { App } from "../core/app.js" */
+/** @import { Agreement, Quality, Reviewer } from "../core/openapi.js" */
+/** @import { Route } from "../core/router.js" */
 
-/** @param {{app: App, route: import("../core/router.js").Route}} props */
+/** @param {{app: App, route: Route}} props */
 export function QualityView({ app, route }) {
   const name = route.params.dataset ?? "";
   useTopBar(app, { title: `Quality · ${name}`, dataset: name });
@@ -50,19 +50,21 @@ export function QualityView({ app, route }) {
       <h1>Quality</h1>
       ${
         quality &&
-        html`<span
-          class="faint">the filter against ${WORDS[truth].head(known)}
+        html`<span class="faint">the filter against ${WORDS[truth].head(known)}
           ${truth === "people" && quality.unsure > 0 ? `, and ${countText(quality.unsure)} unsure` : ""}</span>`
       }
-      <span
-        class="page__settings">
+      <span class="page__settings">
         <${Segments} label="Compare the filter with" value=${against} choices=${TRUTHS} onChange=${setAgainst} /></span>
     </div>
     ${
       loaded.state === "error"
         ? html`<${Failure} error=${loaded.error} onRetry=${loaded.reload} />`
         : !quality || !loaded.value
-          ? html`<${Skeleton} />`
+          ? html`<div class="quality" aria-hidden="true">
+            ${[0, 1, 2].map(
+              () => html`<div class="panelbox"><div class="skeleton skeleton--tall shimmer"></div></div>`,
+            )}</div>
+          <p class="sr-only" role="status">Loading quality</p>`
           : html`<${EvidenceSwitch} key=${loaded.value.active.digest} app=${app} dataset=${name}
             active=${loaded.value.active} onApplied=${loaded.reload} />
           <div class="quality">
@@ -91,7 +93,7 @@ export function QualityView({ app, route }) {
 
 /**
  * Whether the answers can say how good the filter is, and how many random ones can.
- * @param {{dataset: string, quality: import("../core/openapi.js").Quality}} props
+ * @param {{dataset: string, quality: Quality}} props
  */
 function SampleNote({ dataset, quality }) {
   const { sample, plan, confusion } = quality;
@@ -126,22 +128,15 @@ const Empty = ({ dataset, truth, unsure, onInstances }) =>
         rejected ones.</p>
       ${
         unsure > 0 &&
-        html`<p
-          class="faint">
+        html`<p class="faint">
           ${countOf(unsure, "box", "boxes")} flagged as unsure ${unsure === 1 ? "does" : "do"} not count.</p>`
       }
     <//>`;
 
-const Skeleton = () => html`<div class="quality"
-  aria-hidden="true">
-  ${[0, 1, 2].map(() => html`<div class="panelbox"><div class="skeleton skeleton--tall shimmer"></div></div>`)}</div>
-<p class="sr-only" role="status">Loading quality</p>`;
-
 /** @param {{agreement: Agreement, reviewers: readonly Reviewer[]}} props */
 function Reviewers({ agreement, reviewers }) {
   return html`<section class="panelbox quality__wide" aria-labelledby="reviewers-title">
-    <header
-      class="panelbox__head"><h2 id="reviewers-title">People</h2>
+    <header class="panelbox__head"><h2 id="reviewers-title">People</h2>
       <span class="faint">${countOf(reviewers.length, "reviewer")}</span></header>
     <div class="quality__split quality__split--top">
       <${WideTable} label="People"><table class="table">
@@ -151,11 +146,9 @@ function Reviewers({ agreement, reviewers }) {
               <th class="is-num" scope="col">Unsure</th></tr></thead>
           <tbody>
             ${reviewers.map(
-              (one) => html`<tr
-                key=${one.name}><th scope="row">${one.name}</th>
+              (one) => html`<tr key=${one.name}><th scope="row">${one.name}</th>
                 ${[one.answers, one.keep, one.reject, one.unsure].map(
-                  (n) => html`<td
-                    class="is-num num">${countText(n)}</td>`,
+                  (n) => html`<td class="is-num num">${countText(n)}</td>`,
                 )}</tr>`,
             )}</tbody>
         </table><//>
@@ -168,8 +161,7 @@ function Reviewers({ agreement, reviewers }) {
 function AgreementTable({ agreement }) {
   const { boxes, percent, kappa, interval, pairs } = agreement;
   if (boxes === 0)
-    return html`<p
-      class="panelbox__empty">
+    return html`<p class="panelbox__empty">
       No box has been answered by two people yet. The queue's audit shows everybody the boxes that others have answered:
       nobody audits himself.</p>`;
   return html`<div class="together">
@@ -177,8 +169,7 @@ function AgreementTable({ agreement }) {
       <div><dt>agree on</dt><dd class="num">${percent === null ? "–" : `${Math.round(10 * percent) / 10} %`}</dd>
         <dd class="faint">of ${countOf(boxes, "box", "boxes")} answered twice</dd></div>
       <div><dt>Cohen's kappa</dt><dd class="num">${kappaNumber(kappa)}</dd>
-        <dd
-          class="faint">${kappaText(kappa)}
+        <dd class="faint">${kappaText(kappa)}
           ${interval ? `, 95 %: ${kappaNumber(interval[0])} to ${kappaNumber(interval[1])}` : ""}</dd></div>
     </dl>
     <${WideTable} label="Pairs of people"><table class="table">
@@ -187,8 +178,7 @@ function AgreementTable({ agreement }) {
             <th class="is-num" scope="col">Agree</th><th class="is-num" scope="col">Kappa</th></tr></thead>
         <tbody>
           ${pairs.map(
-            (pair) => html`<tr
-              key=${`${pair.a} ${pair.b}`}><th scope="row">${pair.a} and ${pair.b}</th>
+            (pair) => html`<tr key=${`${pair.a} ${pair.b}`}><th scope="row">${pair.a} and ${pair.b}</th>
               <td class="is-num num">${countText(pair.boxes)}</td><td class="is-num num">${countText(pair.agreed)}</td>
               <td class="is-num num">${kappaNumber(pair.kappa)}</td></tr>`,
           )}</tbody>

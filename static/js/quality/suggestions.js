@@ -13,11 +13,10 @@ import { OWN_SHARE, editsFor, queryOf, withEdits, worthTrying } from "../tuning/
 import { requireActive } from "../tuning/versions.js";
 import { FEW_ANSWERS, WORDS, shareText } from "./measures.js";
 
-/** @typedef {import("../core/app.js").App} App */
-/** @typedef {import("../core/openapi.js").ConfigVersion} ConfigVersion */
-/** @typedef {import("../core/chart.js").Ink} Ink */
-/** @typedef {import("../core/openapi.js").Suggestion} Suggestion */
-/** @typedef {import("../../vendor/uplot-1.6.32.module.js").default} UPlot */
+/** @import { default as UPlot } from "../../vendor/uplot-1.6.32.module.js" */
+/** @import { App } from "../core/app.js" */
+/** @import { Data, Ink } from "../core/chart.js" */
+/** @import { ConfigVersion, Suggestion } from "../core/openapi.js" */
 
 const TARGETS = [
   { value: "f1", text: "Best F1" },
@@ -35,8 +34,7 @@ export function Suggestions({ app, dataset, truth, suggested, active, target, on
   return html`<section class="panelbox quality__wide" aria-labelledby="suggested-title">
     <header class="panelbox__head"><h2 id="suggested-title">Suggested thresholds</h2>
       <span class="faint">${words.goals[target]}</span>
-      <span
-        class="panelbox__tools">
+      <span class="panelbox__tools">
         <${Segments} label="What to suggest for" value=${target} choices=${TARGETS} onChange=${onTarget} />
         ${
           better.length > 0 &&
@@ -47,7 +45,15 @@ export function Suggestions({ app, dataset, truth, suggested, active, target, on
         }</span>
     </header>
     ${suggested.length === 0 && html`<p class="panelbox__empty">${words.both}</p>`}
-    ${suggested.length > 0 && html`<${CurveLegend} />`}
+    ${
+      suggested.length > 0 &&
+      html`<p class="chartlegend">
+        <span><i class="line line--f1"></i>F1</span><span><i class="line line--precision"></i>precision</span>
+        <span><i class="line line--recall"></i>recall</span>
+        <span><i class="line line--current"></i>active</span>
+        <span><i class="line line--suggested"></i>suggested, with its 95 % interval</span>
+      </p>`
+    }
     <ul class="suggestions">${suggested.map(
       (suggestion) => html`<li key=${`${suggestion.class} ${suggestion.key}`}>
         <${Card} app=${app} dataset=${dataset} active=${active} onOutdated=${onOutdated} suggestion=${suggestion}
@@ -56,13 +62,6 @@ export function Suggestions({ app, dataset, truth, suggested, active, target, on
     )}</ul>
   </section>`;
 }
-
-const CurveLegend = () => html`<p class="chartlegend">
-  <span><i class="line line--f1"></i>F1</span><span><i class="line line--precision"></i>precision</span>
-  <span><i class="line line--recall"></i>recall</span>
-  <span><i class="line line--current"></i>active</span>
-  <span><i class="line line--suggested"></i>suggested, with its 95 % interval</span>
-</p>`;
 
 /**
  * @param {{app: App, dataset: string, active: ConfigVersion, onOutdated: () => void, suggestion: Suggestion, known:
@@ -76,28 +75,23 @@ function Card({ app, dataset, active, onOutdated, suggestion, known, isBetter })
       <span class="faint">${suggestion.key === OWN_SHARE ? "own pixels · " : ""}${known}
         ${answers < FEW_ANSWERS ? html` <span class="warn">few</span>` : ""}</span>
     </header>
-    <p
-      class="suggestion__change num"><span>${percentText(current)}</span>
+    <p class="suggestion__change num"><span>${percentText(current)}</span>
       ${
         isBetter
-          ? html`<${Icon} name="right" />
-          <strong>${percentText(suggested)}</strong>`
+          ? html`<${Icon} name="right" /><strong>${percentText(suggested)}</strong>`
           : html`<span class="faint">stays</span>`
       }
       ${
         isBetter &&
         interval &&
-        html`<span
-          class="faint suggestion__interval">${percentText(interval[0])} to ${percentText(interval[1])}</span>`
+        html`<span class="faint suggestion__interval">${percentText(interval[0])} to ${percentText(interval[1])}</span>`
       }</p>
-    <p
-      class="suggestion__f1 num faint">F1 ${shareText(before)}
+    <p class="suggestion__f1 num faint">F1 ${shareText(before)}
       ${isBetter ? html` → <strong>${shareText(after)}</strong>` : ""}</p>
     <${Curve} app=${app} suggestion=${suggestion} />
     ${
       isBetter &&
-      html`<p
-        class="suggestion__actions">
+      html`<p class="suggestion__actions">
         <a class="button button--small"
           href=${linkTo("thresholds", { dataset }, { ...queryOf(editsFor([suggestion])), class: name })}>Try it<span
             class="sr-only">: ${percentText(suggested)} for ${name}</span></a>
@@ -129,7 +123,7 @@ function SaveButton({ app, dataset, active, suggested, text, isLarge = false, on
 
 const TABLE_ROWS = 12;
 
-/** @param {{app: import("../core/app.js").App, suggestion: Suggestion}} props */
+/** @param {{app: App, suggestion: Suggestion}} props */
 function Curve({ app, suggestion }) {
   const element = useRef(/** @type {HTMLDivElement | null} */ (null));
   useEffect(() => {
@@ -146,7 +140,7 @@ function Curve({ app, suggestion }) {
     class="curve"><div class="curve__drawing" ref=${element}></div><${CurveTable} suggestion=${suggestion} /></div>`;
 }
 
-/** @param {Suggestion} suggestion @returns {import("../core/chart.js").Data} */
+/** @param {Suggestion} suggestion @returns {Data} */
 const dataOf = ({ curve }) => [
   curve.map((p) => p.threshold),
   curve.map((p) => percent(p.precision)),

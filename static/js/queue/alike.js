@@ -11,15 +11,13 @@ import { capital, countOf, countText } from "../core/numbers.js";
 import { Dialog, Failure, useDialog } from "../core/parts.js";
 import { VERBS } from "../review/bulk.js";
 
-/** @typedef {import("../review/answers.js").ReviewApp} App */
-/** @typedef {import("../boxes/box.js").Answer} Answer */
+/** @import { Answer } from "../boxes/box.js" */
+/** @import { ReviewApp as App } from "../review/answers.js" */
+/** @import { Session } from "./session.js" */
 
 const SIZE_PX = 112;
 
-/**
- * @param {{app: App, session: import("./session.js").Session, answered: {boxId: number, verdict: Answer}, onClose: ()
- *   => void}} props
- */
+/** @param {{app: App, session: Session, answered: {boxId: number, verdict: Answer}, onClose: () => void}} props */
 export function AlikeDialog({ app, session, answered: { boxId, verdict }, onClose }) {
   const dialog = useDialog();
   const loaded = useLoaded(
@@ -86,13 +84,11 @@ function Choice({ items, selected, text, onToggle, onChoose, onGive }) {
     class="faint">Without an answer, of the same class, cause, hider and distance band. Click on those that differ.</p>
   <ul class="alike" aria-label="Boxes like it">
     ${items.map(
-      (one) => html`<li
-        key=${one.box_id}>
+      (one) => html`<li key=${one.box_id}>
         <button class="alike__box" aria-pressed=${selected.has(one.box_id)} title=${one.frame}
           onClick=${() => onToggle(one.box_id)}>
           <${NearBox} box=${one} size=${SIZE_PX} />
-          <span
-            class="alike__name"><span class="sr-only">${one.class}${" "}</span>
+          <span class="alike__name"><span class="sr-only">${one.class}${" "}</span>
             ${one.id} <span class="faint num">${distanceText(one) ?? ""}</span></span>
         </button></li>`,
     )}

@@ -8,8 +8,9 @@ import { Icon } from "../core/icons.js";
 import { useKeyText } from "../core/keymap.js";
 import { countOf, countText, wholePercentText } from "../core/numbers.js";
 
-/** @typedef {import("../boxes/box.js").Decision} Decision */
-/** @typedef {import("./question.js").Hider} Hider */
+/** @import { Decision } from "../boxes/box.js" */
+/** @import { App } from "../core/app.js" */
+/** @import { Hider } from "./question.js" */
 
 /**
  * @typedef {object} Lesson
@@ -34,8 +35,7 @@ const isSeen = ({ visible_pixels: pixels }) => (pixels ?? 0) > 0;
 
 /**
  * Whether an answer on a box of a lesson is right; an unsure one is neither.
- * @param {Decision} box
- * @param {string | null} answer
+ * @param {Decision} box @param {string | null} answer
  */
 export const isRight = (box, answer) => answer === (isSeen(box) ? "keep" : "reject");
 
@@ -71,7 +71,7 @@ function insteadText({ match_percent: match, hidden_by: tags }, name, hider) {
 
 /**
  * Above the question: which box of the lesson it is, and after the answer what is known.
- * @param {{app: import("../core/app.js").App, lesson: Lesson, box: Decision, hider: Hider}} props
+ * @param {{app: App, lesson: Lesson, box: Decision, hider: Hider}} props
  */
 export function Coach({ app, lesson: { at, count, onNext, onSkip }, box, hider }) {
   const key = useKeyText(app, "next");
@@ -87,11 +87,9 @@ export function Coach({ app, lesson: { at, count, onNext, onSkip }, box, hider }
   }
   const right = isRight(box, answerOf(box));
   return html`<div class="coach coach--${right ? "right" : "wrong"}">
-    <p
-      role="status"><${Icon} name=${right ? "check" : "warn"} /> <b>${where}.</b> ${toldText(box, hider)}
+    <p role="status"><${Icon} name=${right ? "check" : "warn"} /> <b>${where}.</b> ${toldText(box, hider)}
       ${at === count ? " From the next box on, nobody knows: your answers count." : ""}</p>
-    <button class="button button--small button--primary"
-      onClick=${onNext}>${at === count ? "To the queue" : "Next box"}
+    <button class="button button--small button--primary" onClick=${onNext}>${at === count ? "To the queue" : "Next box"}
       ${key && html` <kbd aria-hidden="true">${key}</kbd>`}</button>
   </div>`;
 }

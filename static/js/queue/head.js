@@ -15,10 +15,10 @@ import { Segments } from "../core/parts.js";
 import { currentOf, inOrder, isBlind, movedTo, paceOf, upcoming } from "./line.js";
 import { ORDERS, hasOnlyDoubts, orderOf } from "./session.js";
 
-/** @typedef {import("../review/answers.js").ReviewApp} App */
-/** @typedef {import("./line.js").Line} Line */
-/** @typedef {import("../core/router.js").Query} Query */
-/** @typedef {import("./session.js").Session} Session */
+/** @import { ReviewApp as App } from "../review/answers.js" */
+/** @import { Line } from "./line.js" */
+/** @import { Query } from "../core/router.js" */
+/** @import { Session } from "./session.js" */
 
 /**
  * @param {{app: App, session: Session, classes: readonly string[], query: Query, onChange: (query: Query) => void}}
@@ -29,8 +29,7 @@ export function QueueHead({ app, session, classes, query, onChange }) {
   return html`<div class="queue__head">
     ${
       session.listed.length > 0
-        ? html`<p
-          class="queue__listed">
+        ? html`<p class="queue__listed">
           ${countOf(session.listed.length, "chosen box", "chosen boxes")} <button class="button button--small"
             onClick=${() => onChange(withoutList(query))}>The whole queue</button></p>`
         : html`<${Choices} classes=${classes} query=${query} onChange=${onChange} />`
@@ -84,19 +83,15 @@ function Progress({ session }) {
   const all = done + (left ?? 0);
   const percent = all ? Math.floor((100 * done) / all) : 0;
   return html`<div class="queue__progress">
-    <p
-      role="status">
+    <p role="status">
       ${
         session.order === "audit" && left !== null
-          ? html`<b class="num">${countText(done)}</b> of <b
-            class="num">${countText(all)}</b> audited`
-          : html`<b
-            class="num">${countText(done)}</b> answered${
+          ? html`<b class="num">${countText(done)}</b> of <b class="num">${countText(all)}</b> audited`
+          : html`<b class="num">${countText(done)}</b> answered${
               left !== null &&
-              html` · <b
-                class="num">${countText(left)}</b> ${
-                  session.query.review ? "left" : isToReview ? "to review" : "unanswered"
-                }`
+              html` · <b class="num">${countText(left)}</b> ${
+                session.query.review ? "left" : isToReview ? "to review" : "unanswered"
+              }`
             }`
       }
       ${pace !== null && html`<span class="faint"> · ${countText(Math.round(pace))} per minute</span>`}
@@ -116,10 +111,7 @@ const BEHIND = 3;
 const AHEAD = 6;
 const SIZE_PX = 56;
 
-/**
- * @param {{app: import("../review/answers.js").ReviewApp, session: import("./session.js").Session, line: Line,
- *   isHidden: boolean, onShow: (line: Line) => void}} props
- */
+/** @param {{app: App, session: Session, line: Line, isHidden: boolean, onShow: (line: Line) => void}} props */
 export function QueueStrip({ app, session, line, isHidden, onShow }) {
   const { waiting } = useValue(app.sender.state);
   const list = useRef(/** @type {HTMLOListElement | null} */ (null));
@@ -146,8 +138,7 @@ export function QueueStrip({ app, session, line, isHidden, onShow }) {
           <${Picture} box=${isCovered ? withheld(box) : box} size=${SIZE_PX} frameSize=${null} />
           ${
             !isCovered &&
-            html`<span
-              class="cell__answer"><${AnswerSign} box=${box} isWaiting=${waiting.has(box.box_id)} /></span>`
+            html`<span class="cell__answer"><${AnswerSign} box=${box} isWaiting=${waiting.has(box.box_id)} /></span>`
           }
         </button>
       </li>`;

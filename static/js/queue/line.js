@@ -4,9 +4,8 @@
 
 import { answerOf } from "../boxes/box.js";
 
-/** @typedef {import("../boxes/box.js").Answer} Answer */
-/** @typedef {import("../boxes/box.js").Decision} Decision */
-/** @typedef {import("../core/router.js").Query} Query */
+/** @import { Answer, Decision } from "../boxes/box.js" */
+/** @import { Query } from "../core/router.js" */
 
 /**
  * @typedef {object} Line
@@ -33,8 +32,7 @@ export const skippedBoxes = ({ ids, at, answered }) => ids.slice(0, at).filter((
 
 /**
  * The line without the boxes that are still to be looked at, the current one included.
- * @param {Line} line
- * @returns {Line}
+ * @param {Line} line @returns {Line}
  */
 export function lookedAt(line) {
   const ids = line.ids.filter((id, index) => index < line.at || line.answered.has(id));
@@ -43,9 +41,7 @@ export function lookedAt(line) {
 
 /**
  * Append boxes that the server sent; boxes already in the line keep their place.
- * @param {Line} line
- * @param {readonly number[]} more
- * @returns {Line}
+ * @param {Line} line @param {readonly number[]} more @returns {Line}
  */
 export function extended(line, more) {
   const known = new Set(line.ids);
@@ -97,8 +93,7 @@ export function movedTo(line, id) {
 
 /**
  * Put the skipped boxes after the answered ones, and make the first of them current.
- * @param {Line} line
- * @returns {Line}
+ * @param {Line} line @returns {Line}
  */
 export function backToSkipped(line) {
   const open = skippedBoxes(line);
@@ -123,9 +118,8 @@ export function paceOf(times) {
 
 /**
  * Whether the review is blind: as the address says; otherwise an audit is blind, and other orders follow the
- *   preference.
- * @param {Query} query
- * @param {{blind?: boolean}} prefs
+ * preference.
+ * @param {Query} query @param {{blind?: boolean}} prefs
  */
 export function isBlind(query, prefs) {
   if (query.blind) return query.blind === "on";
@@ -134,9 +128,7 @@ export function isBlind(query, prefs) {
 
 /**
  * The queue in another order. An audit begins blind, also if the order before was not.
- * @param {Query} query
- * @param {string} order
- * @returns {Query}
+ * @param {Query} query @param {string} order @returns {Query}
  */
 export function inOrder({ blind = "", ...query }, order) {
   return { ...query, order, blind: order === "audit" && blind === "off" ? "" : blind };
@@ -144,9 +136,7 @@ export function inOrder({ blind = "", ...query }, order) {
 
 /**
  * Compare a blind answer with the earlier answer, or else with the filter's verdict.
- * @param {Decision} before
- * @param {Answer} answer
- * @returns {Comparison | null} null: nothing to compare with
+ * @param {Decision} before @param {Answer} answer @returns {Comparison | null} null: nothing to compare with
  */
 export function compared(before, answer) {
   if (answer !== "keep" && answer !== "reject") return null;

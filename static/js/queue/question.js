@@ -11,8 +11,9 @@ import { html } from "../core/html.js";
 import { metresText, wholePercentText } from "../core/numbers.js";
 import { contextOf } from "../stage/geometry.js";
 
-/** @typedef {import("../boxes/box.js").Decision} Decision */
-/** @typedef {import("../stage/media.js").Frame} Frame */
+/** @import { Decision, Xyxy } from "../boxes/box.js" */
+/** @import { DepthSlice } from "../core/openapi.js" */
+/** @import { Frame } from "../stage/media.js" */
 /** @typedef {ReturnType<typeof import("../stage/geometry.js").hiderOf>} Hider */
 
 /** The rule of a dataset that has none of its own. */
@@ -45,8 +46,7 @@ export function objectText(box, hider) {
  */
 export function Question({ box, frame, hider, rule, offset }) {
   return html`<div class="question">
-    <p
-      class="question__ask">
+    <p class="question__ask">
       <b>
         ${
           offset === 0
@@ -59,8 +59,7 @@ export function Question({ box, frame, hider, rule, offset }) {
       frame?.files?.depth &&
       box.xyxy &&
       !isWithheld(box) &&
-      html`<${DepthStrip} key=${box.box_id} box=${box}
-        hider=${hider} />`
+      html`<${DepthStrip} key=${box.box_id} box=${box} hider=${hider} />`
     }
   </div>`;
 }
@@ -79,11 +78,9 @@ export function Layers({ box, frame, hider }) {
   if (!box.xyxy) return null;
   const { width, height } = contextOf(box.xyxy, hider?.box.xyxy);
   const side = Math.ceil(Math.max(width, height));
-  return html`<div
-    class="layers">
+  return html`<div class="layers">
     ${layersOf(frame).map(
-      (layer) => html`<${LayerCut} key=${layer} layer=${layer} box=${box} frame=${frame}
-        side=${side} />`,
+      (layer) => html`<${LayerCut} key=${layer} layer=${layer} box=${box} frame=${frame} side=${side} />`,
     )}</div>`;
 }
 
@@ -92,7 +89,7 @@ const CUT_PX = 256;
 
 /** @param {{layer: Layer, box: Decision, frame: Frame, side: number}} props  `side`: of the cut, px of the image */
 function LayerCut({ layer, box, frame, side }) {
-  const [x0, y0, x1, y1] = /** @type {import("../boxes/box.js").Xyxy} */ (box.xyxy);
+  const [x0, y0, x1, y1] = /** @type {Xyxy} */ (box.xyxy);
   const { crop } = useCrop(
     url("/api/v1/boxes/{box_id}/crop", {
       path: { box_id: box.box_id },
@@ -124,10 +121,7 @@ const DEEP_M = 2;
 /** What hides a box lies so much nearer than the pixels, at most, m. */
 const LIKE_HIDER_M = 4;
 
-/**
- * "Box 53 m, pixels 31 m: a nearer car".
- * @param {import("../core/openapi.js").DepthSlice} slice @param {Decision} box @param {Hider} hider
- */
+/** "Box 53 m, pixels 31 m: a nearer car". @param {DepthSlice} slice @param {Decision} box @param {Hider} hider */
 export function depthText({ near, far, median }, box, hider) {
   const at = near !== null && far !== null ? (near + far) / 2 : box.distance;
   const isDeep = near !== null && far !== null && far - near >= DEEP_M;
@@ -158,8 +152,7 @@ const MOST_PERCENT = 80;
 
 /**
  * Within which depth so many percent of the pixels lie.
- * @param {import("../core/openapi.js").DepthSlice["bands"]} bands
- * @param {number} most
+ * @param {import("../core/openapi.js").DepthSlice["bands"]} bands @param {number} most
  */
 function nearestOf(bands, most) {
   let sum = 0;

@@ -24,15 +24,19 @@ import { keepSession, sessionOf } from "./session.js";
 import { QueueStage } from "./stage.js";
 import { TrackStrip, useTrack } from "./track.js";
 
-/** @typedef {import("../boxes/box.js").Answer} Answer */
-/** @typedef {import("../review/answers.js").ReviewApp} App */
-/** @typedef {import("../core/router.js").Query} Query */
-/** @typedef {import("./session.js").Session} Session */
+/** @import { Answer, Decision } from "../boxes/box.js" */
+/** @import { Value } from "../core/observable.js" */
+/** @import { Query, Route } from "../core/router.js" */
+/** @import { ReviewApp as App } from "../review/answers.js" */
+/** @import { MediaCache } from "../stage/media.js" */
+/** @import { Stage } from "../stage/stage.js" */
+/** @import { Line } from "./line.js" */
+/** @import { Session } from "./session.js" */
 
 const AHEAD = 3;
 const RENEW_MS = 4 * 60_000;
 
-/** @param {{app: App, route: import("../core/router.js").Route}} props */
+/** @param {{app: App, route: Route}} props */
 export function QueueView({ app, route }) {
   const name = route.params.dataset ?? "";
   useTopBar(app, { title: `Queue · ${name}`, dataset: name });
@@ -70,7 +74,7 @@ export function QueueView({ app, route }) {
  */
 function SessionView({ app, session, query, rule, isEmpty, onQuery }) {
   const media = useMedia(app.boxes);
-  const stage = useRef(/** @type {import("../stage/stage.js").Stage | null} */ (null));
+  const stage = useRef(/** @type {Stage | null} */ (null));
   const comment = useRef(/** @type {HTMLTextAreaElement | null} */ (null));
   /** The box of the same object in another frame, while one looks at it; 0: the asked one is on the stage. */
   const [peek] = useState(() => createValue(0));
@@ -108,8 +112,7 @@ function SessionView({ app, session, query, rule, isEmpty, onQuery }) {
   const isAsked = box !== null && lesson.includes(box.box_id) && !session.isTold(box);
   /** What this session may show of a box. */
   const see = useCallback(
-    (/** @type {import("../boxes/box.js").Decision} */ one) =>
-      asShown(one, isBlindNow || isAsked, ({ box_id }) => verdicts.has(box_id)),
+    (/** @type {Decision} */ one) => asShown(one, isBlindNow || isAsked, ({ box_id }) => verdicts.has(box_id)),
     [isBlindNow, isAsked, verdicts],
   );
   const shown = box && see(box);
@@ -162,7 +165,9 @@ function NoBox({ app, session, query, actions, isEmpty, onQuery }) {
   if (state === "error" && error)
     return html`<div class="queue__message"><${Failure} error=${error} onRetry=${() => void session.refill()} /></div>`;
   if (!isEnd) return html`<${Fetching} />`;
-  if (isEmpty) return html`<${NoBoxesYet} />`;
+  if (isEmpty)
+    return html`<div class="queue__message">
+    <${Notice} icon="grid" title="No boxes yet"><p>No frames have been uploaded to this dataset.</p><//></div>`;
   return html`<${AllDone} app=${app} session=${session} query=${query} actions=${actions}
     onAll=${() => onQuery(withoutList(withoutFilters(query)))} />`;
 }
@@ -189,9 +194,7 @@ function useBoxInAddress(app, session, here) {
 
 /**
  * Load boxes, frames and pictures before they are shown.
- * @param {App} app
- * @param {Session} session
- * @param {import("../stage/media.js").MediaCache} media
+ * @param {App} app @param {Session} session @param {MediaCache} media
  */
 function useSupply(app, session, media) {
   const line = useValue(session.line);
@@ -222,10 +225,9 @@ function useSupply(app, session, media) {
 
 /**
  * @param {App} app @param {Session} session
- * @param {{stage: () => import("../stage/stage.js").Stage | null, openComment: () => void, isBlind: () => boolean,
- *   openAlike: (answered: {boxId: number, verdict: Answer}) => void,
- *   peek: import("../core/observable.js").Value<number>, track: () => readonly import("./track.js").Place[],
- *   view: import("../core/observable.js").Value<"crop" | "frame">}} page
+ * @param {{stage: () => Stage | null, openComment: () => void, isBlind: () => boolean, openAlike: (answered: {boxId:
+ *   number, verdict: Answer}) => void, peek: Value<number>, track: () => readonly import("./track.js").Place[], view:
+ *   Value<"crop" | "frame">}} page
  */
 function createQueueActions(app, session, page) {
   const { line } = session;
@@ -256,7 +258,7 @@ function createQueueActions(app, session, page) {
     if (session.answerMany(boxes, verdict)) say();
   }
 
-  /** @param {import("./line.js").Line} next */
+  /** @param {Line} next */
   function show(next) {
     page.peek.set(0);
     page.view.set("crop");
@@ -312,9 +314,7 @@ function createQueueActions(app, session, page) {
 
     /**
      * A comment on a box that has no answer flags it as unsure, and stays.
-     * @param {Answer} verdict
-     * @param {string} comment
-     * @returns {boolean} false: it was not given
+     * @param {Answer} verdict @param {string} comment @returns {boolean} false: it was not given
      */
     saveComment(verdict, comment) {
       const box = current();
@@ -362,7 +362,7 @@ function createQueueActions(app, session, page) {
 /** @typedef {ReturnType<typeof createQueueActions>} QueueActions */
 
 /**
- * @param {{box: import("../boxes/box.js").Decision, session: import("./session.js").Session, onSee: (() => void) |
+ * @param {{box: Decision, session: Session, onSee: (() => void) |
  *   null}} props `onSee`: null if they cannot be shown before
  */
 function BlindPanel({ box, session, onSee }) {
@@ -409,15 +409,13 @@ function AllDone({ app, session, query, actions, onAll }) {
         }</p>
       ${
         waiting.size > 0 &&
-        html`<p>
-          ${countOf(waiting.size, "answer is", "answers are")} kept in this browser and will be sent.</p>`
+        html`<p>${countOf(waiting.size, "answer is", "answers are")} kept in this browser and will be sent.</p>`
       }
       ${open > 0 && html`<p>You skipped ${countOf(open, "box", "boxes")}.</p>`}
       <${OtherBins} dataset=${dataset} />
       ${
         elsewhere > 0 &&
-        html`<p>
-          ${countOf(elsewhere, "box is", "boxes are")} being reviewed by somebody else at the moment.</p>`
+        html`<p>${countOf(elsewhere, "box is", "boxes are")} being reviewed by somebody else at the moment.</p>`
       }
     <//>
   </div>`;
@@ -437,19 +435,12 @@ function OtherBins({ dataset }) {
   return html`<p>The other boxes need no answer. You can look at them, and answer all of a kind at once:</p>
   <ul class="bins">
     ${left.map(
-      (bin) => html`<li
-        key=${bin.value}>
-        <a
-          href=${linkTo("grid", { dataset }, { bin: bin.value, review: "undecided" })}>
+      (bin) => html`<li key=${bin.value}>
+        <a href=${linkTo("grid", { dataset }, { bin: bin.value, review: "undecided" })}>
           <b class="num">${countText(value?.bins?.[bin.value] ?? 0)}</b> ${bin.left}</a></li>`,
     )}
   </ul>`;
 }
-
-const NoBoxesYet = () =>
-  html`<div
-    class="queue__message">
-    <${Notice} icon="grid" title="No boxes yet"><p>No frames have been uploaded to this dataset.</p><//></div>`;
 
 /**
  * What one can do now.
@@ -470,8 +461,7 @@ function NextSteps({ dataset, order, query, open, elsewhere, session, actions, o
   }
   ${
     order !== "audit" &&
-    html`<a class="button"
-      href=${linkTo("queue", { dataset }, { order: "audit" })}>Audit the answers</a>`
+    html`<a class="button" href=${linkTo("queue", { dataset }, { order: "audit" })}>Audit the answers</a>`
   }
   <a class="button" href=${linkTo("grid", { dataset })}>Grid</a>
   <a class="button" href=${linkTo("frames", { dataset })}>Frames</a>`;
@@ -491,7 +481,7 @@ function doneText(verdicts) {
 
 /**
  * Notices for boxes that somebody else answered first.
- * @param {{app: App, session: Session, onShow: (line: import("./line.js").Line) => void}} props
+ * @param {{app: App, session: Session, onShow: (line: Line) => void}} props
  */
 function OvertakenNotices({ app, session, onShow }) {
   const overtaken = [...useValue(app.overtaken).values()].flatMap((item) => {

@@ -22,10 +22,11 @@ import {
   without,
 } from "./line.js";
 
-/** @typedef {import("../boxes/box.js").Answer} Answer */
-/** @typedef {import("../review/answers.js").ReviewApp} App */
-/** @typedef {import("../boxes/box.js").Decision} Decision */
-/** @typedef {import("./line.js").Line} Line */
+/** @import { Answer, Decision } from "../boxes/box.js" */
+/** @import { Queue } from "../core/openapi.js" */
+/** @import { Query } from "../core/router.js" */
+/** @import { ReviewApp as App } from "../review/answers.js" */
+/** @import { Line } from "./line.js" */
 
 /**
  * @typedef {object} Counts
@@ -54,9 +55,8 @@ const LOOKABLE = Object.keys(REASONS)
 
 /**
  * Whether the queue has only the boxes to review, as long as no filter says otherwise. A random sample and an audit
- * have
- * all that can be seen.
- * @param {import("../core/router.js").Query} query
+ * have all that can be seen.
+ * @param {Query} query
  */
 export function hasOnlyDoubts(query) {
   const order = orderOf(query);
@@ -87,11 +87,11 @@ const BATCH = 12;
 const REFILL_BELOW = 6;
 const MOST_EXCLUDED = 1000;
 
-/** @param {import("../core/router.js").Query} query */
+/** @param {Query} query */
 export const orderOf = (query) => ORDERS.find(({ value }) => value === query.order)?.value ?? "doubt";
 
 /**
- * @param {App} app @param {string} dataset @param {import("../core/router.js").Query} query
+ * @param {App} app @param {string} dataset @param {Query} query
  * @param {Past} [past]  of the session that this one continues
  */
 function createQueueSession(app, dataset, query, past = NO_PAST) {
@@ -166,8 +166,7 @@ function createQueueSession(app, dataset, query, past = NO_PAST) {
   }
 
   /**
-   * @param {Pick<import("../core/openapi.js").Queue, "remaining" | "unsure" | "claimed_by_others">
-   *   & {items: readonly Decision[]}} out
+   * @param {Pick<Queue, "remaining" | "unsure" | "claimed_by_others"> & {items: readonly Decision[]}} out
    * @param {ReadonlySet<number>} before  boxes whose answers were stored before this was requested
    * @param {readonly Decision[]} taught  the boxes of the lesson
    */
@@ -385,8 +384,7 @@ function createQueueSession(app, dataset, query, past = NO_PAST) {
 
 /**
  * `shownAt`: when it was last shown (ms); Infinity while it is. `run`: the active run of the dataset; undefined until
- * it
- * is known.
+ * it is known.
  * @type {WeakMap<App, {key: string, session: Session, shownAt: number, run: number | null | undefined}>}
  */
 const sessions = new WeakMap();
@@ -397,7 +395,7 @@ const PAUSE_MS = 5 * 60_000;
 /**
  * The session of these filters. The last one is continued after a short pause. If another run has become active since,
  * only what the person has done is continued, and boxes are loaded anew.
- * @param {App} app @param {string} dataset @param {import("../core/router.js").Query} query
+ * @param {App} app @param {string} dataset @param {Query} query
  * @param {number | null} [run]  the active run; undefined while it is not known
  * @returns {{session: Session, isChecked: boolean}} `isChecked`: no other run is active than in its boxes, as far as it
  *   was known
@@ -430,9 +428,7 @@ export function keepSession(app, now) {
 
 /**
  * The number, or the limit that is nearest to it; none is below 0.
- * @param {number} number
- * @param {number} least
- * @param {number} most
+ * @param {number} number @param {number} least @param {number} most
  */
 const within = (number, least, most) => Math.min(Math.max(number, least, 0), Math.max(most, 0));
 

@@ -14,22 +14,22 @@ import { LookBar, StageView } from "../stage/view.js";
 import { Coach } from "./coach.js";
 import { Layers, Question, layersOf } from "./question.js";
 
-/** @typedef {import("../core/app.js").Actions} Actions */
-/** @typedef {import("../review/answers.js").ReviewApp} App */
-/** @typedef {import("../boxes/box.js").Decision} Decision */
-/** @typedef {import("../stage/media.js").Frame} Frame */
+/** @import { Decision } from "../boxes/box.js" */
+/** @import { Actions } from "../core/app.js" */
+/** @import { Value } from "../core/observable.js" */
+/** @import { ReviewApp as App } from "../review/answers.js" */
+/** @import { Frame, Media } from "../stage/media.js" */
+/** @import { Lesson } from "./coach.js" */
 
 /** @type {readonly number[]} */
 const NONE = [];
 
 /**
- * @param {{app: App, box: Decision, see: (box: Decision) => Decision, media: import("../stage/media.js").Media, view:
- *   import("../core/observable.js").Value<"crop" | "frame">,
- * actions: Actions, stageRef: {current: import("../stage/stage.js").Stage | null}, rule: string, offset: number,
- * lesson: import("./coach.js").Lesson | null, strip: unknown}} props
- * `offset`: how many frames later than the asked one the box is; `lesson`: null if the box is of none; `strip`: shown
- * below the question; `box`: withheld until it is answered in a blind review; then its frame's other boxes are not
- * shown either; `see`: what may be shown of those
+ * @param {{app: App, box: Decision, see: (box: Decision) => Decision, media: Media, view: Value<"crop" | "frame">,
+ *   actions: Actions, stageRef: {current: import("../stage/stage.js").Stage | null}, rule: string, offset: number,
+ *   lesson: Lesson | null, strip: unknown}} props `offset`: how many frames later than the asked one the box is;
+ *   `lesson`: null if the box is of none; `strip`: shown below the question; `box`: withheld until it is answered in a
+ *   blind review; then its frame's other boxes are not shown either; `see`: what may be shown of those
  */
 export function QueueStage({ app, box, see, media, view, actions, stageRef, rule, offset, lesson, strip }) {
   const mode = useValue(view);
@@ -59,8 +59,7 @@ export function QueueStage({ app, box, see, media, view, actions, stageRef, rule
   <div class="queue__picture" data-layers=${layers || undefined}>
     ${layers > 0 && frame && html`<${Layers} box=${box} frame=${frame} hider=${hider} />`}
     <${StageView} app=${app} frame=${frame} media=${media} boxes=${boxes} selected=${box} isCrop=${mode === "crop"}
-      hider=${hider?.box} scene=${box.box_id}
-      label=${`Box: ${isBlind ? `${box.class} ${box.id}` : spokenText(box)}`}
+      hider=${hider?.box} scene=${box.box_id} label=${`Box: ${isBlind ? `${box.class} ${box.id}` : spokenText(box)}`}
       onCrop=${() => view.set(view.get() === "crop" ? "frame" : "crop")} stageRef=${stageRef}
       onSwipe=${(/** @type {"left" | "right"} */ side) => (side === "left" ? actions.reject : actions.keep)?.()}>
       ${
@@ -78,14 +77,12 @@ function QueueLook({ app, frame, mode, isBlind, actions }) {
   return html`<${LookBar} app=${app} actions=${actions} isCrop=${mode === "crop"} isFit=${mode === "frame"}>
     ${
       frame.has_segmentation &&
-      html`<${Toggle} app=${app} action="mask" icon="layers" isOn=${mask}
-        run=${actions.mask} />`
+      html`<${Toggle} app=${app} action="mask" icon="layers" isOn=${mask} run=${actions.mask} />`
     }
     ${
       frame.has_segmentation &&
       !isBlind &&
-      html`<${Toggle} app=${app} action="lit" icon="light" isOn=${lit}
-        run=${actions.lit} />`
+      html`<${Toggle} app=${app} action="lit" icon="light" isOn=${lit} run=${actions.lit} />`
     }
   <//>`;
 }
@@ -134,8 +131,7 @@ function SmallPicture({ picture }) {
 
 /**
  * Measure the time from an answer until the next box is on the screen (performance entry "queue:next").
- * @param {number} boxId
- * @param {boolean} isHere
+ * @param {number} boxId @param {boolean} isHere
  */
 function useMeasure(boxId, isHere) {
   useLayoutEffect(() => {

@@ -9,7 +9,10 @@ import { useLoaded } from "../core/hooks.js";
 import { html, useEffect, useRef } from "../core/html.js";
 import { useKeyText, withKey } from "../core/keymap.js";
 
-/** @typedef {import("../boxes/box.js").Decision} Decision */
+/** @import { Decision } from "../boxes/box.js" */
+/** @import { Boxes } from "../boxes/store.js" */
+/** @import { Actions } from "../core/app.js" */
+/** @import { ReviewApp } from "../review/answers.js" */
 /** @typedef {{boxId: number, offset: number}} Place  a box of the object, and how many frames later it is */
 
 /** @type {readonly Place[]} */
@@ -23,7 +26,7 @@ const EXPECTED = [];
 
 /**
  * The places of the object of a box, in order, once they are loaded; none if it is in no other frame.
- * @param {import("../boxes/store.js").Boxes} boxes @param {number} boxId  0: of no box
+ * @param {Boxes} boxes @param {number} boxId  0: of no box
  */
 export function useTrack(boxes, boxId) {
   const { value } = useLoaded(
@@ -64,9 +67,8 @@ export function seenText(places) {
 const SIZE_PX = 64;
 
 /**
- * @param {{app: import("../review/answers.js").ReviewApp, places: readonly Place[], shownId: number, see: (box:
- *   Decision) => Decision, isBlind: boolean,
- * onShow: (boxId: number) => void, actions: import("../core/app.js").Actions}} props `shownId`: of the box on the stage
+ * @param {{app: ReviewApp, places: readonly Place[], shownId: number, see: (box: Decision) => Decision, isBlind:
+ *   boolean, onShow: (boxId: number) => void, actions: Actions}} props `shownId`: of the box on the stage
  */
 export function TrackStrip({ app, places, shownId, see, isBlind, onShow, actions }) {
   const keys = { keepTrack: useKeyText(app, "keepTrack"), rejectTrack: useKeyText(app, "rejectTrack") };
@@ -89,8 +91,7 @@ export function TrackStrip({ app, places, shownId, see, isBlind, onShow, actions
           <button class="track__box" aria-current=${box.box_id === shownId ? "true" : undefined}
             onClick=${() => onShow(box.box_id)}>
             <${Picture} box=${box} size=${SIZE_PX} frameSize=${null} />
-            <span
-              class="track__offset num">${offset > 0 ? `+${offset}` : offset === 0 ? "0" : `−${-offset}`}
+            <span class="track__offset num">${offset > 0 ? `+${offset}` : offset === 0 ? "0" : `−${-offset}`}
               <span class="sr-only"> frames: ${spokenText(box)}</span></span>
             ${!isBlind && html`<span class="cell__answer"><${AnswerSign} box=${box} isWaiting=${false} /></span>`}
           </button>

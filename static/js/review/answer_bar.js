@@ -6,9 +6,10 @@ import { html } from "../core/html.js";
 import { Icon } from "../core/icons.js";
 import { Keys, keepFocus, useKeys } from "../core/keymap.js";
 
-/** @typedef {import("../core/app.js").Actions} Actions */
-/** @typedef {import("../core/app.js").App} App */
-/** @typedef {import("../boxes/box.js").Decision} Decision */
+/** @import { Decision } from "../boxes/box.js" */
+/** @import { Actions, App } from "../core/app.js" */
+/** @import { ReviewApp } from "./answers.js" */
+/** @import { SingleAnswer } from "./outbox.js" */
 /** @typedef {{action: string, icon: string, text: string}} AnswerRow */
 
 /** The answers, by the names of their actions. @type {readonly AnswerRow[]} */
@@ -60,7 +61,7 @@ export function AnswerBar({ app, box, isWaiting, actions }) {
 
 /**
  * Somebody else has answered first: their answer is kept, and this person can replace it.
- * @param {{app: import("./answers.js").ReviewApp, box: Decision, item: import("./outbox.js").SingleAnswer,
+ * @param {{app: ReviewApp, box: Decision, item: SingleAnswer,
  *   isNamed?: boolean, children?: unknown}} props  `isNamed`: the box is not the one on show
  */
 export function OvertakenNotice({ app, box, item, isNamed = false, children }) {

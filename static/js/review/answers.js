@@ -10,11 +10,11 @@ import { createBulkAnswers } from "./bulk.js";
 import { createOutbox, isItemName } from "./outbox.js";
 import { createSender } from "./sender.js";
 
-/** @typedef {import("../boxes/box.js").Answer} Answer */
-/** @typedef {import("../boxes/box.js").AnswerWithComment} AnswerWithComment */
-/** @typedef {import("../boxes/box.js").Decision} Decision */
-/** @typedef {import("../boxes/store.js").Boxes} Boxes */
-/** @typedef {import("./outbox.js").SingleAnswer} SingleAnswer */
+/** @import { Answer, AnswerWithComment, Decision } from "../boxes/box.js" */
+/** @import { Boxes } from "../boxes/store.js" */
+/** @import { App } from "../core/app.js" */
+/** @import { OpenTabs } from "../core/tab.js" */
+/** @import { GivenAnswer, NewAnswer, SingleAnswer } from "./outbox.js" */
 
 /** So many answers within two seconds are faster than people look. */
 const STREAK = 12;
@@ -22,8 +22,8 @@ const STREAK_MS = 2000;
 
 /**
  * Answers, for the whole page: giving and undoing them, those not saved yet, and those overtaken.
- * @param {import("../core/app.js").App} app @param {Boxes} boxes @param {Storage} storage
- * @param {{tab: string, openTabs: () => Promise<import("../core/tab.js").OpenTabs>}} tabs  the id of this tab, and
+ * @param {App} app @param {Boxes} boxes @param {Storage} storage
+ * @param {{tab: string, openTabs: () => Promise<OpenTabs>}} tabs  the id of this tab, and
  *   those of the tabs that are open now: each sends its own answers
  */
 export function createAnswers(app, boxes, storage, { tab, openTabs }) {
@@ -54,7 +54,7 @@ export function createAnswers(app, boxes, storage, { tab, openTabs }) {
     overtaken.set(rest);
   }
 
-  /** @param {Decision} box @param {AnswerWithComment} answer @returns {import("./outbox.js").NewAnswer} */
+  /** @param {Decision} box @param {AnswerWithComment} answer @returns {NewAnswer} */
   const answerOn = (box, { verdict, comment }) => ({
     boxId: box.box_id,
     frameId: box.frame_id,
@@ -165,10 +165,6 @@ export function createAnswers(app, boxes, storage, { tab, openTabs }) {
   app.isSignedIn.observe((isIn) => isIn && void resume());
   addEventListener("online", () => void resume());
 
-  /** How many answers in this browser do not say who gave them: an earlier version of the page has kept them. */
-  const unowned = createValue(outbox.countUnowned());
-  const countAgain = () => unowned.set(outbox.countUnowned());
-
   let waitingElsewhere = outbox.boxesOfOtherTabs();
 
   /**
@@ -176,7 +172,6 @@ export function createAnswers(app, boxes, storage, { tab, openTabs }) {
    * with that answer until they come.
    */
   function followOtherTabs() {
-    countAgain();
     const waiting = outbox.lastAnswers();
     const sent = boxes.all([...waitingElsewhere].filter((boxId) => !waiting.has(boxId)));
     const boxIds = sent.map(({ box_id }) => box_id);
@@ -203,34 +198,17 @@ export function createAnswers(app, boxes, storage, { tab, openTabs }) {
 
     /** How many answers of each person wait in this browser. */
     kept: outbox.countByPerson,
-
-    /** Answers that do not say who gave them: the person who is signed in may take them as theirs, or discard them. */
-    unowned: {
-      count: unowned,
-      send() {
-        outbox.takeUnowned();
-        countAgain();
-        void resume();
-      },
-      discard() {
-        outbox.discardUnowned();
-        countAgain();
-      },
-    },
   };
 }
 
-/**
- * What views are given in which people answer.
- * @typedef {import("../core/app.js").App & ReturnType<typeof createAnswers>} ReviewApp
- */
+/** What views are given in which people answer. @typedef {App & ReturnType<typeof createAnswers>} ReviewApp */
 
 /**
  * @typedef {object} Step  something that can be undone: an answer on one box, or a bulk answer
  * @property {readonly (AnswerWithComment & {boxId: number})[]} before  the earlier answers on its boxes; none for a
  *   bulk answer on boxes that the page does not know
  * @property {string} dataset
- * @property {import("./outbox.js").GivenAnswer} [given]  an answer on one box
+ * @property {GivenAnswer} [given]  an answer on one box
  * @property {string} [bulkKey]  the key of a bulk answer
  * @property {number | null} [batchId]  the bulk answer's id on the server, once it is stored
  * @property {number} [count]  how many boxes the bulk answer was to answer

@@ -9,12 +9,12 @@ import { Component, html, useEffect, useRef } from "../core/html.js";
 import { countOf, countText } from "../core/numbers.js";
 import { Select } from "../core/parts.js";
 
-/** @typedef {import("../boxes/box.js").Decision} Decision */
-/** @typedef {import("../core/router.js").Query} Query */
+/** @import { Decision } from "../boxes/box.js" */
+/** @import { App } from "../core/app.js" */
+/** @import { Query } from "../core/router.js" */
 
 /**
- * @param {{app: import("../core/app.js").App, boxes: readonly Decision[], shown: readonly Decision[], selected:
- *   Decision | null, query: Query,
+ * @param {{app: App, boxes: readonly Decision[], shown: readonly Decision[], selected: Decision | null, query: Query,
  *   waiting: ReadonlySet<number>, onSelect: (boxId: number | null) => void, onQuery: (query: Query) => void}} props
  */
 export function BoxList({ boxes, shown, selected, query, waiting, onSelect, onQuery }) {

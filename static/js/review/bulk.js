@@ -9,11 +9,13 @@ import { createValue } from "../core/observable.js";
 import { linkTo } from "../core/router.js";
 import { randomId } from "../core/tab.js";
 
-/** @typedef {import("../boxes/box.js").Answer} Answer */
-/** @typedef {import("../boxes/box.js").AnswerWithComment} AnswerWithComment */
-/** @typedef {import("../boxes/box.js").Decision} Decision */
-/** @typedef {import("./answers.js").Step} Step */
-/** @typedef {import("./outbox.js").NewBulkAnswer} NewBulkAnswer */
+/** @import { Answer, AnswerWithComment } from "../boxes/box.js" */
+/** @import { Boxes, StoredAnswer } from "../boxes/store.js" */
+/** @import { App } from "../core/app.js" */
+/** @import { BoxSelection } from "../core/openapi.js" */
+/** @import { Step, Steps } from "./answers.js" */
+/** @import { BulkAnswer, NewBulkAnswer } from "./outbox.js" */
+/** @import { Sender } from "./sender.js" */
 /**
  * @typedef {{dataset: string, text: string, boxes: readonly number[]}} Report boxes that a bulk answer, or its undo,
  *   has left out
@@ -27,12 +29,12 @@ const DONE = { keep: "kept", reject: "rejected", unsure: "flagged as unsure", cl
 
 /**
  * @typedef {object} AnswersPage  what bulk answers share with answers on one box
- * @property {import("../boxes/store.js").Boxes} boxes
- * @property {import("./sender.js").Sender} sender
- * @property {import("./answers.js").Steps} steps
+ * @property {Boxes} boxes
+ * @property {Sender} sender
+ * @property {Steps} steps
  */
 
-/** @param {import("../core/app.js").App} app @param {AnswersPage} page */
+/** @param {App} app @param {AnswersPage} page */
 export function createBulkAnswers({ toasts, router }, { boxes, sender, steps }) {
   /** The messages that offer to undo a bulk answer, by its key. @type {Map<string, number>} */
   const offers = new Map();
@@ -86,14 +88,14 @@ export function createBulkAnswers({ toasts, router }, { boxes, sender, steps }) 
 
   /**
    * Discard an unsent bulk answer. One that was sent before, without a response, is undone: the server may have it.
-   * @param {import("./outbox.js").BulkAnswer} bulk
+   * @param {BulkAnswer} bulk
    */
   const discard = (bulk) => undo(steps.ofBulkAnswer(bulk.key) ?? pushStep(bulk, bulk.key));
 
   /**
    * Give a refused bulk answer again: on those of its boxes that were not answered since, or on all that its filter
    * selects now.
-   * @param {import("./outbox.js").BulkAnswer} bulk
+   * @param {BulkAnswer} bulk
    * @param {{total: number, snapshot: string}} [list]  of the boxes of the filter, as the person sees it now
    */
   function answerAgain({ key, dataset, verdict, boxIds, seenRevisions = [], filter, snapshot, count }, list) {
@@ -140,7 +142,7 @@ export function createBulkAnswers({ toasts, router }, { boxes, sender, steps }) 
   function receive(boxIds, answerAt, seenRevisions = [], leftOut = []) {
     const left = new Set(leftOut);
     boxes.keepRevisions(boxIds);
-    /** @type {Map<number, import("../boxes/store.js").StoredAnswer>} */
+    /** @type {Map<number, StoredAnswer>} */
     const stored = new Map();
     boxIds.forEach((boxId, i) => {
       const { verdict, comment } = answerAt(i);
@@ -213,10 +215,9 @@ export function createBulkAnswers({ toasts, router }, { boxes, sender, steps }) 
 
     /**
      * One answer on all boxes that a filter selected when the list was read.
-     * @param {string} dataset @param {Answer} verdict @param {import("./outbox.js").Filter} filter
+     * @param {string} dataset @param {Answer} verdict @param {BoxSelection} filter
      * @param {{total: number, snapshot: string, knownIds?: readonly number[]}} list `knownIds`: of its boxes, those
-     *   that the page
-     *   has loaded
+     *   that the page has loaded
      */
     answerAll: (dataset, verdict, filter, { total, snapshot, knownIds }) =>
       answer({
@@ -243,9 +244,7 @@ function reportOf(dataset, stale, skipped) {
 
 /**
  * The boxes that the undo of a bulk answer has left as they are.
- * @param {string} dataset
- * @param {number[]} skipped
- * @returns {Report | null}
+ * @param {string} dataset @param {number[]} skipped @returns {Report | null}
  */
 function undoReportOf(dataset, skipped) {
   if (skipped.length === 0) return null;

@@ -27,12 +27,14 @@ import { AnswerBar } from "./answer_bar.js";
 import { BoxList } from "./boxlist.js";
 import { Inspector, NOT_PAINTED, forgetTyped, typedComment } from "./inspector.js";
 
-/** @typedef {import("../boxes/box.js").Answer} Answer */
-/** @typedef {import("./answers.js").ReviewApp} App */
-/** @typedef {import("../boxes/box.js").Decision} Decision */
-/** @typedef {import("../stage/media.js").Frame} Frame */
+/** @import { Answer, Decision } from "../boxes/box.js" */
+/** @import { Actions } from "../core/app.js" */
+/** @import { Query, Route } from "../core/router.js" */
+/** @import { Frame, Media, MediaCache } from "../stage/media.js" */
+/** @import { Stage } from "../stage/stage.js" */
+/** @import { ReviewApp as App } from "./answers.js" */
 
-/** @param {{app: App, route: import("../core/router.js").Route}} props */
+/** @param {{app: App, route: Route}} props */
 export function FrameView({ app, route }) {
   const id = Number(route.params.id);
   const media = useMedia(app.boxes);
@@ -51,10 +53,7 @@ function NoFrame({ app, error, onRetry }) {
   return html`<main id="main" class="page" tabindex="-1"><${Failure} error=${error} onRetry=${onRetry} /></main>`;
 }
 
-/**
- * @param {{app: App, frame: Frame, media: import("../stage/media.js").MediaCache, query:
- *   import("../core/router.js").Query}} props
- */
+/** @param {{app: App, frame: Frame, media: MediaCache, query: Query}} props */
 function FrameReview({ app, frame, media, query }) {
   useTopBar(app, {
     title: `${frame.key} · ${frame.dataset}`,
@@ -66,7 +65,7 @@ function FrameReview({ app, frame, media, query }) {
     ],
     tools: useMemo(() => html`<${FrameSteps} frame=${frame} query=${query} />`, [frame, query]),
   });
-  const stage = useRef(/** @type {import("../stage/stage.js").Stage | null} */ (null));
+  const stage = useRef(/** @type {Stage | null} */ (null));
   const comment = useRef(/** @type {HTMLTextAreaElement | null} */ (null));
   const [tab, setTab] = useState("box");
   const { panels } = useValue(app.prefs);
@@ -104,10 +103,13 @@ function FrameReview({ app, frame, media, query }) {
 
   return html`<main id="main" class="review" tabindex="-1" data-tab=${tab} data-panels=${panels ? undefined : "off"}>
     <h1 class="sr-only">${frame.key}</h1>
-    <${Tabs} tab=${tab} count=${shown.length} onChange=${setTab} />
+    <div class="review__tabs segments segments--wide" role="group" aria-label="Panel">
+      <button class="segments__item" aria-pressed=${tab === "box"} onClick=${() => setTab("box")}>Selected box</button>
+      <button class="segments__item" aria-pressed=${tab === "list"}
+        onClick=${() => setTab("list")}>Boxes <span class="num">${shown.length}</span></button>
+    </div>
     <${BoxList} app=${app} boxes=${boxes} shown=${shown} selected=${selected} query=${query} waiting=${waiting}
-      onSelect=${actions.select}
-      onQuery=${(/** @type {import("../core/router.js").Query} */ next) =>
+      onSelect=${actions.select} onQuery=${(/** @type {Query} */ next) =>
         app.router.replace(linkTo("frame", { id: frame.id }, next))} />
     <div class="review__stage">
       <${FrameStage} app=${app} frame=${frame} media=${media.of(frame.id)} shown=${shown} selected=${selected}
@@ -122,10 +124,9 @@ function FrameReview({ app, frame, media, query }) {
 }
 
 /**
- * @param {{app: App, frame: Frame, media: import("../stage/media.js").Media, shown: readonly Decision[], selected:
- *   Decision | null,
- *   onSelect: (boxId: number | null) => void, stageRef: {current: import("../stage/stage.js").Stage | null}}} props
- *   `shown`: the boxes that the filters leave; the selected one is drawn even if it is not among them
+ * @param {{app: App, frame: Frame, media: Media, shown: readonly Decision[], selected:
+ *   Decision | null, onSelect: (boxId: number | null) => void, stageRef: {current: Stage |
+ *   null}}} props `shown`: the boxes that the filters leave; the selected one is drawn even if it is not among them
  */
 function FrameStage({ app, frame, media, shown, selected, onSelect, stageRef }) {
   const { crop } = useValue(app.prefs);
@@ -139,7 +140,7 @@ function FrameStage({ app, frame, media, shown, selected, onSelect, stageRef }) 
     onCrop=${(/** @type {boolean} */ isOnBox) => app.prefs.change({ crop: isOnBox })} stageRef=${stageRef} />`;
 }
 
-/** @param {{app: App, frame: Frame, actions: import("../core/app.js").Actions}} props */
+/** @param {{app: App, frame: Frame, actions: Actions}} props */
 function FrameLook({ app, frame, actions }) {
   const { mask, opacity, lit, edges, blind, crop, far } = useValue(app.prefs);
   const boxes = app.boxes.all(frame.boxIds);
@@ -167,9 +168,7 @@ function FrameLook({ app, frame, actions }) {
 
 /**
  * The address may ask for the first, last or next unanswered box: select it, and put its id into the address.
- * @param {App} app
- * @param {FrameActions} actions
- * @param {import("../core/router.js").Query} query
+ * @param {App} app @param {FrameActions} actions @param {Query} query
  */
 function useArrival(app, actions, query) {
   useEffect(() => {
@@ -181,7 +180,7 @@ const FOLLOW_MS = 500;
 
 /**
  * If the address says `follow`, the newest frame of the dataset is shown as soon as it is there.
- * @param {App} app @param {Frame} frame @param {import("../core/router.js").Query} query
+ * @param {App} app @param {Frame} frame @param {Query} query
  */
 function useFollowing(app, frame, query) {
   const isOn = Boolean(query.follow);
@@ -208,18 +207,6 @@ function useFollowing(app, frame, query) {
   }, [app, frame, isOn]);
 }
 
-/**
- * Tabs that switch between list and box on a narrow screen.
- * @param {{tab: string, count: number, onChange: (tab: string) => void}} props
- */
-function Tabs({ tab, count, onChange }) {
-  return html`<div class="review__tabs segments segments--wide" role="group" aria-label="Panel">
-    <button class="segments__item" aria-pressed=${tab === "box"} onClick=${() => onChange("box")}>Selected box</button>
-    <button class="segments__item" aria-pressed=${tab === "list"}
-      onClick=${() => onChange("list")}>Boxes <span class="num">${count}</span></button>
-  </div>`;
-}
-
 /** @param {{app: App, last: Frame | null}} props */
 function Skeleton({ app, last }) {
   useTopBar(app, { title: "", dataset: last?.dataset });
@@ -227,8 +214,7 @@ function Skeleton({ app, last }) {
     <aside
       class="panel panel--list">${Array.from({ length: 8 }, () => html`<div class="skeleton skeleton--row" />`)}</aside>
     <div class="review__stage"><div class="stage shimmer" /></div>
-    <aside
-      class="panel panel--inspector"><div class="skeleton" /><div class="skeleton skeleton--short" />
+    <aside class="panel panel--inspector"><div class="skeleton" /><div class="skeleton skeleton--short" />
       <div class="skeleton skeleton--tall" /></aside>
     <p class="sr-only" role="status">Loading the frame</p>
   </main>`;
@@ -236,7 +222,7 @@ function Skeleton({ app, last }) {
 
 /**
  * @param {App} app @param {Frame} frame @param {readonly number[]} ids  of its boxes, in the order of the list
- * @param {{stage: () => import("../stage/stage.js").Stage | null, openComment: () => void}} page
+ * @param {{stage: () => Stage | null, openComment: () => void}} page
  */
 export function createFrameActions(app, frame, ids, page) {
   const query = () => app.router.route.get().query;
@@ -311,8 +297,7 @@ export function createFrameActions(app, frame, ids, page) {
 
     /**
      * The id of the box that the address asks for by a word (first, last, unanswered).
-     * @param {string} which
-     * @returns {number | null}
+     * @param {string} which @returns {number | null}
      */
     resolve(which) {
       const shown = shownBoxes(boxes(), query());
@@ -350,7 +335,7 @@ export function createFrameActions(app, frame, ids, page) {
 
 /** @typedef {ReturnType<typeof createFrameActions>} FrameActions */
 
-/** @param {{frame: Frame, query: import("../core/router.js").Query}} props */
+/** @param {{frame: Frame, query: Query}} props */
 function FrameSteps({ frame, query }) {
   return html`<div class="framesteps" role="group" aria-label="Frames">
     ${
@@ -368,7 +353,7 @@ function FrameSteps({ frame, query }) {
   </div>`;
 }
 
-/** @param {{id: number | null, query: import("../core/router.js").Query, icon: string, text: string}} props */
+/** @param {{id: number | null, query: Query, icon: string, text: string}} props */
 function Step({ id, query, icon, text }) {
   if (id === null)
     return html`<span class="button button--quiet button--icon is-disabled"

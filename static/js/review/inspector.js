@@ -24,10 +24,11 @@ import { linkTo } from "../core/router.js";
 import { overlapping } from "../stage/geometry.js";
 import { OvertakenNotice } from "./answer_bar.js";
 
-/** @typedef {import("./answers.js").ReviewApp} App */
-/** @typedef {import("../boxes/box.js").Decision} Decision */
-/** @typedef {import("../stage/media.js").Frame} Frame */
-/** @typedef {import("../core/openapi.js").HistoryEntry} HistoryEntry */
+/** @import { Decision } from "../boxes/box.js" */
+/** @import { HistoryEntry } from "../core/openapi.js" */
+/** @import { Frame } from "../stage/media.js" */
+/** @import { ReviewApp as App } from "./answers.js" */
+/** @import { FrameActions } from "./frame.js" */
 
 /** Said in place of an answer by somebody who cannot have seen the box. */
 export const NOT_PAINTED =
@@ -35,7 +36,7 @@ export const NOT_PAINTED =
 
 /**
  * @param {{app: App, frame: Frame | null, box: Decision | null, boxes: readonly Decision[], isWaiting: boolean,
- *   actions: import("./frame.js").FrameActions, commentRef: {current: HTMLTextAreaElement | null}}} props
+ *   actions: FrameActions, commentRef: {current: HTMLTextAreaElement | null}}} props
  *   `frame`: whose view this is; null: the view is not of one frame, so the box's is named
  */
 export function Inspector({ app, frame, box, boxes, isWaiting, actions, commentRef }) {
@@ -51,7 +52,7 @@ export function Inspector({ app, frame, box, boxes, isWaiting, actions, commentR
 
 /**
  * @param {{app: App, frame: Frame | null, box: Decision, boxes: readonly Decision[], isWaiting: boolean,
- *   actions: import("./frame.js").FrameActions, commentRef: {current: HTMLTextAreaElement | null}}} props
+ *   actions: FrameActions, commentRef: {current: HTMLTextAreaElement | null}}} props
  */
 function BoxDetails({ app, frame, box, boxes, isWaiting, actions, commentRef }) {
   const mine = useValue(app.overtaken).get(box.box_id);
@@ -66,15 +67,13 @@ function BoxDetails({ app, frame, box, boxes, isWaiting, actions, commentRef }) 
     </header>
     ${
       !frame &&
-      html`<p
-        class="inspector__frame faint"><span>Frame</span>
+      html`<p class="inspector__frame faint"><span>Frame</span>
         <a href=${linkTo("frame", { id: box.frame_id }, { box: String(box.box_id) })}
           title=${box.frame}><${MiddleCut} text=${box.frame} /></a></p>`
     }
     ${mine && html`<${OvertakenNotice} app=${app} box=${box} item=${mine} />`}
     <${AnswerLine} box=${box} isWaiting=${isWaiting} />
-    <p
-      class="inspector__sentence">
+    <p class="inspector__sentence">
       ${
         isWithheld(box)
           ? "Blind re-check: the filter's verdict is shown once you have answered."
@@ -82,14 +81,20 @@ function BoxDetails({ app, frame, box, boxes, isWaiting, actions, commentRef }) 
       }</p>
     ${
       box.question &&
-      html`<p
-        class="inspector__question"><${Icon} name="question" />To review: ${unbroken(box.question)}.</p>`
+      html`<p class="inspector__question"><${Icon} name="question" />To review: ${unbroken(box.question)}.</p>`
     }
     <${MatchBar} box=${box} />
     <${HiddenBy} box=${box} />
     <${Comment} box=${box} onSave=${saveComment} fieldRef=${commentRef} />
     <${Neighbours} boxes=${boxes} box=${box} onSelect=${actions.select} />
-    <${Numbers} box=${box} />
+    <section class="numbers">
+      <h3>Numbers</h3>
+      <dl class="facts">
+        ${rowsOf(box).map(
+          ([name, value]) => value !== null && html`<div><dt>${name}</dt><dd class="num">${value}</dd></div>`,
+        )}
+      </dl>
+    </section>
     ${!isWithheld(box) && html`<${History} app=${app} box=${box} />`}`;
 }
 
@@ -121,13 +126,11 @@ function MatchBar({ box }) {
     </div>
     ${
       threshold !== null &&
-      html`<div
-        class="match__scale"><span style=${{ left: `${Math.min(65, threshold)}%` }}>${limit}</span></div>`
+      html`<div class="match__scale"><span style=${{ left: `${Math.min(65, threshold)}%` }}>${limit}</span></div>`
     }
     ${
       box.toss_up &&
-      html`<p
-        class="match__note">
+      html`<p class="match__note">
         <${Icon} name="warn" />A toss-up: too few pixels to be certain on which side of the threshold the box is.</p>`
     }
   </div>`;
@@ -141,8 +144,7 @@ function OtherChannel({ box }) {
       ${typeof visible === "number" && html`<span class="num">${countOf(visible, "pixel")} seen</span>`}</div>
     ${
       typeof match === "number" &&
-      html`<p
-        class="match__note">${percentText(match)} of the box is ${acceptedText(box)}, which did not decide.</p>`
+      html`<p class="match__note">${percentText(match)} of the box is ${acceptedText(box)}, which did not decide.</p>`
     }
   </div>`;
 }
@@ -155,8 +157,7 @@ function HiddenBy({ box }) {
     <ul>
       ${box.hidden_by.map(
         ({ name, rgb, percent }) => html`<li>
-          <span
-            class="hidden-by__name"><span class="swatch" style=${{ background: `rgb(${rgb.join(" ")})` }} />${name}
+          <span class="hidden-by__name"><span class="swatch" style=${{ background: `rgb(${rgb.join(" ")})` }} />${name}
           </span>
           <span class="hidden-by__track"
             aria-hidden="true"><span style=${{ width: `${Math.min(100, percent)}%` }} /></span>
@@ -191,8 +192,7 @@ function FrameDetails({ app, frame, boxes, onStart }) {
   ];
   return html`
     <header class="inspector__head"><h2>This frame</h2></header>
-    <p
-      class="inspector__sentence">
+    <p class="inspector__sentence">
       ${
         unanswered
           ? `${countText(unanswered)} of ${countText(boxes.length)} boxes have no answer yet.`
@@ -262,8 +262,7 @@ export function Comment({ box, onSave, fieldRef }) {
     ${
       text !== null &&
       text !== stored &&
-      html`<div
-        class="comment__foot"><span class="faint">${hint}</span>
+      html`<div class="comment__foot"><span class="faint">${hint}</span>
         <button class="button button--small" onClick=${save}>Save</button></div>`
     }
   </div>`;
@@ -272,7 +271,7 @@ export function Comment({ box, onSave, fieldRef }) {
 /** How many entries of the history are shown at first. */
 const NEWEST = 50;
 
-/** @param {{app: import("../core/app.js").App, box: import("../boxes/box.js").Decision}} props */
+/** @param {{app: import("../core/app.js").App, box: Decision}} props */
 export function History({ app, box }) {
   const { box_id } = box;
   const loaded = useNewest(
@@ -288,8 +287,7 @@ export function History({ app, box }) {
       html`<ol class="history__list">
         ${
           loaded.value?.items.map(
-            (item) => html`<li
-              class="history__item">
+            (item) => html`<li class="history__item">
               ${item.kind === "review" ? html`<${ReviewLine} item=${item} />` : html`<${DecisionLine} item=${item} />`}
             </li>`,
           ) ??
@@ -300,9 +298,7 @@ export function History({ app, box }) {
     }
     ${
       loaded.showOlder &&
-      html`<p class="more">
-        <button class="button button--small" onClick=${loaded.showOlder}>Older entries</button>
-      </p>`
+      html`<p class="more"><button class="button button--small" onClick=${loaded.showOlder}>Older entries</button></p>`
     }
   </section>`;
 }
@@ -325,21 +321,18 @@ function ReviewLine({ item }) {
     ${
       typeof item.looked_ms === "number" &&
       item.looked_ms < HURRIED_MS &&
-      html`<p
-        class="faint">after a look of ${(item.looked_ms / 1000).toFixed(2)} s</p>`
+      html`<p class="faint">after a look of ${(item.looked_ms / 1000).toFixed(2)} s</p>`
     }
     ${
       item.batch_size &&
-      html`<p
-        class="faint">one of ${countText(item.batch_size)} at once${
-          typeof item.looked_at === "number" ? `, ${countText(item.looked_at)} of them looked at` : ""
-        }</p>`
+      html`<p class="faint">one of ${countText(item.batch_size)} at once${
+        typeof item.looked_at === "number" ? `, ${countText(item.looked_at)} of them looked at` : ""
+      }</p>`
     }
     ${item.imported_by && html`<p class="faint">imported by ${item.imported_by}</p>`}
     ${
       item.chosen_by &&
-      html`<p
-        class="faint">from the queue, ${item.chosen_by === "random" ? "at random" : `by ${item.chosen_by}`}</p>`
+      html`<p class="faint">from the queue, ${item.chosen_by === "random" ? "at random" : `by ${item.chosen_by}`}</p>`
     }
     ${item.comment && html`<p class="history__comment">${item.comment}</p>`}
   </div>`;
@@ -356,8 +349,7 @@ function DecisionLine({ item }) {
     <p>Run ${run}
       : ${
         verdict
-          ? html`<b>${verdict}</b>, ${reasonText(reason ?? "")}
-          ${unbroken(numbers)}`
+          ? html`<b>${verdict}</b>, ${reasonText(reason ?? "")}${unbroken(numbers)}`
           : "its measurements are no longer stored"
       } <${TimeAgo} at=${item.at} /></p></div>`;
 }
@@ -400,7 +392,7 @@ function rowsOf(box) {
       "Matched pixels",
       box.box_pixels && isCounted(box) ? `${countText(box.matched_pixels ?? 0)} of ${countText(box.box_pixels)}` : null,
     ],
-    ["Margin", box.margin === null ? null : signed(box.margin)],
+    ["Margin", box.margin === null ? null : `${box.margin < 0 ? "−" : "+"}${percentText(Math.abs(box.margin))}`],
     ["Share of the image", percentText(box.area_percent)],
     ["Crowding", box.crowding === null ? null : percentText(box.crowding)],
     ["Distance", distanceText(box)],
@@ -411,22 +403,4 @@ function rowsOf(box) {
     ["Run", String(box.run)],
     ["Configuration", box.config.slice(0, 8)],
   ];
-}
-
-/** @param {number} percent */
-const signed = (percent) => `${percent < 0 ? "−" : "+"}${percentText(Math.abs(percent))}`;
-
-/** @param {{box: Decision}} props */
-function Numbers({ box }) {
-  return html`<section class="numbers">
-    <h3>Numbers</h3>
-    <dl class="facts">
-      ${rowsOf(box).map(
-        ([name, value]) =>
-          value !== null &&
-          html`<div><dt>${name}</dt><dd class="num">${value}</dd>
-          </div>`,
-      )}
-    </dl>
-  </section>`;
 }

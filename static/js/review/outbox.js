@@ -20,9 +20,9 @@
 
 import { randomId } from "../core/tab.js";
 
-/** @typedef {import("../boxes/box.js").Answer} Answer */
-/** @typedef {import("../boxes/box.js").AnswerWithComment} AnswerWithComment */
-/** @typedef {import("../core/openapi.js").BoxSelection} Filter */
+/** @import { Answer, AnswerWithComment } from "../boxes/box.js" */
+/** @import { BoxSelection as Filter } from "../core/openapi.js" */
+/** @import { OpenTabs } from "../core/tab.js" */
 
 /**
  * @typedef {object} SingleAnswer  on one box, or the undo of one
@@ -143,14 +143,13 @@ function withSeen(item, revisions) {
 }
 
 /**
- * @param {Storage} storage
- * @param {string} tab  the id of this tab
+ * @param {Storage} storage @param {string} tab  the id of this tab
  * @param {() => string} who  returns the person who is signed in
  * @param {() => string} [newKey]
  */
 export function createOutbox(storage, tab, who, newKey = randomId) {
   /** @param {OutboxItem} item */
-  const write = (item) => storage.setItem(nameOf(item), textOf(item));
+  const write = (item) => storage.setItem(nameOf(item), JSON.stringify(item));
 
   /** @param {OutboxItem} item */
   const remove = (item) => storage.removeItem(nameOf(item));
@@ -168,14 +167,11 @@ export function createOutbox(storage, tab, who, newKey = randomId) {
   const nextOrder = () =>
     Math.max(Date.now(), ...storedItems(storage).flatMap((item) => (isOfThisTab(item) ? item.order + 1 : [])));
 
-  /** By box: the seen revision of the last item on it. */
-  const lastSeen = () => new Map(itemsOfAllTabs().flatMap(seenRevisionsOf));
-
   /**
    * Add an item. Where another one waits on the same box, it gets that one's seen revision.
    * @param {OutboxItem} item
    */
-  const add = (item) => write(withSeen(item, lastSeen()));
+  const add = (item) => write(withSeen(item, new Map(itemsOfAllTabs().flatMap(seenRevisionsOf))));
 
   /** @param {string} key */
   const answer = (key) =>
@@ -185,9 +181,6 @@ export function createOutbox(storage, tab, who, newKey = randomId) {
 
   /** @param {NewAnswer & Pick<SingleAnswer, "key" | "undoes">} item */
   const addSingle = (item) => add({ ...item, person: who(), tab, order: nextOrder(), attempted: false });
-
-  /** Items that an earlier version of the page has kept without the person who gave them. */
-  const unowned = () => storedItems(storage).filter((item) => !item.person);
 
   return {
     items,
@@ -327,7 +320,7 @@ export function createOutbox(storage, tab, who, newKey = randomId) {
       write({ ...undo, ...boxes, batchId, before: rest(before) });
     },
 
-    /** Take over the items of closed tabs, of all people. @param {import("../core/tab.js").OpenTabs} openTabs */
+    /** Take over the items of closed tabs, of all people. @param {OpenTabs} openTabs */
     takeOver(openTabs) {
       for (const item of storedItems(storage)) if (item.tab !== tab && !openTabs.has(item.tab)) write({ ...item, tab });
     },
@@ -335,17 +328,9 @@ export function createOutbox(storage, tab, who, newKey = randomId) {
     /** How many answers of each person are kept in this browser, by any tab. @returns {Map<string, number>} */
     countByPerson() {
       const all = storedItems(storage);
-      const people = new Set(all.flatMap(({ person }) => person || []));
+      const people = new Set(all.map(({ person }) => person));
       return new Map([...people].map((name) => [name, countAnswers(all.filter(({ person }) => person === name))]));
     },
-
-    /** How many answers do not say who gave them. */
-    countUnowned: () => countAnswers(unowned()),
-
-    /** Make those the answers of the person who is signed in. */
-    takeUnowned: () => unowned().forEach((item) => write({ ...item, person: who() })),
-
-    discardUnowned: () => unowned().forEach(remove),
   };
 }
 
@@ -360,29 +345,18 @@ function answerAt(item, i) {
   return { verdict: item.verdict, comment: "" };
 }
 
-// What is kept in localStorage. Names and fields stay as they are: versions of the page before and after this one read
-// and write them too, perhaps in another tab at the same time.
+// What is kept in localStorage. Names and fields stay as they are: later versions of the page read and write them too,
+// perhaps in another tab at the same time.
 
 const ANSWER_PREFIX = "unghost.outbox.v1.";
 const BULK_PREFIX = "unghost.bulk.v1.";
 const UNDO_PREFIX = "unghost.undo.v1.";
-
-/** The fields whose names in the storage differ. @type {Record<string, string>} */
-const STORED_FIELDS = { bulkKey: "act", batchId: "batch", seenRevisions: "seen" };
-const FIELDS = Object.fromEntries(Object.entries(STORED_FIELDS).map(([field, stored]) => [stored, field]));
-
-/** @param {object} item @param {Record<string, string>} names @returns {any} */
-const renamed = (item, names) =>
-  Object.fromEntries(Object.entries(item).map(([name, value]) => [names[name] ?? name, value]));
 
 /** @param {OutboxItem} item */
 function nameOf(item) {
   if (isSingle(item)) return ANSWER_PREFIX + item.key;
   return (isBulkUndo(item) ? UNDO_PREFIX : BULK_PREFIX) + item.key;
 }
-
-/** @param {OutboxItem} item */
-const textOf = (item) => JSON.stringify(renamed(item, STORED_FIELDS));
 
 /**
  * Whether an item of the outbox may be stored under this name.
@@ -403,9 +377,7 @@ function parsed(name, text) {
   try {
     const item = JSON.parse(text ?? "");
     if (name.startsWith(ANSWER_PREFIX)) return typeof item?.boxId === "number" ? item : null;
-    if (typeof item?.key !== "string" || typeof item.count !== "number") return null;
-    // Bulk answers that an earlier version of the page has kept have no order: they go first.
-    return { order: 0, ...renamed(item, FIELDS) };
+    return typeof item?.key === "string" && typeof item.count === "number" ? item : null;
   } catch {
     return null;
   }

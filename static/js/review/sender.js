@@ -7,17 +7,13 @@ import { ApiError, NoResponse, createRetries, get, post } from "../core/api.js";
 import { createValue } from "../core/observable.js";
 import { countAnswers, idempotencyKey, isBulk, isBulkAnswer, isBulkUndo, isSingle, wasAttempted } from "./outbox.js";
 
-/** @typedef {import("../boxes/box.js").Decision} Decision */
-/** @typedef {import("../core/openapi.js").Review} StoredReview */
-/** @typedef {import("../core/openapi.js").History} History */
-/** @typedef {import("../core/openapi.js").HistoryEntry} HistoryEntry */
-/** @typedef {import("../core/openapi.js").ReviewBatch} ReviewBatch */
-/** @typedef {import("../core/openapi.js").UndoneBatch} UndoneBatch */
-/** @typedef {import("./outbox.js").SingleAnswer} SingleAnswer */
-/** @typedef {import("./outbox.js").BulkAnswer} BulkAnswer */
-/** @typedef {import("./outbox.js").BulkUndo} BulkUndo */
-/** @typedef {import("./outbox.js").BulkItem} BulkItem */
-/** @typedef {import("./outbox.js").OutboxItem} OutboxItem */
+/** @import { Decision } from "../boxes/box.js" */
+/** @import { Later } from "../core/api.js" */
+/** @import { Value } from "../core/observable.js" */
+/** @import { History, HistoryEntry, Review as StoredReview, ReviewBatch, UndoneBatch } from "../core/openapi.js" */
+/** @import { OpenTabs } from "../core/tab.js" */
+/** @import { BulkAnswer, BulkItem, BulkUndo, GivenAnswer, NewAnswer, NewBulkAnswer, NewBulkUndo } from "./outbox.js" */
+/** @import { Outbox, OutboxItem, SingleAnswer } from "./outbox.js" */
 
 /**
  * @typedef {object} Requests  all but `history` resolve when the server has stored the item
@@ -91,18 +87,7 @@ const REQUESTS = {
 /** The box as it is now, if an answer was refused because the box was answered since. @param {unknown} error */
 const currentBox = (error) => (error instanceof ApiError && error.status === 412 && error.problem.current) || null;
 
-/**
- * Whether the history of a box that could not be loaded may be loaded later: after all errors but a refusal, or a fault
- * of the server (500) with this one box.
- * @param {unknown} error
- */
-const mayLoadLater = (error) =>
-  !(error instanceof ApiError) || error.status === 401 || (error.isTemporary && error.status !== 500);
-
-/**
- * @param {import("./outbox.js").Outbox} outbox @param {Requests} [requests]
- * @param {import("../core/api.js").Later} [later]
- */
+/** @param {Outbox} outbox @param {Requests} [requests] @param {Later} [later] */
 export function createSender(outbox, requests = REQUESTS, later) {
   const retries = createRetries(later);
   /** @type {Partial<SenderEvents>[]} */
@@ -126,7 +111,7 @@ export function createSender(outbox, requests = REQUESTS, later) {
    */
   const storedOnFilter = new Map();
 
-  /** @type {import("../core/observable.js").Value<SenderState>} */
+  /** @type {Value<SenderState>} */
   const state = createValue(stateIn("saved"));
 
   /** @param {Phase} phase @returns {SenderState} */
@@ -136,7 +121,7 @@ export function createSender(outbox, requests = REQUESTS, later) {
     const bulkItems = items.filter(isBulk);
     return {
       phase: items.length > 0 ? phase : "saved",
-      waiting: boxesOf(ofAllTabs),
+      waiting: new Set(ofAllTabs.filter(isSingle).map(({ boxId }) => boxId)),
       waitingInBulk: new Set(ofAllTabs.filter(isBulk).flatMap(({ boxIds = [] }) => boxIds)),
       count: countAnswers(items),
       bulkItems: [...refused.values(), ...bulkItems.map((item) => openItem(phase, item))],
@@ -226,7 +211,9 @@ export function createSender(outbox, requests = REQUESTS, later) {
     try {
       ({ items } = await requests.history(item.boxId));
     } catch (error) {
-      if (mayLoadLater(error)) throw error;
+      // After a 500 it would fail again: that is a fault of the server with this one box.
+      if (!(error instanceof ApiError) || error.status === 401 || (error.isTemporary && error.status !== 500))
+        throw error;
       return false;
     }
     const since = items.filter(({ revision }) => (revision ?? 0) > item.seenRevision);
@@ -382,27 +369,22 @@ export function createSender(outbox, requests = REQUESTS, later) {
     /** @param {Partial<SenderEvents>} events */
     observe: (events) => void observers.push(events),
 
-    /** @param {import("./outbox.js").NewAnswer} answer @returns null: this browser has no room for it */
+    /** @param {NewAnswer} answer @returns null: this browser has no room for it */
     addAnswer: (answer) => put(() => outbox.addAnswer(answer)),
 
     /**
      * Undo an answer on one box.
-     * @param {import("./outbox.js").GivenAnswer} given @param {import("./outbox.js").NewAnswer} earlier  what its box
-     *   gets again
+     * @param {GivenAnswer} given @param {NewAnswer} earlier  what its box gets again
      * @returns {boolean | null} as that of the outbox; null: this browser has no room for it
      */
     undoAnswer: (given, earlier) => put(() => outbox.undoAnswer(given, earlier)),
 
-    /**
-     * @param {import("./outbox.js").NewBulkAnswer} bulk @param {string} [key]
-     * @returns {boolean} false: this browser has no room for it
-     */
+    /** @param {NewBulkAnswer} bulk @param {string} [key] @returns {boolean} false: this browser has no room for it */
     addBulkAnswer: (bulk, key) => put(() => outbox.addBulkAnswer(bulk, key)) !== null,
 
     /**
      * Undo a bulk answer. If the server cannot have stored it, it is discarded; else its undo is put into the outbox.
-     * @param {import("./outbox.js").NewBulkUndo} undo
-     * @returns {"discarded" | "added" | "full"}  full: this browser has no room for it
+     * @param {NewBulkUndo} undo @returns {"discarded" | "added" | "full"}  full: this browser has no room for it
      */
     addBulkUndo(undo) {
       const { bulkKey } = undo;
@@ -418,7 +400,7 @@ export function createSender(outbox, requests = REQUESTS, later) {
     /**
      * Take over the items of closed tabs. `resume` then sends the items of the person who is signed in: those taken
      * over, and those that this tab had before it was loaded again.
-     * @param {import("../core/tab.js").OpenTabs} openTabs
+     * @param {OpenTabs} openTabs
      */
     takeOver(openTabs) {
       outbox.takeOver(openTabs);
@@ -429,6 +411,3 @@ export function createSender(outbox, requests = REQUESTS, later) {
 }
 
 /** @typedef {ReturnType<typeof createSender>} Sender */
-
-/** The boxes of the answers on one box. @param {readonly OutboxItem[]} items */
-const boxesOf = (items) => new Set(items.filter(isSingle).map(({ boxId }) => boxId));

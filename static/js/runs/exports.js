@@ -10,16 +10,15 @@ import { agoText, countOf, countText, sizeText } from "../core/numbers.js";
 import { Dialog, FailureLine, WideTable, useCopy, useDialog } from "../core/parts.js";
 import { Canceller, JobBar, StateBadge, isOver, percentDone, useLookAgain } from "../jobs/job.js";
 
-/** @typedef {import("../core/app.js").App} App */
-/** @typedef {import("../core/openapi.js").Export} Export */
+/** @import { App } from "../core/app.js" */
+/** @import { Field, Schema, Words } from "../core/form.js" */
+/** @import { Export } from "../core/openapi.js" */
 /** @typedef {Export["format"]} Format */
 /**
  * `options`: the keys of the options that a format has; it refuses any other.
  * @typedef {{formats: {value: Format, text: string, help: string, options: readonly string[]}[], fields: Field[]}}
  *   ExportForm
  */
-/** @typedef {import("../core/form.js").Field} Field */
-/** @typedef {import("../core/form.js").Schema} Schema */
 
 /** How many exports are shown at first. */
 const NEWEST = 50;
@@ -43,24 +42,21 @@ export function Exports({ app, dataset }) {
   return html`<section class="panelbox" aria-labelledby="exports-title">
     <header class="panelbox__head">
       <h2 id="exports-title">Exports</h2>
-      <span
-        class="panelbox__tools">
+      <span class="panelbox__tools">
         <button class="button button--primary" aria-expanded=${isAsking}
           onClick=${() => setAsking(!isAsking)}><${Icon} name="plus" />New export</button></span>
     </header>
     ${
       isAsking &&
       form.value &&
-      html`<${ExportAsk} dataset=${dataset} form=${form.value} onMade=${onMade}
-        onClose=${() => setAsking(false)} />`
+      html`<${ExportAsk} dataset=${dataset} form=${form.value} onMade=${onMade} onClose=${() => setAsking(false)} />`
     }
     ${isAsking && form.error && html`<${FailureLine} error=${form.error} onRetry=${form.reload} />`}
     ${loaded.error && !items && html`<${FailureLine} error=${loaded.error} onRetry=${loaded.reload} />`}
     ${
       items?.length === 0 &&
       !isAsking &&
-      html`<p
-        class="panelbox__empty">
+      html`<p class="panelbox__empty">
         No export yet. Exports use people's answers, or the filter's verdict where there is none.
       </p>`
     }
@@ -78,8 +74,7 @@ export function Exports({ app, dataset }) {
     }
     ${
       loaded.showOlder &&
-      html`<p
-        class="more"><button class="button" onClick=${loaded.showOlder}>Older exports</button></p>`
+      html`<p class="more"><button class="button" onClick=${loaded.showOlder}>Older exports</button></p>`
     }
   </section>`;
 }
@@ -112,16 +107,14 @@ function ExportRow({ app, item, form, onDelete }) {
   const about = optionsText(item.options, form ? fieldsFor(item.format, form) : []);
   const { run, isBusy } = useTask(() => download(item.id), app.toasts.fail);
   return html`<article class="run" aria-label=${`Export ${item.id}`}>
-    <div
-      class="run__what"><span class="run__name">${formatText(item.format, form)}</span>
+    <div class="run__what"><span class="run__name">${formatText(item.format, form)}</span>
       <${StateBadge} state=${item.state} /></div>
     <p class="run__about faint">Export ${item.id} · ${agoText(item.created_at)}${about && ` · ${about}`}</p>
     <div class="run__how">
       ${
         !isOver(item) &&
         html`<${JobBar} job=${item} label=${`Export ${item.id}`} />
-        <p
-          class="faint num">
+        <p class="faint num">
           ${
             item.total
               ? `${countText(item.done ?? 0)} of ${countOf(item.total, "frame")}, ${percentDone(item)} %`
@@ -136,8 +129,7 @@ function ExportRow({ app, item, form, onDelete }) {
         ${
           item.sha256
             ? html`<${Sum} sum=${item.sha256} />`
-            : html`<p
-              class="faint">No file: ${item.error?.detail ?? "it was deleted"}.</p>`
+            : html`<p class="faint">No file: ${item.error?.detail ?? "it was deleted"}.</p>`
         }`
       }
     </div>
@@ -191,8 +183,7 @@ function ExportCounts({ counts }) {
               <th class="is-num" scope="col">Clipped</th></tr></thead>
           <tbody>
             ${classes.map(
-              (row) => html`<tr
-                key=${row.name}><th scope="row">${row.name}</th>
+              (row) => html`<tr key=${row.name}><th scope="row">${row.name}</th>
                 ${row.counts.map((n) => html`<td class="is-num num">${countText(n)}</td>`)}</tr>`,
             )}</tbody>
         </table><//>
@@ -209,7 +200,7 @@ function Sum({ sum }) {
       onClick=${copy}><${Icon} name=${isCopied ? "check" : "copy"} /></button></p>`;
 }
 
-/** @type {import("../core/form.js").Words} */
+/** @type {Words} */
 const OPTION_WORDS = {
   fields: {
     include: "Boxes that go in",
@@ -269,15 +260,13 @@ export function fieldsFor(format, { formats, fields }) {
 
 /**
  * A format's title, or its name where the form is not there yet.
- * @param {string} format
- * @param {ExportForm | null | undefined} form
+ * @param {string} format @param {ExportForm | null | undefined} form
  */
 export const formatText = (format, form) => form?.formats.find(({ value }) => value === format)?.text ?? format;
 
 /**
  * The options of an export that differ from the defaults.
- * @param {Record<string, unknown>} options
- * @param {readonly Field[]} fields of its format
+ * @param {Record<string, unknown>} options @param {readonly Field[]} fields of its format
  */
 export function optionsText(options, fields) {
   const special = fields.filter(
@@ -288,23 +277,12 @@ export function optionsText(options, fields) {
 
 /** @param {Field} field @param {unknown} value */
 function wordsOf({ key, text, choices }, value) {
-  if (key === "split")
-    return `split ${sharesOf(value)
-      .map((share) => Math.round(100 * share))
-      .join("/")}`;
+  const shares = key === "split" && Array.isArray(value) ? value : null;
+  if (shares) return `split ${shares.map((share) => Math.round(100 * share)).join("/")}`;
   const chosen = choices.find((choice) => choice.value === value);
   if (chosen) return `${text.toLowerCase()}: ${chosen.text}`;
   if (typeof value === "boolean") return value ? text.toLowerCase() : `not: ${text.toLowerCase()}`;
   return `${text.toLowerCase()}: ${Array.isArray(value) ? value.join(", ") : String(value)}`;
-}
-
-/**
- * The shares of parts: of one number, as earlier versions sent it, the rest is for validation.
- * @param {unknown} value
- */
-function sharesOf(value) {
-  const shares = [value].flat().map(Number);
-  return shares.length === 1 ? [...shares, 1 - Number(shares[0])] : shares;
 }
 
 /** @type {readonly (readonly [string, string, string])[]} part of the manifest, its key, how it is said */
@@ -322,10 +300,7 @@ const COUNT_LINES = [
 /** What is counted of frames beside those of each part. */
 const NO_PARTS = ["in", "without_boxes", "without_image", "left_out"];
 
-/**
- * The frames of each part, with its share and, if an export made the parts, its sequences.
- * @param {Schema} counts
- */
+/** The frames of each part, with its share and, if an export made the parts, its sequences. @param {Schema} counts */
 function partLinesOf({ frames = {}, sequences = {} }) {
   const parts = Object.entries(frames).filter(([name]) => !NO_PARTS.includes(name));
   const total = parts.reduce((sum, [, count]) => sum + Number(count), 0);
@@ -335,10 +310,7 @@ function partLinesOf({ frames = {}, sequences = {} }) {
   });
 }
 
-/**
- * What the parts of an export would be, before it is made.
- * @param {{dataset: string, shares: unknown}} props
- */
+/** What the parts of an export would be, before it is made. @param {{dataset: string, shares: unknown}} props */
 function PlannedParts({ dataset, shares }) {
   const split = [shares ?? []].flat().join(",");
   const { value, error } = useLoaded(

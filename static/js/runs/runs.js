@@ -14,10 +14,9 @@ import { DirectionTabs, FlipGrid, directionOf } from "../tuning/flips.js";
 import { DiffTable } from "../tuning/versions.js";
 import { Exports } from "./exports.js";
 
-/** @typedef {import("../core/app.js").App} App */
-/** @typedef {import("../core/router.js").Route} Route */
-/** @typedef {import("../core/openapi.js").Run} Run */
-/** @typedef {import("../core/openapi.js").Diff} RunDiff */
+/** @import { App } from "../core/app.js" */
+/** @import { Route } from "../core/router.js" */
+/** @import { Diff as RunDiff, Run } from "../core/openapi.js" */
 
 /** How many runs are shown at first. */
 const NEWEST = 25;
@@ -78,8 +77,7 @@ function Runs({ app, dataset, runs, active, shown, showOlder }) {
     ${runs?.length === 0 && html`<p class="panelbox__empty">No run yet.</p>`}
     <ul class="runs">
       ${runs?.map(
-        (run) => html`<li
-          key=${run.id}>
+        (run) => html`<li key=${run.id}>
           <${RunRow} app=${app} dataset=${dataset} run=${run} isActive=${run.id === active}
             isShown=${run.id === shown} />
         </li>`,
@@ -92,8 +90,7 @@ function Runs({ app, dataset, runs, active, shown, showOlder }) {
 const PAGE = 60;
 
 /**
- * @param {number} run
- * @param {{against: number | null, limit: number, cursor?: string}} query
+ * @param {number} run @param {{against: number | null, limit: number, cursor?: string}} query
  * @param {AbortSignal} [signal]
  */
 const diffOf = (run, query, signal) => get("/api/v1/runs/{run_id}/diff", { path: { run_id: run }, query, signal });
@@ -131,8 +128,7 @@ function ComparedRunSelect({ dataset, run, against, runs }) {
     <select aria-label="Run to compare with" value=${String(against ?? "")} onChange=${onChange}>
       ${
         !isListed &&
-        html`<option
-          value=${String(against ?? "")}>${against ? `run ${against}` : "choose a run"}</option>`
+        html`<option value=${String(against ?? "")}>${against ? `run ${against}` : "choose a run"}</option>`
       }
       ${others.map(({ id, config }) => html`<option value=${String(id)}>run ${id} (${config.slice(0, 8)})</option>`)}
     </select>
@@ -160,10 +156,8 @@ function PerClass({ diff }) {
           <th class="table__bar" aria-hidden="true"></th></tr></thead>
       <tbody>
         ${rows.map(
-          ([name, n]) => html`<tr
-            key=${name}><th scope="row">${name}</th><td class="is-num num">${countText(n)}</td>
-            <td class="table__bar"
-              aria-hidden="true">
+          ([name, n]) => html`<tr key=${name}><th scope="row">${name}</th><td class="is-num num">${countText(n)}</td>
+            <td class="table__bar" aria-hidden="true">
               <span class="meter meter--accent"><i style=${{ width: `${(100 * n) / most}%` }}></i></span>
             </td></tr>`,
         )}
@@ -206,10 +200,8 @@ function Boxes({ app, diff }) {
       ${
         !isDone &&
         items.length > 0 &&
-        html`<p
-          class="flippanel__more">
-          <span
-            class="faint">
+        html`<p class="flippanel__more">
+          <span class="faint">
             ${countText(items.length)} of ${countOf(diff.total, "box", "boxes")}, nearest to the threshold first</span>
           <button class="button button--small" onClick=${more}>Show more</button></p>`
       }
@@ -219,8 +211,7 @@ function Boxes({ app, diff }) {
 
 /**
  * Whether a run was stored, as done, when its dataset was created: it has decided nothing. A run that was carried out
- * has
- * not ended at the very moment when it started.
+ * has not ended at the very moment when it started.
  * @param {Pick<Run, "total" | "started_at" | "finished_at">} run
  */
 export const isFirst = ({ total, started_at, finished_at }) =>
@@ -228,9 +219,7 @@ export const isFirst = ({ total, started_at, finished_at }) =>
 
 const KINDS = /** @type {Record<string, string>} */ ({ measure: "measured again", decide: "decided again" });
 
-/**
- * @param {{app: import("../core/app.js").App, dataset: string, run: Run, isActive: boolean, isShown: boolean}} props
- */
+/** @param {{app: App, dataset: string, run: Run, isActive: boolean, isShown: boolean}} props */
 function RunRow({ app, dataset, run, isActive, isShown }) {
   return html`<article class="run ${isShown ? "is-shown" : ""}" aria-label=${`Run ${run.id}`}>
     <div class="run__what">
@@ -238,8 +227,7 @@ function RunRow({ app, dataset, run, isActive, isShown }) {
       ${isActive && html`<span class="tagword">active</span>`}
       ${!run.activate && html`<span class="faint run__note">not activated</span>`}
     </div>
-    <p
-      class="run__about faint"><code title=${run.config}>${run.config.slice(0, 8)}</code>
+    <p class="run__about faint"><code title=${run.config}>${run.config.slice(0, 8)}</code>
       ${isFirst(run) ? "" : ` · ${KINDS[run.kind] ?? run.kind}`} · ${run.created_by}, ${agoText(run.created_at)}
       ${tookOf(run)}</p>
     <div class="run__how"><${RunSummary} run=${run} /></div>
@@ -271,8 +259,7 @@ function RunSummary({ run }) {
       class="faint">Stopped at ${countText(run.done)} of ${countOf(run.total, "frame")}; nothing was changed.</p>`;
   if (!isOver(run)) {
     return html`<${JobBar} job=${run} label=${`Run ${run.id}`} />
-    <p
-      class="faint num">
+    <p class="faint num">
       ${
         run.state === "queued"
           ? "queued"
@@ -284,8 +271,7 @@ function RunSummary({ run }) {
   if (boxes === 0)
     return html`<p class="faint">${isFirst(run) ? "Created with the dataset." : "There were no boxes."}</p>`;
   return html`<${VerdictBar} counts=${{ boxes, kept, rejected, unmeasured, reviewed: 0, to_review: 0 }} />
-  <p
-    class="faint num">
+  <p class="faint num">
     ${countText(kept)} kept · ${countText(rejected)} rejected · <strong class="run__changed"
       title="Boxes with another verdict or reason than before">
       ${run.changed ? `${countText(run.changed)} changed` : "nothing changed"}</strong></p>`;

@@ -5,7 +5,6 @@ import { useActions, useLazy, useTask, useTitle, useTopBar, useValue } from "../
 import { html, useEffect, useRef, useState } from "../core/html.js";
 import { Icon, Mark } from "../core/icons.js";
 import { HelpDialog } from "../core/keymap.js";
-import { NO_TOKEN_LINKS } from "../core/login.js";
 import { countOf } from "../core/numbers.js";
 import { createLazy } from "../core/observable.js";
 import { Dialog, Failure, Notice, useDialog } from "../core/parts.js";
@@ -15,8 +14,11 @@ import { FramesView } from "../datasets/frames.js";
 import { Uploads } from "../upload/upload.js";
 import { TopBar, hasTabs } from "./topbar.js";
 
-/** @typedef {import("../review/answers.js").ReviewApp & import("../upload/uploader.js").UploadApp} App */
-/** @typedef {import("../core/router.js").Route} Route */
+/** @typedef {ReviewApp & UploadApp} App */
+/** @import { Lazy } from "../core/observable.js" */
+/** @import { Route } from "../core/router.js" */
+/** @import { ReviewApp } from "../review/answers.js" */
+/** @import { UploadApp } from "../upload/uploader.js" */
 /** @typedef {(props: {app: App, route: Route}) => unknown} View */
 
 /**
@@ -25,7 +27,7 @@ import { TopBar, hasTabs } from "./topbar.js";
  */
 const VIEWS = { datasets: DatasetsView, frames: FramesView };
 
-/** @type {Record<string, import("../core/observable.js").Lazy<View>>} */
+/** @type {Record<string, Lazy<View>>} */
 const LATER = {
   home: createLazy(async () => (await import("../datasets/home.js")).HomeView),
   compare: createLazy(async () => (await import("../datasets/home.js")).CompareView),
@@ -64,7 +66,6 @@ export function Shell({ app, linkError }) {
     ${
       isSignedIn
         ? html`<${TopBar} app=${app} />
-        <${Unowned} app=${app} />
         <${View} key=${`${route.name} ${route.params.dataset ?? ""}`} app=${app} route=${route} />`
         : html`<${SignIn} app=${app} linkError=${linkError} />`
     }
@@ -79,8 +80,7 @@ export function Shell({ app, linkError }) {
 
 /**
  * After a change of view, move the focus to it, for keyboards and screen readers.
- * @param {Route} route
- * @param {(options: FocusOptions) => void} focusMain
+ * @param {Route} route @param {(options: FocusOptions) => void} focusMain
  */
 function useFocusOnMove(route, focusMain) {
   const isFirst = useRef(true);
@@ -140,7 +140,7 @@ function Newcomer({ app, newcomer: { name, role } }) {
 
 /**
  * Asks once about answers that were faster than people look.
- * @param {{app: import("../review/answers.js").ReviewApp, boxIds: readonly number[]}} props
+ * @param {{app: ReviewApp, boxIds: readonly number[]}} props
  */
 function Streak({ app, boxIds }) {
   const { dataset } = useValue(app.topBar);
@@ -161,49 +161,16 @@ function Streak({ app, boxIds }) {
   <//>`;
 }
 
-/**
- * Unsent answers that do not say who gave them, until somebody decides what becomes of them.
- * @param {{app: import("../review/answers.js").ReviewApp}} props
- */
-function Unowned({ app }) {
-  const count = useValue(app.unowned.count);
-  const [isAsked, setAsked] = useState(false);
-  if (count === 0) return null;
-  const what = countOf(count, "unsent answer");
-  const them = count === 1 ? "it" : "them";
-  // "Keep" stands where "Discard" has stood: a double click discards nothing.
-  return html`<div class="strip strip--page" role="status">
-    <${Icon} name="warn" />
-    ${
-      isAsked
-        ? html`<p><b>Discard ${what}?</b> Nobody can send ${them} then.</p>
-        <span class="strip__actions">
-          <button class="button button--small"
-            onClick=${() => (setAsked(false), app.unowned.discard())}>Discard ${them}</button>
-          <button class="button button--small button--quiet" onClick=${() => setAsked(false)}>Keep ${them}</button>
-        </span>`
-        : html`<p>
-          <b>${what}
-          </b> in this browser ${count === 1 ? "does" : "do"} not say who gave ${them}
-          : an earlier version of this page kept ${them}.</p>
-        <span class="strip__actions">
-          <button class="button button--small" onClick=${app.unowned.send}>Send as ${app.owner()}</button>
-          <button class="button button--small button--quiet" onClick=${() => setAsked(true)}>Discard</button>
-        </span>`
-    }
-  </div>`;
-}
-
-/** @param {{app: import("../review/answers.js").ReviewApp, linkError: string}} props */
+/** @param {{app: ReviewApp, linkError: string}} props */
 function SignIn({ app, linkError }) {
   useTitle("Sign in");
   const kept = [...app.kept()];
   const ended = useValue(app.ended);
   const { run, isBusy, error } = useTask(async (/** @type {string} */ text) => {
     if (!text) throw new Error("Paste the token or the link first.");
-    const credential = credentialIn(text);
-    if (!credential) throw new Error(NO_TOKEN_LINKS);
-    await app.signIn(credential);
+    // A code, in a link or alone; else a token.
+    const code = loginOf(text.slice(Math.max(0, text.indexOf("#"))))?.code || (text.startsWith("uc_") && text);
+    await app.signIn(code ? { code } : { token: text });
   });
   const refusal = error?.message ?? (isBusy ? "" : linkError);
 
@@ -222,8 +189,7 @@ function SignIn({ app, linkError }) {
         Open a login link, or paste it or a token here. <code>unghost login
         </code> prints a link; so does the server when it starts.</p>
       ${kept.map(
-        ([name, count]) => html`<p key=${name} class="signin__note"
-          role="status">
+        ([name, count]) => html`<p key=${name} class="signin__note" role="status">
           ${countOf(count, "answer")} of ${name} kept in this browser will be saved when ${name} signs in.</p>`,
       )}
       <label class="field">
@@ -233,8 +199,7 @@ function SignIn({ app, linkError }) {
       </label>
       <p id="token-error" class="field__error" role="alert">${refusal}</p>
       <button class="button button--primary" disabled=${isBusy}>${isBusy ? "Signing in…" : "Sign in"}</button>
-      <p
-        class="faint">
+      <p class="faint">
         A link works once, within ten minutes. Without one, ask whoever runs this server: <code>unghost login
         </code> prints another link, and <code>unghost token create NAME</code> makes a token for a guest. The <a
           href="/docs">description of the API</a> is open to all.</p>
@@ -242,19 +207,7 @@ function SignIn({ app, linkError }) {
   </main>`;
 }
 
-/**
- * The credential in a pasted token, code or link; null: a link with a token, which is no longer accepted.
- * @param {string} text
- * @returns {import("../core/openapi.js").LogIn | null}
- */
-function credentialIn(text) {
-  const login = loginOf(text.slice(Math.max(0, text.indexOf("#"))));
-  if (login?.kind === "token") return null;
-  if (login) return { code: login.secret };
-  return text.startsWith("uc_") ? { code: text } : { token: text };
-}
-
-/** @param {{app: import("../review/answers.js").ReviewApp & import("../upload/uploader.js").UploadApp}} props */
+/** @param {{app: ReviewApp & UploadApp}} props */
 function Toasts({ app }) {
   const toasts = useValue(app.toasts.list);
   return html`<div class="toasts">

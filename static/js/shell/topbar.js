@@ -11,7 +11,8 @@ import { perform, useKeyText } from "../core/keymap.js";
 import { countOf } from "../core/numbers.js";
 import { ROUTES, linkTo } from "../core/router.js";
 
-/** @typedef {import("../review/answers.js").ReviewApp} App */
+/** @import { Route } from "../core/router.js" */
+/** @import { ReviewApp as App } from "../review/answers.js" */
 
 /** @param {{app: App}} props */
 export function TopBar({ app }) {
@@ -119,8 +120,7 @@ function MenuPanel({ app, close }) {
         </button>`,
       )}
     </div>
-    <button class="menu__item"
-      onClick=${() => (close(), perform(app, "help"))}>
+    <button class="menu__item" onClick=${() => (close(), perform(app, "help"))}>
       <${Icon} name="keyboard" />Keys${helpKey && html`<kbd aria-hidden="true">${helpKey}</kbd>`}</button>
     <button class="menu__item" onClick=${() => app.signOut().catch(app.toasts.fail)}>
       <${Icon} name="exit" />Sign out
@@ -128,16 +128,13 @@ function MenuPanel({ app, close }) {
   </div>`;
 }
 
-/** Whether the tabs of the dataset are shown above this view. @param {import("../core/router.js").Route} route */
+/** Whether the tabs of the dataset are shown above this view. @param {Route} route */
 export const hasTabs = (route) => ROUTES.some(({ name, nav }) => (nav || ofFrame(name)) && name === route.name);
 
 /** Views of one frame, whose address does not name its dataset. @param {string} name */
 const ofFrame = (name) => name === "frame" || name === "compare";
 
-/**
- * The tabs of a dataset. Their links keep the filters.
- * @param {{app: import("../review/answers.js").ReviewApp}} props
- */
+/** The tabs of a dataset. Their links keep the filters. @param {{app: App}} props */
 function DatasetTabs({ app }) {
   const route = useValue(app.router.route);
   const list = useRef(/** @type {HTMLUListElement | null} */ (null));

@@ -1,8 +1,7 @@
 // @ts-check
 // Geometry of the stage, pure functions: view transform, hit test, stacked boxes, overlaps.
 
-/** @typedef {import("../boxes/box.js").Decision} Decision */
-/** @typedef {import("../boxes/box.js").Xyxy} Xyxy */
+/** @import { Decision, Xyxy } from "../boxes/box.js" */
 /** @typedef {{width: number, height: number}} Size */
 /** @typedef {{x: number, y: number}} Point */
 /** @typedef {{scale: number, x: number, y: number}} View  stage = image * scale + (x, y) */
@@ -15,10 +14,7 @@ const INSETS = { side: 4, top: 56, bottom: 68 };
 
 /**
  * The whole image, centred between the bars.
- * @param {Size} image
- * @param {Size} stage
- * @param {{side: number, top: number, bottom: number}} [insets]
- * @returns {View}
+ * @param {Size} image @param {Size} stage @param {{side: number, top: number, bottom: number}} [insets] @returns {View}
  */
 export function fitView(image, stage, insets = INSETS) {
   const { side, top, bottom } = insets;
@@ -63,9 +59,7 @@ export function cropView(xyxy, stage, image, hider = null) {
   const { x, y } = centredOn({ x: (x0 + x1) / 2, y: (y0 + y1) / 2 }, scale, stage);
   /**
    * Where the image is larger than the stage, it fills it.
-   * @param {number} at
-   * @param {number} whole
-   * @param {number} room
+   * @param {number} at @param {number} whole @param {number} room
    */
   const filled = (at, whole, room) => (whole < room ? at : clamp(at, room - whole, 0));
   return { scale, x: filled(x, image.width * scale, stage.width), y: filled(y, image.height * scale, stage.height) };
@@ -73,10 +67,7 @@ export function cropView(xyxy, stage, image, hider = null) {
 
 /**
  * The same view if a box is wholly on the stage; otherwise one with the same zoom that centres the box.
- * @param {View} view
- * @param {Xyxy} xyxy
- * @param {Size} stage
- * @returns {View}
+ * @param {View} view @param {Xyxy} xyxy @param {Size} stage @returns {View}
  */
 export function revealView(view, xyxy, stage) {
   const [x0, y0, x1, y1] = toStage(view, xyxy);
@@ -86,11 +77,7 @@ export function revealView(view, xyxy, stage) {
 
 /** @param {Point} centre image px @param {number} scale @param {Size} stage @returns {View} */
 function centredOn(centre, scale, stage) {
-  return {
-    scale,
-    x: stage.width / 2 - centre.x * scale,
-    y: stage.height / 2 - centre.y * scale,
-  };
+  return { scale, x: stage.width / 2 - centre.x * scale, y: stage.height / 2 - centre.y * scale };
 }
 
 /**
@@ -109,10 +96,7 @@ export const panBy = (view, dx, dy) => ({ ...view, x: view.x + dx, y: view.y + d
 
 /**
  * The nearest view that still shows a corner of the image.
- * @param {View} view
- * @param {Size} image
- * @param {Size} stage
- * @returns {View}
+ * @param {View} view @param {Size} image @param {Size} stage @returns {View}
  */
 export function clampView(view, image, stage) {
   const keep = Math.min(KEEP_VISIBLE_PX, image.width * view.scale, image.height * view.scale);
@@ -130,10 +114,7 @@ export function toStage(view, [x0, y0, x1, y1]) {
 }
 
 /** @param {View} view @param {Point} at stage px @returns {Point} image px */
-export const toImage = (view, at) => ({
-  x: (at.x - view.x) / view.scale,
-  y: (at.y - view.y) / view.scale,
-});
+export const toImage = (view, at) => ({ x: (at.x - view.x) / view.scale, y: (at.y - view.y) / view.scale });
 
 /** @param {Xyxy} xyxy @param {Size} stage */
 export function isOnStage([x0, y0, x1, y1], stage) {

@@ -1,7 +1,7 @@
 // @ts-check
 // Translates pointer and wheel events into pan, zoom, hover and click.
 
-/** @typedef {import("./geometry.js").Point} Point */
+/** @import { Point } from "./geometry.js" */
 
 /**
  * @typedef {object} Gestures

@@ -8,7 +8,8 @@ import { createLazy } from "../core/observable.js";
 import { PAINTED, canvasOf, createObjects, isPaintedAlready } from "./pixels.js";
 import { isOpaque, storedImage } from "./stored.js";
 
-/** @typedef {import("../boxes/store.js").Boxes} Boxes */
+/** @import { Boxes } from "../boxes/store.js" */
+/** @import { Objects } from "./pixels.js" */
 /** @typedef {Omit<import("../core/openapi.js").Frame, "boxes"> & {boxIds: readonly number[]}} Frame */
 /** @template T @typedef {import("../core/observable.js").Lazy<T>} Lazy */
 
@@ -18,7 +19,7 @@ import { isOpaque, storedImage } from "./stored.js";
  * @property {Lazy<HTMLImageElement | null>} picture  null: the frame has none
  * @property {Lazy<Pixels | null>} segmentation  its pixels, and what they mean; null: the frame has none
  * @property {Lazy<CanvasImageSource | null>} mask  the segmentation in the colours of its palette
- * @property {Lazy<import("./pixels.js").Objects | null>} objects  by the instance image; null: the frame has none
+ * @property {Lazy<Objects | null>} objects  by the instance image; null: the frame has none
  * @property {() => void} release  its boxes need not stay in the store
  */
 
@@ -65,8 +66,7 @@ export function createMedia(boxes) {
 
     /**
      * A frame whose boxes are to be shown: the one that was fetched ahead, once; else a new one.
-     * @param {number} frameId
-     * @param {AbortSignal} signal
+     * @param {number} frameId @param {AbortSignal} signal
      */
     frame(frameId, signal) {
       if (!isFresh(frameId)) drop(frameId);
@@ -128,8 +128,7 @@ async function decoded(file) {
 
 /**
  * A frame's image as crops and thumbnails show it, in its full size; null: it has none.
- * @param {number} frameId
- * @param {AbortSignal} [signal]
+ * @param {number} frameId @param {AbortSignal} [signal]
  */
 async function pictureOf(frameId, signal) {
   const address = pictureUrl("/api/v1/frames/{frame_id}/thumbnail", {

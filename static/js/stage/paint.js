@@ -6,9 +6,10 @@ import { distanceText, isFar, labelText } from "../boxes/wording.js";
 import { areaOf, isOnStage, toStage } from "./geometry.js";
 import { outline, paintLabel, paintMark, paintShortLabels, solidLines } from "./shapes.js";
 
-/** @typedef {import("../boxes/box.js").Decision} Decision */
-/** @typedef {import("../boxes/box.js").Verdict} Verdict */
-/** @typedef {import("../boxes/box.js").Xyxy} Xyxy */
+/** @import { Decision, Verdict, Xyxy } from "../boxes/box.js" */
+/** @import { View } from "./geometry.js" */
+/** @import { Highlight } from "./pixels.js" */
+/** @import { Snapshot } from "./stage.js" */
 /**
  * @typedef {{stroke: Record<Verdict, string>, label: Record<Verdict, string>, text: string, casing: string, halo:
  *   string, edge: string, matching: string, unsure: string, font: string}} Inks
@@ -16,8 +17,8 @@ import { outline, paintLabel, paintMark, paintShortLabels, solidLines } from "./
 
 /**
  * @typedef {object} Scene
- * @property {import("./stage.js").Snapshot} snapshot
- * @property {import("./geometry.js").View} view
+ * @property {Snapshot} snapshot
+ * @property {View} view
  * @property {{width: number, height: number}} size
  * @property {Decision | null} hovered
  * @property {ReadonlySet<Decision>} neighbours  of the selected box
@@ -69,8 +70,7 @@ export function readInks(host) {
 }
 
 /**
- * @param {CanvasRenderingContext2D} ctx
- * @param {Scene} scene
+ * @param {CanvasRenderingContext2D} ctx @param {Scene} scene
  * @param {(ctx: CanvasRenderingContext2D, scene: Scene) => void} [paintBoxes]
  */
 export function paintBase(ctx, scene, paintBoxes = paintAllBoxes) {
@@ -87,8 +87,7 @@ export function paintBase(ctx, scene, paintBoxes = paintAllBoxes) {
 
 /**
  * All but the selected one, and short labels where there is room.
- * @param {CanvasRenderingContext2D} ctx
- * @param {Scene} scene
+ * @param {CanvasRenderingContext2D} ctx @param {Scene} scene
  */
 export function paintAllBoxes(ctx, scene) {
   const { snapshot, view, size, neighbours } = scene;
@@ -129,9 +128,7 @@ function paintSome(ctx, placed, inks) {
 }
 
 /**
- * @param {CanvasRenderingContext2D} ctx
- * @param {CanvasImageSource | null} picture
- * @param {Scene} scene
+ * @param {CanvasRenderingContext2D} ctx @param {CanvasImageSource | null} picture @param {Scene} scene
  * @param {boolean} [smooth]
  */
 function paintPicture(ctx, picture, { snapshot, view }, smooth = view.scale < CRISP_FROM) {
@@ -171,10 +168,8 @@ export function paintTop(ctx, scene) {
 
 /**
  * The matching pixels, outlined: what they show stays visible.
- * @param {CanvasRenderingContext2D} ctx
- * @param {import("./pixels.js").Highlight} highlight
- * @param {import("./geometry.js").View} view
- * @param {Inks} inks
+ * @param {CanvasRenderingContext2D} ctx @param {Highlight} highlight
+ * @param {View} view @param {Inks} inks
  */
 function paintOutline(ctx, { outline }, { scale, x, y }, inks) {
   ctx.save();
@@ -193,9 +188,7 @@ function paintOutline(ctx, { outline }, { scale, x, y }, inks) {
 
 /**
  * A box in front of the others, with its full label.
- * @param {CanvasRenderingContext2D} ctx
- * @param {Decision} box
- * @param {Scene} scene
+ * @param {CanvasRenderingContext2D} ctx @param {Decision} box @param {Scene} scene
  */
 function paintForward(ctx, box, { view, size, inks, snapshot }) {
   if (!box.xyxy) return;
@@ -213,10 +206,8 @@ function paintForward(ctx, box, { view, size, inks, snapshot }) {
 }
 
 /**
- * @param {readonly Decision[]} boxes
- * @param {import("./geometry.js").View} view
- * @param {{width: number, height: number}} size
- * @returns {Placed[]} those on the stage, large ones first
+ * @param {readonly Decision[]} boxes @param {View} view
+ * @param {{width: number, height: number}} size @returns {Placed[]} those on the stage, large ones first
  */
 function placedBoxes(boxes, view, size) {
   const placed = [];
@@ -245,12 +236,7 @@ function largeFirst(boxes) {
   return order;
 }
 
-/**
- * @param {CanvasRenderingContext2D} ctx
- * @param {readonly Xyxy[]} edges
- * @param {import("./geometry.js").View} view
- * @param {Inks} inks
- */
+/** @param {CanvasRenderingContext2D} ctx @param {readonly Xyxy[]} edges @param {View} view @param {Inks} inks */
 function paintEdges(ctx, edges, view, inks) {
   ctx.beginPath();
   for (const edge of edges) {
@@ -303,8 +289,7 @@ export function createDrawnBoxes(paint) {
 
   /**
    * Copy the boxes of a moving scene, shifted by whole pixels.
-   * @param {CanvasRenderingContext2D} ctx
-   * @param {Scene} scene
+   * @param {CanvasRenderingContext2D} ctx @param {Scene} scene
    */
   return function copy(ctx, scene) {
     const density = ctx.getTransform().a;

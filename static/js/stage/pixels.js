@@ -3,10 +3,10 @@
 
 import { pixelBounds } from "./geometry.js";
 
-/** @typedef {import("../core/openapi.js").AcceptedTag} AcceptedTag */
-/** @typedef {import("../boxes/box.js").Decision} Decision */
-/** @typedef {import("../core/openapi.js").AcceptedTag["rgb"]} Rgb */
-/** @typedef {import("../core/openapi.js").SegmentationReport} SegmentationReport */
+/** @import { Decision, Xyxy } from "../boxes/box.js" */
+/** @import { AcceptedTag, SegmentationReport } from "../core/openapi.js" */
+/** @import { Point } from "./geometry.js" */
+/** @typedef {AcceptedTag["rgb"]} Rgb */
 /** @typedef {{x: number, y: number, width: number, height: number}} Bounds */
 /**
  * @typedef {{outline: Path2D, count: number}} Highlight the outline of the pixels, in px of the image; how many they
@@ -94,8 +94,7 @@ const isNear = (found, wanted) => Math.abs(found - wanted) <= LOSSY_TOLERANCE;
 
 /**
  * Which pixels match, 1 or 0.
- * @param {Uint8ClampedArray} rgba
- * @param {(c0: number, c1: number, c2: number) => boolean} matches
+ * @param {Uint8ClampedArray} rgba @param {(c0: number, c1: number, c2: number) => boolean} matches
  */
 export const matchingPixels = (rgba, matches) =>
   Uint8Array.from({ length: rgba.length / 4 }, (_, i) =>
@@ -143,10 +142,10 @@ export function outlinesOf(mask, width) {
 export function createObjects(instances) {
   const { width, height } = instances;
   const colors = new Uint32Array(contextOf(instances).getImageData(0, 0, width, height).data.buffer);
-  /** @type {Map<number, import("../boxes/box.js").Xyxy>} */
+  /** @type {Map<number, Xyxy>} */
   const known = new Map();
   return {
-    /** @param {import("./geometry.js").Point} at  image px @returns {import("../boxes/box.js").Xyxy | null} */
+    /** @param {Point} at  image px @returns {Xyxy | null} */
     at({ x, y }) {
       if (x < 0 || y < 0 || x >= width || y >= height) return null;
       const color = colors[Math.floor(y) * width + Math.floor(x)] ?? 0;
@@ -159,12 +158,7 @@ export function createObjects(instances) {
 
 /** @typedef {ReturnType<typeof createObjects>} Objects */
 
-/**
- * @param {Uint32Array} colors
- * @param {number} width
- * @param {number} color one of them
- * @returns {import("../boxes/box.js").Xyxy}
- */
+/** @param {Uint32Array} colors @param {number} width @param {number} color one of them @returns {Xyxy} */
 export function extentOf(colors, width, color) {
   let [x0, y0, x1, y1] = [Infinity, Infinity, 0, 0];
   for (let i = colors.indexOf(color); i >= 0; i = colors.indexOf(color, i + 1)) {

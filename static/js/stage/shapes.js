@@ -3,9 +3,8 @@
 
 import { VERDICT_SIGN, shortText } from "../boxes/wording.js";
 
-/** @typedef {import("./paint.js").Inks} Inks */
-/** @typedef {import("../boxes/box.js").Verdict} Verdict */
-/** @typedef {import("../boxes/box.js").Xyxy} Xyxy */
+/** @import { Decision, Verdict, Xyxy } from "../boxes/box.js" */
+/** @import { Inks } from "./paint.js" */
 /** @typedef {{color: string, casing: string, dash: readonly number[]}} Pen  whole px; dash: on, off */
 /** @typedef {{across: ImageBitmap, down: ImageBitmap}} Strips */
 
@@ -21,9 +20,7 @@ const known = new Map();
 
 /**
  * Outlines on whole pixels. Dashes begin at each box's corner, so they move with it.
- * @param {CanvasRenderingContext2D} ctx
- * @param {readonly Xyxy[]} rects
- * @param {Pen} pen
+ * @param {CanvasRenderingContext2D} ctx @param {readonly Xyxy[]} rects @param {Pen} pen
  */
 export function outline(ctx, rects, pen) {
   if (rects.length === 0) return;
@@ -136,9 +133,7 @@ export function paintLabel(ctx, { text, verdict, rect, size, inks }) {
 
 /**
  * Lines no wider than `width`: broken at " · ", and where that is not enough between words.
- * @param {Pick<CanvasRenderingContext2D, "measureText">} ctx
- * @param {string} text
- * @param {number} width
+ * @param {Pick<CanvasRenderingContext2D, "measureText">} ctx @param {string} text @param {number} width
  * @returns {string[]}
  */
 export function brokenToFit(ctx, text, width) {
@@ -157,10 +152,7 @@ export function brokenToFit(ctx, text, width) {
 }
 
 /**
- * @param {CanvasRenderingContext2D} ctx
- * @param {readonly string[]} lines
- * @param {number} x
- * @param {number} y
+ * @param {CanvasRenderingContext2D} ctx @param {readonly string[]} lines @param {number} x @param {number} y
  * @param {string} color
  */
 function paintLines(ctx, lines, x, y, color) {
@@ -170,10 +162,8 @@ function paintLines(ctx, lines, x, y, color) {
 }
 
 /**
- * @param {CanvasRenderingContext2D} ctx
- * @param {{x: number, y: number, width: number, height: number}} at
- * @param {string} fill
- * @param {string} [outline]
+ * @param {CanvasRenderingContext2D} ctx @param {{x: number, y: number, width: number, height: number}} at
+ * @param {string} fill @param {string} [outline]
  */
 function paintPlate(ctx, at, fill, outline) {
   ctx.beginPath();
@@ -215,11 +205,11 @@ export function paintShortLabels(ctx, placed, { inks, size }) {
 
 /**
  * Measured once per box: a pan asks for hundreds of them, frame after frame.
- * @type {WeakMap<import("../boxes/box.js").Decision, {text: string, width: number, font: string}>}
+ * @type {WeakMap<Decision, {text: string, width: number, font: string}>}
  */
 const shortLabels = new WeakMap();
 
-/** @param {CanvasRenderingContext2D} ctx @param {import("../boxes/box.js").Decision} box */
+/** @param {CanvasRenderingContext2D} ctx @param {Decision} box */
 function shortLabel(ctx, box) {
   const known = shortLabels.get(box);
   if (known?.font === ctx.font) return known;
@@ -245,9 +235,7 @@ const signs = new Map();
 
 /**
  * The sign of an answer, on the top right corner of its box.
- * @param {CanvasRenderingContext2D} ctx
- * @param {Given | null} answer
- * @param {import("../boxes/box.js").Xyxy} rect
+ * @param {CanvasRenderingContext2D} ctx @param {Given | null} answer @param {Xyxy} rect
  * @param {Inks} inks
  */
 export function paintMark(ctx, answer, [, y0, x1], inks) {

@@ -19,10 +19,9 @@ import {
 import { listen } from "./input.js";
 import { createDrawnBoxes, paintAllBoxes, paintBase, paintTop, readInks } from "./paint.js";
 
-/** @typedef {import("../boxes/box.js").Decision} Decision */
-/** @typedef {import("./geometry.js").Point} Point */
-/** @typedef {import("./geometry.js").View} View */
-/** @typedef {import("../boxes/box.js").Xyxy} Xyxy */
+/** @import { Decision, Xyxy } from "../boxes/box.js" */
+/** @import { Point, View } from "./geometry.js" */
+/** @import { Highlight, Objects } from "./pixels.js" */
 
 /**
  * @typedef {object} Snapshot  everything that is drawn
@@ -32,13 +31,13 @@ import { createDrawnBoxes, paintAllBoxes, paintBase, paintTop, readInks } from "
  * @property {number} opacity  of the mask
  * @property {readonly Decision[]} boxes
  * @property {Decision | null} selected  one of `boxes`
- * @property {import("./pixels.js").Highlight | null} highlight
+ * @property {Highlight | null} highlight
  * @property {boolean} edges
  * @property {boolean} isWhole  the picture is there, or the frame has none
  * @property {boolean} crop  show the selected box's surroundings rather than the frame
  * @property {boolean} [isBare]  show the picture alone
  * @property {Decision | null} [hider]  the box that most likely hides the selected one
- * @property {import("./pixels.js").Objects | null} [objects]  what the picture shows, for clicks
+ * @property {Objects | null} [objects]  what the picture shows, for clicks
  * @property {boolean} [hasFar]  draw far boxes as strong as others
  * @property {number} [scene]  a changed number means another scene: the view jumps there without an animation
  */
@@ -143,8 +142,7 @@ export function createStage(host, events) {
 
   /**
    * Move the view when another box is selected or the crop is switched.
-   * @param {Snapshot} before
-   * @param {Snapshot} next
+   * @param {Snapshot} before @param {Snapshot} next
    */
   function follow(before, next) {
     const isMove = before.selected?.box_id !== next.selected?.box_id;
@@ -229,7 +227,9 @@ export function createStage(host, events) {
       if (hovered) hovered = next.boxes.find(({ box_id }) => box_id === hovered?.box_id) ?? null;
       if (before && !isNewImage) follow(before, next);
       else restore(false);
-      invalidate(before && sameBut(before, next, "highlight") ? "top" : "all");
+      const keys = /** @type {(keyof Snapshot)[]} */ (Object.keys(next));
+      const isHighlight = before && keys.every((key) => key === "highlight" || Object.is(before[key], next[key]));
+      invalidate(isHighlight ? "top" : "all");
     },
     fit: () => fit(true),
     mode: () => mode,
@@ -264,11 +264,6 @@ export function createStage(host, events) {
 }
 
 /** @typedef {ReturnType<typeof createStage>} Stage */
-
-/** @param {Snapshot} a @param {Snapshot} b @param {keyof Snapshot} key */
-function sameBut(a, b, key) {
-  return /** @type {(keyof Snapshot)[]} */ (Object.keys(b)).every((k) => k === key || Object.is(a[k], b[k]));
-}
 
 /** @param {HTMLElement} host @param {string} name */
 function layerIn(host, name) {
@@ -325,10 +320,7 @@ function createGlide(current, show) {
 
 /**
  * Scale moves geometrically, so that zooming feels even.
- * @param {View} a
- * @param {View} b
- * @param {number} share
- * @returns {View}
+ * @param {View} a @param {View} b @param {number} share @returns {View}
  */
 function between(a, b, share) {
   if (share === 1) return b;

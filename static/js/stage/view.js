@@ -12,20 +12,19 @@ import { clamp } from "./geometry.js";
 import { highlightOf } from "./pixels.js";
 import { createStage } from "./stage.js";
 
-/** @typedef {import("../core/app.js").Actions} Actions */
-/** @typedef {import("../core/app.js").App} App */
-/** @typedef {import("../boxes/box.js").Decision} Decision */
-/** @typedef {import("./media.js").Frame} Frame */
+/** @import { Decision } from "../boxes/box.js" */
+/** @import { Actions, App } from "../core/app.js" */
+/** @import { Frame, Media } from "./media.js" */
+/** @import { Stage } from "./stage.js" */
 
 /**
  * The boxes are shown as soon as the frame is known; the picture and the segmentation follow.
- * @param {{app: App, frame: Frame | null, media: import("./media.js").Media, boxes: readonly Decision[], selected:
- *   Decision | null, isCrop: boolean,
- * hider?: Decision | null, scene?: number, label: string, onSelect?: (boxId: number | null) => void, onSwipe?: (side:
- * "left" | "right") => void, onCrop: (isOnBox: boolean) => void,
- *   stageRef: {current: import("./stage.js").Stage | null}, children?: unknown}} props
- * `frame`: null until it is loaded; `isCrop`, `hider`, `scene`: `crop`, `hider`, `scene` of a Snapshot (stage.js);
- * `onCrop`: a double click; `onSwipe`: a finger has moved the picture far enough; without it, a finger pans
+ * @param {{app: App, frame: Frame | null, media: Media, boxes: readonly Decision[], selected:
+ *   Decision | null, isCrop: boolean, hider?: Decision | null, scene?: number, label: string, onSelect?: (boxId: number
+ *   | null) => void, onSwipe?: (side: "left" | "right") => void, onCrop: (isOnBox: boolean) => void, stageRef:
+ *   {current: Stage | null}, children?: unknown}} props `frame`: null until it is loaded;
+ *   `isCrop`, `hider`, `scene`: `crop`, `hider`, `scene` of a Snapshot (stage.js); `onCrop`: a double click; `onSwipe`:
+ *   a finger has moved the picture far enough; without it, a finger pans
  */
 export function StageView({
   app,
@@ -123,8 +122,7 @@ export function StageView({
       data-bare=${isBare || undefined} data-objects=${objects ? "shown" : undefined}></div>
     ${
       hasNoPicture &&
-      html`<div
-        class="stage__note">
+      html`<div class="stage__note">
         <${Notice} title="This frame has no image"><p>Its boxes and numbers are here all the same.</p><//></div>`
     }
     ${!picture && !hasNoPicture && !noPicture && html`<div class="stage__loading shimmer" aria-hidden="true"></div>`}
@@ -160,7 +158,7 @@ function imageSize(frame, picture) {
 const OPACITY_STEP = 0.1;
 const ZOOM_STEP = 1.4;
 
-/** @param {App} app @param {() => import("./stage.js").Stage | null} stage */
+/** @param {App} app @param {() => Stage | null} stage */
 export function createLookActions(app, stage) {
   /** @param {number} change */
   function fade(change) {
@@ -202,8 +200,7 @@ export function createLookActions(app, stage) {
 /**
  * Toggles of the view, then the close-up and the zoom, which every view has.
  * @param {{app: App, actions: Actions, isCrop: boolean, isFit?: boolean, hasZoomText?: boolean, children?: unknown}}
- *   props
- *   `isFit`: whether the whole frame is shown, where that is a state; `children`: the toggles
+ *   props `isFit`: whether the whole frame is shown, where that is a state; `children`: the toggles
  */
 export function LookBar({ app, actions, isCrop, isFit, hasZoomText = false, children }) {
   const { panels } = useValue(app.prefs);

@@ -10,8 +10,9 @@ import { appliesTo, classPath, valueOf } from "./config.js";
 import { Delta } from "./flips.js";
 import { Histogram, together, typedPercent } from "./histogram.js";
 
-/** @typedef {import("../core/app.js").App} App */
-/** @typedef {import("./preview.js").Tuning} Tuning */
+/** @import { App } from "../core/app.js" */
+/** @import { FilterConfigIn, Preview } from "../core/openapi.js" */
+/** @import { Tuning } from "./preview.js" */
 
 const SCALES = [
   { value: "", text: "Log" },
@@ -23,10 +24,10 @@ const BY = [
   { value: "tags", text: "By tags" },
 ];
 
-/** @param {import("../core/openapi.js").FilterConfigIn} config @param {string} name @param {string} key */
+/** @param {FilterConfigIn} config @param {string} name @param {string} key */
 const hasOwn = (config, name, key) => valueOf(config, classPath(name, key)) !== undefined;
 
-/** @param {import("../core/openapi.js").FilterConfigIn} config @param {string} name @param {string} key */
+/** @param {FilterConfigIn} config @param {string} name @param {string} key */
 const thresholdOf = (config, name, key) => Number(appliesTo(config, name, key) ?? 0);
 
 /** @param {{app: App, tuning: Tuning, scale: string, selected: string}} props */
@@ -69,9 +70,6 @@ export function AllClasses({ app, tuning, scale, selected }) {
 /** @param {Tuning} tuning @returns {Record<string, number[]>} */
 const histogramsOf = ({ share }) => share.histograms?.classes ?? {};
 
-/** The share of a class's pixels that have no known tag, in percent. @param {Tuning} tuning @param {string} name */
-const unknownOf = ({ share }, name) => share.histograms?.unknown_percent?.[name] ?? 0;
-
 /** @param {number} following @param {readonly string[]} own @param {boolean} isOwn */
 function followText(following, own, isOwn) {
   const share = isOwn ? "the share of their pixels that is their object's own" : "their share of matching pixels";
@@ -87,8 +85,7 @@ function Legend({ isExclusive }) {
     <span><i class="chartswatch chartswatch--above"></i>${isExclusive ? "above" : "at or above"} it</span>
     <span><i class="chartswatch chartswatch--active"></i>active threshold</span>
     <span>without boxes of too few visible pixels</span>
-    <span
-      class="chartlegend__keys">Drag, or <kbd>←</kbd><kbd>→</kbd> 0.5 · <kbd>⇧</kbd> 5 · <kbd>PgUp</kbd>
+    <span class="chartlegend__keys">Drag, or <kbd>←</kbd><kbd>→</kbd> 0.5 · <kbd>⇧</kbd> 5 · <kbd>PgUp</kbd>
       <kbd>PgDn</kbd> 10</span>
   </p>`;
 }
@@ -102,8 +99,7 @@ export function ClassCards({ app, tuning, scale, selected }) {
   return html`<ul class="classcards">
     ${Object.entries(counts).map(
       ([name, bins]) =>
-        html`<li
-          key=${name}>
+        html`<li key=${name}>
           <${ClassCard} app=${app} tuning=${tuning} name=${name} counts=${bins} scale=${scale}
             isSelected=${name === selected} /></li>`,
     )}
@@ -119,10 +115,9 @@ function ClassCard({ app, tuning, name, counts, scale, isSelected }) {
   const { key } = share;
   const path = classPath(name, key);
   const threshold = thresholdOf(tried, name, key);
-  const unknown = unknownOf(tuning, name);
+  const unknown = tuning.share.histograms?.unknown_percent?.[name] ?? 0;
   /** @param {number | null} value */
   const set = (value) => value !== null && change({ [path]: value });
-  const follow = () => change({ [path]: undefined });
   return html`<section class="classcard ${isSelected ? "is-selected" : ""}" aria-label=${name}>
     <header class="classcard__head">
       <button class="classcard__name" aria-pressed=${isSelected}
@@ -130,7 +125,7 @@ function ClassCard({ app, tuning, name, counts, scale, isSelected }) {
         onClick=${() => look({ class: isSelected ? "" : name, scale })}>${name}</button>
       ${
         hasOwn(tried, name, key)
-          ? html`<button class="button button--quiet button--small" onClick=${follow}
+          ? html`<button class="button button--quiet button--small" onClick=${() => change({ [path]: undefined })}
             title=${`Follow all classes (${percentText(Number(valueOf(tried, key) ?? 0))})`}>
             <${Icon} name="undo" />Follow all</button>`
           : html`<span class="faint classcard__follows">as for all</span>`
@@ -158,8 +153,7 @@ function ClassCounts({ tuning, name }) {
       <dt><span class="badge__sign badge__sign--rejected"><${Icon} name="cross" /></span>
         <span class="sr-only">rejected</span></dt><dd>${now ? countText(now.rejected) : "…"}</dd></div>
     ${now && now.unmeasured > 0 && html`<div><dt>unmeasured</dt><dd>${countText(now.unmeasured)}</dd></div>`}
-    <div
-      class="classcard__flips"><dt class="sr-only">would flip</dt>
+    <div class="classcard__flips"><dt class="sr-only">would flip</dt>
       <dd>${flips ? `${countOf(flips.kept_to_rejected + flips.rejected_to_kept, "flip")}` : "no flip"}</dd></div>
   </dl>`;
 }
@@ -176,9 +170,9 @@ const METERS = {
   unknown_pixels: "unmeasured",
 };
 
-/** @param {{tuning: import("./preview.js").Tuning, selected: string}} props */
+/** @param {{tuning: Tuning, selected: string}} props */
 export function Reasons({ tuning, selected }) {
-  /** @param {import("../core/openapi.js").Preview | null} preview @returns {Record<string, number>} */
+  /** @param {Preview | null} preview @returns {Record<string, number>} */
   const of = (preview) => (selected ? preview?.reasons_by_class?.[selected] : preview?.by_reason) ?? {};
   const before = of(tuning.baseline);
   const after = of(tuning.preview);
@@ -202,10 +196,8 @@ export function Reasons({ tuning, selected }) {
               <td class="is-num num">${countText(before[reason] ?? 0)}</td>
               <td class="is-num num">${countText(after[reason] ?? 0)}</td>
               <td class="is-num"><${Delta} count=${after[reason] ?? 0} before=${before[reason] ?? 0} /></td>
-              <td class="table__bar"
-                aria-hidden="true">
-                <span
-                  class="meter meter--${meterOf(reason)}">
+              <td class="table__bar" aria-hidden="true">
+                <span class="meter meter--${meterOf(reason)}">
                   <i style=${{ width: `${(100 * (after[reason] ?? 0)) / most}%` }}></i></span></td>
             </tr>`,
           )}

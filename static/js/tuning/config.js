@@ -1,7 +1,7 @@
 // @ts-check
 // A configuration that is tried out: edits, differences, link, YAML. Pure functions.
 
-/** @typedef {import("../core/openapi.js").FilterConfigIn} ConfigBody */
+/** @import { FilterConfigIn as ConfigBody } from "../core/openapi.js" */
 /** @typedef {string | number | null | readonly (string | number)[] | Readonly<Record<string, string>>} ConfigValue */
 /** @typedef {Readonly<Record<string, ConfigValue | undefined>>} Values  by their keys */
 /** @typedef {Record<string, ConfigValue | undefined>} Edits  by path; undefined removes a class's own value */
@@ -17,19 +17,15 @@ const FOLLOW = "follow";
 /** Names that mean the same class. @type {Record<string, string>} */
 const ALIASES = { street_light: "traffic_light" };
 
-/** @param {string} name */
-const canonical = (name) => ALIASES[name] ?? name;
-
 /** @param {string} name @param {string} [key] */
-export const classPath = (name, key = THRESHOLD) => `classes.${canonical(name)}.${key}`;
+export const classPath = (name, key = THRESHOLD) => `classes.${ALIASES[name] ?? name}.${key}`;
 
 /** The values for all classes. @param {ConfigBody} config @returns {Values} */
 const globalsOf = ({ classes: _, ...values }) => values;
 
 /**
  * The values of single classes that differ, by the names of the classes.
- * @param {ConfigBody} config
- * @returns {Readonly<Record<string, Values>>}
+ * @param {ConfigBody} config @returns {Readonly<Record<string, Values>>}
  */
 const overridesOf = ({ classes }) =>
   Object.fromEntries(
@@ -43,9 +39,7 @@ function parsePath(path) {
 }
 
 /**
- * @param {ConfigBody} config
- * @param {string} path
- * @returns {ConfigValue | undefined} undefined: not set for this class
+ * @param {ConfigBody} config @param {string} path @returns {ConfigValue | undefined} undefined: not set for this class
  */
 export function valueOf(config, path) {
   const { name, key } = parsePath(path);
@@ -54,9 +48,7 @@ export function valueOf(config, path) {
 
 /**
  * The value of a key, or its default if the version is older than the key.
- * @param {ConfigBody} config
- * @param {{key: string, initial: unknown}} field
- * @returns {ConfigValue | undefined}
+ * @param {ConfigBody} config @param {{key: string, initial: unknown}} field @returns {ConfigValue | undefined}
  */
 export function keyValue(config, { key, initial }) {
   const own = valueOf(config, key);
@@ -68,8 +60,7 @@ const UNSET = ["auto", "refuse"];
 
 /**
  * The dataset's own setting, if it is used in place of this key of the configuration; else "".
- * @param {Readonly<Record<string, unknown>>} dataset
- * @param {ConfigBody} config
+ * @param {Readonly<Record<string, unknown>>} dataset @param {ConfigBody} config
  * @param {{key: string, initial: unknown}} field
  */
 export function ownSetting(dataset, config, field) {
@@ -84,10 +75,7 @@ export const isReading = (key) => ["palette", "encoding", "channel_order", "loss
 
 /**
  * The value that applies to a class: its own, or the one for all classes.
- * @param {ConfigBody} config
- * @param {string} name
- * @param {string} [key]
- * @returns {ConfigValue | undefined}
+ * @param {ConfigBody} config @param {string} name @param {string} [key] @returns {ConfigValue | undefined}
  */
 export function appliesTo(config, name, key = THRESHOLD) {
   const own = valueOf(config, classPath(name, key));
@@ -121,9 +109,7 @@ const isSame = (a, b) => JSON.stringify(a) === JSON.stringify(b);
 
 /**
  * The keys in which two configurations differ, those for all classes first.
- * @param {ConfigBody} before
- * @param {ConfigBody} after
- * @returns {Difference[]}
+ * @param {ConfigBody} before @param {ConfigBody} after @returns {Difference[]}
  */
 export function differences(before, after) {
   const paths = new Set([...pathsOf(before), ...pathsOf(after)]);
@@ -142,18 +128,14 @@ function pathsOf(config) {
 
 /**
  * The edits that turn one configuration into another.
- * @param {ConfigBody} before
- * @param {ConfigBody} after
- * @returns {Edits}
+ * @param {ConfigBody} before @param {ConfigBody} after @returns {Edits}
  */
 export const editsBetween = (before, after) =>
   Object.fromEntries(differences(before, after).map((row) => [row.path, row.after]));
 
 /**
  * The parts of an address that are about the configuration.
- * @param {ConfigBody} config
- * @param {Record<string, string>} query
- * @returns {Record<string, string>}
+ * @param {ConfigBody} config @param {Record<string, string>} query @returns {Record<string, string>}
  */
 export const configQuery = (config, query) =>
   Object.fromEntries(
@@ -162,9 +144,7 @@ export const configQuery = (config, query) =>
 
 /**
  * The edits that an address names; without those that are no number where one is needed.
- * @param {ConfigBody} config
- * @param {Record<string, string>} query
- * @returns {Edits}
+ * @param {ConfigBody} config @param {Record<string, string>} query @returns {Edits}
  */
 export function editsOf(config, query) {
   const known = Object.entries(configQuery(config, query));

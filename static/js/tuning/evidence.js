@@ -13,10 +13,8 @@ import { linkTo } from "../core/router.js";
 import { RunStrip, isOver, useWatched } from "../jobs/job.js";
 import { effectiveEdits, queryOf } from "./config.js";
 
-/** @typedef {import("../core/app.js").App} App */
-/** @typedef {import("../core/openapi.js").ConfigVersion} ConfigVersion */
-/** @typedef {import("../core/openapi.js").FilterConfigIn} ConfigBody */
-/** @typedef {import("../core/openapi.js").Preview} Preview */
+/** @import { App } from "../core/app.js" */
+/** @import { ConfigVersion, FilterConfigIn as ConfigBody, Preview, Run } from "../core/openapi.js" */
 
 const STRONGEST = "auto";
 const TAGS = "semantic";
@@ -67,7 +65,7 @@ export function EvidenceSwitch({ app, dataset, active, isQuiet = false, onApplie
     },
     [dataset, active, kind],
   );
-  const [started, setStarted] = useState(/** @type {import("../core/openapi.js").Run | null} */ (null));
+  const [started, setStarted] = useState(/** @type {Run | null} */ (null));
   const undo = () => {
     const tell = () => app.toasts.show(`Boxes are decided by ${nameOf(now)} again, in the background.`);
     void put("/api/v1/datasets/{dataset}/config", { path, body: { digest: active.digest } }).then(

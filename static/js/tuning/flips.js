@@ -8,9 +8,9 @@ import { Icon } from "../core/icons.js";
 import { countOf, countText } from "../core/numbers.js";
 import { linkTo } from "../core/router.js";
 
-/** @typedef {import("../core/app.js").App} App */
-/** @typedef {import("../core/openapi.js").Flip} Flip */
-/** @typedef {import("./preview.js").Tuning} Tuning */
+/** @import { App } from "../core/app.js" */
+/** @import { Flip } from "../core/openapi.js" */
+/** @import { Tuning } from "./preview.js" */
 /** @typedef {"kept_to_rejected" | "rejected_to_kept"} Direction */
 
 /** How large a picture is, in css px: about that, as cards share the width of the list. */
@@ -20,15 +20,6 @@ export const DIRECTIONS = /** @type {const} */ ({
   kept_to_rejected: { after: "rejected", text: "kept → rejected" },
   rejected_to_kept: { after: "kept", text: "rejected → kept" },
 });
-
-/**
- * Directions by the names that earlier versions of the page have written into addresses.
- * @type {Record<string, Direction>}
- */
-const RENAMED = { lost: "kept_to_rejected", won: "rejected_to_kept" };
-
-/** Which flips an address shows; all if it is empty. @param {import("../core/router.js").Query} query */
-export const directionIn = ({ flips = "" }) => RENAMED[flips] ?? flips;
 
 /** @param {Flip} flip @returns {Direction} */
 export const directionOf = (flip) => (flip.before.verdict === "kept" ? "kept_to_rejected" : "rejected_to_kept");
@@ -79,8 +70,7 @@ function FlipCard({ flip, words }) {
   const box = { box_id: id, xyxy, reason: after.reason, effective_verdict: after.verdict };
   return html`<a class="flip flip--${DIRECTIONS[direction].after}"
     href=${linkTo("frame", { id: flip.frame_id }, { box: String(id) })}>
-    <span
-      class="flip__picture"><${NearBox} box=${box} size=${PICTURE_PX} /><${DirectionSign} direction=${direction} />
+    <span class="flip__picture"><${NearBox} box=${box} size=${PICTURE_PX} /><${DirectionSign} direction=${direction} />
       <${Truth} flip=${flip} /></span>
     <span class="flip__class">${flip.class}<span class="sr-only"> of box ${id}</span></span>
     <span class="flip__side"><b>${words.before(before.verdict)}:</b> <span>${causeText(before)}</span></span>
@@ -122,7 +112,7 @@ export function FlipPanel({ app, tuning, selected, direction, onDirection }) {
   </aside>`;
 }
 
-/** @param {{app: App, tuning: Tuning, items: readonly import("../core/openapi.js").Flip[], wanted: number}} props */
+/** @param {{app: App, tuning: Tuning, items: readonly Flip[], wanted: number}} props */
 function Body({ app, tuning, items, wanted }) {
   const { preview, listed, isListed } = tuning;
   if (!preview) return html`<div class="flippanel__list"><${SkeletonCards} /></div>`;
@@ -143,8 +133,7 @@ function Body({ app, tuning, items, wanted }) {
 }
 
 const SkeletonCards = () =>
-  html`<ul class="flips"
-    aria-hidden="true">
+  html`<ul class="flips" aria-hidden="true">
     ${[0, 1, 2, 3, 4, 5].map(() => html`<li class="flip"><span class="flip__picture shimmer"></span></li>`)}</ul>`;
 
 /** @param {{tuning: Tuning, shown: number, wanted: number}} props */
@@ -162,8 +151,7 @@ function ShowMoreFlips({ tuning, shown, wanted }) {
  */
 export function Delta({ count, before }) {
   const by = count === undefined || before === undefined ? 0 : count - before;
-  return html`<span
-    class="delta num ${by === 0 ? "is-none" : ""}">
+  return html`<span class="delta num ${by === 0 ? "is-none" : ""}">
     ${by === 0 ? "±0" : `${by > 0 ? "+" : "−"}${countText(Math.abs(by))}`}</span>`;
 }
 

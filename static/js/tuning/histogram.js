@@ -5,9 +5,9 @@ import { drawChart } from "../core/chart.js";
 import { html, useEffect, useLayoutEffect, useMemo, useRef, useState } from "../core/html.js";
 import { countOf, percentText } from "../core/numbers.js";
 
-/** @typedef {import("../core/app.js").App} App */
-/** @typedef {import("../core/chart.js").Ink} Ink */
-/** @typedef {import("../../vendor/uplot-1.6.32.module.js").default} UPlot */
+/** @import { default as UPlot } from "../../vendor/uplot-1.6.32.module.js" */
+/** @import { App } from "../core/app.js" */
+/** @import { Data, Ink } from "../core/chart.js" */
 
 /** The plot inside of the drawing; tuning.css puts the handle on the same place. */
 const AXIS = { left: 40, bottom: 22 };
@@ -64,9 +64,7 @@ export function Histogram({ app, name, counts, threshold, active, isLog, size, o
 }
 
 /**
- * @param {{current: HTMLDivElement | null}} element
- * @param {readonly number[]} counts
- * @param {boolean} isLog
+ * @param {{current: HTMLDivElement | null}} element @param {readonly number[]} counts @param {boolean} isLog
  * @param {"large" | "small"} size
  */
 function useBars(element, counts, isLog, size) {
@@ -90,19 +88,16 @@ function useBars(element, counts, isLog, size) {
  *   threshold: number, active: number}} Shown
  */
 
-/** @param {readonly number[]} heights @returns {import("../core/chart.js").Data} */
+/** @param {readonly number[]} heights @returns {Data} */
 const dataOf = (heights) => [heights.map((_, bin) => (100 * (bin + 0.5)) / heights.length), [...heights]];
 
 /**
- * @param {import("../core/chart.js").Ink} ink
- * @param {string} font
- * @param {() => Shown} shown
- * @param {"large" | "small"} size
- * @param {(text: string) => void} onPoint
+ * @param {Ink} ink @param {string} font @param {() => Shown} shown
+ * @param {"large" | "small"} size @param {(text: string) => void} onPoint
  */
 function describe(ink, font, shown, size, onPoint) {
   const axis = { stroke: ink["text-faint"], font, ticks: { show: false }, gap: 4 };
-  /** Labels that have room. @param {import("../../vendor/uplot-1.6.32.module.js").default} plot */
+  /** Labels that have room. @param {UPlot} plot */
   const every = (plot) => (size === "small" ? 50 : plot.width < 560 ? 20 : 10);
   return {
     legend: { show: false },
@@ -118,8 +113,7 @@ function describe(ink, font, shown, size, onPoint) {
         ...axis,
         size: AXIS.bottom,
         grid: { show: false },
-        splits: (/** @type {import("../../vendor/uplot-1.6.32.module.js").default} */ plot) =>
-          range(0, 100, every(plot)),
+        splits: (/** @type {UPlot} */ plot) => range(0, 100, every(plot)),
         values: (/** @type {unknown} */ _, /** @type {number[]} */ at) => at.map((percent) => `${percent} %`),
       },
       {
@@ -132,11 +126,9 @@ function describe(ink, font, shown, size, onPoint) {
       },
     ],
     hooks: {
-      draw: [
-        (/** @type {import("../../vendor/uplot-1.6.32.module.js").default} */ plot) => paintBars(plot, ink, shown()),
-      ],
+      draw: [(/** @type {UPlot} */ plot) => paintBars(plot, ink, shown())],
       setCursor: [
-        (/** @type {import("../../vendor/uplot-1.6.32.module.js").default} */ plot) =>
+        (/** @type {UPlot} */ plot) =>
           onPoint(pointedText(plot.cursor.idx ?? null, shown().binned, plot.cursor.left ?? -1)),
       ],
     },
@@ -193,8 +185,7 @@ function Handle({ name, threshold, size, onChange }) {
 
 /**
  * Neighbouring bins together.
- * @param {readonly number[]} counts
- * @param {number} wanted how many bins; divides their number
+ * @param {readonly number[]} counts @param {number} wanted how many bins; divides their number
  */
 export function rebinned(counts, wanted) {
   const size = Math.max(1, Math.round(counts.length / wanted));
@@ -264,9 +255,6 @@ const PAGE_STEP = 10;
 /** @param {number} value */
 const clampPercent = (value) => Math.min(100, Math.max(0, value));
 
-/** Two digits, so that steps never leave 10.499999. @param {number} value */
-const rounded = (value) => Math.round(value * 100) / 100;
-
 /** @type {Record<string, (value: number, isLarge: boolean) => number>} */
 const MOVES = {
   ArrowRight: (value, isLarge) => value + (isLarge ? LARGE_STEP : STEP),
@@ -281,12 +269,12 @@ const MOVES = {
 
 /**
  * Where a key moves the threshold; null when the key is not one of the slider's.
- * @param {number} value
- * @param {{key: string, shiftKey: boolean}} press
+ * @param {number} value @param {{key: string, shiftKey: boolean}} press
  */
 export function movedByKey(value, { key, shiftKey }) {
   const move = MOVES[key];
-  return move ? rounded(clampPercent(move(value, shiftKey))) : null;
+  // Two digits, so that steps never leave 10.499999.
+  return move ? Math.round(clampPercent(move(value, shiftKey)) * 100) / 100 : null;
 }
 
 /**
@@ -348,10 +336,7 @@ function barShape(plot, heights) {
 
 /**
  * Paint the range between the active threshold and the one that is tried.
- * @param {UPlot} plot
- * @param {Ink} ink
- * @param {number} from
- * @param {number} to
+ * @param {UPlot} plot @param {Ink} ink @param {number} from @param {number} to
  */
 function paintChange({ ctx, bbox }, ink, from, to) {
   ctx.save();
@@ -370,10 +355,7 @@ function paintChange({ ctx, bbox }, ink, from, to) {
 }
 
 /**
- * @param {CanvasRenderingContext2D} ctx
- * @param {number} left
- * @param {number} right
- * @param {UPlot["bbox"]} bbox
+ * @param {CanvasRenderingContext2D} ctx @param {number} left @param {number} right @param {UPlot["bbox"]} bbox
  * @param {() => void} paint
  */
 function within(ctx, left, right, bbox, paint) {
@@ -390,8 +372,7 @@ const tiles = new Map();
 
 /**
  * Slanted lines: the sign of a rejected box that needs no colour.
- * @param {CanvasRenderingContext2D} ctx
- * @param {string} color
+ * @param {CanvasRenderingContext2D} ctx @param {string} color
  */
 function hatch(ctx, color) {
   const name = `${color} ${devicePixelRatio}`;

@@ -9,9 +9,10 @@ import { useCallback, useEffect, useLayoutEffect, useMemo, useRef, useState } fr
 import { linkTo } from "../core/router.js";
 import { OWN_SHARE, THRESHOLD, configQuery, editsOf, effectiveEdits, queryOf, withEdits } from "./config.js";
 
-/** @typedef {import("../core/openapi.js").ConfigVersion} ConfigVersion */
-/** @typedef {import("./config.js").Edits} Edits */
-/** @typedef {import("../core/openapi.js").Preview} Preview */
+/** @import { App } from "../core/app.js" */
+/** @import { ConfigVersion, FilterConfigIn, Histogram, Preview, PreviewIn } from "../core/openapi.js" */
+/** @import { Query } from "../core/router.js" */
+/** @import { Edits } from "./config.js" */
 
 /** How long nothing may change before boxes are listed and the address is updated. */
 const SETTLE_MS = 220;
@@ -27,13 +28,10 @@ const textOf = (query) => JSON.stringify(Object.entries(query).sort(([a], [b]) =
 /** Changes of the same keys that follow each other faster are parts of one drag. */
 const ONE_CHANGE_MS = 400;
 
-/** @param {import("../core/router.js").Query} query */
+/** @param {Query} query */
 const viewOf = (query) => Object.fromEntries(VIEW_KEYS.flatMap((key) => (query[key] ? [[key, query[key]]] : [])));
 
-/**
- * @param {import("../core/app.js").App} app @param {string} dataset @param {ConfigVersion} active
- * @param {import("../core/router.js").Query} query
- */
+/** @param {App} app @param {string} dataset @param {ConfigVersion} active @param {Query} query */
 export function useTuning(app, dataset, active, query) {
   const [edits, setEdits] = useState(() => editsOf(active.config, query));
   const [showsMany, setShowsMany] = useState(false);
@@ -63,7 +61,7 @@ export function useTuning(app, dataset, active, query) {
   );
   const actions = useMemo(() => ({ undo: () => setEdits((held) => past.current.pop()?.before ?? held) }), []);
   useActions(app, actions);
-  /** @param {import("../core/router.js").Query} view */
+  /** @param {Query} view */
   const look = (view) =>
     app.router.replace(linkTo("thresholds", { dataset }, { ...viewOf(query), ...view, ...queryOf(edits) }));
   const share = shareOf(asked.preview?.histograms ? asked.preview : asked.baseline, query.by);
@@ -102,7 +100,7 @@ function shareOf(preview, by) {
   return { isOwn, counts, key: isOwn ? OWN_SHARE : THRESHOLD, histograms: isOwn ? own : histograms };
 }
 
-/** @param {import("../core/openapi.js").Histogram | null} histograms */
+/** @param {Histogram | null} histograms */
 const boxesIn = (histograms) =>
   Object.values(histograms?.classes ?? {})
     .flat()
@@ -112,7 +110,7 @@ const boxesIn = (histograms) =>
 
 /**
  * The address follows the edits after a pause; if the address is changed from outside, the edits follow it at once.
- * @param {import("../core/app.js").App} app @param {string} dataset @param {import("../core/router.js").Query} query
+ * @param {App} app @param {string} dataset @param {Query} query
  * @param {ConfigVersion} active @param {Edits} edits @param {(edits: Edits) => void} setEdits
  */
 function useAddress(app, dataset, query, active, edits, setEdits) {
@@ -133,7 +131,7 @@ function useAddress(app, dataset, query, active, edits, setEdits) {
   }, [wanted, here]);
 }
 
-/** @typedef {Pick<import("../core/openapi.js").PreviewIn, "config" | "limit" | "truth">} Question */
+/** @typedef {Pick<PreviewIn, "config" | "limit" | "truth">} Question */
 
 /** Half a percent each: the step of a threshold. */
 const BINS = 200;
@@ -152,7 +150,7 @@ function usePreviews(dataset, active, { config: tried, limit, truth }) {
     [dataset, active],
   );
   const [preview, setPreview] = useState(/** @type {Preview | null} */ (null));
-  const [counted, setCounted] = useState(/** @type {import("../core/openapi.js").FilterConfigIn | null} */ (null));
+  const [counted, setCounted] = useState(/** @type {FilterConfigIn | null} */ (null));
   const [listed, setListed] = useState(/** @type {Preview | null} */ (null));
   const [error, setError] = useState(/** @type {Error | null} */ (null));
   const [isBusy, setBusy] = useState(false);

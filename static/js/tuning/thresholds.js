@@ -13,15 +13,15 @@ import { RunStrip, isOver, useOpenRun, useWatched } from "../jobs/job.js";
 import { AllClasses, ClassCards, Reasons } from "./classes.js";
 import { editsFor, effectiveEdits, keyValue, valueOf, valueText, worthTrying } from "./config.js";
 import { EvidenceSwitch } from "./evidence.js";
-import { Delta, DirectionSign, FlipPanel, directionIn } from "./flips.js";
+import { Delta, DirectionSign, FlipPanel } from "./flips.js";
 import { useTuning } from "./preview.js";
 import { ConfigPanel, SaveDialog, Versions } from "./versions.js";
 
-/** @typedef {import("../core/app.js").App} App */
-/** @typedef {import("../core/openapi.js").ConfigVersion} ConfigVersion */
-/** @typedef {import("../core/router.js").Route} Route */
-/** @typedef {import("../core/openapi.js").Run} Run */
-/** @typedef {import("./preview.js").Tuning} Tuning */
+/** @import { App } from "../core/app.js" */
+/** @import { ConfigVersion, Dataset, FilterConfigIn, FlipCounts, Measure, Run } from "../core/openapi.js" */
+/** @import { VerdictCounts } from "../core/openapi.js" */
+/** @import { Route } from "../core/router.js" */
+/** @import { Tuning } from "./preview.js" */
 
 /** @param {{app: App, route: Route}} props */
 export function ThresholdsView({ app, route }) {
@@ -39,15 +39,16 @@ export function ThresholdsView({ app, route }) {
       <h1>Thresholds</h1>
       ${
         counts &&
-        html`<span
-          class="faint">${countOf(counts.boxes, "box", "boxes")} in ${countOf(counts.frames, "frame")}</span>`
+        html`<span class="faint">${countOf(counts.boxes, "box", "boxes")} in ${countOf(counts.frames, "frame")}</span>`
       }
     </div>
     ${
       failed?.error
         ? html`<${Failure} error=${failed.error} onRetry=${failed.reload} />`
         : counts?.boxes === 0
-          ? html`<${Empty} />`
+          ? html`<${Notice} icon="layers" title="No boxes yet">
+            <p>Histograms are shown once frames with boxes have been uploaded to this dataset.</p>
+          <//>`
           : counts && active.value
             ? html`<${Tuner} key=${name} app=${app} route=${route} dataset=${name} settings=${dataset.value}
               active=${active.value} onApplied=${active.reload} />`
@@ -57,12 +58,12 @@ export function ThresholdsView({ app, route }) {
 }
 
 /**
- * @param {{app: App, route: Route, dataset: string, settings: import("../core/openapi.js").Dataset, active:
+ * @param {{app: App, route: Route, dataset: string, settings: Dataset, active:
  *   ConfigVersion, onApplied: () => void}} props
  */
 function Tuner({ app, route, dataset, settings, active, onApplied }) {
   const { class: selected = "", scale = "" } = route.query;
-  const direction = directionIn(route.query);
+  const direction = route.query.flips ?? "";
   const tuning = useTuning(app, dataset, active, route.query);
   const keys = useFields("FilterConfigIn");
   const [isSaving, setSaving] = useState(false);
@@ -131,10 +132,6 @@ function Tuner({ app, route, dataset, settings, active, onApplied }) {
   }`;
 }
 
-const Empty = () =>
-  html`<${Notice} icon="layers"
-    title="No boxes yet"><p>Histograms are shown once frames with boxes have been uploaded to this dataset.</p><//>`;
-
 const Skeleton = () => html`<div aria-hidden="true">
   <div class="skeleton skeleton--row shimmer"></div><div class="skeleton skeleton--chart shimmer"></div>
   <div class="classcards">${[0, 1, 2, 3].map(() => html`<div class="skeleton skeleton--tall shimmer"></div>`)}</div>
@@ -143,7 +140,7 @@ const Skeleton = () => html`<div aria-hidden="true">
 
 /**
  * Says what decides, and by which keys, if it is not the segmentation alone.
- * @param {{config: import("./config.js").ConfigBody, keys: readonly import("../core/form.js").Field[]}} props
+ * @param {{config: FilterConfigIn, keys: readonly import("../core/form.js").Field[]}} props
  */
 function ChannelLine({ config, keys }) {
   const channel = config.evidence ?? "semantic";
@@ -167,15 +164,17 @@ function Summary({ tuning, onReset, onSave, isRunning }) {
     <div class="summary__numbers">
       ${
         preview?.needs_pixels
-          ? html`<${NeedsPixels} />`
+          ? html`<p class="summary__pixels"><${Icon} name="image" />
+            <span><strong>This change requires reading the images again.</strong>${" "}
+              Its effect cannot be computed from the stored measurements. Applying it measures all frames again, in the
+              background.</span></p>`
           : html`<${Counts} counts=${preview?.counts ?? null} before=${baseline?.counts ?? null} />
           <${Flips} flips=${preview?.flips ?? null} />
           <${Scores} tuning=${tuning} />`
       }
     </div>
     <div class="summary__actions">
-      <span
-        class="summary__state">${changed ? `${countOf(changed, "change")}, not saved` : "The active configuration"}
+      <span class="summary__state">${changed ? `${countOf(changed, "change")}, not saved` : "The active configuration"}
       </span>
       <button class="button button--quiet" disabled=${changed === 0}
         onClick=${onReset}><${Icon} name="undo" />Reset</button>
@@ -185,18 +184,7 @@ function Summary({ tuning, onReset, onSave, isRunning }) {
   </section>`;
 }
 
-function NeedsPixels() {
-  return html`<p
-    class="summary__pixels"><${Icon} name="image" />
-    <span><strong>This change requires reading the images again.</strong>${" "}
-      Its effect cannot be computed from the stored measurements. Applying it measures all frames again, in the
-      background.</span></p>`;
-}
-
-/**
- * @param {{counts: import("../core/openapi.js").VerdictCounts | null, before:
- *   import("../core/openapi.js").VerdictCounts | null}} props
- */
+/** @param {{counts: VerdictCounts | null, before: VerdictCounts | null}} props */
 function Counts({ counts, before }) {
   const all = counts ? counts.kept + counts.rejected + counts.unmeasured : 0;
   return html`<div class="summary__verdicts">
@@ -206,8 +194,7 @@ function Counts({ counts, before }) {
       ${
         counts &&
         counts.unmeasured > 0 &&
-        html`<${Figure} verdict="unmeasured" count=${counts.unmeasured}
-          before=${before?.unmeasured} />`
+        html`<${Figure} verdict="unmeasured" count=${counts.unmeasured} before=${before?.unmeasured} />`
       }
     </div>
     ${counts && html`<${VerdictBar} counts=${{ ...counts, boxes: all, reviewed: 0, to_review: 0 }} />`}
@@ -262,7 +249,7 @@ function Scores({ tuning }) {
 /** In percent, with one decimal. @param {number} share */
 const tenths = (share) => Math.round(1000 * share) / 10;
 
-/** @param {import("../core/openapi.js").Measure | null} measure */
+/** @param {Measure | null} measure */
 const points = (measure) => (measure ? tenths(measure.value) : undefined);
 
 /** So many verdicts of a class that the truth contradicts are worth a hint. */
@@ -294,7 +281,7 @@ function Overturned({ tuning }) {
   </ul>`;
 }
 
-/** @param {{flips: import("../core/openapi.js").FlipCounts & {total: number} | null}} props */
+/** @param {{flips: FlipCounts & {total: number} | null}} props */
 function Flips({ flips }) {
   return html`<div class="figures figures--flips">
     <div class="figure" data-figure="kept_to_rejected">

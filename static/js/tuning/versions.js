@@ -20,11 +20,11 @@ import {
   valueText,
 } from "./config.js";
 
-/** @typedef {import("../core/openapi.js").ConfigVersion} ConfigVersion */
-/** @typedef {import("../core/openapi.js").Run} Run */
-/** @typedef {import("./config.js").ConfigValue} ConfigValue */
-/** @typedef {import("../core/form.js").Field} Field */
-/** @typedef {import("./preview.js").Tuning} Tuning */
+/** @import { Field } from "../core/form.js" */
+/** @import { Loaded } from "../core/hooks.js" */
+/** @import { ConfigVersion, Dataset, Run } from "../core/openapi.js" */
+/** @import { ConfigValue } from "./config.js" */
+/** @import { Tuning } from "./preview.js" */
 
 /** How many versions are shown at first. */
 const NEWEST = 50;
@@ -34,9 +34,7 @@ const activate = (dataset, digest) => put("/api/v1/datasets/{dataset}/config", {
 
 /**
  * Fail if another version has become active: one that is made from the former would lack what the other person changed.
- * @param {string} dataset
- * @param {string} digest
- * @param {() => void} onOutdated
+ * @param {string} dataset @param {string} digest @param {() => void} onOutdated
  * @param {string} [more] the end of the message
  */
 export async function requireActive(dataset, digest, onOutdated, more = "The page shows now what it says.") {
@@ -46,10 +44,7 @@ export async function requireActive(dataset, digest, onOutdated, more = "The pag
   throw new Error(`Nothing was saved: somebody has applied another version since. ${more}`);
 }
 
-/**
- * @param {{dataset: string, tuning: Tuning, saved: number, isRunning: boolean,
- *   onRun: (run: import("../core/openapi.js").Run) => void}} props
- */
+/** @param {{dataset: string, tuning: Tuning, saved: number, isRunning: boolean, onRun: (run: Run) => void}} props */
 export function Versions({ dataset, tuning, saved, isRunning, onRun }) {
   const { active } = tuning;
   const loaded = useNewest(
@@ -59,10 +54,8 @@ export function Versions({ dataset, tuning, saved, isRunning, onRun }) {
   );
   const [asked, setAsked] = useState(/** @type {ConfigVersion | null} */ (null));
   return html`<section class="panelbox" aria-labelledby="versions-title">
-    <header
-      class="panelbox__head"><h2 id="versions-title">Versions</h2>
-      <span
-        class="faint">
+    <header class="panelbox__head"><h2 id="versions-title">Versions</h2>
+      <span class="faint">
         ${
           loaded.value ? `${loaded.showOlder ? "the newest " : ""}${countOf(loaded.value.items.length, "version")}` : ""
         }</span></header>
@@ -72,8 +65,7 @@ export function Versions({ dataset, tuning, saved, isRunning, onRun }) {
         (
           version,
         ) => html`<li key=${version.digest} class="version ${version.digest === active.digest ? "is-active" : ""}">
-          <span
-            class="version__name"><code title=${version.digest}>${version.digest.slice(0, 8)}</code>
+          <span class="version__name"><code title=${version.digest}>${version.digest.slice(0, 8)}</code>
             ${version.digest === active.digest && html`<span class="tagword">active</span>`}</span>
           <span class="version__text">${differenceText(active, version)}</span>
           <span class="version__who faint">${version.created_by}, ${agoText(version.created_at)}</span>
@@ -91,8 +83,7 @@ export function Versions({ dataset, tuning, saved, isRunning, onRun }) {
     </ul>
     ${
       loaded.showOlder &&
-      html`<p
-        class="more"><button class="button" onClick=${loaded.showOlder}>Older versions</button></p>`
+      html`<p class="more"><button class="button" onClick=${loaded.showOlder}>Older versions</button></p>`
     }
     ${
       asked &&
@@ -120,15 +111,13 @@ function ApplyDialog({ dataset, active, version, onClose, onRun }) {
   });
   return html`<${Dialog} dialog=${dialog} id="apply-title"
     title=${`Apply version ${version.digest.slice(0, 8)} to ${dataset}?`} isLight=${true} onClose=${onClose}>
-    <p
-      class="savedialog__digest">Version <code title=${version.digest}>${version.digest.slice(0, 16)}</code> <span
+    <p class="savedialog__digest">Version <code title=${version.digest}>${version.digest.slice(0, 16)}</code> <span
         class="faint">
         ${rows.length > 0 ? "differs from" : "has the same values as"} the active <code>${active.digest.slice(0, 8)}
         </code>${rows.length > 0 ? " in:" : "."}</span></p>
     ${error && html`<${FailureLine} error=${error} />`}
     ${rows.length > 0 && html`<${DiffTable} rows=${rows} names=${["Active", "This version"]} />`}
-    <p
-      class="savedialog__what">A run decides all boxes of ${dataset} by this version. People's answers are not changed.
+    <p class="savedialog__what">A run decides all boxes of ${dataset} by this version. People's answers are not changed.
     </p>
     <footer class="dialog__foot">
       <button class="button" onClick=${dialog.close}>Cancel</button>
@@ -147,10 +136,7 @@ function differenceText(active, version) {
   return rows.length > 1 ? `${words}, and ${countOf(rows.length - 1, "more key")}` : words;
 }
 
-/**
- * @param {{tuning: Tuning, keys: import("../core/hooks.js").Loaded<Field[]>, settings:
- *   import("../core/openapi.js").Dataset}} props
- */
+/** @param {{tuning: Tuning, keys: Loaded<Field[]>, settings: Dataset}} props */
 export function ConfigPanel({ tuning, keys, settings }) {
   const { tried, active } = tuning;
   const ofClasses = differences({ ...tried, classes: {} }, tried);
@@ -166,18 +152,15 @@ export function ConfigPanel({ tuning, keys, settings }) {
             <th class="table__text" scope="col">Meaning</th></tr></thead>
         <tbody>
           ${keys.value?.map(
-            (field) => html`<tr
-              key=${field.key}><th scope="row"><code><${Words} text=${field.key} /></code></th>
+            (field) => html`<tr key=${field.key}><th scope="row"><code><${Words} text=${field.key} /></code></th>
               <td><${Value} tuning=${tuning} field=${field} /></td>
               <td class="num faint">${valueText(keyValue(active.config, field))}</td>
-              <td
-                class="table__text faint">${field.help}<${OwnSetting} value=${ownSetting(settings, tried, field)} />
+              <td class="table__text faint">${field.help}<${OwnSetting} value=${ownSetting(settings, tried, field)} />
               </td>
             </tr>`,
           )}
           ${ofClasses.map(
-            (row) => html`<tr
-              key=${row.path}><th scope="row"><code><${Words} text=${row.path} /></code></th>
+            (row) => html`<tr key=${row.path}><th scope="row"><code><${Words} text=${row.path} /></code></th>
               <td class="num">${valueText(row.after)}</td>
               <td class="num faint">${valueText(valueOf(active.config, row.path))}</td>
               <td class="table__text faint">for this class only</td></tr>`,
@@ -279,8 +262,7 @@ export function SaveDialog({ dataset, tuning, onClose, onSaved, onRun, onOutdate
 
   return html`<${Dialog} dialog=${dialog} id="save-title" title="Save as new config version" isLight=${true}
     onClose=${onClose}>
-    <p
-      class="savedialog__digest">Version <code title=${digest}>${digest ? digest.slice(0, 16) : "…"}</code> <span
+    <p class="savedialog__digest">Version <code title=${digest}>${digest ? digest.slice(0, 16) : "…"}</code> <span
         class="faint">differs from the active <code>${tuning.active.digest.slice(0, 8)}</code> in:</span></p>
     ${error && html`<${FailureLine} error=${error} />`}
     <${DiffTable} rows=${differences(tuning.active.config, tuning.tried)} />
@@ -313,8 +295,7 @@ export const DiffTable = ({
     <thead><tr><th scope="col">Key</th><th scope="col">${names[0]}</th><th scope="col">${names[1]}</th></tr></thead>
     <tbody>
       ${rows.map(
-        (row) => html`<tr
-          key=${row.path}><th scope="row"><code><${Words} text=${row.path} /></code></th>
+        (row) => html`<tr key=${row.path}><th scope="row"><code><${Words} text=${row.path} /></code></th>
           <td><del>${valueText(row.before)}</del></td><td><ins>${valueText(row.after)}</ins></td></tr>`,
       )}
     </tbody>

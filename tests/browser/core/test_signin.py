@@ -71,23 +71,6 @@ def test_invalid_login_link_shows_error(open_window, server):
     assert "wrong" not in page.url
 
 
-def test_link_with_a_token_is_refused_with_instructions(open_window, server):
-    page = open_window(sign_in=False).page
-
-    page.goto(f"{server.url}/#token={server.token}")
-
-    expect(page.get_by_role("alert")).to_contain_text("no longer used")
-    expect(page.get_by_role("alert")).to_contain_text("unghost login")
-    assert page.url == f"{server.url}/#/datasets"
-    page.reload()
-    field = page.get_by_label("Token or login link")
-    expect(field).to_be_visible()
-    expect(page.get_by_role("alert")).to_have_count(0)
-    field.fill(f"{server.url}/#token={server.token}")
-    page.get_by_role("button", name="Sign in").click()
-    expect(page.get_by_role("alert")).to_contain_text("no longer used")
-
-
 @pytest.mark.parametrize("what", ["token", "login_link"])
 def test_pasted_token_or_link_signs_in_and_opens_requested_page(
     open_window, server, scene, what

@@ -268,41 +268,6 @@ def test_answer_of_another_tab_stays_shown_if_the_box_fails_to_load(scene, open_
     expect(answer).to_contain_text("keep by admin")
 
 
-KEEP_WITHOUT_A_NAME = """([key, boxId]) => localStorage.setItem(
-  `unghost.outbox.v1.${key}`, JSON.stringify({ key, tab: "before", order: 1, boxId,
-    frameId: 1, attempted: false, verdict: "keep", comment: "", seenRevision: 0 }))"""
-
-
-def test_unowned_answers_are_discarded_or_sent_only_after_confirmation(scene, user):
-    """Earlier versions of the page kept unsent answers that name no person."""
-    page = user.open(f"#/datasets/{scene.dataset}/grid")
-    strip = page.locator(".strip")
-    page.evaluate(KEEP_WITHOUT_A_NAME, ["first", scene.box_id("ghost")])
-    page.reload()
-    expect(strip).to_contain_text("1 unsent answer in this browser")
-    # The first click of a double click asks; the second one takes the question back.
-    strip.get_by_role("button", name="Discard").dblclick()
-    expect(strip).to_contain_text("1 unsent answer in this browser")
-    strip.get_by_role("button", name="Discard").click()
-    expect(strip).to_contain_text("Discard 1 unsent answer?")
-    strip.get_by_role("button", name="Discard it").click()
-    expect(strip).to_have_count(0)
-
-    # The next one is the only one: what was discarded is gone after a reload.
-    page.evaluate(KEEP_WITHOUT_A_NAME, ["second", scene.box_id("walker")])
-    page.reload()
-    expect(strip).to_contain_text("1 unsent answer in this browser")
-    user.wait_until_saved()
-    assert scene.review("walker") is None
-    strip.get_by_role("button", name="Send as admin").click()
-
-    expect(strip).to_have_count(0)
-    expect(page.locator(".sign--keep")).to_have_count(1)
-    user.wait_until_saved()
-    assert scene.review("walker")["verdict"] == "keep"
-    assert scene.review("ghost") is None
-
-
 def test_box_is_kept_or_rejected_only_once_its_picture_was_painted(scene, user):
     page = user.page
     page.route(re.compile(r"/thumbnail\?width=16383"), lambda route: route.abort())

@@ -98,9 +98,3 @@ test("a key that was chosen for an action stays with it, if a later version has 
   const keys = keysIn(settings, "grid").flatMap((row) => row.keys);
   assert.equal(new Set(keys).size, keys.length);
 });
-
-test("a changed key of an action is kept although earlier versions called the action otherwise", () => {
-  const storage = memoryStorage();
-  storage.setItem("unghost.keys.v1", JSON.stringify({ off: false, keys: { nextUndecided: ["N"] } }));
-  assert.equal(actionOf(press("n"), loadKeys(storage)), "nextUnanswered");
-});

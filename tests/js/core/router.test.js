@@ -26,9 +26,8 @@ test("a broken escape in an address is kept as text", () => {
   assert.equal(parseHash("#/datasets/%E0%A4%A/frames").params["dataset"], "%E0%A4%A");
 });
 
-test("a login link gives its code; links of earlier versions, with a token, are told apart", () => {
-  assert.deepEqual(loginOf("#code=abc%2Bd"), { kind: "code", secret: "abc+d", to: "" });
-  assert.deepEqual(loginOf("#code=ab&to=frames%2F3%2Fcompare"), { kind: "code", secret: "ab", to: "#/frames/3/compare" });
-  assert.deepEqual(loginOf("#token=abc"), { kind: "token", secret: "abc", to: "" });
+test("a login link gives its code and its view, and no other address gives one", () => {
+  assert.deepEqual(loginOf("#code=abc%2Bd"), { code: "abc+d", to: "" });
+  assert.deepEqual(loginOf("#code=ab&to=frames%2F3%2Fcompare"), { code: "ab", to: "#/frames/3/compare" });
   for (const hash of ["#/datasets?code=abc", "#code=", "#other=abc", ""]) assert.equal(loginOf(hash), null, hash);
 });

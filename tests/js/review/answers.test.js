@@ -157,44 +157,6 @@ test("after forget, single answers on that box cannot be undone any more, but bu
   assert.equal(steps.last()?.before[0]?.boxId, 2);
 });
 
-/** A storage with an unsent answer that names no person, as earlier versions of the page kept them. */
-function storageOfBefore() {
-  const storage = memoryStorage();
-  const item = { key: "k", tab: "t0", order: 1, boxId: 3, frameId: 10, verdict: "keep", comment: "", seenRevision: 0, attempted: true };
-  storage.setItem("unghost.outbox.v1.k", JSON.stringify(item));
-  return storage;
-}
-
-test("answers without a person's name are not sent, and no message pops up about them", () => {
-  ({ app, said } = reviewPage(storageOfBefore()));
-
-  app.resume();
-
-  assert.deepEqual([app.unowned.count.get(), app.sender.state.get().count, said], [1, 0, []]);
-});
-
-test("answers without a person's name are sent as those of the person who accepts them", async () => {
-  ({ app } = reviewPage(storageOfBefore()));
-  /** @type {string[]} */
-  const asked = [];
-  globalThis.fetch = async (address) => (asked.push(String(address)), Response.json({ box_id: 3, revision: 1, verdict: "keep", reviewer: "ada", comment: "", effective_verdict: "kept" }, { status: 201 }));
-
-  app.unowned.send();
-  assert.deepEqual([app.unowned.count.get(), [...app.kept()]], [0, [["ada", 1]]]);
-  await swept();
-
-  assert.deepEqual([asked.map((address) => address.replace(/.*api/, "")), app.sender.state.get().phase, answers()], [["/v1/boxes/3/reviews"], "saved", [null, null, "keep"]]);
-});
-
-test("answers without a person's name can be discarded", () => {
-  const storage = storageOfBefore();
-  ({ app } = reviewPage(storage));
-
-  app.unowned.discard();
-
-  assert.deepEqual([app.unowned.count.get(), storage.length, answers()], [0, 0, [null, null, null]]);
-});
-
 test("an unsent answer of another tab is shown, and its box is loaded again when that tab has stored it", async () => {
   const storage = memoryStorage();
   const item = { key: "k", person: "ada", tab: "t2", order: 1, boxId: 1, frameId: 10, verdict: "keep", comment: "", seenRevision: 0, attempted: true };

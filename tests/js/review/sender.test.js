@@ -428,25 +428,6 @@ test("without a network, a bulk answer is sent after the answers that were given
   assert.deepEqual(told, [["stored", 1, 1], ["bulk stored", []]]);
 });
 
-test("what an earlier version of the page kept is sent and removed; its bulk answers have no order and go first", async () => {
-  const kept = { person: "ada", tab: "closed", verdict: "keep" };
-  const old = {
-    "unghost.outbox.v1.k1": { ...kept, key: "k1", order: 1, boxId: 3, frameId: 10, comment: "", seenRevision: 0, attempted: false },
-    "unghost.bulk.v1.k2": { ...kept, key: "k2", dataset: "d", boxIds: [1, 2], seen: [0, 0], count: 2 },
-  };
-  for (const [name, item] of Object.entries(old)) storage.setItem(name, JSON.stringify(item));
-  const { sender } = senderOf();
-
-  sender.takeOver(new Set(["t1"]));
-  await sender.resume();
-  await settled();
-
-  assert.deepEqual(bulkAnswers.map(({ key, boxIds, seenRevisions }) => [key, boxIds, seenRevisions]), [["k2", [1, 2], [0, 0]]]);
-  assert.deepEqual(sent.map(({ key, boxId, verdict, seenRevision }) => [key, boxId, verdict, seenRevision]), [["k1", 3, "keep", 0]]);
-  assert.deepEqual(told, [["bulk stored", []], ["stored", 3, 1]]);
-  assert.equal(storage.length, 0);
-});
-
 test("after an overtaken answer, later own answers on the box overwrite nothing either", async () => {
   refusals = [new NoResponse("away"), new NoResponse("away")];
   const { sender } = senderOf();

@@ -66,7 +66,7 @@ test("an export names its options that differ from the defaults", () => {
   assert.equal(text({ split: [0.8, 0.1, 0.1] }), "split 80/10/10");
   assert.equal(text({ include: "all", bands: [50, 100] }), "boxes that go in: all, rejected ones too · labels per distance, metres: 50, 100");
   assert.equal(optionsText(optionsOf(fields, {}), fields.filter(({ key }) => key !== "split")), "");
-  assert.equal(text({ split: 0.8, include_unmeasured: false }), "not: unmeasured boxes, with their frames · split 80/20");
+  assert.equal(text({ split: [0.8, 0.2], include_unmeasured: false }), "not: unmeasured boxes, with their frames · split 80/20");
 });
 
 test("an export shows the counts of its manifest that are not zero", () => {
