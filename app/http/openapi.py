@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import threading
 from collections.abc import Iterable, Iterator
 from html import escape
@@ -61,7 +62,7 @@ def _objects(schema: _Object) -> str:
     """Each object of bodies and responses, with its fields and an example of each."""
     return "".join(
         f'<details id="{escape(name)}"><summary><code>{escape(name)}</code> '
-        f'<span class="brief">{escape(one.get("description", ""))}</span></summary>'
+        f'<span class="brief">{_marked_up(one.get("description", ""))}</span></summary>'
         + _table(
             (
                 field if field in one.get("required", ()) else f"{field}, optional",
@@ -104,7 +105,7 @@ def _with_example(schema: _Object) -> str:
 
 
 def _route(method: str, path: str, operation: _Object) -> str:
-    description = escape(operation.get("description", ""))
+    description = _marked_up(operation.get("description", ""))
     return (
         f'<details><summary><code><span class="method">{method.upper()}</span>'
         f"{escape(path)}</code> "
@@ -129,26 +130,34 @@ def _parameters(operation: _Object) -> str:
 
 
 def _responses(operation: _Object) -> str:
-    return _table(
-        (
-            status,
-            response.get("description", "problem"),
-            ", ".join(
-                _type_of(one["schema"])
-                for one in response.get("content", {}).values()
-                if "schema" in one
-            ),
-        )
-        for status, response in operation["responses"].items()
-    )
+    """What a route returns; all errors are alike, so they are one row."""
+    errors, rows = [], []
+    for status, response in sorted(operation["responses"].items()):
+        if "description" not in response:
+            errors.append(status)
+            continue
+        contents = response.get("content", {}).values()
+        kinds = [_type_of(one["schema"]) for one in contents if "schema" in one]
+        rows.append((status, response["description"], ", ".join(kinds)))
+    if errors:
+        rows.append((", ".join(errors), "An error.", "Problem"))
+    return _table(rows)
 
 
 def _table(rows: Iterable[tuple[str, str, str]]) -> str:
     cells = "".join(
-        "<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>"
+        "<tr>" + "".join(f"<td>{_marked_up(cell)}</td>" for cell in row) + "</tr>"
         for row in rows
     )
     return f"<table>{cells}</table>" if cells else ""
+
+
+def _marked_up(text: str) -> str:
+    """A text as HTML, with what is between backticks as code."""
+    return _CODE.sub(r"<code>\1</code>", escape(text))
+
+
+_CODE: Final = re.compile("`([^`]+)`")
 
 
 _NO_ROUTE_RETURNS: Final = (

@@ -100,6 +100,9 @@ def test_the_document_and_its_page_need_no_token(schema, service):
     assert '<details id="ReviewIn">' in page
     assert "<td>looked_ms, optional</td><td>integer or null</td>" in page
     assert "Name of the dataset. Example: &quot;town10&quot;" in page
+    assert "<td><code>next_cursor</code> of the page before this one.</td>" in page
+    errors = "400, 401, 403, 404, 408, 421, 422, 429, 431, 500, 503"
+    assert f"<td>{errors}</td><td>An error.</td><td>Problem</td>" in page
 
 
 def test_every_field_and_parameter_is_described(schema, operations):
