@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import httpx
 import pytest
-from playwright.sync_api import FloatRect, Locator, Route, expect
+from playwright.sync_api import Route, expect
 
 from tests.support.page import many_boxes
 from tests.support.page.accessibility import findings
@@ -85,37 +85,6 @@ def test_notices_are_below_the_header_and_their_buttons_do_not_touch(user, empty
     assert min(buttons.evaluate_all(GAPS)) >= 8
 
 
-def test_agreement_icon_and_text_are_on_the_same_line(
-    make_scene: MakeScene, user: Visitor
-):
-    scene = make_scene(boxes=many_boxes.alternating_boxes(3))
-    page = user.open(many_boxes.queue(scene, blind="on"))
-    expect(page.locator(".stage")).to_have_attribute("data-picture", "shown")
-
-    user.press("a")
-
-    expect(page.locator(".agreement > *")).to_have_count(2)
-    sign, words = page.locator(".agreement > *").all()
-    middles = [
-        (box["y"] + box["height"] / 2)
-        for box in map(visible_bounding_box, (sign, words))
-    ]
-    assert middles[0] == pytest.approx(middles[1], abs=2)
-    assert (
-        visible_bounding_box(words)["x"]
-        - visible_bounding_box(sign)["x"]
-        - visible_bounding_box(sign)["width"]
-        >= 6
-    )
-
-
-def visible_bounding_box(element: Locator) -> FloatRect:
-    expect(element).to_be_visible()
-    found = element.bounding_box()
-    assert found is not None
-    return found
-
-
 def test_configuration_keys_wrap_only_at_underscores(scene, open_window):
     page = open_window(viewport=PHONE).open(f"#/datasets/{scene.dataset}/thresholds")
     keys = page.locator("th code")
@@ -125,16 +94,6 @@ def test_configuration_keys_wrap_only_at_underscores(scene, open_window):
     for table in page.locator(".tablewrap").all():
         assert table.evaluate("(one) => one.scrollWidth - one.clientWidth") <= 0
     assert page.evaluate(OVERFLOW) <= 0
-
-
-def test_longest_share_of_a_tag_does_not_wrap(scene: Scene, user: Visitor):
-    page = user.open(scene.link("hidden"))
-    share = page.locator(".hidden-by .num").first
-    expect(share).to_be_visible()
-
-    share.evaluate("(element) => (element.textContent = '99.96 %')")
-
-    assert share.evaluate_all(BROKEN_WORDS) == []
 
 
 def test_dataset_without_answers_shows_zero_progress(make_scene, user, empty):

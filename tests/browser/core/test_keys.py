@@ -9,9 +9,7 @@ import pytest
 from playwright.sync_api import Page, expect
 
 from tests.support.page import scenes
-from tests.support.page.scenes import Scene
 from tests.support.page.stage import view, wait_for_drawing
-from tests.support.page.windows import Visitor
 
 pytestmark = pytest.mark.browser
 
@@ -45,40 +43,6 @@ def test_next_previous_and_arrow_keys_select_the_adjacent_box(scene, user):
     expect(heading(page)).to_contain_text("real")
     user.press("Shift+J")
     expect(heading(page)).to_contain_text("ghost")  # the next one without an answer
-
-
-def test_keys_lead_to_the_next_frame_and_to_the_previous_one(scene, user):
-    scene.push("run/000002")
-    page = user.open(scene.link("away"))
-
-    user.press("j")
-
-    expect(page.locator("h1")).to_have_text("run/000002")
-    expect(heading(page)).to_contain_text("real")
-    user.press("ArrowLeft")
-    expect(page.locator("h1")).to_have_text("run/000001")
-    expect(heading(page)).to_contain_text("away")
-
-    user.press("PageDown")
-    expect(page.locator("h1")).to_have_text("run/000002")
-    user.press("PageDown")
-    expect(page.locator(".toast")).to_have_text("There are no more frames.")
-    user.press("PageUp")
-    expect(page.locator("h1")).to_have_text("run/000001")
-
-
-def test_v_key_cycles_through_kept_rejected_and_all(scene: Scene, user: Visitor):
-    page = user.open(scene.link())
-    counts = page.locator(".panel__count")
-
-    user.press("v")
-    expect(counts).to_contain_text("2 boxes")
-    expect(counts).to_contain_text("3 hidden")
-    user.press("v")
-    expect(counts).to_contain_text("3 boxes")
-    user.press("v")
-
-    expect(counts).to_have_text("5 boxes")
 
 
 def test_keys_zoom_to_the_selected_box_in_and_back(scene, user):
@@ -130,16 +94,6 @@ def test_layer_and_bracket_keys_change_layers_and_are_remembered(scene, user):
     expect(mask).to_have_attribute("aria-pressed", "true")
     expect(highlight).to_have_attribute("aria-pressed", "false")
     expect(opacity).to_have_value("0.6")
-
-
-def test_escape_key_deselects_the_box_and_an_answer_key_then_shows_a_hint(scene, user):
-    page = user.open(scene.link("ghost"))
-
-    user.press("Escape")
-    expect(heading(page)).to_have_text("This frame")
-    user.press("a")
-
-    expect(page.locator(".toast")).to_have_text("Select a box first.")
 
 
 UNUSED = ".help__row.is-off dt"
@@ -245,30 +199,6 @@ def test_tooltips_and_hints_of_the_grid_show_changed_keys(scene, user):
     expect(page.get_by_role("dialog", name="Keys")).to_be_hidden()
     user.press("y")
     expect(page.locator(".stage")).to_be_visible()
-
-
-def test_tooltips_of_the_queue_show_changed_keys(scene, user):
-    page = user.open(f"#/datasets/{scene.dataset}/queue")
-    minimap = page.get_by_role("button", name="Show the whole frame")
-    expect(minimap).to_have_attribute("title", "The whole frame (C)")
-
-    change_keys(page, crop="Y")
-
-    expect(minimap).to_have_attribute("title", "The whole frame (Y)")
-
-
-def test_single_key_shortcuts_can_be_disabled(scene, user):
-    page = user.open(scene.link("ghost"))
-    user.press("?")
-    page.get_by_label("Single-key shortcuts").uncheck()
-    user.press("Escape")
-
-    user.press("a", "x", "Space")
-    user.press("ArrowRight")
-
-    expect(heading(page)).to_contain_text("walker")
-    user.wait_until_saved()
-    assert scene.review("ghost") is None
 
 
 def test_keys_typed_into_a_text_field_are_not_shortcuts(scene, user):

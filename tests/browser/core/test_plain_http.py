@@ -19,10 +19,6 @@ for (const name of ["locks", "clipboard"])
   Object.defineProperty(Navigator.prototype, name, { get: () => undefined });"""
 
 
-NOTHING_UNSENT = """() => !Object.keys(localStorage)
-  .some((name) => name.startsWith("unghost.outbox."))"""
-
-
 @pytest.fixture
 def user(open_window: OpenWindow) -> Visitor:
     """A window without the functions that browsers withhold from insecure pages.
@@ -32,38 +28,6 @@ def user(open_window: OpenWindow) -> Visitor:
     user = open_window(own=True)
     user.page.add_init_script(NOT_SECURE)
     return user
-
-
-REPLY_MS = 1500
-# A busy machine may not let the other tab reply within the 300 ms that the page waits.
-WAIT_LONGER_FOR_REPLIES = f"""(() => {{
-  const start = window.setTimeout.bind(window);
-  window.setTimeout = (run, ms) => start(run, ms === 300 ? {REPLY_MS} : ms);
-}})()"""
-
-
-def test_tab_sends_unsent_answers_of_closed_tabs_only(scene: Scene, user: Visitor):
-    first = user.page
-    first.route("**/reviews", lambda route: route.abort())
-    user.open(scene.link("ghost"))
-    user.press("x")
-    expect(first.locator(".savestate")).to_contain_text("offline")
-
-    second = Visitor(first.context.new_page(), user.url)
-    second.page.add_init_script(NOT_SECURE)
-    second.page.add_init_script(WAIT_LONGER_FOR_REPLIES)
-    second.open(scene.link("real"))
-    # Longer than a tab waits for other tabs to answer that they are open.
-    second.page.wait_for_timeout(REPLY_MS + 500)
-    second.press("x")
-    second.wait_until_saved()
-    assert scene.revision("real") == 1
-    assert scene.revision("ghost") == 0
-
-    first.close()
-    second.page.evaluate("dispatchEvent(new Event('online'))")
-    second.page.wait_for_function(NOTHING_UNSENT)
-    assert scene.review("ghost")["verdict"] == "reject"
 
 
 def test_answers_are_saved_and_text_is_copied(scene: Scene, user: Visitor):

@@ -378,18 +378,6 @@ def test_failed_crops_are_retried_when_online_again(sixty_boxes, user):
     expect(cell(page, 0).locator("img")).to_be_visible()
 
 
-def test_kept_shows_no_tile_that_a_person_rejected(sixty_boxes, user):
-    """What is filtered by is the verdict that a tile is drawn with."""
-    for name, verdict in {"b0": "reject", "b1": "keep"}.items():
-        many_boxes.review(sixty_boxes, sixty_boxes.box_id(name), verdict)
-
-    page = open_grid(user, sixty_boxes, verdict="kept")
-
-    expect(cell(page, 0).locator("img")).to_be_visible()
-    expect(page.locator(".cell .sign--keep")).to_have_count(1)
-    expect(page.locator(".cell__box--rejected")).to_have_count(0)
-
-
 @pytest.mark.parametrize("width", [390, 1024])
 def test_more_filters_open_inside_the_window(make_scene, open_window, width):
     light = {"id": "1", "class": "traffic_light", "xyxy": scenes.SKY}
@@ -428,17 +416,3 @@ def test_grid_reloads_its_box_list_after_a_run(sixty_boxes, user):
     page.evaluate("(link) => { location.hash = link; }", kept)
 
     expect(page.get_by_text("No box matches")).to_be_visible()
-
-
-def test_grid_reloads_its_box_list_after_a_bulk_answer(sixty_boxes, user):
-    page = open_grid(user, sixty_boxes)
-    unanswered = grid(sixty_boxes, review="none")
-    with page.expect_response(re.compile(r"/boxes\?.*review=none")):
-        page.evaluate("(link) => { location.hash = link; }", unanswered)
-    page.get_by_role("button", name="Select all 60").click()
-    user.press("a")
-    expect(page.get_by_text("No box matches")).to_be_visible()
-
-    page.get_by_role("button", name="Clear the filters").click()
-
-    expect(page.locator(".cell .sign--keep").first).to_be_visible()

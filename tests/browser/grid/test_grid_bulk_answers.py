@@ -163,30 +163,6 @@ def test_offline_undo_is_shown_at_once_and_sent_when_online(many, user, page):
     assert answers(many) == {}
 
 
-def test_unsent_answer_survives_undo_of_its_bulk_answer(
-    many, user, page, make_scene: MakeScene
-):
-    hold_timers(page, 9000)  # the message with the button stays
-    reject_first_three(user)
-    route_loaded(page, "**/reviews/bulk", lambda route: route.abort())
-    cell(page, 1).click()
-    user.press("a")
-    expect(strip(page)).to_contain_text("Not sent yet")
-
-    toast(page).get_by_role("button", name="Undo").click()
-    page.unroute("**/reviews/bulk")
-    user.send_now()
-
-    report = strip(page).filter(has_text="1 answer was left as it is")
-    expect(report).to_be_visible()
-    expect(strip(page)).to_have_count(1)
-    assert answers(many) == {"b1": "keep"}
-
-    user.open(grid(make_scene()))
-    expect(cell(page, 0)).to_be_visible()
-    expect(strip(page)).to_have_count(0)
-
-
 def test_bulk_answer_whose_response_is_lost_can_be_undone_but_not_discarded(
     many, user, page
 ):
@@ -209,54 +185,6 @@ def test_bulk_answer_whose_response_is_lost_can_be_undone_but_not_discarded(
 
     user.wait_until_saved()
     assert answers(many) == {}
-
-
-def open_frame(page: Page, user: Visitor, link: str) -> None:
-    """Go to a frame without loading the page again, which would forget the undo."""
-    page.evaluate("(link) => { location.hash = link; }", link)
-    user.wait_until_drawn()
-
-
-@pytest.mark.parametrize("is_offline", [False, True], ids=["online", "offline"])
-def test_box_has_no_answer_after_a_later_answer_and_the_bulk_answer_are_undone(
-    many, user, page, is_offline
-):
-    reject_first_three(user)
-    open_frame(page, user, many.link("b1"))
-    page.context.set_offline(is_offline)
-    user.press("a")
-    expect(page.locator(".answerline")).to_contain_text("keep")
-    if not is_offline:
-        user.wait_until_saved()
-
-    user.press("z")
-    expect(page.locator(".answerline")).to_contain_text("reject")
-    user.press("z")
-    expect(page.locator(".answerline")).to_have_text("It has no answer.")
-    page.context.set_offline(False)
-
-    user.wait_until_saved()
-    assert answers(many) == {}
-
-
-def test_undoing_a_bulk_answer_by_its_message_and_then_a_later_answer_undoes_both(
-    many, user, page
-):
-    hold_timers(page, 9000)  # the message with the button stays
-    reject_first_three(user)
-    open_frame(page, user, many.link("b0"))
-    page.context.set_offline(True)
-    user.press("a")
-    page.evaluate("(link) => { location.hash = link; }", many.link("b1"))
-    expect(page.locator(".answerline")).to_contain_text("reject")
-    user.press("a")
-    page.get_by_role("button", name="Undo", exact=True).last.click()
-    user.press("z")
-    page.context.set_offline(False)
-
-    user.wait_until_saved()
-    assert answers(many) == {"b0": "keep"}
-    expect(page.locator(".answerline")).to_have_text("It has no answer.")
 
 
 def test_refused_bulk_answer_can_be_sent_again(many, user, page):
@@ -328,35 +256,6 @@ def test_bulk_answer_on_a_filter_is_stored_and_undone(many, user):
     assert answers(many) == {}
 
 
-@pytest.mark.parametrize(
-    "then",
-    [
-        pytest.param([], id="after-bulk-answer"),
-        pytest.param(["z"], id="after-its-undo"),
-    ],
-)
-def test_answer_that_follows_an_own_bulk_answer_on_a_filter_is_stored(many, user, then):
-    """It was given before the bulk answer was stored, and so has the old revision."""
-    page = user.open(grid(many, verdict="rejected"))
-    held: list[Route] = []
-    route_loaded(page, "**/reviews/bulk", lambda route: held.append(route))
-    page.get_by_role("button", name="Select all 15").click()
-    user.press("a")
-    bulk = first_held(page, held)
-    user.press(*then)
-    page.evaluate("(link) => { location.hash = link; }", many.link("b1"))
-    user.wait_until_drawn()
-    user.press("x")
-
-    bulk.continue_()
-
-    user.wait_until_saved()
-    found = answers(many)
-    assert found.pop("b1") == "reject"
-    assert found == ({} if then else {f"b{i}": "keep" for i in range(3, 30, 2)})
-    expect(page.get_by_role("alert")).to_have_count(0)
-
-
 def give_refused_bulk_answer(many: Scene, user: Visitor, **others: str) -> Page:
     """Reject all undecided boxes, after somebody else has given these answers."""
     page = user.open(grid(many, review="undecided"))
@@ -398,31 +297,6 @@ def test_undo_discards_a_refused_bulk_answer_and_says_so(many, user):
     expect(toast(page)).to_contain_text("Discarded: reject 30 boxes")
     expect(strip(page)).to_have_count(0)
     assert answers(many) == {"b0": "keep"}
-
-
-def test_bulk_answer_on_a_filter_is_refused_after_another_answer(
-    many: Scene, open_window: OpenWindow
-):
-    ada, bo = open_window(), open_window()
-    hers = ada.open(grid(many, verdict="rejected"))
-    hers.get_by_role("button", name="Select all 15").click()
-    his = bo.open(grid(many))
-    expect(his.get_by_role("grid")).to_have_attribute("aria-busy", "false")
-    cell(his, 1).click()
-    bo.press("a")
-    expect(toast(his)).to_contain_text("1 box kept")
-
-    ada.press("x")
-
-    expect(strip(hers)).to_contain_text("Not done: reject 15 boxes.")
-    expect(strip(hers)).to_contain_text("decided again or answered since then: 1")
-    assert answers(many) == {"b1": "keep"}
-    strip(hers).get_by_role("button", name="Count again").click()
-    expect(strip(hers)).to_contain_text("15 boxes now, 15 when you selected them")
-    expect(strip(hers)).to_contain_text("1 of these has an answer, which yours would")
-    strip(hers).get_by_role("button", name="reject all 15").click()
-    expect(toast(hers)).to_contain_text("15 boxes rejected")
-    assert set(answers(many).values()) == {"reject"}
 
 
 def test_bulk_answer_skips_and_lists_boxes_answered_by_others(

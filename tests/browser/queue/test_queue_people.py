@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import re
-
 import pytest
 from playwright.sync_api import Page, expect
 
 from tests.support.page import many_boxes
 from tests.support.page.many_boxes import answers, queue, queued_box_id
 from tests.support.page.scenes import Scene
-from tests.support.page.windows import OpenWindow, Visitor
+from tests.support.page.windows import Visitor
 
 pytestmark = [pytest.mark.browser, pytest.mark.long]
 
@@ -19,29 +17,6 @@ def open_queue(person: Visitor, scene: Scene, **query: str) -> Page:
     page = person.open(queue(scene, **query))
     expect(page.locator(".stage")).to_have_attribute("data-picture", "shown")
     return page
-
-
-def test_overtaken_answer_shows_the_earlier_answer_and_keeps_queue_position(
-    twenty_boxes, open_window: OpenWindow
-):
-    ada, bo = open_window(), open_window()
-    first, page = open_queue(ada, twenty_boxes), open_queue(bo, twenty_boxes)
-    contested = queued_box_id(page)
-    assert queued_box_id(first) == contested
-    ada.press("x")
-    ada.wait_until_saved()
-
-    bo.press("a", "a")
-
-    place = queued_box_id(page)
-    notice = page.locator(".overtaken")
-    expect(notice).to_contain_text(f"car {contested}: admin answered reject")
-    expect(notice).to_contain_text("while you answered keep")
-    assert queued_box_id(page) == place
-    notice.get_by_role("button", name="Look at it").click()
-    expect(page.locator(".inspector__head h2")).to_contain_text(contested)
-    expect(page.locator(".answerline")).to_contain_text("reject by admin")
-    assert twenty_boxes.review(contested)["verdict"] == "reject"
 
 
 def test_boxes_with_unsent_answers_are_not_queued_after_a_reload(twenty_boxes, user):
@@ -82,19 +57,6 @@ def test_audit_hides_verdict_and_answers_until_answered(scene, user):
     expect(page.locator(".answerline")).to_contain_text("reject")
 
 
-def test_audit_is_blind_again_after_another_order_was_not(twenty_boxes, user):
-    many_boxes.review_as(twenty_boxes, "Berta", "b0", "keep")
-    page = open_queue(user, twenty_boxes, blind="off")
-    expect(page.locator(".badge").first).to_be_visible()
-
-    audit = page.get_by_role("button", name="Audit")
-    expect(audit).to_have_attribute("title", "Look again at what others have answered")
-    audit.click()
-
-    expect(page.get_by_label("Blind")).to_be_checked()
-    expect(page.locator(".badge")).to_have_count(0)
-
-
 def test_agreement_is_shown_beside_the_next_box(twenty_boxes, user):
     for name in ("b0", "b2"):
         many_boxes.review_as(twenty_boxes, "Berta", name, "keep")
@@ -109,15 +71,3 @@ def test_agreement_is_shown_beside_the_next_box(twenty_boxes, user):
     expect(page.locator(".queue__progress")).to_contain_text("1 of 2 audited")
     user.wait_until_saved()
     assert twenty_boxes.revision(first) == 2
-
-
-def test_blind_can_be_switched_on_and_off_in_the_queue(twenty_boxes, user):
-    page = open_queue(user, twenty_boxes)
-    page.get_by_label("Blind").check()
-    expect(page.locator(".badge")).to_have_count(0)
-    assert "blind=on" in page.url
-
-    page.get_by_role("button", name="Show verdicts").click()
-
-    expect(page.locator(".badge")).to_have_text(re.compile("kept|rejected"))
-    assert "blind=off" in page.url

@@ -68,56 +68,6 @@ def test_undo_removes_the_last_answer_and_restores_the_one_before(scene, user):
     assert scene.review("ghost")["verdict"] == "reject"
 
 
-PRESS_WITH_THE_FRAME = """key => {
-  const watch = new MutationObserver(() => {
-    if (document.querySelector("h1")?.textContent !== "run/000002") return;
-    watch.disconnect();
-    document.body.dispatchEvent(new KeyboardEvent("keydown", { key, bubbles: true }));
-  });
-  watch.observe(document.body, { childList: true, subtree: true, characterData: true });
-}"""
-
-
-def test_undo_returns_to_the_frame_of_the_answer(scene, user):
-    scene.push("run/000002")
-    page = user.open(scene.link("ghost"))
-    user.press("a")
-    user.wait_until_saved()
-    user.press("PageDown")
-    expect(page.locator("h1")).to_have_text("run/000002")
-
-    user.press("z")
-
-    expect(page.locator("h1")).to_have_text("run/000001")
-    expect(page.locator(".answerline")).to_have_text("It has no answer.")
-    user.wait_until_saved()
-    assert scene.review("ghost") is None
-
-    # The key is handled although it is pressed as soon as the frame appears.
-    user.press("a")
-    user.wait_until_saved()
-    page.evaluate(PRESS_WITH_THE_FRAME, "z")
-    user.press("PageDown")
-    expect(page.locator(".answerline")).to_have_text("It has no answer.")
-    expect(page.locator("h1")).to_have_text("run/000001")
-
-
-def test_review_flow_from_the_datasets_to_the_last_box(scene, user):
-    page = user.open("#/datasets")
-    page.get_by_role("link", name=scene.dataset).click()
-    page.get_by_role("link", name="Look at the frames").click()
-    page.get_by_role("link", name="run/000001").click()
-    user.wait_until_drawn()
-
-    for _ in scene.frame["boxes"]:
-        user.press("Shift+J", "x")
-
-    expect(page.locator(".boxes .sign--reject")).to_have_count(5)
-    user.wait_until_saved()
-    verdicts = [scene.review(box["id"])["verdict"] for box in scene.frame["boxes"]]
-    assert verdicts == ["reject"] * 5
-
-
 def test_boxes_are_selected_and_answered_with_the_mouse_and_then_by_keys(scene, user):
     page = user.open(scene.link())
 

@@ -7,9 +7,9 @@ import re
 import pytest
 from playwright.sync_api import Page, expect
 
-from tests.support.page import many_boxes, scenes
+from tests.support.page import scenes
 from tests.support.page.scenes import Scene
-from tests.support.page.windows import Visitor, go_offline, lose_session, route_loaded
+from tests.support.page.windows import Visitor, go_offline, lose_session
 from tests.support.waiting import until
 
 pytestmark = pytest.mark.browser
@@ -81,28 +81,6 @@ def test_offline_answers_survive_a_reload_and_are_sent_by_retry(
     assert scene.review("ghost")["verdict"] == "keep"
     assert scene.review("walker")["verdict"] == "reject"
     assert scene.revision("away") == 0
-
-
-def test_answer_is_stored_once_if_its_response_is_lost(scene, user):
-    page = user.page
-    arrived: list[int] = []
-
-    def lose_response(route):
-        if not arrived:
-            arrived.append(route.fetch().status)
-        route.abort()
-
-    page.route("**/reviews", lose_response)
-    user.open(scene.link("ghost"))
-    user.press("a")
-    expect(save_state(page)).to_contain_text("offline")
-    page.unroute("**/reviews")
-    user.send_now()
-
-    user.wait_until_saved()
-    expect(page.locator(".overtaken")).to_have_count(0)
-    assert arrived == [201]
-    assert scene.revision("ghost") == 1
 
 
 def test_unsent_answer_is_kept_while_signed_out(scene, user, server):
@@ -216,56 +194,6 @@ def test_answer_of_another_tab_is_shown_before_and_after_it_is_stored(
     first.wait_until_saved()
     expect(second.page.locator(".answerline")).to_contain_text("keep by admin")
     expect(state).to_have_text("saved")
-
-
-def test_bulk_answer_of_another_tab_is_shown_when_it_is_stored(make_scene, open_window):
-    """Formerly views showed the old state if the bulk answer had more than 20 boxes."""
-    scene = make_scene(boxes=many_boxes.alternating_boxes(24))
-    first = open_window(own=True)
-    first.page.route("**/reviews/bulk", lambda route: route.abort())
-    first.open(many_boxes.grid(scene))
-    expect(first.page.get_by_role("grid")).to_have_attribute("aria-busy", "false")
-    many_boxes.cell(first.page, 0).click()
-    many_boxes.cell(first.page, 23).click(modifiers=["Shift"])
-    first.press("a")
-    expect(save_state(first.page)).to_contain_text("offline")
-    ids = ",".join(str(box["box_id"]) for box in scene.frame["boxes"])
-    answers = []
-    for link in (scene.link("b0"), many_boxes.queue(scene, boxes=ids)):
-        other = Visitor(first.page.context.new_page(), first.url)
-        other.open(link)
-        answers.append(other.page.locator(".answerline"))
-        expect(answers[-1]).to_contain_text("keep")
-
-    first.page.unroute("**/reviews/bulk")
-    first.page.evaluate("dispatchEvent(new Event('online'))")
-
-    first.wait_until_saved()
-    for answer in answers:
-        expect(answer).to_contain_text("keep by admin")
-
-
-def test_answer_of_another_tab_stays_shown_if_the_box_fails_to_load(scene, open_window):
-    first = open_window(own=True)
-    second = Visitor(first.page.context.new_page(), first.url)
-    second.open(scene.link("ghost"))
-    answer = second.page.locator(".answerline")
-    first.page.route("**/reviews", lambda route: route.abort())
-    first.open(scene.link("ghost"))
-    first.press("a")
-    expect(answer).to_contain_text("keep")
-    boxes = re.compile(r"/(frames|boxes)/\d+$")
-    route_loaded(second.page, boxes, lambda route: route.abort())
-
-    first.page.unroute("**/reviews")
-    with second.page.expect_event("requestfailed"):
-        first.page.evaluate("dispatchEvent(new Event('online'))")
-    first.wait_until_saved()
-
-    expect(second.page.locator(".answerline__state")).to_have_text("saved")
-    expect(answer).to_contain_text("keep")
-    second.page.unroute_all()
-    expect(answer).to_contain_text("keep by admin")
 
 
 def test_box_is_kept_or_rejected_only_once_its_picture_was_painted(scene, user):

@@ -22,7 +22,6 @@ from tests.support.page.windows import (
     WIDTHS,
     OpenWindow,
     Visitor,
-    first_held,
     route_loaded,
 )
 from tests.support.sensors import ANNOTATION, sensors
@@ -428,35 +427,6 @@ def test_yaml_of_tried_configuration_is_accepted_by_the_api(user, street):
     config = stored.json()["config"]
     assert config["threshold_small_box"] == 12.5
     assert config["classes"] == {"car": {"accept": [14]}}
-
-
-def test_only_a_single_preview_request_is_in_flight(user, street):
-    page = open_thresholds(user, street, "?threshold_small_box=50")
-    # Until the page has asked for all that it shows: the baseline, and the flips.
-    expect(page.locator('[data-figure="kept"] .delta')).to_have_text("−1")
-    expect(page.locator(".flip--rejected")).to_have_count(1)
-    held: list[Route] = []
-
-    def hold_two(route: Route) -> None:
-        held.append(route)
-        if len(held) > 2:
-            route.continue_()
-
-    route_loaded(page, "**/preview", hold_two)
-    handle(page, "all classes").focus()
-
-    for _ in range(20):
-        page.keyboard.press("ArrowRight")
-
-    expect(handle(page, "all classes")).to_have_attribute("aria-valuenow", "60")
-    first_held(page, held).continue_()
-    until(lambda: page.evaluate("true") and len(held) > 1)
-    asked = [route.request.post_data_json or {} for route in held]
-    tried = [question["config"]["threshold_small_box"] for question in asked]
-    assert len(tried) == 2
-    assert tried[-1] == 60
-    held[1].continue_()
-    expect(figure(page, "kept")).to_have_text("2")
 
 
 def test_thresholds_of_an_empty_dataset_show_no_boxes_message(user, http):

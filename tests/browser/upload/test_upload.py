@@ -11,18 +11,15 @@ import re
 from pathlib import Path
 
 import pytest
-from playwright.sync_api import Locator, Page, Request, Route, expect
+from playwright.sync_api import Locator, Page, Route, expect
 
 from tests.support.page import scenes
 from tests.support.page.windows import (
     Visitor,
     first_held,
     hold_timers,
-    lose_session,
     route_loaded,
 )
-from tests.support.servers import RunningServer
-from tests.support.waiting import until
 
 pytestmark = pytest.mark.browser
 
@@ -178,38 +175,6 @@ def test_upload_is_disabled_until_the_dataset_list_is_loaded(scene, user):
     expect(button).to_be_enabled()
 
 
-def test_dropped_voc_files_are_read_and_errors_are_listed(scene, user):
-    page = user.open(f"#/datasets/{scene.dataset}/frames")
-    expect(page.locator("a.thumb")).to_have_count(1)
-    files = {"v.xml": VOC.encode(), "v.png": scenes.picture(), "w.xml": b"<a>"}
-
-    page.evaluate(DROP, encode_files(files))
-    expect(page.get_by_label("Cannot be read")).to_contain_text(
-        "w w.xml, line 1, column 4: cannot be read as XML"
-    )
-    send(page)
-
-    expect(page.locator(".upload-panel__text")).to_have_text("1 frame stored")
-    frame = scenes.get(scene.http, f"/datasets/{scene.dataset}/frames/v")
-    assert frame["boxes"][0]["xyxy"] == [80, 200, 240, 300]
-
-
-def test_folder_with_a_manifest_can_be_uploaded(user, http, tmp_path):
-    root = tmp_path / f"drop-{tmp_path.name.strip('_').lower()}"
-    (root / "rgb").mkdir(parents=True)
-    (root / "rgb" / "7.png").write_bytes(scenes.picture())
-    line = {"key": "7", "image": "rgb\\7.png", "boxes": []}
-    (root / "town.jsonl").write_text(json.dumps(line))
-
-    page = pick_folder(user, root)
-
-    title = "Unghost's own manifest"
-    expect(page.locator(".upload__sum")).to_contain_text(f"{title} · 1 frame")
-    send(page)
-    expect(page.locator(".upload-panel__text")).to_have_text("1 frame stored")
-    assert scenes.get(http, f"/datasets/{root.name}")["counts"]["frames"] == 1
-
-
 def test_files_of_two_layouts_are_read_in_the_chosen_layout(scene, user):
     page = user.open(f"#/datasets/{scene.dataset}/frames")
     expect(page.locator("a.thumb")).to_have_count(1)
@@ -312,52 +277,6 @@ def test_upload_waits_while_server_is_unavailable_and_can_be_resumed(town, user,
 
     expect(page.locator(".upload-panel__text")).to_have_text("3 frames stored")
     assert scenes.get(http, f"/datasets/{town.name}")["counts"]["frames"] == 3
-
-
-def test_paused_and_cancelled_upload_sends_no_more_frames(town, user, http):
-    page = pick_folder(user, town)
-    held: list[Route] = []
-    ended: list[Request] = []
-    frames = f"**/datasets/{town.name}/frames/**"
-    route_loaded(page, frames, lambda route: held.append(route))
-    page.on("requestfailed", lambda request: ended.append(request))
-    send(page)
-    page.get_by_role("button", name="Pause").click()
-    expect(page.locator(".upload-panel h2")).to_contain_text("Paused")
-    until(lambda: page.evaluate("true") and len(held) == 3, "the frames are not sent")
-
-    page.get_by_role("button", name="Cancel").click()
-
-    expect(page.locator(".upload-panel h2")).to_contain_text("Stopped")
-    sent = {route.request for route in held}
-    until(lambda: page.evaluate("true") and sent <= {*ended}, "they are not aborted")
-    assert scenes.get(http, f"/datasets/{town.name}")["counts"]["frames"] == 0
-
-
-def test_upload_resumes_after_signing_in_again(town, user, server):
-    # A picture that is requested once the session is lost would close the dialog.
-    user.page.route("**/thumbnail", lambda route: route.abort())
-    page = pick_folder(user, town)
-    # Enabled once the list of datasets is loaded.
-    expect(upload_button(page)).to_be_enabled()
-    lose_session(page)
-    route_loaded(
-        page,
-        "**/api/v1/datasets",
-        lambda route: create_dataset_with_token(route, server),
-    )
-
-    send(page)
-    page.get_by_label("Token or login link").fill(server.token)
-    page.get_by_role("button", name="Sign in").click()
-
-    expect(page.locator(".upload-panel__text")).to_have_text("3 frames stored")
-
-
-def create_dataset_with_token(route: Route, server: RunningServer) -> None:
-    """Make the dataset with the token, although the page has lost its session."""
-    shown = {"authorization": f"Bearer {server.token}"}
-    route.fulfill(response=route.fetch(headers={**route.request.headers, **shown}))
 
 
 def test_refused_new_dataset_shows_error_and_can_be_sent_again(town, user):
