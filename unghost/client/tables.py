@@ -184,8 +184,7 @@ class _Table:
 
     def page(self, cursor: str | None) -> Call[Json]:
         """The call for the first page, or for the page that the cursor names."""
-        left = self._most - self._rows if self._most else _PAGE_ROWS
-        limit = min(_PAGE_ROWS, left)
+        limit = min(_PAGE_ROWS, self._most - self._rows if self._most else _PAGE_ROWS)
         params = {**self._params, "limit": limit, "cursor": cursor}
         return Call("GET", f"{API}/boxes/table", answer(_as_it_is), params=params)
 
@@ -196,7 +195,7 @@ class _Table:
         if progress is not None:
             progress(self._rows)
         cursor: str | None = page["next_cursor"]
-        return None if self._rows == self._most else cursor
+        return None if self._most and self._rows >= self._most else cursor
 
     def columns(self) -> Columns:
         """All pages together."""
@@ -204,6 +203,8 @@ class _Table:
         for page in self.pages:
             for name, values in page.items():
                 found[name] += values
+        if self._most:  # a page has whole frames
+            found = {name: values[: self._most] for name, values in found.items()}
         return found
 
 

@@ -724,7 +724,7 @@ def test_command_that_waits_for_the_first_start_takes_its_token(tmp_path):
             "UNGHOST_SERVER": f"http://127.0.0.1:{port}",
         }
         early = CommandLine(tmp_path, known)
-        with early.running("datasets", "--json") as process:
+        with early.running("dataset", "list", "--json") as process:
             with pytest.raises(subprocess.TimeoutExpired):
                 process.wait(1)
             with running_server(data, {"UNGHOST_PORT": str(port)}):
