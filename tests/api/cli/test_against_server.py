@@ -728,7 +728,7 @@ def test_command_that_waits_for_the_first_start_takes_its_token(tmp_path):
             with pytest.raises(subprocess.TimeoutExpired):
                 process.wait(1)
             with running_server(data, {"UNGHOST_PORT": str(port)}):
-                out, err = process.communicate(60)
+                out, err = process.communicate(timeout=60)
 
     assert (process.wait(), out) == (DONE, ""), err
 
