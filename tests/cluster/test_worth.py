@@ -71,7 +71,7 @@ def test_workers_write_what_one_machine_does_and_train_nothing_again(
 ):
     made, _ = cluster_of_two
     unghost = on_cluster(made, tmp_path)
-    here, there = tmp_path / "here", tmp_path / "there"
+    here, there = tmp_path / "on-one-machine", tmp_path / "on-a-cluster"
     hold, runs = tmp_path / "hold", tmp_path / "runs.txt"
     local = unghost(*words, "-o", here)
     runs.unlink()
@@ -92,7 +92,7 @@ def test_workers_write_what_one_machine_does_and_train_nothing_again(
     assert "train: 6 of 6 trials" in said
     assert results(there) == results(here)
     for name in ("report.json", "report.txt", "report.html"):
-        written = (there / name).read_text().replace("there", "here")
+        written = (there / name).read_text().replace(there.name, here.name)
         assert written == (here / name).read_text()
 
 
@@ -182,5 +182,5 @@ def test_scheduler_that_is_away_or_refuses_is_named(bare_unghost, words, tmp_pat
     assert (away.code, without.code) == (REFUSED, REFUSED), away.err + without.err
     assert "no scheduler accepts this at tcp://127.0.0.1:9" in away.err
     assert "tls:// needs UNGHOST_TLS_CA" in without.err
-    assert "is not encrypted" in open_to_all.err
+    assert "is not encrypted" in " ".join(open_to_all.err.split())
     assert not (tmp_path / "out").exists()
