@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Final, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Final, TypeAlias
 
 import typer
 
 from unghost.cli.options import DataFolder, OutputOptions, settings_of
-from unghost.cli.screen import DONE, REFUSED, UNAVAILABLE, refused_on
+from unghost.cli.screen import DONE, REFUSED, UNAVAILABLE, Refused, refused_on
+
+if TYPE_CHECKING:
+    from distributed import Client
 
 Port: TypeAlias = Annotated[
     int,
@@ -152,6 +157,41 @@ def scheduler(options: SchedulerOptions) -> None:
     shown = Certificates(settings.tls_ca, settings.tls_cert, settings.tls_key)
     with refused_on(UnusableEngine):
         run_scheduler(options.host, options.port, shown, ready)
+
+
+@contextmanager
+def connected(engine: str, options: NodeOptions) -> Iterator[Client]:
+    """A connection to the scheduler at this address; notes if no worker has joined.
+
+    Raises
+    ------
+    Refused
+        The address or a certificate cannot be used, or no scheduler accepts it.
+    """
+    from app.engine.chunk import UnusableEngine
+    from app.engine.dask import Certificates, prepare, reason_of, security
+
+    settings = settings_of(
+        engine=engine, tls_ca=options.ca, tls_cert=options.cert, tls_key=options.key
+    )
+    address = settings.engine
+    shown = Certificates(settings.tls_ca, settings.tls_cert, settings.tls_key)
+    with refused_on(UnusableEngine):
+        prepare()
+        encrypted = security(shown, encrypted=address.startswith("tls://"))
+    from distributed import Client
+
+    try:
+        client = Client(address, security=encrypted, set_as_default=False, timeout=5)
+    except (OSError, ValueError) as error:
+        reason = reason_of(error)
+        raise Refused(f"no scheduler accepts this at {address}: {reason}") from error
+    with client:
+        if not client.nthreads():
+            options.screen.note(
+                f"waiting for a worker to join {address}; `unghost worker` starts one"
+            )
+        yield client
 
 
 def certificates(options: CertificatesOptions) -> None:

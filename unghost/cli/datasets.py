@@ -164,6 +164,7 @@ def show(options: DatasetOptions) -> None:
         dataset = client.dataset(options.dataset)
     options.screen.record(dataset.raw)
     told = {name.replace("_", " "): getattr(dataset, name) for name in _SHOWN}
+    told["created at"] = dataset.created_at.isoformat(sep=" ", timespec="seconds")
     counts = zip(_DATASET_COLUMNS[1:-1], _row(dataset)[1:-1], strict=True)
     rows = [*told.items(), ("classes", ", ".join(dataset.classes)), *counts]
     options.screen.table(("dataset", dataset.name), rows)
@@ -171,7 +172,7 @@ def show(options: DatasetOptions) -> None:
 
 _SHOWN: Final = (
     *("description", "palette", "encoding", "channel_order", "lossy_segmentation"),
-    *("classes_frozen", "active_run", "created_at"),
+    *("classes_frozen", "active_run"),
 )
 
 

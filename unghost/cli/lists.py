@@ -6,14 +6,20 @@ import csv
 import io
 import json
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final, Literal
+from typing import TYPE_CHECKING, Annotated, Final, Literal, TypeVar
 
 import typer
 
-from unghost.cli.options import DatasetOptions, ServerOptions, dataset_names
+from unghost.cli.options import (
+    DatasetOptions,
+    OutputOptions,
+    ServerOptions,
+    dataset_names,
+)
 from unghost.cli.screen import Refused
 from unghost.wire.words import Bin, JobState, ReviewState, Verdict
 
@@ -23,10 +29,24 @@ if TYPE_CHECKING:
     from unghost.wire import FrameSummary, RefusedFrame, Run
 
 TableFormat = Literal["csv", "json", "parquet"]
+_Listed = TypeVar("_Listed")
 
 
 @dataclass(frozen=True, kw_only=True)
-class BoxesOptions(DatasetOptions):
+class ListOptions(OutputOptions):
+    """How much to list, and how to print."""
+
+    limit: Annotated[
+        int, typer.Option(min=0, help="Maximum number to list; 0 for all.")
+    ] = 0
+
+    def first(self, listed: Iterable[_Listed]) -> Iterator[_Listed]:
+        """As many of them as were asked for."""
+        return islice(listed, self.limit or None)
+
+
+@dataclass(frozen=True, kw_only=True)
+class BoxesOptions(DatasetOptions, ListOptions):
     """Options of `unghost boxes`."""
 
     format: Annotated[
@@ -133,7 +153,9 @@ def boxes(options: BoxesOptions) -> None:
         table = client.boxes(options.dataset, **options.filters)
         fields = options.fields.split(",") if options.fields else ()
         with options.screen.progress(f"boxes of {options.dataset}", "boxes") as advance:
-            columns = table.columns(fields, progress=lambda rows: advance(rows, None))
+            columns = table.columns(
+                fields, most=options.limit, progress=lambda rows: advance(rows, None)
+            )
     if kind == "parquet":
         assert options.output is not None
         _write_parquet(columns, options.output)
@@ -187,7 +209,7 @@ def _write_parquet(columns: Columns, file: Path) -> None:
 
 
 @dataclass(frozen=True, kw_only=True)
-class FramesOptions(DatasetOptions):
+class FramesOptions(DatasetOptions, ListOptions):
     """Options of `unghost frames`."""
 
     key: Annotated[
@@ -241,7 +263,7 @@ def frames(options: FramesOptions) -> None:
             distance_min=options.distance_min,
             distance_max=options.distance_max,
         )
-        options.screen.listing(_FRAME_COLUMNS, listed, _frame_row)
+        options.screen.listing(_FRAME_COLUMNS, options.first(listed), _frame_row)
 
 
 def _frame_row(frame: FrameSummary) -> tuple[object, ...]:
@@ -250,10 +272,15 @@ def _frame_row(frame: FrameSummary) -> tuple[object, ...]:
     return frame.key, frame.id, frame.map, *numbers
 
 
-def problems(options: DatasetOptions) -> None:
+@dataclass(frozen=True, kw_only=True)
+class ProblemsOptions(DatasetOptions, ListOptions):
+    """Options of `unghost problems`."""
+
+
+def problems(options: ProblemsOptions) -> None:
     """List the frames that were refused, with the errors that their sender got."""
     with options.connect() as client:
-        listed = client.problems(options.dataset)
+        listed = options.first(client.problems(options.dataset))
         columns = ("frame", "when", "code", "error")
         options.screen.listing(columns, listed, _problem_row)
 
@@ -264,7 +291,7 @@ def _problem_row(problem: RefusedFrame) -> tuple[object, ...]:
 
 
 @dataclass(frozen=True, kw_only=True)
-class RunsOptions(ServerOptions):
+class RunsOptions(ServerOptions, ListOptions):
     """Options of `unghost runs`."""
 
     dataset: Annotated[
@@ -282,7 +309,7 @@ class RunsOptions(ServerOptions):
 def runs(options: RunsOptions) -> None:
     """List the runs of a dataset or of all, newest first."""
     with options.connect() as client:
-        listed = client.runs(options.dataset, state=options.state)
+        listed = options.first(client.runs(options.dataset, state=options.state))
         columns = ("run", "dataset", "state", "configuration", "by", "result")
         options.screen.listing(columns, listed, _run_row)
 

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final, get_args
+from typing import TYPE_CHECKING, Annotated, Final, TypeAlias, get_args
 
 import typer
 
+from unghost.cli.cluster import NodeOptions, connected
 from unghost.cli.options import ServerOptions
 from unghost.cli.screen import (
     Kinds,
@@ -48,9 +50,17 @@ _CEILING: Final = (
 
 _TRAINED: Final = "raw,paper,auto"
 
+_HERE: Final = "local"
+"""The engine that trains on this machine."""
+
+_Trial: TypeAlias = tuple[str, int]
+"""An arm and a seed."""
+_Runner: TypeAlias = Callable[[Sequence[_Trial]], Iterator[None]]
+"""Runs trials; yields when one is finished."""
+
 
 @dataclass(frozen=True, kw_only=True)
-class WorthOptions(ServerOptions, LocalFilterOptions):
+class WorthOptions(ServerOptions, LocalFilterOptions, NodeOptions):
     """Options of `unghost worth-it`."""
 
     dataset: Annotated[
@@ -132,8 +142,22 @@ class WorthOptions(ServerOptions, LocalFilterOptions):
         ),
     ] = 0.8
     parallel: Annotated[
-        int, typer.Option(min=1, max=64, help="Trials that run at the same time.")
+        int,
+        typer.Option(
+            min=1,
+            max=64,
+            help="Trials that run at the same time, and share the cores; with "
+            "--engine: workers of one machine.",
+        ),
     ] = 1
+    engine: Annotated[
+        str,
+        typer.Option(
+            metavar="local|ADDRESS",
+            help="Where to train: here, or on the workers of a scheduler, such as "
+            "tls://HOST:8786, which all reach the folder of --output at the same path.",
+        ),
+    ] = _HERE
     join: Annotated[
         list[Path] | None,
         typer.Option(
@@ -232,6 +256,8 @@ def _count_labels(
 
 
 def _train_and_compare(options: WorthOptions) -> None:
+    from filter_core.local import in_order
+    from unghost.experiment.cluster import ClusterTrials
     from unghost.experiment.trials import Experiment, TrialError, trainer_command
 
     if options.output is None:
@@ -242,12 +268,25 @@ def _train_and_compare(options: WorthOptions) -> None:
     description = options.describe(options.source)
     task = _task(options, description, _TRAINED)
     experiment = Experiment(options.output)
-    with refused_on(TrialError):
-        command = trainer_command(options.trainer)
+    with refused_on(TrialError), ExitStack() as opened:
+        command = trainer_command(options.trainer, is_here=options.engine == _HERE)
+        parallel = options.parallel
+
+        def here(trials: Sequence[_Trial]) -> Iterator[None]:
+            return in_order(
+                lambda one: experiment.run(*one, command, parallel), trials, parallel
+            )
+
+        run: _Runner = here
+        if options.engine != _HERE:
+            client = opened.enter_context(connected(options.engine, options))
+            run = ClusterTrials(
+                client, experiment, options.trainer, parallel, options.screen.note
+            ).run
         noise = _prepare(options, description, task, experiment)
         experiment.require_trainer(options.trainer)
         trials = [(arm.name, seed) for seed in seeds for arm in task.arms]
-        _run(options, experiment, trials, command)
+        _run(options.screen, experiment, trials, run)
         _report(options, experiment, noise)
 
 
@@ -306,24 +345,14 @@ def _prepare(
 
 
 def _run(
-    options: WorthOptions,
-    experiment: Experiment,
-    trials: Sequence[tuple[str, int]],
-    command: Sequence[str],
+    screen: Screen, experiment: Experiment, trials: Sequence[_Trial], run: _Runner
 ) -> None:
-    """Run the trials, by arm and seed, that are not finished."""
-    from filter_core.local import in_order
-
+    """Run the trials that are not finished."""
     pending = [one for one in trials if not experiment.is_finished(*one)]
-    with options.screen.progress("train", "trials") as advance:
+    with screen.progress("train", "trials") as advance:
         done = len(trials) - len(pending)
         advance(done, len(trials))
-        run = in_order(
-            lambda one: experiment.run(*one, command, options.parallel),
-            pending,
-            options.parallel,
-        )
-        for _ in run:
+        for _ in run(pending):
             done += 1
             advance(done, len(trials))
 

@@ -102,6 +102,22 @@ def find_server(
     return server
 
 
+def found_again(server: Server) -> Server | None:
+    """The server with another token, if its file has another one by now.
+
+    A server writes the file at its first start, perhaps after `find_server`. None if
+    there is no other token, or if this one was given. Raises ForeignServer as
+    `find_server` does.
+    """
+    if server.token is not None and server.token_file is None:
+        return None
+    found = _local_server(server.url, os.environ)
+    if found.token in (None, server.token):
+        return None
+    refuse_foreign(found)
+    return found
+
+
 @dataclass(frozen=True)
 class StoredServers:
     """Servers with tokens that `unghost auth login` stored, and the last of them."""

@@ -52,6 +52,8 @@ Columns: TypeAlias = dict[str, list[object]]
 Progress: TypeAlias = Callable[[int], object]
 """Called with the number of boxes that have arrived."""
 
+_PAGE_ROWS: Final = 20_000
+
 _LIST_ONLY: Final = ("sort", "limit", "count", "cursor")
 
 
@@ -80,9 +82,13 @@ class Boxes(Iterator["wire.Decision"]):
         return next(self._items)
 
     def columns(
-        self, fields: Sequence[str] = (), *, progress: Progress | None = None
+        self,
+        fields: Sequence[str] = (),
+        *,
+        most: int = 0,
+        progress: Progress | None = None,
     ) -> Columns:
-        """The table as lists.
+        """The table as lists, of so many boxes at most; 0: of all.
 
         Raises
         ------
@@ -91,7 +97,7 @@ class Boxes(Iterator["wire.Decision"]):
         ValueError
             The list has an order of its own, which a table has not.
         """
-        table, cursor = _Table(self._listing, fields), None
+        table, cursor = _Table(self._listing, fields, most), None
         while cursor is not None or not table.pages:
             cursor = table.add(self._client._send(table.page(cursor)), progress)
         return table.columns()
@@ -125,10 +131,14 @@ class AsyncBoxes:
         return self._client._pages(self._listing)
 
     async def columns(
-        self, fields: Sequence[str] = (), *, progress: Progress | None = None
+        self,
+        fields: Sequence[str] = (),
+        *,
+        most: int = 0,
+        progress: Progress | None = None,
     ) -> Columns:
         """The table as lists; see `Boxes.columns`."""
-        table, cursor = _Table(self._listing, fields), None
+        table, cursor = _Table(self._listing, fields, most), None
         while cursor is not None or not table.pages:
             page = await self._client._send(table.page(cursor))
             cursor = table.add(page, progress)
@@ -157,7 +167,7 @@ class _Table:
     """Collects the pages of a table."""
 
     def __init__(
-        self, listing: BoxListing[wire.Decision], fields: Sequence[str]
+        self, listing: BoxListing[wire.Decision], fields: Sequence[str], most: int
     ) -> None:
         given = listing.params
         if given.get("sort", "id") != "id":
@@ -166,25 +176,26 @@ class _Table:
                 "in the order of frames; sort the data frame"
             )
         kept = {name: one for name, one in given.items() if name not in _LIST_ONLY}
-        self._params = {**kept, "limit": 20_000}
+        self._params = kept
         if fields:
             self._params["fields"] = ",".join(fields)
         self.pages: list[Mapping[str, list[object]]] = []
-        self._rows = 0
+        self._rows, self._most = 0, most
 
     def page(self, cursor: str | None) -> Call[Json]:
         """The call for the first page, or for the page that the cursor names."""
-        params = {**self._params, "cursor": cursor}
+        limit = min(_PAGE_ROWS, self._most - self._rows if self._most else _PAGE_ROWS)
+        params = {**self._params, "limit": limit, "cursor": cursor}
         return Call("GET", f"{API}/boxes/table", answer(_as_it_is), params=params)
 
     def add(self, page: Json, progress: Progress | None) -> str | None:
-        """Keep a page; the cursor of the next one."""
+        """Keep a page; the cursor of the next one, if another one is needed."""
         self.pages.append(page["columns"])
         self._rows += page["rows"]
         if progress is not None:
             progress(self._rows)
         cursor: str | None = page["next_cursor"]
-        return cursor
+        return None if self._most and self._rows >= self._most else cursor
 
     def columns(self) -> Columns:
         """All pages together."""
@@ -192,6 +203,8 @@ class _Table:
         for page in self.pages:
             for name, values in page.items():
                 found[name] += values
+        if self._most:  # a page has whole frames
+            found = {name: values[: self._most] for name, values in found.items()}
         return found
 
 

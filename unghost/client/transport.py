@@ -23,10 +23,16 @@ from urllib.request import getproxies, proxy_bypass
 import httpx
 
 from unghost.client.call import Call, Params, query_of
-from unghost.client.discovery import Server, is_local, refuse_foreign
+from unghost.client.discovery import (
+    Server,
+    found_again,
+    is_local,
+    refuse_foreign,
+)
 from unghost.client.errors import (
     NoResponse,
     NotFound,
+    Unauthorized,
     Unavailable,
     error_of,
     unexpected,
@@ -217,7 +223,7 @@ class AsyncTransport:
         """Send a call and return its result; see `Transport.send`."""
         tries = _Tries(call, self._retry)
         while True:
-            response = None
+            response, server = None, self._server
             try:
                 response = await self._whole(call, tries.key)
                 return call.read(_success(response))
@@ -225,6 +231,11 @@ class AsyncTransport:
                 if response is not None and tries.has_deleted():
                     return call.read(response)
                 raise
+            except Unauthorized:
+                if (found := found_again(server)) is None:
+                    raise
+                self._server = found
+                self._http.headers.update(_headers(found))
             except Unavailable as error:
                 await asyncio.sleep(tries.wait_s(error))
 
@@ -343,7 +354,7 @@ class Transport:
     def _response(self, call: Call[T]) -> httpx.Response:
         tries = _Tries(call, self.retry)
         while True:
-            response = None
+            response, server = None, self._server
             try:
                 response = self._whole(call, tries.key)
                 return _success(response)
@@ -351,6 +362,12 @@ class Transport:
                 if response is not None and tries.has_deleted():
                     return response
                 raise
+            except Unauthorized:
+                # Another thread may have found it: this call was sent without.
+                if (found := found_again(server)) is None:
+                    raise
+                self._server = found
+                self._http.headers.update(_headers(found))
             except Unavailable as error:
                 wait_s = tries.wait_s(error)  # may raise the error
                 if not self.pause(wait_s):

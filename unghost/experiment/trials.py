@@ -19,7 +19,8 @@ import shlex
 import subprocess
 import sys
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from importlib.util import find_spec
@@ -33,6 +34,7 @@ from filter_core.evaluation.arms import NoiseObject
 from filter_core.evaluation.detections import Detections, Objects
 from filter_core.evaluation.trials import EvaluationSet, Trial, TrialKey
 from filter_core.formats.files import json_bytes, write_whole
+from filter_core.processes import module_command
 from unghost.experiment.datasets import (
     OWN_LABELS,
     TRUTH,
@@ -57,6 +59,8 @@ _LOG: Final = "log.txt"
 
 _PLACES: Final = ("data", "seed", "output")
 
+_POLL_S: Final = 0.5
+
 _TAIL: Final = 2000
 """Characters of a log that an error shows."""
 
@@ -77,13 +81,19 @@ class TrialError(Exception):
     """A trainer that cannot run, has failed, or has written something else."""
 
 
-def trainer_command(trainer: str) -> list[str]:
+class TrialInterrupted(Exception):
+    """A trial that was ended before it was finished."""
+
+
+def trainer_command(trainer: str, *, is_here: bool = True) -> list[str]:
     """The words of a trainer's command, with ``{data}``, ``{seed}`` and ``{output}``.
 
     Parameters
     ----------
     trainer : str
         A command, or `BUILT_IN` with its own options.
+    is_here : bool
+        Whether this machine trains, which needs the built-in trainer's libraries.
 
     Raises
     ------
@@ -93,7 +103,7 @@ def trainer_command(trainer: str) -> list[str]:
     words = shlex.split(trainer)
     if words[:1] == [BUILT_IN]:
         missing = [name for name in ("torch", "torchvision") if find_spec(name) is None]
-        if missing:
+        if missing and is_here:
             raise TrialError(
                 f"--trainer {BUILT_IN} needs {' and '.join(missing)}, which "
                 f"{'are' if len(missing) > 1 else 'is'} not installed: "
@@ -165,7 +175,12 @@ class Experiment:
         return sorted((arm, int(seed.removeprefix("seed-"))) for arm, seed in trials)
 
     def run(
-        self, arm: str, seed: int, command: Sequence[str], parallel: int = 1
+        self,
+        arm: str,
+        seed: int,
+        command: Sequence[str],
+        parallel: int = 1,
+        is_wanted: Callable[[], bool] = lambda: True,
     ) -> None:
         """Train and detect; the trainer's output goes into a log.
 
@@ -177,11 +192,15 @@ class Experiment:
             Of `trainer_command`.
         parallel : int
             How many trials run at the same time, which share the cores.
+        is_wanted : callable
+            Asked twice a second; if it is false, the trainer is ended.
 
         Raises
         ------
         TrialError
             The command failed, with the end of its log; or it wrote no predictions.
+        TrialInterrupted
+            The trial is not wanted any more.
         """
         output = self.trial_folder(arm, seed).resolve()
         output.mkdir(parents=True, exist_ok=True)
@@ -195,22 +214,26 @@ class Experiment:
         threads = max((os.cpu_count() or 1) // parallel, 1)
         environment = {"OMP_NUM_THREADS": str(threads), **os.environ}
         begun = time.monotonic()
-        with (output / _LOG).open("wb") as log:
-            try:
-                done = subprocess.run(
-                    words,
-                    stdout=log,
-                    stderr=subprocess.STDOUT,
-                    env=environment,
-                    check=False,
-                )
-            except OSError as error:
-                raise TrialError(f"{words[0]}: {error.strerror}") from error
-        if done.returncode:
+        with (
+            (output / _LOG).open("wb") as log,
+            subprocess.Popen(
+                module_command("unghost.experiment.tied", *words),
+                stdin=subprocess.PIPE,
+                stdout=log,
+                stderr=subprocess.STDOUT,
+                env=environment,
+            ) as trainer,
+        ):
+            while trainer.poll() is None:
+                if not is_wanted():  # leaving the block ends the trainer
+                    raise TrialInterrupted(f"arm {arm}, seed {seed}")
+                with suppress(subprocess.TimeoutExpired):
+                    trainer.wait(_POLL_S)
+        if trainer.returncode:
             said = (output / _LOG).read_text("utf-8", "replace")[-_TAIL:]
             raise TrialError(
                 f"arm {arm}, seed {seed}: the trainer ended with exit code "
-                f"{done.returncode}; the end of {output / _LOG}:\n{said}"
+                f"{trainer.returncode}; the end of {output / _LOG}:\n{said}"
             )
         found = [one.name for one in output.rglob(PREDICTIONS)]
         if len(found) != 1:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import asyncio
 import fcntl
 import json
 import signal
+import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 from zipfile import ZipFile
@@ -21,9 +23,9 @@ from tests.support.frames import write_jpeg_segmentation, write_manifest
 from tests.support.pictures import jpeg, painted, png
 from tests.support.ports import reserved_port
 from tests.support.sensors import write_coarse_depth
-from tests.support.servers import RunningServer
+from tests.support.servers import RunningServer, running_server
 from tests.support.shared_data import shared
-from unghost import Client
+from unghost import AsyncClient, Client
 from unghost.cli.program import app
 
 DONE, REFUSED, USAGE, PARTLY, GATE, UNAVAILABLE, INTERRUPTED = 0, 1, 2, 3, 4, 69, 130
@@ -712,3 +714,37 @@ def test_classes_are_shown_merged_renamed_and_removed(unghost, name, tmp_path):
     assert list(shown)[:4] == ["car", "truck", "minivan", "motorcycle"]
     assert (shown["car"]["boxes"], shown["car"]["former_names"]) == (4, ["Caar"])
     assert "Caar" in unghost("classes", "show", name).out
+
+
+def test_command_that_waits_for_the_first_start_takes_its_token(tmp_path):
+    data = tmp_path / "data"
+    with reserved_port() as port:
+        known = {
+            "UNGHOST_DATA": str(data),
+            "UNGHOST_SERVER": f"http://127.0.0.1:{port}",
+        }
+        early = CommandLine(tmp_path, known)
+        with early.running("dataset", "list", "--json") as process:
+            with pytest.raises(subprocess.TimeoutExpired):
+                process.wait(1)
+            with running_server(data, {"UNGHOST_PORT": str(port)}):
+                out, err = process.communicate(timeout=60)
+
+    assert (process.wait(), out) == (DONE, ""), err
+
+
+def test_client_with_an_event_loop_takes_the_token_of_the_first_start(
+    tmp_path, monkeypatch
+):
+    data = tmp_path / "data"
+    monkeypatch.setenv("UNGHOST_DATA", str(data))
+
+    async def role_of(url: str, settings: dict[str, str]) -> str:
+        async with AsyncClient(url) as client:
+            assert client.token is None
+            with running_server(data, settings):
+                return (await client.session()).role
+
+    with reserved_port() as port:
+        url, settings = f"http://127.0.0.1:{port}", {"UNGHOST_PORT": str(port)}
+        assert asyncio.run(role_of(url, settings)) == "admin"

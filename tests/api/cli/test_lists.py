@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import json
+import re
 
 import pyarrow.parquet
 import pytest
@@ -72,6 +73,25 @@ def test_frames_problems_and_runs_are_listed(unghost, dataset, server):
     assert {run["id"] for run in runs} <= {run["id"] for run in all_runs}
 
 
+def test_lists_end_where_asked_for(unghost, server):
+    name = "limited"
+    with Client(server.url, server.token) as client:
+        client.create_dataset(name, classes=["car"])
+        for number in range(3):
+            frames.put(client, name, f"{number}", number)
+            with pytest.raises(Invalid):
+                client.put_frame(name, f"bad-{number}", {"boxes": [{"class": "car"}]})
+            client.wait(client.set_config(name, {"threshold_small_box": 90 + number}))
+
+    def listed(limit: int) -> list[int]:
+        words = (name, "--limit", limit, "--json")
+        commands = ("boxes", "frames", "problems", "runs")
+        return [len(unghost(command, *words).records) for command in commands]
+
+    assert listed(1) == [1, 1, 1, 1]
+    assert listed(0) == [6, 3, 3, 3]
+
+
 def test_datasets_are_created_shown_edited_and_deleted(unghost):
     name = "by-hand"
     made = unghost("dataset", "create", name, "--classes", "car,van")
@@ -86,6 +106,8 @@ def test_datasets_are_created_shown_edited_and_deleted(unghost):
     deleted = unghost("dataset", "delete", name, "--yes")
 
     assert made.out == f"{name}: car, van\n"
+    (created_at,) = [line for line in shown if line.startswith("created at")]
+    assert re.fullmatch(r"created at\t[\d-]{10} [\d:]{8}\+00:00", created_at)
     assert (again.code, kept[0]["classes"]) == (1, ["car", "van"])
     assert edited.code == 0, edited.err
     assert {"description\train", "palette\tcarla-0.9.14", "frames\t0"} <= set(shown)

@@ -9,64 +9,20 @@ from pathlib import Path
 
 import pytest
 
-from tests.support.pictures import painted, png
-from tests.support.sensors import ANNOTATION, depth_png, instance_png, scene
+from tests.support.experiments import parrot, write_recording
 
 DONE, REFUSED, USAGE = 0, 1, 2
-
-# What it was taught is what it detects: every box of the first image, in each image.
-PARROT = """
-import json, sys
-from pathlib import Path
-data, seed, output = Path(sys.argv[1]), int(sys.argv[2]), Path(sys.argv[3])
-train, val = (
-    json.loads((data / "annotations" / f"instances_{part}.json").read_text())
-    for part in ("train", "val")
-)
-first = train["images"][0]["id"]
-taught = [one for one in train["annotations"] if one["image_id"] == first]
-found = [
-    {"image_id": Path(image["file_name"]).stem, "category_id": one["category_id"],
-     "bbox": one["bbox"], "score": 1 / one["bbox"][2] + seed / 1000}
-    for image in val["images"] for one in taught
-]
-(output / "predictions.json").write_text(json.dumps(found))
-with Path(sys.argv[4]).open("a") as log:
-    log.write(f"{data.name} {seed}\\n")
-"""
 
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    """Eight frames of a car and a ghost behind it; four are for validation."""
-    tags, metres, ids = scene()
-    root = tmp_path / "frames"
-    root.mkdir()
-    files = {
-        "image": png(painted(tags)),
-        "segmentation": png(painted(tags)),
-        "depth": depth_png(metres),
-        "instances": instance_png(tags, ids),
-    }
-    for kind, content in files.items():
-        (root / f"{kind}.png").write_bytes(content)
-    paths = {kind: f"{kind}.png" for kind in files}
-    lines = [
-        json.dumps({"key": f"{part}/{number:04}", "split": part, **paths, **ANNOTATION})
-        for part in ("train", "val")
-        for number in range(4)
-    ]
-    (root / "manifest.jsonl").write_text("\n".join(lines))
-    return root
+    return write_recording(tmp_path / "frames")
 
 
 @pytest.fixture
 def trainer(tmp_path: Path) -> str:
     """A trainer that notes its runs in `runs.txt`."""
-    script = tmp_path / "parrot.py"
-    script.write_text(PARROT)
-    command = f"{sys.executable} {script}"
-    return f"{command} {{data}} {{seed}} {{output}} {tmp_path / 'runs.txt'}"
+    return parrot(tmp_path)
 
 
 def test_label_noise_is_counted_and_drawn(bare_unghost, folder, tmp_path):

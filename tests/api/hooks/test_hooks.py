@@ -14,6 +14,7 @@ from tests.support.api import BY_TAGS, Api
 from tests.support.documents import blocks, read
 from tests.support.live import live
 from tests.support.receiver import receiving
+from tests.support.servers import running_server
 from tests.support.waiting import until
 
 (VERIFIER,) = blocks(read("docs/api.md"), "python")
@@ -120,6 +121,33 @@ def test_stop_does_not_wait_for_a_receiver(tmp_path, receiver):
 
     assert took_s < ANSWER_WITHIN_S / 2
     assert (over["state"], over["attempts"]) == ("delivered", 1)
+
+
+def test_delivery_that_a_killed_service_had_begun_is_made_again(tmp_path, receiver):
+    data = tmp_path / "data"
+    settings = {"UNGHOST_HOOK_HOSTS": "127.0.0.1"}
+    receiver.may_respond.clear()
+    with running_server(data, settings) as first:
+        with (api := Api.at(first.url, first.headers)).http:
+            hook = api.post("/hooks", {"url": receiver.url}).json()
+            api.post(f"/hooks/{hook['id']}/ping")
+            receiver.wait_for(1)
+        first.process.kill()
+        first.process.wait()
+    receiver.may_respond.set()
+
+    with (
+        running_server(data, settings) as second,
+        (api := Api.at(second.url, second.headers)).http,
+    ):
+        one, two = receiver.wait_for(2)
+        (over,) = settled(api, hook, 1)
+
+    assert one.headers["webhook-id"] == two.headers["webhook-id"]
+    assert one.body == two.body
+    assert two.is_signed_with(hook["secret"])
+    assert (over["state"], over["attempts"]) == ("delivered", 1)
+    assert len(receiver.received) == 2
 
 
 def test_redirect_is_not_followed(own_api, receiver):
