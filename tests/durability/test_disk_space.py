@@ -190,6 +190,7 @@ def test_full_disk_still_allows_deletion_and_garbage_collection(data, unghost):
     assert left == []
 
 
+@pytest.mark.long
 def test_deletion_on_a_full_disk_resumes_when_no_reader_holds_the_log(data):
     with served(data, **SETTINGS) as (server, api):
         until(lambda: has_reserve(data))
@@ -209,6 +210,7 @@ def grow_log(api):
     assert answered.status_code == 201, answered.text
 
 
+@pytest.mark.long
 def test_removals_resume_and_reserve_returns_after_a_full_disk_without_it(data):
     with served(data, **SETTINGS) as (server, api):
         grow_log(api)
@@ -228,6 +230,7 @@ def test_removals_resume_and_reserve_returns_after_a_full_disk_without_it(data):
     assert ready["checks"]["background"] == "working"
 
 
+@pytest.mark.long
 def test_failed_start_on_a_full_disk_ends_and_the_next_one_continues(data, tmp_path):
     """Clients are waiting, as after a crash."""
     log, statuses = tmp_path / "log", set[int]()
@@ -266,6 +269,7 @@ def test_failed_start_on_a_full_disk_ends_and_the_next_one_continues(data, tmp_p
     assert reviews == 1000
 
 
+@pytest.mark.long
 def test_reserve_is_used_only_by_a_deletion_that_needs_space(data):
     with served(data, **SETTINGS) as (_, api):
         name = api.dataset()

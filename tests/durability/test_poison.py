@@ -25,6 +25,8 @@ from tests.support.slow_datasets import FROM_PIXELS, create_slow_dataset
 from tests.support.sources import CHECKOUT
 from tests.support.waiting import until
 
+pytestmark = pytest.mark.long
+
 MOST_DEATHS = 3
 KILLED = -9
 FRAMES_BEFORE = 60
@@ -151,7 +153,6 @@ def test_frame_that_kills_the_service_is_quarantined_and_others_are_measured(ser
         check_run_results(api, name, api.run(name, FROM_PIXELS), 5, empty=1)
 
 
-@pytest.mark.long
 def test_export_that_kills_the_service_fails_as_quarantined(servers):
     with client(servers.start_poisoned(EXPORTS)) as api:
         name = api.dataset()
@@ -170,7 +171,6 @@ def test_export_that_kills_the_service_fails_as_quarantined(servers):
     assert failed["error"]["detail"].startswith("writing it crashed the process")
 
 
-@pytest.mark.long
 def test_killing_frames_in_a_chunk_do_not_stop_other_frames_from_measuring(data):
     """One chunk has frames before, between and after the two frames that kill."""
     with served(data) as (_, api):
@@ -203,7 +203,6 @@ def test_killing_frames_in_a_chunk_do_not_stop_other_frames_from_measuring(data)
     assert 2 * MOST_DEATHS <= deaths <= 4 * MOST_DEATHS + FRAMES_BEFORE + 4
 
 
-@pytest.mark.long
 def test_run_killed_from_outside_repeatedly_is_not_quarantined(data):
     done = 0
     with served(data, UNGHOST_WORKERS="1") as (_, api):

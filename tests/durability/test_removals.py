@@ -120,6 +120,7 @@ def test_deleted_dataset_returns_404_before_its_rows_are_removed(data, held):
     assert 'unghost_jobs{kind="export",state="done"} 0' in metrics
 
 
+@pytest.mark.long
 def test_removal_interrupted_by_a_kill_is_finished_by_the_next_server(data):
     with crashing_servers(data) as servers:
         # The first commit is that of the request.

@@ -239,10 +239,7 @@ def test_shutdown_finishes_the_download_of_a_slow_client(start_api):
     stored = api.upload_frame(api.dataset(), "a", {"boxes": []}, image=image)
     url = stored["frame"]["files"]["image"]["url"]
 
-    with (
-        slow_reading_client(server) as client,
-        client.stream("GET", url) as answer,
-    ):
+    with slow_reading_client(server) as client, client.stream("GET", url) as answer:
         pieces = answer.iter_bytes(1000)
         got = [next(pieces)]
         terminate_and_wait_for_shutdown(server)

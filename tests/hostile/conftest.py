@@ -10,10 +10,7 @@ from tests.support.api import Api
 from tests.support.hostile.openapi_cases import populate
 from tests.support.servers import running_server
 
-SETTINGS = {
-    "UNGHOST_MAX_OPEN_RUNS": "1000",
-    "UNGHOST_LOG_LEVEL": "warning",
-}
+SETTINGS = {"UNGHOST_MAX_OPEN_RUNS": "1000", "UNGHOST_LOG_LEVEL": "warning"}
 
 
 @pytest.fixture(scope="session")

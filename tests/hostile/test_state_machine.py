@@ -285,12 +285,7 @@ class ServiceAgainstModel(RuleBasedStateMachine):
             for box in self.api.boxes(self.name, limit=1000)
         }
         assert shown == {
-            number: (
-                box.verdict,
-                box.effective,
-                box.review,
-                len(box.answers),
-            )
+            number: (box.verdict, box.effective, box.review, len(box.answers))
             for number, box in boxes.items()
         }
         stats, expected = (
@@ -329,6 +324,7 @@ def place(tmp_path_factory):
     restarting.close()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("way", WAYS_TO_RESTART)
 def test_state_equals_the_model_after_each_kind_of_restart(place, way):
     ServiceAgainstModel.place = place

@@ -20,8 +20,5 @@ def services(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Services]:
 def postgres_services(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Services]:
     """Services on PostgreSQL, whichever database the other tests use."""
     folder = tmp_path_factory.mktemp("postgres")
-    with (
-        empty_postgres() as url,
-        running_services(folder, database_url=url) as running,
-    ):
+    with empty_postgres() as url, running_services(folder, database_url=url) as running:
         yield running

@@ -31,8 +31,7 @@ def test_invalid_host_name_raises_cannot_serve(tmp_path, host):
 
 
 @pytest.mark.parametrize(
-    ("host", "taken"),
-    [("127.0.0.1", "::1"), ("0.0.0.0", "::1"), ("::1", "127.0.0.1")],
+    ("host", "taken"), [("127.0.0.1", "::1"), ("0.0.0.0", "::1"), ("::1", "127.0.0.1")]
 )
 def test_port_of_another_program_at_the_other_loopback_address_is_refused(
     tmp_path, host, taken

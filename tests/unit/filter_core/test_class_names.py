@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-import json
-
 import pytest
 
 from filter_core.class_names import class_meant_by, misspelt_class
 from filter_core.classes import CLASSES, MEASURED_CLASSES, accept_mask_of
 from filter_core.config.filter import FilterConfig
-from filter_core.formats.registry import read_source
-from filter_core.local import filter_source
 from filter_core.pipeline import filter_frame
 from filter_core.segmentation.palettes import FAMILIES
 from tests.support.pictures import tag_image
-from tests.support.shared_data import shared
 
 MEANINGS = {
     "car": "car Car CARS taxi vehicle.car vehicle.tesla.model3 vehicle.bmw.isetta "
@@ -85,30 +80,6 @@ def test_every_class_and_every_tag_that_is_an_object_has_a_name():
     assert {class_meant_by(name) for name in (*CLASSES, *tags)} == {*MEASURED_CLASSES}
     newest = list(FAMILIES)[2]
     assert all(accept_mask_of(name, newest) for name in MEASURED_CLASSES)
-
-
-def test_names_of_other_datasets_are_measured_as_what_they_mean():
-    """A visible car under the names of KITTI, COCO and VOC."""
-    case = shared("cases/05-class-names")
-    names = [
-        box["class"]
-        for box in json.loads((case / "manifest.jsonl").read_text())["boxes"]
-    ]
-
-    (outcome,) = filter_source(read_source(case), FilterConfig())
-
-    decisions = outcome.decisions or []
-    assert [decision["class"] for decision in decisions] == names
-    outcomes = {
-        decision["class"]: (decision["verdict"], decision["reason"])
-        for decision in decisions
-    }
-    kept = ("kept", "visible")
-    for name in ("Car", "Car ", "Van", "Truck", "truck", "Vehicle"):
-        assert outcomes[name] == kept
-    assert outcomes["Misc"] == ("unmeasured", "unmapped_class")
-    others = {*names} - {"Car", "Car ", "Van", "Truck", "truck", "Vehicle", "Misc"}
-    assert {outcomes[name] for name in others} == {("rejected", "no_visible_pixels")}
 
 
 TAGS = tag_image("cccc", "cccc", "....", "....")

@@ -8,11 +8,7 @@ import numpy as np
 import pytest
 
 from filter_core.class_names import BLUEPRINT_CLASS, class_of
-from filter_core.classes import (
-    accept_mask_of,
-    accepted_names,
-    accepts,
-)
+from filter_core.classes import accept_mask_of, accepted_names, accepts
 from filter_core.config.filter import FilterConfig
 from filter_core.errors import ConfigError
 from tests.support.shared_data import shared

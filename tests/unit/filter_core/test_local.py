@@ -12,19 +12,10 @@ from filter_core.config.filter import FilterConfig
 from filter_core.formats.export import ExportFrame
 from filter_core.formats.reading import FrameSource
 from filter_core.formats.registry import FORMATS, read_source
-from filter_core.local import (
-    export_sources,
-    filter_one,
-    filter_source,
-)
+from filter_core.local import export_sources, filter_one, filter_source
 from tests.support.folders import street_tags, write_files
 from tests.support.pictures import painted, png
-from tests.support.sensors import (
-    ANNOTATION,
-    depth_png,
-    instance_png,
-    scene,
-)
+from tests.support.sensors import ANNOTATION, depth_png, instance_png, scene
 
 
 @pytest.fixture
@@ -174,23 +165,6 @@ def test_a_channel_reads_the_files_that_it_needs(tmp_path):
     assert outcome("depth")["decisions"][1]["reason"] == "hidden_by_depth"
     assert outcome("auto")["decisions"][1]["reason"] == "hidden_by_instance"
     assert "PLY or NPY" in outcome("lidar")["error"]["detail"]
-
-
-def test_explanation_without_segmentation_starts_with_unmeasured():
-    boxes = [
-        {"class": "zebra", "xyxy": [10, 10, 60, 40]},
-        {"class": "car", "xyxy": [10, 10, 60, 40], "distance": 90},
-    ]
-    camera = {"width": 200, "height": 100, "fov": 90}
-    source = FrameSource("a", annotation={"boxes": boxes, "camera": camera})
-    config = FilterConfig(max_distance=50)
-
-    (frame,) = export_sources([source], config, needs={"decisions"})
-
-    assert isinstance(frame, ExportFrame)
-    for decision in frame.decisions:
-        assert decision["reason"] == "no_segmentation"
-        assert str(decision["explanation"]).startswith("unmeasured: ")
 
 
 @pytest.mark.parametrize("form", ["decisions-csv", "decisions-parquet"])

@@ -104,19 +104,6 @@ def test_decisions_are_json_serialisable():
     assert (again[2]["xyxy"], again[2]["match_percent"]) == (None, None)
 
 
-def test_explanation_of_a_ghost_names_the_tag_that_hides_it():
-    tags = street_tags()
-    tags[40:55, 60:70] = 9
-
-    decision = filter_frame(annotation(GHOST), png(painted(tags))).decisions[0]
-
-    assert decision["explanation"] == (
-        "rejected: none of its pixels are Pedestrian; Vegetation covers 100 %"
-    )
-    hider = {"tag": 9, "name": "Vegetation", "rgb": [107, 142, 35], "percent": 100.0}
-    assert decision["hidden_by"] == [hider]
-
-
 def test_box_without_a_segmentation_is_unmeasured():
     camera = {"width": 80, "height": 60}
 
@@ -160,14 +147,6 @@ def test_blueprint_is_mapped_to_its_class_and_unknown_one_is_unmapped():
         "kept: 100 % of its pixels are Car or Truck, 10 % are needed"
     )
     assert (prop["class"], prop["reason"]) == ("static.prop.bin", "unmapped_class")
-
-
-def test_accept_set_of_a_class_is_applied():
-    config = FilterConfig.from_mapping({"classes": {"walker": {"accept": ["Road"]}}})
-
-    decision = filter_frame(annotation(GHOST), STREET, config).decisions[0]
-
-    assert (decision["verdict"], decision["match_percent"]) == ("kept", 100.0)
 
 
 @pytest.mark.parametrize(

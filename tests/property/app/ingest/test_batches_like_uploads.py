@@ -31,10 +31,7 @@ rectangles = st.tuples(spans, spans).map(
 )
 boxes = st.lists(
     st.fixed_dictionaries(
-        {
-            "class": st.sampled_from(["car", "walker", "vase"]),
-            "xyxy": rectangles,
-        },
+        {"class": st.sampled_from(["car", "walker", "vase"]), "xyxy": rectangles},
         optional={"distance": st.sampled_from([5.0, 80.0, "far"])},
     ),
     max_size=4,

@@ -35,11 +35,7 @@ KEYS = [
     "other",
 ]
 leaves = st.one_of(
-    st.none(),
-    st.booleans(),
-    st.integers(),
-    st.floats(),
-    st.text(max_size=5),
+    st.none(), st.booleans(), st.integers(), st.floats(), st.text(max_size=5)
 )
 values = st.recursive(
     leaves,

@@ -159,17 +159,15 @@ def pixels(rectangles, wh=WH):
 @pytest.mark.parametrize("name", READ_AND_WRITTEN)
 @SLOW
 @given(rectangles=WHOLE)
-def test_whole_rectangles_have_the_same_pixels_after_every_round_trip(name, rectangles):
+def test_whole_rectangles_have_the_same_pixels_when_they_are_read_again(
+    name, rectangles
+):
     boxes = [box(number, xyxy) for number, xyxy in enumerate(rectangles)]
     with tempfile.TemporaryDirectory() as folder:
-        first = export(name, [frame("a", *boxes)])
-        source = write_exported_files(Path(folder) / "first", first)
-        again = convert(name, source, name)
-        copy = write_exported_files(Path(folder) / "again", again)
+        files = export(name, [frame("a", *boxes)])
+        ((_, found),) = read_labels(write_exported_files(Path(folder), files)).values()
 
-        for labels in (read_labels(source), read_labels(copy)):
-            ((_, found),) = labels.values()
-            assert pixels(found) == pixels(rectangles)
+    assert pixels(found) == pixels(rectangles)
 
 
 @pytest.mark.parametrize("name", ["yolo", "coco", "manifest"])

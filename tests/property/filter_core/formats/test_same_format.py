@@ -105,8 +105,7 @@ class Recording:
 FRAMES = st.dictionaries(
     st.sampled_from(NAMES),
     st.tuples(
-        st.lists(st.sampled_from(KINDS), max_size=5),
-        st.sampled_from([".png", ".jpg"]),
+        st.lists(st.sampled_from(KINDS), max_size=5), st.sampled_from([".png", ".jpg"])
     ),
     min_size=1,
     max_size=4,

@@ -8,12 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from filter_core.evidence_numbers import BoxState
-from filter_core.geometry.boxes import (
-    FORMS,
-    correct_xyxy,
-    pixel_bounds,
-    to_xyxy,
-)
+from filter_core.geometry.boxes import FORMS, correct_xyxy, pixel_bounds, to_xyxy
 from tests.support.slow_definitions import slow_edges
 
 WH = (64, 48)

@@ -6,11 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 
-from filter_core.evidence.counting import (
-    Regions,
-    count_codes_in,
-    count_pixels,
-)
+from filter_core.evidence.counting import Regions, count_codes_in, count_pixels
 from filter_core.images.pixels import (
     count_codes,
     occurring_codes,

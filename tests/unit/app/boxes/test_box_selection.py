@@ -52,10 +52,6 @@ def test_verdict_and_reason_are_combined_into_a_set_of_reasons(street, wanted, r
     assert filter_for(street, **wanted).reasons == tuple(map(int, reasons))
 
 
-def test_contradictory_verdict_and_reason_select_nothing(street):
-    assert filter_for(street, verdict="kept", reason="degenerate").reasons == (0,)
-
-
 @pytest.mark.parametrize(
     ("wanted", "code"),
     [({"reason": "magic"}, "unknown_reason"), ({"review": "maybe"}, "unknown_review")],

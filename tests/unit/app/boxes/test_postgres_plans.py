@@ -189,9 +189,7 @@ def test_storing_a_review_reads_no_other_reviews(context, session, dataset_row):
         audit = AuditTrail(writing, ADA)
         assert review_many(context, audit, many, ADA).count == len(ids)
         check(
-            writing,
-            lambda: review_box(audit, ids[-1] + 1, one, ADA, most=9),
-            most=50,
+            writing, lambda: review_box(audit, ids[-1] + 1, one, ADA, most=9), most=50
         )
         writing.rollback()
 

@@ -11,12 +11,7 @@ from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session
 
 from app.db.base import utc_now
-from app.db.bulk import (
-    COPY_FROM_ROWS,
-    ROWS_AT_A_TIME,
-    insert_rows,
-    update_rows,
-)
+from app.db.bulk import COPY_FROM_ROWS, ROWS_AT_A_TIME, insert_rows, update_rows
 from app.db.engine import Database
 from app.db.migrate import migrate
 from app.db.tables import Dataset, Frame, FrameEvidence, Measurement

@@ -26,9 +26,7 @@ def error_of_last_statement(url, *before, last):
     return raised.value
 
 
-def test_a_locked_database_is_transient_and_a_full_disk_is_not(
-    tmp_path,
-):
+def test_a_locked_database_is_transient_and_a_full_disk_is_not(tmp_path):
     file = tmp_path / "some.db"
     make = "CREATE TABLE some (one TEXT)"
     full = error_of_last_statement(

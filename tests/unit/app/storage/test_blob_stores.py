@@ -86,14 +86,6 @@ def test_modification_time_of_a_stored_blob_is_now(store):
     assert begun - 2 <= found.modified_at <= time.time() + 2
 
 
-def test_settled_drafts_are_stored(store):
-    drafts = [store.draft({sha256_of(data): data}) for data in (CONTENT, OTHER)]
-    store.settle(drafts)
-
-    assert store.read(DIGEST) == CONTENT
-    assert len(stored_sizes(store)) == 2
-
-
 def test_discarded_draft_does_not_prevent_storing_its_blob(store):
     store.discard([store.draft({DIGEST: CONTENT})])
     store.put({DIGEST: CONTENT})

@@ -55,9 +55,7 @@ def box_faults(box, **frame):
     ],
 )  # fmt: skip
 def test_invalid_rectangle_reports_pointer_code_and_message(xyxy, pointer, code, words):
-    assert box_faults({"xyxy": xyxy}) == [
-        (f"/xyxy{pointer}", code, f", xyxy{words}"),
-    ]
+    assert box_faults({"xyxy": xyxy}) == [(f"/xyxy{pointer}", code, f", xyxy{words}")]
 
 
 @pytest.mark.parametrize(

@@ -194,10 +194,7 @@ def test_sensors_have_their_own_transform():
     lidar = {"transform": POSE, "channels": 64}
     read = parse_annotation(frame(sensors={"lidar": lidar, "radar": {}}))
 
-    assert read.sensors == {
-        "lidar": Transform((0, 0, 2.4)),
-        "radar": None,
-    }
+    assert read.sensors == {"lidar": Transform((0, 0, 2.4)), "radar": None}
 
 
 @pytest.mark.parametrize(

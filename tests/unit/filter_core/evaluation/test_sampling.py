@@ -128,7 +128,7 @@ def few(reviewer):
         pytest.param(by_doubt_then_random, slice(None), 0.1, marks=pytest.mark.long),
         pytest.param(by_class, CLASS == 1, 0.13, marks=pytest.mark.long),
         (mixed, slice(None), 0.12),
-        (few, slice(None), 0.4),
+        pytest.param(few, slice(None), 0.4, marks=pytest.mark.long),
     ],
 )
 def test_intervals_cover_the_scores_on_all_boxes(order, rows, widest):

@@ -15,6 +15,7 @@ from filter_core.decisions.record import Decision
 from filter_core.errors import ImageError, ImageTooLarge
 from filter_core.evidence.channels import Sensors, measure_evidence
 from filter_core.evidence_kinds import STRONGEST_FIRST, EvidenceChoice
+from filter_core.evidence_numbers import ChannelNumbers, number_columns
 from filter_core.frame_boxes import FrameBoxes
 from filter_core.geometry.camera import Camera
 from filter_core.geometry.pose import Transform
@@ -371,9 +372,18 @@ def test_image_larger_than_max_side_is_refused(kind):
     contents = {"depth": depth_file(), "instances": instance_file()}
     given = png(np.dstack([tags] * 3)) if kind == "segmentation" else tags
     options = FrameOptions(
-        sensors={kind: contents[kind]} if kind in contents else {},
-        max_side=WIDTH - 1,
+        sensors={kind: contents[kind]} if kind in contents else {}, max_side=WIDTH - 1
     )
 
     with pytest.raises(ImageTooLarge, match=f"may exceed {WIDTH - 1}"):
         filter_frame(ANNOTATION, given, FilterConfig(evidence="auto"), options)
+
+
+def test_absent_fills_every_column_with_its_missing_value():
+    channels = ChannelNumbers.absent(2)
+
+    for name, column in number_columns(ChannelNumbers).items():
+        found = getattr(channels, name)
+        assert found.shape == (2, *column.shape)
+        assert found.dtype == column.dtype
+        np.testing.assert_equal(found, np.full_like(found, column.missing))

@@ -10,7 +10,9 @@ import pytest
 
 from filter_core.errors import ImageError
 from filter_core.evidence.instances import (
+    InstanceImage,
     fill_instances,
+    group_pixels,
     read_instances,
     settled_instances,
 )
@@ -196,3 +198,16 @@ def test_pixels_of_unaccepted_tags_do_not_count():
     numbers = measured(tags, ids, [[1, 1, 7, 5]], accept=1 << WALKER)
 
     assert numbers.instance_pixels.tolist() == [0]
+
+
+@pytest.mark.parametrize("mask", [0, 1, CARS, 0b101 << 13, 1 << 29, (1 << 63) - 1])
+def test_pixels_are_grouped_by_instance_if_their_tags_are_accepted(mask):
+    tags = np.arange(256, dtype=np.uint8)
+    image = InstanceImage(tags[None], tags.astype(np.uint16)[None])
+    expected = [tag for tag in range(30) if mask >> tag & 1]
+
+    pixels = group_pixels(image, [(1 << 30) - 1])
+    accepted = [row for row in range(len(pixels)) if pixels.accepted(row, mask)[0]]
+
+    assert group_pixels(image, [mask]).ids.tolist() == expected
+    assert pixels.ids[accepted].tolist() == expected

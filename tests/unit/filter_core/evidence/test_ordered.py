@@ -60,6 +60,52 @@ def test_explained_by_names_the_box_that_explains_most():
     assert owned(boxes, [50.0, 10.0, 20.0])[1] == [2, -1, -1]
 
 
+CAR_WITH_A_VIEW_OVER_ITS_BONNET = [
+    "..........",
+    "..####....",
+    "..####.##.",
+    "..####.##.",
+    "..####....",
+    "..#######.",
+    "..#######.",
+    "..........",
+]
+
+
+def test_pixels_above_a_bonnet_belong_to_the_box_behind():
+    near = drawing(0, 0, 0, CAR_WITH_A_VIEW_OVER_ITS_BONNET)
+    behind = drawing(1, 6, 1, [line[6:10] for line in near_rows(1, 4)])
+
+    assert owned([near, behind], [10.0, 40.0], wh=(12, 8)) == ([34, 4], [-1, -1])
+
+
+def near_rows(first, last):
+    return CAR_WITH_A_VIEW_OVER_ITS_BONNET[first:last]
+
+
+def test_patch_belongs_to_nearer_box_unless_box_behind_contains_it():
+    near = drawing(0, 0, 0, CAR_WITH_A_VIEW_OVER_ITS_BONNET)
+    behind = drawing(1, 8, 1, [line[8:10] for line in near_rows(1, 4)])
+
+    assert owned([near, behind], [10.0, 40.0], wh=(12, 8)) == ([34, 0], [-1, 0])
+
+
+def test_both_halves_of_a_car_behind_a_tree_belong_to_it():
+    halves = [".........", ".###.###.", ".###.###.", "........."]
+    near = drawing(0, 0, 0, halves)
+    ghost = drawing(1, 4, 0, [line[4:9] for line in halves])
+
+    assert owned([near, ghost], [10.0, 40.0], wh=(12, 8)) == ([12, 0], [-1, 0])
+
+
+def test_small_patch_is_not_given_to_a_much_larger_box_behind():
+    near = drawing(0, 0, 0, CAR_WITH_A_VIEW_OVER_ITS_BONNET)
+    rows = ["." * 16] + [line[6:10] + "." * 12 for line in near_rows(1, 4)]
+    behind = drawing(1, 6, 0, rows + ["." * 16] * 9)
+
+    assert owned([near, behind], [10.0, 40.0], wh=(30, 20)) == ([34, 0], [-1, 0])
+
+
 def test_pixel_with_centre_outside_the_nearer_outline_is_not_taken():
     near = drawing(0, 0, 0, ["####"], centred=[[True, True, True, False]])
     far = drawing(1, 2, 0, ["##"])

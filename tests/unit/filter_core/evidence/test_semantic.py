@@ -12,7 +12,7 @@ from filter_core.errors import (
     SegmentationError,
 )
 from filter_core.evidence.semantic import MeasureOptions, measure, with_accept_masks
-from filter_core.evidence_numbers import BoxState
+from filter_core.evidence_numbers import UNKNOWN_COLUMN, BoxState
 from filter_core.segmentation.reading import read_segmentation, segmentation_from_tags
 from tests.support.pictures import FAMILY, frame_boxes, painted, png, tag_image
 
@@ -78,8 +78,28 @@ def test_outside_or_degenerate_box_has_zero_pixels_and_match(box, state):
     assert not found.tag_counts.any()
 
 
+def test_histogram_counts_every_tag_and_unknown_pixels():
+    found = evidence((0, 0, 6, 4), of="truck")
+
+    counted = {int(tag): int(found.tag_counts[0, tag]) for tag in (1, 12, 14, 15)}
+    assert counted == {1: 16, 12: 1, 14: 4, 15: 1}
+    assert found.tag_counts[0, UNKNOWN_COLUMN] == 2
+    assert found.matched_pixels[0] == 5
+    assert found.image_pixels[0] == 24
+
+
 def test_area_percent_is_of_the_float_box_not_of_its_pixels():
     assert evidence((1.5, 1.5, 3.5, 2.5)).area_percent[0] == 2.0 / 24 * 100
+
+
+def test_ignored_pixels_are_neither_box_pixels_nor_matched_pixels():
+    ignore = np.zeros(PICTURE.shape, np.bool_)
+    ignore[2:, :] = True
+
+    found = evidence((1, 1, 5, 3), ignore=ignore)
+
+    assert (found.box_pixels[0], found.matched_pixels[0]) == (4, 2)
+    assert found.tag_counts[0].sum() == 4
 
 
 def test_box_of_only_ignored_pixels_has_match_zero():
@@ -228,6 +248,15 @@ class TestWithAcceptMasks:
     def measured(self, mask):
         boxes = frame_boxes(self.BOXES, WH, accept={"car": mask})
         return measure(segmentation_from_tags(PICTURE, FAMILY), boxes)
+
+    def test_new_accept_masks_equal_a_new_measurement(self):
+        changed = with_accept_masks(self.measured(1 << 14), np.full(3, 1 << 12))
+
+        expected = self.measured(1 << 12)
+        for name in ("matched_pixels", "match_percent", "crowding", "accept_mask"):
+            np.testing.assert_array_equal(
+                getattr(changed, name), getattr(expected, name)
+            )
 
     def test_given_evidence_is_not_modified(self):
         given = self.measured(1 << 14)

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from filter_core.evidence.silhouettes import (
-    centred_pixels,
     frame_silhouettes,
     touched_pixels,
 )
@@ -35,20 +34,6 @@ def drawn(points, bounds, pixels=touched_pixels):
 )
 def test_touched_pixels_are_all_that_the_outline_touches(points, bounds, expected):
     assert drawn(points, bounds) == expected
-
-
-@pytest.mark.parametrize(
-    ("points", "bounds", "expected"),
-    [
-        (DIAMOND, (0, 0, 5, 4), [".##..", "####.", "####.", ".##.."]),
-        (RECTANGLE, (0, 0, 5, 2), [".##..", ".##.."]),
-        (LINE, (0, 0, 4, 3), ["#...", "....", "...#"]),
-        ([(1.6, 0.2), (1.9, 2.8)], (0, 0, 3, 3), ["...", "...", "..."]),
-    ],
-    ids=["diamond", "rectangle", "line", "between the centres"],
-)
-def test_centred_pixels_have_their_centre_inside_the_outline(points, bounds, expected):
-    assert drawn(points, bounds, centred_pixels) == expected
 
 
 def test_centred_pixels_of_rectangles_are_computed_only_on_request():

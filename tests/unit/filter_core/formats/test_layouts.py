@@ -13,11 +13,7 @@ import pytest
 from filter_core.config.filter import FilterConfig
 from filter_core.errors import FilterError, LayoutError
 from filter_core.formats.outside import OUTSIDE_FILES_HINT
-from filter_core.formats.reading import (
-    MAX_LABEL_BYTES,
-    frame_key,
-    read_label_bytes,
-)
+from filter_core.formats.reading import MAX_LABEL_BYTES, frame_key, read_label_bytes
 from filter_core.formats.recording import RecordingDescription
 from filter_core.formats.registry import detect_layout, possible_layouts, read_source
 from filter_core.local import measure_source
@@ -284,8 +280,7 @@ def test_outlines_are_read_as_rectangles_and_counted(tmp_path):
 def test_points_of_a_pose_are_no_outline(tmp_path, behind, more):
     names = f"{NAMES}\nkpt_shape: [2, 3]\n"
     write_files(
-        tmp_path,
-        {"labels/1.txt": f"{YOLO_LINE.strip()} {behind}", "data.yaml": names},
+        tmp_path, {"labels/1.txt": f"{YOLO_LINE.strip()} {behind}", "data.yaml": names}
     )
 
     frames = read_source(tmp_path)
@@ -355,9 +350,7 @@ def test_data_yaml_can_say_that_lines_are_outlines(tmp_path):
     assert box == pytest.approx([0.55, 0.55, 0.1, 0.1])
 
 
-def test_sixth_column_is_confidence_and_any_line_ending_is_accepted(
-    tmp_path,
-):
+def test_sixth_column_is_confidence_and_any_line_ending_is_accepted(tmp_path):
     text = "\ufeff1 .5 .5 1e-1 .2 0.9\r\n\r\n0 0.5 0.5 0.1 0.2\r"
     write_files(tmp_path, {"labels/1.txt": text, "data.yaml": NAMES})
 
@@ -381,12 +374,6 @@ def test_class_names_are_read_from_every_form_of_data_yaml(tmp_path, text):
     write_files(tmp_path, {"labels/1.txt": YOLO_LINE, "data.yaml": text})
 
     assert read_source(tmp_path).classes == ("car", "street light")
-
-
-def test_an_empty_label_file_is_a_frame_without_boxes(tmp_path):
-    write_files(tmp_path, {"labels/1.txt": "\n", "data.yaml": NAMES})
-
-    assert [frame.annotation for frame in read_source(tmp_path)] == [{"boxes": []}]
 
 
 @pytest.mark.parametrize(
@@ -837,10 +824,7 @@ def test_cvat_is_read_with_parts_attributes_and_outlines(tmp_path):
     )
     assert (frame.key, frame.image) == ("a/1", tmp_path / "images/a/1.png")
     boxes = annotation_of(frame).pop("boxes")
-    assert frame.annotation == {
-        "camera": {"width": 80, "height": 60},
-        "split": "valid",
-    }
+    assert frame.annotation == {"camera": {"width": 80, "height": 60}, "split": "valid"}
     assert boxes[0] == {
         "class": "car",
         "xyxy": [1.0, 2.0, 10.5, 20.0],
@@ -968,7 +952,5 @@ def test_decisions_are_read_with_the_answers_of_people(tmp_path):
         "split": "valid",
         "boxes": [{"id": "7", "class": "car", "xyxy": [1, 2, 3, 4]}],
     }
-    assert frame.answers == [
-        ("7", "reject", "ann", "no car", "2026-01-01T00:00:00Z"),
-    ]
+    assert frame.answers == [("7", "reject", "ann", "no car", "2026-01-01T00:00:00Z")]
     assert "1 boxes have no rectangle" in recording.notes()[0]

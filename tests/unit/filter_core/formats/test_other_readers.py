@@ -19,13 +19,7 @@ from pycocotools.coco import COCO
 from pycocotools.cocoeval import COCOeval
 
 from filter_core.formats.export import ExportError
-from tests.support.exporting import (
-    CLASSES,
-    box,
-    export,
-    frame,
-    write_exported_files,
-)
+from tests.support.exporting import CLASSES, box, export, frame, write_exported_files
 
 KEYS = ["Town05_1.5km", "a/000001", "a/000002", "straße 7", "empty", "IMG.v2"]
 

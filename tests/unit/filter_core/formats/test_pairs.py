@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,9 +12,8 @@ from filter_core.formats.recording import RecordingDescription
 from filter_core.formats.registry import read_source
 from filter_core.local import filter_one
 from tests.support.folders import LAYOUT_FILES, street_tags, write_files
-from tests.support.pictures import painted, pixels_of, png
+from tests.support.pictures import painted, png
 from tests.support.sensors import instance_png
-from tests.support.shared_data import shared
 
 BOXES = {"boxes": [{"class": "car", "xyxy": [1, 2, 3, 4]}], "map": "Town01"}
 
@@ -62,11 +60,7 @@ def test_ambiguous_segmentation_name_is_not_assigned(tmp_path):
     found = read_source(tmp_path)
 
     segmentations = {frame.key: frame.segmentation for frame in found}
-    assert segmentations == {
-        "a/1": None,
-        "b/1": None,
-        "b/2": tmp_path / "seg/b/2.png",
-    }
+    assert segmentations == {"a/1": None, "b/1": None, "b/2": tmp_path / "seg/b/2.png"}
     assert [one.path for one in found.unmatched] == ["seg/1.png"]
 
 
@@ -158,36 +152,6 @@ def test_images_of_tags_beside_pictures_are_no_frames(tmp_path):
 
     assert [frame.key for frame in found] == ["rgb/1"]
     assert [one.path for one in found.unmatched] == ["inst/2.png"]
-
-
-def test_recording_of_one_instance_image_is_one_frame():
-    found = read_source(shared("cases/recordings/ucr_titan"))
-
-    (frame,) = found
-
-    assert [one.path for one in found.unmatched] == []
-    assert [path.name for path in frame.others.values()] == [
-        "instance_segmentation.png"
-    ]
-    outcome = filter_one(
-        replace(
-            frame,
-            annotation={
-                "carla_version": "0.9.15",
-                "boxes": [{"class": "car", "xyxy": [0, 0, 800, 600]}],
-            },
-        ),
-        FilterConfig(evidence="instance"),
-    )
-    assert outcome.decisions is not None, outcome.error
-    (decision,) = outcome.decisions
-    assert (decision["verdict"], decision["box_pixels"]) == ("kept", 800 * 600)
-    # All pixels of the largest car, of which red is the tag.
-    pixels = pixels_of(next(iter(frame.others.values())).read_bytes())
-    cars = pixels[pixels[..., 2] == 14].astype(int)
-    ids = cars[:, 1] + 256 * cars[:, 0]
-    counts = np.bincount(ids)
-    assert decision["visible_pixels"] in counts.tolist()
 
 
 @pytest.mark.parametrize("kind", ["inst", "seg"])

@@ -9,11 +9,7 @@ from filter_core.config.declaration import declared_keys
 from filter_core.config.file import load_config
 from filter_core.errors import ConfigError, LayoutError
 from filter_core.formats.reading import RECORDING_NAME
-from filter_core.formats.recording import (
-    LAYOUTS,
-    RecordingDescription,
-    describe,
-)
+from filter_core.formats.recording import LAYOUTS, RecordingDescription, describe
 from filter_core.formats.registry import FORMATS, read_source
 from tests.support.folders import write_files
 

@@ -20,13 +20,7 @@ from filter_core.formats.registry import read_source
 from filter_core.formats.streams import Streams
 from filter_core.formats.streams.looks import look_of
 from filter_core.local import filter_source
-from tests.support.folders import (
-    BOX,
-    LAYOUT_FILES,
-    YOLO_LINE,
-    street_tags,
-    write_files,
-)
+from tests.support.folders import BOX, LAYOUT_FILES, YOLO_LINE, street_tags, write_files
 from tests.support.pictures import jpeg, painted, png
 from tests.support.shared_data import shared
 
@@ -274,15 +268,6 @@ def test_cameras_of_a_case_are_told_apart(case, frames):
     for key, boxes in verdicts.items():
         first = next(iter(boxes.values()))
         assert first == ("rejected" if "left" in key else "kept"), key
-
-
-@pytest.mark.parametrize(("case", "frames"), [("carla_tutorial", 3), ("selma", 2)])
-def test_recordings_give_no_depth_or_segmentation_as_frames(case, frames):
-    found = list(read_source(shared(f"cases/recordings/{case}")))
-
-    assert len(found) == frames
-    assert all(frame.segmentation and "depth" in frame.others for frame in found)
-    assert not [one for one in found if "depth" in str(one.image).lower()]
 
 
 NAMES = ("0000", "0001", "0002")

@@ -26,9 +26,7 @@ def test_integer_voc_coordinates_are_one_based_and_inclusive():
 
     assert annotation == {
         "camera": {"width": 80, "height": 60},
-        "boxes": [
-            {"class": "traffic light", "xyxy": [0, 1, 30, 40], "truncated": 1},
-        ],
+        "boxes": [{"class": "traffic light", "xyxy": [0, 1, 30, 40], "truncated": 1}],
     }
 
 

@@ -7,11 +7,7 @@ import json
 import pytest
 import yaml
 
-from filter_core.formats.export import (
-    ExportError,
-    ExportHead,
-    ExportOptions,
-)
+from filter_core.formats.export import ExportError, ExportHead, ExportOptions
 from filter_core.formats.files import file_stem
 from filter_core.formats.registry import EXPORT_FORMATS, FORMATS, write_export
 from filter_core.formats.writing import split_of

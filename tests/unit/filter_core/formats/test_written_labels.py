@@ -391,10 +391,7 @@ OWN_FILE = {
 def came_as(name, key="a", class_name="car", **stored):
     """A frame with a car and a ghost that came with a label file."""
     labels = {"format": name, "file": "000007.txt", "text": OWN_TEXT[name], **stored}
-    boxes = [
-        box(0, class_name=class_name),
-        box(1, (50, 10, 70, 30), "rejected"),
-    ]
+    boxes = [box(0, class_name=class_name), box(1, (50, 10, 70, 30), "rejected")]
     if name == "yolo":
         for one, shares in zip(boxes, OWN_SHARES, strict=True):
             del one.given["xyxy"]

@@ -23,6 +23,22 @@ def corrected(box, profile="paper"):
     return rows[0].tolist(), BoxState(int(states[0]))
 
 
+@pytest.mark.parametrize(
+    ("form", "values"),
+    [
+        ("xyxy", [20, 10, 60, 40]),
+        ("xyxyn", [0.1, 0.1, 0.3, 0.4]),
+        ("xywh", [20, 10, 40, 30]),
+        ("cxcywh", [40, 25, 40, 30]),
+        ("cxcywhn", [0.2, 0.25, 0.2, 0.3]),
+    ],
+)
+def test_every_form_of_the_same_rectangle_gives_the_same_xyxy(form, values):
+    xyxy = to_xyxy(form, [values], WH)
+
+    np.testing.assert_allclose(xyxy, [[20, 10, 60, 40]], rtol=1e-12)
+
+
 def test_unknown_form_error_lists_the_known_forms():
     with pytest.raises(FilterError, match="expected one of xyxy, xyxyn, xywh") as fault:
         to_xyxy("ltrb", [[1, 2, 3, 4]], WH)

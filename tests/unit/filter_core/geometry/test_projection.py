@@ -110,6 +110,21 @@ def test_naive_rectangles_of_all_240_cases_equal_carlas_tutorial():
         np.testing.assert_allclose(found, [beam], rtol=0.005, atol=0.75)
 
 
+def test_project_boxes_equals_project_box_of_each_box():
+    cases = SMALL
+    camera = camera_of(cases[0])
+    vertices = np.array([vertices_of(case) for case in cases])
+
+    many = project_boxes(vertices, camera)
+
+    for row, corners in enumerate(vertices):
+        one = project_box(corners, camera)
+        nothing = [np.nan] * 4
+        visible = nothing if one.visible_xyxy is None else one.visible_xyxy
+        np.testing.assert_array_equal(many.visible_xyxy[row], visible)
+        np.testing.assert_array_equal(many.edges[row], one.edges)
+
+
 def test_project_boxes_without_boxes_is_empty():
     seen = project_boxes([], AHEAD)
 

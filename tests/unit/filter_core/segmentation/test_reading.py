@@ -31,13 +31,7 @@ from tests.support.pictures import (
 )
 from tests.support.sensors import depth_png, instance_png, street_metres
 
-STREET = tag_image(
-    "sssvvvvs",
-    "ssvvvvvs",
-    "..ccc.w.",
-    "..ccctw.",
-    "....tt..",
-)
+STREET = tag_image("sssvvvvs", "ssvvvvvs", "..ccc.w.", "..ccctw.", "....tt..")
 LARGE_STREET = np.kron(STREET, np.ones((16, 16), np.uint8))
 METRES = street_metres()
 TERRAIN_BEFORE_0_9_14 = (145, 170, 100)
@@ -499,8 +493,7 @@ def test_changed_tags_prove_no_family():
 
 def test_changed_tags_of_no_common_family_are_refused():
     options = SegmentationOptions(
-        palette="carla-0.9.10",
-        tags={"40": "Vehicle", "100": "Car", "101": "Truck"},
+        palette="carla-0.9.10", tags={"40": "Vehicle", "100": "Car", "101": "Truck"}
     )
 
     with pytest.raises(FilterError, match=r"found Car, .* and Vehicle, which is none"):

@@ -4,7 +4,7 @@ import pytest
 
 from filter_core.errors import SegmentationError
 from filter_core.segmentation.codes import CODE_OF, packed
-from filter_core.segmentation.palettes import FAMILIES, palette_of
+from filter_core.segmentation.palettes import palette_of
 from filter_core.segmentation.recognition import NamedReading, recognise
 
 STREET = ("Road", "Building", "Vegetation")
@@ -23,16 +23,6 @@ def street(*colors, order="rgb"):
     palette = palette_of("carla-0.9.14")
     rgb = [palette.tags[palette.tag_of(name)].rgb for name in STREET]
     return [CODE_OF[packed(color, order)] for color in (*rgb, *colors)]
-
-
-@pytest.mark.parametrize("order", ["rgb", "bgr"])
-@pytest.mark.parametrize("family", FAMILIES)
-def test_image_with_all_colours_of_a_family_is_recognised(family, order):
-    codes = [CODE_OF[packed(tag.rgb, order)] for tag in FAMILIES[family].tags]
-
-    found = recognise(codes, NamedReading())
-
-    assert (found.family, found.order, found.rivals) == (family, order, ())
 
 
 @pytest.mark.parametrize(

@@ -6,10 +6,7 @@ from unghost.capture.scenario import Scenario, parse_scenario, read_scenario
 from unghost.capture.simulator import ScenarioError
 
 WRONG = [
-    (
-        "vehicles: {cuont: 5}",
-        "vehicles.cuont: unknown key; .* is 'count'",
-    ),
+    ("vehicles: {cuont: 5}", "vehicles.cuont: unknown key; .* is 'count'"),
     ("wether: {}", "wether: unknown key; the nearest valid key is 'weather'"),
     ("sensors: {lidra: true}", "sensors.lidra: .* is 'lidar'"),
     ("ego: {spawnpoint: 3}", "ego.spawnpoint: .* is 'spawn_point'"),
@@ -27,15 +24,9 @@ WRONG = [
         "wetness is in both parameters and sweep",
     ),
     ("vehicles: {lights: [LowBean]}", "vehicles.lights.0: .*'LowBeam'"),
-    (
-        "vehicles: {wheels: 3}",
-        "vehicles.wheels: .* 2, 4 or 'all', found 3",
-    ),
+    ("vehicles: {wheels: 3}", "vehicles.wheels: .* 2, 4 or 'all', found 3"),
     ("vehicles: {count: many}", "vehicles.count: .*found 'many'"),
-    (
-        "map_layers: {ParkedVehicle: false}",
-        "ParkedVehicle: .*'ParkedVehicles'",
-    ),
+    ("map_layers: {ParkedVehicle: false}", "ParkedVehicle: .*'ParkedVehicles'"),
     ("frames: true", "frames: true and false are not allowed here, found True"),
     ("vehicles: {generation: on}", "vehicles.generation: true and false are not"),
     ("camera: {mount: {x: yes}}", "camera.mount.x: true and false are not"),
@@ -57,10 +48,7 @@ WRONG = [
     ("maps: [Town01, /Game/Town01]", "maps: 'Town01' occurs twice"),
     ("frames: [", "cannot be read as YAML"),
     ("seed: 1\nframes: 5\nseed: 2", "'seed' occurs twice.*line 3"),
-    (
-        "host: " + "[" * 9 + "&a [x, x], *a" + "]" * 9,
-        r"host: .*found \[\[.*\.\.\.",
-    ),
+    ("host: " + "[" * 9 + "&a [x, x], *a" + "]" * 9, r"host: .*found \[\[.*\.\.\."),
     ("seed: 2026-13-45", "a value cannot be read"),
     ("seed: !!int many", "a value cannot be read"),
     ("interval_s: 1.0e+300", "interval_s: .*less than or equal to 86400"),

@@ -52,10 +52,7 @@ def test_wrong_command_line_is_refused(words, says):
         (("--to", "yolo", "-O", "split=1", "-O", "split=0"), "split is given twi"),
         (("--to", "yolo", "--config", "frames/manifest.jsonl"), "--filter"),
         (("--to", "yolo", "--palette", "auto"), "--palette is for --filter"),
-        (
-            ("--to", "yolo", "--channel-order", "bgr"),
-            "--channel-order is for --filter",
-        ),
+        (("--to", "yolo", "--channel-order", "bgr"), "--channel-order is for --filter"),
     ],
 )
 def test_convert_refuses_invalid_options(tmp_path, monkeypatch, words, says):

@@ -8,12 +8,7 @@ from datetime import datetime, timezone
 
 import pytest
 
-from tests.support.scripted_server import (
-    SHORT_RETRIES,
-    Reply,
-    json_reply,
-    problem,
-)
+from tests.support.scripted_server import SHORT_RETRIES, Reply, json_reply, problem
 from unghost import Client, NoResponse, NotFound, RetryPolicy, Unavailable
 from unghost.client.errors import retry_after_s
 

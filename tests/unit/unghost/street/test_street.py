@@ -119,9 +119,7 @@ def test_every_class_has_visible_and_hidden_boxes(demo_frames):
     assert unseen == TRAFFIC_CLASSES
 
 
-def test_boxes_are_box3d_and_in_fourth_frame_of_a_town_xyxy(
-    demo_frames,
-):
+def test_boxes_are_box3d_and_in_fourth_frame_of_a_town_xyxy(demo_frames):
     forms = {
         decoded.frame.key: {
             "xyxy" if "xyxy" in box else "box3d"

@@ -13,12 +13,12 @@ from app.db.tables import access
 from app.verdicts import REVIEW_STATES
 from filter_core.decisions.record import OcclusionLevel
 from filter_core.evaluation import comparison, thresholds
-from filter_core.evidence_kinds import EvidenceName
+from filter_core.evidence_kinds import EVIDENCE, EvidenceChoice, EvidenceName
 from filter_core.formats import export, manifest
 from filter_core.formats.recording import LAYOUTS
 from filter_core.formats.registry import EXPORT_FORMATS
 from filter_core.segmentation import reading
-from filter_core.verdicts import Answer, ReasonLabel, Verdict
+from filter_core.verdicts import Answer, Reason, ReasonLabel, Verdict, VerdictName
 from unghost.wire import runs, words
 
 JOB_STATES = get_args(words.JobState)
@@ -29,6 +29,8 @@ ANSWERS_BUT_CLEAR = [answer for answer in get_args(words.Answer) if answer != "c
     ("hint", "table"),
     [
         (words.Verdict, [one.value for one in Verdict]),
+        (VerdictName, [one.value for one in Verdict]),
+        (EvidenceChoice, EVIDENCE),
         (words.Answer, [*(one.name.lower() for one in Answer if one), "clear"]),
         (words.ReviewState, REVIEW_STATES),
         (words.EvidenceName, get_args(EvidenceName)),
@@ -78,3 +80,9 @@ def test_allowed_values_equal_those_of_database_constraints(table, column, taken
 @pytest.mark.parametrize("limit", ["MAX_BAND", "MAX_BANDS", "MAX_PICTURES"])
 def test_limits_of_exports_equal_those_of_the_library(limit):
     assert getattr(runs, limit) == getattr(export, limit)
+
+
+def test_reason_labels_equal_the_type_hint():
+    assert {reason.label for reason in Reason} == {*get_args(ReasonLabel)}
+    for label in get_args(ReasonLabel):
+        assert Reason[label.upper()] in Reason.with_label(label)
