@@ -5,7 +5,7 @@
 import { html, useState } from "../core/html.js";
 import { Icon } from "../core/icons.js";
 import { countOf, countText } from "../core/numbers.js";
-import { Segments, WideTable } from "../core/parts.js";
+import { Segments, WideTable, numeric } from "../core/parts.js";
 import { linkTo } from "../core/router.js";
 import {
   CELLS,
@@ -121,6 +121,13 @@ const CHOICES = [
   { value: "distance", text: "Distance" },
 ];
 
+/** Over the scores of a group or of a kind of evidence, and what it got wrong. */
+export const SCORE_HEADS = [
+  ...MEASURES.map(({ text }) => text),
+  numeric("Kept ghosts", COUNTED.kept),
+  numeric("Lost boxes", COUNTED.lost),
+];
+
 /** @param {{dataset: string, quality: Quality}} props */
 export function PerGroup({ dataset, quality }) {
   const [by, setBy] = useState("class");
@@ -132,18 +139,11 @@ export function PerGroup({ dataset, quality }) {
       <span class="faint">dot: measured; line: 95 % interval; axis from 0 to 100 %</span>
       <span class="panelbox__tools"><${Segments} label="Compare by" value=${by} choices=${CHOICES} onChange=${setBy} />
       </span></header>
-    <${WideTable} label="Scores"><table class="table groups">
-        <thead>
-          <tr><th scope="col">${by === "class" ? "Class" : "Distance"}</th>
-            <th class="is-num" scope="col">${WORDS[quality.truth].column}</th><th scope="col">Precision</th>
-            <th scope="col">Recall</th><th scope="col">F1</th>
-            <th class="is-num" scope="col" title=${COUNTED.kept}>Kept ghosts</th>
-            <th class="is-num" scope="col" title=${COUNTED.lost}>Lost boxes</th></tr></thead>
-        <tbody>
-          ${groups.map(
-            (group) => html`<${Row} key=${group.key} dataset=${dataset} truth=${quality.truth} group=${group} />`,
-          )}</tbody>
-      </table><//>
+    <${WideTable} label="Scores" kind="groups"
+      heads=${[by === "class" ? "Class" : "Distance", numeric(WORDS[quality.truth].column), ...SCORE_HEADS]}>
+      ${groups.map(
+        (group) => html`<${Row} key=${group.key} dataset=${dataset} truth=${quality.truth} group=${group} />`,
+      )}<//>
   </section>`;
 }
 

@@ -6,7 +6,7 @@ import { get } from "../core/api.js";
 import { useDataset, useLoaded, useNewest, usePages, useTopBar } from "../core/hooks.js";
 import { html, useState } from "../core/html.js";
 import { agoText, countOf, countText, tookText } from "../core/numbers.js";
-import { Failure, FailureLine, WideTable } from "../core/parts.js";
+import { BAR, Failure, FailureLine, Older, WideTable, numeric } from "../core/parts.js";
 import { linkTo } from "../core/router.js";
 import { CancelButton, JobBar, StateBadge, isOver, percentDone, useLookAgain } from "../jobs/job.js";
 import { differences } from "../tuning/config.js";
@@ -83,7 +83,7 @@ function Runs({ app, dataset, runs, active, shown, showOlder }) {
         </li>`,
       )}
     </ul>
-    ${showOlder && html`<p class="more"><button class="button" onClick=${showOlder}>Older runs</button></p>`}
+    <${Older} what="runs" onShow=${showOlder} />
   </section>`;
 }
 
@@ -150,11 +150,7 @@ function Between({ app, diff }) {
 function PerClass({ diff }) {
   const rows = Object.entries(diff.by_class).sort(([, a], [, b]) => b - a);
   const most = Math.max(1, ...rows.map(([, n]) => n));
-  return html`<${WideTable} label="Flips by class"><table class="table">
-      <thead>
-        <tr><th scope="col">Class</th><th class="is-num" scope="col">Flips</th>
-          <th class="table__bar" aria-hidden="true"></th></tr></thead>
-      <tbody>
+  return html`<${WideTable} label="Flips by class" heads=${["Class", numeric("Flips"), BAR]}>
         ${rows.map(
           ([name, n]) => html`<tr key=${name}><th scope="row">${name}</th><td class="is-num num">${countText(n)}</td>
             <td class="table__bar" aria-hidden="true">
@@ -163,8 +159,7 @@ function PerClass({ diff }) {
         )}
         <tr><th scope="row">All classes</th><td class="is-num num">${countText(diff.total)}</td>
           <td class="table__bar" aria-hidden="true"></td></tr>
-      </tbody>
-    </table><//>`;
+    <//>`;
 }
 
 /** Which keys the two configurations differ in. @param {{diff: RunDiff}} props */
