@@ -111,7 +111,7 @@ function FrameReview({ app, frame, media, query }) {
       <button class="segments__item" aria-pressed=${tab === "list"}
         onClick=${() => setTab("list")}>Boxes <span class="num">${shown.length}</span></button>
     </div>
-    <${BoxList} app=${app} boxes=${boxes} shown=${shown} selected=${selected} query=${query} waiting=${waiting}
+    <${BoxList} boxes=${boxes} shown=${shown} selected=${selected} query=${query} waiting=${waiting}
       onSelect=${actions.select} onQuery=${(/** @type {Query} */ next) =>
         app.router.replace(linkTo("frame", { id: frame.id }, next))} />
     <div class="review__stage">

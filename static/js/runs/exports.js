@@ -102,7 +102,11 @@ function DeleteDialog({ item, form, onClose, onDeleted }) {
 /** @param {{app: App, item: Export, form: ExportForm | null | undefined, onDelete: () => void}} props */
 function ExportRow({ app, item, form, onDelete }) {
   const about = optionsText(item.options, form ? fieldsFor(item.format, form) : []);
-  const { run, isBusy } = useTask(() => download(item.id), app.toasts.fail);
+  // By a link, so that a large file does not pass through the page's memory.
+  const { run, isBusy } = useTask(async () => {
+    const { url } = await post("/api/v1/exports/{export_id}/download-links", { path: { export_id: item.id } });
+    Object.assign(document.createElement("a"), { href: url, download: "" }).click();
+  }, app.toasts.fail);
   return html`<article class="run" aria-label=${`Export ${item.id}`}>
     <div class="run__what"><span class="run__name">${formatText(item.format, form)}</span>
       <${StateBadge} state=${item.state} /></div>
@@ -150,15 +154,6 @@ function ExportRow({ app, item, form, onDelete }) {
       }
     </div>
   </article>`;
-}
-
-/**
- * Let the browser download the file by a link, so that a large file does not pass through the page's memory.
- * @param {number} id
- */
-async function download(id) {
-  const { url } = await post("/api/v1/exports/{export_id}/download-links", { path: { export_id: id } });
-  Object.assign(document.createElement("a"), { href: url, download: "" }).click();
 }
 
 /** The counts of the archive's manifest; zeros are left out. @param {{counts: Record<string, unknown>}} props */

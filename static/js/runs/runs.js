@@ -216,6 +216,7 @@ const KINDS = /** @type {Record<string, string>} */ ({ measure: "measured again"
 
 /** @param {{app: App, dataset: string, run: Run, isActive: boolean, isShown: boolean}} props */
 function RunRow({ app, dataset, run, isActive, isShown }) {
+  const took = run.total > 0 ? tookText(run.started_at, run.finished_at) : "";
   return html`<article class="run ${isShown ? "is-shown" : ""}" aria-label=${`Run ${run.id}`}>
     <div class="run__what">
       <span class="run__name">Run ${run.id}</span><${StateBadge} state=${run.state} />
@@ -224,7 +225,7 @@ function RunRow({ app, dataset, run, isActive, isShown }) {
     </div>
     <p class="run__about faint"><code title=${run.config}>${run.config.slice(0, 8)}</code>
       ${isFirst(run) ? "" : ` · ${KINDS[run.kind] ?? run.kind}`} · ${run.created_by}, ${agoText(run.created_at)}
-      ${tookOf(run)}</p>
+      ${took && ` · took ${took.replaceAll(" ", "\u00a0")}`}</p>
     <div class="run__how"><${RunSummary} run=${run} /></div>
     <div class="run__actions">
       ${!isOver(run) && html`<${CancelButton} app=${app} run=${run} />`}
@@ -237,12 +238,6 @@ function RunRow({ app, dataset, run, isActive, isShown }) {
       }
     </div>
   </article>`;
-}
-
-/** @param {Run} run */
-function tookOf(run) {
-  const took = tookText(run.started_at, run.finished_at);
-  return took && run.total > 0 ? ` · took ${took.replaceAll(" ", "\u00a0")}` : "";
 }
 
 /** @param {{run: Run}} props */
