@@ -132,7 +132,7 @@ export function HomeView({ app, route }) {
  * A frame before and after the filter: all boxes left of the line, the kept ones right of it.
  * @param {{app: App, id: number}} props
  */
-export function BeforeAfter({ app, id }) {
+function BeforeAfter({ app, id }) {
   const media = useMedia(app.boxes).of(id);
   const { value: frame, error, retry } = useLazy(media.frame);
   const { value: picture } = useLazy(media.picture);
