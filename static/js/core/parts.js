@@ -88,7 +88,7 @@ export function WideTable({ label, kind = "", caption, heads, isBusy, children }
 
 /** Shows the older items of a list, see `useNewest`. @param {{what: string, onShow: (() => void) | null}} props */
 export const Older = ({ what, onShow }) =>
-  onShow && html`<p class="more"><button class="button" onClick=${onShow}>Older ${what}</button></p>`;
+  onShow && html`<p class="more"><button class="button" onClick=${onShow}>${`Older ${what}`}</button></p>`;
 
 /** A name that may break behind its dots and underscores, and nowhere else. @param {{text: string}} props */
 export const Words = ({ text }) => text.split(/(?<=[._])/).map((part, i) => (i ? html`<wbr />${part}` : part));
