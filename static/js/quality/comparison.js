@@ -33,6 +33,7 @@ const MEASURES = /** @type {const} */ ([
 /** @param {{dataset: string, quality: Quality}} props */
 export function ConfusionPanel({ dataset, quality: { truth, confusion, sample } }) {
   const words = WORDS[truth];
+  const conflicts = confusion.kept_reject + confusion.rejected_keep;
   return html`<section class="panelbox quality__all" aria-labelledby="confusion-title">
     <header class="panelbox__head"><h2 id="confusion-title">${words.all}</h2>
       <span class="faint">${words.counted(answersIn(confusion))}</span></header>
@@ -66,17 +67,14 @@ export function ConfusionPanel({ dataset, quality: { truth, confusion, sample } 
     </div>
     ${
       truth === "people" &&
-      confusion.kept_reject + confusion.rejected_keep > 0 &&
+      conflicts > 0 &&
       html`<p class="quality__conflicts">
         <a class="button" href=${linkTo("grid", { dataset }, { conflict: "true" })}>
-          ${conflictText(confusion.kept_reject + confusion.rejected_keep)}<${Icon} name="right" /></a></p>`
+          ${`See the ${conflicts === 1 ? "box" : `${countText(conflicts)} boxes`} on which they differ`}
+          <${Icon} name="right" /></a></p>`
     }
   </section>`;
 }
-
-/** @param {number} n */
-const conflictText = (n) =>
-  n === 1 ? "See the box on which they differ" : `See the ${countText(n)} boxes on which they differ`;
 
 /** @param {{dataset: string, truth: Truth, confusion: Confusion}} props */
 function Matrix({ dataset, truth, confusion }) {
@@ -114,7 +112,7 @@ function MatrixCell({ confusion, cell, href }) {
     : html`<span class=${name}>${inner}</span>`;
 }
 
-/** @typedef {{key: string, text: string, confusion: Confusion, query: Record<string, string> | null}} Group */
+/** @typedef {{text: string, confusion: Confusion, query: Record<string, string> | null}} Group */
 
 const CHOICES = [
   { value: "class", text: "Class" },
@@ -131,9 +129,14 @@ export const SCORE_HEADS = [
 /** @param {{dataset: string, quality: Quality}} props */
 export function PerGroup({ dataset, quality }) {
   const [by, setBy] = useState("class");
-  const groups = (by === "class" ? classGroups(quality) : bandGroups(quality)).filter(
-    ({ confusion }) => answersIn(confusion) > 0,
-  );
+  /** @type {Group[]} */
+  const groups =
+    by === "class"
+      ? Object.entries(quality.by_class).map(([name, confusion]) => ({ text: name, confusion, query: { class: name } }))
+      : quality.by_distance.map((confusion) => {
+          const { band } = confusion;
+          return { text: bandText(band), confusion, query: bandQuery(band) };
+        });
   return html`<section class="panelbox quality__wide" aria-labelledby="groups-title">
     <header class="panelbox__head"><h2 id="groups-title">${by === "class" ? "By class" : "By distance"}</h2>
       <span class="faint">dot: measured; line: 95 % interval; axis from 0 to 100 %</span>
@@ -141,24 +144,13 @@ export function PerGroup({ dataset, quality }) {
       </span></header>
     <${WideTable} label="Scores" kind="groups"
       heads=${[by === "class" ? "Class" : "Distance", numeric(WORDS[quality.truth].column), ...SCORE_HEADS]}>
-      ${groups.map(
-        (group) => html`<${Row} key=${group.key} dataset=${dataset} truth=${quality.truth} group=${group} />`,
-      )}<//>
+      ${groups
+        .filter(({ confusion }) => answersIn(confusion) > 0)
+        .map(
+          (group) => html`<${Row} key=${group.text} dataset=${dataset} truth=${quality.truth} group=${group} />`,
+        )}<//>
   </section>`;
 }
-
-/** @param {Quality} quality @returns {Group[]} */
-const classGroups = ({ by_class }) =>
-  Object.entries(by_class).map(([name, confusion]) => ({ key: name, text: name, confusion, query: { class: name } }));
-
-/** @param {Quality} quality @returns {Group[]} */
-const bandGroups = ({ by_distance }) =>
-  by_distance.map((confusion) => ({
-    key: confusion.band,
-    text: bandText(confusion.band),
-    confusion,
-    query: bandQuery(confusion.band),
-  }));
 
 /** @param {{dataset: string, truth: import("../core/openapi.js").Quality["truth"], group: Group}} props */
 function Row({ dataset, truth, group }) {
