@@ -123,17 +123,6 @@ export function createCrops(
 
 /** @typedef {ReturnType<typeof createCrops>} Crops */
 
-/**
- * @param {number} boxId @param {Xyxy} xyxy which another run may have measured otherwise
- * @param {{pad: number, height: number}} how
- */
-const cropUrl = (boxId, xyxy, how) =>
-  pictureUrl(
-    "/api/v1/boxes/{box_id}/crop",
-    { path: { box_id: boxId }, query: how },
-    `-${xyxy.map(Math.round).join("-")}`,
-  );
-
 /** @typedef {{width: number, height: number}} Size */
 /** @typedef {{left: number, top: number, width: number, height: number}} Place  px in the cell */
 
@@ -171,20 +160,6 @@ export function cropRequest(xyxy, cell, density) {
 }
 
 /**
- * The part of the image that the server cuts out, as long as the image goes on.
- * @param {Xyxy} xyxy @param {number} pad
- */
-function windowOf([x0, y0, x1, y1], pad) {
-  const margin = pad * Math.max(x1 - x0, y1 - y0, 1);
-  return {
-    left: Math.max(0, Math.floor(x0 - margin)),
-    top: Math.max(0, Math.floor(y0 - margin)),
-    right: Math.ceil(x1 + margin),
-    bottom: Math.ceil(y1 + margin),
-  };
-}
-
-/**
  * Where the crop and the box on it lie in the cell.
  * @param {Xyxy} xyxy @param {number} pad @param {number} cell css px
  * @param {Size} natural of the crop @param {Size | null} frame of the image, if it is known
@@ -193,8 +168,16 @@ function windowOf([x0, y0, x1, y1], pad) {
 export function placed(xyxy, pad, cell, natural, frame) {
   const { x, y, side } = squareAround(xyxy);
   const scale = cell / side;
-  const cut = clipped(windowOf(xyxy, pad), natural, frame);
   const [x0, y0, x1, y1] = xyxy;
+  const margin = pad * Math.max(x1 - x0, y1 - y0, 1);
+  // The part of the image that the server cuts out, as long as the image goes on.
+  const asked = {
+    left: Math.max(0, Math.floor(x0 - margin)),
+    top: Math.max(0, Math.floor(y0 - margin)),
+    right: Math.ceil(x1 + margin),
+    bottom: Math.ceil(y1 + margin),
+  };
+  const cut = clipped(asked, natural, frame);
   return {
     picture: {
       left: (cut.left - x) * scale,
@@ -202,7 +185,7 @@ export function placed(xyxy, pad, cell, natural, frame) {
       width: (cut.right - cut.left) * scale,
       height: (cut.bottom - cut.top) * scale,
     },
-    box: boxPlace(x0 - x, y0 - y, x1 - x0, y1 - y0, scale),
+    box: boxIn(xyxy, cell),
   };
 }
 
@@ -210,19 +193,9 @@ export function placed(xyxy, pad, cell, natural, frame) {
 export function boxIn(xyxy, cell) {
   const { x, y, side } = squareAround(xyxy);
   const [x0, y0, x1, y1] = xyxy;
-  return boxPlace(x0 - x, y0 - y, x1 - x0, y1 - y0, cell / side);
+  const scale = cell / side;
+  return { left: (x0 - x) * scale, top: (y0 - y) * scale, width: (x1 - x0) * scale, height: (y1 - y0) * scale };
 }
-
-/**
- * @param {number} left @param {number} top @param {number} width @param {number} height @param {number} scale
- * @returns {Place}
- */
-const boxPlace = (left, top, width, height, scale) => ({
-  left: left * scale,
-  top: top * scale,
-  width: width * scale,
-  height: height * scale,
-});
 
 /** @typedef {{left: number, top: number, right: number, bottom: number}} Window */
 
@@ -348,7 +321,11 @@ function useLook(boxId, crop, size) {
 export function Picture({ box, size, frameSize }) {
   const { xyxy, box_id } = box;
   const ask = xyxy ? cropRequest(xyxy, size, devicePixelRatio || 1) : null;
-  const { state, crop } = useCrop(xyxy && ask ? cropUrl(box_id, xyxy, ask) : "");
+  // Another run may have measured the rectangle otherwise.
+  const version = `-${xyxy?.map(Math.round).join("-")}`;
+  const { state, crop } = useCrop(
+    ask ? pictureUrl("/api/v1/boxes/{box_id}/crop", { path: { box_id }, query: ask }, version) : "",
+  );
   const places = useMemo(
     () => (xyxy && ask && crop ? placed(xyxy, ask.pad, size, crop, frameSize) : null),
     [crop, size, frameSize, ask?.pad, box_id],

@@ -265,28 +265,21 @@ async function call(method, path, given) {
 export const ask = (method, path, ...[given]) => respond(method.toUpperCase(), path, given);
 
 /**
- * @template {PathOf<"get">} P
- * @param {P} path @param {Rest<Given<"get", P>>} given @returns {Promise<ApiResponse<"get", P>>}
+ * @template {Method} M
+ * @typedef {<P extends PathOf<M>>(path: P, ...given: Rest<Given<M, P>>) => Promise<ApiResponse<M, P>>} Call
  */
+
+/** @type {Call<"get">} */
 export const get = (path, ...[given]) => call("GET", path, given);
 
-/**
- * @template {PathOf<"post">} P
- * @param {P} path @param {Rest<Given<"post", P>>} given @returns {Promise<ApiResponse<"post", P>>}
- */
+/** @type {Call<"post">} */
 export const post = (path, ...[given]) => call("POST", path, given);
 
-/**
- * @template {PathOf<"put">} P
- * @param {P} path @param {Rest<Given<"put", P>>} given @returns {Promise<ApiResponse<"put", P>>}
- */
+/** @type {Call<"put">} */
 export const put = (path, ...[given]) => call("PUT", path, given);
 
-/**
- * @template {PathOf<"patch">} P
- * @param {P} path @param {Rest<Given<"patch", P>>} given @returns {Promise<ApiResponse<"patch", P>>}
- */
+/** @type {Call<"patch">} */
 export const patch = (path, ...[given]) => call("PATCH", path, given);
 
-/** @template {PathOf<"delete">} P @param {P} path @param {Rest<Given<"delete", P>>} given @returns {Promise<void>} */
+/** @type {<P extends PathOf<"delete">>(path: P, ...given: Rest<Given<"delete", P>>) => Promise<void>} */
 export const remove = (path, ...[given]) => call("DELETE", path, given);

@@ -13,21 +13,8 @@ import { onThemeChange } from "./prefs.js";
 /** The longest delay of a redraw by `redrawSoon`. */
 const SOON_MS = 150;
 
-const TOKENS = [
-  "text",
-  "text-soft",
-  "text-faint",
-  "line",
-  "line-strong",
-  "surface",
-  "accent",
-  "kept-strong",
-  "rejected-strong",
-  "kept",
-  "rejected",
-  "unsure",
-  "unmeasured-strong",
-];
+const TOKENS = `text text-soft text-faint line line-strong surface accent unsure unmeasured-strong
+  kept kept-strong rejected rejected-strong`.split(/\s+/);
 
 /**
  * Draw into an element until stopped: again when it gets another size or the theme changes.
@@ -66,9 +53,17 @@ export function drawChart(element, prefs, describe, data) {
   const build = () => {
     if (isStopped) return;
     plot?.destroy();
-    const style = getComputedStyle(element);
-    const ink = Object.fromEntries(TOKENS.map((name) => [name, style.getPropertyValue(`--${name}`).trim()]));
-    plot = new Plot({ ...describe(ink, `11px ${style.fontFamily}`), ...size() }, data(), element);
+    // The computed colour of an element: the property itself may be of both themes.
+    const probe = element.appendChild(document.createElement("i"));
+    const style = getComputedStyle(probe);
+    const inkOf = (/** @type {string} */ name) => {
+      probe.style.color = `var(--${name})`;
+      return style.color;
+    };
+    const ink = Object.fromEntries(TOKENS.map((name) => [name, inkOf(name)]));
+    const font = `11px ${style.fontFamily}`;
+    probe.remove();
+    plot = new Plot({ ...describe(ink, font), ...size() }, data(), element);
     // A drawing: hidden from screen readers.
     plot.root.setAttribute("aria-hidden", "true");
     element.dataset.drawn = String(Number(element.dataset.drawn ?? 0) + 1);

@@ -45,14 +45,15 @@ export function describeApi() {
   return description;
 }
 
-/** What a class can be measured as: the filter's classes, and `pass`. @returns {Promise<string[]>} */
-async function measuredClasses() {
-  const { classes } = (await describeApi()).components.schemas.FilterConfigIn.properties;
-  return classes.additionalProperties.anyOf[0].examples;
-}
-
-/** @returns {readonly string[]} empty until they are loaded */
-export const useMeasuredClasses = () => useLoaded(measuredClasses, []).value ?? [];
+/**
+ * What a class can be measured as: the filter's classes, and `pass`.
+ * @returns {readonly string[]} empty until they are loaded
+ */
+export const useMeasuredClasses = () =>
+  useLoaded(async () => {
+    const { classes } = (await describeApi()).components.schemas.FilterConfigIn.properties;
+    return classes.additionalProperties.anyOf[0].examples;
+  }, []).value ?? [];
 
 /** The properties of an API object, as fields of a form. @param {string} name  of the object @param {Words} [words] */
 export const useFields = (name, words) => useLoaded(async () => fieldsOf(await describeApi(), name, words), [name]);

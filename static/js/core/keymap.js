@@ -18,6 +18,8 @@ import { keep } from "./prefs.js";
  * @typedef {{key: string, shiftKey: boolean, ctrlKey: boolean, metaKey: boolean, altKey: boolean}} KeyPress
  */
 
+const IN_THE_GRID = /** @type {const} */ ({ group: "In the grid", where: "grid" });
+
 /** @type {readonly Binding[]} */
 export const KEYMAP = [
   { action: "keep", keys: ["A", "K"], help: "Keep the box", group: "Answer" },
@@ -36,36 +38,18 @@ export const KEYMAP = [
   { action: "nextFrame", keys: ["PageDown"], help: "Next frame", group: "Move" },
   { action: "previousFrame", keys: ["PageUp"], help: "Previous frame", group: "Move" },
   { action: "grid", keys: ["G"], help: "Boxes as a grid; from the grid, frames", group: "Move" },
-  {
-    action: "select",
-    keys: ["Space", "Enter"],
-    help: "Select or deselect the box",
-    group: "In the grid",
-    where: "grid",
-  },
-  { action: "open", keys: ["C"], help: "Open the box in its frame", group: "In the grid", where: "grid" },
-  {
-    action: "selectAll",
-    keys: ["Ctrl+A"],
-    help: "Select all boxes that match the filters",
-    group: "In the grid",
-    where: "grid",
-  },
-  { action: "clear", keys: ["Delete"], help: "Remove the answers", group: "In the grid", where: "grid" },
-  {
-    action: "left",
-    keys: ["ArrowLeft"],
-    help: "Left; Shift with an arrow extends the selection",
-    group: "In the grid",
-    where: "grid",
-  },
-  { action: "right", keys: ["ArrowRight"], help: "Right", group: "In the grid", where: "grid" },
-  { action: "up", keys: ["ArrowUp"], help: "Up", group: "In the grid", where: "grid" },
-  { action: "down", keys: ["ArrowDown"], help: "Down", group: "In the grid", where: "grid" },
-  { action: "pageUp", keys: ["PageUp"], help: "One screen up", group: "In the grid", where: "grid" },
-  { action: "pageDown", keys: ["PageDown"], help: "One screen down", group: "In the grid", where: "grid" },
-  { action: "first", keys: ["Home"], help: "First box", group: "In the grid", where: "grid" },
-  { action: "last", keys: ["End"], help: "Last box", group: "In the grid", where: "grid" },
+  { action: "select", keys: ["Space", "Enter"], help: "Select or deselect the box", ...IN_THE_GRID },
+  { action: "open", keys: ["C"], help: "Open the box in its frame", ...IN_THE_GRID },
+  { action: "selectAll", keys: ["Ctrl+A"], help: "Select all boxes that match the filters", ...IN_THE_GRID },
+  { action: "clear", keys: ["Delete"], help: "Remove the answers", ...IN_THE_GRID },
+  { action: "left", keys: ["ArrowLeft"], help: "Left; Shift with an arrow extends the selection", ...IN_THE_GRID },
+  { action: "right", keys: ["ArrowRight"], help: "Right", ...IN_THE_GRID },
+  { action: "up", keys: ["ArrowUp"], help: "Up", ...IN_THE_GRID },
+  { action: "down", keys: ["ArrowDown"], help: "Down", ...IN_THE_GRID },
+  { action: "pageUp", keys: ["PageUp"], help: "One screen up", ...IN_THE_GRID },
+  { action: "pageDown", keys: ["PageDown"], help: "One screen down", ...IN_THE_GRID },
+  { action: "first", keys: ["Home"], help: "First box", ...IN_THE_GRID },
+  { action: "last", keys: ["End"], help: "Last box", ...IN_THE_GRID },
   { action: "mask", keys: ["M"], help: "Segmentation over the image", group: "Look" },
   { action: "opacityDown", keys: ["["], help: "Segmentation fainter", group: "Look" },
   { action: "opacityUp", keys: ["]"], help: "Segmentation stronger", group: "Look" },

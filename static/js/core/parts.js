@@ -49,11 +49,20 @@ export function FailureLine({ what, error, onRetry }) {
   </p>`;
 }
 
+/** @typedef {{text: unknown, title?: string, kind?: string}} Head  over a column */
+
+/** Over a column of numbers. @param {string} text @param {string} [title] @returns {Head} */
+export const numeric = (text, title) => ({ text, title, kind: "is-num" });
+
+/** Over a column of bars, which are drawings of the numbers beside them. @type {Head} */
+export const BAR = { text: "", kind: "table__bar" };
+
 /**
  * A table that scrolls sideways where it is too wide: keys can scroll it, too.
- * @param {{label: string, children?: unknown}} props
+ * @param {{label: string, kind?: string, caption?: string, heads: readonly (string | Head)[], isBusy?: boolean,
+ *   children?: unknown}} props  `children`: its rows
  */
-export function WideTable({ label, children }) {
+export function WideTable({ label, kind = "", caption, heads, isBusy, children }) {
   const root = useRef(/** @type {HTMLDivElement | null} */ (null));
   const [isWide, setWide] = useState(false);
   useLayoutEffect(() => {
@@ -63,8 +72,23 @@ export function WideTable({ label, children }) {
     return () => sizes.disconnect();
   }, []);
   const scrolled = isWide ? { role: "group", "aria-label": label, tabindex: 0 } : {};
-  return html`<div class="tablewrap" ref=${root} ...${scrolled}>${children}</div>`;
+  return html`<div class="tablewrap" ref=${root} ...${scrolled}>
+    <table class=${`table ${kind}`.trim()} aria-busy=${isBusy}>
+      ${caption && html`<caption class="sr-only">${caption}</caption>`}
+      <thead><tr>${heads.map((head) => {
+        const { text, title, kind } = typeof head === "string" ? { text: head } : /** @type {Head} */ (head);
+        return kind === BAR.kind
+          ? html`<th class=${kind} aria-hidden="true"></th>`
+          : html`<th class=${kind} scope="col" title=${title}>${text}</th>`;
+      })}</tr></thead>
+      <tbody>${children}</tbody>
+    </table>
+  </div>`;
 }
+
+/** Shows the older items of a list, see `useNewest`. @param {{what: string, onShow: (() => void) | null}} props */
+export const Older = ({ what, onShow }) =>
+  onShow && html`<p class="more"><button class="button" onClick=${onShow}>${`Older ${what}`}</button></p>`;
 
 /** A name that may break behind its dots and underscores, and nowhere else. @param {{text: string}} props */
 export const Words = ({ text }) => text.split(/(?<=[._])/).map((part, i) => (i ? html`<wbr />${part}` : part));

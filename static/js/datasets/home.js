@@ -12,7 +12,7 @@ import { useDataset, useGrowth, useLazy, useLoaded, useTask, useTopBar, useValue
 import { html, useEffect, useRef, useState } from "../core/html.js";
 import { Icon } from "../core/icons.js";
 import { agoText, capital, countOf, countText, percentText, sizeText } from "../core/numbers.js";
-import { Failure, FailureLine, Notice, WideTable, isInClipboard, useCopy } from "../core/parts.js";
+import { BAR, Failure, FailureLine, Notice, WideTable, isInClipboard, numeric, useCopy } from "../core/parts.js";
 import { linkTo, loginLink } from "../core/router.js";
 import { useMedia } from "../stage/media.js";
 
@@ -136,7 +136,7 @@ export function HomeView({ app, route }) {
  * A frame before and after the filter: all boxes left of the line, the kept ones right of it.
  * @param {{app: App, id: number}} props
  */
-export function BeforeAfter({ app, id }) {
+function BeforeAfter({ app, id }) {
   const media = useMedia(app.boxes).of(id);
   const { value: frame, error, retry } = useLazy(media.frame);
   const { value: picture } = useLazy(media.picture);
@@ -266,23 +266,17 @@ function Neighbour({ id, icon, text }) {
 function Table({ title, head, rows }) {
   return html`<section class="panelbox" aria-label=${title}>
     <header class="panelbox__head"><h2>${title}</h2></header>
-    <${WideTable} label=${title}><table class="table">
-        <thead><tr>
-            <th scope="col">${head}</th><th class="is-num" scope="col">Boxes</th>
-            <th class="is-num" scope="col">Ghosts</th>
-            <th class="table__bar" aria-hidden="true"></th>
-          </tr></thead>
-        <tbody>${rows.map(({ name, counts }) => {
-          const boxes = counts.kept + counts.rejected + counts.unmeasured;
-          const drawn = { ...counts, boxes, reviewed: 0, to_review: 0 };
-          return html`<tr>
+    <${WideTable} label=${title} heads=${[head, numeric("Boxes"), numeric("Ghosts"), BAR]}>
+      ${rows.map(({ name, counts }) => {
+        const boxes = counts.kept + counts.rejected + counts.unmeasured;
+        const drawn = { ...counts, boxes, reviewed: 0, to_review: 0 };
+        return html`<tr>
             <th scope="row">${name}</th>
             <td class="is-num num">${countText(boxes)}</td>
             <td class="is-num num">${countText(counts.rejected)}</td>
             <td class="table__bar" aria-hidden="true"><${VerdictBar} counts=${drawn} /></td>
           </tr>`;
-        })}</tbody>
-      </table><//>
+      })}<//>
   </section>`;
 }
 
@@ -332,15 +326,13 @@ function ByCause({ dataset, stats }) {
     .sort(([, a], [, b]) => b - a);
   return html`<section class="panelbox" aria-labelledby="cause-title">
     <header class="panelbox__head"><h2 id="cause-title">By cause</h2></header>
-    <${WideTable} label="By cause"><table class="table">
-        <thead><tr><th scope="col">Why not kept</th><th class="is-num" scope="col">Boxes</th></tr></thead>
-        <tbody>${rows.map(
-          ([reason, boxes]) => html`<tr key=${reason}>
-            <th scope="row"><a href=${linkTo("grid", { dataset }, { reason })}>${reasonText(reason)}</a></th>
-            <td class="is-num num">${countText(boxes)}</td>
-          </tr>`,
-        )}</tbody>
-      </table><//>
+    <${WideTable} label="By cause" heads=${["Why not kept", numeric("Boxes")]}>
+      ${rows.map(
+        ([reason, boxes]) => html`<tr key=${reason}>
+          <th scope="row"><a href=${linkTo("grid", { dataset }, { reason })}>${reasonText(reason)}</a></th>
+          <td class="is-num num">${countText(boxes)}</td>
+        </tr>`,
+      )}<//>
   </section>`;
 }
 
@@ -358,19 +350,14 @@ function Evidence({ dataset, frames }) {
   if (measured.length === 0) return null;
   return html`<section class="panelbox" aria-labelledby="evidence-title">
     <header class="panelbox__head"><h2 id="evidence-title">Evidence</h2></header>
-    <${WideTable} label="Evidence"><table class="table">
-        <thead><tr>
-            <th scope="col">Right by the instances</th><th class="is-num" scope="col">Precision</th>
-            <th class="is-num" scope="col">Recall</th>
-          </tr></thead>
-        <tbody>${measured.map(
-          ([name, score]) => html`<tr key=${name}>
-            <th scope="row">${evidenceText(name)}</th>
-            <td class="is-num num">${percentText(shareOf(score.precision))}</td>
-            <td class="is-num num">${percentText(shareOf(score.recall))}</td>
-          </tr>`,
-        )}</tbody>
-      </table><//>
+    <${WideTable} label="Evidence" heads=${["Right by the instances", numeric("Precision"), numeric("Recall")]}>
+      ${measured.map(
+        ([name, score]) => html`<tr key=${name}>
+          <th scope="row">${evidenceText(name)}</th>
+          <td class="is-num num">${percentText(shareOf(score.precision))}</td>
+          <td class="is-num num">${percentText(shareOf(score.recall))}</td>
+        </tr>`,
+      )}<//>
     <p class="home__buttons"><a class="button" href=${linkTo("quality", path)}>Quality</a></p>
   </section>`;
 }

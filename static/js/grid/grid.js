@@ -227,7 +227,10 @@ function createGridActions(app, dataset, page) {
         knownIds: [...pager.revisions().keys()],
       });
     else if (selection.ids.size) answerSelected(verdict, [...selection.ids]);
-    else return app.toasts.show(`Select boxes first: ${howToSelect()}.`);
+    else {
+      const key = keyText("select", app.keys.get(), "grid");
+      return app.toasts.show(`Select boxes first: ${key ? `click, drag, or press ${key}` : "click or drag"}.`);
+    }
     select(nothing(selection));
   }
 
@@ -244,11 +247,6 @@ function createGridActions(app, dataset, page) {
     const meant = ids.filter((id) => !unanswered.has(id));
     if (meant.length === 0) app.toasts.show("None of these boxes has an answer.");
     else app.bulkAnswers.answer(dataset, verdict, meant, now().pager.revisions());
-  }
-
-  function howToSelect() {
-    const key = keyText("select", app.keys.get(), "grid");
-    return key ? `click, drag, or press ${key}` : "click or drag";
   }
 
   function undo() {

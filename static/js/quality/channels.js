@@ -8,11 +8,11 @@ import { useLoaded, useTask } from "../core/hooks.js";
 import { html, useState } from "../core/html.js";
 import { Icon } from "../core/icons.js";
 import { countOf, countText, percentText } from "../core/numbers.js";
-import { FailureLine, Segments, WideTable } from "../core/parts.js";
+import { FailureLine, Segments, WideTable, numeric } from "../core/parts.js";
 import { linkTo } from "../core/router.js";
 import { RunStrip, isOver, useOpenRun, useWatched } from "../jobs/job.js";
-import { MeasureCell } from "./comparison.js";
-import { COUNTED, TRUTHS, bandText } from "./measures.js";
+import { MeasureCell, SCORE_HEADS } from "./comparison.js";
+import { TRUTHS, bandText } from "./measures.js";
 
 /** @import { App } from "../core/app.js" */
 /** @import { ChannelScore, Evaluation, Run, Score } from "../core/openapi.js" */
@@ -164,24 +164,22 @@ function ChannelTable({ dataset, found, by, active }) {
   const channels = Object.entries(found.channels);
   if (by === "all")
     return html`<${OverallTable} dataset=${dataset} channels=${channels} found=${found} active=${active} />`;
-  return html`<${WideTable} label="Kinds of evidence"><table class="table groups channels channels--matrix">
-      <caption class="sr-only">F1 of each kind of evidence by ${by}</caption>
-      <thead>
-        <tr><th scope="col">${by === "class" ? "Class" : "Distance"}</th>
-          ${channels.map(
-            ([name]) => html`<th scope="col" key=${name}>${evidenceText(name)} <span class="faint">F1</span></th>`,
-          )}</tr></thead>
-      <tbody>${groupsOf(channels, by).map(
-        ({ key, text, scores }) => html`<tr key=${key}>
-          <th scope="row">${text}</th>
-          ${scores.map(
-            (score, at) => html`<td key=${at}>
-              <${MeasureCell} measure=${score?.f1 ?? null} name=${`F1 of ${evidenceText(channels[at]?.[0] ?? "")}`} />
-            </td>`,
-          )}
-        </tr>`,
-      )}</tbody>
-    </table><//>`;
+  return html`<${WideTable} label="Kinds of evidence" kind="groups channels channels--matrix"
+    caption=${`F1 of each kind of evidence by ${by}`}
+    heads=${[
+      by === "class" ? "Class" : "Distance",
+      ...channels.map(([name]) => ({ text: html`${evidenceText(name)} <span class="faint">F1</span>` })),
+    ]}>
+    ${groupsOf(channels, by).map(
+      ({ key, text, scores }) => html`<tr key=${key}>
+        <th scope="row">${text}</th>
+        ${scores.map(
+          (score, at) => html`<td key=${at}>
+            <${MeasureCell} measure=${score?.f1 ?? null} name=${`F1 of ${evidenceText(channels[at]?.[0] ?? "")}`} />
+          </td>`,
+        )}
+      </tr>`,
+    )}<//>`;
 }
 
 /**
@@ -204,21 +202,22 @@ function groupsOf(channels, by) {
   }));
 }
 
+const CHANNEL_HEADS = [
+  "Evidence",
+  numeric("Measured", "Boxes that it could measure"),
+  ...SCORE_HEADS,
+  { text: "Worst", title: "The boxes that it got most clearly wrong" },
+];
+
 /** @param {{dataset: string, channels: readonly [string, ChannelScore][], found: Evaluation, active: string}} props */
 const OverallTable = ({
   dataset,
   channels,
   found: { boxes, unfiltered },
   active,
-}) => html`<${WideTable} label="Kinds of evidence"><table class="table groups channels">
-    <caption class="sr-only">Precision, recall and F1 of each kind of evidence</caption>
-    <thead>
-      <tr><th scope="col">Evidence</th><th class="is-num" scope="col" title="Boxes that it could measure">Measured</th>
-        <th scope="col">Precision</th><th scope="col">Recall</th><th scope="col">F1</th>
-        <th class="is-num" scope="col" title=${COUNTED.kept}>Kept ghosts</th>
-        <th class="is-num" scope="col" title=${COUNTED.lost}>Lost boxes</th>
-        <th scope="col" title="The boxes that it got most clearly wrong">Worst</th></tr></thead>
-    <tbody>${
+}) => html`<${WideTable} label="Kinds of evidence" kind="groups channels" heads=${CHANNEL_HEADS}
+  caption="Precision, recall and F1 of each kind of evidence">
+    ${
       unfiltered &&
       html`<tr><th scope="row">No filter<span class="faint channels__about">Every box as it is recorded</span></th>
         <td class="is-num num">–</td><td><${MeasureCell} measure=${unfiltered.precision} name="Precision" /></td>
@@ -240,8 +239,8 @@ const OverallTable = ({
           <td class="is-num num">${countText(score.rejected_visible)}</td>
           <td><${WorstLink} dataset=${dataset} name=${name} worst=${score.worst} /></td>
         </tr>`,
-      )}</tbody>
-  </table><//>`;
+      )}
+  <//>`;
 
 /**
  * A link to the boxes that a kind of evidence got most clearly wrong.

@@ -5,7 +5,7 @@
 import { html, useState } from "../core/html.js";
 import { Icon } from "../core/icons.js";
 import { countOf, countText } from "../core/numbers.js";
-import { Segments, WideTable } from "../core/parts.js";
+import { Segments, WideTable, numeric } from "../core/parts.js";
 import { linkTo } from "../core/router.js";
 import {
   CELLS,
@@ -33,6 +33,7 @@ const MEASURES = /** @type {const} */ ([
 /** @param {{dataset: string, quality: Quality}} props */
 export function ConfusionPanel({ dataset, quality: { truth, confusion, sample } }) {
   const words = WORDS[truth];
+  const conflicts = confusion.kept_reject + confusion.rejected_keep;
   return html`<section class="panelbox quality__all" aria-labelledby="confusion-title">
     <header class="panelbox__head"><h2 id="confusion-title">${words.all}</h2>
       <span class="faint">${words.counted(answersIn(confusion))}</span></header>
@@ -66,17 +67,14 @@ export function ConfusionPanel({ dataset, quality: { truth, confusion, sample } 
     </div>
     ${
       truth === "people" &&
-      confusion.kept_reject + confusion.rejected_keep > 0 &&
+      conflicts > 0 &&
       html`<p class="quality__conflicts">
         <a class="button" href=${linkTo("grid", { dataset }, { conflict: "true" })}>
-          ${conflictText(confusion.kept_reject + confusion.rejected_keep)}<${Icon} name="right" /></a></p>`
+          ${`See the ${conflicts === 1 ? "box" : `${countText(conflicts)} boxes`} on which they differ`}
+          <${Icon} name="right" /></a></p>`
     }
   </section>`;
 }
-
-/** @param {number} n */
-const conflictText = (n) =>
-  n === 1 ? "See the box on which they differ" : `See the ${countText(n)} boxes on which they differ`;
 
 /** @param {{dataset: string, truth: Truth, confusion: Confusion}} props */
 function Matrix({ dataset, truth, confusion }) {
@@ -114,51 +112,45 @@ function MatrixCell({ confusion, cell, href }) {
     : html`<span class=${name}>${inner}</span>`;
 }
 
-/** @typedef {{key: string, text: string, confusion: Confusion, query: Record<string, string> | null}} Group */
+/** @typedef {{text: string, confusion: Confusion, query: Record<string, string> | null}} Group */
 
 const CHOICES = [
   { value: "class", text: "Class" },
   { value: "distance", text: "Distance" },
 ];
 
+/** Over the scores of a group or of a kind of evidence, and what it got wrong. */
+export const SCORE_HEADS = [
+  ...MEASURES.map(({ text }) => text),
+  numeric("Kept ghosts", COUNTED.kept),
+  numeric("Lost boxes", COUNTED.lost),
+];
+
 /** @param {{dataset: string, quality: Quality}} props */
 export function PerGroup({ dataset, quality }) {
   const [by, setBy] = useState("class");
-  const groups = (by === "class" ? classGroups(quality) : bandGroups(quality)).filter(
-    ({ confusion }) => answersIn(confusion) > 0,
-  );
+  /** @type {Group[]} */
+  const groups =
+    by === "class"
+      ? Object.entries(quality.by_class).map(([name, confusion]) => ({ text: name, confusion, query: { class: name } }))
+      : quality.by_distance.map((confusion) => {
+          const { band } = confusion;
+          return { text: bandText(band), confusion, query: bandQuery(band) };
+        });
   return html`<section class="panelbox quality__wide" aria-labelledby="groups-title">
     <header class="panelbox__head"><h2 id="groups-title">${by === "class" ? "By class" : "By distance"}</h2>
       <span class="faint">dot: measured; line: 95 % interval; axis from 0 to 100 %</span>
       <span class="panelbox__tools"><${Segments} label="Compare by" value=${by} choices=${CHOICES} onChange=${setBy} />
       </span></header>
-    <${WideTable} label="Scores"><table class="table groups">
-        <thead>
-          <tr><th scope="col">${by === "class" ? "Class" : "Distance"}</th>
-            <th class="is-num" scope="col">${WORDS[quality.truth].column}</th><th scope="col">Precision</th>
-            <th scope="col">Recall</th><th scope="col">F1</th>
-            <th class="is-num" scope="col" title=${COUNTED.kept}>Kept ghosts</th>
-            <th class="is-num" scope="col" title=${COUNTED.lost}>Lost boxes</th></tr></thead>
-        <tbody>
-          ${groups.map(
-            (group) => html`<${Row} key=${group.key} dataset=${dataset} truth=${quality.truth} group=${group} />`,
-          )}</tbody>
-      </table><//>
+    <${WideTable} label="Scores" kind="groups"
+      heads=${[by === "class" ? "Class" : "Distance", numeric(WORDS[quality.truth].column), ...SCORE_HEADS]}>
+      ${groups
+        .filter(({ confusion }) => answersIn(confusion) > 0)
+        .map(
+          (group) => html`<${Row} key=${group.text} dataset=${dataset} truth=${quality.truth} group=${group} />`,
+        )}<//>
   </section>`;
 }
-
-/** @param {Quality} quality @returns {Group[]} */
-const classGroups = ({ by_class }) =>
-  Object.entries(by_class).map(([name, confusion]) => ({ key: name, text: name, confusion, query: { class: name } }));
-
-/** @param {Quality} quality @returns {Group[]} */
-const bandGroups = ({ by_distance }) =>
-  by_distance.map((confusion) => ({
-    key: confusion.band,
-    text: bandText(confusion.band),
-    confusion,
-    query: bandQuery(confusion.band),
-  }));
 
 /** @param {{dataset: string, truth: import("../core/openapi.js").Quality["truth"], group: Group}} props */
 function Row({ dataset, truth, group }) {

@@ -5,7 +5,7 @@ import { ApiError, get } from "../core/api.js";
 import { useLoaded } from "../core/hooks.js";
 import { html } from "../core/html.js";
 import { countText } from "../core/numbers.js";
-import { Command, FailureLine, WideTable } from "../core/parts.js";
+import { Command, FailureLine, WideTable, numeric } from "../core/parts.js";
 import { MeasureCell } from "./comparison.js";
 import { percentOf } from "./measures.js";
 
@@ -51,19 +51,20 @@ function Arms({ report }) {
   const arms = Object.entries(report.arms);
   const most = Math.max(0.01, ...arms.map(([, { map50 }]) => map50?.high ?? 0));
   const hasTrials = arms.some(([, { trials }]) => trials > 0);
-  return html`<${WideTable} label="Ways of cleaning labels">
-    <table class="table groups channels">
-      <caption class="sr-only">Labels of each way of cleaning, and detectors trained on them</caption>
-      <thead><tr><th scope="col">Labels</th><th class="is-num" scope="col">Boxes</th>
-          <th class="is-num" scope="col" title="Labels of which nothing is visible">Ghosts</th>
-          <th class="is-num" scope="col" title="Objects without a label">Lost objects</th>
-          ${
-            hasTrials &&
-            html`<th scope="col" title="Of the detectors that were trained on these labels">mAP50</th>
-            <th scope="col" title="In percentage points, with the 95 % interval">
-              Against ${report.baseline}</th>`
-          }</tr></thead>
-      <tbody>${arms.map(
+  const heads = [
+    "Labels",
+    numeric("Boxes"),
+    numeric("Ghosts", "Labels of which nothing is visible"),
+    numeric("Lost objects", "Objects without a label"),
+  ];
+  const trialHeads = [
+    { text: "mAP50", title: "Of the detectors that were trained on these labels" },
+    { text: `Against ${report.baseline}`, title: "In percentage points, with the 95 % interval" },
+  ];
+  return html`<${WideTable} label="Ways of cleaning labels" kind="groups channels"
+    caption="Labels of each way of cleaning, and detectors trained on them"
+    heads=${hasTrials ? [...heads, ...trialHeads] : heads}>
+      ${arms.map(
         ([name, arm]) => html`<tr key=${name}>
           <th scope="row">${name}<span class="faint channels__about">${ARMS[name.split("@")[0] ?? ""]}</span></th>
           ${[arm.labels?.labels, arm.labels?.ghosts, arm.labels?.lost].map(
@@ -75,8 +76,7 @@ function Arms({ report }) {
             <td>${arm.difference && html`<${Against} difference=${arm.difference} />`}</td>`
           }
         </tr>`,
-      )}</tbody>
-    </table><//>
+      )}<//>
   <p class="faint channels__note">${report.verdict} ${report.truth}
     ${" "}${countText(report.frames)} frames, ${countText(report.objects)} objects.
     ${report.trainer && html` Trained by <code>${report.trainer}</code>.`}</p>`;

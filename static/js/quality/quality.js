@@ -6,7 +6,7 @@ import { useLoaded, useTopBar } from "../core/hooks.js";
 import { html } from "../core/html.js";
 import { Icon } from "../core/icons.js";
 import { countOf, countText } from "../core/numbers.js";
-import { Failure, Notice, Segments, WideTable } from "../core/parts.js";
+import { Failure, Notice, Segments, WideTable, numeric } from "../core/parts.js";
 import { linkTo } from "../core/router.js";
 import { EvidenceSwitch } from "../tuning/evidence.js";
 import { Channels } from "./channels.js";
@@ -133,25 +133,21 @@ const Empty = ({ dataset, truth, unsure, onInstances }) =>
       }
     <//>`;
 
+const PEOPLE_HEADS = ["Reviewer", numeric("Answers"), numeric("Keep"), numeric("Reject"), numeric("Unsure")];
+
 /** @param {{agreement: Agreement, reviewers: readonly Reviewer[]}} props */
 function Reviewers({ agreement, reviewers }) {
   return html`<section class="panelbox quality__wide" aria-labelledby="reviewers-title">
     <header class="panelbox__head"><h2 id="reviewers-title">People</h2>
       <span class="faint">${countOf(reviewers.length, "reviewer")}</span></header>
     <div class="quality__split quality__split--top">
-      <${WideTable} label="People"><table class="table">
-          <thead>
-            <tr><th scope="col">Reviewer</th><th class="is-num" scope="col">Answers</th>
-              <th class="is-num" scope="col">Keep</th><th class="is-num" scope="col">Reject</th>
-              <th class="is-num" scope="col">Unsure</th></tr></thead>
-          <tbody>
-            ${reviewers.map(
-              (one) => html`<tr key=${one.name}><th scope="row">${one.name}</th>
-                ${[one.answers, one.keep, one.reject, one.unsure].map(
-                  (n) => html`<td class="is-num num">${countText(n)}</td>`,
-                )}</tr>`,
-            )}</tbody>
-        </table><//>
+      <${WideTable} label="People" heads=${PEOPLE_HEADS}>
+        ${reviewers.map(
+          (one) => html`<tr key=${one.name}><th scope="row">${one.name}</th>
+            ${[one.answers, one.keep, one.reject, one.unsure].map(
+              (n) => html`<td class="is-num num">${countText(n)}</td>`,
+            )}</tr>`,
+        )}<//>
       <${AgreementTable} agreement=${agreement} />
     </div>
   </section>`;
@@ -172,17 +168,12 @@ function AgreementTable({ agreement }) {
         <dd class="faint">${kappaText(kappa)}
           ${interval ? `, 95 %: ${kappaNumber(interval[0])} to ${kappaNumber(interval[1])}` : ""}</dd></div>
     </dl>
-    <${WideTable} label="Pairs of people"><table class="table">
-        <thead>
-          <tr><th scope="col">Pair</th><th class="is-num" scope="col">Boxes</th>
-            <th class="is-num" scope="col">Agree</th><th class="is-num" scope="col">Kappa</th></tr></thead>
-        <tbody>
-          ${pairs.map(
-            (pair) => html`<tr key=${`${pair.a} ${pair.b}`}><th scope="row">${pair.a} and ${pair.b}</th>
-              <td class="is-num num">${countText(pair.boxes)}</td><td class="is-num num">${countText(pair.agreed)}</td>
-              <td class="is-num num">${kappaNumber(pair.kappa)}</td></tr>`,
-          )}</tbody>
-      </table><//>
+    <${WideTable} label="Pairs of people" heads=${["Pair", numeric("Boxes"), numeric("Agree"), numeric("Kappa")]}>
+      ${pairs.map(
+        (pair) => html`<tr key=${`${pair.a} ${pair.b}`}><th scope="row">${pair.a} and ${pair.b}</th>
+          <td class="is-num num">${countText(pair.boxes)}</td><td class="is-num num">${countText(pair.agreed)}</td>
+          <td class="is-num num">${kappaNumber(pair.kappa)}</td></tr>`,
+      )}<//>
   </div>`;
 }
 

@@ -37,13 +37,13 @@ const isSeen = ({ visible_pixels: pixels }) => (pixels ?? 0) > 0;
  * Whether an answer on a box of a lesson is right; an unsure one is neither.
  * @param {Decision} box @param {string | null} answer
  */
-export const isRight = (box, answer) => answer === (isSeen(box) ? "keep" : "reject");
+const isRight = (box, answer) => answer === (isSeen(box) ? "keep" : "reject");
 
 /**
  * What is known about a box of a lesson that was answered: whether the answer is right, and why.
  * @param {Decision} box @param {Hider} hider
  */
-export function toldText(box, hider) {
+function toldText(box, hider) {
   const answer = answerOf(box);
   const name = box.class.replaceAll("_", " ");
   const pixels = box.box_pixels ?? 0;

@@ -150,15 +150,6 @@ const AXIS_BEYOND = 1.15;
 
 const MOST_PERCENT = 80;
 
-/**
- * Within which depth so many percent of the pixels lie.
- * @param {import("../core/openapi.js").DepthSlice["bands"]} bands @param {number} most
- */
-function nearestOf(bands, most) {
-  let sum = 0;
-  return bands.find(({ percent }) => (sum += percent) >= most)?.far ?? bands.at(-1)?.far ?? 0;
-}
-
 /** The depths of the box and of its pixels on one axis of metres. @param {{box: Decision, hider: Hider}} props */
 function DepthStrip({ box, hider }) {
   const { value } = useLoaded(
@@ -168,7 +159,10 @@ function DepthStrip({ box, hider }) {
   if (!value) return html`<div class="depths" aria-hidden="true"></div>`;
   const near = value.near ?? box.distance;
   const far = value.far ?? box.distance;
-  const end = AXIS_BEYOND * Math.max(far ?? 0, nearestOf(value.bands, MOST_PERCENT), 1);
+  let sum = 0;
+  // Up to the end of this band most of the pixels lie.
+  const last = value.bands.find(({ percent }) => (sum += percent) >= MOST_PERCENT) ?? value.bands.at(-1);
+  const end = AXIS_BEYOND * Math.max(far ?? 0, last?.far ?? 0, 1);
   const most = Math.max(...value.bands.map(({ percent }) => percent), 1);
   /** @param {number} from @param {number} to */
   const place = (from, to) => ({ left: `${(100 * from) / end}%`, width: `max(3px, ${(100 * (to - from)) / end}%)` });

@@ -167,11 +167,10 @@ export function createAnswers(app, boxes, storage, { tab, openTabs }) {
 
   let waitingElsewhere = outbox.boxesOfOtherTabs();
 
-  /**
-   * Another tab has changed the outbox. Boxes whose answer it has stored (or removed) are loaded again, and are shown
-   * with that answer until they come.
-   */
-  function followOtherTabs() {
+  // Another tab has changed the outbox. Boxes whose answer it has stored (or removed) are loaded again, and are shown
+  // with that answer until they come.
+  addEventListener("storage", ({ key }) => {
+    if (!isItemName(key)) return;
     const waiting = outbox.lastAnswers();
     const sent = boxes.all([...waitingElsewhere].filter((boxId) => !waiting.has(boxId)));
     const boxIds = sent.map(({ box_id }) => box_id);
@@ -179,8 +178,7 @@ export function createAnswers(app, boxes, storage, { tab, openTabs }) {
     boxes.showUntilLoaded(boxIds);
     void boxes.loadAgain(boxIds);
     sender.refresh();
-  }
-  addEventListener("storage", ({ key }) => isItemName(key) && followOtherTabs());
+  });
 
   return {
     boxes,

@@ -10,11 +10,10 @@ import { countOf, countText } from "../core/numbers.js";
 import { Select } from "../core/parts.js";
 
 /** @import { Decision } from "../boxes/box.js" */
-/** @import { App } from "../core/app.js" */
 /** @import { Query } from "../core/router.js" */
 
 /**
- * @param {{app: App, boxes: readonly Decision[], shown: readonly Decision[], selected: Decision | null, query: Query,
+ * @param {{boxes: readonly Decision[], shown: readonly Decision[], selected: Decision | null, query: Query,
  *   waiting: ReadonlySet<number>, onSelect: (boxId: number | null) => void, onQuery: (query: Query) => void}} props
  */
 export function BoxList({ boxes, shown, selected, query, waiting, onSelect, onQuery }) {

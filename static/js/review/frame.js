@@ -88,7 +88,10 @@ function FrameReview({ app, frame, media, query }) {
   useEffect(() => {
     if (frame.next_id !== null) media.fetchAhead(frame.next_id);
   }, [media, frame]);
-  useArrival(app, actions, query);
+  // The address may ask for the first, last or next unanswered box: select it, and put its id into the address.
+  useEffect(() => {
+    if (query.box && !Number(query.box)) actions.select(actions.resolve(query.box));
+  }, [actions]);
   useFollowing(app, frame, query);
 
   const current = useBoxes(app.boxes, ids);
@@ -108,7 +111,7 @@ function FrameReview({ app, frame, media, query }) {
       <button class="segments__item" aria-pressed=${tab === "list"}
         onClick=${() => setTab("list")}>Boxes <span class="num">${shown.length}</span></button>
     </div>
-    <${BoxList} app=${app} boxes=${boxes} shown=${shown} selected=${selected} query=${query} waiting=${waiting}
+    <${BoxList} boxes=${boxes} shown=${shown} selected=${selected} query=${query} waiting=${waiting}
       onSelect=${actions.select} onQuery=${(/** @type {Query} */ next) =>
         app.router.replace(linkTo("frame", { id: frame.id }, next))} />
     <div class="review__stage">
@@ -164,16 +167,6 @@ function FrameLook({ app, frame, actions }) {
     <${Toggle} app=${app} action="blind" icon="blind" isOn=${blind} run=${actions.blind} />
     <span class="bar__rule" aria-hidden="true"></span>
   <//>`;
-}
-
-/**
- * The address may ask for the first, last or next unanswered box: select it, and put its id into the address.
- * @param {App} app @param {FrameActions} actions @param {Query} query
- */
-function useArrival(app, actions, query) {
-  useEffect(() => {
-    if (query.box && !Number(query.box)) actions.select(actions.resolve(query.box));
-  }, [actions]);
 }
 
 const FOLLOW_MS = 500;

@@ -220,7 +220,7 @@ export const forgetTyped = (boxId) => void typed.delete(boxId);
  * @param {{box: Decision, onSave: (text: string) => boolean, fieldRef: {current: HTMLTextAreaElement | null}}} props
  *   `onSave` returns whether the comment was given as part of an answer
  */
-export function Comment({ box, onSave, fieldRef }) {
+function Comment({ box, onSave, fieldRef }) {
   const stored = box.review?.comment ?? "";
   const [text, show] = useState(/** @type {string | null} */ (typed.get(box.box_id) ?? null));
   const shown = text ?? stored;
@@ -272,7 +272,7 @@ export function Comment({ box, onSave, fieldRef }) {
 const NEWEST = 50;
 
 /** @param {{app: import("../core/app.js").App, box: Decision}} props */
-export function History({ app, box }) {
+function History({ app, box }) {
   const { box_id } = box;
   const loaded = useNewest(
     NEWEST,

@@ -207,7 +207,9 @@ export function createOutbox(storage, tab, who, newKey = randomId) {
       const last = new Map();
       for (const item of itemsOfAllTabs()) {
         if (isSingle(item)) last.set(item.boxId, item.earlier ?? { verdict: item.verdict, comment: item.comment });
-        else item.boxIds?.forEach((boxId, i) => last.set(boxId, answerAt(item, i)));
+        else if (isBulkUndo(item))
+          item.boxIds?.forEach((boxId, i) => last.set(boxId, item.before[i] ?? { verdict: "clear", comment: "" }));
+        else item.boxIds?.forEach((boxId) => last.set(boxId, { verdict: item.verdict, comment: "" }));
       }
       return last;
     },
@@ -335,15 +337,6 @@ export function createOutbox(storage, tab, who, newKey = randomId) {
 }
 
 /** @typedef {ReturnType<typeof createOutbox>} Outbox */
-
-/**
- * What a bulk answer, or its undo, answers on the box at this index.
- * @param {BulkItem} item @param {number} i @returns {AnswerWithComment}
- */
-function answerAt(item, i) {
-  if (isBulkUndo(item)) return item.before[i] ?? { verdict: "clear", comment: "" };
-  return { verdict: item.verdict, comment: "" };
-}
 
 // What is kept in localStorage. Names and fields stay as they are: later versions of the page read and write them too,
 // perhaps in another tab at the same time.

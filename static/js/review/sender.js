@@ -124,15 +124,16 @@ export function createSender(outbox, requests = REQUESTS, later) {
       waiting: new Set(ofAllTabs.filter(isSingle).map(({ boxId }) => boxId)),
       waitingInBulk: new Set(ofAllTabs.filter(isBulk).flatMap(({ boxIds = [] }) => boxIds)),
       count: countAnswers(items),
-      bulkItems: [...refused.values(), ...bulkItems.map((item) => openItem(phase, item))],
+      bulkItems: [
+        ...refused.values(),
+        ...bulkItems.map((item) => {
+          const isSending = !waitingBecause || (phase === "saving" && sending?.key === item.key);
+          return /** @type {OpenBulkItem} */ (
+            isSending ? { item, state: "sending", text: "" } : { item, state: "waiting", text: waitingBecause }
+          );
+        }),
+      ],
     };
-  }
-
-  /** @param {Phase} phase @param {BulkItem} item @returns {OpenBulkItem} */
-  function openItem(phase, item) {
-    const isSending = phase === "saving" && sending?.key === item.key;
-    const isWaiting = waitingBecause && !isSending;
-    return isWaiting ? { item, state: "waiting", text: waitingBecause } : { item, state: "sending", text: "" };
   }
 
   /** @param {Phase} phase */
@@ -232,9 +233,18 @@ export function createSender(outbox, requests = REQUESTS, later) {
   function afterError(item, error) {
     // Whatever the item is: it stays, and is sent again with the same key.
     if (error instanceof NoResponse) return waitAndRetry("offline", "the server does not answer");
-    if (!(error instanceof ApiError)) return waitAfterFault(error);
+    if (!(error instanceof ApiError)) {
+      // A fault of this page: the item is sent again all the same, and the fault is thrown, so that it is reported.
+      waitAndRetry("busy", error instanceof Error ? error.message : String(error));
+      throw error;
+    }
     if (error.isTemporary) return waitAndRetry("busy", error.message, error.retryAfterS);
-    if (error.status === 401) return waitForSignIn();
+    if (error.status === 401) {
+      waitingBecause = "you are signed out";
+      show("signed-out");
+      tell(({ onSignedOut }) => onSignedOut?.());
+      return false;
+    }
 
     // The server has refused this item, and the next one is sent.
     if (isBulkAnswer(item)) return refuse(item, error);
@@ -250,22 +260,6 @@ export function createSender(outbox, requests = REQUESTS, later) {
     waitingBecause = text;
     show(phase);
     retries.wait(() => void drain(), seconds);
-    return false;
-  }
-
-  /**
-   * A fault of this page: the item is sent again all the same, and the fault is thrown, so that it is reported.
-   * @param {unknown} error @returns {never}
-   */
-  function waitAfterFault(error) {
-    waitAndRetry("busy", error instanceof Error ? error.message : String(error));
-    throw error;
-  }
-
-  function waitForSignIn() {
-    waitingBecause = "you are signed out";
-    show("signed-out");
-    tell(({ onSignedOut }) => onSignedOut?.());
     return false;
   }
 

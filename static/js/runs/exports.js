@@ -7,7 +7,7 @@ import { useLoaded, useNewest, useTask } from "../core/hooks.js";
 import { html, useState } from "../core/html.js";
 import { Icon } from "../core/icons.js";
 import { agoText, countOf, countText, sizeText } from "../core/numbers.js";
-import { Dialog, FailureLine, WideTable, useCopy, useDialog } from "../core/parts.js";
+import { Dialog, FailureLine, Older, WideTable, numeric, useCopy, useDialog } from "../core/parts.js";
 import { Canceller, JobBar, StateBadge, isOver, percentDone, useLookAgain } from "../jobs/job.js";
 
 /** @import { App } from "../core/app.js" */
@@ -72,10 +72,7 @@ export function Exports({ app, dataset }) {
       html`<${DeleteDialog} item=${leaving} form=${form.value}
         onClose=${() => setLeaving(null)} onDeleted=${loaded.reload} />`
     }
-    ${
-      loaded.showOlder &&
-      html`<p class="more"><button class="button" onClick=${loaded.showOlder}>Older exports</button></p>`
-    }
+    <${Older} what="exports" onShow=${loaded.showOlder} />
   </section>`;
 }
 
@@ -105,7 +102,11 @@ function DeleteDialog({ item, form, onClose, onDeleted }) {
 /** @param {{app: App, item: Export, form: ExportForm | null | undefined, onDelete: () => void}} props */
 function ExportRow({ app, item, form, onDelete }) {
   const about = optionsText(item.options, form ? fieldsFor(item.format, form) : []);
-  const { run, isBusy } = useTask(() => download(item.id), app.toasts.fail);
+  // By a link, so that a large file does not pass through the page's memory.
+  const { run, isBusy } = useTask(async () => {
+    const { url } = await post("/api/v1/exports/{export_id}/download-links", { path: { export_id: item.id } });
+    Object.assign(document.createElement("a"), { href: url, download: "" }).click();
+  }, app.toasts.fail);
   return html`<article class="run" aria-label=${`Export ${item.id}`}>
     <div class="run__what"><span class="run__name">${formatText(item.format, form)}</span>
       <${StateBadge} state=${item.state} /></div>
@@ -155,18 +156,6 @@ function ExportRow({ app, item, form, onDelete }) {
   </article>`;
 }
 
-/**
- * Let the browser download the file by a link, so that a large file does not pass through the page's memory.
- * @param {number} id
- */
-async function download(id) {
-  const { url } = await post("/api/v1/exports/{export_id}/download-links", { path: { export_id: id } });
-  const link = document.createElement("a");
-  link.href = url;
-  link.download = "";
-  link.click();
-}
-
 /** The counts of the archive's manifest; zeros are left out. @param {{counts: Record<string, unknown>}} props */
 function ExportCounts({ counts }) {
   const { lines, classes } = countLinesOf(counts);
@@ -176,17 +165,12 @@ function ExportCounts({ counts }) {
   ${
     classes.length > 0 &&
     html`<details class="perclass"><summary>Per class</summary>
-      <${WideTable} label="Per class"><table class="table">
-          <thead>
-            <tr><th scope="col">Class</th><th class="is-num" scope="col">In</th>
-              <th class="is-num" scope="col">Written</th><th class="is-num" scope="col">Dropped</th>
-              <th class="is-num" scope="col">Clipped</th></tr></thead>
-          <tbody>
-            ${classes.map(
-              (row) => html`<tr key=${row.name}><th scope="row">${row.name}</th>
-                ${row.counts.map((n) => html`<td class="is-num num">${countText(n)}</td>`)}</tr>`,
-            )}</tbody>
-        </table><//>
+      <${WideTable} label="Per class"
+        heads=${["Class", numeric("In"), numeric("Written"), numeric("Dropped"), numeric("Clipped")]}>
+        ${classes.map(
+          (row) => html`<tr key=${row.name}><th scope="row">${row.name}</th>
+            ${row.counts.map((n) => html`<td class="is-num num">${countText(n)}</td>`)}</tr>`,
+        )}<//>
     </details>`
   }`;
 }

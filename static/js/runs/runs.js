@@ -6,7 +6,7 @@ import { get } from "../core/api.js";
 import { useDataset, useLoaded, useNewest, usePages, useTopBar } from "../core/hooks.js";
 import { html, useState } from "../core/html.js";
 import { agoText, countOf, countText, tookText } from "../core/numbers.js";
-import { Failure, FailureLine, WideTable } from "../core/parts.js";
+import { BAR, Failure, FailureLine, Older, WideTable, numeric } from "../core/parts.js";
 import { linkTo } from "../core/router.js";
 import { CancelButton, JobBar, StateBadge, isOver, percentDone, useLookAgain } from "../jobs/job.js";
 import { differences } from "../tuning/config.js";
@@ -83,7 +83,7 @@ function Runs({ app, dataset, runs, active, shown, showOlder }) {
         </li>`,
       )}
     </ul>
-    ${showOlder && html`<p class="more"><button class="button" onClick=${showOlder}>Older runs</button></p>`}
+    <${Older} what="runs" onShow=${showOlder} />
   </section>`;
 }
 
@@ -150,11 +150,7 @@ function Between({ app, diff }) {
 function PerClass({ diff }) {
   const rows = Object.entries(diff.by_class).sort(([, a], [, b]) => b - a);
   const most = Math.max(1, ...rows.map(([, n]) => n));
-  return html`<${WideTable} label="Flips by class"><table class="table">
-      <thead>
-        <tr><th scope="col">Class</th><th class="is-num" scope="col">Flips</th>
-          <th class="table__bar" aria-hidden="true"></th></tr></thead>
-      <tbody>
+  return html`<${WideTable} label="Flips by class" heads=${["Class", numeric("Flips"), BAR]}>
         ${rows.map(
           ([name, n]) => html`<tr key=${name}><th scope="row">${name}</th><td class="is-num num">${countText(n)}</td>
             <td class="table__bar" aria-hidden="true">
@@ -163,8 +159,7 @@ function PerClass({ diff }) {
         )}
         <tr><th scope="row">All classes</th><td class="is-num num">${countText(diff.total)}</td>
           <td class="table__bar" aria-hidden="true"></td></tr>
-      </tbody>
-    </table><//>`;
+    <//>`;
 }
 
 /** Which keys the two configurations differ in. @param {{diff: RunDiff}} props */
@@ -221,6 +216,7 @@ const KINDS = /** @type {Record<string, string>} */ ({ measure: "measured again"
 
 /** @param {{app: App, dataset: string, run: Run, isActive: boolean, isShown: boolean}} props */
 function RunRow({ app, dataset, run, isActive, isShown }) {
+  const took = run.total > 0 ? tookText(run.started_at, run.finished_at) : "";
   return html`<article class="run ${isShown ? "is-shown" : ""}" aria-label=${`Run ${run.id}`}>
     <div class="run__what">
       <span class="run__name">Run ${run.id}</span><${StateBadge} state=${run.state} />
@@ -229,7 +225,7 @@ function RunRow({ app, dataset, run, isActive, isShown }) {
     </div>
     <p class="run__about faint"><code title=${run.config}>${run.config.slice(0, 8)}</code>
       ${isFirst(run) ? "" : ` · ${KINDS[run.kind] ?? run.kind}`} · ${run.created_by}, ${agoText(run.created_at)}
-      ${tookOf(run)}</p>
+      ${took && ` · took ${took.replaceAll(" ", "\u00a0")}`}</p>
     <div class="run__how"><${RunSummary} run=${run} /></div>
     <div class="run__actions">
       ${!isOver(run) && html`<${CancelButton} app=${app} run=${run} />`}
@@ -242,12 +238,6 @@ function RunRow({ app, dataset, run, isActive, isShown }) {
       }
     </div>
   </article>`;
-}
-
-/** @param {Run} run */
-function tookOf(run) {
-  const took = tookText(run.started_at, run.finished_at);
-  return took && run.total > 0 ? ` · took ${took.replaceAll(" ", "\u00a0")}` : "";
 }
 
 /** @param {{run: Run}} props */

@@ -128,7 +128,9 @@ export function paintLabel(ctx, { text, verdict, rect, size, inks }) {
   const below = Math.min(rect[3] + 8, size.height - height - PADDING_PX);
   const y = above >= PADDING_PX ? above : Math.max(PADDING_PX, below);
   paintPlate(ctx, { x, y, width, height }, inks.label[verdict], inks.halo);
-  paintLines(ctx, lines, x + PADDING_PX, y, inks.text);
+  ctx.fillStyle = inks.text;
+  ctx.textBaseline = "middle";
+  for (const [i, line] of lines.entries()) ctx.fillText(line, x + PADDING_PX, y + FULL.height * (i + 0.5) + 0.5);
 }
 
 /**
@@ -149,16 +151,6 @@ export function brokenToFit(ctx, text, width) {
     }
     return lines;
   });
-}
-
-/**
- * @param {CanvasRenderingContext2D} ctx @param {readonly string[]} lines @param {number} x @param {number} y
- * @param {string} color
- */
-function paintLines(ctx, lines, x, y, color) {
-  ctx.fillStyle = color;
-  ctx.textBaseline = "middle";
-  for (const [i, line] of lines.entries()) ctx.fillText(line, x, y + FULL.height * (i + 0.5) + 0.5);
 }
 
 /**

@@ -5,7 +5,7 @@ import { reasonText } from "../boxes/wording.js";
 import { html } from "../core/html.js";
 import { Icon } from "../core/icons.js";
 import { countOf, countText, percentText } from "../core/numbers.js";
-import { NumberField, Segments, WideTable } from "../core/parts.js";
+import { BAR, NumberField, Segments, WideTable, numeric } from "../core/parts.js";
 import { appliesTo, classPath, valueOf } from "./config.js";
 import { Delta } from "./flips.js";
 import { Histogram, together, typedPercent } from "./histogram.js";
@@ -184,24 +184,17 @@ export function Reasons({ tuning, selected }) {
   const reasons = Object.keys({ ...before, ...after }).sort((a, b) => (before[b] ?? 0) - (before[a] ?? 0));
   return html`<section class="panelbox" aria-labelledby="reasons-title">
     <header class="panelbox__head"><h2 id="reasons-title">Reasons${selected ? `: ${selected}` : ""}</h2></header>
-    <${WideTable} label="Reasons"><table class="table">
-        <thead>
-          <tr><th scope="col">Reason</th><th class="is-num" scope="col">Active</th>
-            <th class="is-num" scope="col">New</th><th class="is-num" scope="col">Change</th>
-            <th class="table__bar" aria-hidden="true"></th></tr></thead>
-        <tbody>
-          ${reasons.map(
-            (reason) => html`<tr key=${reason}>
-              <th scope="row">${reasonText(reason)}</th>
-              <td class="is-num num">${countText(before[reason] ?? 0)}</td>
-              <td class="is-num num">${countText(after[reason] ?? 0)}</td>
-              <td class="is-num"><${Delta} count=${after[reason] ?? 0} before=${before[reason] ?? 0} /></td>
-              <td class="table__bar" aria-hidden="true">
-                <span class="meter meter--${meterOf(reason)}">
-                  <i style=${{ width: `${(100 * (after[reason] ?? 0)) / most}%` }}></i></span></td>
-            </tr>`,
-          )}
-        </tbody>
-      </table><//>
+    <${WideTable} label="Reasons" heads=${["Reason", numeric("Active"), numeric("New"), numeric("Change"), BAR]}>
+      ${reasons.map(
+        (reason) => html`<tr key=${reason}>
+          <th scope="row">${reasonText(reason)}</th>
+          <td class="is-num num">${countText(before[reason] ?? 0)}</td>
+          <td class="is-num num">${countText(after[reason] ?? 0)}</td>
+          <td class="is-num"><${Delta} count=${after[reason] ?? 0} before=${before[reason] ?? 0} /></td>
+          <td class="table__bar" aria-hidden="true">
+            <span class="meter meter--${meterOf(reason)}">
+              <i style=${{ width: `${(100 * (after[reason] ?? 0)) / most}%` }}></i></span></td>
+        </tr>`,
+      )}<//>
   </section>`;
 }

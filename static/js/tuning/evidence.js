@@ -24,17 +24,6 @@ const BY_TAGS_PX = 1;
 const STRONGEST_PX = 10;
 
 /**
- * The configuration with another kind of evidence.
- * @param {ConfigBody} config @param {string} kind @returns {ConfigBody}
- */
-function withEvidence(config, kind) {
-  const changed = /** @type {ConfigBody} */ ({ ...config, evidence: kind });
-  // The strongest evidence keeps small remainders that the thresholds of tags would have cut.
-  if (kind === STRONGEST && config.min_visible_pixels === BY_TAGS_PX) changed.min_visible_pixels = STRONGEST_PX;
-  return changed;
-}
-
-/**
  * For a view that does not know the active version. Nothing where the strongest evidence decides.
  * @param {{app: App, dataset: string}} props
  */
@@ -55,7 +44,10 @@ export function EvidenceSwitch({ app, dataset, active, isQuiet = false, onApplie
   const [kind, setKind] = useState(now === STRONGEST ? "" : STRONGEST);
   const others = Object.keys(EVIDENCE).filter((name) => name !== now);
   const choices = others.map((value) => ({ value, text: evidenceText(value) }));
-  const config = withEvidence(active.config, kind || now);
+  const config = /** @type {ConfigBody} */ ({ ...active.config, evidence: kind || now });
+  // The strongest evidence keeps small remainders that the thresholds of tags would have cut.
+  if (config.evidence === STRONGEST && config.min_visible_pixels === BY_TAGS_PX)
+    config.min_visible_pixels = STRONGEST_PX;
   const edits = { evidence: kind, min_visible_pixels: config.min_visible_pixels };
   const path = { dataset };
   const preview = useLoaded(

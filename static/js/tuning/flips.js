@@ -16,7 +16,7 @@ import { linkTo } from "../core/router.js";
 /** How large a picture is, in css px: about that, as cards share the width of the list. */
 const PICTURE_PX = 140;
 
-export const DIRECTIONS = /** @type {const} */ ({
+const DIRECTIONS = /** @type {const} */ ({
   kept_to_rejected: { after: "rejected", text: "kept → rejected" },
   rejected_to_kept: { after: "kept", text: "rejected → kept" },
 });

@@ -195,7 +195,7 @@ export function rebinned(counts, wanted) {
 }
 
 /** @param {readonly number[]} counts */
-export const sum = (counts) => counts.reduce((total, n) => total + n, 0);
+const sum = (counts) => counts.reduce((total, n) => total + n, 0);
 
 /** All classes as one. @param {readonly (readonly number[])[]} perClass */
 export function together(perClass) {

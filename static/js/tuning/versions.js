@@ -7,7 +7,7 @@ import { useNewest, useTask } from "../core/hooks.js";
 import { html, useState } from "../core/html.js";
 import { Icon } from "../core/icons.js";
 import { agoText, countOf, countText } from "../core/numbers.js";
-import { Dialog, FailureLine, WideTable, Words, useCopy, useDialog } from "../core/parts.js";
+import { Dialog, FailureLine, Older, WideTable, Words, useCopy, useDialog } from "../core/parts.js";
 import {
   classPath,
   differences,
@@ -81,10 +81,7 @@ export function Versions({ dataset, tuning, saved, isRunning, onRun }) {
         </li>`,
       )}
     </ul>
-    ${
-      loaded.showOlder &&
-      html`<p class="more"><button class="button" onClick=${loaded.showOlder}>Older versions</button></p>`
-    }
+    <${Older} what="versions" onShow=${loaded.showOlder} />
     ${
       asked &&
       html`<${ApplyDialog} dataset=${dataset} active=${active} version=${asked} onClose=${() => setAsked(null)}
@@ -146,11 +143,8 @@ export function ConfigPanel({ tuning, keys, settings }) {
       <span class="faint">all keys; how segmentations are read is changed in the dataset's settings</span>
     </header>
     ${keys.error && html`<${FailureLine} error=${keys.error} onRetry=${keys.reload} />`}
-    <${WideTable} label="Configuration"><table class="table table--keys" aria-busy=${keys.state === "loading"}>
-        <thead>
-          <tr><th scope="col">Key</th><th scope="col">Value</th><th scope="col">Active</th>
-            <th class="table__text" scope="col">Meaning</th></tr></thead>
-        <tbody>
+    <${WideTable} label="Configuration" kind="table--keys" isBusy=${keys.state === "loading"}
+      heads=${["Key", "Value", "Active", { text: "Meaning", kind: "table__text" }]}>
           ${keys.value?.map(
             (field) => html`<tr key=${field.key}><th scope="row"><code><${Words} text=${field.key} /></code></th>
               <td><${Value} tuning=${tuning} field=${field} /></td>
@@ -165,8 +159,7 @@ export function ConfigPanel({ tuning, keys, settings }) {
               <td class="num faint">${valueText(valueOf(active.config, row.path))}</td>
               <td class="table__text faint">for this class only</td></tr>`,
           )}
-        </tbody>
-      </table><//>
+    <//>
     <${ClassKeys} tuning=${tuning} classes=${settings.classes} />
     <${Yaml} text=${toYaml(tried)} />
   </section>`;
@@ -219,13 +212,8 @@ function ClassKeys({ tuning: { tried, change }, classes }) {
 }
 
 /** "Car, 12" as tags: names, and numbers. @param {string} text */
-function tagsIn(text) {
-  const words = text
-    .split(/[,;]+/)
-    .map((word) => word.trim())
-    .filter(Boolean);
-  return words.map((word) => (/^\d+$/.test(word) ? Number(word) : word));
-}
+const tagsIn = (text) =>
+  text.split(/[,;]+/).flatMap((word) => (/^\s*\d+\s*$/.test(word) ? Number(word) : word.trim() || []));
 
 /** @param {{text: string}} props */
 function Yaml({ text }) {
@@ -291,12 +279,9 @@ function whatText({ preview, counted, tried }) {
 export const DiffTable = ({
   rows,
   names = ["Active", "New"],
-}) => html`<${WideTable} label="Differences"><table class="table difftable">
-    <thead><tr><th scope="col">Key</th><th scope="col">${names[0]}</th><th scope="col">${names[1]}</th></tr></thead>
-    <tbody>
-      ${rows.map(
-        (row) => html`<tr key=${row.path}><th scope="row"><code><${Words} text=${row.path} /></code></th>
-          <td><del>${valueText(row.before)}</del></td><td><ins>${valueText(row.after)}</ins></td></tr>`,
-      )}
-    </tbody>
-  </table><//>`;
+}) => html`<${WideTable} label="Differences" kind="difftable" heads=${["Key", ...names]}>
+    ${rows.map(
+      (row) => html`<tr key=${row.path}><th scope="row"><code><${Words} text=${row.path} /></code></th>
+        <td><del>${valueText(row.before)}</del></td><td><ins>${valueText(row.after)}</ins></td></tr>`,
+    )}
+  <//>`;

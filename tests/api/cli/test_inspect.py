@@ -166,11 +166,11 @@ def test_page_has_the_colours_of_the_review_page():
     from unghost.cli.inspect_page import COLORS
 
     css = (CHECKOUT / "static/css/tokens.css").read_text("utf-8")
-    themes = r":root(?:\[data-theme=\"dark\"\]|:not)[^{]*\{"
-    both, dark, _ = re.split(themes, css, maxsplit=2)
-    light = both[both.index(":root {") :]
     pattern = re.compile(r"(--[\w-]+): ([^;]+);")
-    in_light, in_dark = dict(pattern.findall(light)), dict(pattern.findall(dark))
+    in_light, in_dark = (
+        dict(pattern.findall(re.sub(r"light-dark\((.+), (.+)\);", theme, css)))
+        for theme in (r"\1;", r"\2;")
+    )
     for own, tokens in zip(COLORS, (in_light, in_dark, in_light), strict=True):
         values = dict(pattern.findall(own))
         assert values
