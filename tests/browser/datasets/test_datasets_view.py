@@ -76,7 +76,8 @@ def test_slider_of_any_frame_is_a_link_that_a_guest_can_open(
 
 
 def test_admin_makes_a_link_that_shows_the_slider_to_a_guest(scene, user, open_window):
-    page = user.open(f"{scene.link().partition('?')[0]}/compare")
+    page = user.page
+    page.goto(f"{user.url}/{scene.link().partition('?')[0]}/compare")
     page.context.grant_permissions(["clipboard-read", "clipboard-write"])
 
     page.get_by_role("button", name="Link for a guest").click()
