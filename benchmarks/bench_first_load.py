@@ -177,7 +177,9 @@ def errors_found(server: RunningServer, dataset: str) -> float:
     """How many of the first questions are about boxes that are decided wrongly."""
     (truth,) = server.data.glob("demo/*/truth.jsonl")
     rows = map(json.loads, truth.read_text().splitlines())
-    visible = {(row["key"], row["id"]): row["visible_pixels"] > 0 for row in rows}
+    visible: dict[tuple[str, str], bool] = {
+        (row["key"], row["id"]): row["visible_pixels"] > 0 for row in rows
+    }
     with Client(server.url, server.token) as client:
         asked = client.queue(dataset, limit=QUESTIONS, filters={"bin": "ask"})
     return sum(

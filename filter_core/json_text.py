@@ -154,7 +154,13 @@ def check_limits(content: bytes, limits: JsonLimits = _DEFAULT_LIMITS) -> None:
     if len(content) > limits.max_bytes:
         found = f"JSON of more than {limits.max_bytes} bytes"
         raise JsonError(found, code="json_too_large")
-    if _has_too_many(content, limits):
+    may_have_many = len(content) >= _BYTES_PER_VALUE * min(
+        limits.max_values, limits.max_keys
+    )
+    if may_have_many and (
+        _values_at_most(content) > limits.max_values
+        or content.count(b":") > limits.max_keys
+    ):
         # Characters inside strings were counted as well: count again without strings.
         signs = _signs_of(content)
         if _values_at_most(signs) > limits.max_values:
@@ -163,12 +169,9 @@ def check_limits(content: bytes, limits: JsonLimits = _DEFAULT_LIMITS) -> None:
         if signs.count(b":") > limits.max_keys:
             found = f"JSON of more than {limits.max_keys} keys"
             raise JsonError(found, code="json_too_large")
-    if _depth(content) > limits.max_depth:
+    steps = _STEPS[np.frombuffer(_signs_of(content), np.uint8)]
+    if int(np.cumsum(steps, dtype=np.int32).max(initial=0)) > limits.max_depth:
         raise _too_deep(limits)
-    _refuse_long_numbers(content)
-
-
-def _refuse_long_numbers(content: bytes) -> None:
     start = find_long_number(content)
     if start is not None:
         position = len(content[:start].decode("utf-8-sig", "replace"))
@@ -202,13 +205,6 @@ def _too_deep(limits: JsonLimits) -> JsonError:
     return JsonError(found, code="json_too_large")
 
 
-def _has_too_many(content: bytes, limits: JsonLimits) -> bool:
-    if len(content) < _BYTES_PER_VALUE * min(limits.max_values, limits.max_keys):
-        return False
-    too_many = _values_at_most(content) > limits.max_values
-    return too_many or content.count(b":") > limits.max_keys
-
-
 def _values_at_most(content: bytes) -> int:
     return 1 + content.count(b",") + content.count(b"[") + content.count(b"{")
 
@@ -225,11 +221,6 @@ def _signs_of(content: bytes) -> bytes:
     is_inside = np.cumsum(codes == ord('"'), dtype=np.uint8) & 1
     outside: NDArray[np.uint8] = codes[is_inside == 0]
     return outside.tobytes()
-
-
-def _depth(content: bytes) -> int:
-    steps = _STEPS[np.frombuffer(_signs_of(content), np.uint8)]
-    return int(np.cumsum(steps, dtype=np.int32).max(initial=0))
 
 
 def _refuse_halves(text: str) -> None:

@@ -32,7 +32,7 @@ import numpy as np
 
 from filter_core.annotation.frame import FrameAnnotation
 from filter_core.annotation.parsing import parse_annotation
-from filter_core.arrays import NOT_MEASURED, BoolArray, BoxesXYXY, IntArray
+from filter_core.arrays import NOT_MEASURED, BoolArray, BoxesXYXY
 from filter_core.classes import CLASSES
 from filter_core.config.filter import FilterConfig
 from filter_core.config.measure import MeasureConfig
@@ -356,27 +356,19 @@ def evaluate_source(
         if isinstance(frame, LeftOut):
             left_out.append(frame)
         else:
-            boxes = _known(frame, task.truth)
+            if task.truth is None:
+                rows, visible = truth_from_instances(frame.evidence)
+            else:
+                told = task.truth.get(frame.key, {})
+                rows = np.flatnonzero([box_id in told for box_id in frame.ids])
+                visible = np.array([told[frame.ids[row]] for row in rows], np.bool_)
+            ids = tuple(frame.ids[row] for row in rows.tolist())
+            boxes = KnownBoxes(frame.key, ids, frame.evidence.take(rows), visible)
             if len(boxes.ids):
                 evaluation.add(boxes.evidence, boxes.visible, name_of=boxes.name_of)
                 also(boxes)
         progress(() if isinstance(frame, LeftOut) else frame.notes)
     return evaluation, left_out
-
-
-def _known(frame: MeasuredFrame, truth: Truth | None) -> KnownBoxes:
-    if truth is None:
-        rows, visible = truth_from_instances(frame.evidence)
-    else:
-        rows, visible = _told(truth.get(frame.key, {}), frame.ids)
-    ids = tuple(frame.ids[row] for row in rows.tolist())
-    return KnownBoxes(frame.key, ids, frame.evidence.take(rows), visible)
-
-
-def _told(told: Mapping[str, bool], ids: tuple[str, ...]) -> tuple[IntArray, BoolArray]:
-    rows = [row for row, box_id in enumerate(ids) if box_id in told]
-    visible = [told[ids[row]] for row in rows]
-    return np.array(rows, np.int64), np.array(visible, np.bool_)
 
 
 def read_truth(path: Path) -> dict[str, dict[str, bool]]:
@@ -584,7 +576,9 @@ def export_sources(
         In the order of the frames; one that cannot be read does not stop the others.
     """
 
-    def export(source: FrameSource) -> _Exported | LeftOut:
+    def export(
+        source: FrameSource,
+    ) -> tuple[ExportFrame, Mapping[str, ClassCount], tuple[str, ...]] | LeftOut:
         try:
             return _export_frame(source, config, measure=measure, needs=needs)
         except FilterError as problem:
@@ -594,16 +588,9 @@ def export_sources(
         if isinstance(exported, LeftOut):
             yield exported
         else:
-            also(exported.classes, exported.notes)
-            yield exported.frame
-
-
-class _Exported(NamedTuple):
-    """A frame for the writers, its boxes by class, and its notes."""
-
-    frame: ExportFrame
-    classes: Mapping[str, ClassCount]
-    notes: tuple[str, ...]
+            frame, classes, notes = exported
+            also(classes, notes)
+            yield frame
 
 
 def _export_frame(
@@ -612,13 +599,17 @@ def _export_frame(
     *,
     measure: bool,
     needs: Collection[Need],
-) -> _Exported:
+) -> tuple[ExportFrame, Mapping[str, ClassCount], tuple[str, ...]]:
+    """A frame for the writers, its boxes by class, and its notes."""
     # Neither masks nor depth nor LiDAR are needed, so they are not read.
     read = source if measure else replace(source, segmentation=None, others={})
     measured = measure_source(read, config, config.channels)
     verdicts = decide(measured.evidence, config)
-    if not measure:
-        verdicts = _without_verdicts(measured.evidence, verdicts)
+    if not measure and measured.evidence.xyxy is not None:
+        # The same decisions, but all boxes in the image are `Reason.NO_SEGMENTATION`
+        reason = verdicts.reason.copy()
+        reason[~np.isnan(measured.evidence.xyxy[:, 0])] = Reason.NO_SEGMENTATION
+        verdicts = replace(verdicts, reason=reason)
     annotation = measured.annotation
     boxes = decided_boxes(
         measured.ids,
@@ -664,8 +655,7 @@ def _export_frame(
                 _in_colors, readers["segmentation"], reading
             )
         frame = replace(frame, read_files=readers)
-    classes = count_by_class(measured.evidence, verdicts)
-    return _Exported(frame, classes, measured.notes)
+    return frame, count_by_class(measured.evidence, verdicts), measured.notes
 
 
 def _in_colors(read: Callable[[], bytes], options: SegmentationOptions) -> bytes:
@@ -675,15 +665,6 @@ def _in_colors(read: Callable[[], bytes], options: SegmentationOptions) -> bytes
 def _drawn(image: Path, boxes: Sequence[DrawnBox]) -> bytes:
     with file_context("image"):
         return png_with_boxes(read_file(image, "image"), boxes)
-
-
-def _without_verdicts(evidence: Evidence, verdicts: Decisions) -> Decisions:
-    """The same decisions, but all boxes in the image are `Reason.NO_SEGMENTATION`."""
-    if evidence.xyxy is None:
-        return verdicts
-    reason = verdicts.reason.copy()
-    reason[~np.isnan(evidence.xyxy[:, 0])] = Reason.NO_SEGMENTATION
-    return replace(verdicts, reason=reason)
 
 
 def class_order(frames: Iterable[FrameSource]) -> tuple[str, ...]:
@@ -738,7 +719,19 @@ def measure_source(
     measuring = replace(measuring_of(source, config), channels=()).with_channels(
         channels
     )
-    options = _frame_options(source, files_for(channels))
+    wh = None if source.image is None else _size(source.image, "image")
+    if wh is None and source.segmentation is None and "instances" in source.others:
+        wh = _size(source.others["instances"], "instances")
+    ignore = None
+    if "ignore_mask" in source.others and wh is not None:
+        content = read_file(source.others["ignore_mask"], "ignore_mask")
+        ignore = read_ignore_mask(content, wh)
+    sensors = {
+        kind: read_file(source.others[kind], kind)
+        for kind in files_for(channels)
+        if kind in source.others
+    }
+    options = FrameOptions(key=source.key, image_wh=wh, ignore=ignore, sensors=sensors)
     return read_and_measure(
         source.annotation or {}, _segmentation(source), measuring, options
     )
@@ -755,22 +748,6 @@ def measuring_of(source: FrameSource, config: FilterConfig) -> MeasureConfig:
     if config.depth_encoding != "auto":
         return measuring
     return replace(measuring, depth_encoding=shown.depth_encoding)
-
-
-def _frame_options(source: FrameSource, kinds: Iterable[str]) -> FrameOptions:
-    wh = None if source.image is None else _size(source.image, "image")
-    if wh is None and source.segmentation is None and "instances" in source.others:
-        wh = _size(source.others["instances"], "instances")
-    ignore = None
-    if "ignore_mask" in source.others and wh is not None:
-        content = read_file(source.others["ignore_mask"], "ignore_mask")
-        ignore = read_ignore_mask(content, wh)
-    sensors = {
-        kind: read_file(source.others[kind], kind)
-        for kind in kinds
-        if kind in source.others
-    }
-    return FrameOptions(key=source.key, image_wh=wh, ignore=ignore, sensors=sensors)
 
 
 def _segmentation(source: FrameSource) -> bytes | None:

@@ -77,7 +77,12 @@ def _header(
     if not isinstance(by_columns, bool):
         raise ValueError("no fortran_order")
     dtype = _dtype(header.get("descr"), texts)
-    return dtype, by_columns, _shape(header.get("shape"))
+    described = header.get("shape")
+    if not isinstance(described, tuple) or len(described) > _MAX_DIMENSIONS:
+        raise ValueError("no shape")
+    if not all(type(side) is int and 0 <= side < 2**48 for side in described):
+        raise ValueError("a shape that is not of whole numbers")
+    return dtype, by_columns, described
 
 
 def _dtype(described: object, texts: bool) -> np.dtype[np.generic]:
@@ -104,11 +109,3 @@ def _value(described: object, texts: bool) -> str:
     if _NUMBER.fullmatch(word) or (texts and _TEXT.fullmatch(word)):
         return word
     raise ValueError(f"values of type {str(described)[:40]!r}, which is not a number")
-
-
-def _shape(described: object) -> tuple[int, ...]:
-    if not isinstance(described, tuple) or len(described) > _MAX_DIMENSIONS:
-        raise ValueError("no shape")
-    if not all(type(side) is int and 0 <= side < 2**48 for side in described):
-        raise ValueError("a shape that is not of whole numbers")
-    return described

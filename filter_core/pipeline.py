@@ -332,13 +332,7 @@ def _agreed_size(
     segmentation: Segmentation | None,
     image_wh: tuple[int, int] | None,
 ) -> tuple[int, int]:
-    """Width and height, px, of the image, the segmentation and the camera alike.
-
-    Raises
-    ------
-    ImageSizeMismatch
-        Two of them differ; ``image_size_unknown``: none of them is there.
-    """
+    """Width and height, px, of the image, the segmentation and the camera alike."""
     tags_wh = (segmentation.width, segmentation.height) if segmentation else None
     sizes = {
         "the image": image_wh,

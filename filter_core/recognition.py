@@ -159,7 +159,16 @@ def _shown_family(
     fewest = min(len(images), max(_FEWEST_LOOKED_AT, len(images) // _LOOKED_AT_SHARE))
     votes: list[_Vote] = []
     common: frozenset[str] = frozenset()
-    for number, (key, image) in enumerate(_spread(images, fewest)):
+    # Some images in an order in which any number of them is spread over all
+    most = min(len(images), fewest * _MOST_TIMES)
+    places = [
+        place
+        for count in (fewest, most)
+        for place in np.linspace(0, len(images) - 1, count).astype(int).tolist()
+    ]
+    for number, (key, image) in enumerate(
+        images[place] for place in dict.fromkeys(places)
+    ):
         if len(common) == 1 and number >= fewest:
             break
         if vote := _vote(key, image, config):
@@ -178,17 +187,6 @@ def _shown_family(
     )
     swapped = {"channel_order": "bgr"} if orders == {"bgr"} else {}
     return {"palette": family, **swapped}, (note,)
-
-
-def _spread(images: Sequence[_Image], fewest: int) -> Iterator[_Image]:
-    """Some images in an order in which any number of them is spread over all."""
-    most = min(len(images), fewest * _MOST_TIMES)
-    places = [
-        place
-        for count in (fewest, most)
-        for place in np.linspace(0, len(images) - 1, count).astype(int).tolist()
-    ]
-    return (images[place] for place in dict.fromkeys(places))
 
 
 def _family_by_version(frame: FrameSource) -> str | None:
@@ -211,13 +209,7 @@ def _vote(key: str, image: Path, config: FilterConfig) -> _Vote | None:
 
 
 def _common(votes: Sequence[_Vote]) -> frozenset[str]:
-    """The families that fit all images.
-
-    Raises
-    ------
-    LayoutError
-        There is none.
-    """
+    """The families that fit all images."""
     # CARLA does not render the paper's table, so that others can explain such an image.
     usual = [vote for vote in votes if vote.families != {PAPER_TABLE}] or votes
     common = frozenset.intersection(*(vote.families for vote in usual))

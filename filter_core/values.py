@@ -177,7 +177,12 @@ def read_numbers(
         plain = plain_numbers(value)
         if plain is not None:
             return plain
-    return _read_numbers_one_by_one(value, count, at, faults)
+    items = read_list(value, count, at, faults, of="numbers")
+    if items is None:
+        return None
+    read = [read_number(item, at / i, faults) for i, item in enumerate(items)]
+    known = tuple(number for number in read if number is not None)
+    return known if len(known) == count else None
 
 
 def plain_numbers(items: Iterable[object]) -> tuple[float, ...] | None:
@@ -193,17 +198,6 @@ def plain_numbers(items: Iterable[object]) -> tuple[float, ...] | None:
             return None
         numbers.append(float(item))
     return tuple(numbers)
-
-
-def _read_numbers_one_by_one(
-    value: object, count: int, at: Place, faults: Faults
-) -> tuple[float, ...] | None:
-    items = read_list(value, count, at, faults, of="numbers")
-    if items is None:
-        return None
-    read = [read_number(item, at / i, faults) for i, item in enumerate(items)]
-    known = tuple(number for number in read if number is not None)
-    return known if len(known) == count else None
 
 
 def read_list(

@@ -88,13 +88,25 @@ def _read_box(
         return None
     before, longest = len(faults), limits.max_text
     box_id = read_id(raw.get("id"), index, at / "id", faults, longest)
-    _refuse_repeated_id(box_id, index, at, faults, seen)
+    first = seen.setdefault(box_id, index)
+    if first != index:
+        expected = "an id that occurs once in the frame"
+        found = f"{shown(box_id)} again, after box {first}"
+        faults.add(at / "id", "duplicate_id", expected, found)
     names = [
         None if raw.get(key) is None else read_text(raw[key], at / key, faults, longest)
         for key in ("class", "type_id", "base_type")
     ]
-    _require_class(raw, at, faults)
+    if raw.get("class") is None and raw.get("type_id") is None:
+        faults.add(at / "class", "missing_class", "a class or a type_id", "neither")
     form, values = _read_geometry(raw, at, faults)
+    distance, given_distance = None, raw.get("distance")
+    if given_distance is not None:
+        place = at / "distance"
+        distance = read_number(given_distance, place, faults)
+        if distance is not None and distance < 0:
+            found = shown(given_distance)
+            faults.add(place, "negative_distance", "metres from 0", found)
     box = BoxAnnotation(
         id=box_id,
         index=index,
@@ -103,41 +115,13 @@ def _read_box(
         base_type=names[2],
         form=form,
         values=values,
-        distance=_read_distance(raw, at, faults),
+        distance=distance,
         instance_id=_read_instance(raw, at, faults),
         raw=raw,
         distance_range=_read_distance_range(raw, at, faults),
     )
     check_extra(raw, KNOWN_BOX_KEYS, at, faults)
     return box if len(faults) == before else None
-
-
-def _refuse_repeated_id(
-    box_id: str, index: int, at: Place, faults: Faults, seen: dict[str, int]
-) -> None:
-    first = seen.setdefault(box_id, index)
-    if first != index:
-        expected = "an id that occurs once in the frame"
-        found = f"{shown(box_id)} again, after box {first}"
-        faults.add(at / "id", "duplicate_id", expected, found)
-
-
-def _require_class(raw: Mapping[str, object], at: Place, faults: Faults) -> None:
-    if raw.get("class") is None and raw.get("type_id") is None:
-        faults.add(at / "class", "missing_class", "a class or a type_id", "neither")
-
-
-def _read_distance(
-    raw: Mapping[str, object], at: Place, faults: Faults
-) -> float | None:
-    value = raw.get("distance")
-    if value is None:
-        return None
-    distance = read_number(value, at / "distance", faults)
-    if distance is not None and distance < 0:
-        place = at / "distance"
-        faults.add(place, "negative_distance", "metres from 0", shown(value))
-    return distance
 
 
 def _read_distance_range(
@@ -196,23 +180,20 @@ def _read_geometry(
 
 
 def _read_vertices(value: object, at: Place, faults: Faults) -> tuple[float, ...]:
-    plain = _plain_corners(value)
-    if plain is not None:
-        return plain
+    # The usual case at once: 8 lists of 3 numbers without a fault
+    if (
+        isinstance(value, list)
+        and len(value) == 8
+        and all(type(corner) is list and len(corner) == 3 for corner in value)
+    ):
+        plain = plain_numbers(number for corner in value for number in corner)
+        if plain is not None:
+            return plain
     corners = read_list(value, 8, at, faults, of="points")
     if corners is None:
         return ()
     read = [read_vector(corner, at / i, faults) for i, corner in enumerate(corners)]
     return tuple(number for corner in read if corner for number in corner)
-
-
-def _plain_corners(value: object) -> tuple[float, ...] | None:
-    """The usual case at once: 8 lists of 3 numbers without a fault."""
-    if not isinstance(value, list) or len(value) != 8:
-        return None
-    if not all(type(corner) is list and len(corner) == 3 for corner in value):
-        return None
-    return plain_numbers(number for corner in value for number in corner)
 
 
 def _read_box3d(value: object, at: Place, faults: Faults) -> tuple[float, ...]:
@@ -222,7 +203,10 @@ def _read_box3d(value: object, at: Place, faults: Faults) -> tuple[float, ...]:
     for key in value.keys() - set(_BOX3D_KEYS):
         expected = f"only {', '.join(_BOX3D_KEYS)}"
         faults.add(at / key, "unknown_key", expected, shown(value[key]))
-    actor = _read_actor(value, at / "transform", faults)
+    # Without a transform the box is given in the world, as get_level_bbs does.
+    given = value.get("transform")
+    read = None if given is None else read_transform(given, at / "transform", faults)
+    actor = read or Transform()
     parts = [
         actor.location,
         actor.rotation,
@@ -231,13 +215,6 @@ def _read_box3d(value: object, at: Place, faults: Faults) -> tuple[float, ...]:
         _read_optional(value, "rotation", at, faults),
     ]
     return tuple(number for part in parts for number in part)
-
-
-def _read_actor(value: Mapping[str, object], at: Place, faults: Faults) -> Transform:
-    # Without a transform the box is given in the world, as get_level_bbs does.
-    given = value.get("transform")
-    read = None if given is None else read_transform(given, at, faults)
-    return read or Transform()
 
 
 def _read_extent(value: Mapping[str, object], at: Place, faults: Faults) -> Triple:

@@ -13,7 +13,6 @@ import numpy as np
 
 from filter_core.annotation.boxes import box_place
 from filter_core.annotation.frame import FORMS_3D
-from filter_core.arrays import FloatArray
 from filter_core.errors import FilterError
 from filter_core.geometry.camera import Camera
 from filter_core.geometry.pose import Transform, read_transform
@@ -66,8 +65,16 @@ def read_camera(value: object, faults: Faults) -> tuple[Camera | None, _Size | N
     height = _read_side(value.get("height"), at / "height", faults)
     optics = _only_one(value, _OPTICS, at, faults)
     pose = _only_one(value, _POSES, at, faults)
-    fov_or_rows = _read_optics(value, optics, at, faults)
-    motion = _read_pose(value, pose, at, faults)
+    fov_or_rows = (
+        read_number(value["fov"], at / "fov", faults)
+        if optics == "fov"
+        else (_read_rows(value[optics], 3, at / optics, faults) if optics else None)
+    )
+    motion = (
+        read_transform(value["transform"], at / "transform", faults)
+        if pose == "transform"
+        else (_read_rows(value[pose], 4, at / pose, faults) if pose else None)
+    )
     if width is None or height is None:
         return None, None
     size = (width, height)
@@ -99,22 +106,6 @@ def _only_one(
     return given[0] if given else None
 
 
-def _read_optics(
-    value: Mapping[str, object], key: str | None, at: Place, faults: Faults
-) -> float | _Rows | None:
-    if key == "fov":
-        return read_number(value["fov"], at / "fov", faults)
-    return _read_rows(value[key], 3, at / key, faults) if key else None
-
-
-def _read_pose(
-    value: Mapping[str, object], key: str | None, at: Place, faults: Faults
-) -> Transform | _Rows | None:
-    if key == "transform":
-        return read_transform(value["transform"], at / "transform", faults)
-    return _read_rows(value[key], 4, at / key, faults) if key else None
-
-
 def _read_rows(value: object, side: int, at: Place, faults: Faults) -> _Rows | None:
     rows = read_list(value, side, at, faults, of=f"rows of {side} numbers")
     if rows is None:
@@ -130,20 +121,16 @@ def _build(
     try:
         if isinstance(optics, float) and isinstance(pose, Transform):
             return Camera.from_fov(*size, optics, pose)
-        return Camera.from_matrices(*size, _intrinsic(size, optics), _motion(pose))
+        intrinsic = (
+            Camera.from_fov(*size, optics, Transform()).intrinsic
+            if isinstance(optics, float)
+            else np.array(optics)
+        )
+        motion = pose.inverse_matrix if isinstance(pose, Transform) else np.array(pose)
+        return Camera.from_matrices(*size, intrinsic, motion)
     except FilterError as error:
         faults.take(error)
         return None
-
-
-def _intrinsic(size: _Size, optics: float | _Rows) -> FloatArray:
-    if isinstance(optics, float):
-        return Camera.from_fov(*size, optics, Transform()).intrinsic
-    return np.array(optics)
-
-
-def _motion(pose: Transform | _Rows) -> FloatArray:
-    return pose.inverse_matrix if isinstance(pose, Transform) else np.array(pose)
 
 
 def require_camera(raw: Mapping[str, object], faults: Faults) -> None:

@@ -19,7 +19,7 @@ from filter_core.geometry.box3d import boxes3d_vertices
 from filter_core.geometry.boxes import FORMS, to_xyxy
 from filter_core.geometry.camera import Camera
 from filter_core.geometry.pose import Transform
-from filter_core.geometry.projection import BoxGeometry, Projections, project_boxes
+from filter_core.geometry.projection import BoxGeometry, project_boxes
 from filter_core.json_text import JsonLimits
 from filter_core.values import JsonObject
 
@@ -185,8 +185,13 @@ def frame_boxes_2d(
     FilterError
         ``bad_projection``.
     """
-    if annotation.camera_wh not in (None, wh):
-        raise _size_mismatch(annotation.camera_wh, wh)
+    if annotation.camera_wh is not None and annotation.camera_wh != wh:
+        width, height = annotation.camera_wh
+        raise ImageSizeMismatch(
+            f"camera: expected {wh[0]} x {wh[1]} px, the image's size, found "
+            f"{width} x {height} px",
+            pointer="/camera",
+        )
     count = len(annotation.boxes)
     geometry = BoxGeometry(
         xyxy=np.full((count, 4), np.nan),
@@ -196,7 +201,10 @@ def frame_boxes_2d(
         distance=np.full(count, np.nan),
         vertices=frame_vertices(annotation),
     )
-    _fill_rectangles(geometry, annotation.boxes, wh)
+    boxes = annotation.boxes
+    for form in {box.form for box in boxes}.intersection(FORMS):
+        rows = _rows_of(boxes, form)
+        geometry.xyxy[rows] = to_xyxy(form, _values(boxes, rows), wh)
     _fill_projections(geometry, annotation, projection)
     for row, box in enumerate(annotation.boxes):
         if box.distance is not None:
@@ -243,24 +251,6 @@ def given_rectangles(boxes: Sequence[JsonObject], wh: tuple[int, int]) -> BoxesX
     return found
 
 
-def _size_mismatch(
-    camera_wh: tuple[int, int] | None, wh: tuple[int, int]
-) -> ImageSizeMismatch:
-    found = "no size" if camera_wh is None else f"{camera_wh[0]} x {camera_wh[1]} px"
-    return ImageSizeMismatch(
-        f"camera: expected {wh[0]} x {wh[1]} px, the image's size, found {found}",
-        pointer="/camera",
-    )
-
-
-def _fill_rectangles(
-    geometry: BoxGeometry, boxes: Sequence[BoxAnnotation], wh: tuple[int, int]
-) -> None:
-    for form in {box.form for box in boxes}.intersection(FORMS):
-        rows = _rows_of(boxes, form)
-        geometry.xyxy[rows] = to_xyxy(form, _values(boxes, rows), wh)
-
-
 def _fill_projections(
     geometry: BoxGeometry, annotation: FrameAnnotation, projection: ProjectionMode
 ) -> None:
@@ -269,12 +259,22 @@ def _fill_projections(
     if len(rows) == 0:
         return
     if annotation.camera is None:
-        raise _no_camera(boxes[rows[0]])
+        box = boxes[rows[0]]
+        raise AnnotationError(
+            f'box {box.index} (id "{box.id}"), {box.form}: expected a camera to '
+            "project it with, found none",
+            pointer="/camera",
+            code="missing_camera",
+        )
     seen = project_boxes(geometry.vertices[rows], annotation.camera, projection)
     geometry.amodal_xyxy[rows] = seen.amodal_xyxy
     geometry.visible_xyxy[rows] = seen.visible_xyxy
     geometry.distance[rows] = seen.distance
-    geometry.xyxy[rows] = _measured_rectangles(seen, projection)
+    # Algorithm 1 corrects the paper's rectangle itself, so it gets it unclamped.
+    xyxy = seen.amodal_xyxy if projection == "naive" else seen.visible_xyxy
+    nothing = np.isnan(xyxy).any(axis=1, keepdims=True)
+    measured: BoxesXYXY = np.where(nothing, _OUTSIDE, xyxy)
+    geometry.xyxy[rows] = measured
     for row, edges in zip(rows, seen.edges, strict=True):
         geometry.edges[row] = edges
 
@@ -286,20 +286,3 @@ def _rows_of(boxes: Sequence[BoxAnnotation], form: str) -> IntArray:
 
 def _values(boxes: Sequence[BoxAnnotation], rows: IntArray) -> FloatArray:
     return np.array([boxes[row].values for row in rows], dtype=np.float64)
-
-
-def _measured_rectangles(seen: Projections, projection: ProjectionMode) -> BoxesXYXY:
-    # Algorithm 1 corrects the paper's rectangle itself, so it gets it unclamped.
-    xyxy = seen.amodal_xyxy if projection == "naive" else seen.visible_xyxy
-    nothing = np.isnan(xyxy).any(axis=1, keepdims=True)
-    measured: BoxesXYXY = np.where(nothing, _OUTSIDE, xyxy)
-    return measured
-
-
-def _no_camera(box: BoxAnnotation) -> AnnotationError:
-    return AnnotationError(
-        f'box {box.index} (id "{box.id}"), {box.form}: expected a camera to project it '
-        "with, found none",
-        pointer="/camera",
-        code="missing_camera",
-    )

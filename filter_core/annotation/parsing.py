@@ -86,7 +86,34 @@ def parse_annotation(
     if not isinstance(document, Mapping):
         faults.add(Place(), "not_an_object", "an object", shown(document))
         raise faults.as_error()
-    annotation = _read_frame(document, faults, limits)
+    at = Place()
+    before = len(faults)
+    camera, camera_wh = read_camera(document.get("camera"), faults)
+    camera_faults = len(faults) - before
+    version, town, sequence, split = (
+        read_text(document.get(key), at / key, faults, limits.max_text)
+        for key in ("carla_version", "map", "sequence", "split")
+    )
+    captured_at = read_time(document.get("captured_at"), at / "captured_at", faults, 64)
+    boxes = read_boxes(document.get("boxes"), faults, limits)
+    if camera is None and camera_faults == 0:
+        require_camera(document, faults)
+    check_kept_object(document.get("weather"), at / "weather", faults)
+    sensors = read_sensors(document.get("sensors"), faults)
+    check_extra(document, KNOWN_FRAME_KEYS, at, faults)
+    annotation = FrameAnnotation(
+        boxes=boxes,
+        camera=camera,
+        camera_wh=camera_wh,
+        carla_version=version,
+        captured_at=captured_at,
+        map=town,
+        camera_name=camera_name(document.get("camera"), faults, limits.max_text),
+        sensors=sensors,
+        sequence=sequence,
+        split=split,
+        raw=document,
+    )
     faults.raise_any()
     return annotation
 
@@ -118,39 +145,6 @@ def without_key(
     return key, rest
 
 
-def _read_frame(
-    raw: Mapping[str, object], faults: Faults, limits: AnnotationLimits
-) -> FrameAnnotation:
-    at = Place()
-    before = len(faults)
-    camera, camera_wh = read_camera(raw.get("camera"), faults)
-    camera_faults = len(faults) - before
-    version, town, sequence, split = (
-        read_text(raw.get(key), at / key, faults, limits.max_text)
-        for key in ("carla_version", "map", "sequence", "split")
-    )
-    captured_at = read_time(raw.get("captured_at"), at / "captured_at", faults, 64)
-    boxes = read_boxes(raw.get("boxes"), faults, limits)
-    if camera is None and camera_faults == 0:
-        require_camera(raw, faults)
-    check_kept_object(raw.get("weather"), at / "weather", faults)
-    sensors = read_sensors(raw.get("sensors"), faults)
-    check_extra(raw, KNOWN_FRAME_KEYS, at, faults)
-    return FrameAnnotation(
-        boxes=boxes,
-        camera=camera,
-        camera_wh=camera_wh,
-        carla_version=version,
-        captured_at=captured_at,
-        map=town,
-        camera_name=camera_name(raw.get("camera"), faults, limits.max_text),
-        sensors=sensors,
-        sequence=sequence,
-        split=split,
-        raw=raw,
-    )
-
-
 class _Repeating(dict[str, object]):
     """An object with repeated keys, of which `json` would silently keep the last."""
 
@@ -158,13 +152,7 @@ class _Repeating(dict[str, object]):
 
 
 def _decode_json(raw: bytes | str, faults: Faults, limits: JsonLimits) -> object:
-    """The document; repeated keys are noted, NaN and Infinity are left to their field.
-
-    Raises
-    ------
-    AnnotationErrors
-        ``not_json``, ``json_too_large``: as `read_json`, which reads it.
-    """
+    """The document; repeated keys are noted, NaN and Infinity left to their field."""
     repeating: list[_Repeating] = []
     try:
         document = read_json(

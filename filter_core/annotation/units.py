@@ -63,15 +63,6 @@ def check_units(
         return
     boxes = [box for box in annotation.boxes if box.form in FORMS]
     faults = Faults(key)
-    _check_order(boxes, wh, faults)
-    _check_shares([box for box in boxes if box.form in _SHARES], faults)
-    _check_pixels([box for box in boxes if box.form not in _SHARES], faults)
-    faults.raise_any()
-
-
-def _check_order(
-    boxes: Sequence[BoxAnnotation], wh: tuple[int, int], faults: Faults
-) -> None:
     for box in boxes:
         a, b, c, d = box.values
         if box.form in _CORNERS:
@@ -86,6 +77,9 @@ def _check_order(
         elif (c < 0 or d < 0) and _would_be_seen(box, wh):
             expected = "a width and a height of at least 0"
             faults.add(_place(box), "negative_size", expected, _numbers(box))
+    _check_shares([box for box in boxes if box.form in _SHARES], faults)
+    _check_pixels([box for box in boxes if box.form not in _SHARES], faults)
+    faults.raise_any()
 
 
 def _would_be_seen(box: BoxAnnotation, wh: tuple[int, int]) -> bool:
@@ -129,7 +123,9 @@ def _check_pixels(boxes: Sequence[BoxAnnotation], faults: Faults) -> None:
         return
     if not all(0 <= number <= 1 for box in boxes for number in box.values):
         # Beside boxes in pixels, one at the corner is the rest of a larger box.
-        wrong = [box for box in wrong if not _is_at_corner(box)]
+        wrong = [
+            box for box in wrong if to_xyxy(box.form, [box.values], (1, 1))[0, :2].any()
+        ]
     for box in wrong:
         faults.add(
             _place(box),
@@ -153,10 +149,6 @@ def _looks_like_shares(box: BoxAnnotation) -> bool:
     x_min, y_min, x_max, y_max = to_xyxy(box.form, [values], (1, 1))[0]
     has_extent = x_max > x_min and y_max > y_min
     return bool(has_extent) and not all(map(float.is_integer, values))
-
-
-def _is_at_corner(box: BoxAnnotation) -> bool:
-    return bool((to_xyxy(box.form, [box.values], (1, 1))[0, :2] == 0).all())
 
 
 def _place(box: BoxAnnotation) -> Place:

@@ -109,10 +109,10 @@ class NumberRange(NamedTuple):
             return None
         # YAML's yes and no are booleans, which Python would take for 1 and 0.
         if isinstance(value, bool) or not isinstance(value, int | float):
-            raise _refused(name, value, str(self), at)
+            raise wrong_value(name, value, str(self), at)
         inside = self.low <= value <= self.high  # False for NaN
         if not inside or (self.whole and value != int(value)):
-            raise _refused(name, value, str(self), at)
+            raise wrong_value(name, value, str(self), at)
         return int(value) if value == int(value) else value
 
     def schema(self) -> dict[str, object]:
@@ -173,7 +173,7 @@ class AllowedWords(NamedTuple):
         if not isinstance(value, str) or value not in self.words:
             close = similar(value, self.words)
             hint = f"; did you mean {close!r}?" if close else ""
-            raise _refused(name, value, str(self), at, hint)
+            raise wrong_value(name, value, str(self), at, hint)
         return value
 
     def schema(self) -> dict[str, object]:
@@ -232,7 +232,7 @@ class AllowedScale:
         if value == "auto":
             return "auto"
         if isinstance(value, bool) or not isinstance(value, int | float):
-            raise _refused(name, value, str(self), at)
+            raise wrong_value(name, value, str(self), at)
         return int(_SCALE.checked(name, value, at) or 0)
 
     def schema(self) -> dict[str, object]:
@@ -256,7 +256,7 @@ class ClassName:
     def checked(self, name: str, value: object, at: str = "") -> str:
         """See `Allowed.checked`; a name that means a class becomes that class."""
         if not isinstance(value, str) or not 0 < len(value) <= MAX_CLASS_NAME:
-            raise _refused(name, value, str(self), at)
+            raise wrong_value(name, value, str(self), at)
         return measured_class(value)
 
     def schema(self) -> dict[str, object]:
@@ -360,9 +360,10 @@ def refuse_unknown_keys(
             )
 
 
-def _refused(
-    name: str, value: object, expected: str, at: str, hint: str = ""
+def wrong_value(
+    name: str, value: object, expected: object, at: str, hint: str = ""
 ) -> ConfigError:
+    """The error about the value of a key, whose parent is at the pointer `at`."""
     return ConfigError(
         f"{place_of(at)}{name}: expected {expected}, found {shown(value)}{hint}",
         pointer=f"{at}/{name}",

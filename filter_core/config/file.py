@@ -303,25 +303,21 @@ def _from_carlasimu(
         )
     given = _our_keys(raw)
     if not given:
-        raise _nothing_used(content)
+        # The error about another of carlasimu's files, such as its ``data.yaml``
+        *first, last = _BY_PATH
+        found = list(islice(_leaf_paths(content, CARLASIMU_ROOT), _SHOWN_KEYS + 1))
+        more = " and others" if len(found) > _SHOWN_KEYS else ""
+        raise ConfigError(
+            "expected a key of carlasimu's boundingBox.yaml that the filter uses "
+            f"({', '.join(first)} or {last}), "
+            f"found {', '.join(found[:_SHOWN_KEYS]) or 'no key'}{more}",
+            pointer=f"/{CARLASIMU_ROOT}",
+        )
     published = {"profile": "carlasimu", "projection": "naive"}
     keys = merged_keys(below, {**published, **given})
     paths = _leaf_paths(content, CARLASIMU_ROOT)
     unused = islice((path for path in paths if path not in _BY_PATH), _MAX_UNUSED)
     return LoadedConfig(FilterConfig.from_mapping(keys), tuple(unused), keys)
-
-
-def _nothing_used(content: Mapping[object, object]) -> ConfigError:
-    """The error about another of carlasimu's files, such as its ``data.yaml``."""
-    *first, last = _BY_PATH
-    found = list(islice(_leaf_paths(content, CARLASIMU_ROOT), _SHOWN_KEYS + 1))
-    more = " and others" if len(found) > _SHOWN_KEYS else ""
-    return ConfigError(
-        "expected a key of carlasimu's boundingBox.yaml that the filter uses "
-        f"({', '.join(first)} or {last}), "
-        f"found {', '.join(found[:_SHOWN_KEYS]) or 'no key'}{more}",
-        pointer=f"/{CARLASIMU_ROOT}",
-    )
 
 
 def _our_keys(raw: Mapping[str, object]) -> dict[str, object]:

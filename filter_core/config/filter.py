@@ -350,7 +350,17 @@ def _canonical_classes(raw: object) -> Mapping[str, ClassConfig]:
         )
     classes: dict[str, ClassConfig] = {}
     for given_name, overrides in raw.items():
-        name = canonical_class(_checked_class_name(given_name))
+        if (
+            not isinstance(given_name, str)
+            or not 0 < len(given_name) <= MAX_CLASS_NAME
+            or not given_name.isprintable()
+        ):
+            raise ConfigError(
+                f"classes: expected a class name of 1 to {MAX_CLASS_NAME} printable "
+                f"characters, found {str(given_name)[:60]!r}",
+                pointer="/classes",
+            )
+        name = canonical_class(given_name)
         if name in classes:
             raise ConfigError(
                 f"classes: {' and '.join(map(repr, _names_of(name, raw)))} name the "
@@ -442,20 +452,6 @@ def _limits_by_class(config: DecideConfig, names: tuple[str, ...]) -> LimitsByCl
 
 def _names_of(name: str, classes: Mapping[str, object]) -> list[str]:
     return [given for given in classes if canonical_class(given) == name]
-
-
-def _checked_class_name(name: object) -> str:
-    if (
-        not isinstance(name, str)
-        or not 0 < len(name) <= MAX_CLASS_NAME
-        or not name.isprintable()
-    ):
-        raise ConfigError(
-            f"classes: expected a class name of 1 to {MAX_CLASS_NAME} printable "
-            f"characters, found {str(name)[:60]!r}",
-            pointer="/classes",
-        )
-    return name
 
 
 def schema_of(config_class: type[DecideConfig]) -> dict[str, object]:

@@ -189,14 +189,56 @@ def doubts(evidence: Evidence, config: DecideConfig, decisions: Decisions) -> Do
         What `decide` gives for this evidence and configuration.
     """
     verdict = VERDICT_OF_REASON.take(decisions.reason)
-    likely = _likely_errors(evidence, config, decisions, verdict)
+    count = len(evidence)
+    none = np.zeros(count, np.uint8)
+    likely = _LikelyErrors(np.zeros(count), none, none.copy())
+    is_open = ~IS_FINAL.take(decisions.reason)
+    kept, rejected = is_open & (verdict == KEPT), is_open & (verdict == REJECTED)
+    # Doubts about boxes that tags decided: pixels may belong to another box
+    matches = kept | (rejected & (evidence.matched_pixels > 0))
+    rows = np.flatnonzero(matches & (decisions.channel == 0))
+    match, crowding = evidence.match_percent[rows], evidence.crowding[rows]
+    # NaN, for a match that is not known, fits nowhere.
+    fits, is_kept = match <= crowding, kept[rows]
+    crowded = np.minimum(crowding / _MOSTLY, 1.0)
+    larger = np.maximum(shorter_side(evidence, rows) / _NEAR_SIDE, 1.0)
+    covered = _COVERED * crowded / larger
+    covered[(crowding >= 99) & (match >= 97)] = _ALL_COVERED
+    some = _SOME_PIXELS * (1 - crowded / 2)
+    share = np.where(fits, np.where(is_kept, covered, some), _OWN_PIXELS)
+    share[is_kept & ~fits] = 0
+    likely.share[rows] = share
+    likely.cause[rows] = np.where(
+        fits, np.where(is_kept, Cause.COVERED, Cause.SOME_PIXELS), Cause.OWN_PIXELS
+    )
+    likely.at_least(decisions.toss_up, _TOSS_UP, Cause.TOSS_UP)
+    undecided = (verdict == UNMEASURED) & (decisions.reason != Reason.PASSED)
+    likely.at_least(undecided, _UNDECIDED, Cause.UNDECIDED)
+    if decisions.channel.any():
+        number, _ = compared_by_channels(evidence, config, decisions)
+        counts_pixels = np.isin(decisions.channel, _PIXEL_CODES)
+        few = rejected & counts_pixels & (number > 0)
+        likely.at_least(few, _FEW_PIXELS, Cause.FEW_PIXELS)
+        _by_other_kinds(evidence, config, decisions, kept, likely)
     doubt = np.full(len(evidence), Bin.SURE, np.int16)
     rejected = evidence.measured & (verdict == REJECTED)
     doubt[rejected & (evidence.matched_pixels + evidence.unknown_pixels == 0)] = (
         Bin.WALL
     )
     asked = np.flatnonzero(likely.share >= _LEAST)
-    doubt[asked] = _worth(evidence, config, decisions, likely, asked)
+    # (M,): how much answers on the boxes `asked` are worth, from 1 to 100
+    boxes, decided = evidence.take(asked), decisions[asked]
+    number, needed = compared_by_channels(boxes, config, decided)
+    own = np.where(np.isnan(number), boxes.matched_pixels, number)
+    side = shorter_side(boxes)
+    seen = np.where(own > 0, np.minimum(side, np.sqrt(np.maximum(own, 0))), side)
+    teaches = decided.toss_up | (likely.cause[asked] == Cause.OTHER_KIND)
+    teaches |= (number >= needed / 2) & (number <= 2 * needed)
+    worth = 100 * likely.share[asked] * np.minimum(seen / _SEEN_SIDE, 1.0)
+    worth *= np.where(teaches, 1.0, _OTHERS)
+    worth *= np.where(side < _SEEN_SIDE, _LAST, 1.0)
+    found: NDArray[np.int16] = np.maximum(np.rint(worth), Bin.ASK).astype(np.int16)
+    doubt[asked] = found
     doubt[shorter_side(evidence) < config.review_min_side] = Bin.SMALL
     doubt[~_IN_IMAGE.take(decisions.reason)] = Bin.SURE
     cause = np.where(doubt >= Bin.ASK, likely.cause, np.uint8(Cause.NONE))
@@ -226,28 +268,6 @@ def shorter_side(
     x0, y0, x1, y1 = evidence.xyxy[rows].T
     side: FloatArray = np.nan_to_num(np.minimum(x1 - x0, y1 - y0))
     return side
-
-
-def _worth(
-    evidence: Evidence,
-    config: DecideConfig,
-    decisions: Decisions,
-    likely: _LikelyErrors,
-    rows: IntArray,
-) -> NDArray[np.int16]:
-    """(M,): how much answers on the boxes `rows` are worth, from 1 to 100."""
-    boxes, decided = evidence.take(rows), decisions[rows]
-    number, needed = compared_by_channels(boxes, config, decided)
-    own = np.where(np.isnan(number), boxes.matched_pixels, number)
-    side = shorter_side(boxes)
-    seen = np.where(own > 0, np.minimum(side, np.sqrt(np.maximum(own, 0))), side)
-    teaches = decided.toss_up | (likely.cause[rows] == Cause.OTHER_KIND)
-    teaches |= (number >= needed / 2) & (number <= 2 * needed)
-    worth = 100 * likely.share[rows] * np.minimum(seen / _SEEN_SIDE, 1.0)
-    worth *= np.where(teaches, 1.0, _OTHERS)
-    worth *= np.where(side < _SEEN_SIDE, _LAST, 1.0)
-    found: NDArray[np.int16] = np.maximum(np.rint(worth), Bin.ASK).astype(np.int16)
-    return found
 
 
 def questions(
@@ -340,60 +360,10 @@ class _LikelyErrors:
         np.putmask(self.against, raised, np.uint8(KINDS.index(against)))
 
 
-def _likely_errors(
-    evidence: Evidence,
-    config: DecideConfig,
-    decisions: Decisions,
-    verdict: NDArray[np.uint8],
-) -> _LikelyErrors:
-    count = len(evidence)
-    none = np.zeros(count, np.uint8)
-    likely = _LikelyErrors(np.zeros(count), none, none.copy())
-    is_open = ~IS_FINAL.take(decisions.reason)
-    kept, rejected = is_open & (verdict == KEPT), is_open & (verdict == REJECTED)
-    _by_tags(evidence, decisions, kept, rejected, likely)
-    likely.at_least(decisions.toss_up, _TOSS_UP, Cause.TOSS_UP)
-    undecided = (verdict == UNMEASURED) & (decisions.reason != Reason.PASSED)
-    likely.at_least(undecided, _UNDECIDED, Cause.UNDECIDED)
-    if decisions.channel.any():
-        number, _ = compared_by_channels(evidence, config, decisions)
-        counts_pixels = np.isin(decisions.channel, _PIXEL_CODES)
-        few = rejected & counts_pixels & (number > 0)
-        likely.at_least(few, _FEW_PIXELS, Cause.FEW_PIXELS)
-        _by_other_kinds(evidence, config, decisions, kept, likely)
-    return likely
-
-
 _PIXEL_CODES: Final = [
     1 + CHANNELS.index(name) for name in ("ordered", "depth", "instance")
 ]
 """The channels that count a box's own pixels, as in `Decisions.channel`."""
-
-
-def _by_tags(
-    evidence: Evidence,
-    decisions: Decisions,
-    kept: BoolArray,
-    rejected: BoolArray,
-    likely: _LikelyErrors,
-) -> None:
-    """Doubts about boxes that tags decided: pixels may belong to another box."""
-    matches = kept | (rejected & (evidence.matched_pixels > 0))
-    rows = np.flatnonzero(matches & (decisions.channel == 0))
-    match, crowding = evidence.match_percent[rows], evidence.crowding[rows]
-    # NaN, for a match that is not known, fits nowhere.
-    fits, is_kept = match <= crowding, kept[rows]
-    crowded = np.minimum(crowding / _MOSTLY, 1.0)
-    larger = np.maximum(shorter_side(evidence, rows) / _NEAR_SIDE, 1.0)
-    covered = _COVERED * crowded / larger
-    covered[(crowding >= 99) & (match >= 97)] = _ALL_COVERED
-    some = _SOME_PIXELS * (1 - crowded / 2)
-    share = np.where(fits, np.where(is_kept, covered, some), _OWN_PIXELS)
-    share[is_kept & ~fits] = 0
-    likely.share[rows] = share
-    likely.cause[rows] = np.where(
-        fits, np.where(is_kept, Cause.COVERED, Cause.SOME_PIXELS), Cause.OWN_PIXELS
-    )
 
 
 def _by_other_kinds(
@@ -412,21 +382,15 @@ def _by_other_kinds(
             asked &= ~has_depth  # which is always right against it
         if not asked.any():
             continue
-        would_keep = _kept_by(evidence, config, other, np.flatnonzero(asked))
+        # (N,) bool: which of the boxes `rows` a kind of evidence alone would keep
+        rows = np.flatnonzero(asked)
+        would_keep = np.zeros(len(evidence), np.bool_)
+        if other == SEMANTIC:
+            by_tags = replace(config, evidence=SEMANTIC)
+            reason = decide(evidence.take(rows), by_tags).reason
+            would_keep[rows] = reason == Reason.VISIBLE
+        else:
+            would_keep[rows] = keeps(evidence, config, other)[rows]
         share = np.where(is_kept, if_kept, if_rejected)
         differs = asked & (is_kept != would_keep)
         likely.at_least(differs, share, Cause.OTHER_KIND, other)
-
-
-def _kept_by(
-    evidence: Evidence, config: DecideConfig, kind: EvidenceName, rows: IntArray
-) -> BoolArray:
-    """(N,) bool: which of the boxes `rows` a kind of evidence alone would keep."""
-    found = np.zeros(len(evidence), np.bool_)
-    if kind == SEMANTIC:
-        by_tags = replace(config, evidence=SEMANTIC)
-        reason = decide(evidence.take(rows), by_tags).reason
-        found[rows] = reason == Reason.VISIBLE
-    else:
-        found[rows] = keeps(evidence, config, kind)[rows]
-    return found

@@ -11,7 +11,7 @@ of a box belong to a nearer one.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Final, NamedTuple, TypeAlias
@@ -111,18 +111,6 @@ def explain(box: ExplainedBox) -> str:
     return f"{box.reason.verdict.value}: {sentence}"
 
 
-def _outside(_: ExplainedBox) -> str:
-    return "the box lies outside the image"
-
-
-def _covers(_: ExplainedBox) -> str:
-    return "the box covers the whole image"
-
-
-def _degenerate(_: ExplainedBox) -> str:
-    return "the box has no area inside the image"
-
-
 def _out_of_range(box: ExplainedBox) -> str:
     distance = float("nan") if box.distance is None else box.distance
     nearest, farthest = distance, distance
@@ -138,15 +126,11 @@ def _out_of_range(box: ExplainedBox) -> str:
     needed = words.format(f"{limit:.15g}")
     if box.distance is None:
         return f"it is {nearest:.15g} to {farthest:.15g} m away, {needed}"
-    return f"it is {_metres(distance, limit)} away, {needed}"
+    return f"it is {_rounded(distance, 0, [limit])} m away, {needed}"
 
 
 def _unmapped(box: ExplainedBox) -> str:
     return f"no tag is accepted for the class {box.class_name!r}"
-
-
-def _passed(box: ExplainedBox) -> str:
-    return f"the class map says that {box.class_name!r} is not measured"
 
 
 def _unknown_pixels(box: ExplainedBox) -> str:
@@ -155,10 +139,6 @@ def _unknown_pixels(box: ExplainedBox) -> str:
         f"{rounded_percent(share)} of its pixels have a tag or colour that is not "
         f"known; as {_any_of(box.accepted)} they would keep it"
     )
-
-
-def _unmeasured(_: ExplainedBox) -> str:
-    return "there is no segmentation to measure with"
 
 
 def _no_visible_pixels(box: ExplainedBox) -> str:
@@ -185,7 +165,7 @@ def _share(box: ExplainedBox) -> str:
     more = "more than " if box.as_carlasimu else ""
     return (
         f"{large}{rounded_percent(match, threshold)} of its pixels are "
-        f"{_any_of(box.accepted)}, {more}{_exact_percent(threshold)} are needed"
+        f"{_any_of(box.accepted)}, {more}{threshold:.15g} % are needed"
     )
 
 
@@ -201,15 +181,17 @@ def _hiding(box: ExplainedBox) -> str:
 
 
 _SENTENCES: Final[Mapping[Reason, Callable[[ExplainedBox], str]]] = {
-    Reason.OUTSIDE_IMAGE: _outside,
-    Reason.COVERS_IMAGE: _covers,
-    Reason.DEGENERATE: _degenerate,
+    Reason.OUTSIDE_IMAGE: lambda _: "the box lies outside the image",
+    Reason.COVERS_IMAGE: lambda _: "the box covers the whole image",
+    Reason.DEGENERATE: lambda _: "the box has no area inside the image",
     Reason.OUT_OF_RANGE: _out_of_range,
     Reason.DROPPED_CLASS: _unmapped,
     Reason.UNMAPPED_CLASS: _unmapped,
-    Reason.PASSED: _passed,
+    Reason.PASSED: lambda box: (
+        f"the class map says that {box.class_name!r} is not measured"
+    ),
     Reason.UNKNOWN_PIXELS: _unknown_pixels,
-    Reason.NO_SEGMENTATION: _unmeasured,
+    Reason.NO_SEGMENTATION: lambda _: "there is no segmentation to measure with",
     Reason.NO_VISIBLE_PIXELS: _no_visible_pixels,
     Reason.LARGE_BELOW_THRESHOLD: _too_little,
     Reason.BELOW_THRESHOLD: _too_little,
@@ -346,14 +328,6 @@ def _keeps_sides(value: float, shown: float, marks: Sequence[float]) -> bool:
     return True
 
 
-def _exact_percent(value: float) -> str:
-    return f"{value:.15g} %"
-
-
-def _metres(value: float, limit: float) -> str:
-    return f"{_rounded(value, 0, [limit])} m"
-
-
 class BoxName(NamedTuple):
     """Id and class of a box, such as "217" and "car"."""
 
@@ -404,15 +378,6 @@ def explanations(
     hidden : (N,)
         What `hidden_by_all` gives for this evidence.
     """
-    return list(map(explain, _explained(frames, evidence, decisions, hidden)))
-
-
-def _explained(
-    frames: Sequence[FrameFacts],
-    evidence: Evidence,
-    decisions: Decisions,
-    hidden: Sequence[Sequence[HiddenBy]],
-) -> Iterator[ExplainedBox]:
     count, config = len(frames), frames[0].config
     limits = [config.limits_of(name) for name in evidence.class_names]
     classes = evidence.class_index.tolist()
@@ -432,7 +397,12 @@ def _explained(
         "unknown_pixels": evidence.unknown_pixels.tolist(),
         "box_pixels": evidence.box_pixels.tolist(),
         "distance": floats_or_none(evidence.distance),
-        "distance_range": _ranges(evidence, count),
+        "distance_range": [None] * count
+        if evidence.distance_range is None
+        else [
+            None if row[0] != row[0] else row
+            for row in evidence.distance_range.tolist()
+        ],
         "accepted": [
             accepted_names(mask, frame.family) if frame.family else ()
             for frame, mask in zip(frames, evidence.accept_mask.tolist(), strict=True)
@@ -446,15 +416,7 @@ def _explained(
         "nearer": [box and f"{box.class_name} {box.box_id}" for box in nearer],
     }
     rows = zip(*(columns[name] for name in ExplainedBox._fields), strict=True)
-    return map(ExplainedBox._make, rows)
-
-
-def _ranges(evidence: Evidence, count: int) -> list[list[float] | None]:
-    if evidence.distance_range is None:
-        return [None] * count
-    return [
-        None if row[0] != row[0] else row for row in evidence.distance_range.tolist()
-    ]
+    return list(map(explain, map(ExplainedBox._make, rows)))
 
 
 def nearer_boxes(

@@ -224,10 +224,14 @@ def _composed(
     hidden, nearer = hidden_by_all(frames, evidence), nearer_boxes(frames, evidence)
     amodal, visible, edges = _projected(geometry, count)
     measured = evidence.measured.tolist()
+    # (N,): the pixels of a box's instance, else those at its distance
+    by_instance = channels.instance_pixels != NOT_MEASURED
     return {
         "id": ids,
         "frame": [frame.key for frame in frames],
-        "class": _class_names(evidence),
+        "class": [
+            evidence.class_names[index] for index in evidence.class_index.tolist()
+        ],
         "verdict": [reason.verdict.value for reason in reasons],
         "reason": [reason.label for reason in reasons],
         "explanation": explanations(frames, evidence, decisions, hidden),
@@ -257,7 +261,9 @@ def _composed(
         "amodal_xyxy": amodal,
         "visible_xyxy": visible,
         "tight_xyxy": _rectangles(channels.tight_xyxy, count),
-        "visible_pixels": counts_or_none(_visible_pixels(channels)),
+        "visible_pixels": counts_or_none(
+            np.where(by_instance, channels.instance_pixels, channels.depth_pixels)
+        ),
         "occluded": occlusion_levels(channels.nearer_percent).tolist(),
         "truncated": list(map(truncation, amodal, visible)),
         "edges": edges,
@@ -265,19 +271,9 @@ def _composed(
     }
 
 
-def _class_names(evidence: Evidence) -> list[str]:
-    return [evidence.class_names[index] for index in evidence.class_index.tolist()]
-
-
 def _counted(pixels: IntArray, evidence: Evidence) -> IntArray:
     """(N,): counts of pixels, `NOT_MEASURED` where there was no segmentation."""
     return np.where(evidence.measured, pixels, NOT_MEASURED)
-
-
-def _visible_pixels(channels: ChannelNumbers) -> IntArray:
-    """(N,): the pixels of a box's instance, else those at its distance."""
-    by_instance = channels.instance_pixels != NOT_MEASURED
-    return np.where(by_instance, channels.instance_pixels, channels.depth_pixels)
 
 
 _Rectangles: TypeAlias = list[list[float] | None]

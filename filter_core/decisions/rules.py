@@ -83,7 +83,10 @@ def decide(evidence: Evidence, config: DecideConfig) -> Decisions:
         channel=np.zeros(count, np.uint8),
     )
     limits = config.limits_by_class(evidence.class_names)
-    thresholds = _threshold_by_reason(limits)
+    # (2, K, 1 + max(Reason)): `deciding_thresholds` as a table
+    thresholds = np.full((2, len(limits.threshold_small_box), 1 + max(Reason)), np.nan)
+    for reason, large, percent in deciding_thresholds(limits):
+        thresholds[int(large), :, reason] = percent
     for start in range(0, count, _BLOCK):
         rows = slice(start, start + _BLOCK)
         _decide_block(evidence, rows, limits, thresholds, decisions)
@@ -136,7 +139,12 @@ def _decide_block(
     class_index, area = evidence.class_index[rows], evidence.area_percent[rows]
     size = _per_box(limits.size_big_box, class_index)
     large = area >= size if _as_carlasimu(limits) else area > size
-    reason = _first_reason(_rules(evidence, rows, limits, large))
+    # (N,) uint8: the reason of the first rule that holds for a box, else VISIBLE
+    rules = _rules(evidence, rows, limits, large)
+    reason = np.full(len(rules[0][1]), Reason.VISIBLE, np.uint8)
+    # From the last rule to the first, so that the first one that holds is written last.
+    for name, holds in reversed(rules):
+        np.putmask(reason, holds, np.uint8(name))  # `np.select` is slower
     threshold = _look_up(thresholds, large, class_index, reason)
     # Under carlasimu (see `_as_carlasimu`) the match can exceed 100: pixels are counted
     # between the box's corners without their decimals, but divided by the area of the
@@ -145,7 +153,13 @@ def _decide_block(
     decisions.reason[rows] = reason
     decisions.threshold[rows] = threshold
     decisions.margin[rows] = margin
-    decisions.toss_up[rows] = _is_toss_up(threshold, margin, evidence.box_pixels[rows])
+    # (N,) bool: the 95 % Wilson interval of the match contains the threshold
+    allowed = threshold * (100.0 - threshold)
+    allowed *= Z95 * Z95
+    found = margin * margin
+    found *= evidence.box_pixels[rows]
+    # False where there is no threshold: NaN compares as False.
+    decisions.toss_up[rows] = found <= allowed
     # Not every large box, only those that a threshold decided.
     decisions.large[rows] = large & ~np.isnan(threshold)
 
@@ -249,26 +263,6 @@ def deciding_thresholds(limits: LimitsByClass) -> list[DecidingThreshold]:
     return found
 
 
-def _threshold_by_reason(limits: LimitsByClass) -> FloatArray:
-    """(2, K, 1 + max(Reason)): `deciding_thresholds` as a table.
-
-    The axes: whether the box is large, its class, its reason. NaN: none decided.
-    """
-    table = np.full((2, len(limits.threshold_small_box), 1 + max(Reason)), np.nan)
-    for reason, large, percent in deciding_thresholds(limits):
-        table[int(large), :, reason] = percent
-    return table
-
-
-def _first_reason(rules: Sequence[_Rule]) -> NDArray[np.uint8]:
-    """(N,) uint8: the reason of the first rule that holds for a box, else VISIBLE."""
-    first = np.full(len(rules[0][1]), Reason.VISIBLE, np.uint8)
-    # From the last rule to the first, so that the first one that holds is written last.
-    for reason, holds in reversed(rules):
-        np.putmask(first, holds, np.uint8(reason))  # `np.select` is slower
-    return first
-
-
 def _is_out_of_range(
     evidence: Evidence, rows: slice, limits: LimitsByClass
 ) -> BoolArray:
@@ -284,23 +278,6 @@ def _is_out_of_range(
     out_of_range = high < _per_box(nearest, class_index)
     out_of_range |= (low > limit) | ((low == limit) & (low < high))
     return out_of_range
-
-
-def _is_toss_up(
-    threshold: FloatArray, margin: FloatArray, box_pixels: IntArray
-) -> BoolArray:
-    """(N,) bool: the 95 % Wilson interval of the match contains the threshold.
-
-    The interval itself is not computed. For a share p of n pixels, it contains a
-    threshold t exactly if ``(p - t)^2 <= z^2 t (1 - t) / n``. With p and t in percent,
-    and n on the other side, that is ``(p - t)^2 n <= z^2 t (100 - t)``.
-    """
-    allowed = threshold * (100.0 - threshold)
-    allowed *= Z95 * Z95
-    found = margin * margin
-    found *= box_pixels
-    # False where there is no threshold: NaN compares as False.
-    return found <= allowed
 
 
 def _per_box(

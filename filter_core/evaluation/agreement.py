@@ -99,7 +99,14 @@ def agreement(box: IntArray, person: IntArray, keep: BoolArray) -> Agreement:
         rows = np.flatnonzero(box[step:] == box[:-step])
         if not len(rows):
             break
-        _count_pairs(counted, person, keep, rows, rows + step)
+        second = rows + step
+        people, index = np.unique(
+            np.column_stack([person[rows], person[second]]), axis=0, return_inverse=True
+        )
+        cell = index.reshape(-1) * 4 + keep[rows] * 2 + keep[second]
+        tables = np.bincount(cell, minlength=4 * len(people)).reshape(-1, 2, 2)
+        for (a, b), table in zip(people.tolist(), tables, strict=True):
+            counted[a, b] = counted.get((a, b), 0) + table
         step += 1
     _, first, answers = np.unique(box, return_index=True, return_counts=True)
     keeps = np.add.reduceat(keep.astype(np.int64), first) if len(box) else answers
@@ -139,13 +146,6 @@ def cohen_kappa(table: IntArray) -> Measured | None:
     if by_chance == 1.0:
         return None
     value = (observed - by_chance) / (1.0 - by_chance)
-    half = Z95 * _standard_error(share, observed, by_chance, total)
-    return Measured(value, max(-1.0, value - half), min(1.0, value + half))
-
-
-def _standard_error(
-    share: FloatArray, observed: float, by_chance: float, total: int
-) -> float:
     row, column = share.sum(axis=1), share.sum(axis=0)
     agree = np.diagonal(share)
     same = (agree * (1 - by_chance - (row + column) * (1 - observed)) ** 2).sum()
@@ -154,20 +154,5 @@ def _standard_error(
     other = (1 - observed) ** 2 * (weights.sum() - np.trace(weights))
     mean = observed * by_chance - 2 * by_chance + observed
     variance = (same + other - mean**2) / (total * (1 - by_chance) ** 4)
-    return math.sqrt(max(0.0, float(variance)))
-
-
-def _count_pairs(
-    counted: dict[tuple[int, int], IntArray],
-    person: IntArray,
-    keep: BoolArray,
-    first: IntArray,
-    second: IntArray,
-) -> None:
-    people, index = np.unique(
-        np.column_stack([person[first], person[second]]), axis=0, return_inverse=True
-    )
-    cell = index.reshape(-1) * 4 + keep[first] * 2 + keep[second]
-    tables = np.bincount(cell, minlength=4 * len(people)).reshape(-1, 2, 2)
-    for (a, b), table in zip(people.tolist(), tables, strict=True):
-        counted[a, b] = counted.get((a, b), 0) + table
+    half = Z95 * math.sqrt(max(0.0, float(variance)))
+    return Measured(value, max(-1.0, value - half), min(1.0, value + half))

@@ -42,10 +42,6 @@ NameOf: TypeAlias = Callable[[int], Mapping[str, object]]
 """Gives the name of a box from its row; called only for boxes that are listed."""
 
 
-def _by_row(row: int) -> dict[str, int]:
-    return {"row": row}
-
-
 class BandObject(ConfusionObject):
     """The counts of one band of distance as JSON."""
 
@@ -103,7 +99,7 @@ class Evaluation:
         evidence: Evidence,
         visible: BoolArray,
         frames: int = 1,
-        name_of: NameOf = _by_row,
+        name_of: NameOf = lambda row: {"row": row},
     ) -> None:
         """Count the boxes of one or more frames; unmeasured ones are left out.
 
@@ -178,7 +174,12 @@ class LargestErrors:
         their rows.
         """
         rows = np.flatnonzero(kept != visible)
-        pixels = _wrong_pixels(evidence.take(rows), kept[rows])
+        wrong = evidence.take(rows)
+        seen = wrong.matched_pixels
+        if wrong.channels is not None:
+            by_instance = wrong.channels.instance_pixels
+            seen = np.where(by_instance > 0, by_instance, seen)
+        pixels: IntArray = np.where(kept[rows], wrong.box_pixels, seen)
         # Stable, so that the order of equal errors is always the same.
         largest = np.argsort(-pixels, kind="stable")[:MOST]
         found = [
@@ -191,15 +192,6 @@ class LargestErrors:
         ]
         merged = sorted([*self.boxes, *found], key=lambda box: -box.pixels)
         self.boxes = merged[:MOST]
-
-
-def _wrong_pixels(evidence: Evidence, kept: BoolArray) -> IntArray:
-    seen = evidence.matched_pixels
-    if evidence.channels is not None:
-        by_instance = evidence.channels.instance_pixels
-        seen = np.where(by_instance > 0, by_instance, seen)
-    pixels: IntArray = np.where(kept, evidence.box_pixels, seen)
-    return pixels
 
 
 class WithClasses(Protocol):

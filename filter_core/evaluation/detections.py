@@ -158,7 +158,10 @@ def _match_class(
 ) -> Matches:
     frames, ious = size
     rows = rows[np.lexsort((-detections.score[rows], detections.frame[rows]))]
-    rows = rows[_rank_in_group(detections.frame[rows]) < _MOST]
+    # (N,): how many of the same value stand before each of sorted values
+    group = detections.frame[rows]
+    rank: IntArray = np.arange(len(group)) - np.searchsorted(group, group)
+    rows = rows[rank < _MOST]
     frame = detections.frame[rows]
     hit = np.zeros((len(ious), len(rows)), np.bool_)
     ignored = np.zeros_like(hit)
@@ -179,12 +182,6 @@ def _match_class(
         ignored=ignored[:, best],
         objects=np.bincount(objects.frame[~objects.ignored], minlength=frames),
     )
-
-
-def _rank_in_group(group: IntArray) -> IntArray:
-    """(N,): how many of the same value stand before each of sorted values."""
-    rank: IntArray = np.arange(len(group)) - np.searchsorted(group, group)
-    return rank
 
 
 def _match_frame(

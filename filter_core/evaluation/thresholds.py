@@ -162,7 +162,15 @@ def suggest(answers: Answers, current: float, goal: Goal) -> Suggestion | None:
         return None
     cuts = _Cuts(answers, current)
     chosen = cuts.threshold(int(cuts.best(cuts.counts[None], goal)[0]))
-    groups = _Cuts(_grouped(answers, cuts.values), current)
+    # The answers, with matches grouped into at most `_MOST_VALUES` values
+    values = cuts.values
+    if len(values) <= _MOST_VALUES:
+        grouped = answers
+    else:
+        first = values[np.arange(_MOST_VALUES) * len(values) // _MOST_VALUES]
+        group = np.searchsorted(first, answers.match, side="right") - 1
+        grouped = replace(answers, match=first[group])
+    groups = _Cuts(grouped, current)
     drawn = np.random.default_rng(_SEED).multinomial(
         len(answers), groups.counts / len(answers), size=_RESAMPLES
     )
@@ -185,7 +193,11 @@ class _Cuts:
     def __init__(self, answers: Answers, current: float) -> None:
         self.values, index = np.unique(answers.match, return_inverse=True)
         self._strict, self._current = answers.strict, current
-        self.counts = _counts(answers, index.reshape(-1), len(self.values))
+        # (2 M + 4,): reject and keep answers per value, then the fields of `others`
+        values = len(self.values)
+        cell = index.reshape(-1) + values * answers.keep
+        counted = np.bincount(cell, minlength=2 * values)
+        self.counts = np.concatenate([counted, astuple(answers.others)])
         self._scores = self.scores(self.counts[None])
         self.at_current = self.cut(current)
         # Thresholds are 0..100, so the first or last cut may be impossible.
@@ -263,22 +275,6 @@ def _before(counts: IntArray) -> IntArray:
     sums = np.zeros((len(counts), counts.shape[1] + 1), np.int64)
     np.cumsum(counts, axis=1, out=sums[:, 1:])
     return sums
-
-
-def _counts(answers: Answers, index: IntArray, values: int) -> IntArray:
-    """(2 M + 4,): reject and keep answers per value, then the fields of `others`."""
-    cell = index + values * answers.keep
-    counted = np.bincount(cell, minlength=2 * values)
-    return np.concatenate([counted, astuple(answers.others)])
-
-
-def _grouped(answers: Answers, values: FloatArray) -> Answers:
-    """The answers, with matches grouped into at most `_MOST_VALUES` values."""
-    if len(values) <= _MOST_VALUES:
-        return answers
-    first = values[np.arange(_MOST_VALUES) * len(values) // _MOST_VALUES]
-    group = np.searchsorted(first, answers.match, side="right") - 1
-    return replace(answers, match=first[group])
 
 
 @dataclass(frozen=True, eq=False)

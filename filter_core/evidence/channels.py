@@ -27,7 +27,6 @@ from filter_core.evidence.depth import (
     settled_depth,
 )
 from filter_core.evidence.instances import (
-    InstanceImage,
     fill_instances,
     read_instances,
     settled_instances,
@@ -157,8 +156,15 @@ def _measure_channels(
     kinds = files_for(channels)
     instances = None
     if "instances" in kinds:
-        with _noting("instances", "instances are", config, notes):
-            instances = _read_instances(sensors, wh)
+        noting = _noting("instances", "instances are", config, notes)
+        with noting, error_context(pointer="/instances"):
+            instances = read_instances(
+                sensors.picture("instances"),
+                sensors.segmentation,
+                expected_wh=wh,
+                max_side=sensors.max_side,
+                tags_of_numbers=sensors.tags_of_numbers,
+            )
     points = _read_points(sensors) if "lidar" in kinds else None
 
     silhouettes = frame_silhouettes(
@@ -246,14 +252,3 @@ def _read_points(sensors: Sensors) -> LidarPoints:
     known = (points.tag >= 0) & (points.tag < len(table))
     tags = np.where(known, table[np.where(known, points.tag, 0)], UNKNOWN_TAG)
     return replace(points, tag=tags.astype(np.int64))
-
-
-def _read_instances(sensors: Sensors, wh: tuple[int, int]) -> InstanceImage:
-    with error_context(pointer="/instances"):
-        return read_instances(
-            sensors.picture("instances"),
-            sensors.segmentation,
-            expected_wh=wh,
-            max_side=sensors.max_side,
-            tags_of_numbers=sensors.tags_of_numbers,
-        )

@@ -65,9 +65,17 @@ def crowding_percent(
         return percent
     boxes, masks = xyxy[live], accept_mask[live]
     if len(live) ** 2 <= most_pairs:
-        covered = _covered_among_few(boxes, masks)
+        alike = masks[:, None] & masks[None, :] != 0
+        np.fill_diagonal(alike, False)
+        common = _common_areas(boxes.T, boxes.T)
+        common[~alike] = 0.0
+        covered: FloatArray = common.max(axis=1)
     else:
-        covered = _covered_among_many(boxes, masks)
+        covered = np.zeros(len(boxes))
+        for mask in np.unique(masks):
+            own = np.flatnonzero(masks == mask)
+            search = _Search(boxes, np.flatnonzero(masks & mask))
+            covered[own] = search.covered_areas(own)
     extent = boxes[:, 2:] - boxes[:, :2]
     area = extent[:, 0] * extent[:, 1]
     # The area of a sliver can underflow to 0, and then so does the covered area. The
@@ -90,24 +98,6 @@ def most_covering(xyxy: BoxesXYXY, accept_mask: IntArray, row: int) -> int:
     if not common.any():
         raise ValueError(f"expected a box that overlaps box {row}, found none")
     return int(common.argmax())
-
-
-def _covered_among_few(boxes: BoxesXYXY, masks: IntArray) -> FloatArray:
-    alike = (masks[:, None] & masks[None, :]) != 0
-    np.fill_diagonal(alike, False)
-    common = _common_areas(boxes.T, boxes.T)
-    common[~alike] = 0.0
-    covered: FloatArray = common.max(axis=1)
-    return covered
-
-
-def _covered_among_many(boxes: BoxesXYXY, masks: IntArray) -> FloatArray:
-    covered = np.zeros(len(boxes))
-    for mask in np.unique(masks):
-        own = np.flatnonzero(masks == mask)
-        search = _Search(boxes, np.flatnonzero(masks & mask))
-        covered[own] = search.covered_areas(own)
-    return covered
 
 
 def _common_areas(some: FloatArray, others: FloatArray) -> FloatArray:
@@ -148,7 +138,19 @@ class _Search:
             open_ = still_open
             if few_closed:
                 break
-        near = open_[_by_size_and_place(self.boxes[:, own[open_]])]
+        # In an order in which neighbours are alike in place and size: width and height
+        # differ by less than a factor of four
+        boxes = self.boxes[:, own[open_]]
+        extent = boxes[2:] - boxes[:2]
+        if not extent.size:
+            return best
+        size_class = np.floor(np.log2(extent) / 2).astype(np.int64)
+        centre = (boxes[:2] + boxes[2:]) / 2
+        low, high = centre.min(axis=1), centre.max(axis=1)
+        cells = 255.0 / np.maximum(high - low, 1.0)
+        column, row = ((centre - low[:, None]) * cells[:, None]).astype(np.int64)
+        place = _spread_bits(column) | _spread_bits(row) << 1
+        near = open_[np.lexsort((place, size_class[1], size_class[0]))]
         for start in range(0, len(near), _GROUP):
             group = near[start : start + _GROUP]
             best[group] = self._cover_group(own[group], best[group])
@@ -156,7 +158,18 @@ class _Search:
 
     def _cover_group(self, own: IntArray, best: FloatArray) -> FloatArray:
         best = np.maximum(best, self._cover(own, np.sort(self.place[own])))
-        promising = self._promising(own, best)
+        # Places of the rivals that could cover more than `best` of a box of `own`
+        x0, y0, x1, y1 = self.boxes[:, own]
+        share = best / self.areas[own] * (1.0 - 1e-9) - 1e-9
+        across, down = share * (x1 - x0), share * (y1 - y0)
+        smallest = best.min() * (1.0 - 1e-9)
+        count = np.searchsorted(-self.areas[self.order], -smallest, side="right")
+        rivals = self.rivals[:, :count]
+        keep = rivals[0] <= (x1 - across).max()
+        keep &= rivals[1] <= (y1 - down).max()
+        keep &= rivals[2] >= (x0 + across).min()
+        keep &= rivals[3] >= (y0 + down).min()
+        promising = np.flatnonzero(keep)
         step = _CHUNK // _GROUP
         for start in range(0, len(promising), step):
             part = promising[start : start + step]
@@ -181,41 +194,6 @@ class _Search:
         common[itself, column[itself]] = 0.0
         covered: FloatArray = common.max(axis=1)
         return covered
-
-    def _promising(self, own: IntArray, best: FloatArray) -> IntArray:
-        """Places of the rivals that could cover more than `best` of a box of `own`.
-
-        To cover an area, a rival has to reach across the box by at least that area
-        divided by the box's other side. The factor 1 - 1e-9 allows for rounding.
-        """
-        x0, y0, x1, y1 = self.boxes[:, own]
-        share = best / self.areas[own] * (1.0 - 1e-9) - 1e-9
-        across, down = share * (x1 - x0), share * (y1 - y0)
-        smallest = best.min() * (1.0 - 1e-9)
-        count = np.searchsorted(-self.areas[self.order], -smallest, side="right")
-        rivals = self.rivals[:, :count]
-        keep = rivals[0] <= (x1 - across).max()
-        keep &= rivals[1] <= (y1 - down).max()
-        keep &= rivals[2] >= (x0 + across).min()
-        keep &= rivals[3] >= (y0 + down).min()
-        return np.flatnonzero(keep)
-
-
-def _by_size_and_place(boxes: FloatArray) -> IntArray:
-    """An order of (4, M) boxes in which neighbours are alike in size and place.
-
-    Alike in size means that width and height differ by less than a factor of four.
-    """
-    extent = boxes[2:] - boxes[:2]
-    if not extent.size:
-        return np.empty(0, dtype=np.int64)
-    size_class = np.floor(np.log2(extent) / 2).astype(np.int64)
-    centre = (boxes[:2] + boxes[2:]) / 2
-    low, high = centre.min(axis=1), centre.max(axis=1)
-    cells = 255.0 / np.maximum(high - low, 1.0)
-    column, row = ((centre - low[:, None]) * cells[:, None]).astype(np.int64)
-    place = _spread_bits(column) | _spread_bits(row) << 1
-    return np.lexsort((place, size_class[1], size_class[0]))
 
 
 def _spread_bits(values: IntArray) -> IntArray:

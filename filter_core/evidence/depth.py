@@ -182,12 +182,7 @@ def read_depth(
 
 
 def _refuse_form(header: ImageHeader, encoding: DepthEncoding) -> None:
-    """Refuse what cannot hold metres well enough, or not in the encoding that is named.
-
-    Raises
-    ------
-    ImageError
-    """
+    """Refuse what cannot hold metres well enough, or not in the encoding named."""
     if header.media_type != "image/png":
         raise ImageError(
             "the depth image: expected a PNG, found a JPEG, whose losses change metres",
@@ -256,33 +251,27 @@ In images of other sensors, and in colour maps, the two are about the same.
 """
 
 
-def _refuse_grey(pixels: NDArray[np.int16]) -> None:
-    """Refuse a coloured image whose channels are all the same, by some of its pixels.
-
-    Raises
-    ------
-    ImageError
-        ``depth_too_coarse``
-    """
+def _in_order(bgr: NDArray[np.uint8], named: DepthEncoding) -> DepthImage:
+    """A coloured image in the order of channels that is named, or that it shows."""
+    # Some pixels, and how much those beside and below them differ, all (3, P)
+    height, width, _ = bgr.shape
+    step = max(1, int((2 * height * width / _SAMPLED_PAIRS) ** 0.5))
+    pixels = _planes(bgr[: height - 1 : step, : width - 1 : step])
+    beside = []
+    for shifted in (
+        bgr[1::step, : width - 1 : step],
+        bgr[: height - 1 : step, 1::step],
+    ):
+        other = _planes(shifted)
+        seen = (pixels & other != _WHITE).any(axis=0)
+        beside.append((other - pixels)[:, seen])
+    differences = np.concatenate(beside, axis=1)
     # Black and white are depths, too: 0 m and the sky's 1000 m.
     is_shade = (pixels == pixels[0]).all(axis=0)
     if is_shade.all() and ((pixels > 0) & (pixels < 255)).any():
         raise _too_coarse(
             "8 bits, three times the same: 256 steps, even or logarithmic,"
         )
-
-
-def _in_order(bgr: NDArray[np.uint8], named: DepthEncoding) -> DepthImage:
-    """A coloured image in the order of channels that is named, or that it shows itself.
-
-    Raises
-    ------
-    ImageError
-        ``depth_too_coarse``: it is grey; ``unknown_depth``: it is no raw depth, or not
-        in the order that is named.
-    """
-    pixels, differences = _sampled_pairs(bgr)
-    _refuse_grey(pixels)
     depth = DepthImage(bgr)
     differing = differences[:, differences.any(axis=0)]
     fewest = max(_FEWEST_PAIRS, _FLAT_SHARE * differences.shape[1])
@@ -303,13 +292,7 @@ def _in_order(bgr: NDArray[np.uint8], named: DepthEncoding) -> DepthImage:
 
 
 def _shown_order(differences: NDArray[np.int16]) -> tuple[DepthEncoding, str]:
-    """The order of channels that (3, P) differences of pixels show, and why.
-
-    Raises
-    ------
-    ImageError
-        ``unknown_depth``: green is the lowest byte.
-    """
+    """The order of channels that (3, P) differences of pixels show, and why."""
     levels = np.abs(differences)
     levels = np.minimum(levels, 256 - levels)  # a byte that overflows goes on at 0
     blue, green, red = (levels > _ROUGH_STEP).mean(axis=1).tolist()
@@ -329,27 +312,6 @@ def _shown_order(differences: NDArray[np.int16]) -> tuple[DepthEncoding, str]:
             shown = "carla-bgr"
     shares = f"{100 * blue:.0f} % (blue) and {100 * red:.0f} % (red)"
     return shown, f"{changes} {shares} of the pixels that change"
-
-
-def _sampled_pairs(
-    bgr: NDArray[np.uint8],
-) -> tuple[NDArray[np.int16], NDArray[np.int16]]:
-    """Some pixels, and how much those beside and below them differ, all (3, P).
-
-    Pairs within the sky are left out: it is white, and tells nothing.
-    """
-    height, width, _ = bgr.shape
-    step = max(1, int((2 * height * width / _SAMPLED_PAIRS) ** 0.5))
-    first = _planes(bgr[: height - 1 : step, : width - 1 : step])
-    differences = []
-    for shifted in (
-        bgr[1::step, : width - 1 : step],
-        bgr[: height - 1 : step, 1::step],
-    ):
-        other = _planes(shifted)
-        seen = ((first & other) != _WHITE).any(axis=0)
-        differences.append((other - first)[:, seen])
-    return first, np.concatenate(differences, axis=1)
 
 
 _WHITE: Final = 255

@@ -127,7 +127,14 @@ def read_instances(
         raise ImageError("the instance image cannot be decoded: it is damaged")
     table = _TAGS if tags_of_numbers is None else tags_of_numbers
     orders = _orders_of_tags(pixels, segmentation, table)
-    return _image(pixels, orders[0], is_certain=len(orders) == 1)
+    order = orders[0]
+    blue, green, red = cv2.split(pixels)
+    if order == "bgr":
+        red, blue = blue, red
+    ids = cv2.merge([green, blue]).view("<u2")[..., 0]
+    return InstanceImage(
+        np.asarray(red, np.uint8), ids.astype(np.uint16), order, len(orders) == 1
+    )
 
 
 _LEAST_AGREEMENT: Final = 0.5
@@ -145,11 +152,6 @@ def _orders_of_tags(
     """The orders of channels that an instance image can have, the likelier first.
 
     `table` has the tag of each number.
-
-    Raises
-    ------
-    ImageError
-        None.
     """
     channels: dict[ChannelOrder, int] = {"rgb": _RED, "bgr": _BLUE}
     tags, values = np.empty(0, np.uint8), bgr
@@ -189,18 +191,6 @@ def _orders_of_tags(
 _BLUE, _GREEN, _RED = 0, 1, 2
 
 
-def _image(
-    bgr: NDArray[np.uint8], order: ChannelOrder, *, is_certain: bool
-) -> InstanceImage:
-    blue, green, red = cv2.split(bgr)
-    if order == "bgr":
-        red, blue = blue, red
-    ids = cv2.merge([green, blue]).view("<u2")[..., 0]
-    return InstanceImage(
-        np.asarray(red, np.uint8), ids.astype(np.uint16), order, is_certain
-    )
-
-
 def settled_instances(
     image: InstanceImage,
     boxes: FrameBoxes,
@@ -214,37 +204,25 @@ def settled_instances(
     the result has the tags of the numbers of a changed CARLA.
     """
     table = _TAGS if tags_of_numbers is None else tags_of_numbers
-    image = _in_shown_order(image, boxes, silhouettes, table)
-    return image if table is _TAGS else replace(image, tags=table[image.tags])
-
-
-def _in_shown_order(
-    image: InstanceImage,
-    boxes: FrameBoxes,
-    silhouettes: list[Silhouette],
-    table: NDArray[np.uint8],
-) -> InstanceImage:
-    if image.is_certain:
-        return image
-    swapped = InstanceImage(
-        tags=(image.ids >> 8).astype(np.uint8),
-        ids=np.bitwise_or(
-            image.ids & 0xFF, image.tags.astype(np.uint16) << 8, dtype=np.uint16
-        ),
-        order="bgr",
-    )
-    own = [
-        sum(
-            np.count_nonzero(
-                one.of(
-                    accepts(int(boxes.accept_mask[one.row]), table)[tags[one.region]]
-                )
-            )
-            for one in silhouettes
+    if not image.is_certain:
+        swapped = InstanceImage(
+            tags=(image.ids >> 8).astype(np.uint8),
+            ids=np.bitwise_or(
+                image.ids & 0xFF, image.tags.astype(np.uint16) << 8, dtype=np.uint16
+            ),
+            order="bgr",
         )
-        for tags in (image.tags, swapped.tags)
-    ]
-    return swapped if own[1] > own[0] else image
+        own = [
+            sum(
+                np.count_nonzero(one.of(accepted[tags[one.region]]))
+                for one in silhouettes
+                for accepted in [accepts(int(boxes.accept_mask[one.row]), table)]
+            )
+            for tags in (image.tags, swapped.tags)
+        ]
+        if own[1] > own[0]:
+            image = swapped
+    return image if table is _TAGS else replace(image, tags=table[image.tags])
 
 
 def _fault(expected: str, found: str, code: str = "bad_instances") -> ImageError:
@@ -281,7 +259,15 @@ def fill_instances(
     weight = pair_weights(image, pixels, boxes, silhouettes)
     # A box whose annotation gives its instance gets that one, or none if not visible.
     weight[boxes.instance_id != NOT_MEASURED] = 0.0
-    chosen = assign_instances(weight, _columns_of_given(pixels, boxes))
+    # (N,) int64: index of each box's given instance; `NOT_MEASURED` if not seen
+    wanted = boxes.instance_id & ID_BITS
+    at = np.searchsorted(pixels.ids, wanted)
+    at[at == len(pixels)] = 0
+    there = (boxes.instance_id != NOT_MEASURED) & (len(pixels) > 0)
+    if len(pixels):
+        there &= pixels.ids[at] == wanted
+    columns: IntArray = np.where(there, at, NOT_MEASURED).astype(np.int64)
+    chosen = assign_instances(weight, columns)
     numbers.instance_pixels[:] = 0
     for silhouette in silhouettes:
         row = silhouette.row
@@ -356,18 +342,6 @@ def group_pixels(image: InstanceImage, accept_mask: Sequence[int]) -> InstancePi
     )
 
 
-def _columns_of_given(pixels: InstancePixels, boxes: FrameBoxes) -> IntArray:
-    """(N,) int64: index of each box's given instance; `NOT_MEASURED` if not seen."""
-    wanted = boxes.instance_id & ID_BITS
-    at = np.searchsorted(pixels.ids, wanted)
-    at[at == len(pixels)] = 0
-    there = (boxes.instance_id != NOT_MEASURED) & (len(pixels) > 0)
-    if len(pixels):
-        there &= pixels.ids[at] == wanted
-    columns: IntArray = np.where(there, at, NOT_MEASURED).astype(np.int64)
-    return columns
-
-
 _MOSTLY_INSIDE: Final = 0.5
 """Least share of an instance's pixels inside a silhouette that it can belong to."""
 
@@ -407,7 +381,14 @@ def pair_weights(
     dense = np.full(ID_BITS + 1, len(pixels), np.int64)
     dense[pixels.ids] = np.arange(len(pixels))
     rectangles, total = pixels.rectangles(), np.diff(pixels.start)
-    nearness = _nearness(boxes.distance)
+    # (N,): one over the square of the distance, in units of the median
+    distance = boxes.distance
+    known = distance[~np.isnan(distance) & (distance > 0)]
+    nearness = np.ones(len(distance))
+    if len(known):
+        relative = distance / np.median(known)
+        relative[np.isnan(relative)] = 1.0
+        nearness = 1.0 / np.maximum(relative, _NEAREST) ** 2
     for silhouette in silhouettes:
         row = silhouette.row
         accepted = silhouette.of(
@@ -423,17 +404,6 @@ def pair_weights(
 
 _NEAREST: Final = 1e-3
 """Smaller distances, in medians, count as this one: nearness stays finite."""
-
-
-def _nearness(distance: FloatArray) -> FloatArray:
-    """(N,): one over the square of the distance, in units of the median."""
-    known = distance[~np.isnan(distance) & (distance > 0)]
-    if not len(known):
-        return np.ones(len(distance))
-    relative = distance / np.median(known)
-    relative[np.isnan(relative)] = 1.0
-    nearness: FloatArray = 1.0 / np.maximum(relative, _NEAREST) ** 2
-    return nearness
 
 
 def overlap(xyxy: FloatArray, rectangles: FloatArray) -> FloatArray:

@@ -74,12 +74,29 @@ def read_points(content: bytes, *, max_points: int = MAX_POINTS) -> LidarPoints:
     if content.startswith(NPY_MAGIC):
         table = _read_npy(content)
     elif content.startswith((b"ply\n", b"ply\r")):
-        table = _read_ply(content, max_points)
+        encoding, count, dtype, body = _ply_header(content)
+        _check_count(count, max_points)
+        if encoding != "ascii":
+            _check_binary(content, count, dtype, body)
+            binary = dtype.newbyteorder(_BYTE_ORDERS[encoding])
+            table = np.frombuffer(content, binary, count, body)
+        else:
+            table = _ascii_points(content, body, count, dtype)
     else:
         raise _fault("a PLY or NPY file", f"{content[:8]!r}")
     if len(table) > max_points:
         raise _fault(f"at most {max_points:,} points", f"{len(table):,}")
-    return _points_of(table)
+    found = {
+        wanted: np.asarray(table[name], np.float64)
+        for wanted, name in _columns_by_meaning(table.dtype.names or ()).items()
+    }
+    xyz = np.stack([found["x"], found["y"], found["z"]], axis=1)
+    if not all(np.isfinite(column).all() for column in found.values()):
+        raise _fault("finite numbers", "NaN or an infinity")
+    numbers = [found[name] for name in ("object", "tag") if name in found]
+    if max(np.abs(column).max(initial=0) for column in numbers) > _MAX_EXACT:
+        raise _fault(f"objects and tags up to {_MAX_EXACT:,}", "larger ones")
+    return LidarPoints(xyz, found["tag"].astype(np.int64))
 
 
 def check_points(content: bytes, *, sensor: str, max_points: int = MAX_POINTS) -> str:
@@ -111,7 +128,13 @@ def check_points(content: bytes, *, sensor: str, max_points: int = MAX_POINTS) -
     """
     try:
         if content.startswith(NPY_MAGIC):
-            _check_npy(content, sensor, max_points)
+            array = _npy_array(content, whole=True)
+            if sensor == "lidar":
+                _has_named_columns(array)
+            if array.ndim == 0 or len(array) > max_points:
+                raise _fault(
+                    f"rows, at most {max_points:,}", f"an array of {array.shape}"
+                )
             return "application/x-npy"
         if content.startswith((b"ply\n", b"ply\r")):
             _check_ply(content, sensor, max_points)
@@ -154,20 +177,6 @@ _MAX_EXACT: Final = 2**53
 """Up to here, float64 holds every whole number exactly."""
 
 
-def _points_of(table: NDArray[np.void]) -> LidarPoints:
-    found = {
-        wanted: np.asarray(table[name], np.float64)
-        for wanted, name in _columns_by_meaning(table.dtype.names or ()).items()
-    }
-    xyz = np.stack([found["x"], found["y"], found["z"]], axis=1)
-    if not all(np.isfinite(column).all() for column in found.values()):
-        raise _fault("finite numbers", "NaN or an infinity")
-    numbers = [found[name] for name in ("object", "tag") if name in found]
-    if max(np.abs(column).max(initial=0) for column in numbers) > _MAX_EXACT:
-        raise _fault(f"objects and tags up to {_MAX_EXACT:,}", "larger ones")
-    return LidarPoints(xyz, found["tag"].astype(np.int64))
-
-
 _UNNAMED_COLUMNS: Final = ("x", "y", "z", "cos", "object", "tag")
 
 
@@ -179,14 +188,6 @@ def _read_npy(content: bytes) -> NDArray[np.void]:
     for column, name in enumerate(_UNNAMED_COLUMNS):
         table[name] = array[:, column]
     return table
-
-
-def _check_npy(content: bytes, sensor: str, max_points: int) -> None:
-    array = _npy_array(content, whole=True)
-    if sensor == "lidar":
-        _has_named_columns(array)
-    if array.ndim == 0 or len(array) > max_points:
-        raise _fault(f"rows, at most {max_points:,}", f"an array of {array.shape}")
 
 
 def _has_named_columns(array: NDArray[np.generic]) -> bool:
@@ -229,16 +230,6 @@ _BLANKS: Final = (b"\n", b" ", b"\r", b"\t", b"\x0b", b"\x0c")
 _MAX_DIGITS: Final = 18
 
 
-def _read_ply(content: bytes, max_points: int) -> NDArray[np.void]:
-    encoding, count, dtype, body = _ply_header(content)
-    _check_count(count, max_points)
-    if encoding != "ascii":
-        _check_binary(content, count, dtype, body)
-        binary = dtype.newbyteorder(_BYTE_ORDERS[encoding])
-        return np.frombuffer(content, binary, count, body)
-    return _ascii_points(content, body, count, dtype)
-
-
 def _check_ply(content: bytes, sensor: str, max_points: int) -> None:
     encoding, count, dtype, body = _ply_header(content)
     _check_count(count, max_points)
@@ -277,7 +268,12 @@ def _ascii_points(
     numbers = np.empty(needed)
     found, at = 0, body
     while found < needed and at < len(content):
-        end = _end_of_chunk(content, at)
+        # The offset after the last blank within a chunk
+        end = min(at + _TEXT_CHUNK, len(content))
+        if end < len(content):
+            end = max(content.rfind(blank, at, end) for blank in _BLANKS) + 1
+            if end == 0:
+                raise _fault("numbers", f"a word of more than {_TEXT_CHUNK:,} bytes")
         words = content[at:end].split(None, needed - found)[: needed - found]
         try:
             numbers[found : found + len(words)] = np.array(words, np.float64)
@@ -291,17 +287,6 @@ def _ascii_points(
     for column, name in enumerate(names):
         table[name] = rows[:, column]
     return table
-
-
-def _end_of_chunk(content: bytes, start: int) -> int:
-    """The offset after the last blank within a chunk."""
-    end = start + _TEXT_CHUNK
-    if end >= len(content):
-        return len(content)
-    cut = max(content.rfind(blank, start, end) for blank in _BLANKS) + 1
-    if cut == 0:
-        raise _fault("numbers", f"a word of more than {_TEXT_CHUNK:,} bytes")
-    return cut
 
 
 def _words_in(content: bytes, start: int) -> int:
@@ -355,7 +340,9 @@ def _ply_elements(
             count = _vertex_count(words, element, count)
             element = words[1]
         elif keyword == "property" and element == "vertex":
-            columns.append(_ply_property(words))
+            if len(words) != 3 or words[1] not in _PLY_TYPES:
+                raise _fault("properties of a number type", " ".join(words)[:60])
+            columns.append((words[2], _PLY_TYPES[words[1]]))
     return encoding, count, columns
 
 
@@ -367,12 +354,6 @@ def _vertex_count(words: list[str], before: str, count: int) -> int:
     if before or not words[2].isdecimal() or len(words[2]) > _MAX_DIGITS:
         raise _fault("one element vertex with a number", " ".join(words)[:60])
     return int(words[2])
-
-
-def _ply_property(words: list[str]) -> tuple[str, str]:
-    if len(words) != 3 or words[1] not in _PLY_TYPES:
-        raise _fault("properties of a number type", " ".join(words)[:60])
-    return words[2], _PLY_TYPES[words[1]]
 
 
 _FLATTEST: Final = 1e-9
@@ -406,7 +387,9 @@ def points_inside(
     """
     counts = np.full(len(vertices), NOT_MEASURED, np.int64)
     matrix = sensor.matrix
-    order, world = _sorted_by_x(points.xyz @ matrix[:3, :3].T + matrix[:3, 3])
+    world = points.xyz @ matrix[:3, :3].T + matrix[:3, 3]
+    order = np.argsort(world[:, 0], kind="stable")
+    world = world[order]
     tags = np.maximum(points.tag, 0)[order]
     solid = np.flatnonzero(~np.isnan(vertices).any(axis=(1, 2)))
     corners = in_carla_order(vertices[solid])
@@ -416,11 +399,6 @@ def points_inside(
         accepted = accepts(int(accept_mask[row]), tags[near])
         counts[row] = np.count_nonzero(_inside(world[near][accepted], box))
     return counts
-
-
-def _sorted_by_x(world: FloatArray) -> tuple[IntArray, FloatArray]:
-    order = np.argsort(world[:, 0], kind="stable")
-    return order, world[order]
 
 
 def _inside(points: FloatArray, box: FloatArray) -> BoolArray:

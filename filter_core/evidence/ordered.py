@@ -12,7 +12,6 @@ from typing import Final
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from filter_core.arrays import NOT_MEASURED, BoolArray, FloatArray, IntArray, Mask
 from filter_core.evidence.silhouettes import AcceptedPixels
@@ -63,7 +62,8 @@ def owned_pixels(
         free = pixels.mask & (claimed == _UNCLAIMED)
         owned[row] = np.count_nonzero(free)
         if owned[row] < pixels.count:
-            explained_by[row] = _commonest(claimed[pixels.mask & ~free])
+            # The commonest rank; of several the lowest, which is the nearest box
+            explained_by[row] = int(np.bincount(claimed[pixels.mask & ~free]).argmax())
         if owned[row]:
             taken = free & pixels.own
             left = islands(pixels, ranked[rank + 1 :], bounds[rank + 1 :])
@@ -86,11 +86,6 @@ def near_to_far(
         known,
         key=lambda one: (distance[one.silhouette.row], ids[one.silhouette.row]),
     )
-
-
-def _commonest(ranks: NDArray[np.int32]) -> int:
-    """The commonest rank; of several the lowest, which is the nearest box."""
-    return int(np.bincount(ranks).argmax())
 
 
 _ISLAND: Final = 0.5
@@ -153,7 +148,18 @@ def islands(
     found = cv2.connectedComponentsWithStats(around.view(np.uint8), connectivity=8)
     labels: IntArray = found[1].astype(np.int64)
     stats: IntArray = found[2].astype(np.int64)
-    small = _candidates(box, labels, stats)
+    # Which patches are small compared with the largest and do not touch the border
+    area = stats[:, _AREA]
+    own = np.bincount(labels[box.own], minlength=len(stats))
+    largest = int(own.argmax())
+    height, width = labels.shape
+    small = (
+        (area <= _ISLAND * own[largest]) & (stats[:, _LEFT] > 0) & (stats[:, _TOP] > 0)
+    )
+    small &= stats[:, _LEFT] + stats[:, _WIDTH] < width
+    small &= stats[:, _TOP] + stats[:, _HEIGHT] < height
+    # Label 0 is everything that is not accepted.
+    small[[0, largest]] = False
     if not small.any():
         return None
     x0, y0 = box.silhouette.x0, box.silhouette.y0
@@ -167,22 +173,6 @@ def islands(
         if wanted.any():
             given |= wanted & _held(box, labels, stats, behind[place])
     return given[labels] if given.any() else None
-
-
-def _candidates(box: AcceptedPixels, labels: IntArray, stats: IntArray) -> BoolArray:
-    """Which patches are small compared with the largest and do not touch the border."""
-    area = stats[:, _AREA]
-    own = np.bincount(labels[box.own], minlength=len(stats))
-    largest = int(own.argmax())
-    height, width = labels.shape
-    small = (
-        (area <= _ISLAND * own[largest]) & (stats[:, _LEFT] > 0) & (stats[:, _TOP] > 0)
-    )
-    small &= stats[:, _LEFT] + stats[:, _WIDTH] < width
-    small &= stats[:, _TOP] + stats[:, _HEIGHT] < height
-    # Label 0 is everything that is not accepted.
-    small[[0, largest]] = False
-    return np.asarray(small)
 
 
 def _held(

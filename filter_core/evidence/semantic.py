@@ -98,7 +98,10 @@ def measure(
     .. [1] M. Chaar, J. Raiyn, G. Weidl, "Improve Bounding Box in Carla Simulator",
        VEHITS 2024, Algorithms 1 and 2.
     """
-    _require_sizes(segmentation, boxes, ignore)
+    if segmentation is not None:
+        _require_size("segmentation", segmentation.wh, boxes.image_wh)
+    if ignore is not None:
+        _require_size("ignore mask", ignore.shape[::-1], boxes.image_wh)
     wh = boxes.image_wh
     corrected, state = correct_xyxy(
         boxes.xyxy, wh, options.profile, rounded_edges=options.version > 1
@@ -107,7 +110,12 @@ def measure(
     state[boxes.not_ahead & is_inside] = BoxState.NOT_AHEAD
     live = state == BoxState.MEASURABLE
     areas = _areas(corrected)
-    bounds = _bounds(corrected, wh, options.profile)
+    bounds = (
+        pixel_bounds(corrected, wh)
+        if options.profile == "paper"
+        # The cast drops fractions, as int() in the published code; NaN cannot be cast.
+        else np.nan_to_num(corrected, nan=0.0).astype(np.int64)
+    )
     counts = _Counts.of_geometry(bounds)
     if segmentation is not None:
         regions = Regions(
@@ -131,28 +139,15 @@ def measure(
         area_percent=(areas / float(wh[0] * wh[1])) * 100,
         crowding=crowding_percent(corrected, np.where(live, boxes.accept_mask, 0)),
         distance=boxes.distance,
-        unknown_pixels=_unknown_pixels(counts.tag_counts, len(boxes), options),
+        unknown_pixels=(
+            np.zeros(len(boxes), np.int64)
+            if counts.tag_counts is None or options.version == 1
+            else counts.tag_counts[:, UNKNOWN_COLUMN].astype(np.int64)
+        ),
         xyxy=corrected,
         distance_range=boxes.distance_range,
         tag_counts=counts.tag_counts,
     )
-
-
-def _unknown_pixels(
-    tag_counts: NDArray[np.int32] | None, count: int, options: MeasureOptions
-) -> IntArray:
-    if tag_counts is None or options.version == 1:
-        return np.zeros(count, np.int64)
-    return tag_counts[:, UNKNOWN_COLUMN].astype(np.int64)
-
-
-def _require_sizes(
-    segmentation: Segmentation | None, boxes: FrameBoxes, ignore: Mask | None
-) -> None:
-    if segmentation is not None:
-        _require_size("segmentation", segmentation.wh, boxes.image_wh)
-    if ignore is not None:
-        _require_size("ignore mask", ignore.shape[::-1], boxes.image_wh)
 
 
 def _require_size(what: str, wh: tuple[int, ...], image_wh: tuple[int, int]) -> None:
@@ -168,13 +163,6 @@ def _areas(xyxy: BoxesXYXY) -> FloatArray:
     areas: FloatArray = (xyxy[:, 2] - xyxy[:, 0]) * (xyxy[:, 3] - xyxy[:, 1])
     areas[np.isnan(areas)] = 0.0
     return areas
-
-
-def _bounds(xyxy: BoxesXYXY, wh: tuple[int, int], profile: Profile) -> IntArray:
-    if profile == "paper":
-        return pixel_bounds(xyxy, wh)
-    # The cast drops fractions, as int() in the published code; NaN cannot be cast.
-    return np.nan_to_num(xyxy, nan=0.0).astype(np.int64)
 
 
 class _Counts(NamedTuple):
@@ -201,16 +189,30 @@ def _counts(
         _refuse_ambiguous_family(segmentation, boxes)
     codes = list(regions.codes.occurring)
     if options.profile == "carlasimu" and _has_exact_colors(segmentation):
-        accepted = _accepted_by_color(segmentation, boxes)[:, codes]
+        # (N, 256): true at the code of each class's one colour, in the family or not
+        table = np.zeros((len(boxes.class_names), 256), dtype=np.bool_)
+        for row, name in enumerate(boxes.measured_as):
+            color = PUBLISHED_COLORS.get(name)
+            if color is not None:
+                code = CODE_OF.get(packed(color, segmentation.channel_order))
+                table[row, [] if code is None else code] = True
+        accepted: BoolArray = table[boxes.class_index]
+        accepted = accepted[:, codes]
     else:
         tags = regions.codes.tag_of_code[codes]
         accepted = accepts(boxes.accept_mask[:, None], tags)
     box_pixels = count_pixels(regions)
     counts = count_codes_in(regions, codes)
+    # (N, N_TAGS): counts by tag from counts by code; several codes are Unknown
+    tags = regions.codes.tag_of_code[codes]
+    tag_counts = np.zeros((len(counts), N_TAGS), dtype=np.int32)
+    known = tags < UNKNOWN_COLUMN
+    tag_counts[:, tags[known]] = counts[:, known]
+    tag_counts[:, UNKNOWN_COLUMN] = counts[:, ~known].sum(axis=1)
     return _Counts(
         box_pixels,
         (counts * accepted).sum(axis=1),
-        _tag_counts(counts, regions.codes.tag_of_code[codes]),
+        tag_counts,
     )
 
 
@@ -254,27 +256,6 @@ def _has_exact_colors(segmentation: Segmentation) -> bool:
     is_exact = segmentation.encoding == "palette" and not segmentation.lossy
     # The published code knows no colours of a changed CARLA, so their tags count.
     return is_exact and not segmentation.codes.changed.colors
-
-
-def _accepted_by_color(segmentation: Segmentation, boxes: FrameBoxes) -> BoolArray:
-    """(N, 256): true at the code of each class's one colour, in the family or not."""
-    table = np.zeros((len(boxes.class_names), 256), dtype=np.bool_)
-    for row, name in enumerate(boxes.measured_as):
-        color = PUBLISHED_COLORS.get(name)
-        if color is not None:
-            code = CODE_OF.get(packed(color, segmentation.channel_order))
-            table[row, [] if code is None else code] = True
-    accepted: BoolArray = table[boxes.class_index]
-    return accepted
-
-
-def _tag_counts(counts: IntArray, tags: NDArray[np.uint8]) -> NDArray[np.int32]:
-    """(N, N_TAGS): counts by tag from counts by code; several codes are Unknown."""
-    tag_counts = np.zeros((len(counts), N_TAGS), dtype=np.int32)
-    known = tags < UNKNOWN_COLUMN
-    tag_counts[:, tags[known]] = counts[:, known]
-    tag_counts[:, UNKNOWN_COLUMN] = counts[:, ~known].sum(axis=1)
-    return tag_counts
 
 
 def _match_percent(counts: _Counts, areas: FloatArray, profile: Profile) -> FloatArray:

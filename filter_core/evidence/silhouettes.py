@@ -117,19 +117,15 @@ def frame_silhouettes(
     centred: dict[int, Mask] = {}
     if centres:
         for row in np.flatnonzero(there).tolist():
-            hulls.setdefault(row, _corners(xyxy[row]))
+            # (4, 2) px: the corners of a rectangle
+            x0, y0, x1, y1 = xyxy[row].tolist()
+            hulls.setdefault(row, np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]]))
         centred = _by_row(centred_pixels, hulls, bounds)
     return [
         Silhouette(row, x0, y0, x1, y1, inside.get(row), centred.get(row))
         for row, (x0, y0, x1, y1) in enumerate(bounds.tolist())
         if there[row]
     ]
-
-
-def _corners(xyxy: FloatArray) -> FloatArray:
-    """(4, 2) px: the corners of a rectangle."""
-    x0, y0, x1, y1 = xyxy.tolist()
-    return np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]])
 
 
 def _by_row(
@@ -185,20 +181,7 @@ def _filled(
     ends = np.cumsum(heights)
     owner = np.repeat(np.arange(len(outlines)), heights)
     top = np.arange(ends[-1]) - (ends - heights - bounds[:, 1])[owner]
-    left, right = _spans(spans_of, _hulls(outlines), owner, top.astype(np.float64))
-    masks: list[Mask] = []
-    for (x0, _, x1, _), end, height in zip(
-        bounds.tolist(), ends.tolist(), heights.tolist(), strict=True
-    ):
-        rows, columns = np.s_[end - height : end], np.arange(x0, x1)
-        mask = columns >= left[rows, None]
-        mask &= columns < right[rows, None]
-        masks.append(mask)
-    return masks
-
-
-def _hulls(outlines: Sequence[FloatArray]) -> FloatArray:
-    """(N, K, 2) px: the hulls' corners in order, padded by repeating the last one."""
+    # (N, K, 2) px: the hulls' corners in order, padded by repeating the last one
     found = []
     for points in outlines:
         # OpenCV returns None for points that coincide; as an array, 0-dimensional.
@@ -208,7 +191,16 @@ def _hulls(outlines: Sequence[FloatArray]) -> FloatArray:
     for row, hull in enumerate(found):
         padded[row, : len(hull)] = hull
         padded[row, len(hull) :] = hull[-1]
-    return padded
+    left, right = _spans(spans_of, padded, owner, top.astype(np.float64))
+    masks: list[Mask] = []
+    for (x0, _, x1, _), end, height in zip(
+        bounds.tolist(), ends.tolist(), heights.tolist(), strict=True
+    ):
+        rows, columns = np.s_[end - height : end], np.arange(x0, x1)
+        mask = columns >= left[rows, None]
+        mask &= columns < right[rows, None]
+        masks.append(mask)
+    return masks
 
 
 _ROWS_AT_ONCE: Final = 1 << 13

@@ -34,7 +34,6 @@ from filter_core.formats.format import (
     Recognition,
     Source,
 )
-from filter_core.formats.pictures import drawn_boxes
 from filter_core.formats.reading import (
     KEYS_NAME,
     FrameSet,
@@ -60,6 +59,7 @@ from filter_core.formats.writing import (
     OutFrame,
     Traits,
     band_name,
+    drawn_boxes,
 )
 from filter_core.formats.yolo import (
     RAW_COLUMNS,
@@ -103,11 +103,7 @@ def _camera_folder(root: Path) -> Path | None:
     below = sorted(path for path in root.iterdir() if path.is_dir())
     nested = sorted(path for path in (root / "out").glob("*") if path.is_dir())
     places = (root, *below, *nested)
-    return next((path for path in places if _has_labels(path)), None)
-
-
-def _has_labels(folder: Path) -> bool:
-    return bool(_bands(folder))
+    return next((path for path in places if _bands(path)), None)
 
 
 def _bands(folder: Path) -> list[Path]:
@@ -186,7 +182,14 @@ def read_carlasimu(root: Path, options: RecordingDescription) -> FrameSet:
     frames = frame_set("carlasimu", folders, streams, names(labels))
     narrower = [] if options.labels else list(_only_narrower(bands, names))
     texts, notes = frames.texts, frames.notes
-    of_all = _facts_of_all_frames(camera)
+    # Map and weather from carlasimu's ``Readme.txt``, as keys of an annotation
+    document = _read_readme(camera)
+    of_all: dict[str, object] = {}
+    if isinstance(town := document.get("map"), str):
+        of_all["map"] = town
+    numbers = _WEATHER.findall(str(document.get("weather", "")))
+    if numbers:
+        of_all["weather"] = {name: float(value) for name, value in numbers}
 
     within = bands if not options.labels and is_band(labels.name) else ()
 
@@ -268,18 +271,6 @@ def _lines_of(band: Path, label: str) -> list[str]:
     return [" ".join(line.split()) for line in text.splitlines() if line.strip()]
 
 
-def _facts_of_all_frames(root: Path) -> dict[str, object]:
-    """Map and weather from carlasimu's ``Readme.txt``, as keys of an annotation."""
-    document = _read_readme(root)
-    of_all: dict[str, object] = {}
-    if isinstance(town := document.get("map"), str):
-        of_all["map"] = town
-    numbers = _WEATHER.findall(str(document.get("weather", "")))
-    if numbers:
-        of_all["weather"] = {name: float(value) for name, value in numbers}
-    return of_all
-
-
 _WEATHER: Final = re.compile(r"(\w+)=(-?\d+(?:\.\d+)?)")
 """A number in the text of `carla.WeatherParameters`: ``cloudiness=20.000000``."""
 
@@ -336,19 +327,20 @@ class CarlaSimuWriter:
     def __init__(self, context: ExportContext) -> None:
         self._context = context
         self._bands = context.options.bands or self.traits.bands
-        self._numbers: dict[str, int] = {}
-        self._number_of = self._numbers_of(context.head.classes)
+        self._numbers = {name: at for at, name in enumerate(_CARLASIMU_CLASSES)}
+        # Their numbers are those that ``Readme.txt`` lists.
+        theirs = {canonical_class(name): name for name in _CARLASIMU_CLASSES}
+        names = (
+            theirs.get(class_meant_by(name) or "", name)
+            for name in context.head.classes
+        )
+        self._number_of = [
+            self._numbers.setdefault(name, len(self._numbers)) for name in names
+        ]
         self._beside: list[object] = []
         self._facts: dict[str, Counter[str]] = {"map": Counter(), "weather": Counter()}
         self._beyond = 0
         self._size: tuple[int, int] | None = None
-
-    def _numbers_of(self, classes: Sequence[str]) -> list[int]:
-        """The number of each class; notes those that ``Readme.txt`` lists."""
-        theirs = {canonical_class(name): name for name in _CARLASIMU_CLASSES}
-        self._numbers = {name: at for at, name in enumerate(_CARLASIMU_CLASSES)}
-        names = [theirs.get(class_meant_by(name) or "", name) for name in classes]
-        return [self._numbers.setdefault(name, len(self._numbers)) for name in names]
 
     def labels(self, band: str, out: OutFrame) -> None:
         """The label file of a band; without one, the frame's other files."""
@@ -380,7 +372,13 @@ class CarlaSimuWriter:
         if frame.map:
             self._facts["map"][frame.map] += 1
         if isinstance(weather, Mapping):
-            self._facts["weather"][_weather_text(weather)] += 1
+            # As `str` of `carla.WeatherParameters` is, which ``Readme.txt`` has
+            values = ", ".join(
+                f"{name}={float(value):.6f}"
+                for name, value in weather.items()
+                if isinstance(value, Real)
+            )
+            self._facts["weather"][f"WeatherParameters({values})"] += 1
         if context.options.images == "copy":
             self._copy_files(out)
         if context.options.drawn and frame.draw:
@@ -450,16 +448,6 @@ def _suffix_of(content: bytes) -> str:
         if content.startswith(start):
             return suffix
     return IMAGE_SUFFIX[read_image_header(content).media_type]
-
-
-def _weather_text(weather: Mapping[str, object]) -> str:
-    """As `str` of `carla.WeatherParameters` is, which ``Readme.txt`` has."""
-    values = ", ".join(
-        f"{name}={float(value):.6f}"
-        for name, value in weather.items()
-        if isinstance(value, Real)
-    )
-    return f"WeatherParameters({values})"
 
 
 def _only_narrower(

@@ -92,7 +92,16 @@ def faults_of(candidate: Format, example: Path) -> Iterator[str]:
         yield f"The reader fails with the example: {_in_words(error)}."
         return
     yield from _faults_of_frames(candidate, frames, first)
-    yield from _faults_of_options(candidate, example)
+    # Keys that the reader uses, and that `read_source` would refuse before it does
+    assert candidate.read is not None, "asked for without a reader"
+    watched = _Watched()
+    _Watched.looked_at.clear()
+    with suppress(LayoutError):  # it may need what the example's description says
+        list(candidate.read(example, watched))
+    # The folders are looked at by what readers share, too.
+    used = _Watched.looked_at - candidate.read_options - FOLDER_OPTIONS
+    for option in sorted(used):
+        yield f"The reader uses the option {option!r}; read_options does not list it."
     if candidate.box_spans is not None:
         yield from _faults_of_spans(candidate.box_spans, first)
     if first != second or first != again:
@@ -240,19 +249,6 @@ class _Watched(RecordingDescription):
         if name in READER_KEYS:
             _Watched.looked_at.add(name)
         return super().__getattribute__(name)
-
-
-def _faults_of_options(candidate: Format, example: Path) -> Iterator[str]:
-    """Keys that the reader uses, and that `read_source` would refuse before it does."""
-    assert candidate.read is not None, "asked for without a reader"
-    watched = _Watched()
-    _Watched.looked_at.clear()
-    with suppress(LayoutError):  # it may need what the example's description says
-        list(candidate.read(example, watched))
-    # The folders are looked at by what readers share, too.
-    used = _Watched.looked_at - candidate.read_options - FOLDER_OPTIONS
-    for option in sorted(used):
-        yield f"The reader uses the option {option!r}; read_options does not list it."
 
 
 def _faults_of(frame: FrameSource) -> Iterator[str]:

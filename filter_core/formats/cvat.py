@@ -32,7 +32,6 @@ from filter_core.formats.format import (
     Recognition,
     Source,
 )
-from filter_core.formats.patterns import FilePatterns
 from filter_core.formats.reading import (
     FrameSet,
     FrameSource,
@@ -48,6 +47,7 @@ from filter_core.formats.reading import (
 from filter_core.formats.recording import RecordingDescription
 from filter_core.formats.splits import completed_parts
 from filter_core.formats.streams import listed_frames, listing_files
+from filter_core.formats.tables.patterns import FilePatterns
 from filter_core.formats.writing import (
     ExportContext,
     LabelBox,
@@ -118,13 +118,7 @@ _OUTSIDE_IMAGES: Final = ("label", "track", "meta")
 
 
 def _elements(path: Path) -> Iterator[_Element]:
-    """Images, declared labels, tracks and the head of a file, one by one.
-
-    Raises
-    ------
-    LayoutError
-        It is not XML, XML with a DTD, entities or namespaces, or beyond the limits.
-    """
+    """Images, declared labels, tracks and the head of a file, one by one."""
     try:
         with opening_file(path, "labels"), open_regular(path) as file:
             count = 0
@@ -262,23 +256,12 @@ _OTHERS: Final = ("points", "mask", "ellipse", "cuboid", "skeleton", "tag")
 
 @dataclass
 class _Reading:
-    """Reads images of a file, and counts what is no plain box.
-
-    Attributes
-    ----------
-    counts : Counter of str
-    """
+    """Reads images of a file, and counts what is no plain box."""
 
     counts: Counter[str] = field(default_factory=Counter)
 
     def annotation(self, image: _Element, name: str) -> dict[str, object]:
-        """The boxes of one image; `name` is that of the file.
-
-        Raises
-        ------
-        LayoutError
-            A box has no label, or no numbers.
-        """
+        """The boxes of one image; `name` is that of the file."""
         at = f"{name}, image {image.attrib.get('name', '')[:80]!r}"
         boxes = [self._box(one, at) for one in image.iter("box")]
         for kind in _OUTLINES:
@@ -299,7 +282,17 @@ class _Reading:
         *corners, angle = read_columns(words, at)
         if angle:
             self.counts["rotated"] += 1
-            corners = _around(corners, angle)
+            # The rectangle around one that is turned about its centre, by degrees
+            x_min, y_min, x_max, y_max = corners
+            width, height = x_max - x_min, y_max - y_min
+            cos, sin = (abs(of(math.radians(angle))) for of in (math.cos, math.sin))
+            halves = (width * cos + height * sin) / 2, (width * sin + height * cos) / 2
+            centre = (x_min + x_max) / 2, (y_min + y_max) / 2
+            sides = list(zip(centre, halves, strict=True))
+            corners = [
+                *(c - half for c, half in sides),
+                *(c + half for c, half in sides),
+            ]
         return _described(one, corners, at)
 
     def _outline(self, one: _Element, at: str) -> dict[str, object]:
@@ -319,17 +312,6 @@ _NOTES: Final = {
     "outline": "{:,} outlines were read as the rectangles around them",
     "other": "{:,} points, masks, tags and other shapes were left out",
 }
-
-
-def _around(corners: Sequence[float], angle: float) -> list[float]:
-    """The rectangle around one that is turned about its centre by `angle` degrees."""
-    x_min, y_min, x_max, y_max = corners
-    width, height = x_max - x_min, y_max - y_min
-    cos, sin = (abs(of(math.radians(angle))) for of in (math.cos, math.sin))
-    halves = (width * cos + height * sin) / 2, (width * sin + height * cos) / 2
-    centre = (x_min + x_max) / 2, (y_min + y_max) / 2
-    sides = list(zip(centre, halves, strict=True))
-    return [*(c - half for c, half in sides), *(c + half for c, half in sides)]
 
 
 def _described(one: _Element, xyxy: Sequence[float], at: str) -> dict[str, object]:
@@ -399,30 +381,26 @@ class CvatWriter:
             yield f"        <task>{element('subset', part)}</task>\n".encode()
         yield b"      </tasks>\n      <labels>\n"
         for name in self._context.head.classes:
-            yield _label(name).encode("utf-8", "replace")
+            declared = "".join(
+                f"<attribute>{element('name', key)}<mutable>False</mutable>"
+                f"{element('input_type', kind)}<default_value></default_value>"
+                f"{element('values', values)}</attribute>"
+                for key, kind, values in (
+                    ("id", "text", ""),
+                    ("verdict", "select", _VERDICT_VALUES),
+                    ("reason", "text", ""),
+                )
+            )
+            yield (
+                f"        <label>{element('name', name)}"
+                f"<attributes>{declared}</attributes></label>\n"
+            ).encode("utf-8", "replace")
         yield b"      </labels>\n    </project>\n  </meta>\n"
         yield from self._images.pieces()
         yield b"</annotations>\n"
 
 
 _VERDICT_VALUES: Final = "kept\nrejected\nunmeasured"
-
-
-def _label(name: str) -> str:
-    declared = "".join(
-        f"<attribute>{element('name', key)}<mutable>False</mutable>"
-        f"{element('input_type', kind)}<default_value></default_value>"
-        f"{element('values', values)}</attribute>"
-        for key, kind, values in (
-            ("id", "text", ""),
-            ("verdict", "select", _VERDICT_VALUES),
-            ("reason", "text", ""),
-        )
-    )
-    return (
-        f"        <label>{element('name', name)}"
-        f"<attributes>{declared}</attributes></label>\n"
-    )
 
 
 def _box(one: LabelBox, boxes: DecidedBoxes) -> str:
@@ -441,7 +419,8 @@ def _box(one: LabelBox, boxes: DecidedBoxes) -> str:
         "reason": boxes.reason_label(one.row),
     }
     lines = "".join(
-        f"      {_attribute(key, value)}\n" for key, value in details.items()
+        f"      <attribute{attributes(name=key)}>{escaped(value)}</attribute>\n"
+        for key, value in details.items()
     )
     return f"    <box{box}>\n{lines}    </box>\n"
 
@@ -456,7 +435,3 @@ def _number_text(value: float) -> str:
     text = f"{round(value, _DECIMALS) + 0.0:.{_DECIMALS}f}"
     point = text.index(".")
     return text.rstrip("0").ljust(point + 1 + _FEWEST_DECIMALS, "0")
-
-
-def _attribute(name: str, value: object) -> str:
-    return f"<attribute{attributes(name=name)}>{escaped(value)}</attribute>"

@@ -53,7 +53,6 @@ from filter_core.verdicts import (
     Answer,
     DecidedBoxes,
     DecisionColumns,
-    HiddenBy,
     Reason,
 )
 
@@ -144,7 +143,10 @@ def read_decisions(source: Path, options: RecordingDescription) -> FrameSet:
                 yield frame
                 continue
             try:
-                line = _line(path, start, number)
+                with open_regular(path) as file:
+                    file.seek(start)
+                    content = file.readline(MAX_LABEL_BYTES + 1)
+                line = _object(content, f"{path.name}, line {number}")
                 annotation = _annotation(line, without)
                 yield replace(frame, annotation=annotation, answers=_answers(line))
             except LayoutError as problem:
@@ -177,13 +179,6 @@ def _places(path: Path) -> Iterator[tuple[str, int, int]]:
                     )
                 yield key, start, number
             start += len(line)
-
-
-def _line(path: Path, start: int, number: int) -> Mapping[str, object]:
-    with open_regular(path) as file:
-        file.seek(start)
-        line = file.readline(MAX_LABEL_BYTES + 1)
-    return _object(line, f"{path.name}, line {number}")
 
 
 def _object(line: bytes, at: str) -> Mapping[str, object]:
@@ -286,13 +281,6 @@ def _write(
     -------
     dict
         The counts, as ``manifest.json`` has them.
-
-    Raises
-    ------
-    ExportError
-        As `ExportTally.counts`.
-    NotAvailable
-        Parquet, without the library that writes it.
     """
     with ExportTally(head) as tally, Spool(head.temporary, head.buffer_bytes) as spool:
         name = head.format.replace("-", ".")  # decisions.jsonl and so on
@@ -320,6 +308,7 @@ def _jsonl(
             for decision, box in zip(frame.decisions, frame.given.boxes, strict=True)
         ]
         given = frame.given.frame
+        # The camera, if all of it is known; else the size of the image
         line = {
             "key": frame.key,
             "palette": frame.palette,
@@ -327,17 +316,14 @@ def _jsonl(
             **({} if frame.map is None else {"map": frame.map}),
             **({} if frame.sequence is None else {"sequence": frame.sequence}),
             **({} if frame.split is None else {"split": frame.split}),
-            "camera": _camera(frame),
+            "camera": (
+                frame.given.frame["camera"]
+                if frame.given.camera is not None
+                else {"width": frame.wh[0], "height": frame.wh[1]}
+            ),
             "decisions": decisions,
         }
         yield json_bytes(line) + b"\n"
-
-
-def _camera(frame: ExportFrame) -> object:
-    """The camera, if all of it is known; else the size of the image."""
-    if frame.given.camera is not None:
-        return frame.given.frame["camera"]
-    return {"width": frame.wh[0], "height": frame.wh[1]}
 
 
 def _given(
@@ -471,7 +457,10 @@ def table_columns(
         "area_percent": lambda: floats_or_none(more.area_percent),
         "crowding": lambda: floats_or_none(more.crowding),
         "explained_by": lambda: more.explained_by,
-        "hidden_by": lambda: [_tags_in_words(tags) for tags in more.hidden_by],
+        "hidden_by": lambda: [
+            "; ".join(f"{tag['name']} {tag['percent']:.1f}" for tag in tags)
+            for tags in more.hidden_by
+        ],
         "lossy": boxes.lossy.tolist,
         "distance": lambda: floats_or_none(boxes.distance),
         **{name: partial(floats_or_none, one) for name, one in corners.items()},
@@ -496,10 +485,6 @@ _REASONS: Final = [
 
 _ANSWERS: Final = [None, *(answer.name.lower() for answer in Answer if answer)]
 """What a person said, by the number of the `Answer`."""
-
-
-def _tags_in_words(tags: Sequence[HiddenBy]) -> str:
-    return "; ".join(f"{tag['name']} {tag['percent']:.1f}" for tag in tags)
 
 
 _FORMULA: Final = ("=", "+", "-", "@", "\t", "\r", "\n")

@@ -263,7 +263,9 @@ def _safe_folder(part: str) -> str:
 
 def _safe_part(part: str) -> str:
     letters = [
-        letter if letter.isalnum() or letter in _SAFE else _escaped(letter)
+        letter
+        if letter.isalnum() or letter in _SAFE
+        else quote(letter, safe="", errors="surrogatepass")
         for letter in part
     ]
     # A leading dot hides a file; Windows drops a space or a dot at the end.
@@ -277,10 +279,6 @@ def _safe_part(part: str) -> str:
         digest = hashlib.sha256(text.encode("utf-8", "surrogatepass")).hexdigest()
         text = f"{text[: _MAX_PART_BYTES // 6]}%~{digest[:32]}"
     return text or "%"
-
-
-def _escaped(letter: str) -> str:
-    return quote(letter, safe="", errors="surrogatepass")
 
 
 class _Folder:

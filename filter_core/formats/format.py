@@ -18,10 +18,10 @@ from filter_core.formats.export import (
     ExportOptions,
     Sink,
 )
-from filter_core.formats.patterns import FilePatterns
 from filter_core.formats.reading import FrameSet
 from filter_core.formats.recording import RecordingDescription
 from filter_core.formats.same import BoxSpans
+from filter_core.formats.tables.patterns import FilePatterns
 from filter_core.formats.tally import Counts
 from filter_core.formats.writing import NewWriter, write_labels
 

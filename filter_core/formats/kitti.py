@@ -209,7 +209,24 @@ def _annotation(
 ) -> dict[str, object]:
     text = read_label_text(folders.labels / files.label, files.label)
     lines = _read_kitti_lines(text, files.label)
-    camera = _camera(folders, files, calibration)
+    # The frame's camera, with the size of its images; None if either is missing
+    others = (files.files.get(kind) for kind in ("segmentation", "instances"))
+    path = (
+        folders.images / files.image
+        if files.image
+        else next(filter(None, others), None)
+    )
+    if calibration is None or path is None:
+        camera = None
+    else:
+        try:
+            with open_regular(path) as image:
+                wh = read_image_size(image.read())
+        except OSError as exc:
+            name = files.image or path.name
+            raise LayoutError(f"{name}: cannot be read: {exc.strerror}") from exc
+        text = read_label_text(folders.calibrations / calibration, calibration)
+        camera = _read_calibration(text, calibration, wh)
     boxes = [_box_of(line, camera) for line in lines if not line.is_region]
     annotation: dict[str, object] = {"boxes": boxes}
     regions = [line.xyxy for line in lines if line.is_region]
@@ -233,25 +250,19 @@ def _spans(file: BinaryIO) -> Iterator[BoxSpan]:
     )
 
 
-_COLUMNS: Final = (15, 16)
-
-
 def _read_kitti_lines(text: str, name: str) -> list[_KittiLine]:
     """The lines of one label file; `LayoutError` names file and line."""
     lines = []
     for number, line in enumerate(text.splitlines(), start=1):
-        columns = line.split()
-        if columns:
-            lines.append(_line(columns, f"{name}, line {number}"))
+        columns, at = line.split(), f"{name}, line {number}"
+        if not columns:
+            continue
+        if len(columns) not in (15, 16):
+            raise LayoutError(
+                f"{at}: expected 15 columns (16 with a score), found {len(columns)}"
+            )
+        lines.append(_KittiLine(columns[0], tuple(read_columns(columns[1:], at)), at))
     return lines
-
-
-def _line(columns: Sequence[str], at: str) -> _KittiLine:
-    if len(columns) not in _COLUMNS:
-        raise LayoutError(
-            f"{at}: expected 15 columns (16 with a score), found {len(columns)}"
-        )
-    return _KittiLine(columns[0], tuple(read_columns(columns[1:], at)), at)
 
 
 _DONT_CARE: Final = "DontCare"
@@ -333,11 +344,6 @@ def _box_of(line: _KittiLine, camera: Camera | None) -> dict[str, object]:
 
     The rectangle counts where there is one, and is never replaced by another. A line
     that has only a 3D box, as some tools write, needs the camera.
-
-    Raises
-    ------
-    LayoutError
-        There is no rectangle, and none can be computed.
     """
     truncated, occluded, alpha = line.numbers[:3]
     box: dict[str, object] = {"class": line.type}
@@ -356,7 +362,10 @@ def _box_of(line: _KittiLine, camera: Camera | None) -> dict[str, object]:
         "alpha": alpha,
     }
     if vertices is not None:
-        box["distance"] = _distance(vertices, camera)
+        position = np.zeros(3) if camera is None else camera.position
+        box["distance"] = round(
+            float(np.linalg.norm(vertices.mean(axis=0) - position)), 4
+        )
         kept["dimensions"] = list(line.numbers[7:10])
         kept["location"] = list(line.numbers[10:13])
         kept["rotation_y"] = line.numbers[13]
@@ -365,42 +374,10 @@ def _box_of(line: _KittiLine, camera: Camera | None) -> dict[str, object]:
     return {**box, "kitti": kept}
 
 
-def _distance(vertices: FloatArray, camera: Camera | None) -> float:
-    position = np.zeros(3) if camera is None else camera.position
-    return round(float(np.linalg.norm(vertices.mean(axis=0) - position)), 4)
-
-
-def _camera(
-    folders: _KittiFolders, files: FrameFileNames, calibration: str | None
-) -> Camera | None:
-    """The frame's camera, with the size of its images; None if either is missing."""
-    others = (files.files.get(kind) for kind in ("segmentation", "instances"))
-    path = (
-        folders.images / files.image
-        if files.image
-        else next(filter(None, others), None)
-    )
-    if calibration is None or path is None:
-        return None
-    try:
-        with open_regular(path) as image:
-            wh = read_image_size(image.read())
-    except OSError as exc:
-        name = files.image or path.name
-        raise LayoutError(f"{name}: cannot be read: {exc.strerror}") from exc
-    text = read_label_text(folders.calibrations / calibration, calibration)
-    return _read_calibration(text, calibration, wh)
-
-
 def _read_calibration(text: str, name: str, wh: tuple[int, int]) -> Camera:
     """The left colour camera (``P2``) of one calibration file.
 
     Its world is the coordinate system of the labels, in CARLA's axes.
-
-    Raises
-    ------
-    LayoutError
-        No ``P2``, or it is no camera.
     """
     rows = [line.partition(":") for line in text.splitlines()]
     found = [value for key, _, value in rows if key.strip() == "P2"]
@@ -489,7 +466,19 @@ class KittiWriter:
 
     def _composed(self, out: OutFrame) -> str:
         lines = [self._line(one, out.frame) for one in out.boxes]
-        lines += [_ignored(xyxy) for xyxy in _regions(out)]
+        # Regions to ignore of the frame as given
+        given = out.frame.given.frame.get("dontcare")
+        rows = given if isinstance(given, list) else []
+        usable = [
+            row
+            for row in rows
+            if isinstance(row, list)
+            and len(row) == 4
+            and all(isinstance(edge, (int, float)) for edge in row)
+        ]
+        if usable:
+            regions = clipped(np.array(usable, np.float64), out.frame.wh)
+            lines += [_ignored(xyxy) for xyxy in regions.tolist()]
         return "".join(f"{line}\n" for line in lines)
 
     def finish(self) -> None:
@@ -584,8 +573,8 @@ def _columns_3d(
     if camera is not None:
         vertices = frame.given.vertices[one.row]
         if not np.isnan(vertices[0, 0]):
-            box = to_kitti_box(vertices, camera)
-            return box.alpha, (*box.dimensions, *box.location, box.rotation_y)
+            dimensions, location, rotation_y, alpha = to_kitti_box(vertices, camera)
+            return alpha, (*dimensions, *location, rotation_y)
     numbers = [*_numbers(given, "dimensions"), *_numbers(given, "location")]
     rotation, heading = given.get("rotation_y"), given.get("alpha")
     alpha = float(heading) if isinstance(heading, (int, float)) else _NO_ALPHA
@@ -606,19 +595,20 @@ _BOTTOM: Final = [0, 2, 4, 6]
 """Corners at -z, in CARLA's order."""
 
 
-def to_kitti_box(vertices: FloatArray, camera: Camera) -> KittiBox:
-    """A box from its world corners.
+def to_kitti_box(
+    vertices: FloatArray, camera: Camera
+) -> tuple[tuple[float, float, float], tuple[float, float, float], float, float]:
+    """Dimensions, location, ``rotation_y`` and ``alpha`` of a box.
 
-    Parameters
-    ----------
-    vertices : (8, 3), metres
-        In any order; `in_carla_order` decides which axis is the length.
-    camera : Camera
+    Dimensions are height, width and length in metres; the location is that of the
+    middle of the lower face, right, down and forward in metres; the rotation is about
+    the axis that points down, and alpha is the rotation less the direction from the
+    camera to the box, both in radians.
 
-    Notes
-    -----
-    KITTI turns boxes about one axis only. A camera that looks down or rolls sees boxes
-    that are turned about the others as well; of those the heading is kept.
+    The corners in the world, (8, 3) metres, may have any order: `in_carla_order`
+    decides which axis is the length. KITTI turns boxes about one axis only. A camera
+    that looks down or rolls sees boxes that are turned about the others as well; of
+    those the heading is kept.
     """
     corners = in_carla_order(vertices)[0]
     motion = camera.world_to_camera
@@ -630,53 +620,9 @@ def to_kitti_box(vertices: FloatArray, camera: Camera) -> KittiBox:
     x, y, z = (float(v) for v in seen[_BOTTOM].mean(axis=0))
     forward = seen[4] - seen[0]
     rotation_y = math.atan2(-float(forward[2]), float(forward[0]))
-    return KittiBox(
-        dimensions=(height, width, length),
-        location=(x, y, z),
-        rotation_y=rotation_y,
-        alpha=_half_turn(rotation_y - math.atan2(x, z)),
-    )
-
-
-@dataclass(frozen=True)
-class KittiBox:
-    """A 3D box as KITTI gives it: x right, y down, z forward.
-
-    Attributes
-    ----------
-    dimensions : height, width and length, metres
-    location : of the middle of the bottom face, metres
-    rotation_y : radians, about the axis that points down
-    alpha : radians
-        Observation angle: `rotation_y` less the direction from the camera to the box.
-    """
-
-    dimensions: tuple[float, float, float]
-    location: tuple[float, float, float]
-    rotation_y: float
-    alpha: float
-
-
-def _half_turn(angle: float) -> float:
-    """The same angle from -pi to pi."""
-    return math.remainder(angle, 2 * math.pi)
-
-
-def _regions(out: OutFrame) -> list[list[float]]:
-    """Regions to ignore of the frame as given."""
-    given = out.frame.given.frame.get("dontcare")
-    rows = given if isinstance(given, list) else []
-    usable = [row for row in rows if isinstance(row, list) and _is_rectangle(row)]
-    if not usable:
-        return []
-    regions: list[list[float]] = clipped(
-        np.array(usable, np.float64), out.frame.wh
-    ).tolist()
-    return regions
-
-
-def _is_rectangle(row: Sequence[object]) -> bool:
-    return len(row) == 4 and all(isinstance(edge, (int, float)) for edge in row)
+    # From -pi to pi
+    alpha = math.remainder(rotation_y - math.atan2(x, z), 2 * math.pi)
+    return (height, width, length), (x, y, z), rotation_y, alpha
 
 
 _VELODYNE_AXES: Final = (0, -1, 0, 0, 0, 0, -1, 0, 1, 0, 0, 0)

@@ -33,8 +33,6 @@ from filter_core.formats.format import (
     Recognition,
     Source,
 )
-from filter_core.formats.json_items import decode_value, read_list
-from filter_core.formats.patterns import FilePatterns
 from filter_core.formats.reading import (
     IMAGE_SUFFIXES,
     LOCAL_FILES,
@@ -52,6 +50,8 @@ from filter_core.formats.reading import (
 )
 from filter_core.formats.recording import RecordingDescription
 from filter_core.formats.streams import listed_frames, listing_files
+from filter_core.formats.tables.json_items import decode_value, read_list
+from filter_core.formats.tables.patterns import FilePatterns
 from filter_core.formats.writing import (
     ExportContext,
     LabelBoxes,
@@ -115,13 +115,7 @@ class _Task:
     labelled: Labelled | None
 
     def read(self) -> Mapping[str, object]:
-        """The task.
-
-        Raises
-        ------
-        LayoutError
-            It cannot be read any more.
-        """
+        """The task."""
         try:
             with open_regular(self.path) as file:
                 file.seek(self.start)
@@ -201,7 +195,10 @@ def _tasks(path: Path) -> Iterator[tuple[Mapping[str, object], int, int]]:
     with open_regular(path) as file:
         for item in read_list(file, path.name):
             text = item.value if isinstance(item.value, dict) else {}
-            if not _is_ascii(text.get("data")):  # the file was read as Latin-1
+            if any(
+                isinstance(value, str) and not value.isascii()
+                for value in _mapping(text.get("data")).values()
+            ):  # the file was read as Latin-1
                 with open_regular(path) as again:
                     again.seek(item.start)
                     content = again.read(item.end - item.start)
@@ -210,13 +207,6 @@ def _tasks(path: Path) -> Iterator[tuple[Mapping[str, object], int, int]]:
                     "data": _mapping(decode_value(content, path.name)).get("data"),
                 }
             yield text, item.start, item.end
-
-
-def _is_ascii(data: object) -> bool:
-    return all(
-        not isinstance(value, str) or value.isascii()
-        for value in _mapping(data).values()
-    )
 
 
 _UPLOADED: Final = re.compile(r"(?<=/)[0-9a-f]{8}-(?=[^/]+$)")
@@ -302,25 +292,13 @@ _LABEL: Final = re.compile(r"""<Label\s[^<>]{0,1000}?value=["']([^"'<>]{1,1000})
 
 @dataclass
 class _Reading:
-    """Reads tasks, and counts what is no plain rectangle.
-
-    Attributes
-    ----------
-    default_class : str
-    counts : Counter of str
-    """
+    """Reads tasks, and counts what is no plain rectangle."""
 
     default_class: str
     counts: Counter[str] = field(default_factory=Counter)
 
     def annotation(self, task: _Task) -> dict[str, object]:
-        """The boxes of one task.
-
-        Raises
-        ------
-        LayoutError
-            A region has no numbers or no size, or the task cannot be read.
-        """
+        """The boxes of one task."""
         document = task.read()
         chosen = _chosen(document)
         labelling, is_annotation = chosen or ({}, True)
@@ -485,7 +463,15 @@ class LabelStudioWriter:
     def finish(self) -> None:
         """The tasks, and the labelling interface that shows them."""
         self._context.sink("tasks.json", self._pieces())
-        config = _label_config(self._context.head.classes)
+        labels = "".join(
+            f"    <Label{attributes(value=name)}/>\n"
+            for name in self._context.head.classes
+        )
+        config = (
+            '<View>\n  <Image name="image" value="$image"/>\n'
+            '  <RectangleLabels name="label" toName="image">\n'
+            f"{labels}  </RectangleLabels>\n</View>\n"
+        )
         self._context.sink("label_config.xml", [config.encode("utf-8", "replace")])
 
     def _prediction(self, chosen: LabelBoxes, frame: ExportFrame) -> dict[str, object]:
@@ -548,12 +534,3 @@ def _score(row: int, frame: ExportFrame) -> float | None:
     """The share of a box's pixels that match; None if they were not measured."""
     match = float(frame.boxes.match_percent[row])
     return None if math.isnan(match) else match / 100
-
-
-def _label_config(classes: Sequence[str]) -> str:
-    labels = "".join(f"    <Label{attributes(value=name)}/>\n" for name in classes)
-    return (
-        '<View>\n  <Image name="image" value="$image"/>\n'
-        '  <RectangleLabels name="label" toName="image">\n'
-        f"{labels}  </RectangleLabels>\n</View>\n"
-    )

@@ -24,7 +24,6 @@ from filter_core.formats.format import (
     Recognition,
     Source,
 )
-from filter_core.formats.outside import OUTSIDE_FILES_HINT, allowed_folders
 from filter_core.formats.reading import (
     KEYS_NAME,
     MANIFEST_NAME,
@@ -42,6 +41,7 @@ from filter_core.formats.reading import (
 )
 from filter_core.formats.recording import RecordingDescription
 from filter_core.formats.same import BoxSpan, spans_of_items
+from filter_core.formats.streams.outside import OUTSIDE_FILES_HINT, allowed_folders
 from filter_core.formats.writing import EVERY_KEY, ExportContext, OutFrame, Traits
 from filter_core.json_text import read_json
 from filter_core.values import JsonObject, shown
@@ -159,17 +159,14 @@ class _Folders:
     allowed: tuple[Path, ...] | None
 
     def file(self, kind: str, given: object, at: str) -> Path:
-        """The path of one of `FRAME_FILES` as a line gives it; `at` is that line.
-
-        Raises
-        ------
-        LayoutError
-            It is no path, or leads outside.
-        """
+        """The path of one of `FRAME_FILES` as a line gives it; `at` is that line."""
         if not isinstance(given, str) or not given:
             raise LayoutError(f"{at}, {kind}: expected a path, found {shown(given)}")
         folder = self.segmentation if kind == "segmentation" else self.manifest
-        path = _path(folder, given)
+        # A path as a line gives it, which may have been written on Windows
+        path = folder / given
+        if "\\" in given and not path.exists():
+            path = folder / given.replace("\\", "/")
         if self.allowed is None or is_inside(path, self.allowed):
             return path
         raise LayoutError(
@@ -188,7 +185,9 @@ def _read_lines(path: Path, options: RecordingDescription) -> Iterator[FrameSour
             number += 1
             at = f"{path.name}, line {number}"
             if len(line) > MAX_LABEL_BYTES:
-                _skip_rest_of_line(file, line)
+                piece = line
+                while piece and not piece.endswith(b"\n"):
+                    piece = file.readline(MAX_LABEL_BYTES)
                 yield _problem(at, f"at most {MAX_LABEL_BYTES} bytes", "more")
             elif line.strip():
                 frame = _read_line(line, at, folders)
@@ -208,11 +207,6 @@ def _spans(file: BinaryIO) -> Iterator[BoxSpan]:
             for place, start, end in spans:
                 yield BoxSpan(place, begin + start, begin + end)
         begin += len(line)
-
-
-def _skip_rest_of_line(file: BinaryIO, piece: bytes) -> None:
-    while piece and not piece.endswith(b"\n"):
-        piece = file.readline(MAX_LABEL_BYTES)
 
 
 def _read_line(line: bytes, at: str, folders: _Folders) -> FrameSource:
@@ -262,14 +256,6 @@ def _plain_points(raw: JsonObject, at: str, folders: _Folders) -> Path | None:
 
 
 _PLAIN_POINTS: Final = "lidar_intensity"
-
-
-def _path(folder: Path, given: str) -> Path:
-    """A path as a line gives it, which may have been written on Windows."""
-    path = folder / given
-    if "\\" in given and not path.exists():
-        return folder / given.replace("\\", "/")
-    return path
 
 
 def _problem(at: str, expected: str, found: str) -> FrameSource:

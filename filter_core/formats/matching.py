@@ -325,7 +325,23 @@ def with_keys(
     path = root / KEYS_NAME
     if not path.is_file():
         return frames
-    named = _read(path)
+    named: dict[str, _Named] = {}
+    keys: set[str] = set()
+    for at, line in _lines(path):
+        file, key, town = line.get("file"), line.get("key"), line.get("map")
+        if not isinstance(file, str) or not isinstance(key, str):
+            raise LayoutError(f"{at}: expected file and key, found {str(line)[:60]}")
+        part = line.get("part")
+        is_known = isinstance(part, (str, type(None))) and 0 < len(key) <= MAX_KEY
+        if not is_known or not isinstance(town, (str, type(None))):
+            raise LayoutError(f"{at}: expected a key and a map, found {str(line)[:60]}")
+        name = frame_key(file)
+        if name in named or key in keys:
+            raise LayoutError(
+                f"{at}: expected each file and key once, found {str(line)[:60]} again"
+            )
+        keys.add(key)
+        named[name] = _Named(key, town, part if isinstance(part, str) else None)
     renamed = (
         replace(one, key=found.key, map=found.map or one.map, part=found.part)
         if found
@@ -363,27 +379,6 @@ class _Named(NamedTuple):
     key: str
     map: str | None
     part: str | None
-
-
-def _read(path: Path) -> dict[str, _Named]:
-    named: dict[str, _Named] = {}
-    keys: set[str] = set()
-    for at, line in _lines(path):
-        file, key, town = line.get("file"), line.get("key"), line.get("map")
-        if not isinstance(file, str) or not isinstance(key, str):
-            raise LayoutError(f"{at}: expected file and key, found {str(line)[:60]}")
-        part = line.get("part")
-        is_known = isinstance(part, (str, type(None))) and 0 < len(key) <= MAX_KEY
-        if not is_known or not isinstance(town, (str, type(None))):
-            raise LayoutError(f"{at}: expected a key and a map, found {str(line)[:60]}")
-        name = frame_key(file)
-        if name in named or key in keys:
-            raise LayoutError(
-                f"{at}: expected each file and key once, found {str(line)[:60]} again"
-            )
-        keys.add(key)
-        named[name] = _Named(key, town, part if isinstance(part, str) else None)
-    return named
 
 
 def _lines(path: Path) -> Iterator[tuple[str, dict[str, object]]]:

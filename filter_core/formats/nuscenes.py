@@ -40,8 +40,8 @@ from filter_core.formats.reading import (
     split_name,
 )
 from filter_core.formats.recording import RecordingDescription
-from filter_core.formats.rows import MAX_BYTES, read_document
 from filter_core.formats.streams import Streams
+from filter_core.formats.tables.rows import MAX_BYTES, read_document
 from filter_core.geometry.camera import CARLA_TO_IMAGE_AXES
 from filter_core.values import shown
 

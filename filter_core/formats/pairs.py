@@ -21,7 +21,6 @@ from filter_core.formats.matching import (
     FrameFileNames,
     frame_of,
 )
-from filter_core.formats.patterns import LABELS, described_frames
 from filter_core.formats.reading import (
     IMAGE_SUFFIXES,
     BoxOrigin,
@@ -37,6 +36,7 @@ from filter_core.formats.reading import (
 from filter_core.formats.recording import RecordingDescription
 from filter_core.formats.same import BoxSpan, spans_of_items
 from filter_core.formats.streams import Streams
+from filter_core.formats.tables.patterns import LABELS, described_frames
 from filter_core.json_text import read_json
 from filter_core.values import shown
 

@@ -26,21 +26,13 @@ from filter_core.config.declaration import (
     key,
     placed,
     refuse_unknown_keys,
+    wrong_value,
 )
 from filter_core.config.file import merged_classes, parse_yaml
 from filter_core.config.filter import DecideConfig, object_schema
 from filter_core.config.keys import ReadingKeys
 from filter_core.errors import ConfigError, LayoutError
 from filter_core.evidence_numbers import DepthEncoding
-from filter_core.formats.cameras import AllowedCameras, CameraPlaces
-from filter_core.formats.fields import AllowedFields, BoxFields
-from filter_core.formats.patterns import (
-    LABELS,
-    AllowedFiles,
-    AllowedKeyPattern,
-    FilePattern,
-    FilePatterns,
-)
 from filter_core.formats.plugins import plugin_names
 from filter_core.formats.reading import (
     RECORDING_NAME,
@@ -49,6 +41,15 @@ from filter_core.formats.reading import (
     real_paths,
 )
 from filter_core.formats.splits import SplitSource
+from filter_core.formats.tables.cameras import AllowedCameras, CameraPlaces
+from filter_core.formats.tables.fields import AllowedFields, BoxFields
+from filter_core.formats.tables.patterns import (
+    LABELS,
+    AllowedFiles,
+    AllowedKeyPattern,
+    FilePattern,
+    FilePatterns,
+)
 from filter_core.segmentation.reading import (
     Encoding,
     Lossy,
@@ -105,10 +106,7 @@ class AllowedName(NamedTuple):
     def checked(self, name: str, value: object, at: str = "") -> str:
         """See `Allowed.checked`."""
         if not isinstance(value, str) or not 0 < len(value) <= _MAX_NAME:
-            raise ConfigError(
-                f"{place_of(at)}{name}: expected {self}, found {shown(value)}",
-                pointer=f"{at}/{name}",
-            )
+            raise wrong_value(name, value, self, at)
         return value
 
     def schema(self) -> dict[str, object]:
@@ -133,10 +131,7 @@ class ClassNames:
                 names = dict(zip(numbers, value.values(), strict=True))
                 value = [names.get(one, str(one)) for one in range(max(numbers) + 1)]
         if not isinstance(value, list | tuple) or not 0 < len(value) <= _MAX_NAMES:
-            raise ConfigError(
-                f"{place_of(at)}{name}: expected {self}, found {shown(value)}",
-                pointer=f"{at}/{name}",
-            )
+            raise wrong_value(name, value, self, at)
         class_name = AllowedName("a class name")
         return tuple(
             class_name.checked(str(number), word, f"{at}/{name}")
@@ -177,10 +172,7 @@ class ClassMap:
     def checked(self, name: str, value: object, at: str = "") -> dict[str, object]:
         """See `Allowed.checked`."""
         if not isinstance(value, Mapping):
-            raise ConfigError(
-                f"{place_of(at)}{name}: expected {self}, found {shown(value)}",
-                pointer=f"{at}/{name}",
-            )
+            raise wrong_value(name, value, self, at)
         name_of_class = AllowedName("a class name")
         for given, options in value.items():
             if isinstance(options, Mapping) and NAME in options:
@@ -213,10 +205,7 @@ class AllowedCounts:
         if len(counts) < len(given) or not all(
             0 < len(one) <= _MAX_NAME for one in counts
         ):
-            raise ConfigError(
-                f"{place_of(at)}{name}: expected {self}, found {shown(value)}",
-                pointer=f"{at}/{name}",
-            )
+            raise wrong_value(name, value, self, at)
         return counts
 
     def schema(self) -> dict[str, object]:
@@ -509,9 +498,6 @@ def place_in_file(name: str) -> str:
     return declared_keys(RecordingDescription)[name].place or name
 
 
-"""Keys with a meaning that no reader carries out."""
-
-
 def describe(
     source: Path,
     file: Path | None = None,
@@ -557,7 +543,18 @@ def values_of(document: object) -> dict[str, object]:
     ConfigError
         An unknown key, one that is not supported yet, or a wrong value.
     """
-    return dict(_checked(document))
+    declared = declared_keys(RecordingDescription)
+    by_place = {one.place or name: name for name, one in declared.items()}
+    values = {}
+    for name, section in _section(document, "", by_place):
+        is_key = name in by_place
+        keys = [(name, section)] if is_key else _section(section, name, by_place)
+        for place, value in keys:
+            *above, last = place.split(".")
+            at = "".join(f"/{part}" for part in above)
+            attribute = by_place[place]
+            values[attribute] = declared[attribute].allowed.checked(last, value, at)
+    return values
 
 
 def description_schema() -> dict[str, object]:
@@ -643,43 +640,19 @@ def _values(path: Path, folder: Path, *, is_named: bool) -> dict[str, object]:
         ) from exc
     for name in RecordingDescription._FOLDERS:
         if name in values:
+            found, there = shown(values[name]), folder / str(values[name])
             place = f"{path.name}: {place_in_file(name)}"
-            values[name] = _folder(folder, values[name], place, is_named=is_named)
+            if not there.exists():
+                raise LayoutError(
+                    f"{place}: expected a folder, found none named {found}"
+                )
+            if not is_named and not is_inside(there, real_paths(folder)):
+                raise LayoutError(
+                    f"{place}: expected a folder in that of the recording, found "
+                    f"{found}; --recording FILE names a description that you trust"
+                )
+            values[name] = there
     return values
-
-
-def _folder(folder: Path, path: object, place: str, *, is_named: bool) -> Path:
-    there = folder / str(path)
-    if not there.exists():
-        raise LayoutError(f"{place}: expected a folder, found none named {shown(path)}")
-    if not is_named and not is_inside(there, real_paths(folder)):
-        raise LayoutError(
-            f"{place}: expected a folder in that of the recording, found "
-            f"{shown(path)}; --recording FILE names a description that you trust"
-        )
-    return there
-
-
-def _checked(document: object) -> Iterator[tuple[str, object]]:
-    """The values of a file by attribute, each in its canonical form."""
-    declared = declared_keys(RecordingDescription)
-    by_place = {one.place or name: name for name, one in declared.items()}
-    for place, value in _leaves(document, by_place):
-        *section, last = place.split(".")
-        at = "".join(f"/{part}" for part in section)
-        name = by_place[place]
-        yield name, declared[name].allowed.checked(last, value, at)
-
-
-def _leaves(
-    document: object, by_place: Mapping[str, str]
-) -> Iterator[tuple[str, object]]:
-    """The given keys, such as ``boxes.classes``, with their values."""
-    for name, value in _section(document, "", by_place):
-        if name in by_place:
-            yield name, value
-        else:
-            yield from _section(value, name, by_place)
 
 
 def _section(

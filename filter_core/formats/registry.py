@@ -46,9 +46,7 @@ from filter_core.formats.label_studio import LABEL_STUDIO
 from filter_core.formats.labels import described_labels, with_maps
 from filter_core.formats.manifest import MANIFEST
 from filter_core.formats.nuscenes import NUSCENES
-from filter_core.formats.outside import check_links, files_inside
 from filter_core.formats.pairs import PAIRS
-from filter_core.formats.patterns import LABELS
 from filter_core.formats.plugins import package_of, plugin_entries
 from filter_core.formats.reading import (
     MANIFEST_NAME,
@@ -66,7 +64,9 @@ from filter_core.formats.recording import (
     place_in_file,
 )
 from filter_core.formats.splits import with_splits
+from filter_core.formats.streams.outside import check_links, files_inside
 from filter_core.formats.table import TABLE
+from filter_core.formats.tables.patterns import LABELS
 from filter_core.formats.tally import Counts
 from filter_core.formats.voc import VOC
 from filter_core.formats.yolo import YOLO, NoClassList, lacking_class_list

@@ -27,7 +27,6 @@ from typing import BinaryIO, Final, NamedTuple, TypeAlias
 
 from filter_core.errors import LayoutError
 from filter_core.formats.export import GivenAnnotation
-from filter_core.formats.json_items import read_object
 from filter_core.formats.reading import (
     RECORDING_NAME,
     TEXT_SUFFIXES,
@@ -40,6 +39,7 @@ from filter_core.formats.reading import (
     read_label_bytes,
     real_paths,
 )
+from filter_core.formats.tables.json_items import read_object
 from filter_core.formats.words import is_band, is_label_folder
 
 
@@ -424,13 +424,7 @@ class RecordingCopy:
         return LeftBehind(outside)
 
     def _in_bands(self, file: Path) -> Iterator[Path]:
-        """The label files of distance bands that hold boxes of this label file again.
-
-        Raises
-        ------
-        LayoutError
-            They are below it, as those of COCO, whose annotations have other ids.
-        """
+        """The label files of distance bands that hold boxes of this one again."""
         for band in self._bands(file.parent):
             if (band / file.name).is_file():
                 raise LayoutError(
@@ -518,11 +512,6 @@ def _cuts(
     """The bytes to leave out: boxes, and the commas of items of a list.
 
     The comma before an item goes with it; that before the first item that stays, too.
-
-    Raises
-    ------
-    LayoutError
-        The file has no such box.
     """
     left = set(places)
     before: int | None = None

@@ -334,7 +334,17 @@ class _Lists:
         except LayoutError:
             return
         for line in text.splitlines():
-            if parts := _without_kinds(_parts_of(_line_name(line))):
+            # The name in a line of a list, without the suffix of an image
+            name = line.strip()
+            stem, suffix = split_name(name)
+            if suffix.lower() in IMAGE_SUFFIXES:
+                line_name = stem
+            else:
+                first, _, rest = name.rpartition(" ")
+                line_name = (
+                    first.strip() if rest in ("-1", "0", "1") and first else name
+                )
+            if parts := _without_kinds(_parts_of(line_name)):
                 self._by_last.setdefault(parts[-1], []).append((parts, part))
 
     def parts_of(self, name: str) -> list[str]:
@@ -352,19 +362,6 @@ class _Lists:
         )
         unions = [part for part in parts if part.lower().startswith(_UNION)]
         return [part for part in parts if part not in unions] or unions
-
-
-def _line_name(line: str) -> str:
-    """The name in a line of a list, without the suffix of an image.
-
-    In VOC's lists for one class a number follows the name.
-    """
-    name = line.strip()
-    stem, suffix = split_name(name)
-    if suffix.lower() in IMAGE_SUFFIXES:
-        return stem
-    first, _, rest = name.rpartition(" ")
-    return first.strip() if rest in ("-1", "0", "1") and first else name
 
 
 def _without_kinds(names: Sequence[str]) -> list[str]:

@@ -1,7 +1,7 @@
 """Boxes in tables: CSV, TSV, JSON, JSON Lines or NPZ, as people's own scripts write.
 
 A file has the boxes of one frame, one in each row, or those of many frames, each row
-with the frame's name. `filter_core.formats.fields` says what is what in a row.
+with the frame's name. `filter_core.formats.tables.fields` says what is what in a row.
 """
 
 from __future__ import annotations
@@ -17,28 +17,11 @@ from typing import Final, NamedTuple
 
 from filter_core.annotation.frame import FORMS_3D, GEOMETRIES
 from filter_core.errors import LayoutError
-from filter_core.formats.box_rows import BoxReader
-from filter_core.formats.cameras import Cameras
-from filter_core.formats.fields import (
-    BOXES,
-    BoxFields,
-    forms_of,
-    recognised_fields,
-)
 from filter_core.formats.format import FOLDER_OPTIONS, Format, Recognition, Source
 from filter_core.formats.matching import (
     FileIndex,
     FrameFileNames,
     frame_of,
-)
-from filter_core.formats.patterns import (
-    CAMERA,
-    FRAME,
-    LABELS,
-    FilePatterns,
-    PatternFiles,
-    Values,
-    plain,
 )
 from filter_core.formats.reading import (
     GZIP,
@@ -55,7 +38,25 @@ from filter_core.formats.reading import (
     split_name,
 )
 from filter_core.formats.recording import RecordingDescription
-from filter_core.formats.rows import (
+from filter_core.formats.streams import Streams
+from filter_core.formats.tables.box_rows import BoxReader
+from filter_core.formats.tables.cameras import Cameras
+from filter_core.formats.tables.fields import (
+    BOXES,
+    BoxFields,
+    forms_of,
+    recognised_fields,
+)
+from filter_core.formats.tables.patterns import (
+    CAMERA,
+    FRAME,
+    LABELS,
+    FilePatterns,
+    PatternFiles,
+    Values,
+    plain,
+)
+from filter_core.formats.tables.rows import (
     MAX_BYTES,
     Lines,
     Row,
@@ -63,7 +64,6 @@ from filter_core.formats.rows import (
     read_document,
     table_suffix,
 )
-from filter_core.formats.streams import Streams
 from filter_core.values import shown
 
 TABLE: Final = Format(
@@ -142,7 +142,16 @@ def read_table(source: Path, options: RecordingDescription) -> FrameSet:
     else:
         found = _by_names(root, source, options)
     names = _FrameNames(found.frames)
-    tables, strange = _tables(found, reader, names)
+    # The files with the labels of many frames, and those that are something else
+    tables, errors = [], []
+    for name, values in found.tables.items():
+        try:
+            tables.append(_Table(found.folder / name, name, values, reader, names))
+        except LayoutError as exc:
+            errors.append((name, exc))
+    if errors and not tables:
+        raise errors[0][1]
+    strange = [Unmatched(name, error.detail) for name, error in errors]
     shares = Counter(one.files.label for one in found.frames if one.files.label)
     labels = _Labels(reader, Cameras(root, options.cameras), tables, shares, options)
     of_rows = (one for each in tables for one in each.unmatched)
@@ -163,21 +172,6 @@ def read_table(source: Path, options: RecordingDescription) -> FrameSet:
         notes=lambda: (*found.notes, *_left_out(reader)),
         streams=found.streams,
     )
-
-
-def _tables(
-    found: _Found, reader: BoxReader, names: _FrameNames
-) -> tuple[list[_Table], list[Unmatched]]:
-    """The files with the labels of many frames, and those that are something else."""
-    tables, errors = [], []
-    for name, values in found.tables.items():
-        try:
-            tables.append(_Table(found.folder / name, name, values, reader, names))
-        except LayoutError as exc:
-            errors.append((name, exc))
-    if errors and not tables:
-        raise errors[0][1]
-    return tables, [Unmatched(name, error.detail) for name, error in errors]
 
 
 def _left_out(reader: BoxReader) -> Iterator[str]:
@@ -378,21 +372,18 @@ class _Table:
             if document.columns is not None:
                 reader.check_columns(document.columns, name)
             self._lines = document
-            self._note_spans(document)
+            for span, row in document:
+                for index in self._indexes(None, row):
+                    spans = self._spans.setdefault(index, [])
+                    if spans and spans[-1].end == span.start:
+                        spans[-1] = spans[-1]._replace(end=span.end)
+                    else:
+                        spans.append(span)
         else:
             for named, row in reader.frames_in(document, name):
                 for index in self._indexes(named, row):
                     self._rows.setdefault(index, []).append(row)
         self._list_lost()
-
-    def _note_spans(self, lines: Lines) -> None:
-        for span, row in lines:
-            for index in self._indexes(None, row):
-                spans = self._spans.setdefault(index, [])
-                if spans and spans[-1].end == span.start:
-                    spans[-1] = spans[-1]._replace(end=span.end)
-                else:
-                    spans.append(span)
 
     def _indexes(self, named: object, row: Row) -> list[int]:
         """The frames that a row belongs to; one that belongs to none is noted."""
@@ -484,18 +475,15 @@ class _Labels:
                 boxes += self._boxes(found, frame, table.shares(row), regions)
         wh = frame_size(source) if self.options.cameras.places else None
         camera = self.cameras.of(frame.values, labels, wh)
+        # The map that labels, or the first of their rows, say
+        first = labels[0] if isinstance(labels, list) and labels else labels
+        town = self.reader.cell("map", first)
         return {
             "boxes": self._with_ids(boxes),
             **({"camera": camera} if camera else {}),
             **({"dontcare": regions} if regions else {}),
-            **self._map_in(labels),
+            **({"map": town} if isinstance(town, str) else {}),
         }
-
-    def _map_in(self, labels: object) -> dict[str, object]:
-        """The map that labels, or the first of their rows, say."""
-        row = labels[0] if isinstance(labels, list) and labels else labels
-        name = self.reader.cell("map", row)
-        return {"map": name} if isinstance(name, str) else {}
 
     def _annotation_in(self, document: object) -> dict[str, object] | None:
         """What a file holds if it is an annotation of the API, with camera and all."""

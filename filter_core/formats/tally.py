@@ -177,7 +177,20 @@ class ExportTally:
         ExportError
             Boxes in are not boxes out plus boxes dropped, or not as many as expected.
         """
-        self._refuse_mismatch()
+        expected_boxes = self._head.expected_boxes
+        total = int(self._count["in"].sum())
+        if expected_boxes is not None and total != expected_boxes:
+            raise ExportError(
+                f"expected {expected_boxes} boxes, found {total}", code="count_mismatch"
+            )
+        for place, name in enumerate(self._classes):
+            came, *fates = (int(self._count[fate][place]) for fate in _FATES[:4])
+            if came != sum(fates):
+                raise ExportError(
+                    f"class {name!r}: {came} boxes in, but {fates[0]} out, {fates[1]} "
+                    f"to be ignored and {fates[2]} dropped",
+                    code="count_mismatch",
+                )
         per_class = {
             name: {what: int(count[place]) for what, count in self._count.items()}
             for place, name in enumerate(self._classes)
@@ -197,22 +210,6 @@ class ExportTally:
         }
         used = {name: dict(count) for name, count in more.items() if count.total()}
         return {**counts, **used}
-
-    def _refuse_mismatch(self) -> None:
-        expected_boxes = self._head.expected_boxes
-        total = int(self._count["in"].sum())
-        if expected_boxes is not None and total != expected_boxes:
-            raise ExportError(
-                f"expected {expected_boxes} boxes, found {total}", code="count_mismatch"
-            )
-        for place, name in enumerate(self._classes):
-            came, *fates = (int(self._count[fate][place]) for fate in _FATES[:4])
-            if came != sum(fates):
-                raise ExportError(
-                    f"class {name!r}: {came} boxes in, but {fates[0]} out, {fates[1]} "
-                    f"to be ignored and {fates[2]} dropped",
-                    code="count_mismatch",
-                )
 
     def manifest(self, more: Mapping[str, object] | None = None) -> Iterator[bytes]:
         """``manifest.json`` in pieces: the head, the counts, every changed box.

@@ -24,7 +24,6 @@ from defusedxml.common import DefusedXmlException
 from defusedxml.ElementTree import DefusedXMLParser, ParseError
 
 from filter_core.errors import LayoutError
-from filter_core.formats.export import ExportFrame
 from filter_core.formats.files import Spool, element
 from filter_core.formats.format import (
     FOLDER_OPTIONS,
@@ -54,7 +53,6 @@ from filter_core.formats.streams import Streams
 from filter_core.formats.writing import (
     RECTANGLE_KEYS,
     ExportContext,
-    LabelBox,
     OutFrame,
     Traits,
 )
@@ -534,30 +532,27 @@ def _lines(out: OutFrame) -> Iterator[str]:
     )
     yield "  <segmented>0</segmented>"
     for one in out.boxes:
-        yield from _object(one, out.frame)
+        frame = out.frame
+        given = frame.given.boxes[one.row]
+        pose = given.get("pose")
+        flags = {
+            "pose": pose if isinstance(pose, str) else "Unspecified",
+            "truncated": _flag(given.get("truncated"), one.is_cut),
+            "difficult": _flag(
+                None if one.ignored else given.get("difficult"), one.ignored
+            ),
+            "occluded": _flag(given.get("occluded"), False),
+        }
+        yield "  <object>"
+        yield f"    {element('name', frame.boxes.class_name(one.row))}"
+        for key, value in flags.items():
+            yield f"    {element(key, value)}"
+        yield "    <bndbox>"
+        for key, value in zip(_CORNERS, whole_pixels(one.xyxy, frame.wh), strict=True):
+            yield f"      {element(key, value)}"
+        yield "    </bndbox>"
+        yield "  </object>"
     yield "</annotation>"
-
-
-def _object(one: LabelBox, frame: ExportFrame) -> Iterator[str]:
-    given = frame.given.boxes[one.row]
-    pose = given.get("pose")
-    flags = {
-        "pose": pose if isinstance(pose, str) else "Unspecified",
-        "truncated": _flag(given.get("truncated"), one.is_cut),
-        "difficult": _flag(
-            None if one.ignored else given.get("difficult"), one.ignored
-        ),
-        "occluded": _flag(given.get("occluded"), False),
-    }
-    yield "  <object>"
-    yield f"    {element('name', frame.boxes.class_name(one.row))}"
-    for key, value in flags.items():
-        yield f"    {element(key, value)}"
-    yield "    <bndbox>"
-    for key, value in zip(_CORNERS, whole_pixels(one.xyxy, frame.wh), strict=True):
-        yield f"      {element(key, value)}"
-    yield "    </bndbox>"
-    yield "  </object>"
 
 
 def _flag(given: object, usual: bool) -> int:

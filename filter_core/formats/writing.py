@@ -8,9 +8,10 @@ result.
 from __future__ import annotations
 
 import hashlib
+import math
 import re
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from typing import ClassVar, Final, NamedTuple, Protocol, TypeAlias
@@ -29,7 +30,6 @@ from filter_core.formats.export import (
     changed_options,
 )
 from filter_core.formats.files import FileNames, Spool, json_bytes
-from filter_core.formats.pictures import ExportPictures
 from filter_core.formats.reading import KEYS_NAME
 from filter_core.formats.same import (
     SOURCE_LABELS,
@@ -47,7 +47,22 @@ from filter_core.formats.splits import (
 )
 from filter_core.formats.tally import Change, Counts, ExportTally
 from filter_core.geometry.boxes import FORMS
-from filter_core.verdicts import KEPT, REJECTED, UNMEASURED, DecidedBoxes
+from filter_core.images.drawing import DrawnBox, Picture, as_png, decoded
+from filter_core.images.sheet import (
+    MOST_TILES,
+    figure_of,
+    page_of,
+    sheet_of,
+    tile_of,
+)
+from filter_core.verdicts import (
+    KEPT,
+    REJECTED,
+    UNMEASURED,
+    VERDICTS,
+    DecidedBoxes,
+    VerdictName,
+)
 
 _USUAL_SHARE: Final = 0.8
 """That of training, of frames that have no part."""
@@ -366,8 +381,15 @@ class _LabelExport:
         self.frame_keys: Counter[str] = Counter()
 
     def write(self, frame: ExportFrame) -> None:
-        if self._lacks_image(frame):
-            self._leave_out(frame)
+        # Whether the frame's labels would name an image that is not there
+        options, traits = self.context.options, self.writer.traits
+        is_missing = frame.read_image is None and options.images == "copy"
+        if is_missing and traits.names_images and not options.allow_missing_images:
+            self.tally.frame(frame)
+            self.tally.image_missing(left_out=True)
+            number = self.tally.count_boxes(frame).tolist()
+            changes = [Change(row, "dropped", "no_image") for row in range(len(number))]
+            self.tally.changed(frame, number, changes)
             return
         if self.chooser.leaves_out(frame):
             return
@@ -399,7 +421,12 @@ class _LabelExport:
         self.writer.labels("", out)
         for band in self.context.options.bands or self.writer.traits.bands:
             self._write_band(band, out)
-        self._copy_image(out)
+        if self.context.options.images != "none":
+            read = out.frame.read_image
+            if read is None:
+                self.tally.image_missing()
+            else:
+                self.context.sink(out.image, [read()])
         self.pictures.add(frame, stem, set(boxes.row.tolist()))
 
     def _own(self, frame: ExportFrame) -> OwnLabels | None:
@@ -427,34 +454,19 @@ class _LabelExport:
         self.next_number += 1
         return name
 
-    def _lacks_image(self, frame: ExportFrame) -> bool:
-        """Whether the frame's labels would name an image that is not there."""
-        options, traits = self.context.options, self.writer.traits
-        is_missing = frame.read_image is None and options.images == "copy"
-        return is_missing and traits.names_images and not options.allow_missing_images
-
-    def _leave_out(self, frame: ExportFrame) -> None:
-        self.tally.frame(frame)
-        self.tally.image_missing(left_out=True)
-        number = self.tally.count_boxes(frame).tolist()
-        changes = [Change(row, "dropped", "no_image") for row in range(len(number))]
-        self.tally.changed(frame, number, changes)
-
     def finish(self) -> Counts:
         self.parts.require_maps()
         self.pictures.finish(str(self.context.head.facts.get("dataset", "export")))
         self.tally.split(self.parts.told, self.parts.sequences)
         if self.writer.traits.needs_key_list:
             self.context.sink(KEYS_NAME, self.key_list.pieces())
-        manifest = self.tally.manifest(self._facts())
-        self.context.sink("manifest.json", manifest)
-        return self.tally.counts()
-
-    def _facts(self) -> Mapping[str, object]:
         options = self.context.options
-        names = sorted(changed_options(options))
-        chosen = {name: getattr(options, name) for name in names}
-        return {"options": chosen, **self.context.facts, **self._without_place()}
+        chosen = {
+            name: getattr(options, name) for name in sorted(changed_options(options))
+        }
+        facts = {"options": chosen, **self.context.facts, **self._without_place()}
+        self.context.sink("manifest.json", self.tally.manifest(facts))
+        return self.tally.counts()
 
     def _without_place(self) -> Mapping[str, object]:
         """The keys of annotations that the format cannot hold, with their number."""
@@ -505,15 +517,6 @@ class _LabelExport:
         near = out.boxes[~(farthest > band)]
         self.tally.banded(name, len(near))
         self.writer.labels(name, replace(out, boxes=near))
-
-    def _copy_image(self, out: OutFrame) -> None:
-        if self.context.options.images == "none":
-            return
-        read = out.frame.read_image
-        if read is None:
-            self.tally.image_missing()
-        else:
-            self.context.sink(out.image, [read()])
 
 
 class PartOfFrame(Protocol):
@@ -786,3 +789,68 @@ def _area(xyxy: BoxesXYXY) -> FloatArray:
     sides = np.maximum(xyxy[:, 2:] - xyxy[:, :2], 0.0)
     area: FloatArray = sides[:, 0] * sides[:, 1]
     return area
+
+
+PICTURES: Final = "pictures"
+"""The folder in an export."""
+
+
+def drawn_boxes(
+    boxes: DecidedBoxes,
+    verdict: VerdictName | None = None,
+    only: Collection[int] | None = None,
+    *,
+    metres: bool = False,
+) -> Iterator[DrawnBox]:
+    """The boxes in the image; with their distance in whole metres, if asked.
+
+    `verdict` is drawn in place of their own; `only` are the rows that are drawn.
+    """
+    columns = (boxes.distance.tolist(), boxes.xyxy.tolist(), boxes.effective.tolist())
+    for row, (away, xyxy, own) in enumerate(zip(*columns, strict=True)):
+        if math.isnan(xyxy[0]) or (only is not None and row not in only):
+            continue
+        text = str(int(away)) if metres and not math.isnan(away) else ""
+        yield DrawnBox(verdict or VERDICTS[own].value, xyxy, None, text)
+
+
+class ExportPictures:
+    """Draws the first frames of an export that have an image, at most `most`."""
+
+    def __init__(self, sink: Sink, most: int) -> None:
+        self._sink, self._most = sink, most
+        self._figures: list[str] = []
+        self._tiles: list[Picture] = []
+        self._reasons: Counter[str] = Counter()
+
+    def add(self, frame: ExportFrame, stem: str, written: Collection[int]) -> None:
+        """Draw a frame, of whose boxes those in the rows `written` are written."""
+        if len(self._figures) >= self._most or frame.draw is None:
+            return
+        name, boxes = f"{stem.replace('/', '__')}.png", frame.boxes
+        before = frame.draw(list(drawn_boxes(boxes, "kept")))
+        after = frame.draw(list(drawn_boxes(boxes, "kept", written)))
+        for folder, content in (("before", before), ("after", after)):
+            self._sink(f"{PICTURES}/{folder}/{name}", [content])
+        if len(self._tiles) < MOST_TILES:
+            count = f"{len(written)} of {len(boxes)} boxes"
+            caption = f"{frame.key}: {count}"
+            # Both were drawn here, and are no files of other people.
+            self._tiles.append(tile_of(decoded(before), decoded(after), caption))
+        gone = [row for row, code in enumerate(boxes.effective) if code != KEPT]
+        rows = [
+            (f"{boxes.class_name(row)} {boxes.ids[row]}", boxes.reason_label(row))
+            for row in gone
+        ]
+        self._reasons.update(reason for _, reason in rows)
+        words = f"{len(written)} of {len(boxes)} boxes are written."
+        self._figures.append(figure_of(frame.key, name, words, rows))
+
+    def finish(self, name: str) -> None:
+        """The contact sheet and the page."""
+        sheet = sheet_of(self._tiles)
+        if sheet is None:
+            return
+        self._sink(f"{PICTURES}/sheet.png", [as_png(sheet)])
+        page = page_of(name, self._figures, self._reasons)
+        self._sink(f"{PICTURES}/index.html", [page.encode("utf-8", "replace")])

@@ -196,13 +196,7 @@ def _is_json(value: object) -> bool:
 
 
 def _described(root: Path) -> _Described:
-    """The content of ``data.yaml``, or of a text file with one name per line.
-
-    Raises
-    ------
-    LayoutError
-        It holds something else.
-    """
+    """The content of ``data.yaml``, or of a text file with one name per line."""
     name = _class_list(root)
     if name is None:
         return _Described()
@@ -456,11 +450,6 @@ def _annotation(
     ``confidence``, and the points of a pose are passed over), a class and the corners
     of an outline (shares, ``x y`` for each, also with a confidence), or ``cx cy w h``
     in pixels without a class.
-
-    Raises
-    ------
-    LayoutError
-        Names file, line, what was expected and what was found.
     """
     text = read_label_text(folders.labels / files.label, files.label)
     boxes = []
@@ -624,8 +613,26 @@ class YoloWriter:
     def finish(self) -> None:
         """The list of classes and where the images are."""
         beside = joined_beside(self._beside)
-        text = _data_yaml(self._context.head.classes, self._parts, beside)
-        self._context.sink("data.yaml", [text])
+        # The folders of each part by what it is for, the classes, and what came beside
+        folders: dict[str, list[str]] = {"train": [], "val": []}
+        there = list(self._parts) or completed_parts(())
+        for part in there:
+            if role := role_of_part(part):
+                folders.setdefault(role, []).append(f"images/{part}")
+        everything = [f"images/{part}" for part in there]
+        for role, other in (("train", "val"), ("val", "train")):
+            folders[role] = folders[role] or folders[other] or everything
+        document: dict[str, object] = {
+            **{
+                role: some[0] if len(some) == 1 else some
+                for role, some in folders.items()
+            },
+            "names": dict(enumerate(self._context.head.classes)),
+            **({"nc": len(self._context.head.classes)} if "nc" in beside else {}),
+        }
+        document |= {key: beside[key] for key in beside if key not in document}
+        text = yaml.safe_dump(document, sort_keys=False, allow_unicode=True)
+        self._context.sink("data.yaml", [text.encode("utf-8", "replace")])
 
 
 _DECIMALS: Final = 9
@@ -649,29 +656,3 @@ def label_lines(boxes: LabelBoxes, wh: tuple[int, int]) -> Iterator[str]:
     shares = np.hstack([(low + high) / 2, high - low]) / _HALF_UNITS
     numbered = zip(boxes.class_number.tolist(), shares.tolist(), strict=True)
     return (_LINE % (number, *share) for number, share in numbered)
-
-
-def _data_yaml(
-    classes: Sequence[str], parts: Iterable[str], beside: Mapping[str, object]
-) -> bytes:
-    """The folders of each part by what it is for, the classes, and what came beside.
-
-    Ultralytics needs a folder for train and for val: without frames of the one, it is
-    that of the other. It does not read parts whose names say nothing.
-    """
-    folders: dict[str, list[str]] = {"train": [], "val": []}
-    there = list(parts) or completed_parts(())
-    for part in there:
-        if role := role_of_part(part):
-            folders.setdefault(role, []).append(f"images/{part}")
-    everything = [f"images/{part}" for part in there]
-    for role, other in (("train", "val"), ("val", "train")):
-        folders[role] = folders[role] or folders[other] or everything
-    document: dict[str, object] = {
-        **{role: some[0] if len(some) == 1 else some for role, some in folders.items()},
-        "names": dict(enumerate(classes)),
-        **({"nc": len(classes)} if "nc" in beside else {}),
-    }
-    document |= {key: beside[key] for key in beside if key not in document}
-    text = yaml.safe_dump(document, sort_keys=False, allow_unicode=True)
-    return text.encode("utf-8", "replace")

@@ -79,7 +79,26 @@ def in_carla_order(vertices: ArrayLike) -> FloatArray:
     """
     boxes = np.array(as_vertices(vertices))
     for index in np.flatnonzero(~_is_in_order(boxes)):
-        boxes[index] = _reordered(boxes[index])
+        corners = boxes[index]
+        # The opposite corner of each corner
+        mirrored = 2 * corners.mean(axis=0) - corners
+        gaps = np.linalg.norm(mirrored[:, None] - corners[None], axis=2)
+        opposite = [-1] * 8
+        for i in range(8):
+            if opposite[i] < 0:
+                # Each corner is taken once, since corners of a flat box coincide.
+                free = [j for j in range(8) if j != i and opposite[j] < 0]
+                opposite[i] = min(free, key=lambda j: float(gaps[i, j]))
+                opposite[opposite[i]] = i
+        first, last = 0, opposite[0]
+        pairs = [(i, opposite[i]) for i in range(1, 8) if i < opposite[i]]
+        choices = np.array(list(product(*pairs)))
+        sums = (corners[choices] - corners[first]).sum(axis=1)
+        diagonal = corners[last] - corners[first]
+        x, y, z = choices[np.linalg.norm(sums - diagonal, axis=1).argmin()].tolist()
+        order = [first, z, y, opposite[x], x, opposite[y], opposite[z], last]
+        ordered: FloatArray = corners[order]
+        boxes[index] = ordered if _is_in_order(ordered[None])[0] else corners
     return boxes
 
 
@@ -118,30 +137,3 @@ def _is_in_order(boxes: FloatArray) -> BoolArray:
         miss = np.maximum(miss, np.abs(edges - edges[:, :1]).max(axis=(1, 2)))
     in_order: BoolArray = miss <= _SHAPE_TOLERANCE * size
     return in_order
-
-
-def _reordered(corners: FloatArray) -> FloatArray:
-    opposite = _opposite_corners(corners)
-    first, last = 0, opposite[0]
-    pairs = [(i, opposite[i]) for i in range(1, 8) if i < opposite[i]]
-    choices = np.array(list(product(*pairs)))
-    sums = (corners[choices] - corners[first]).sum(axis=1)
-    diagonal = corners[last] - corners[first]
-    x, y, z = choices[np.linalg.norm(sums - diagonal, axis=1).argmin()].tolist()
-    order = [first, z, y, opposite[x], x, opposite[y], opposite[z], last]
-    ordered: FloatArray = corners[order]
-    return ordered if _is_in_order(ordered[None])[0] else corners
-
-
-def _opposite_corners(corners: FloatArray) -> list[int]:
-    """The opposite corner of each corner."""
-    mirrored = 2 * corners.mean(axis=0) - corners
-    gaps = np.linalg.norm(mirrored[:, None] - corners[None], axis=2)
-    opposite = [-1] * 8
-    for i in range(8):
-        if opposite[i] < 0:
-            # Each corner is taken once, since corners of a flat box coincide.
-            free = [j for j in range(8) if j != i and opposite[j] < 0]
-            opposite[i] = min(free, key=lambda j: float(gaps[i, j]))
-            opposite[opposite[i]] = i
-    return opposite

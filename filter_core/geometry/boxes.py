@@ -145,13 +145,22 @@ def correct_xyxy(
     _refuse_non_finite(boxes)
     limit = np.array([*wh, *wh], dtype=np.float64)
     if profile == "paper" and rounded_edges:
-        boxes = _with_whole_edges(boxes)
-
+        # Edges that were rounded become the whole numbers that they were.
+        whole = np.rint(boxes) + 0.0  # not -0.0
+        distance = np.abs(boxes - whole)
+        is_rounded = (distance > 0) & (distance <= EDGE_TOLERANCE + _FLOAT_ERROR)
+        if is_rounded.any():
+            edges = np.where(is_rounded, whole, boxes)
+            is_lost = (edges[:, :2] == edges[:, 2:]) & (boxes[:, :2] != boxes[:, 2:])
+            boxes = np.where(np.hstack([is_lost, is_lost]), boxes, edges)
     corrected: BoxesXYXY = np.minimum(np.maximum(boxes, 0.0), limit)
     extent = corrected[:, 2:] - corrected[:, :2]
     area = extent[:, 0] * extent[:, 1]
     as_carlasimu = profile == "carlasimu"
-    outside = _is_outside(boxes, wh, as_carlasimu=as_carlasimu)
+    x_min, y_min, x_max, y_max = boxes.T
+    width, height = wh
+    right_of_image = x_min >= width if as_carlasimu else x_min > width
+    outside: BoolArray = right_of_image | (y_min > height) | (x_max < 0) | (y_max < 0)
     degenerate = (extent[:, 0] <= 0) | (extent[:, 1] <= 0)
     covers = np.zeros(len(boxes), dtype=np.bool_)
     if as_carlasimu:
@@ -168,22 +177,6 @@ def correct_xyxy(
     return corrected, state
 
 
-def _with_whole_edges(boxes: BoxesXYXY) -> BoxesXYXY:
-    """(N, 4) px: the boxes with edges that were rounded as the whole numbers they were.
-
-    Most boxes have whole edges or edges with fractions, so that nothing is changed.
-    """
-    whole = np.rint(boxes) + 0.0  # not -0.0
-    distance = np.abs(boxes - whole)
-    is_rounded = (distance > 0) & (distance <= EDGE_TOLERANCE + _FLOAT_ERROR)
-    if not is_rounded.any():
-        return boxes
-    edges = np.where(is_rounded, whole, boxes)
-    is_lost = (edges[:, :2] == edges[:, 2:]) & (boxes[:, :2] != boxes[:, 2:])
-    restored: BoxesXYXY = np.where(np.hstack([is_lost, is_lost]), boxes, edges)
-    return restored
-
-
 def _refuse_non_finite(boxes: FloatArray) -> None:
     finite = np.isfinite(boxes).all(axis=1)
     if finite.all():
@@ -194,16 +187,6 @@ def _refuse_non_finite(boxes: FloatArray) -> None:
         pointer=f"/boxes/{index}",
         code="not_finite",
     )
-
-
-def _is_outside(
-    boxes: FloatArray, wh: tuple[int, int], *, as_carlasimu: bool
-) -> BoolArray:
-    x_min, y_min, x_max, y_max = boxes.T
-    width, height = wh
-    right_of_image = x_min >= width if as_carlasimu else x_min > width
-    outside: BoolArray = right_of_image | (y_min > height) | (x_max < 0) | (y_max < 0)
-    return outside
 
 
 def pixel_bounds(xyxy: ArrayLike, wh: tuple[int, int]) -> IntArray:

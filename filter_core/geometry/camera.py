@@ -90,7 +90,11 @@ class Camera:
         _check_size(width, height)
         projection = _matrix("intrinsic", intrinsic, 3)
         motion = _matrix("world_to_camera", world_to_camera, 4)
-        _check_intrinsic(projection)
+        if projection[0, 0] <= 0 or projection[1, 1] <= 0:
+            found = f"{projection[0, 0]:g} and {projection[1, 1]:g}"
+            raise _fault("intrinsic", "two focal lengths above 0", found)
+        if projection[1, 0] != 0 or not np.array_equal(projection[2], [0, 0, 1]):
+            raise _fault("intrinsic", "[fx s cx; 0 fy cy; 0 0 1]", projection.tolist())
         _check_rigid(motion)
         return cls(width, height, projection, motion)
 
@@ -135,14 +139,6 @@ def _matrix(field: str, value: ArrayLike, side: int) -> FloatArray:
     if not np.isfinite(matrix).all():
         raise _fault(field, "finite numbers", "NaN or an infinity")
     return matrix
-
-
-def _check_intrinsic(matrix: FloatArray) -> None:
-    if matrix[0, 0] <= 0 or matrix[1, 1] <= 0:
-        found = f"{matrix[0, 0]:g} and {matrix[1, 1]:g}"
-        raise _fault("intrinsic", "two focal lengths above 0", found)
-    if matrix[1, 0] != 0 or not np.array_equal(matrix[2], [0, 0, 1]):
-        raise _fault("intrinsic", "[fx s cx; 0 fy cy; 0 0 1]", matrix.tolist())
 
 
 def _check_rigid(matrix: FloatArray) -> None:

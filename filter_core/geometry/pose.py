@@ -57,7 +57,12 @@ class Transform:
     @property
     def inverse_matrix(self) -> FloatArray:
         """(4, 4): world to local, exact for a rigid motion."""
-        return _invert_rigid(self.matrix)
+        # (4, 4): the inverse of a rotation and a shift
+        turned = self.matrix[:3, :3].T
+        inverse = np.eye(4)
+        inverse[:3, :3] = turned
+        inverse[:3, 3] = -turned @ self.matrix[:3, 3]
+        return inverse
 
     def as_dict(self) -> dict[str, float]:
         """Its six numbers by their names, ready for JSON."""
@@ -105,15 +110,6 @@ def transform_matrices(locations: ArrayLike, rotations: ArrayLike) -> FloatArray
     matrices[:, :3, 3] = np.asarray(locations, dtype=np.float64).reshape(-1, 3)
     matrices[:, 3, 3] = 1.0
     return matrices
-
-
-def _invert_rigid(matrix: FloatArray) -> FloatArray:
-    """(4, 4): the inverse of a rotation and a shift."""
-    turned = matrix[:3, :3].T
-    inverse = np.eye(4)
-    inverse[:3, :3] = turned
-    inverse[:3, 3] = -turned @ matrix[:3, 3]
-    return inverse
 
 
 def as_transform(value: TransformLike) -> Transform:

@@ -183,15 +183,37 @@ def project_boxes(
     image_points = to_image_points(boxes, camera)
     status = _depth_status(image_points[..., 2])
     if mode == "naive":
-        amodal = _naive_bounds(image_points)
-        visible = _clamped(amodal, wh)
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            pixels = image_points[..., :2] / image_points[..., 2:]
+        # The paper's comparisons are false for NaN, as fmin and fmax ignore it.
+        low = np.fmin.reduce(pixels, axis=1, initial=_NAIVE_START)
+        high = np.fmax.reduce(pixels, axis=1, initial=-_NAIVE_START)
+        bounds: BoxesXYXY = np.concatenate([low, high], axis=1)
+        amodal = bounds.clip(-_NAIVE_LIMIT, _NAIVE_LIMIT)
+        visible: BoxesXYXY = amodal.clip(0.0, [*wh, *wh])
+        outside = (amodal[:, :2] > wh).any(axis=1) | (amodal[:, 2:] < 0).any(axis=1)
+        visible[outside] = np.nan
     else:
         amodal, visible = _clipped_bounds(image_points, status, wh)
     drawn = to_image_points(in_carla_order(boxes), camera)
+    # For each box, (E, 4) px: the parts of its twelve edges inside the image
+    u, v, depth = np.moveaxis(drawn, -1, 0)
+    planes = [depth - NEAR_PLANE, u, wh[0] * depth - u, v, wh[1] * depth - v]
+    distance = np.stack(planes, axis=-1)
+    first, second = EDGES.T
+    enter, leave, inside = _clip_segments(distance[:, first], distance[:, second])
+    start = drawn[:, first][inside]
+    step = drawn[:, second][inside] - start
+    ends = [start + share[inside, None] * step for share in (enter, leave)]
+    lines = np.concatenate([end[:, :2] / end[:, 2:] for end in ends], axis=1)
+    # Rounding can leave a clipped end slightly outside.
+    lines = lines.clip(0.0, [*wh, *wh])
     return Projections(
         visible_xyxy=visible,
         amodal_xyxy=amodal,
-        edges=_clipped_edges(drawn, wh),
+        edges=(
+            np.split(lines, np.cumsum(inside.sum(axis=1))[:-1]) if len(inside) else []
+        ),
         distance=np.linalg.norm(boxes.mean(axis=1) - camera.position, axis=1),
         status=status,
     )
@@ -322,47 +344,17 @@ def _clipped_bounds(
         if group is DepthStatus.STRADDLES_NEAR_PLANE:
             corners = _cut_hull(corners, corners[..., 2] - NEAR_PLANE)
         pixels = corners[..., :2] / corners[..., 2:]
-        amodal[rows] = _rectangles_around(pixels)
-        visible[rows] = _hull_bounds_in_image(pixels, wh)
+        # (N, 4) ``xyxy``: the smallest rectangles around (N, P, 2) points
+        amodal[rows] = np.concatenate([pixels.min(axis=1), pixels.max(axis=1)], axis=1)
+        # The smallest rectangles around the parts of convex shapes inside the image
+        x_low, x_high = _range_in_strip(pixels, axis=0, limit=wh[1])
+        y_low, y_high = _range_in_strip(pixels, axis=1, limit=wh[0])
+        low = np.maximum(np.stack([x_low, y_low], axis=1), 0.0)
+        high = np.minimum(np.stack([x_high, y_high], axis=1), wh)
+        bounds = np.concatenate([low, high], axis=1)
+        bounds[(low > high).any(axis=1)] = np.nan
+        visible[rows] = bounds
     return amodal, visible
-
-
-def _rectangles_around(points: FloatArray) -> FloatArray:
-    """(N, 4) ``xyxy``: the smallest rectangles around (N, P, 2) points."""
-    return np.concatenate([points.min(axis=1), points.max(axis=1)], axis=1)
-
-
-def _naive_bounds(image_points: FloatArray) -> BoxesXYXY:
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        pixels = image_points[..., :2] / image_points[..., 2:]
-    # The paper's comparisons are false for NaN, as fmin and fmax ignore it.
-    low = np.fmin.reduce(pixels, axis=1, initial=_NAIVE_START)
-    high = np.fmax.reduce(pixels, axis=1, initial=-_NAIVE_START)
-    bounds: BoxesXYXY = np.concatenate([low, high], axis=1)
-    return bounds.clip(-_NAIVE_LIMIT, _NAIVE_LIMIT)
-
-
-def _clamped(xyxy: BoxesXYXY, wh: tuple[int, int]) -> BoxesXYXY:
-    inside: BoxesXYXY = xyxy.clip(0.0, [*wh, *wh])
-    outside = (xyxy[:, :2] > wh).any(axis=1) | (xyxy[:, 2:] < 0).any(axis=1)
-    inside[outside] = np.nan
-    return inside
-
-
-def _clipped_edges(image_points: FloatArray, wh: tuple[int, int]) -> list[FloatArray]:
-    """For each box, (E, 4) px: the parts of its twelve edges inside the image."""
-    u, v, depth = np.moveaxis(image_points, -1, 0)
-    planes = [depth - NEAR_PLANE, u, wh[0] * depth - u, v, wh[1] * depth - v]
-    distance = np.stack(planes, axis=-1)
-    first, second = EDGES.T
-    enter, leave, inside = _clip_segments(distance[:, first], distance[:, second])
-    start = image_points[:, first][inside]
-    step = image_points[:, second][inside] - start
-    ends = [start + share[inside, None] * step for share in (enter, leave)]
-    lines = np.concatenate([end[:, :2] / end[:, 2:] for end in ends], axis=1)
-    # Rounding can leave a clipped end slightly outside.
-    lines = lines.clip(0.0, [*wh, *wh])
-    return np.split(lines, np.cumsum(inside.sum(axis=1))[:-1]) if len(inside) else []
 
 
 _MAX_CORNERS: Final = 20
@@ -408,35 +400,6 @@ def _cut_hull(points: FloatArray, distance: FloatArray) -> FloatArray:
     order = np.argsort(~kept, axis=1, kind="stable")[:, :_MAX_CORNERS]
     order = np.where(np.take_along_axis(kept, order, axis=1), order, order[:, :1])
     return np.take_along_axis(candidates, order[..., None], axis=1)
-
-
-def _hull_bounds_in_image(points: FloatArray, wh: tuple[int, int]) -> FloatArray:
-    """The smallest rectangles around the parts of convex shapes inside the image.
-
-    Parameters
-    ----------
-    points : (N, P, 2), px
-        Points whose hulls are the shapes; P is 8 or `_MAX_CORNERS`.
-    wh : (width, height), px
-
-    Returns
-    -------
-    (N, 4) float64 ``xyxy``, px
-        NaN rows for shapes outside the image.
-
-    Notes
-    -----
-    The part of a convex shape between the image's top and bottom covers one interval
-    of x without gaps, so clamping the interval to the image's width is exact; likewise
-    for y. No hull has to be built.
-    """
-    x_low, x_high = _range_in_strip(points, axis=0, limit=wh[1])
-    y_low, y_high = _range_in_strip(points, axis=1, limit=wh[0])
-    low = np.maximum(np.stack([x_low, y_low], axis=1), 0.0)
-    high = np.minimum(np.stack([x_high, y_high], axis=1), wh)
-    bounds = np.concatenate([low, high], axis=1)
-    bounds[(low > high).any(axis=1)] = np.nan
-    return bounds
 
 
 def _range_in_strip(

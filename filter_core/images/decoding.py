@@ -73,15 +73,11 @@ def decode_color(
         return decode_image(content, header, _FLAGS[order])
     pixels = png.added_up()
     if pixels is not None:
-        return _in_order(pixels, order)
+        conversion = _CONVERSIONS.get((pixels.shape[-1], order))
+        if conversion is None:
+            return pixels
+        return np.asarray(cv2.cvtColor(pixels, conversion), np.uint8)
     return _by_opencv(png.uncompressed(), header, _FLAGS[order])
-
-
-def _in_order(pixels: NDArray[np.uint8], order: ChannelOrder) -> NDArray[np.uint8]:
-    conversion = _CONVERSIONS.get((pixels.shape[-1], order))
-    if conversion is None:
-        return pixels
-    return np.asarray(cv2.cvtColor(pixels, conversion), np.uint8)
 
 
 def decode_image(

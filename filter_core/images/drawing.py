@@ -112,7 +112,13 @@ def write(
         place = (left, top, left + wide + 4, top + step)
         if top < 0 and row:
             return
-        if not any(_overlap(place, other) for other in taken):
+        if not any(
+            place[0] < other[2]
+            and other[0] < place[2]
+            and place[1] < other[3]
+            and other[1] < place[3]
+            for other in taken
+        ):
             break
     else:
         return
@@ -121,15 +127,6 @@ def write(
     bright = [int(255 - (255 - one) * 0.6) for one in color]
     origin = (left + 2, top + high + 1)
     cv2.putText(canvas, text, origin, _FONT, scale, bright, 1, cv2.LINE_AA)
-
-
-def _overlap(one: _Place, other: _Place) -> bool:
-    return (
-        one[0] < other[2]
-        and other[0] < one[2]
-        and one[1] < other[3]
-        and other[1] < one[3]
-    )
 
 
 _Line: TypeAlias = tuple[float, float, float, float]

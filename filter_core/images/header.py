@@ -85,9 +85,13 @@ def read_image_header(
     .. [2] ITU-T T.81, "Digital compression and coding of continuous-tone still images".
     """
     if content[:8] == SIGNATURE:
-        header = _png_header(content, whole=whole)
+        png = read_png(content, whole=whole)
+        model = _PNG_MODELS[png.color_type]
+        header = ImageHeader("image/png", png.width, png.height, png.bit_depth, model)
     elif content[:3] == b"\xff\xd8\xff":
-        header = _jpeg_header(content, whole=whole)
+        jpeg = read_jpeg(content, whole=whole)
+        model = _JPEG_MODELS[jpeg.channels]
+        header = ImageHeader("image/jpeg", jpeg.width, jpeg.height, 8, model)
     else:
         found = f"{len(content)} bytes that begin with {content[:8]!r}"
         raise ImageError(
@@ -180,15 +184,3 @@ def exchanged_sides(wh: tuple[int, int], other_wh: tuple[int, int]) -> str:
     return (
         "; a quarter turn that EXIF names is not applied: save the image as it is seen"
     )
-
-
-def _png_header(content: bytes | mmap, *, whole: bool) -> ImageHeader:
-    png = read_png(content, whole=whole)
-    model = _PNG_MODELS[png.color_type]
-    return ImageHeader("image/png", png.width, png.height, png.bit_depth, model)
-
-
-def _jpeg_header(content: bytes | mmap, *, whole: bool) -> ImageHeader:
-    jpeg = read_jpeg(content, whole=whole)
-    model = _JPEG_MODELS[jpeg.channels]
-    return ImageHeader("image/jpeg", jpeg.width, jpeg.height, 8, model)

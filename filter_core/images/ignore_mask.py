@@ -55,42 +55,35 @@ def read_ignore_mask(source: bytes | Sequence[Polygon], wh: tuple[int, int]) -> 
     polygons that share an edge share no pixel.
     """
     if isinstance(source, bytes):
-        return _mask_from_image(source, wh)
+        with file_context("ignore_mask"):
+            header = read_image_header(source, max_side=max(MAX_SIDE, *wh))
+        require_size(header, wh, what="the ignore mask", than="the image")
+        with file_context("ignore_mask"):
+            pixels = decode_image(source, header, cv2.IMREAD_UNCHANGED)
+        if pixels is None:
+            raise ImageError("the ignore mask cannot be decoded: it is damaged")
+        if pixels.ndim == 2:
+            return np.asarray(pixels != 0)
+        return np.asarray((pixels[:, :, :3] != 0).any(axis=2))
     mask = np.zeros((wh[1], wh[0]), dtype=np.bool_)
     for index, polygon in enumerate(source):
-        mask |= _polygon_mask(_corners(polygon, index), wh)
+        where = f"/ignore_mask/{index}"
+        try:
+            corners = np.asarray(polygon, dtype=np.float64)
+        except (TypeError, ValueError):
+            corners = np.empty(0)
+        if corners.ndim != 2 or corners.shape[1:] != (2,) or len(corners) < 3:
+            raise IgnoreMaskError(
+                f"polygon {index}: expected at least three corners [x, y]",
+                pointer=where,
+            )
+        if not np.isfinite(corners).all():
+            raise IgnoreMaskError(
+                f"polygon {index}: expected finite corners, found {corners.tolist()}",
+                pointer=where,
+            )
+        mask |= _polygon_mask(corners, wh)
     return mask
-
-
-def _mask_from_image(content: bytes, wh: tuple[int, int]) -> Mask:
-    with file_context("ignore_mask"):
-        header = read_image_header(content, max_side=max(MAX_SIDE, *wh))
-    require_size(header, wh, what="the ignore mask", than="the image")
-    with file_context("ignore_mask"):
-        pixels = decode_image(content, header, cv2.IMREAD_UNCHANGED)
-    if pixels is None:
-        raise ImageError("the ignore mask cannot be decoded: it is damaged")
-    if pixels.ndim == 2:
-        return np.asarray(pixels != 0)
-    return np.asarray((pixels[:, :, :3] != 0).any(axis=2))
-
-
-def _corners(polygon: Polygon, index: int) -> FloatArray:
-    where = f"/ignore_mask/{index}"
-    try:
-        corners = np.asarray(polygon, dtype=np.float64)
-    except (TypeError, ValueError):
-        corners = np.empty(0)
-    if corners.ndim != 2 or corners.shape[1:] != (2,) or len(corners) < 3:
-        raise IgnoreMaskError(
-            f"polygon {index}: expected at least three corners [x, y]", pointer=where
-        )
-    if not np.isfinite(corners).all():
-        raise IgnoreMaskError(
-            f"polygon {index}: expected finite corners, found {corners.tolist()}",
-            pointer=where,
-        )
-    return corners
 
 
 def _polygon_mask(corners: FloatArray, wh: tuple[int, int]) -> BoolArray:

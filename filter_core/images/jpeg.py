@@ -96,7 +96,19 @@ def read_jpeg(content: bytes | mmap, *, whole: bool) -> JpegHeader:
     walk = _Walk(content)
     position = 2
     for _ in range(_MAX_SEGMENTS + _MAX_SCANS):
-        marker, position = _marker_at(content, position)
+        # The marker that has to be here, and where it ends
+        head = content[position : position + _MAX_PADDING]
+        bare = head.lstrip(b"\xff")
+        padding = len(head) - len(bare)
+        if not bare:
+            if position + padding >= len(content):
+                raise _ends_too_early(content)
+            raise ImageError(f"JPEG: more than {_MAX_PADDING} bytes of padding")
+        if not padding:
+            raise ImageError(
+                f"JPEG: expected a marker at byte {position}, found {bytes(head[:4])!r}"
+            )
+        marker, position = bare[0], position + padding + 1
         if marker == _EOI:
             return walk.finished()
         position = walk.passed(marker, position)
@@ -119,7 +131,15 @@ class _Walk:
         """Where the segment ends whose marker ends here."""
         if marker not in _FRAMES | _TABLES | _NOTES and marker != _SOS:
             raise _unexpected(marker, position - 2)
-        start, end = _body_at(self.content, position)
+        # Where a segment's content begins and ends
+        content = self.content
+        if position + 2 > len(content):
+            raise _ends_too_early(content)
+        (length,) = struct.unpack_from(">H", content, position)
+        end: int = position + length
+        if length < 2 or end > len(content):
+            raise ImageError("JPEG: the file ends too early, inside its header")
+        start = position + 2
         if marker in _FRAMES:
             if self.header is not None:
                 raise ImageError("JPEG: expected one frame, found another")
@@ -136,33 +156,6 @@ class _Walk:
         if not self.scans:
             raise ImageError("JPEG: found no pixels")
         return self.header
-
-
-def _marker_at(content: bytes | mmap, position: int) -> tuple[int, int]:
-    """The marker that has to be here, and where it ends."""
-    head = content[position : position + _MAX_PADDING]
-    bare = head.lstrip(b"\xff")
-    padding = len(head) - len(bare)
-    if not bare:
-        if position + padding >= len(content):
-            raise _ends_too_early(content)
-        raise ImageError(f"JPEG: more than {_MAX_PADDING} bytes of padding")
-    if not padding:
-        raise ImageError(
-            f"JPEG: expected a marker at byte {position}, found {bytes(head[:4])!r}"
-        )
-    return bare[0], position + padding + 1
-
-
-def _body_at(content: bytes | mmap, position: int) -> tuple[int, int]:
-    """Where a segment's content begins and ends."""
-    if position + 2 > len(content):
-        raise _ends_too_early(content)
-    (length,) = struct.unpack_from(">H", content, position)
-    end = position + length
-    if length < 2 or end > len(content):
-        raise ImageError("JPEG: the file ends too early, inside its header")
-    return position + 2, end
 
 
 def _frame_header(

@@ -190,7 +190,7 @@ class _Walk:
             position += AROUND_BODY + length
         if parts:
             yield _Chunk(b"IDAT", start, total, parts)
-        raise _ends_too_early(content)
+        raise ImageError(f"PNG: the file ends too early, after {len(content)} bytes")
 
     def check(self, chunk: _Chunk) -> None:
         """Raise `ImageError` if the chunk may not stand here; else count it."""
@@ -198,7 +198,17 @@ class _Walk:
         if self.header is None:
             self.header = self._read_header(chunk)
         elif kind == b"IDAT":
-            self._take_part(chunk)
+            if b"IDAT" in self.kinds and self.last != b"IDAT":
+                raise ImageError(
+                    f"PNG: {_named(self.last)} is between the chunks of pixels"
+                )
+            self.parts += chunk.parts
+            self.part_bytes += chunk.length
+            if self.parts > _max_parts(self.part_bytes):
+                raise ImageError(
+                    f"PNG: {self.parts} parts with {self.part_bytes} bytes of pixels; "
+                    f"expected parts of {_PART_BYTES} bytes or more"
+                )
         elif kind in _CRITICAL:
             self._take_critical(chunk)
         else:
@@ -239,19 +249,6 @@ class _Walk:
             )
         return PngHeader(width, height, bit_depth, color_type, bool(interlacing))
 
-    def _take_part(self, chunk: _Chunk) -> None:
-        if b"IDAT" in self.kinds and self.last != b"IDAT":
-            raise ImageError(
-                f"PNG: {_named(self.last)} is between the chunks of pixels"
-            )
-        self.parts += chunk.parts
-        self.part_bytes += chunk.length
-        if self.parts > _max_parts(self.part_bytes):
-            raise ImageError(
-                f"PNG: {self.parts} parts with {self.part_bytes} bytes of pixels; "
-                f"expected parts of {_PART_BYTES} bytes or more"
-            )
-
     def _take_critical(self, chunk: _Chunk) -> None:
         if chunk.kind in self.kinds:
             raise ImageError(f"PNG: expected one {_named(chunk.kind)}, found another")
@@ -290,21 +287,18 @@ class _Walk:
                 f"most {_MAX_ANCILLARY_BYTES}"
             )
         if kind in _COMPRESSED:
-            self._take_compressed(chunk)
-
-    def _take_compressed(self, chunk: _Chunk) -> None:
-        self.compressed += 1
-        if self.compressed > _MAX_COMPRESSED:
-            raise ImageError(
-                f"PNG: more than {_MAX_COMPRESSED} compressed texts and profiles"
-            )
-        left = _MAX_INFLATED_BYTES - self.inflated_bytes
-        self.inflated_bytes += _inflated_size(chunk.kind, self._body(chunk), left)
-        if self.inflated_bytes > _MAX_INFLATED_BYTES:
-            raise ImageError(
-                "PNG: its texts and profiles inflate to more than "
-                f"{_MAX_INFLATED_BYTES} bytes"
-            )
+            self.compressed += 1
+            if self.compressed > _MAX_COMPRESSED:
+                raise ImageError(
+                    f"PNG: more than {_MAX_COMPRESSED} compressed texts and profiles"
+                )
+            left = _MAX_INFLATED_BYTES - self.inflated_bytes
+            self.inflated_bytes += _inflated_size(chunk.kind, self._body(chunk), left)
+            if self.inflated_bytes > _MAX_INFLATED_BYTES:
+                raise ImageError(
+                    "PNG: its texts and profiles inflate to more than "
+                    f"{_MAX_INFLATED_BYTES} bytes"
+                )
 
     def _require_checksum(self, chunk: _Chunk) -> None:
         start, end = chunk.start + 4, chunk.start + 8 + chunk.length
@@ -342,7 +336,3 @@ def _inflated_size(kind: bytes, body: bytes, most: int) -> int:
 def _named(kind: bytes) -> str:
     words = {b"IHDR": "header", b"PLTE": "palette", b"IEND": "end"}
     return words.get(kind, f"chunk {kind!r}")
-
-
-def _ends_too_early(content: bytes | mmap) -> ImageError:
-    return ImageError(f"PNG: the file ends too early, after {len(content)} bytes")

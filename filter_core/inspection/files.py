@@ -15,7 +15,6 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from filter_core.formats.patterns import FilePatterns
 from filter_core.formats.reading import (
     IMAGE_SUFFIXES,
     KEYS_NAME,
@@ -34,6 +33,7 @@ from filter_core.formats.splits import (
     lists_below,
     part_of_folder,
 )
+from filter_core.formats.tables.patterns import FilePatterns
 from filter_core.formats.words import is_band
 from filter_core.inspection.listing import Listed, Listing
 

@@ -175,13 +175,7 @@ class LabelSurvey:
         return None
 
     def _check(self, frame: FrameSource, annotation: FrameAnnotation) -> None:
-        """Note rectangles that can hardly be right.
-
-        Raises
-        ------
-        AnnotationErrors
-            Those that `check_units` refuses.
-        """
+        """Note rectangles that can hardly be right."""
         by_form: dict[str, list[BoxAnnotation]] = {}
         for box in annotation.boxes:
             by_form.setdefault(box.form, []).append(box)
@@ -191,7 +185,8 @@ class LabelSurvey:
                 continue
             values = np.array([box.values for box in boxes], np.float64)
             is_share = form.endswith("n")
-            is_inverted = _inverted(form, values)
+            last = values[:, 2:] - (values[:, :2] if form.startswith("xyxy") else 0)
+            is_inverted = np.asarray((last < 0).any(axis=1), np.bool_)
             wh = annotation.camera_wh or (1, 1)
             if annotation.camera_wh is None and (not is_share or is_inverted.any()):
                 size = frame_size(frame)
@@ -218,11 +213,6 @@ class LabelSurvey:
                 self.faults.add(
                     kind, key, f"{box_class(box)} {box.id}: {box.form} [{numbers}]"
                 )
-
-
-def _inverted(form: str, values: FloatArray) -> BoolArray:
-    last = values[:, 2:] - (values[:, :2] if form.startswith("xyxy") else 0)
-    return np.asarray((last < 0).any(axis=1), np.bool_)
 
 
 def _faults(xyxy: FloatArray, wh: tuple[int, int]) -> Iterator[tuple[str, BoolArray]]:

@@ -277,12 +277,29 @@ def inspect_opened(
     splits = found_splits(opened.frames, labels.use)
     is_folder = source.is_dir()
     left_over, not_read = unused_files(opened.frames, labels.use, splits)
+    # The description with what was recognised for certain
+    found: dict[str, object] = {}
+    given = opened.description
+    if opened.layout is not None and given.layout == "auto":
+        found["layout"] = opened.layout
+    tags = looked.segmentation
+    if tags is not None and tags.is_certain:
+        encoding, order = tags.common("encoding"), tags.common("channel_order")
+        found |= {"palette": tags.family, "encoding": encoding or "auto"}
+        if encoding == "palette":  # the order of raw tags means nothing
+            found["channel_order"] = order or "auto"
+    if looked.depth is not None and looked.depth.encoding is not None:
+        found["depth_encoding"] = looked.depth.encoding
+    unsaid = {
+        key: value for key, value in found.items() if getattr(given, key) == "auto"
+    }
+    changed: Callable[..., RecordingDescription] = replace
     return Inspection(
         name=name_of(source),
         layout=opened.layout,
         layouts=opened.layouts,
         why=opened.why,
-        described=_described(opened, looked),
+        described=changed(given, **unsaid),
         problems=(*opened.problems, *_several_families(looked)),
         notes=opened.frames.notes(),
         frames=labels.frames,
@@ -471,24 +488,3 @@ def _classes(
             unmeasured=count.boxes - count.rejected - kept,
             unknown=tuple(unknown),
         )
-
-
-def _described(opened: OpenedRecording, looked: PictureSurvey) -> RecordingDescription:
-    """The description with what was recognised for certain."""
-    found: dict[str, object] = {}
-    given = opened.description
-    if opened.layout is not None and given.layout == "auto":
-        found["layout"] = opened.layout
-    tags = looked.segmentation
-    if tags is not None and tags.is_certain:
-        encoding, order = tags.common("encoding"), tags.common("channel_order")
-        found |= {"palette": tags.family, "encoding": encoding or "auto"}
-        if encoding == "palette":  # the order of raw tags means nothing
-            found["channel_order"] = order or "auto"
-    if looked.depth is not None and looked.depth.encoding is not None:
-        found["depth_encoding"] = looked.depth.encoding
-    unsaid = {
-        key: value for key, value in found.items() if getattr(given, key) == "auto"
-    }
-    changed: Callable[..., RecordingDescription] = replace
-    return changed(given, **unsaid)

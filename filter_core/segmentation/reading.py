@@ -226,7 +226,21 @@ def read_segmentation(
         header = read_image_header(content, max_side=max_side)
     if expected_wh is not None:
         require_size(header, expected_wh, what="the segmentation", than="the image")
-    _refuse_unusable(header, options)
+    grey = header.color_model in ("grey", "grey_alpha")
+    if header.bit_depth == 16 or (grey and header.bit_depth != 8):
+        raise SegmentationError(
+            f"expected 8 bits per channel, found {header.bit_depth}; "
+            "a tag or a colour is one byte"
+        )
+    if grey and options.encoding == "palette":
+        raise contradiction(
+            f"{_source(options, 'encoding')} says encoding palette, "
+            "the image is grey, so it can only hold raw tags"
+        )
+    is_scaled = options.encoding == "auto" and options.changed.scale > 1
+    is_raw = grey or options.encoding == "raw" or is_scaled
+    if header.media_type == "image/jpeg" and is_raw:
+        raise lost_tags("a grey JPEG" if grey else "a JPEG that is to be read as raw")
     named, notes = _named(options)
     with file_context("segmentation"):
         pixels = _decode(content, header)
@@ -297,24 +311,6 @@ def _read_channels(
     if no_family and options.lossy == "nearest":
         return read_nearest_colors(rgb, named)
     return read_exact_colors(rgb, occurring, named)
-
-
-def _refuse_unusable(header: ImageHeader, options: SegmentationOptions) -> None:
-    grey = header.color_model in ("grey", "grey_alpha")
-    if header.bit_depth == 16 or (grey and header.bit_depth != 8):
-        raise SegmentationError(
-            f"expected 8 bits per channel, found {header.bit_depth}; "
-            "a tag or a colour is one byte"
-        )
-    if grey and options.encoding == "palette":
-        raise contradiction(
-            f"{_source(options, 'encoding')} says encoding palette, "
-            "the image is grey, so it can only hold raw tags"
-        )
-    is_scaled = options.encoding == "auto" and options.changed.scale > 1
-    is_raw = grey or options.encoding == "raw" or is_scaled
-    if header.media_type == "image/jpeg" and is_raw:
-        raise lost_tags("a grey JPEG" if grey else "a JPEG that is to be read as raw")
 
 
 def _refuse_jpeg(rgb: NDArray[np.uint8], options: SegmentationOptions) -> None:

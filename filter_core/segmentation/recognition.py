@@ -150,8 +150,25 @@ def _recognise(codes: frozenset[int], named: NamedReading) -> Recognition:
     allowed = [reading for reading in missing if named.allows(reading)]
     fewest = min(len(missing[reading]) for reading in allowed)
     best = [reading for reading in allowed if len(missing[reading]) == fewest]
-    chosen = _preferred(best)
-    _refuse_contradiction(chosen, named, missing)
+    # CARLA before the paper's table, then rgb, then the newest
+    chosen = min(best, key=lambda r: (r.family == PAPER_TABLE, r.order != "rgb"))
+    for other, unexplained in missing.items():
+        if not unexplained < missing[chosen]:
+            continue
+        code = min(missing[chosen] - unexplained)
+        proof = f"{color_of(code, other.order)} is {other.name_of(code)} there"
+        if other.order != chosen.order and named.order is not None:
+            raise contradiction(
+                f"{named.source('channel_order')} says channel_order {chosen.order}, "
+                f"the colours that occur prove {other.order}: {proof}"
+            )
+        # The paper's table is meant for images of other families.
+        if named.family not in (None, PAPER_TABLE) and other.family != PAPER_TABLE:
+            raise contradiction(
+                f"{named.source('palette')} says palette {chosen.family}, "
+                f"the colours that occur prove {other.family}: {proof} "
+                f"and no colour of {chosen.family}"
+            )
     equals = [reading for reading in best if reading.order == chosen.order]
     if named.family is None:
         _refuse_mixture(chosen, equals, missing)
@@ -170,33 +187,6 @@ def color_of(code: int, order: ChannelOrder) -> RGB:
     """The colour of a code as red, green, blue, for either order in the file."""
     red, green, blue = unpacked(KNOWN_COLORS[code - 1])
     return (red, green, blue) if order == "rgb" else (blue, green, red)
-
-
-def _preferred(readings: list[Reading]) -> Reading:
-    """CARLA before the paper's table, then rgb, then the newest."""
-    return min(readings, key=lambda r: (r.family == PAPER_TABLE, r.order != "rgb"))
-
-
-def _refuse_contradiction(
-    chosen: Reading, named: NamedReading, missing: Mapping[Reading, frozenset[int]]
-) -> None:
-    for other, unexplained in missing.items():
-        if not unexplained < missing[chosen]:
-            continue
-        code = min(missing[chosen] - unexplained)
-        proof = f"{color_of(code, other.order)} is {other.name_of(code)} there"
-        if other.order != chosen.order and named.order is not None:
-            raise contradiction(
-                f"{named.source('channel_order')} says channel_order {chosen.order}, "
-                f"the colours that occur prove {other.order}: {proof}"
-            )
-        # The paper's table is meant for images of other families.
-        if named.family not in (None, PAPER_TABLE) and other.family != PAPER_TABLE:
-            raise contradiction(
-                f"{named.source('palette')} says palette {chosen.family}, "
-                f"the colours that occur prove {other.family}: {proof} "
-                f"and no colour of {chosen.family}"
-            )
 
 
 def contradiction(text: str) -> SegmentationError:

@@ -23,7 +23,6 @@ from filter_core.arrays import UNKNOWN_TAG, IntArray, TagImage
 from filter_core.errors import SegmentationError
 from filter_core.images.pixels import (
     ChannelOrder,
-    Codes,
     codes_of,
     count_codes,
     sampled,
@@ -48,7 +47,6 @@ from filter_core.segmentation.palettes import (
     FAMILIES,
     LAST_TAG,
     PAPER_TABLE,
-    RGB,
     UNCHANGED,
     ChangedTags,
     palette_of,
@@ -126,7 +124,13 @@ def _with_unknown(segmentation: Segmentation, unknown: Sequence[int]) -> Segment
     """The same, with the codes without a tag counted: only then each pixel matters."""
     changed = segmentation.codes.changed
     counts = count_codes(segmentation.pixels, exact_codes(changed))
-    foreign = _readings_of_foreign(unknown, segmentation.channel_order)
+    # The first family that has a colour without a tag, by the colour's code
+    readings = [Reading(family, segmentation.channel_order) for family in FAMILIES]
+    foreign = {
+        code: having[0]
+        for code in unknown
+        if (having := [one for one in readings if not one.missing(frozenset({code}))])
+    }
     no_family = [NO_FAMILY, *(code for code in unknown if code and code not in foreign)]
     _refuse_no_family(segmentation.pixels, counts, no_family, changed)
     return replace(
@@ -134,21 +138,6 @@ def _with_unknown(segmentation: Segmentation, unknown: Sequence[int]) -> Segment
         unknown_pixels=int(counts[[*foreign, *no_family]].sum()),
         notes=(*segmentation.notes, *_unknown_notes(counts, foreign, no_family)),
     )
-
-
-def _readings_of_foreign(
-    unknown: Iterable[int], order: ChannelOrder
-) -> dict[int, Reading]:
-    """The first family that has a colour without a tag, by the colour's code.
-
-    Colours that a family has only with red and blue swapped are left out.
-    """
-    readings = [Reading(family, order) for family in FAMILIES]
-    return {
-        code: having[0]
-        for code in unknown
-        if (having := [one for one in readings if not one.missing(frozenset({code}))])
-    }
 
 
 def _refuse_no_family(
@@ -160,7 +149,11 @@ def _refuse_no_family(
     share = 100.0 * float(counts[codes].sum()) / float(counts.sum())
     if share <= _MAX_SENSELESS_PERCENT:
         return
-    red, green, blue = _commonest_color(pixels, codes, exact_codes(changed))
+    colors = values_of(pixels).reshape(-1) & COLOR_BITS
+    odd, how_often = np.unique(
+        colors[np.isin(exact_codes(changed)[colors], codes)], return_counts=True
+    )
+    red, green, blue = unpacked(int(odd[how_often.argmax()]))
     raise SegmentationError(
         f"{share:.1f} % of the pixels have colours of no known family, most often "
         f"({red}, {green}, {blue}); at most {_MAX_SENSELESS_PERCENT:g} % may. "
@@ -179,16 +172,6 @@ def _remedy(pixels: NDArray[np.uint8]) -> str:
         "A palette image that was a JPEG or was resized needs "
         "lossy_segmentation: nearest"
     )
-
-
-def _commonest_color(
-    pixels: NDArray[np.uint8], codes: Sequence[int], table: Codes
-) -> RGB:
-    colors = values_of(pixels).reshape(-1) & COLOR_BITS
-    odd, how_often = np.unique(
-        colors[np.isin(table[colors], codes)], return_counts=True
-    )
-    return unpacked(int(odd[how_often.argmax()]))
 
 
 def _unknown_notes(
@@ -461,7 +444,16 @@ def read_raw_tags(
         counts = count_codes(tags, exact_codes())
     plain = counts.copy()
     plain[[number for number, _ in changed.numbers]] = 0
-    _refuse_senseless(plain, counts)
+    # Refuse numbers of no family; `plain` are pixels of those that are not changed
+    senseless = plain[LAST_TAG + 1 : UNKNOWN_TAG]
+    share = 100.0 * float(senseless.sum()) / float(counts.sum())
+    if share > _MAX_SENSELESS_PERCENT:
+        commonest = LAST_TAG + 1 + int(senseless.argmax())
+        raise SegmentationError(
+            f"{share:.1f} % of the pixels have raw tags of no family, most often "
+            f"{commonest}; expected 0 to {LAST_TAG}. {_remedy_of_numbers(counts)}",
+            code="foreign_tags",
+        )
     _refuse_rippled(tags)
     family = named.family or _proved_family(plain)
     _refuse_contradiction(plain, family, named)
@@ -476,19 +468,6 @@ def _refuse_no_multiples(counts: IntArray, scale: int) -> None:
         raise SegmentationError(
             f"tag_scale: expected multiples of {scale}, found other numbers at "
             f"{share:.1f} % of the pixels, most often {int(others.argmax())}",
-            code="foreign_tags",
-        )
-
-
-def _refuse_senseless(plain: IntArray, counts: IntArray) -> None:
-    """Refuse numbers of no family; `plain` are pixels of those that are not changed."""
-    senseless = plain[LAST_TAG + 1 : UNKNOWN_TAG]
-    share = 100.0 * float(senseless.sum()) / float(counts.sum())
-    if share > _MAX_SENSELESS_PERCENT:
-        commonest = LAST_TAG + 1 + int(senseless.argmax())
-        raise SegmentationError(
-            f"{share:.1f} % of the pixels have raw tags of no family, most often "
-            f"{commonest}; expected 0 to {LAST_TAG}. {_remedy_of_numbers(counts)}",
             code="foreign_tags",
         )
 

@@ -107,10 +107,33 @@ class Annotator:
             The name of the weather's preset.
         """
         session, camera = self.session, self.session.scenario.camera
-        poses = self._poses(moment)
+        version, snapshot = self.session.server_version, moment.snapshot
+        poses = {
+            one.name: sensor_pose(
+                moment.measured[one.name], one.actor, snapshot, version
+            )
+            for one in self.sensors
+        }
         main = poses[main_camera(session.scenario)]
         self.poses_differ += main.differs
         shown = as_image(moment.measured[main_camera(session.scenario)])
+        rules = self.session.scenario.boxes
+        actors = self._actors.seen(moment.snapshot, self.ego.id, self.left_out)
+        taken = _centres(actors)
+        static = without_duplicates(
+            self._static, self._static_centres, taken, self.left_out
+        )
+        objects = [*actors, *static]
+        found = []
+        centres = _corners(objects).mean(axis=1)
+        metres: list[float] = np.linalg.norm(
+            centres - main.used.location, axis=1
+        ).tolist()
+        for one, distance in zip(objects, metres, strict=True):
+            if rules.min_distance <= distance <= rules.max_distance:
+                found.append(one.as_annotation(distance, rules.bands))
+            else:
+                self.left_out["out_of_range"] += 1
         return {
             "carla_version": session.server_version,
             "map": session.map_name,
@@ -129,7 +152,7 @@ class Annotator:
                 for name in _POINT_SENSORS
                 if name in poses
             },
-            "boxes": self._boxes(moment.snapshot, main.used),
+            "boxes": found,
             "extra": {
                 "capture": {
                     **self._story(moment, main),
@@ -138,33 +161,6 @@ class Annotator:
             },
             "captured_at": captured_at,
         }
-
-    def _poses(self, moment: Moment) -> dict[str, SensorPose]:
-        version, snapshot = self.session.server_version, moment.snapshot
-        return {
-            one.name: sensor_pose(
-                moment.measured[one.name], one.actor, snapshot, version
-            )
-            for one in self.sensors
-        }
-
-    def _boxes(
-        self, snapshot: WorldSnapshot, camera: Transform
-    ) -> list[dict[str, object]]:
-        rules = self.session.scenario.boxes
-        actors = self._actors.seen(snapshot, self.ego.id, self.left_out)
-        taken = _centres(actors)
-        static = without_duplicates(
-            self._static, self._static_centres, taken, self.left_out
-        )
-        objects = [*actors, *static]
-        found = []
-        for one, distance in zip(objects, _distances(objects, camera), strict=True):
-            if rules.min_distance <= distance <= rules.max_distance:
-                found.append(one.as_annotation(distance, rules.bands))
-            else:
-                self.left_out["out_of_range"] += 1
-        return found
 
     def _story(self, moment: Moment, main: SensorPose) -> dict[str, object]:
         snapshot, session = moment.snapshot, self.session
@@ -208,12 +204,6 @@ def _corners(objects: Sequence[SeenObject]) -> FloatArray:
 
 def _centres(objects: Sequence[SeenObject]) -> list[Triple]:
     return [(c[0], c[1], c[2]) for c in _corners(objects).mean(axis=1).tolist()]
-
-
-def _distances(objects: Sequence[SeenObject], camera: Transform) -> list[float]:
-    centres = _corners(objects).mean(axis=1)
-    metres: list[float] = np.linalg.norm(centres - camera.location, axis=1).tolist()
-    return metres
 
 
 @dataclass(frozen=True)

@@ -127,7 +127,10 @@ class ActorBoxes:
         type_id, number = actor.type_id, actor.id
         base_type = attributes.get("base_type") or None
         is_prop = type_id.startswith("static.")
-        class_name = "car" if is_prop else self._class(type_id, base_type)
+        class_name: str | None = "car"
+        if not is_prop:
+            named_class = self._scenario.classes.get(type_id)
+            class_name = named_class or class_of(type_id, base_type)
         named = ObjectIdentity(
             id=str(number),
             source="actor",
@@ -139,9 +142,6 @@ class ActorBoxes:
             more={"mesh_path": attributes["mesh_path"]} if is_prop else {},
         )
         return _Known(named, self._checked(box, named))
-
-    def _class(self, type_id: str, base_type: str | None) -> str | None:
-        return self._scenario.classes.get(type_id) or class_of(type_id, base_type)
 
     def _checked(self, box: LocalBox, named: ObjectIdentity) -> LocalBox | None:
         rules, type_id = self._scenario.boxes, named.type_id or ""

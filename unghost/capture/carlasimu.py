@@ -175,7 +175,13 @@ def _data(given: Mapping[str, object], result: Conversion) -> None:
     vehicles["lights"] = _lights(lights)
     scenario["vehicles"] = vehicles
     scenario["ego"] = {"lights": vehicles["lights"]}
-    scenario["walkers"] = _walkers(given)
+    walkers = _taken(given, _WALKERS)
+    if "generationw" in given:
+        walkers["generation"] = _number_or_all(given["generationw"])
+    at = "data.yaml: number_of_walkers"
+    counts = _mapping(given.get("number_of_walkers"), at)
+    _refuse_unknown(counts, frozenset(_GAITS), at)
+    scenario["walkers"] = {**walkers, **_taken(counts, _GAITS)}
     _note_unused(_WITHOUT_MEANING, [given], "data.yaml", result.notes)
     is_asynchronous = _truth(given, "asynch", "data.yaml", default=False)
     if is_asynchronous or not _truth(given, "synchronous", "data.yaml", default=True):
@@ -184,16 +190,6 @@ def _data(given: Mapping[str, object], result: Conversion) -> None:
         )
     if _truth(given, "no_rendering", "data.yaml", default=False):
         result.notes.append("no_rendering is not used: cameras need rendering")
-
-
-def _walkers(given: Mapping[str, object]) -> dict[str, object]:
-    walkers = _taken(given, _WALKERS)
-    if "generationw" in given:
-        walkers["generation"] = _number_or_all(given["generationw"])
-    at = "data.yaml: number_of_walkers"
-    counts = _mapping(given.get("number_of_walkers"), at)
-    _refuse_unknown(counts, frozenset(_GAITS), at)
-    return {**walkers, **_taken(counts, _GAITS)}
 
 
 def _lights(states: Mapping[str, object]) -> list[str]:
@@ -216,13 +212,7 @@ def _number_or_all(value: object) -> object:
 
 
 def _sensors(given: Mapping[str, object], result: Conversion) -> None:
-    result.scenario.update(_camera_and_sensors(given, result.notes))
-
-
-def _camera_and_sensors(
-    given: Mapping[str, object], notes: list[str]
-) -> dict[str, object]:
-    """`camera` and `sensors` of a scenario, from the content of sensors.yaml."""
+    # `camera` and `sensors` of a scenario, from the content of sensors.yaml
     _refuse_unknown(given, frozenset(_NAMES), "sensors.yaml")
     sensors = {
         name: _set(_mapping(one, f"sensors.yaml: {name}"))
@@ -234,19 +224,22 @@ def _camera_and_sensors(
     for name in _CAMERAS:
         other = sensors.get(name)
         if other is not None and _geometry(other) != _geometry(first):
-            notes.append(
+            result.notes.append(
                 f"sensors.yaml: {name} differs from the other cameras; all cameras "
                 "of a scenario share one size, place and lens"
             )
     camera = {ours: first[name] for name, ours in _SHARED.items() if name in first}
     camera |= {"mount": mount} if (mount := _mount(first, "camera")) else {}
     camera |= {"lens": lens} if lens else {}
-    return {
-        "camera": camera,
-        "sensors": {
-            _NAMES[name]: _sensor(name, one, notes) for name, one in sensors.items()
-        },
-    }
+    result.scenario.update(
+        {
+            "camera": camera,
+            "sensors": {
+                _NAMES[name]: _sensor(name, one, result.notes)
+                for name, one in sensors.items()
+            },
+        }
+    )
 
 
 def _geometry(camera: Mapping[str, object]) -> tuple[object, ...]:

@@ -113,7 +113,13 @@ class CaptureFolder:
             )
         self.keys = self._read_keys()
         if known is not None and self.keys:
-            self._require_same(known, about)
+            for name in _SAME:
+                if known.get(name) != about.get(name):
+                    what = "scenario" if name == "scenario_digest" else name
+                    raise CaptureError(
+                        f"{self.path} contains a capture with another {what}: choose "
+                        "another --output, or use the same one again"
+                    )
         else:
             # Without any frame, a changed scenario cannot contradict recorded frames.
             self.describe(about)
@@ -202,17 +208,6 @@ class CaptureFolder:
             raise CaptureError(f"{path} cannot be read as JSON: {error}") from error
         is_ours = isinstance(known, dict) and set(_SAME) <= set(known)
         return known if is_ours else None
-
-    def _require_same(
-        self, known: Mapping[str, object], new: Mapping[str, object]
-    ) -> None:
-        for name in _SAME:
-            if known.get(name) != new.get(name):
-                what = "scenario" if name == "scenario_digest" else name
-                raise CaptureError(
-                    f"{self.path} contains a capture with another {what}: choose "
-                    "another --output, or use the same one again"
-                )
 
     def _read_keys(self) -> list[str]:
         path = self.path / MANIFEST_NAME

@@ -211,8 +211,28 @@ def live(
         config = load_config(config or {}).config
     running = _running(sensors)
     made = Live(world, running, config, replace(options, ticks=own))
+    off = dict.fromkeys(("rgb", "segmentation"), False)
+    document: dict[str, object] = {
+        "sensors": {**off, **dict.fromkeys(sensors, True)},
+        "boxes": options.boxes,
+    }
+    scenario = parse_scenario(document, "live")
+    camera = sensors[main_camera(scenario)]
+    fov = float(camera.attributes["fov"])
+    view = scenario.camera.model_copy(update={"fov": fov})
+    installed = metadata.version("carla")
+    # What the first camera is attached to, else itself, which has no box either
     made.annotator = Annotator(
-        _scene(world, sensors, options), options.ego or _parent(running), running
+        Scene(
+            carla=load_carla(),
+            world=world,
+            scenario=scenario.model_copy(update={"camera": view}),
+            server_version=options.version or installed,
+            client_version=installed,
+            map_name=short_name(world.get_map().name),
+        ),
+        options.ego or (running[0].actor.parent or running[0].actor),
+        running,
     )
     made.start(on_frame)
     return made
@@ -413,33 +433,3 @@ def _running(sensors: Mapping[str, Actor]) -> list[RunningSensor]:
 
 
 _SHAPE: Final = ("image_size_x", "image_size_y", "fov")
-
-
-def _parent(sensors: Sequence[RunningSensor]) -> Actor:
-    """What the first camera is attached to, else itself, which has no box either."""
-    return sensors[0].actor.parent or sensors[0].actor
-
-
-def _scene(
-    world: World,
-    sensors: Mapping[str, Actor],
-    options: LiveOptions,
-) -> Scene:
-    off = dict.fromkeys(("rgb", "segmentation"), False)
-    document: dict[str, object] = {
-        "sensors": {**off, **dict.fromkeys(sensors, True)},
-        "boxes": options.boxes,
-    }
-    scenario = parse_scenario(document, "live")
-    camera = sensors[main_camera(scenario)]
-    fov = float(camera.attributes["fov"])
-    view = scenario.camera.model_copy(update={"fov": fov})
-    installed = metadata.version("carla")
-    return Scene(
-        carla=load_carla(),
-        world=world,
-        scenario=scenario.model_copy(update={"camera": view}),
-        server_version=options.version or installed,
-        client_version=installed,
-        map_name=short_name(world.get_map().name),
-    )

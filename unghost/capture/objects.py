@@ -146,21 +146,18 @@ class SeenObject:
         if self.box.given is not None:
             location, extent = self.box.given
             notes["box_given"] = {"location": xyz(location), "extent": xyz(extent)}
-        return {
-            **_present(names),
-            "box3d": self._box3d(),
-            "distance": round(distance, 3),
-            "extra": _present(notes),
-        }
-
-    def _box3d(self) -> dict[str, object]:
         pitch, yaw, roll = self.box.rotation
         pose = {} if self.pose is None else {"transform": self.pose.as_dict()}
         return {
-            **pose,
-            "location": xyz(self.box.location),
-            "extent": xyz(self.box.extent),
-            "rotation": {"pitch": pitch, "yaw": yaw, "roll": roll},
+            **_present(names),
+            "box3d": {
+                **pose,
+                "location": xyz(self.box.location),
+                "extent": xyz(self.box.extent),
+                "rotation": {"pitch": pitch, "yaw": yaw, "roll": roll},
+            },
+            "distance": round(distance, 3),
+            "extra": _present(notes),
         }
 
 

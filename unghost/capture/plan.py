@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Final
 
 from unghost.capture.rig import BLUEPRINTS, CAMERAS, wanted_sensors
-from unghost.capture.scenario import Scenario, Weather
+from unghost.capture.scenario import Scenario
 
 _BYTES_PER_PIXEL: Final[Mapping[str, float]] = {
     "rgb": 2.0,
@@ -39,11 +39,28 @@ def plan_of(scenario: Scenario, output: Path, dataset: str | None) -> Plan:
     ticks = starts * scenario.warm_up_ticks + frames * scenario.ticks_per_frame
     size = sum(_bytes_of(scenario, name) for name in sensors) * frames
     camera, people = scenario.camera, scenario.walkers
+    off = [name for name, wanted in scenario.map_layers.items() if not wanted]
+    without = f" without {', '.join(off)}" if off else ""
+    maps = ", ".join(scenario.maps) or scenario.map or "the one that is loaded"
+    weather = scenario.weather
+    words = [weather.preset] if weather.preset else []
+    words += [", ".join(weather.presets)] if weather.presets else []
+    words += [f"{name} {value:g}" for name, value in weather.parameters.items()]
+    words += [
+        f"{name} {sweep.first:g} to {sweep.last:g}"
+        for name, sweep in weather.sweep.items()
+    ]
+    maps_x_frames = f" ({len(scenario.maps)} maps x {scenario.frames})"
+    of_each = maps_x_frames if scenario.maps else ""
+    rules = scenario.boxes
+    kinds = ("vehicles", "walkers", "parked_vehicles", "traffic_lights")
+    named = [kind.replace("_", " ") for kind in kinds if getattr(rules, kind)]
+    reach = f"{rules.min_distance:g} to {rules.max_distance:g} m"
     rows = [
         ("simulator", f"{scenario.host}:{scenario.port}"),
-        ("map", _map_words(scenario)),
+        ("map", f"{maps}{without}"),
         ("seed", str(scenario.seed)),
-        ("weather", _weather_words(scenario.weather)),
+        ("weather", ", ".join(words) or "unchanged"),
         ("ego", scenario.ego.blueprint),
         ("vehicles", f"{scenario.vehicles.count} of {scenario.vehicles.filter}"),
         (
@@ -53,10 +70,10 @@ def plan_of(scenario: Scenario, output: Path, dataset: str | None) -> Plan:
         ),
         ("camera", f"{camera.width} x {camera.height} px, {camera.fov:g} degrees"),
         *((f"sensor {name}", BLUEPRINTS[name]) for name in sensors),
-        ("boxes", _box_words(scenario)),
+        ("boxes", f"{', '.join(named) or 'none'}, {reach}"),
         (
             "frames",
-            f"{frames}{_of_each(scenario)}, one every {scenario.ticks_per_frame} ticks "
+            f"{frames}{of_each}, one every {scenario.ticks_per_frame} ticks "
             f"of {scenario.delta_s:g} s: {seconds:g} s simulated",
         ),
         ("size", f"about {max(1, round(size / 1e6)):,} MB"),
@@ -74,36 +91,6 @@ def plan_of(scenario: Scenario, output: Path, dataset: str | None) -> Plan:
         "dataset": dataset,
     }
     return Plan(tuple(rows), record)
-
-
-def _map_words(scenario: Scenario) -> str:
-    off = [name for name, wanted in scenario.map_layers.items() if not wanted]
-    without = f" without {', '.join(off)}" if off else ""
-    maps = ", ".join(scenario.maps) or scenario.map or "the one that is loaded"
-    return f"{maps}{without}"
-
-
-def _of_each(scenario: Scenario) -> str:
-    return f" ({len(scenario.maps)} maps x {scenario.frames})" if scenario.maps else ""
-
-
-def _weather_words(weather: Weather) -> str:
-    words = [weather.preset] if weather.preset else []
-    words += [", ".join(weather.presets)] if weather.presets else []
-    words += [f"{name} {value:g}" for name, value in weather.parameters.items()]
-    words += [
-        f"{name} {sweep.first:g} to {sweep.last:g}"
-        for name, sweep in weather.sweep.items()
-    ]
-    return ", ".join(words) or "unchanged"
-
-
-def _box_words(scenario: Scenario) -> str:
-    rules = scenario.boxes
-    kinds = ("vehicles", "walkers", "parked_vehicles", "traffic_lights")
-    named = [kind.replace("_", " ") for kind in kinds if getattr(rules, kind)]
-    reach = f"{rules.min_distance:g} to {rules.max_distance:g} m"
-    return f"{', '.join(named) or 'none'}, {reach}"
 
 
 def _bytes_of(scenario: Scenario, name: str) -> float:

@@ -61,7 +61,11 @@ def open_session(
     before = client.get_world().get_settings()
     if before.synchronous_mode:
         note("the world is in synchronous mode already; maybe another client ticks it")
-    world = _world(client, scenario)
+    world = client.get_world()
+    there = short_name(world.get_map().name)
+    if scenario.map is not None and there != short_name(scenario.map):
+        require_maps(client, scenario)
+        world = client.load_world(scenario.map)
     session = CaptureSession(
         carla=carla,
         client=client,
@@ -184,15 +188,6 @@ class CaptureSession(Scene):
                     self._say(f"an actor could not be destroyed: {answer.error}")
 
 
-def _world(client: Client, scenario: Scenario) -> World:
-    world = client.get_world()
-    there = short_name(world.get_map().name)
-    if scenario.map is None or there == short_name(scenario.map):
-        return world
-    require_maps(client, scenario)
-    return client.load_world(scenario.map)
-
-
 def require_maps(client: Client, scenario: Scenario) -> None:
     """Check that the simulator has the map of a scenario, or all its maps.
 
@@ -231,11 +226,6 @@ def _synchronise(session: CaptureSession) -> None:
     manager.set_hybrid_physics_mode(plan.hybrid_physics)
     if plan.hybrid_physics:
         manager.set_hybrid_physics_radius(plan.hybrid_radius)
-    _choose_layers(session, carla)
-    _choose_glass(session)
-
-
-def _choose_layers(session: CaptureSession, carla: Carla) -> None:
     world = session.world
     for name, wanted in session.scenario.map_layers.items():
         layer = getattr(carla.MapLayer, name)
@@ -245,9 +235,6 @@ def _choose_layers(session: CaptureSession, carla: Carla) -> None:
             again = partial(world.load_map_layer, layer)
             session.at_end(f"load the map layer {name} again", again)
             world.unload_map_layer(layer)
-
-
-def _choose_glass(session: CaptureSession) -> None:
     see_through = session.scenario.see_through_glass
     if see_through is None:
         return

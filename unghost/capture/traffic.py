@@ -227,7 +227,12 @@ def _spawn_walkers(
     session.tick()
     for controller, speed in walking:
         stop.check()
-        _walk(session, controller, speed)
+        session.at_end("stop a walker", controller.stop)
+        controller.start()
+        destination = session.world.get_random_location_from_navigation()
+        if destination is not None:
+            controller.go_to_location(destination)
+        controller.set_max_speed(speed)
     return count
 
 
@@ -258,15 +263,6 @@ def _spawn_controller(
     if not isinstance(actor, WalkerController):
         raise CaptureError(f"{actor.type_id} cannot lead a walker")
     return actor
-
-
-def _walk(session: CaptureSession, controller: WalkerController, speed: float) -> None:
-    session.at_end("stop a walker", controller.stop)
-    controller.start()
-    destination = session.world.get_random_location_from_navigation()
-    if destination is not None:
-        controller.go_to_location(destination)
-    controller.set_max_speed(speed)
 
 
 def _speed(walker: Actor, gait: int) -> float:

@@ -47,21 +47,18 @@ class WeatherPlan:
         scenario: Scenario = self._session.scenario
         if not scenario.weather.is_given:
             return False
-        wanted = self._numbers(scenario, index)
+        carla, weather = self._session.carla, scenario.weather
+        preset = preset_of(weather, index)
+        known = carla.WeatherParameters
+        ground = self._before if preset is None else getattr(known, preset)
+        base = as_numbers(ground)
+        wanted = {**base, **weather_numbers(weather, index, scenario.frames)}
         if wanted == self._last:
             return False
         self._session.world.set_weather(parameters(self._session.carla, wanted))
         self._last = wanted
         turned, self._preset = self._preset, preset_of(scenario.weather, index)
         return turned != self._preset
-
-    def _numbers(self, scenario: Scenario, index: int) -> dict[str, float]:
-        carla, weather = self._session.carla, scenario.weather
-        preset = preset_of(weather, index)
-        known = carla.WeatherParameters
-        ground = self._before if preset is None else getattr(known, preset)
-        base = as_numbers(ground)
-        return {**base, **weather_numbers(weather, index, scenario.frames)}
 
 
 def parameters(carla: Carla, numbers: Mapping[str, float]) -> object:

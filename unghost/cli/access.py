@@ -35,7 +35,7 @@ from unghost.wire.words import Role
 
 if TYPE_CHECKING:
     from unghost.client.client import Client
-    from unghost.wire import AuditEntry, NewToken, Token, TokenIn
+    from unghost.wire import AuditEntry, NewToken, Token
 
 
 _TOKEN_COLUMNS: Final = ("number", "name", "role", "made", "until", "used", "state")
@@ -279,46 +279,23 @@ class CreateTokenOptions(ServerOptions):
 
 def create_token(options: CreateTokenOptions) -> None:
     """Create a token and print it; it is not shown again."""
-    _check_where(options)
     until = None
     if options.days > 0:
         until = datetime.now(timezone.utc) + timedelta(days=options.days)
-    made, where = _make_token(options, until)
-    options.screen.record(made.raw, made.token)
-    options.screen.note(
-        f"token {made.id} of {made.name!r}, {made.role}, {_until(made)}: it is "
-        f"not shown again. Use it to log in at {where}, or as UNGHOST_TOKEN."
-    )
-
-
-def _check_where(options: CreateTokenOptions) -> None:
-    """The token is made by a server or in a data folder; options of one exclude both.
-
-    Raises
-    ------
-    typer.BadParameter
-        An option would have no effect.
-    """
-    if not options.offline:
+    if options.offline:
+        token, where = _make_token_offline(options, until), "the address of the service"
+    else:
         if options.data is not None:
             raise typer.BadParameter("--data is for --offline")
-        return
-    for name, given in (("--server", options.server), ("--token", options.token)):
-        if given is not None:
-            raise typer.BadParameter(f"{name} is not for --offline: no server is asked")
-
-
-def _make_token(
-    options: CreateTokenOptions, until: datetime | None
-) -> tuple[NewToken, str]:
-    """The token, and the address at which it logs in."""
-    if options.offline:
-        made = _make_token_offline(options, until)
-        return made, "the address of the service"
-    named = naming_options({"/name": "NAME"}, {"NAME": options.name})
-    with options.connect() as client, named:
-        made = client.create_token(options.name, options.role, expires_at=until)
-        return made, client.url
+        named = naming_options({"/name": "NAME"}, {"NAME": options.name})
+        with options.connect() as client, named:
+            token = client.create_token(options.name, options.role, expires_at=until)
+            where = client.url
+    options.screen.record(token.raw, token.token)
+    options.screen.note(
+        f"token {token.id} of {token.name!r}, {token.role}, {_until(token)}: it is "
+        f"not shown again. Use it to log in at {where}, or as UNGHOST_TOKEN."
+    )
 
 
 def list_tokens(options: ServerOptions) -> None:
@@ -394,22 +371,26 @@ def _state(token: Token) -> str:
 def _make_token_offline(
     options: CreateTokenOptions, until: datetime | None
 ) -> NewToken:
-    """Create a token directly in the database of this data folder.
+    """Create a token directly in the database of this data folder."""
+    for name, given in (("--server", options.server), ("--token", options.token)):
+        if given is not None:
+            raise typer.BadParameter(f"{name} is not for --offline: no server is asked")
 
-    Raises
-    ------
-    Refused
-        There is no such database, or the name is taken.
-    """
+    from pydantic import ValidationError
     from sqlalchemy.exc import OperationalError
 
     from app.access.audit import AuditTrail
     from app.access.service import issue
     from app.errors import AppError
     from app.maintenance.datafolder import CannotMaintain, opened
-    from unghost.wire import NewToken, Token
+    from unghost.wire import NewToken, Token, TokenIn
 
-    row = _checked(options.name, options.role, until)
+    try:
+        row = TokenIn.model_validate(
+            {"name": options.name, "role": options.role, "expires_at": until}
+        )
+    except ValidationError as exc:
+        raise typer.BadParameter("a name has 1 to 100 printable characters") from exc
     settings = settings_of(data=options.data)
     try:
         with refused_on(CannotMaintain, AppError), opened(settings) as database:
@@ -423,19 +404,6 @@ def _make_token_offline(
             f"the token cannot be stored: {exc.orig}; `unghost doctor` says more"
         ) from exc
     return NewToken.read({**token.model_dump(mode="json"), "token": secret})
-
-
-def _checked(name: str, role: str, expires_at: datetime | None) -> TokenIn:
-    from pydantic import ValidationError
-
-    from unghost.wire import TokenIn
-
-    try:
-        return TokenIn.model_validate(
-            {"name": name, "role": role, "expires_at": expires_at}
-        )
-    except ValidationError as exc:
-        raise typer.BadParameter("a name has 1 to 100 printable characters") from exc
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -458,9 +426,9 @@ def audit(options: AuditOptions) -> None:
 def _audit_row(entry: AuditEntry) -> tuple[object, ...]:
     when = f"{entry.created_at:%Y-%m-%d %H:%M:%S}"
     known = {key: value for key, value in entry.details.items() if value is not None}
-    details = " ".join(f"{key}={_as_text(value)}" for key, value in known.items())
+    texts = {
+        key: value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
+        for key, value in known.items()
+    }
+    details = " ".join(f"{key}={text}" for key, text in texts.items())
     return when, entry.actor, entry.action, entry.subject, details
-
-
-def _as_text(value: object) -> str:
-    return value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)

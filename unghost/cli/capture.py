@@ -104,7 +104,11 @@ def capture(options: CaptureOptions) -> None:
 
     if options.from_carlasimu is not None:
         _refuse_beside_conversion(options)
-        _convert(options.from_carlasimu, options)
+        from unghost.capture.carlasimu import convert_carlasimu
+
+        converted = convert_carlasimu(options.from_carlasimu)
+        record = {"scenario": converted.scenario, "notes": converted.notes}
+        options.screen.record(record, converted.as_yaml().rstrip("\n"))
         return
     if options.scenario is None:
         raise typer.BadParameter("give SCENARIO or --from-carlasimu")
@@ -118,7 +122,12 @@ def capture(options: CaptureOptions) -> None:
         options.screen.table(("what", "how"), plan.rows)
         return
     if options.push is not None:
-        _require_dataset(output, options.push, options)
+        # Check the dataset now, so that a wrong token is not found after hours
+        pushing = _pushing(output, options.push, options)
+        with pushing.connect() as client:
+            ensure_dataset(
+                client, options.push, NewDataset(pushing.reading), options.screen
+            )
     try:
         recorded = _record(scenario, output, options)
     except ScenarioError as error:
@@ -146,14 +155,6 @@ def _refuse_beside_conversion(options: CaptureOptions) -> None:
         raise typer.BadParameter(
             f"--from-carlasimu only prints a scenario: leave out {', '.join(given)}"
         )
-
-
-def _convert(folder: Path, options: CaptureOptions) -> None:
-    from unghost.capture.carlasimu import convert_carlasimu
-
-    converted = convert_carlasimu(folder)
-    record = {"scenario": converted.scenario, "notes": converted.notes}
-    options.screen.record(record, converted.as_yaml().rstrip("\n"))
 
 
 def _record(scenario: Scenario, output: Path, options: CaptureOptions) -> Recorded:
@@ -305,13 +306,6 @@ def _pushing(folder: Path, dataset: str, options: CaptureOptions) -> PushOptions
         json=options.json,
         layout="manifest",
     )
-
-
-def _require_dataset(folder: Path, dataset: str, options: CaptureOptions) -> None:
-    """Check the dataset now, so that a wrong token is not found after hours."""
-    pushing = _pushing(folder, dataset, options)
-    with pushing.connect() as client:
-        ensure_dataset(client, dataset, NewDataset(pushing.reading), options.screen)
 
 
 def _push(folder: Path, dataset: str, options: CaptureOptions) -> None:

@@ -15,13 +15,13 @@ import typer
 
 from unghost.cli.gates import GateOptions
 from unghost.cli.options import DatasetOptions, ServerOptions
-from unghost.cli.screen import Refused, Screen, most_first
+from unghost.cli.screen import Refused, most_first
 from unghost.wire.words import ChannelOrder, Encoding, LossyPolicy, Palette
 
 if TYPE_CHECKING:
     from unghost.client.client import Client
     from unghost.client.keywords import DatasetChanges
-    from unghost.wire.datasets import Dataset, MapCounts, Stats
+    from unghost.wire.datasets import Dataset, MapCounts, Stats, VerdictCounts
     from unghost.wire.frames import FrameSummary, PlaceCounts, Report
     from unghost.wire.quality import Evaluation
     from unghost.wire.runs import Export
@@ -237,7 +237,18 @@ def stats(options: StatsOptions) -> None:
     # The frames of the report have addresses, and no counts that are not here.
     of_report = {k: v for k, v in ghosts.raw.items() if k != "worst_frames"}
     options.screen.record({**numbers.raw, "report": of_report})
-    _print_stats(numbers, ghosts, options.screen)
+    screen = options.screen
+    totals = [(name.replace("_", " "), getattr(numbers, name)) for name in _TOTALS]
+    screen.table(("dataset", "number"), totals)
+    screen.table(("reason", "boxes", "%"), _reasons(numbers), tag="reason")
+    screen.table(_CLASS_COLUMNS, _classes(numbers), tag="class")
+    screen.table(_BAND_COLUMNS, _bands(ghosts), tag="distance")
+    for what, places, frames in (
+        ("map", ghosts.by_map, numbers.by_map),
+        ("weather", ghosts.by_weather, numbers.by_weather),
+    ):
+        columns = (what, "frames", *_BAND_COLUMNS[1:])
+        screen.table(columns, _places(places, frames), tag=what)
     counts = gate_counts(numbers, refused)
     options.check(counts, options.screen, f"unghost stats {options.dataset}")
 
@@ -331,15 +342,13 @@ _BINS: Final = {
 
 def _bands(ghosts: Report) -> Iterator[tuple[object, ...]]:
     for band in ghosts.by_distance:
-        boxes = band.kept + band.rejected + band.unmeasured
-        row = (boxes, band.kept, band.rejected, band.unmeasured)
         if band.distance_from is None:
             name = "not known"
         elif band.distance_to is None:
             name = f"from {band.distance_from:g}"
         else:
             name = f"{band.distance_from:g}-{band.distance_to:g}"
-        yield name, *row, _percent(band.kept, boxes)
+        yield name, *_by_verdict(band)
 
 
 def _evidence(found: Evaluation) -> Iterator[tuple[object, ...]]:
@@ -386,28 +395,12 @@ def gate_counts(numbers: Stats, refused: int) -> dict[str, int]:
     }
 
 
-def _print_stats(numbers: Stats, ghosts: Report, screen: Screen) -> None:
-    totals = [(name.replace("_", " "), getattr(numbers, name)) for name in _TOTALS]
-    screen.table(("dataset", "number"), totals)
-    screen.table(("reason", "boxes", "%"), _reasons(numbers), tag="reason")
-    screen.table(_CLASS_COLUMNS, _classes(numbers), tag="class")
-    screen.table(_BAND_COLUMNS, _bands(ghosts), tag="distance")
-    for what, places, frames in (
-        ("map", ghosts.by_map, numbers.by_map),
-        ("weather", ghosts.by_weather, numbers.by_weather),
-    ):
-        columns = (what, "frames", *_BAND_COLUMNS[1:])
-        screen.table(columns, _places(places, frames), tag=what)
-
-
 def _places(
     places: Sequence[PlaceCounts], frames: Mapping[str, MapCounts]
 ) -> Iterator[tuple[object, ...]]:
     for of in places:
-        boxes = of.kept + of.rejected + of.unmeasured
         counted = frames[of.name].frames if of.name else None
-        row = (boxes, of.kept, of.rejected, of.unmeasured)
-        yield of.name or "not known", counted, *row, _percent(of.kept, boxes)
+        yield of.name or "not known", counted, *_by_verdict(of)
 
 
 def _reasons(numbers: Stats) -> Iterator[tuple[object, ...]]:
@@ -417,9 +410,13 @@ def _reasons(numbers: Stats) -> Iterator[tuple[object, ...]]:
 
 def _classes(numbers: Stats) -> Iterator[tuple[object, ...]]:
     for name, counts in numbers.by_class.items():
-        boxes = counts.kept + counts.rejected + counts.unmeasured
-        row = (boxes, counts.kept, counts.rejected, counts.unmeasured)
-        yield name, *row, _percent(counts.kept, boxes)
+        yield name, *_by_verdict(counts)
+
+
+def _by_verdict(of: VerdictCounts) -> tuple[object, ...]:
+    """The boxes, those of each verdict, and the percentage of those that are kept."""
+    boxes = of.kept + of.rejected + of.unmeasured
+    return boxes, of.kept, of.rejected, of.unmeasured, _percent(of.kept, boxes)
 
 
 def _percent(part: int, whole: int) -> float | None:

@@ -262,9 +262,13 @@ class _Painter:
 
         stem, judged = named
         background, painted = _backgrounds(judged)
-        before = self._on(background, map(_as_given, judged.decisions))
+        before = self._on(
+            background,
+            (_boxed(one)._replace(verdict="kept") for one in judged.decisions),
+        )
         after = self._on(
-            background, (box for box in map(_boxed, judged.decisions) if _is_kept(box))
+            background,
+            (box for box in map(_boxed, judged.decisions) if box.verdict == "kept"),
         )
         why = self._on(background, map(_reasoned, judged.decisions))
         rejected, unmeasured = map(judged.count, ("rejected", "unmeasured"))
@@ -336,14 +340,6 @@ def _boxed(one: Decision, text: str = "") -> DrawnBox:
     from filter_core.images.drawing import DrawnBox
 
     return DrawnBox(one["verdict"], one["xyxy"], one["edges"], text)
-
-
-def _as_given(one: Decision) -> DrawnBox:
-    return _boxed(one)._replace(verdict="kept")
-
-
-def _is_kept(box: DrawnBox) -> bool:
-    return box.verdict == "kept"
 
 
 def _reasoned(one: Decision) -> DrawnBox | None:

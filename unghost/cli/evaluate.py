@@ -337,7 +337,15 @@ class _Thresholds:
                 "hidden boxes"
             )
         if self.file is not None:
-            _write(self.file, _yaml(self.collector.config, self.suggested))
+            # The configuration of the evaluation with the new thresholds, as YAML
+            import yaml
+
+            from filter_core.evaluation.thresholds import with_thresholds
+
+            plain = with_thresholds(self.collector.config, self.suggested).as_dict()
+            _write(
+                self.file, yaml.safe_dump(plain, sort_keys=False, allow_unicode=True)
+            )
             screen.note(f"wrote {self.file}")
 
 
@@ -351,16 +359,6 @@ def _threshold_row(one: ClassSuggestion) -> tuple[object, ...]:
         *(round(bound, 2) for bound in found.interval),
         *(None if score is None else round(score, 3) for score in scores),
     )
-
-
-def _yaml(config: FilterConfig, found: list[ClassSuggestion]) -> str:
-    """The configuration of the evaluation with the new thresholds, as YAML."""
-    import yaml
-
-    from filter_core.evaluation.thresholds import with_thresholds
-
-    plain = with_thresholds(config, found).as_dict()
-    return yaml.safe_dump(plain, sort_keys=False, allow_unicode=True)
 
 
 def interval_plot(

@@ -542,9 +542,7 @@ def convert(options: ConvertOptions) -> None:
     counts = _write_labels(options, labels, found, config, progress)
     progress.notes.print(options.screen)
     is_doubtful = options.filter and note_boxes(options.screen, progress.summary)
-    progress.check.note(options.screen, found)
-    for line in (*progress.refusals.more(), *unmatched_lines(found.unmatched)):
-        options.screen.note(line)
+    progress.note_unread(found)
     boxes = {name: counts["boxes"][name] for name in ("in", "out", "dropped")}
     if "split" in format_of(options.to, labels).options:
         options.screen.note(parts_text(counts))
@@ -569,15 +567,7 @@ def convert(options: ConvertOptions) -> None:
 
 
 def _label_options(options: ConvertOptions) -> LabelOptions:
-    """The options of the format.
-
-    Raises
-    ------
-    typer.BadParameter
-        The format has no such option, or the option no such value.
-    NotAvailable
-        The format needs a library that is not installed.
-    """
+    """The options of the format."""
     from filter_core.formats.export import ExportError
     from filter_core.formats.export import ExportOptions as LabelOptions
     from filter_core.formats.registry import format_of
@@ -711,15 +701,7 @@ def _convert_same(
 
 
 def _box_spans(options: ConvertOptions, found: FrameSet) -> BoxSpans:
-    """How boxes are left out of labels of this layout.
-
-    Raises
-    ------
-    typer.BadParameter
-        Labels are not composed, so that options for that have no effect.
-    Refused
-        The layout cannot be written again.
-    """
+    """How boxes are left out of labels of this layout."""
     from filter_core.formats.registry import FORMATS, layout_format
 
     if options.option:
@@ -763,9 +745,7 @@ def _note_copy(
     """Note how the folder was read, and what of it is not in the copy."""
     screen = options.screen
     progress.notes.print(screen)
-    progress.check.note(screen, found)
-    for line in (*progress.refusals.more(), *unmatched_lines(found.unmatched)):
-        screen.note(line)
+    progress.note_unread(found)
     if progress.failed:
         screen.note(
             f"the labels of {progress.failed} refused frames were copied as they are"
@@ -806,6 +786,12 @@ class _Progress:
             return
         first = outcome.error["errors"][0]
         self._refuse(outcome.key, outcome.error["detail"], first["code"])
+
+    def note_unread(self, found: FrameSet) -> None:
+        """Note how the folder was read, and which of its files were not."""
+        self.check.note(self.screen, found)
+        for line in (*self.refusals.more(), *unmatched_lines(found.unmatched)):
+            self.screen.note(line)
 
     def require_frames(self) -> None:
         """Refuse to go on if no frame could be read."""

@@ -195,6 +195,36 @@ def page(inspection: Inspection, remarks: Sequence[Remark], description: str) ->
         The text of its ``recording.yaml``.
     """
     name = html.escape(inspection.name)
+    rows = []
+    for kind in ("folder", "list", "labels"):
+        splits = [one for one in inspection.splits if one.told_by == kind]
+        if splits:
+            drawn = "".join(
+                f'<span style="flex-grow:{max(1, one.frames)}">{html.escape(one.name)} '
+                f"{one.frames:,}</span>"
+                for one in splits
+            )
+            text = ", ".join(f"{one.name}: {one.frames:,}" for one in splits)
+            rows.append(
+                (
+                    f"split by {_SPLIT_BY[kind]}",
+                    f'<span class="split" title="{html.escape(text)}">{drawn}</span>',
+                )
+            )
+    for one in inspection.sizes[:MOST_IN_A_LINE]:
+        size = f"{one.width} x {one.height} px"
+        rows.append(("size of images", f"{size}, {count_of(one.images, 'frame')}"))
+    for cameras in inspection.cameras[:MOST_IN_A_LINE]:
+        text = camera_text(cameras.folders, cameras.frames)
+        rows.append(("cameras", html.escape(text)))
+    unused = "".join(
+        _details(one.kind, one, with_why=False)
+        for one in (*inspection.left_over, *inspection.not_read)
+    )
+    refused = "".join(
+        _details(one.kind, one)
+        for one in (*inspection.refused, *inspection.refused_pictures)
+    )
     parts = (
         _header(inspection),
         section("What to look at", _remarks(inspection, remarks)),
@@ -202,14 +232,17 @@ def page(inspection: Inspection, remarks: Sequence[Remark], description: str) ->
         section("Classes", _classes(inspection)),
         '<div class="pair">',
         section("Tags and depth", _tags(inspection)),
-        section("Splits, sizes and cameras", _parts(inspection)),
+        section("Splits, sizes and cameras", (_definitions(rows) if rows else "")),
         "</div>",
         section("Images by role", _streams(inspection)),
         '<div class="pair">',
         section("Boxes that can hardly be right", _faults(inspection)),
-        section("Files that are not used", _unused(inspection)),
+        section(
+            "Files that are not used",
+            unused or '<p class="soft">Every file is used.</p>',
+        ),
         "</div>",
-        section("Frames that cannot be used", _refused(inspection)),
+        section("Frames that cannot be used", refused),
         section("The description of this recording", _description(description)),
         f"<footer>Written by unghost inspect. All labels were read, and the pictures "
         f"of {count_of(inspection.pictures, 'frame')}.</footer>",
@@ -459,32 +492,6 @@ def _definitions(rows: Iterable[tuple[str, str]]) -> str:
     )
 
 
-def _parts(inspection: Inspection) -> str:
-    rows = []
-    for kind in ("folder", "list", "labels"):
-        splits = [one for one in inspection.splits if one.told_by == kind]
-        if splits:
-            drawn = "".join(
-                f'<span style="flex-grow:{max(1, one.frames)}">{html.escape(one.name)} '
-                f"{one.frames:,}</span>"
-                for one in splits
-            )
-            text = ", ".join(f"{one.name}: {one.frames:,}" for one in splits)
-            rows.append(
-                (
-                    f"split by {_SPLIT_BY[kind]}",
-                    f'<span class="split" title="{html.escape(text)}">{drawn}</span>',
-                )
-            )
-    for one in inspection.sizes[:MOST_IN_A_LINE]:
-        size = f"{one.width} x {one.height} px"
-        rows.append(("size of images", f"{size}, {count_of(one.images, 'frame')}"))
-    for cameras in inspection.cameras[:MOST_IN_A_LINE]:
-        text = camera_text(cameras.folders, cameras.frames)
-        rows.append(("cameras", html.escape(text)))
-    return _definitions(rows) if rows else ""
-
-
 _SPLIT_BY: Final = {
     "folder": "folders (frames)",
     "list": "lists (lines)",
@@ -520,18 +527,6 @@ def _faults(inspection: Inspection) -> str:
     if not listed:
         return '<p class="soft">None of the boxes in all labels.</p>'
     return "".join(_details(title, one) for title, one in listed)
-
-
-def _unused(inspection: Inspection) -> str:
-    listed = [*inspection.left_over, *inspection.not_read]
-    if not listed:
-        return '<p class="soft">Every file is used.</p>'
-    return "".join(_details(one.kind, one, with_why=False) for one in listed)
-
-
-def _refused(inspection: Inspection) -> str:
-    listed = [*inspection.refused, *inspection.refused_pictures]
-    return "".join(_details(one.kind, one) for one in listed)
 
 
 def _details(title: str, listed: Listed, *, with_why: bool = True) -> str:

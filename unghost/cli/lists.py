@@ -158,7 +158,18 @@ def boxes(options: BoxesOptions) -> None:
             )
     if kind == "parquet":
         assert options.output is not None
-        _write_parquet(columns, options.output)
+        from unghost.client.tables import to_arrow
+
+        try:
+            import pyarrow.parquet
+        except ImportError as error:
+            raise Refused(
+                "Parquet needs pyarrow, which is not installed here: pip install "
+                "'unghost[parquet]'"
+            ) from error
+        pyarrow.parquet.write_table(
+            to_arrow(columns), options.output, compression="zstd"
+        )
     elif options.output is None:
         sys.stdout.write(_text_of(columns, kind))
     else:
@@ -193,19 +204,6 @@ def _cells(column: Sequence[object]) -> Sequence[object]:
         f"'{value}" if isinstance(value, str) and value.startswith(_FORMULA) else value
         for value in column
     ]
-
-
-def _write_parquet(columns: Columns, file: Path) -> None:
-    from unghost.client.tables import to_arrow
-
-    try:
-        import pyarrow.parquet
-    except ImportError as error:
-        raise Refused(
-            "Parquet needs pyarrow, which is not installed here: pip install "
-            "'unghost[parquet]'"
-        ) from error
-    pyarrow.parquet.write_table(to_arrow(columns), file, compression="zstd")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -289,20 +289,7 @@ def build_command(name: str, action: Action) -> typer.core.TyperCommand:
 
     call.__doc__ = action.__doc__
     call.__annotations__ = hints
-    call.__signature__ = _signature(options, hints)  # type: ignore[attr-defined]  # what inspect reads
-    app = typer.Typer(add_completion=False, rich_markup_mode=None)
-    app.command(name)(call)
-    built = typer.main.get_command(app)
-    assert isinstance(built, typer.core.TyperCommand), "one command makes no group"
-    for parameter in built.params:
-        # No option of ours is read from the environment by typer, some of whose
-        # versions say "(env var: 'None')" of such an option.
-        vars(parameter)["show_envvar"] = False
-    return built
-
-
-def _signature(options: type[Any], hints: Mapping[str, object]) -> inspect.Signature:
-    return inspect.Signature(
+    signature = inspect.Signature(
         [
             inspect.Parameter(
                 each.name,
@@ -315,6 +302,16 @@ def _signature(options: type[Any], hints: Mapping[str, object]) -> inspect.Signa
             for each in fields(options)
         ]
     )
+    call.__signature__ = signature  # type: ignore[attr-defined]  # what inspect reads
+    app = typer.Typer(add_completion=False, rich_markup_mode=None)
+    app.command(name)(call)
+    built = typer.main.get_command(app)
+    assert isinstance(built, typer.core.TyperCommand), "one command makes no group"
+    for parameter in built.params:
+        # No option of ours is read from the environment by typer, some of whose
+        # versions say "(env var: 'None')" of such an option.
+        vars(parameter)["show_envvar"] = False
+    return built
 
 
 def _with_choices(hint: object) -> object:

@@ -247,7 +247,7 @@ _COMPARED: Final = 250
 def import_edited(options: PushOptions, edited: Path) -> None:
     """Send what people did with the boxes of an export as their answers."""
     from filter_core.errors import LayoutError
-    from filter_core.formats.edited import EditedExport
+    from filter_core.evaluation.edited import EditedExport
     from filter_core.formats.registry import read_source
 
     description = options.describe(options.source)
@@ -466,20 +466,16 @@ class PushReport:
             for verdict in get_args(Verdict):
                 self._verdicts[verdict] += getattr(outcome.counts, verdict)
             self._notes.add(outcome.notes)
-            self._note_set_aside(outcome)
+            if outcome.answers_set_aside:
+                self._answers_set_aside += outcome.answers_set_aside
+                self._with_set_aside += 1
+                if len(self._set_aside) < MOST_OF_A_KIND:
+                    self._set_aside.append(_set_aside_line(outcome))
         elif isinstance(outcome, NotSent):
             self._changed += isinstance(outcome.error, Conflict)
             if self._kinds.is_listed(_kind(outcome.error)):
                 self._problems.append(_line(outcome))
         self._screen.record(_record(outcome))
-
-    def _note_set_aside(self, outcome: Sent) -> None:
-        if not outcome.answers_set_aside:
-            return
-        self._answers_set_aside += outcome.answers_set_aside
-        self._with_set_aside += 1
-        if len(self._set_aside) < MOST_OF_A_KIND:
-            self._set_aside.append(_set_aside_line(outcome))
 
     def print_problems(self) -> None:
         """The frames that were refused, one by one."""
@@ -505,6 +501,9 @@ class PushReport:
             self._screen.note(f"and {more:,} more like this (--json has all)")
         for line in unmatched_lines(unmatched):
             self._screen.note(line)
+        counts = self.counts()
+        if self._answers_set_aside:
+            counts["answers_set_aside"] = self._answers_set_aside
         self._screen.record(
             {
                 "dataset": dataset,
@@ -512,14 +511,8 @@ class PushReport:
                 "answers_set_aside": self._answers_set_aside,
                 "unmatched": [vars(file) for file in unmatched],
             },
-            self._summary(),
+            "\t".join(f"{count} {name}" for name, count in counts.items()),
         )
-
-    def _summary(self) -> str:
-        counts = self.counts()
-        if self._answers_set_aside:
-            counts["answers_set_aside"] = self._answers_set_aside
-        return "\t".join(f"{count} {name}" for name, count in counts.items())
 
     def counts(self) -> dict[str, int]:
         """Frames by outcome, then boxes by verdict."""

@@ -248,32 +248,29 @@ class _Filling:
 
     def _run(self, url: str) -> None:
         try:
-            self._fill(url)
+            from unghost.client.client import Client
+
+            token = self._token_file.read_text(encoding="utf-8").strip()
+            report = PushReport(Screen())
+            with Client(url, token) as client:
+                client.create_dataset(_DEMO_DATASET, exist_ok=True, coached=True)
+                title = f"{'render and ' if self._is_new else ''}filter the street"
+                with self._screen.progress(title, "frames") as bar:
+                    for line in self._frames():
+                        for outcome in client.push(_DEMO_DATASET, [_outgoing(line)]):
+                            report.add(outcome)
+                        bar(report.seen, self._options.frames)
+                self._push_by_tags(client)
+                numbers = client.stats(_DEMO_DATASET)
+            self.refused = report.refused
+            report.print_problems()
+            self._screen.record({"dataset": _DEMO_DATASET, "stats": numbers.raw})
+            self._screen.table(("boxes", "verdict", "reason"), _reason_rows(numbers))
         except Exception as error:  # raised again by the main thread
             self._error = error
         if self._error is not None or self._options.exit_when_ready:
             # As for Ctrl-C, on which the server shuts down in order.
             signal.raise_signal(signal.SIGINT)
-
-    def _fill(self, url: str) -> None:
-        from unghost.client.client import Client
-
-        token = self._token_file.read_text(encoding="utf-8").strip()
-        report = PushReport(Screen())
-        with Client(url, token) as client:
-            client.create_dataset(_DEMO_DATASET, exist_ok=True, coached=True)
-            title = f"{'render and ' if self._is_new else ''}filter the street"
-            with self._screen.progress(title, "frames") as bar:
-                for line in self._frames():
-                    for outcome in client.push(_DEMO_DATASET, [_outgoing(line)]):
-                        report.add(outcome)
-                    bar(report.seen, self._options.frames)
-            self._push_by_tags(client)
-            numbers = client.stats(_DEMO_DATASET)
-        self.refused = report.refused
-        report.print_problems()
-        self._screen.record({"dataset": _DEMO_DATASET, "stats": numbers.raw})
-        self._screen.table(("boxes", "verdict", "reason"), _reason_rows(numbers))
 
     def _push_by_tags(self, client: Client) -> None:
         if _BY_TAGS_DATASET in {dataset.name for dataset in client.datasets()}:

@@ -248,7 +248,13 @@ class SourceOptions:
         try:
             return describe_source(source, self.recording, given | self.outside)
         except ConfigError as exc:
-            raise typer.BadParameter(_naming_option(exc.detail)) from exc
+            # The error about a key of a description, with the option in its place
+            name, colon, rest = exc.detail.partition(": ")
+            key, dot, below = name.partition(".")
+            option = {"classes": "--class-map"}.get(key, f"--{key.replace('_', '-')}")
+            raise typer.BadParameter(
+                f"{option}{dot and ' '}{below}{colon}{rest}"
+            ) from exc
 
 
 def _folder_of(source: Path, folder: Path, option: str) -> Path:
@@ -288,14 +294,6 @@ def _class_map(given: Iterable[str]) -> Iterator[tuple[str, str]]:
                 f"--class-map: expected NAME=CLASS, such as Car=car, found {entry!r}"
             )
         yield name.strip(), meant.strip()
-
-
-def _naming_option(detail: str) -> str:
-    """The error about a key of a description, with the option in its place."""
-    name, colon, rest = detail.partition(": ")
-    key, dot, below = name.partition(".")
-    option = {"classes": "--class-map"}.get(key, f"--{key.replace('_', '-')}")
-    return f"{option}{dot and ' '}{below}{colon}{rest}"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -523,10 +521,6 @@ class FrameCheck:
     def note(self, screen: Screen, found: FrameSet) -> None:
         """Note what was seen: how the folder was read, misspelt keys, no box at all."""
         note_reading(screen, found)
-        self._note_keys(screen)
-        self._note_no_box(screen, found)
-
-    def _note_keys(self, screen: Screen) -> None:
         from filter_core.annotation.parsing import KNOWN_FRAME_KEYS
         from filter_core.formats.manifest import FRAME_FILES
         from filter_core.values import similar
@@ -540,9 +534,7 @@ class FrameCheck:
                         f"did you mean {meant!r}?"
                     )
                 )
-
-    def _note_no_box(self, screen: Screen, found: FrameSet) -> None:
-        """Mostly, the labels were not found."""
+        # Mostly, the labels were not found
         from filter_core.formats.pairs import PAIRS
         from filter_core.formats.registry import layout_format
 
@@ -599,7 +591,14 @@ def with_options(text: str) -> str:
 
     def named(found: re.Match[str]) -> str:
         key, below, value = found["key"], found["below"], found["value"] or ""
-        option = _option_of(key, below)
+        option: str | None = "--class-map"
+        if key != "classes":
+            from filter_core.formats.recording import place_in_file
+
+            place = f"{key}.{below}" if below else key
+            names = ("layout", "classes", *_DESCRIBING, *SEGMENTATION_SETTINGS)
+            options = (one for one in names if place_in_file(one) == place)
+            option = next((f"--{one.replace('_', '-')}" for one in options), None)
         if option is None:
             return found.group()
         if option == "--class-map" and below:
@@ -610,18 +609,6 @@ def with_options(text: str) -> str:
         return f"{found.group()} ({words})" if found["file"] else words
 
     return _KEY.sub(named, text)
-
-
-def _option_of(key: str, below: str | None) -> str | None:
-    """The option for a key of a description; None if there is none."""
-    from filter_core.formats.recording import place_in_file
-
-    if key == "classes":
-        return "--class-map"
-    place = f"{key}.{below}" if below else key
-    names = ("layout", "classes", *_DESCRIBING, *SEGMENTATION_SETTINGS)
-    option = next((one for one in names if place_in_file(one) == place), None)
-    return option and f"--{option.replace('_', '-')}"
 
 
 def kind_of(problem: FilterError) -> str:

@@ -107,7 +107,11 @@ class BatchSender:
             connection.begin(_MEDIA_TYPE, size)
             try:
                 for packed in frames:
-                    self._send_frame(packed)
+                    try:
+                        for piece in packed.pieces:
+                            self._connection.send(piece)
+                    except FileChanged as changed:
+                        raise _FrameChanged(packed, str(changed)) from changed
                     yield from connection.lines(wait=False)
                 connection.send(END_OF_ARCHIVE)
                 sent = True
@@ -118,13 +122,6 @@ class BatchSender:
             yield from connection.lines(wait=True)
         finally:
             connection.end(sent=sent)
-
-    def _send_frame(self, packed: PackedFrame) -> None:
-        try:
-            for piece in packed.pieces:
-                self._connection.send(piece)
-        except FileChanged as changed:
-            raise _FrameChanged(packed, str(changed)) from changed
 
     def _object(self, line: bytes) -> Json:
         try:

@@ -310,13 +310,6 @@ _LOCALHOST: Final = ("127.0.0.1", "::1")
 Address = ipaddress.IPv4Address | ipaddress.IPv6Address
 
 
-@dataclass(frozen=True)
-class _Listener:
-    address: Address
-    port: int
-    uid: int
-
-
 def listening_uids(host: str, port: int) -> frozenset[int]:
     """The users whose programs a connection to this loopback address could reach.
 
@@ -324,23 +317,27 @@ def listening_uids(host: str, port: int) -> frozenset[int]:
     """
     if sys.platform != "linux":
         return frozenset()
-    there = [one for one in _listeners() if one.port == port]
+    there = [*_listeners(port)]
     # `localhost` is resolved later, so all of its addresses count.
     names = _LOCALHOST if host == "localhost" else (host,)
-    return frozenset(uid for name in names for uid in _reached(_plain(name), there))
+    return frozenset(
+        uid
+        for name in names
+        for uid in _reached(_unmapped(ipaddress.ip_address(name)), there)
+    )
 
 
-def _reached(address: Address, there: list[_Listener]) -> set[int]:
-    found = {
-        one.uid for one in there if one.address in (address, _ANY[address.version])
-    }
+def _reached(address: Address, there: list[tuple[Address, int]]) -> set[int]:
+    own = (address, _ANY[address.version])
+    found = {uid for listening, uid in there if listening in own}
     if not found and address.version == 4:
         # An IPv6 socket also accepts IPv4 connections that no IPv4 socket accepts.
-        found = {one.uid for one in there if one.address == _ANY[6]}
+        found = {uid for listening, uid in there if listening == _ANY[6]}
     return found
 
 
-def _listeners() -> Iterator[_Listener]:
+def _listeners(port: int) -> Iterator[tuple[Address, int]]:
+    """The addresses on which programs listen at a port, with their users."""
     for table in _TABLES:
         try:
             lines = table.read_text("ascii").splitlines()[1:]
@@ -349,8 +346,9 @@ def _listeners() -> Iterator[_Listener]:
         for line in lines:
             fields = line.split()
             if fields[3] == _LISTEN:
-                address, port = fields[1].split(":")
-                yield _Listener(_decoded(address), int(port, 16), int(fields[7]))
+                address, number = fields[1].split(":")
+                if int(number, 16) == port:
+                    yield _decoded(address), int(fields[7])
 
 
 def _decoded(digits: str) -> Address:
@@ -358,10 +356,6 @@ def _decoded(digits: str) -> Address:
     words = (int(digits[at : at + 8], 16) for at in range(0, len(digits), 8))
     packed = b"".join(word.to_bytes(4, sys.byteorder) for word in words)
     return _unmapped(ipaddress.ip_address(packed))
-
-
-def _plain(host: str) -> Address:
-    return _unmapped(ipaddress.ip_address(host))
 
 
 def _unmapped(address: Address) -> Address:

@@ -9,7 +9,6 @@ from __future__ import annotations
 import socket
 import ssl
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
 from typing import Any, Final
 
 import h11
@@ -33,16 +32,6 @@ _NOTHING_THERE: Final = (BlockingIOError, ssl.SSLWantReadError)
 
 class FileChanged(Exception):
     """A file has changed since the length of the request was announced."""
-
-
-@dataclass(frozen=True)
-class _Announced:
-    """A placeholder for `size` bytes of a body, which h11 counts but does not send."""
-
-    size: int
-
-    def __len__(self) -> int:
-        return self.size
 
 
 class Duplex:
@@ -69,7 +58,13 @@ class Duplex:
         ApiError
             The server refused before it had read anything.
         """
-        sock = self._connected()
+        if self._socket is None:
+            self._http = h11.Connection(our_role=h11.CLIENT)
+            self._socket = self._connect()
+        sock = self._socket
+        if self._aborted:
+            self.close()
+            raise ConnectionAbortedError("the upload was stopped")
         self._rest, self._answered = b"", False
         endpoint = self._endpoint
         headers = {
@@ -83,11 +78,22 @@ class Duplex:
             method="POST", target=endpoint.url.raw_path, headers=list(headers.items())
         )
         head = self._http.send(request)
-        body: Any = _Announced(size)
+        body: Any = range(size)  # which h11 counts, but does not send
         self._http.send_with_data_passthrough(h11.Data(data=body))
         self._http.send(h11.EndOfMessage())
         sock.sendall(head)
-        self._await_go_ahead(sock)
+        sock.settimeout(_CONTINUE_S)
+        try:
+            event = self._http.next_event()
+            while event is h11.NEED_DATA:
+                self._http.receive_data(sock.recv(_CHUNK_BYTES))
+                event = self._http.next_event()
+        except TimeoutError:
+            return
+        finally:
+            sock.settimeout(self._endpoint.timeout.read)
+        if isinstance(event, h11.Response) and event.status_code != 200:
+            self._raise_refusal(event)
 
     def send(self, piece: Piece) -> None:
         """The next piece of the body.
@@ -100,7 +106,18 @@ class Duplex:
         """
         sock = self._open_socket()
         if isinstance(piece, FilePiece):
-            self._send_file(sock, piece)
+            view, left = memoryview(self._buffer), piece.size
+            try:
+                file = open_regular(piece.path)
+            except OSError as error:
+                raise FileChanged(f"{piece.path.name}: {error.strerror}") from error
+            with file:
+                while left:
+                    count = file.readinto(view[: min(left, _CHUNK_BYTES)])
+                    if not count:
+                        raise FileChanged(f"{piece.path.name} shrank while it was sent")
+                    sock.sendall(view[:count])
+                    left -= count
         elif piece:
             sock.sendall(piece)
 
@@ -159,16 +176,6 @@ class Duplex:
         finally:
             sock.close()
 
-    def _connected(self) -> socket.socket:
-        if self._socket is None:
-            self._http = h11.Connection(our_role=h11.CLIENT)
-            self._socket = self._connect()
-        sock = self._socket
-        if self._aborted:
-            self.close()
-            raise ConnectionAbortedError("the upload was stopped")
-        return sock
-
     def _connect(self) -> socket.socket:
         self._endpoint.check()
         url = self._endpoint.url
@@ -187,34 +194,6 @@ class Duplex:
         if self._socket is None:
             raise ConnectionError("the connection was closed")
         return self._socket
-
-    def _await_go_ahead(self, sock: socket.socket) -> None:
-        sock.settimeout(_CONTINUE_S)
-        try:
-            event = self._http.next_event()
-            while event is h11.NEED_DATA:
-                self._http.receive_data(sock.recv(_CHUNK_BYTES))
-                event = self._http.next_event()
-        except TimeoutError:
-            return
-        finally:
-            sock.settimeout(self._endpoint.timeout.read)
-        if isinstance(event, h11.Response) and event.status_code != 200:
-            self._raise_refusal(event)
-
-    def _send_file(self, sock: socket.socket, piece: FilePiece) -> None:
-        view, left = memoryview(self._buffer), piece.size
-        try:
-            file = open_regular(piece.path)
-        except OSError as error:
-            raise FileChanged(f"{piece.path.name}: {error.strerror}") from error
-        with file:
-            while left:
-                count = file.readinto(view[: min(left, _CHUNK_BYTES)])
-                if not count:
-                    raise FileChanged(f"{piece.path.name} shrank while it was sent")
-                sock.sendall(view[:count])
-                left -= count
 
     def _receive(self, *, wait: bool) -> bytes | None:
         """Bytes of the response, b"" at its end; None if none have arrived."""

@@ -54,7 +54,12 @@ class ApiError(Exception):
         self.detail = str(problem.get("detail") or problem.get("title") or status)
         self.request_id = problem.get("request_id")
         self.retry_after_s = retry_after_s
-        self.errors = tuple(_faults(problem.get("errors")))
+        errors = problem.get("errors")
+        self.errors = tuple(
+            wire.Fault.read(one)
+            for one in (errors if isinstance(errors, list) else ())
+            if isinstance(one, Mapping)
+        )
         more = problem.get("more_errors")
         self.more_errors = more if isinstance(more, int) else 0
         super().__init__(self.detail)
@@ -213,12 +218,6 @@ def json_object(response: httpx.Response) -> Json | None:
     except ValueError:
         return None
     return body if isinstance(body, dict) else None
-
-
-def _faults(errors: object) -> list[wire.Fault]:
-    if not isinstance(errors, list):
-        return []
-    return [wire.Fault.read(one) for one in errors if isinstance(one, Mapping)]
 
 
 def retry_after_s(header: str | None, now: datetime | None = None) -> float | None:

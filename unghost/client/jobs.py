@@ -16,7 +16,7 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
-from typing import IO, Final, Generic, NamedTuple, Protocol, TypeAlias, TypeVar
+from typing import IO, Final, Generic, Protocol, TypeAlias, TypeVar
 
 import httpx
 
@@ -171,11 +171,11 @@ class _Job(Generic[StateT]):
                 with self.transport.stream(self._stream(last_id)) as response:
                     if response.status_code == httpx.codes.NO_CONTENT:
                         return
-                    for event in _events_of(_lines_of(response)):
-                        if event.name == "end":
+                    for name, number, data in _events_of(_lines_of(response)):
+                        if name == "end":
                             return
-                        last_id, moved_on = event.id, True
-                        state = json.loads(event.data)
+                        last_id, moved_on = number, True
+                        state = json.loads(data)
                         yield read_object(self.kind.read, state, response)
                     raise httpx.RemoteProtocolError("the events have no end")
             except Unavailable as error:
@@ -205,13 +205,7 @@ class _Job(Generic[StateT]):
         return None
 
     def _polled(self, progress: Progress[StateT], timeout_s: float | None) -> StateT:
-        """Request the state, at growing intervals, until the job has ended.
-
-        Raises
-        ------
-        TimeoutError
-            It has not ended in time.
-        """
+        """Request the state, at growing intervals, until the job has ended."""
         deadline = None if timeout_s is None else time.monotonic() + timeout_s
         pause_s = _FIRST_POLL_S
         call = Call("GET", self.path, result(self.kind))
@@ -240,24 +234,17 @@ def _lines_of(response: httpx.Response) -> Iterator[str]:
             )
 
 
-class _Event(NamedTuple):
-    """A server-sent event; `id` is the `Last-Event-ID` to continue after it."""
+def _events_of(lines: Iterable[str]) -> Iterator[tuple[str, str, str]]:
+    """The name, id and data of the events in the lines of a stream.
 
-    name: str
-    id: str
-    data: str
-
-
-def _events_of(lines: Iterable[str]) -> Iterator[_Event]:
-    """The events in the lines of a stream; one without its empty line is incomplete.
-
-    Only the fields that the server sends are parsed; comments and `retry` are ignored.
+    The id is the `Last-Event-ID` to continue after it. One without its empty line is
+    incomplete. Only the fields that the server sends are parsed.
     """
     name, number, data = "message", "", list[str]()
     for line in lines:
         if not line:
             if data:
-                yield _Event(name, number, "\n".join(data))
+                yield name, number, "\n".join(data)
             name, data = "message", []
             continue
         key, _, value = line.partition(":")
@@ -304,7 +291,17 @@ class _Download:
                 wait_s = attempts.failed(error, moved_on=moved_on)
                 if not self.transport.pause(wait_s):
                     raise
-        self._check()
+        if self.sha256 is not None:
+            digest = hashlib.sha256()
+            with self.partial.open("rb") as file:
+                while chunk := file.read(_CHUNK_BYTES):
+                    digest.update(chunk)
+            if digest.hexdigest() != self.sha256:
+                self.partial.unlink()
+                raise DamagedDownload(
+                    f"{self.path.name}: got SHA-256 {digest.hexdigest()}, "
+                    f"expected {self.sha256}; the download was dropped, fetch it again"
+                )
         self.partial.replace(self.path)
         return self.path
 
@@ -349,20 +346,6 @@ class _Download:
             file.close()
             raise PermissionError(f"{self.partial} was replaced by another program")
         return file
-
-    def _check(self) -> None:
-        if self.sha256 is None:
-            return
-        digest = hashlib.sha256()
-        with self.partial.open("rb") as file:
-            while chunk := file.read(_CHUNK_BYTES):
-                digest.update(chunk)
-        if digest.hexdigest() != self.sha256:
-            self.partial.unlink()
-            raise DamagedDownload(
-                f"{self.path.name}: got SHA-256 {digest.hexdigest()}, "
-                f"expected {self.sha256}; the download was dropped, fetch it again"
-            )
 
 
 def _is_only_ours(found: os.stat_result) -> bool:

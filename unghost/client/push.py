@@ -129,7 +129,12 @@ class Upload:
 
         Only the files of frames whose key is stored are read, to compare the content.
         """
-        keys = [frame.key for frame in frames if _may_be_there(frame)]
+        # A file name need not be valid UTF-8: such a key is refused when it is packed.
+        keys = [
+            frame.key
+            for frame in frames
+            if isinstance(frame, OutgoingFrame) and is_text(frame.key)
+        ]
         known = self.transport.send(known_frames(self.path, keys)) if keys else {}
         compared = (
             frame
@@ -149,11 +154,6 @@ class Upload:
                 yield AlreadyThere(frame.key, there.frame_id)
             else:
                 yield frame
-
-
-def _may_be_there(frame: OutgoingFrame | NotSent) -> bool:
-    # A file name need not be valid UTF-8: such a key is refused when it is packed.
-    return isinstance(frame, OutgoingFrame) and is_text(frame.key)
 
 
 def _digests(frames: Sequence[OutgoingFrame]) -> Iterator[str | NotSent]:

@@ -153,7 +153,11 @@ class _Tries:
 
     def wait_s(self, error: Unavailable) -> float:
         """Seconds to wait for the next attempt; raises the error if there is none."""
-        self._may_be_done = self._may_be_done or not _was_refused(error)
+        self._may_be_done |= (
+            error.sent
+            if isinstance(error, NoResponse)
+            else error.status not in _NOTHING_DONE
+        )
         if not self._call.retried or (self._may_be_done and not self._call.repeatable):
             raise error
         return self._attempts.failed(error)
@@ -393,13 +397,6 @@ class Transport:
         # The server may have ended, and another user's program may have taken its port.
         if event == _CONNECTING:
             refuse_foreign(self._server)
-
-
-def _was_refused(error: Unavailable) -> bool:
-    """Whether the server has certainly not executed the call."""
-    if isinstance(error, NoResponse):
-        return not error.sent
-    return error.status in _NOTHING_DONE
 
 
 def refuse_encoded(response: httpx.Response) -> None:

@@ -352,7 +352,10 @@ def _converter(hint: object) -> _Convert | None:
         inner = [arg for arg in args if arg is not type(None)]
         return _converter(inner[0]) if len(inner) == 1 else None
     if origin is tuple:
-        return _tuple_of(_converter(args[0]))
+        convert = _converter(args[0])
+        if convert is None:
+            return tuple
+        return lambda values: tuple([convert(value) for value in values])
     if origin in (dict, Mapping):
         return _mapping_of(_converter(args[1]))
     if hint in (datetime, AwareDatetime):
@@ -360,12 +363,6 @@ def _converter(hint: object) -> _Convert | None:
     if isinstance(hint, type) and issubclass(hint, _Readable):
         return hint.read
     return None
-
-
-def _tuple_of(convert: _Convert | None) -> _Convert:
-    if convert is None:
-        return tuple
-    return lambda values: tuple([convert(value) for value in values])
 
 
 def _mapping_of(convert: _Convert | None) -> _Convert | None:

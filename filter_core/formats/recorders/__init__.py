@@ -15,20 +15,19 @@ from typing import Final, NamedTuple
 
 from filter_core.config.file import parse_yaml
 from filter_core.errors import FilterError
-from filter_core.formats.box_rows import BoxReader
-from filter_core.formats.cameras import CameraPlaces
-from filter_core.formats.fields import BoxFields
-from filter_core.formats.patterns import (
+from filter_core.formats.reading import split_name, walk
+from filter_core.formats.recording import values_of
+from filter_core.formats.tables.box_rows import BoxReader
+from filter_core.formats.tables.cameras import CameraPlaces
+from filter_core.formats.tables.fields import BoxFields
+from filter_core.formats.tables.patterns import (
     FRAME,
     LABELS,
     FilePatterns,
     PatternFiles,
-    PatternFrame,
     Values,
 )
-from filter_core.formats.reading import split_name, walk
-from filter_core.formats.recording import values_of
-from filter_core.formats.rows import MAX_BYTES, Lines, Row, read_document
+from filter_core.formats.tables.rows import MAX_BYTES, Lines, Row, read_document
 
 _RUN: Final = "{run}"
 """Recordings may be in folders of their own."""
@@ -102,7 +101,11 @@ def recorder_of(folder: Path) -> Recorder | None:
         frames = matched.frames(None)
         if FRAME in labels.names:
             roles = one.patterns.roles.keys() & {"segmentation", "depth", "instances"}
-            whole = (each for each in frames if _is_whole(each, roles))
+            whole = (
+                each
+                for each in frames
+                if each.files.label and roles <= each.files.files.keys()
+            )
             files = [(each.files.label, each.values) for each in whole]
         else:
             files = [*matched.labels.items()] if frames else []
@@ -110,10 +113,6 @@ def recorder_of(folder: Path) -> Recorder | None:
         if files and all(_fits(folder, one, *each) for each in looked_at):
             return one
     return None
-
-
-def _is_whole(frame: PatternFrame, roles: set[str]) -> bool:
-    return bool(frame.files.label) and roles <= frame.files.files.keys()
 
 
 def _fits(folder: Path, recorder: Recorder, name: str, values: Values) -> bool:

@@ -27,7 +27,6 @@ from filter_core.formats.matching import (
     named_images,
     with_keys,
 )
-from filter_core.formats.patterns import MAP, FilePatterns, Values
 from filter_core.formats.reading import (
     IMAGE_SUFFIXES,
     FrameSource,
@@ -46,6 +45,7 @@ from filter_core.formats.streams.index import (
     ImageIndex,
 )
 from filter_core.formats.streams.roles import Roles
+from filter_core.formats.tables.patterns import MAP, FilePatterns, Values
 from filter_core.formats.words import ROLE_WORDS, Role
 
 _SHOWING: Final[tuple[Role, ...]] = ("segmentation", "instances")

@@ -7,9 +7,9 @@ from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from filter_core.formats.patterns import NamedFiles, PatternFinder
 from filter_core.formats.reading import StreamFacts, last_name, split_name
 from filter_core.formats.streams.images import Image
+from filter_core.formats.tables.patterns import NamedFiles, PatternFinder
 from filter_core.formats.words import Role, part_of
 
 

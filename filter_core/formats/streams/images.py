@@ -9,8 +9,8 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from filter_core.formats.patterns import Values
 from filter_core.formats.reading import key_of_folders, last_name, split_name
+from filter_core.formats.tables.patterns import Values
 from filter_core.formats.words import Part, Role, part_of
 
 USED: Final[tuple[Role, ...]] = ("segmentation", "depth", "instances")

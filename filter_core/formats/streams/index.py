@@ -9,14 +9,6 @@ from pathlib import Path
 from typing import Final
 
 from filter_core.formats.matching import PlacesByKey
-from filter_core.formats.patterns import (
-    FRAME,
-    LABELS,
-    FilePatterns,
-    FilesByValues,
-    Values,
-    prefix_of,
-)
 from filter_core.formats.reading import (
     Unmatched,
     key_of_folders,
@@ -25,6 +17,14 @@ from filter_core.formats.reading import (
     walk,
 )
 from filter_core.formats.streams.images import DIGITS, Image, image_at, stem_of
+from filter_core.formats.tables.patterns import (
+    FRAME,
+    LABELS,
+    FilePatterns,
+    FilesByValues,
+    Values,
+    prefix_of,
+)
 from filter_core.formats.words import Role
 
 _ROLES_BY_WORD: Final[Mapping[str, Role]] = {

@@ -9,10 +9,10 @@ import pytest
 
 from filter_core.annotation.parsing import parse_annotation
 from filter_core.errors import AnnotationErrors, LayoutError
-from filter_core.formats import json_items
 from filter_core.formats.export import GivenAnnotation
 from filter_core.formats.recording import RecordingDescription
 from filter_core.formats.registry import read_source
+from filter_core.formats.tables import json_items
 from tests.support.folders import annotation_of, write_files
 
 CATEGORIES = [{"id": 7, "name": "walker"}, {"id": 2, "name": "car"}]

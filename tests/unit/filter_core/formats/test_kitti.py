@@ -119,10 +119,10 @@ def test_3d_box_round_trips_through_kitti_parameters(yaw):
     turned = Transform(location=(20.0, 4.0, 0.8), rotation=(0.0, yaw, 0.0))
     corners = SIGNS * [2.2, 0.9, 0.8] @ turned.matrix[:3, :3].T + turned.matrix[:3, 3]
 
-    found = to_kitti_box(corners, camera)
-    back = kitti_vertices(found.dimensions, found.location, found.rotation_y)
+    dimensions, location, rotation_y, _ = to_kitti_box(corners, camera)
+    back = kitti_vertices(dimensions, location, rotation_y)
 
-    assert found.dimensions == pytest.approx((1.6, 1.8, 4.4))
+    assert dimensions == pytest.approx((1.6, 1.8, 4.4))
     motion = camera.world_to_camera
     seen = corners @ motion[:3, :3].T + motion[:3, 3]
     np.testing.assert_allclose(back, seen, atol=1e-9)
@@ -130,11 +130,13 @@ def test_3d_box_round_trips_through_kitti_parameters(yaw):
 
 def test_car_driving_ahead_has_rotation_y_of_minus_half_pi():
     """KITTI's rotation_y is 0 to the right and -pi/2 straight ahead."""
-    found = to_kitti_box(AHEAD, Camera.from_fov(800, 600, 90.0, HIGH))
+    camera = Camera.from_fov(800, 600, 90.0, HIGH)
 
-    assert found.rotation_y == pytest.approx(-np.pi / 2)
-    assert found.alpha == pytest.approx(-np.pi / 2)
-    assert found.location == pytest.approx((0.0, 1.6, 10.0))
+    _, location, rotation_y, alpha = to_kitti_box(AHEAD, camera)
+
+    assert rotation_y == pytest.approx(-np.pi / 2)
+    assert alpha == pytest.approx(-np.pi / 2)
+    assert location == pytest.approx((0.0, 1.6, 10.0))
 
 
 def test_kitti_3d_columns_and_calibration_are_those_of_the_camera():

@@ -12,10 +12,10 @@ import pytest
 
 from filter_core.config.filter import FilterConfig
 from filter_core.errors import FilterError, LayoutError
-from filter_core.formats.outside import OUTSIDE_FILES_HINT
 from filter_core.formats.reading import MAX_LABEL_BYTES, frame_key, read_label_bytes
 from filter_core.formats.recording import RecordingDescription
 from filter_core.formats.registry import detect_layout, possible_layouts, read_source
+from filter_core.formats.streams.outside import OUTSIDE_FILES_HINT
 from filter_core.local import measure_source
 from tests.support.folders import LAYOUT_FILES, TASK, annotation_of, write_files
 

@@ -8,10 +8,10 @@ import pytest
 
 from filter_core.errors import LayoutError
 from filter_core.formats.manifest import FRAME_FILES
-from filter_core.formats.outside import OUTSIDE_FILES_HINT
 from filter_core.formats.reading import MAX_LABEL_BYTES
 from filter_core.formats.recording import RecordingDescription
 from filter_core.formats.registry import read_source
+from filter_core.formats.streams.outside import OUTSIDE_FILES_HINT
 from filter_core.values import shown
 from tests.support.folders import write_files
 

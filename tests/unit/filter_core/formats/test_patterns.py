@@ -7,9 +7,9 @@ import json
 import pytest
 
 from filter_core.errors import LayoutError
-from filter_core.formats.patterns import FilePattern
 from filter_core.formats.reading import RECORDING_NAME
 from filter_core.formats.registry import read_source
+from filter_core.formats.tables.patterns import FilePattern
 from tests.support.folders import annotation_of, write_files
 
 BOXES = {"boxes": [{"class": "car", "xyxy": [1, 2, 3, 4]}], "map": "Town01"}

@@ -9,7 +9,6 @@ import pytest
 
 from filter_core.config.filter import FilterConfig
 from filter_core.errors import LayoutError
-from filter_core.formats.patterns import FilePattern
 from filter_core.formats.reading import RECORDING_NAME
 from filter_core.formats.recording import (
     RecordingDescription,
@@ -19,6 +18,7 @@ from filter_core.formats.recording import (
 from filter_core.formats.registry import read_source
 from filter_core.formats.streams import Streams
 from filter_core.formats.streams.looks import look_of
+from filter_core.formats.tables.patterns import FilePattern
 from filter_core.local import filter_source
 from tests.support.folders import BOX, LAYOUT_FILES, YOLO_LINE, street_tags, write_files
 from tests.support.pictures import jpeg, painted, png

@@ -190,7 +190,16 @@ def read_document(path: Path, name: str, limit: int = MAX_LABEL_BYTES) -> object
     """
     content = read_label_bytes(path, name, limit)
     if path.name.lower().endswith(GZIP):
-        content = _unpacked(content, name, limit)
+        try:
+            with gzip.GzipFile(fileobj=io.BytesIO(content)) as file:
+                unpacked = file.read(limit + 1)
+        except (OSError, EOFError, zlib.error) as exc:
+            raise LayoutError(f"{name}: expected gzip, found a fault: {exc}") from exc
+        if len(unpacked) > limit:
+            raise LayoutError(
+                f"{name}: expected at most {limit} bytes in it, found more"
+            )
+        content = unpacked
     suffix = table_suffix(path.name)
     if suffix == ".npz":
         return _arrays(content, name, limit)
@@ -200,17 +209,6 @@ def read_document(path: Path, name: str, limit: int = MAX_LABEL_BYTES) -> object
     if suffix == ".jsonl":
         return Lines(name, content, None, None, Span(0, len(content), 1))
     return _table(content, name, "\t" if suffix == ".tsv" else None)
-
-
-def _unpacked(content: bytes, name: str, limit: int) -> bytes:
-    try:
-        with gzip.GzipFile(fileobj=io.BytesIO(content)) as file:
-            unpacked = file.read(limit + 1)
-    except (OSError, EOFError, zlib.error) as exc:
-        raise LayoutError(f"{name}: expected gzip, found a fault: {exc}") from exc
-    if len(unpacked) > limit:
-        raise LayoutError(f"{name}: expected at most {limit} bytes in it, found more")
-    return unpacked
 
 
 def _json(content: bytes | str, at: str) -> object:

@@ -18,8 +18,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import Final, NamedTuple, TypeAlias
 
-from filter_core.config.declaration import refuse_unknown_keys
-from filter_core.errors import ConfigError, LayoutError
+from filter_core.config.declaration import refuse_unknown_keys, wrong_value
+from filter_core.errors import LayoutError
 from filter_core.formats.matching import (
     FrameFileNames,
 )
@@ -32,7 +32,6 @@ from filter_core.formats.reading import (
     walk,
 )
 from filter_core.formats.words import VIEW_WORD
-from filter_core.values import place_of, shown
 
 FRAME: Final = "frame"
 """The name in braces that each pattern has, except that of labels of many frames."""
@@ -268,7 +267,7 @@ class AllowedFiles:
         if isinstance(value, FilePatterns):
             return value
         if not isinstance(value, Mapping):
-            raise _refused(name, value, str(self), at)
+            raise wrong_value(name, value, str(self), at)
         place = f"{at}/{name}"
         refuse_unknown_keys(value, (*ROLES, IGNORE), at=place)
         several = {
@@ -280,13 +279,26 @@ class AllowedFiles:
         more = {role: rest for role, (_, *rest) in several.items() if rest}
         ignored = value.get(IGNORE) or []
         if not isinstance(ignored, list) or len(ignored) > _MAX_IGNORED:
-            raise _refused(IGNORE, ignored, "a list of patterns of paths", place)
+            raise wrong_value(IGNORE, ignored, "a list of patterns of paths", place)
         files = FilePatterns(
             roles,
             tuple(_pattern(IGNORE, text, place) for text in ignored),
             {role: tuple(rest) for role, rest in more.items()},
         )
-        _check_names(files, place)
+        # Each name must be one of the files that say which frames there are
+        if files.roles:
+            lead = files.roles.get(files.lead)
+            for role, pattern in files.roles.items():
+                if FRAME not in pattern.names and role != LABELS:
+                    raise wrong_value(
+                        role, pattern.text, "a pattern with {frame} in it", place
+                    )
+                strange = [
+                    one for one in pattern.names if lead and one not in lead.names
+                ]
+                if strange:
+                    expected = f"only names that {files.lead} has, too"
+                    raise wrong_value(role, f"{{{strange[0]}}}", expected, place)
         return files
 
     def schema(self) -> dict[str, object]:
@@ -313,7 +325,7 @@ class AllowedKeyPattern:
             return value
         pattern = _pattern(name, value, at)
         if FRAME not in pattern.names or "*" in pattern.text:
-            raise _refused(name, value, str(self), at)
+            raise wrong_value(name, value, str(self), at)
         return pattern
 
     def schema(self) -> dict[str, object]:
@@ -323,11 +335,11 @@ class AllowedKeyPattern:
 
 def _pattern(name: str, text: object, at: str) -> FilePattern:
     if not isinstance(text, str):
-        raise _refused(name, text, "a pattern of paths", at)
+        raise wrong_value(name, text, "a pattern of paths", at)
     try:
         return FilePattern(text)
     except ValueError as exc:
-        raise _refused(name, text, str(exc), at) from exc
+        raise wrong_value(name, text, str(exc), at) from exc
 
 
 def _patterns(role: str, texts: object, at: str) -> list[FilePattern]:
@@ -340,29 +352,8 @@ def _patterns(role: str, texts: object, at: str) -> list[FilePattern]:
         expected = "a pattern, or a list of patterns that have the same names in braces"
         if role == LABELS:
             expected = "one pattern"
-        raise _refused(role, texts, expected, at)
+        raise wrong_value(role, texts, expected, at)
     return patterns
-
-
-def _check_names(files: FilePatterns, at: str) -> None:
-    """Each name must be one of the files that say which frames there are."""
-    if not files.roles:
-        return
-    lead = files.roles.get(files.lead)
-    for role, pattern in files.roles.items():
-        if FRAME not in pattern.names and role != LABELS:
-            raise _refused(role, pattern.text, "a pattern with {frame} in it", at)
-        strange = [one for one in pattern.names if lead and one not in lead.names]
-        if strange:
-            expected = f"only names that {files.lead} has, too"
-            raise _refused(role, f"{{{strange[0]}}}", expected, at)
-
-
-def _refused(name: str, value: object, expected: str, at: str) -> ConfigError:
-    return ConfigError(
-        f"{place_of(at)}{name}: expected {expected}, found {shown(value)}",
-        pointer=f"{at}/{name}",
-    )
 
 
 class PatternFrame(NamedTuple):
@@ -503,19 +494,19 @@ class PatternFiles:
                 why = f"another frame is called {name[:MAX_KEY]}, too"
                 self._strange.append(Unmatched(path, why))
             else:
-                found[name] = PatternFrame(self._frame(name, path, values), values)
+                own = {self._files.lead: path}
+                own |= {
+                    role: file
+                    for role, files in self._others.items()
+                    if (file := files.take(values)) is not None
+                }
+                label, image = own.pop(LABELS, ""), own.pop("image", None)
+                others = {role: self._root / file for role, file in own.items()}
+                found[name] = PatternFrame(
+                    FrameFileNames(name, label, image, values.get(MAP), files=others),
+                    values,
+                )
         return [found[name] for name in sorted(found)]
-
-    def _frame(self, key: str, path: str, values: Values) -> FrameFileNames:
-        own = {self._files.lead: path}
-        own |= {
-            role: file
-            for role, files in self._others.items()
-            if (file := files.take(values)) is not None
-        }
-        label, image = own.pop(LABELS, ""), own.pop("image", None)
-        others = {role: self._root / file for role, file in own.items()}
-        return FrameFileNames(key, label, image, values.get(MAP), files=others)
 
     def left_over(self, *, labels: bool = True) -> Iterator[Unmatched]:
         """The files that belong to no frame; without labels if those are read whole."""

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from filter_core.errors import LayoutError
-from filter_core.formats.fields import (
+from filter_core.formats.tables.fields import (
     FORMS_BY_FIELDS,
     FRAMES,
     GEOMETRY_FIELDS,
@@ -21,7 +21,7 @@ from filter_core.formats.fields import (
     value_at,
     vector_of,
 )
-from filter_core.formats.rows import Row
+from filter_core.formats.tables.rows import Row
 from filter_core.geometry.projection import image_corners_xyxy
 from filter_core.values import shown
 
@@ -366,7 +366,16 @@ class _Row:
             self._refuse_absent(form)
             return None
         if form == "box3d":
-            return {form: self._box3d()}
+            box: dict[str, object] = {
+                "location": self._vector("centre", self.value("centre"), "xyz"),
+                "extent": self._vector("extent", self.value("extent"), "xyz"),
+            }
+            rotation, actor = self.value("rotation"), self.value("actor")
+            if rotation is not None:
+                box["rotation"] = self._vector("rotation", rotation, ROTATION)
+            if actor is not None:
+                box["transform"] = self._transform(actor)
+            return {form: box}
         if form == "vertices":
             return {form: self._corners("world_corners")}
         if form == "image_corners":
@@ -416,18 +425,6 @@ class _Row:
             points = [self._vector(name, item, "xyz") for item in value]
             return [list(point.values()) for point in points]
         raise self.error(name, value, "a list of eight corners of three numbers")
-
-    def _box3d(self) -> dict[str, object]:
-        box: dict[str, object] = {
-            "location": self._vector("centre", self.value("centre"), "xyz"),
-            "extent": self._vector("extent", self.value("extent"), "xyz"),
-        }
-        rotation, actor = self.value("rotation"), self.value("actor")
-        if rotation is not None:
-            box["rotation"] = self._vector("rotation", rotation, ROTATION)
-        if actor is not None:
-            box["transform"] = self._transform(actor)
-        return box
 
     def _transform(self, value: object) -> dict[str, float]:
         try:

@@ -1,7 +1,7 @@
 """COCO: all images and boxes of a dataset, or of a part of it, in one JSON file.
 
 A file is read image by image, with the byte positions that
-`filter_core.formats.coco_index` found in it; one file is written per part of the split.
+`filter_core.formats.coco.index` found in it; one file is written per part of the split.
 
 References
 ----------
@@ -23,7 +23,7 @@ from filter_core.annotation.boxes import KNOWN_BOX_KEYS
 from filter_core.annotation.frame import FORMS_3D
 from filter_core.annotation.parsing import KNOWN_FRAME_KEYS
 from filter_core.errors import FilterError, LayoutError
-from filter_core.formats.coco_index import (
+from filter_core.formats.coco.index import (
     LISTS,
     CocoId,
     CocoIndex,
@@ -46,8 +46,6 @@ from filter_core.formats.matching import (
     FrameFileNames,
     frame_of,
 )
-from filter_core.formats.outside import OUTSIDE_FILES_HINT, allowed_folders
-from filter_core.formats.patterns import FilePatterns
 from filter_core.formats.reading import (
     BoxOrigin,
     FrameSet,
@@ -71,6 +69,8 @@ from filter_core.formats.same import (
 )
 from filter_core.formats.splits import completed_parts, part_of_labels
 from filter_core.formats.streams import Streams, listing_files
+from filter_core.formats.streams.outside import OUTSIDE_FILES_HINT, allowed_folders
+from filter_core.formats.tables.patterns import FilePatterns
 from filter_core.formats.writing import (
     EVERY_KEY,
     ExportContext,
@@ -132,18 +132,6 @@ def _without_picture(rows: Sequence[tuple[FrameSource, _Name]]) -> Iterator[str]
         )
 
 
-def _repeating(paths: Sequence[Path]) -> dict[Path, Path]:
-    """Files for other tasks, each with the file that has the boxes of its images."""
-    there = set(paths)
-    tasks = ((path, task) for path in paths for task in _OTHER_TASKS)
-    found = (
-        (path, path.with_name(path.name.replace(task, _INSTANCES, 1)))
-        for path, task in tasks
-        if path.name.startswith(task)
-    )
-    return {path: boxes for path, boxes in found if boxes in there}
-
-
 @COCO.reader
 def read_coco(root: Path, options: RecordingDescription) -> FrameSet:
     """The frames of one or several COCO files.
@@ -163,7 +151,15 @@ def read_coco(root: Path, options: RecordingDescription) -> FrameSet:
     )
     paths = listing_files(root, options, _coco_files, expected)
     folder = root.parent if root.is_file() else root
-    repeating = _repeating(paths)
+    # Files for other tasks, each with the file that has the boxes of its images
+    there = set(paths)
+    tasks = ((path, task) for path in paths for task in _OTHER_TASKS)
+    found = (
+        (path, path.with_name(path.name.replace(task, _INSTANCES, 1)))
+        for path, task in tasks
+        if path.name.startswith(task)
+    )
+    repeating = {path: boxes for path, boxes in found if boxes in there}
     indices = [
         index_coco(path, _name_in(path, folder))
         for path in paths
@@ -235,7 +231,33 @@ def _match(
                 listed.append(_name(index, row))
             except LayoutError as exc:
                 nameless.append(Unmatched(index.name, exc.detail))
-    named = _with_images(listed, images)
+    # The names with their images: each the file whose path ends most alike
+    bases = Counter(last_name(one.path) for one in listed)
+    taken: list[str | None] = []
+    for one in listed:
+        depth = one.path.count("/") + 1
+        least = 1 if bases[last_name(one.path)] == 1 else 2
+        image = None
+        if one.part:
+            image = images.take_named(f"{one.part}/{one.path}", least=depth + 1)
+        taken.append(image or images.take_named(one.path, least=least))
+    uses = Counter(taken)
+    named = []
+    for one, image in zip(listed, taken, strict=True):
+        exact = image is not None and frame_key(image) == frame_key(one.path)
+        # A file that only resembles several names is not known to be any of them.
+        sure = image if exact or uses[image] == 1 else None
+        own = frame_key(sure) if one.is_elsewhere and sure else one.key
+        named.append(replace(one, image=sure, key=one.key if one.is_ours else own))
+    suffixes: dict[str, set[str]] = {}
+    for one in named:
+        suffixes.setdefault(one.key, set()).add(PurePosixPath(one.path).suffix)
+    named = [
+        replace(one, key=f"{one.key}{PurePosixPath(one.path).suffix}")
+        if not one.is_ours and len(suffixes[one.key]) > 1
+        else one
+        for one in named
+    ]
     seen = Counter(one.key for one in named)
     names = (
         FrameFileNames(one.key, f"{frame_key(one.path)}.", one.image) for one in named
@@ -359,40 +381,6 @@ def _of_one_frame_each(
     return own, unclear
 
 
-def _with_images(listed: Sequence[_Name], images: FileIndex) -> list[_Name]:
-    """The names with their images: each the file whose path ends most alike.
-
-    Of a path from elsewhere only its end says anything, so the frame is called by the
-    file in the folder; and pictures that differ in their suffix only by that, too.
-    """
-    bases = Counter(last_name(one.path) for one in listed)
-    taken: list[str | None] = []
-    for one in listed:
-        depth = one.path.count("/") + 1
-        least = 1 if bases[last_name(one.path)] == 1 else 2
-        image = None
-        if one.part:
-            image = images.take_named(f"{one.part}/{one.path}", least=depth + 1)
-        taken.append(image or images.take_named(one.path, least=least))
-    uses = Counter(taken)
-    named = []
-    for one, image in zip(listed, taken, strict=True):
-        exact = image is not None and frame_key(image) == frame_key(one.path)
-        # A file that only resembles several names is not known to be any of them.
-        sure = image if exact or uses[image] == 1 else None
-        own = frame_key(sure) if one.is_elsewhere and sure else one.key
-        named.append(replace(one, image=sure, key=one.key if one.is_ours else own))
-    suffixes: dict[str, set[str]] = {}
-    for one in named:
-        suffixes.setdefault(one.key, set()).add(PurePosixPath(one.path).suffix)
-    return [
-        replace(one, key=f"{one.key}{PurePosixPath(one.path).suffix}")
-        if not one.is_ours and len(suffixes[one.key]) > 1
-        else one
-        for one in named
-    ]
-
-
 _MOST_NAMED: Final = 3
 """Images with the same id that an error names; further ones are counted."""
 
@@ -504,13 +492,10 @@ def _annotation(one: _Name) -> dict[str, object]:
         kept = _beside(kept, KNOWN_FRAME_KEYS)
     annotation: dict[str, object] = {**kept, "boxes": list(_boxes(one, ours=ours))}
     size = {key: image.get(key) for key in ("width", "height")}
-    if "camera" not in annotation and all(_is_side(side) for side in size.values()):
+    has_size = all(type(side) is int and side > 0 for side in size.values())
+    if "camera" not in annotation and has_size:
         annotation["camera"] = size
     return annotation
-
-
-def _is_side(value: object) -> bool:
-    return isinstance(value, int) and not isinstance(value, bool) and value > 0
 
 
 _OURS: Final = frozenset({"id", "image_id", "category_id", "bbox", "attributes"})
@@ -540,7 +525,15 @@ def _boxes(one: _Name, *, ours: bool) -> Iterator[dict[str, object]]:
         }
         attributes = given.get("attributes")
         if isinstance(attributes, dict) and ours:
-            box |= _from_attributes(attributes)
+            # The keys that `CocoWriter` stored under ``attributes``
+            known: dict[str, object] = {
+                key: attributes[key] for key in _OUR_ATTRIBUTES if key in attributes
+            }
+            written = (*_OUR_ATTRIBUTES, "verdict", "reason")
+            rest = {
+                key: value for key, value in attributes.items() if key not in written
+            }
+            box |= {**known, "attributes": rest} if rest else known
         elif attributes is not None:
             box["attributes"] = attributes
         yield box
@@ -552,16 +545,6 @@ def _own_id(box: Mapping[str, object]) -> str:
 
 
 _OUR_ATTRIBUTES: Final = ("id", "type_id", "base_type", "instance_id", "distance")
-
-
-def _from_attributes(attributes: dict[str, object]) -> dict[str, object]:
-    """The keys that `CocoWriter` stored under ``attributes``."""
-    known: dict[str, object] = {
-        key: attributes[key] for key in _OUR_ATTRIBUTES if key in attributes
-    }
-    written = (*_OUR_ATTRIBUTES, "verdict", "reason")
-    rest = {key: value for key, value in attributes.items() if key not in written}
-    return {**known, "attributes": rest} if rest else known
 
 
 def _beside(given: dict[str, object], known: frozenset[str]) -> dict[str, object]:
@@ -686,7 +669,9 @@ class _Ids:
     def take(self, own: object) -> CocoId:
         """An id that no other has; its own if possible."""
         number = coco_id(own)
-        if number is None or number in self._taken or self._is_past(number):
+        # A smaller number may have been given to one without an own.
+        is_past = isinstance(number, int) and 0 < number < self._next
+        if number is None or number in self._taken or is_past:
             return self.new()
         self._taken.add(number)
         return number
@@ -697,10 +682,6 @@ class _Ids:
             self._next += 1
         self._next += 1
         return self._next - 1
-
-    def _is_past(self, number: CocoId) -> bool:
-        """Whether it may have been given to one without an own."""
-        return isinstance(number, int) and 0 < number < self._next
 
 
 class _CocoFile:
@@ -730,8 +711,10 @@ class _CocoFile:
             known["split"] = frame.split
         if frame.given.camera is not None:
             known["camera"] = frame.given.frame["camera"]
+        extra = dict(frame.given.frame_extra())
+        extra.pop(SOURCE_LABELS, None)  # in another format
         image = {
-            **_without_labels(frame.given.frame_extra()),
+            **extra,
             **known,
             **({"map": frame.map} if frame.map is not None else {}),
             "id": number,
@@ -769,11 +752,6 @@ class _CocoFile:
         yield b"}\n"
 
 
-def _without_labels(extra: Mapping[str, object]) -> dict[str, object]:
-    """The keys of a frame but its label file in another format."""
-    return {key: value for key, value in extra.items() if key != SOURCE_LABELS}
-
-
 def _described(
     one: LabelBox, frame: ExportFrame, *, is_tight: bool
 ) -> dict[str, object]:
@@ -790,13 +768,26 @@ def _described(
         kept.pop("area", None)
     if one.is_cut or "area" not in kept:
         kept["area"] = _round(bbox[2] * bbox[3])
+    row = one.row
+    boxes, given = frame.boxes, frame.given.boxes[row]
+    own = given.get("attributes")
+    attributes = dict(own) if isinstance(own, Mapping) else {}
+    attributes |= {key: given[key] for key in _ATTRIBUTES if key in given}
+    attributes["id"] = boxes.ids[row]
+    distance = float(boxes.distance[row])
+    if not math.isnan(distance):
+        attributes["distance"] = _round(distance)
+    verdict = boxes.effective_verdict(row)
+    if verdict == "rejected":
+        attributes["verdict"] = verdict
+        attributes["reason"] = boxes.reason_label(row)
     return {
         "segmentation": [],
         "iscrowd": 0,
         **kept,
         **({"iscrowd": 1} if one.ignored else {}),
         "bbox": bbox,
-        "attributes": _attributes(one.row, frame),
+        "attributes": attributes,
     }
 
 
@@ -836,22 +827,6 @@ def _number_of(frame: ExportFrame, row: int) -> CocoId | None:
 
 
 _ATTRIBUTES: Final = ("type_id", "base_type", "instance_id", *FORMS_3D)
-
-
-def _attributes(row: int, frame: ExportFrame) -> dict[str, object]:
-    boxes, given = frame.boxes, frame.given.boxes[row]
-    own = given.get("attributes")
-    attributes = dict(own) if isinstance(own, Mapping) else {}
-    attributes |= {key: given[key] for key in _ATTRIBUTES if key in given}
-    attributes["id"] = boxes.ids[row]
-    distance = float(boxes.distance[row])
-    if not math.isnan(distance):
-        attributes["distance"] = _round(distance)
-    verdict = boxes.effective_verdict(row)
-    if verdict == "rejected":
-        attributes["verdict"] = verdict
-        attributes["reason"] = boxes.reason_label(row)
-    return attributes
 
 
 _DECIMALS: Final = 9

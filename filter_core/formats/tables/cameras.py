@@ -17,20 +17,31 @@ from typing import Final, NamedTuple, TypeAlias
 import numpy as np
 
 from filter_core.arrays import FloatArray
-from filter_core.config.declaration import refuse_unknown_keys
-from filter_core.errors import ConfigError, LayoutError
-from filter_core.formats.box_rows import BoxReader
-from filter_core.formats.fields import (
+from filter_core.config.declaration import refuse_unknown_keys, wrong_value
+from filter_core.errors import LayoutError
+from filter_core.formats.tables.box_rows import BoxReader
+from filter_core.formats.tables.fields import (
     BoxFields,
     Path,
     as_number,
     checked_path,
     transform_of,
 )
-from filter_core.formats.patterns import CAMERA, FRAME, FilePattern, Values, plain
-from filter_core.formats.rows import MAX_BYTES, Lines, read_document, table_suffix
+from filter_core.formats.tables.patterns import (
+    CAMERA,
+    FRAME,
+    FilePattern,
+    Values,
+    plain,
+)
+from filter_core.formats.tables.rows import (
+    MAX_BYTES,
+    Lines,
+    read_document,
+    table_suffix,
+)
 from filter_core.geometry.pose import Transform
-from filter_core.values import place_of, shown
+from filter_core.values import shown
 
 WORLD_TO_CAMERA: Final = "world_to_camera"
 
@@ -128,7 +139,7 @@ class AllowedCameras:
         if isinstance(value, CameraPlaces):
             return value
         if not isinstance(value, Mapping):
-            raise _refused(name, value, str(self), at)
+            raise wrong_value(name, value, str(self), at)
         place = f"{at}/{name}"
         refuse_unknown_keys(value, KEYS, at=place)
         return CameraPlaces(
@@ -161,7 +172,7 @@ def _where(key: str, value: object, at: str) -> Where:
     if isinstance(value, int | float) and not isinstance(value, bool):
         return float(value)
     expected = "a value, a path in the labels, or {file, path}"
-    raise _refused(key, value, expected, at)
+    raise wrong_value(key, value, expected, at)
 
 
 def _checked_file(key: str, value: Mapping[str, object], at: str) -> InFile:
@@ -172,7 +183,7 @@ def _checked_file(key: str, value: Mapping[str, object], at: str) -> InFile:
         checked_path("path", _NAME.sub("0", path), place)
     negated = value.get("negated") or []
     if not isinstance(negated, list) or not {*map(str, negated)} <= {*_NUMBERS}:
-        raise _refused("negated", negated, f"a list of {', '.join(_NUMBERS)}", place)
+        raise wrong_value("negated", negated, f"a list of {', '.join(_NUMBERS)}", place)
     return InFile(_file(key, str(value["file"]), at), path, tuple(map(str, negated)))
 
 
@@ -180,17 +191,10 @@ def _file(key: str, file: str, at: str) -> FilePattern:
     try:
         pattern = FilePattern(file)
     except ValueError as exc:
-        raise _refused(key, file, str(exc), at) from exc
+        raise wrong_value(key, file, str(exc), at) from exc
     if "*" in file or not table_suffix(file):
-        raise _refused(key, file, "a .json, .jsonl, .csv, .tsv or .npz file", at)
+        raise wrong_value(key, file, "a .json, .jsonl, .csv, .tsv or .npz file", at)
     return pattern
-
-
-def _refused(name: str, value: object, expected: str, at: str) -> ConfigError:
-    return ConfigError(
-        f"{place_of(at)}{name}: expected {expected}, found {shown(value)}",
-        pointer=f"{at}/{name}",
-    )
 
 
 class Cameras:

@@ -196,7 +196,12 @@ class _Reader:
         self._text = self._text[self._at :] + piece.decode("latin-1")
         self._at = 0
         self._ended = not piece
-        self._refuse_long_numbers()
+        # Refuse a long number before it is parsed; the text begins between values
+        start = find_long_number(self._text.encode("latin-1"))
+        if start is not None:
+            error = JsonError(LONG_NUMBER)
+            place = f"{self._name}, byte {self._before + start}"
+            raise LayoutError(f"{place}: {error.detail}")
         return bool(piece)
 
     def _check(self, text: str) -> None:
@@ -209,14 +214,6 @@ class _Reader:
             raise LayoutError(
                 f"{self._name}, byte {self._before + self._at}: {exc.detail}"
             ) from exc
-
-    def _refuse_long_numbers(self) -> None:
-        """Refuse a long number before it is parsed; the text begins between values."""
-        start = find_long_number(self._text.encode("latin-1"))
-        if start is not None:
-            error = JsonError(LONG_NUMBER)
-            place = f"{self._name}, byte {self._before + start}"
-            raise LayoutError(f"{place}: {error.detail}")
 
     def _error(self, expected: str, cause: Exception | None = None) -> LayoutError:
         found = repr(self._text[self._at : self._at + 20]) if self._text else "the end"

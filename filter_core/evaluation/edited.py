@@ -71,7 +71,15 @@ class EditedExport:
         self.counts["new"] += len(_list_of(frame)) - len(of_export)
         for name, box in before.items():
             there = after.get(name)
-            self.counts["changed"] += there is not None and not _is_same(box, there)
+            if there is not None:
+                corners, edited = box.get("xyxy"), there.get("xyxy")
+                is_same = (
+                    box.get("class") == there.get("class")
+                    and isinstance(corners, list)
+                    and isinstance(edited, list)
+                    and np.allclose(corners, edited, rtol=0, atol=_SAME_PX)
+                )
+                self.counts["changed"] += not is_same
             yield name, "reject" if there is None else "keep"
 
 
@@ -83,13 +91,3 @@ def _list_of(frame: FrameSource) -> Sequence[_Box]:
 def _boxes(frame: FrameSource) -> dict[str, _Box]:
     """The boxes of a frame by their ids."""
     return {str(box["id"]): box for box in _list_of(frame) if "id" in box}
-
-
-def _is_same(one: _Box, other: _Box) -> bool:
-    corners, others = one.get("xyxy"), other.get("xyxy")
-    is_near = (
-        isinstance(corners, list)
-        and isinstance(others, list)
-        and bool(np.allclose(corners, others, rtol=0, atol=_SAME_PX))
-    )
-    return is_near and one.get("class") == other.get("class")

@@ -19,8 +19,8 @@ import numpy as np
 
 from filter_core.arrays import IntArray
 from filter_core.errors import LayoutError
-from filter_core.formats.json_items import JsonItem, decode_value, read_object
 from filter_core.formats.reading import open_regular
+from filter_core.formats.tables.json_items import JsonItem, decode_value, read_object
 from filter_core.values import shown
 
 
@@ -173,19 +173,20 @@ class _Builder:
             if item.key == "images":
                 self._add_image(item)
             elif item.key == "annotations":
-                self._add_annotation(item)
+                self._spans.extend((item.start, item.end))
+                self._owners.append(_FAULTY)
+                # Ids become small numbers: annotations may come before the images.
+                owner = _id(item, "image_id")
+                self._owners[-1] = self._pending.setdefault(owner, len(self._pending))
             elif item.key == "categories":
                 _id(item, "id")
                 self._categories.append(item)
             else:
-                self._add_beside(item)
+                self._beside_bytes += item.end - item.start
+                if self._beside_bytes <= _MOST_BESIDE:
+                    self._beside.append(replace(item, value=None))
         except _NoIdError as exc:
             self._note_fault(item, place, exc.detail)
-
-    def _add_beside(self, item: JsonItem) -> None:
-        self._beside_bytes += item.end - item.start
-        if self._beside_bytes <= _MOST_BESIDE:
-            self._beside.append(replace(item, value=None))
 
     def _note_fault(self, item: JsonItem, place: int, why: str) -> None:
         faults = self._faults.setdefault(item.key, [])
@@ -204,13 +205,6 @@ class _Builder:
         if first != row:
             self._repeated.setdefault(first, [first]).append(row)
 
-    def _add_annotation(self, item: JsonItem) -> None:
-        self._spans.extend((item.start, item.end))
-        self._owners.append(_FAULTY)
-        # Ids become small numbers: annotations may come before the images.
-        owner = _id(item, "image_id")
-        self._owners[-1] = self._pending.setdefault(owner, len(self._pending))
-
     def index(self, path: Path) -> CocoIndex:
         if not {"images", "categories"} <= self._seen:
             raise LayoutError(
@@ -223,11 +217,33 @@ class _Builder:
         owners = row_of[np.array(self._owners, np.int64)]
         order = np.argsort(owners, kind="stable")
         spans = np.array(self._spans, np.int64).reshape(-1, 2)
-        names, categories = self._class_names(path)
+        names: dict[CocoId, str] = {}
+        categories: dict[str, dict[str, object]] = {}
+        ambiguous: set[CocoId] = set()
+        with open_regular(path) as file:
+            for place, item in enumerate(self._categories):
+                number = _id(item, "id")
+                file.seek(item.start)
+                # Nothing but the name is used, so nothing else can be wrong.
+                content = file.read(item.end - item.start)
+                category = json.loads(content.decode("utf-8", "replace"))
+                word = category.get("name")
+                if not isinstance(word, str) or not word:
+                    why = f"expected a name, found {shown(word)}"
+                    self._note_fault(item, place, why)
+                elif names.setdefault(number, word) != word:
+                    ambiguous.add(number)
+                    first = names[number]
+                    why = (
+                        f"this id is that of {shown(first)}, too, and of {shown(word)}"
+                    )
+                    self._note_fault(item, place, why)
+                else:
+                    categories.setdefault(word, category)
         return CocoIndex(
             name=self._name,
             path=path,
-            names=names,
+            names={key: name for key, name in names.items() if key not in ambiguous},
             ids=tuple(self._ids),
             categories=categories,
             places=np.array(self._places, np.int64).reshape(-1, 2),
@@ -262,44 +278,9 @@ class _Builder:
             if len(faults) > _MOST_FAULTS:
                 yield f"{key}: {len(faults) - _MOST_FAULTS:,} more like this"
 
-    def _class_names(
-        self, path: Path
-    ) -> tuple[dict[CocoId, str], dict[str, dict[str, object]]]:
-        names: dict[CocoId, str] = {}
-        categories: dict[str, dict[str, object]] = {}
-        ambiguous: set[CocoId] = set()
-        with open_regular(path) as file:
-            for place, item in enumerate(self._categories):
-                number = _id(item, "id")
-                file.seek(item.start)
-                # Nothing but the name is used, so nothing else can be wrong.
-                content = file.read(item.end - item.start)
-                category = json.loads(content.decode("utf-8", "replace"))
-                word = category.get("name")
-                if not isinstance(word, str) or not word:
-                    why = f"expected a name, found {shown(word)}"
-                    self._note_fault(item, place, why)
-                elif names.setdefault(number, word) != word:
-                    ambiguous.add(number)
-                    first = names[number]
-                    why = (
-                        f"this id is that of {shown(first)}, too, and of {shown(word)}"
-                    )
-                    self._note_fault(item, place, why)
-                else:
-                    categories.setdefault(word, category)
-        known = {key: word for key, word in names.items() if key not in ambiguous}
-        return known, categories
-
 
 def _id(item: JsonItem, key: str) -> CocoId:
-    """The id under this key.
-
-    Raises
-    ------
-    _NoIdError
-        There is none.
-    """
+    """The id under this key."""
     value = item.value.get(key) if isinstance(item.value, dict) else None
     number = coco_id(value)
     if number is None:

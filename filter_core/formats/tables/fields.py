@@ -21,9 +21,9 @@ from typing import Final, NamedTuple
 import jmespath
 from jmespath.exceptions import JMESPathError
 
-from filter_core.config.declaration import refuse_unknown_keys
+from filter_core.config.declaration import refuse_unknown_keys, wrong_value
 from filter_core.errors import ConfigError
-from filter_core.values import place_of, shown
+from filter_core.values import place_of
 
 FRAMES: Final = "frames"
 """The field that says where the frames are in a file of many."""
@@ -166,9 +166,9 @@ def checked_path(name: str, value: object, at: str) -> Path:
             if set(text).isdisjoint("[{(|&"):
                 return Path(text)
             why = str(exc).partition("\n")[0]
-            raise _refused(name, value, f"{expected}: {why}", at) from exc
+            raise wrong_value(name, value, f"{expected}: {why}", at) from exc
         return Path(text)
-    raise _refused(name, value, expected, at)
+    raise wrong_value(name, value, expected, at)
 
 
 @dataclass(frozen=True)
@@ -207,7 +207,7 @@ class AllowedFields:
         if isinstance(value, BoxFields):
             return value
         if not isinstance(value, Mapping):
-            raise _refused(name, value, str(self), at)
+            raise wrong_value(name, value, str(self), at)
         place = f"{at}/{name}"
         refuse_unknown_keys(value, FIELDS, at=place)
         paths = {
@@ -223,7 +223,7 @@ class AllowedFields:
             return BoxFields(paths, {"": checked_path(BOXES, lists, place)})
         if not lists or not all(isinstance(one, str) and one for one in lists):
             expected = "a path, or paths by the class of boxes"
-            raise _refused(BOXES, lists, expected, place)
+            raise wrong_value(BOXES, lists, expected, place)
         by_class = {
             one: checked_path(one, path, f"{place}/{BOXES}")
             for one, path in lists.items()
@@ -256,13 +256,6 @@ def _check_geometry(paths: Mapping[str, Path], at: str) -> None:
         f"({'; '.join(', '.join(of) for of in FORMS_BY_FIELDS.values())}), found "
         f"{', '.join(name for name in _USUAL if name in named)}",
         pointer=at,
-    )
-
-
-def _refused(name: str, value: object, expected: str, at: str) -> ConfigError:
-    return ConfigError(
-        f"{place_of(at)}{name}: expected {expected}, found {shown(value)}",
-        pointer=f"{at}/{name}",
     )
 
 
@@ -351,7 +344,9 @@ def vector_of(value: object, keys: Sequence[str]) -> dict[str, float]:
     """
     is_rotation = tuple(keys) == ROTATION
     expected = f"{{{', '.join(keys)}}} or a list of {len(keys)} numbers"
-    if is_rotation and _is_plain_number(value):
+    if is_rotation and (
+        isinstance(value, int | float | str) and not isinstance(value, bool)
+    ):
         value = {"yaw": value}
     if isinstance(value, Mapping):
         own = {str(key).lower(): item for key, item in value.items()}
@@ -399,7 +394,3 @@ def as_number(value: object) -> float:
         return float(value) if isinstance(value, int | float | str) else math.nan
     except ValueError:
         return math.nan
-
-
-def _is_plain_number(value: object) -> bool:
-    return isinstance(value, int | float | str) and not isinstance(value, bool)

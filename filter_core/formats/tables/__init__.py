@@ -1,0 +1,1 @@
+"""Tables and long lists: their rows, fields, boxes, cameras, and patterns of paths."""
