@@ -362,9 +362,9 @@ def _canonical_classes(raw: object) -> Mapping[str, ClassConfig]:
             )
         name = canonical_class(given_name)
         if name in classes:
+            same = (repr(given) for given in raw if canonical_class(given) == name)
             raise ConfigError(
-                f"classes: {' and '.join(map(repr, _names_of(name, raw)))} name the "
-                "same class; keep one",
+                f"classes: {' and '.join(same)} name the same class; keep one",
                 pointer=f"/classes/{pointer_token(given_name)}",
             )
         at = f"/classes/{pointer_token(given_name)}"
@@ -448,10 +448,6 @@ def _limits_by_class(config: DecideConfig, names: tuple[str, ...]) -> LimitsByCl
     passed = np.array([config.of_class(name).measures_as == PASS for name in names])
     make: Callable[..., LimitsByClass] = LimitsByClass
     return make(**arrays, profile=config.profile, passed=passed.astype(np.bool_))
-
-
-def _names_of(name: str, classes: Mapping[str, object]) -> list[str]:
-    return [given for given in classes if canonical_class(given) == name]
 
 
 def schema_of(config_class: type[DecideConfig]) -> dict[str, object]:

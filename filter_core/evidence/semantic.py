@@ -188,7 +188,10 @@ def _counts(
     if options.profile == "paper":
         _refuse_ambiguous_family(segmentation, boxes)
     codes = list(regions.codes.occurring)
-    if options.profile == "carlasimu" and _has_exact_colors(segmentation):
+    is_exact = segmentation.encoding == "palette" and not segmentation.lossy
+    # The published code knows no colours of a changed CARLA, so their tags count.
+    by_color = is_exact and not segmentation.codes.changed.colors
+    if options.profile == "carlasimu" and by_color:
         # (N, 256): true at the code of each class's one colour, in the family or not
         table = np.zeros((len(boxes.class_names), 256), dtype=np.bool_)
         for row, name in enumerate(boxes.measured_as):
@@ -250,12 +253,6 @@ def _accepted_codes(
     tags = tags_of_codes(family, segmentation.channel_order)
     occurring = np.array(segmentation.codes.occurring, np.int64)
     return frozenset(occurring[accepts(mask, tags[occurring])].tolist())
-
-
-def _has_exact_colors(segmentation: Segmentation) -> bool:
-    is_exact = segmentation.encoding == "palette" and not segmentation.lossy
-    # The published code knows no colours of a changed CARLA, so their tags count.
-    return is_exact and not segmentation.codes.changed.colors
 
 
 def _match_percent(counts: _Counts, areas: FloatArray, profile: Profile) -> FloatArray:

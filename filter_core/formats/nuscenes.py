@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import itertools
 from collections import defaultdict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -124,19 +124,17 @@ def read_nuscenes(root: Path, options: RecordingDescription) -> FrameSet:
         unmatched=(
             *images.left_over("no key frame of sample_data.json names this image"),
             *left_over,
-            *_absent(frames),
+            *(
+                Unmatched(_name(row), "named by sample_data.json, but not there")
+                for files, row in frames
+                if files.image is None
+            ),
             *repeated,
         ),
         notes=partial(tuple, streams.notes),
         streams=streams.facts,
         texts=lambda: (folder / f"{name}.json" for name in _TABLES),
     )
-
-
-def _absent(frames: Sequence[_Frame]) -> Iterator[Unmatched]:
-    for files, row in frames:
-        if files.image is None:
-            yield Unmatched(_name(row), "named by sample_data.json, but not there")
 
 
 def _name(row: _Row) -> str:

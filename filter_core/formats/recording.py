@@ -479,16 +479,11 @@ class RecordingDescription:
 
 _OF_TABLE: Final = ("files", "key", "fields", "cameras")
 
-DATASET_SETTINGS: Final = (
-    *("palette", "encoding", "channel_order", "lossy_segmentation"),
-)
+DATASET_SETTINGS: Final = ("palette", "encoding", "channel_order", "lossy_segmentation")
 """Keys of a configuration that are settings of a dataset, too."""
 
 READER_KEYS: Final = frozenset(
-    {
-        *("segmentation", "labels", "classes", "default_class", "origin"),
-        *_OF_TABLE,
-    }
+    {"segmentation", "labels", "classes", "default_class", "origin", *_OF_TABLE}
 )
 """The keys that only some layouts use; each `Format` says which."""
 

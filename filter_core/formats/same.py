@@ -308,11 +308,11 @@ def own_labels(
     if not len(boxes) == len(spans) == len(rectangles):
         return None
     pairs = zip(boxes, rectangles, strict=True)
-    return own if all(_is_of(box, those) for box, those in pairs) else None
-
-
-def _is_of(box: Mapping[str, object], rectangles: Rectangles) -> bool:
-    return any(box.get(form) in numbers for form, numbers in rectangles.items())
+    is_same = all(
+        any(box.get(form) in numbers for form, numbers in those.items())
+        for box, those in pairs
+    )
+    return own if is_same else None
 
 
 @dataclass(frozen=True)

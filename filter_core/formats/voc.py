@@ -517,7 +517,10 @@ class VocWriter:
             spool = self._parts.get(part)
             names = spool.pieces() if spool else []
             self._context.sink(f"ImageSets/Main/{part}.txt", names)
-        self._context.sink("labelmap.txt", [_label_map(self._context.head.classes)])
+        # For CVAT and Datumaro, which otherwise know VOC's own twenty classes
+        classes = (f"{name}:::\n" for name in self._context.head.classes)
+        text = "".join(["# label:color_rgb:parts:actions\n", *classes])
+        self._context.sink("labelmap.txt", [text.encode("utf-8", "replace")])
 
 
 def _lines(out: OutFrame) -> Iterator[str]:
@@ -577,9 +580,3 @@ def whole_pixels(xyxy: Sequence[float], wh: tuple[int, int]) -> list[int]:
         low.append(start + 1)
         high.append(stop)
     return [*low, *high]
-
-
-def _label_map(classes: Sequence[str]) -> bytes:
-    """The classes, for CVAT and Datumaro, which otherwise know VOC's own twenty."""
-    lines = ["# label:color_rgb:parts:actions", *(f"{name}:::" for name in classes)]
-    return "".join(f"{line}\n" for line in lines).encode("utf-8", "replace")

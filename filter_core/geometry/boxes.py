@@ -23,10 +23,6 @@ def _unchanged(boxes: FloatArray) -> FloatArray:
     return boxes
 
 
-def _corner_size_to_corners(boxes: FloatArray) -> FloatArray:
-    return np.hstack([boxes[:, :2], boxes[:, :2] + boxes[:, 2:]])
-
-
 def _centre_size_to_corners(boxes: FloatArray) -> FloatArray:
     half = boxes[:, 2:] / 2
     return np.hstack([boxes[:, :2] - half, boxes[:, :2] + half])
@@ -35,7 +31,7 @@ def _centre_size_to_corners(boxes: FloatArray) -> FloatArray:
 _TO_XYXY: Final[dict[str, Callable[[FloatArray], FloatArray]]] = {
     "xyxy": _unchanged,
     "xyxyn": _unchanged,
-    "xywh": _corner_size_to_corners,
+    "xywh": lambda boxes: np.hstack([boxes[:, :2], boxes[:, :2] + boxes[:, 2:]]),
     "cxcywh": _centre_size_to_corners,
     "cxcywhn": _centre_size_to_corners,
 }

@@ -66,7 +66,11 @@ class Camera:
         if not 0 < fov < 180:
             raise _fault("fov", "degrees between 0 and 180", fov)
         world_to_camera = as_transform(transform).inverse_matrix
-        return cls(width, height, _fov_intrinsic(width, height, fov), world_to_camera)
+        focal = width / (2 * math.tan(math.radians(fov) / 2))
+        intrinsic = np.array(
+            [[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1.0]]
+        )
+        return cls(width, height, intrinsic, world_to_camera)
 
     @classmethod
     def from_matrices(
@@ -110,12 +114,6 @@ class Camera:
         """(3, 4) float64: world points to ``(u depth, v depth, depth)``."""
         axes = self.intrinsic @ CARLA_TO_IMAGE_AXES
         return axes @ self.world_to_camera[:3]
-
-
-def _fov_intrinsic(width: int, height: int, fov: float) -> FloatArray:
-    """(3, 3) ``K`` of a CARLA camera with square pixels and a centred image."""
-    focal = width / (2 * math.tan(math.radians(fov) / 2))
-    return np.array([[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1.0]])
 
 
 def _fault(field: str, expected: str, found: object) -> FilterError:

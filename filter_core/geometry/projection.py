@@ -16,7 +16,7 @@ from typing import Final, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from filter_core.arrays import BoolArray, BoxesXYXY, FloatArray, IntArray
+from filter_core.arrays import BoolArray, BoxesXYXY, FloatArray
 from filter_core.errors import FilterError
 from filter_core.frame_boxes import ProjectionMode
 from filter_core.geometry.box3d import EDGES, as_vertices, in_carla_order
@@ -361,12 +361,11 @@ _MAX_CORNERS: Final = 20
 """A plane cuts 8 points into k and 8 - k: at most ``k + k (8 - k)`` corners, k = 4."""
 
 
-def _all_pairs(count: int) -> IntArray:
-    """(count (count - 1) / 2, 2): every segment between `count` points."""
-    return np.array(list(combinations(range(count), 2)), dtype=np.int64)
-
-
-_PAIRS: Final = {count: _all_pairs(count) for count in (8, _MAX_CORNERS)}
+_PAIRS: Final = {
+    count: np.array(list(combinations(range(count), 2)), dtype=np.int64)
+    for count in (8, _MAX_CORNERS)
+}
+"""(count (count - 1) / 2, 2): every segment between so many points."""
 
 
 def _cut_hull(points: FloatArray, distance: FloatArray) -> FloatArray:

@@ -514,8 +514,10 @@ def recording_text(inspection: Inspection, folder: Path) -> str:
     folder : Path
         Where it is to be, to which paths in it are relative.
     """
+    name = inspection.name
     head = (
-        f"# How {_on_one_line(inspection.name)} is read, as Unghost recognised it.\n"
+        f"# How {name if name.isprintable() else ascii(name)} is read, as Unghost "
+        "recognised it.\n"
         "# Correct what is wrong; what is left out is recognised again.\n"
     )
     hints = [
@@ -529,7 +531,3 @@ def recording_text(inspection: Inspection, folder: Path) -> str:
     )
     text = description_text(inspection.described, folder)
     return f"{head}{text}{unknown if hints else ''}"
-
-
-def _on_one_line(name: str) -> str:
-    return name if name.isprintable() else ascii(name)

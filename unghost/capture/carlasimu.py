@@ -360,7 +360,9 @@ def _boxes(given: Mapping[str, object], result: Conversion) -> None:
 def _vehicles(given: Mapping[str, object], result: Conversion) -> None:
     named: dict[str, str] = {}
     for name, blueprints in given.items():
-        for blueprint in map(str, _list(blueprints, f"vehicles_name.yaml: {name}")):
+        if not isinstance(blueprints, list | None):
+            raise _wrong(f"vehicles_name.yaml: {name}", "a list", blueprints)
+        for blueprint in map(str, blueprints or ()):
             other = named.setdefault(blueprint, name)
             if other != name:
                 raise ScenarioError(
@@ -403,15 +405,6 @@ def _mapping(value: object, at: str) -> Mapping[str, object]:
     if not isinstance(value, Mapping):
         raise _wrong(at, "keys and values", value)
     return {str(key): one for key, one in value.items()}
-
-
-def _list(value: object, at: str) -> list[object]:
-    """A list; an empty one if nothing is given."""
-    if value is None:
-        return []
-    if not isinstance(value, list):
-        raise _wrong(at, "a list", value)
-    return value
 
 
 def _number(value: object, at: str) -> float:

@@ -467,7 +467,8 @@ def _words(fault: Mapping[str, object], name: str) -> str:
         return f"{name}: {key}: unknown key; the nearest valid key is {hint!r}"
     message = str(fault["msg"]).removeprefix("Value error, ")
     given = fault["input"]
-    found = "" if isinstance(given, Mapping) else f", found {_shown(given)}"
+    # Not all of it: a few bytes of aliases can stand for a text of gigabytes.
+    found = "" if isinstance(given, Mapping) else f", found {_SHORT.repr(given)}"
     return f"{name}: {key}: {message}{found}" if key else f"{name}: {message}"
 
 
@@ -488,8 +489,3 @@ def _model_in(annotation: object) -> type[BaseModel] | None:
         return annotation
     found = (_model_in(inner) for inner in get_args(annotation))
     return next((model for model in found if model is not None), None)
-
-
-def _shown(value: object) -> str:
-    # A few bytes of aliases can stand for a text of gigabytes.
-    return _SHORT.repr(value)

@@ -79,7 +79,7 @@ def open_session(
     )
     try:
         session.at_end("restore the settings", lambda: world.apply_settings(before))
-        _synchronise(session)
+        _set_up_world(session)
         session.at_end("destroy the actors", session.destroy_actors)
         yield session
     finally:
@@ -206,7 +206,7 @@ def require_maps(client: Client, scenario: Scenario) -> None:
             )
 
 
-def _synchronise(session: CaptureSession) -> None:
+def _set_up_world(session: CaptureSession) -> None:
     scenario, carla = session.scenario, session.carla
     settings = session.world.get_settings()
     settings.synchronous_mode = True
@@ -227,7 +227,7 @@ def _synchronise(session: CaptureSession) -> None:
     if plan.hybrid_physics:
         manager.set_hybrid_physics_radius(plan.hybrid_radius)
     world = session.world
-    for name, wanted in session.scenario.map_layers.items():
+    for name, wanted in scenario.map_layers.items():
         layer = getattr(carla.MapLayer, name)
         if wanted:
             world.load_map_layer(layer)
@@ -235,10 +235,9 @@ def _synchronise(session: CaptureSession) -> None:
             again = partial(world.load_map_layer, layer)
             session.at_end(f"load the map layer {name} again", again)
             world.unload_map_layer(layer)
-    see_through = session.scenario.see_through_glass
+    see_through = scenario.see_through_glass
     if see_through is None:
         return
-    world = session.world
     if isinstance(world, GlassWorld):
         world.set_annotations_traverse_translucency(see_through)
     else:
@@ -272,15 +271,15 @@ def listening_for_stop() -> Iterator[StopRequest]:
     if threading.current_thread() is not threading.main_thread():
         yield request
         return
-    before = [(each, signal.signal(each, request.take)) for each in _wanted()]
+    # Under `nohup`, the capture must continue when the terminal is closed.
+    kept = signal.SIG_IGN if _HANG_UP is None else signal.getsignal(_HANG_UP)
+    before = [
+        (each, signal.signal(each, request.take))
+        for each in _SIGNALS
+        if each != _HANG_UP or kept is not signal.SIG_IGN
+    ]
     try:
         yield request
     finally:
         for each, handler in before:
             signal.signal(each, handler)
-
-
-def _wanted() -> list[signal.Signals]:
-    # Under `nohup`, the capture must continue when the terminal is closed.
-    kept = signal.SIG_IGN if _HANG_UP is None else signal.getsignal(_HANG_UP)
-    return [each for each in _SIGNALS if each != _HANG_UP or kept is not signal.SIG_IGN]

@@ -127,10 +127,13 @@ def _damaged(archive: Path, exc: Exception) -> Refused:
 def _unpack(archive: Path, folder: Path, screen: Screen) -> None:
     links: list[_Member] = []
     free = shutil.disk_usage(folder).free
+    is_zip = archive.name.lower().endswith(".zip")
     with (
         archive.open("rb") as file,
         screen.progress(f"unpack {archive.name}", "kB") as advance,
-        closing(_members(archive, file, folder)) as members,
+        closing(
+            _zip_members(archive, file, folder) if is_zip else _tar_members(file)
+        ) as members,
     ):
         total = -(-archive.stat().st_size // 1000)
         for member in members:
@@ -208,13 +211,6 @@ def _end_of(link: Path, target: str) -> Path:
         return link.resolve(strict=True)
     except (OSError, RuntimeError):  # a loop is a RuntimeError before Python 3.13
         return Path(os.path.normpath(link.parent / target))
-
-
-def _members(
-    archive: Path, file: IO[bytes], folder: Path
-) -> Generator[_Member, None, None]:
-    is_zip = archive.name.lower().endswith(".zip")
-    return _zip_members(archive, file, folder) if is_zip else _tar_members(file)
 
 
 def _zip_members(

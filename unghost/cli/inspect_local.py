@@ -74,7 +74,11 @@ def inspect(options: InspectOptions) -> None:
     is_folder = options.source.is_dir()
     folder = options.source if is_folder else options.source.parent
     text = recording_text(inspection, folder)
-    record = {key: plain(value) for key, value in _public(inspection)}
+    record = {
+        field.name: plain(getattr(inspection, field.name))
+        for field in fields(inspection)
+        if field.name != "described"  # which is the text
+    }
     said = [remark._asdict() for remark in remarks]
     options.screen.record({**record, "remarks": said, "description": text})
     _print(inspection, options.screen)
@@ -93,13 +97,6 @@ def inspect(options: InspectOptions) -> None:
         options.screen.note(f"written: {options.write}")
     if any(remark.is_serious for remark in remarks):
         raise typer.Exit(PARTLY)
-
-
-def _public(inspection: Inspection) -> Iterator[tuple[str, object]]:
-    """The fields of an inspection that its record has; `described` is its text."""
-    for field in fields(inspection):
-        if field.name != "described":
-            yield field.name, getattr(inspection, field.name)
 
 
 def plain(value: object) -> object:

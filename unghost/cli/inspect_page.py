@@ -243,7 +243,12 @@ def page(inspection: Inspection, remarks: Sequence[Remark], description: str) ->
         ),
         "</div>",
         section("Frames that cannot be used", refused),
-        section("The description of this recording", _description(description)),
+        section(
+            "The description of this recording",
+            '<p class="hint">Saved as recording.yaml in the folder, it says how the '
+            "folder is read; --write FILE writes it. Change what is wrong.</p>"
+            f"<pre>{html.escape(description)}</pre>",
+        ),
         f"<footer>Written by unghost inspect. All labels were read, and the pictures "
         f"of {count_of(inspection.pictures, 'frame')}.</footer>",
     )
@@ -546,11 +551,3 @@ def _examples(listed: Listed, *, with_why: bool) -> Iterator[str]:
         yield f"{name}: {why}" if with_why or why != listed.kind else name
     if more := listed.count - len(listed.examples):
         yield f"and {more:,} more"
-
-
-def _description(text: str) -> str:
-    return (
-        '<p class="hint">Saved as recording.yaml in the folder, it says how the folder '
-        "is read; --write FILE writes it. Change what is wrong.</p>"
-        f"<pre>{html.escape(text)}</pre>"
-    )

@@ -829,12 +829,10 @@ def _stored_frame(response: httpx.Response) -> wire.StoredFrame:
 
 def known_frames(dataset: str, keys: Sequence[str]) -> Call[dict[str, wire.KnownFrame]]:
     """The stored frames with these keys (at most 1,000), by key."""
-    path, read = f"{dataset}/known-frames", answer(_known_frames)
-    return Call("POST", path, read, json={"keys": keys})
-
-
-def _known_frames(body: Json) -> dict[str, wire.KnownFrame]:
-    return {frame.key: frame for frame in wire.KnownFrames.read(body).items}
+    read = answer(
+        lambda body: {one.key: one for one in wire.KnownFrames.read(body).items}
+    )
+    return Call("POST", f"{dataset}/known-frames", read, json={"keys": keys})
 
 
 _COUNT_ONLY: Final = {"count": True, "limit": 1}

@@ -349,15 +349,12 @@ def open_regular(path: Path) -> FileIO:
     OSError
         It cannot be opened, or is not a regular file.
     """
-    file = FileIO(path, opener=_not_blocking)
+    no_wait = getattr(os, "O_NONBLOCK", 0)
+    file = FileIO(path, opener=lambda name, flags: os.open(name, flags | no_wait))
     if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
         file.close()
         raise OSError(errno.EINVAL, "not a regular file", str(path))
     return file
-
-
-def _not_blocking(path: str, flags: int) -> int:
-    return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
 
 
 def _bytes(content: _Content) -> bytes:
