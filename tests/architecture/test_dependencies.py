@@ -14,8 +14,7 @@ from packaging.utils import canonicalize_name
 from packaging.version import Version
 
 from tests.support.documents import read
-from tests.support.sources import PRODUCT, python_sources
-from tests.support.syntax import facts
+from tests.support.sources import PRODUCT, imports, python_sources
 
 MODULE_OF = {
     "opencv-python-headless": "cv2",
@@ -44,7 +43,7 @@ def imported() -> set[str]:
     names = {
         name.split(".")[0]
         for source in python_sources(*PRODUCT)
-        for node in facts(source).imports
+        for node in imports(source)
         for name in modules_of(node)
     }
     return names - set(sys.stdlib_module_names) - set(PRODUCT)

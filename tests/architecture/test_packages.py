@@ -1,43 +1,15 @@
-"""A package of the service imports only packages below it, and few modules open files.
-
-A module directly below `app` counts as a package.
-"""
+"""The document names the service's packages in order, and few modules open files."""
 
 from __future__ import annotations
 
 import ast
 from typing import Final
 
+import pytest
+
 from tests.support.documents import names_in_rows, read
 from tests.support.sources import python_sources
-from tests.support.syntax import facts
 
-LEVELS: Final = (
-    {"__main__"},
-    {"serve"},
-    {"main"},
-    {"ops", "datasets"},
-    {"ingest"},
-    {"review", "quality", "process"},
-    {"hooks"},
-    {"exports"},
-    {"runs"},
-    {"boxes"},
-    {"jobs"},
-    {"access"},
-    {"http", "maintenance"},
-    {"measuring"},
-    {"catalog"},
-    {"background"},
-    {"context"},
-    {"storage"},
-    {"engine"},
-    {"settings", "verdicts"},
-    {"db"},
-    {"incoming", "metrics"},
-    {"addresses", "errors", "logs", "memory", "package", "security"},
-)
-"""The packages from the top down: each may import only those of the lines below it."""
 OPEN_FILES: Final = ("filter_core/formats/", "filter_core/local.py")
 OPENING: Final = frozenset(
     {"imread", "imwrite", "fromfile", "tofile", "open"}
@@ -46,55 +18,21 @@ OPENING: Final = frozenset(
 """Methods and functions of modules; `open` also by itself."""
 
 
-def package_of(module: str) -> str:
-    """The package of a module: the part of its name after `app`; empty for `app`."""
-    return module.partition(".")[2].partition(".")[0]
-
-
-def imports_between_packages() -> set[tuple[str, str]]:
-    """(importing package, imported one) of all imports, also those in functions."""
-    pairs = set()
-    for source in python_sources("app"):
-        mine = package_of(source.name.removesuffix(".py").replace("/", "."))
-        for node in facts(source).imports:
-            if isinstance(node, ast.Import):
-                modules = [alias.name for alias in node.names]
-            elif node.module:
-                named = [f"{node.module}.{alias.name}" for alias in node.names]
-                modules = named if node.module == "app" else [node.module]
-            else:
-                continue
-            others = {package_of(name) for name in modules if name.startswith("app.")}
-            pairs |= {(mine, other) for other in others - {mine, "__init__"}}
-    return pairs
-
-
-def test_every_package_has_its_level():
-    named = {package for level in LEVELS for package in level}
-    found = {package for pair in imports_between_packages() for package in pair}
-
-    assert found - named - {"__init__"} == set()
-
-
-def test_packages_import_only_packages_of_lower_levels():
-    level_of = {name: number for number, level in enumerate(LEVELS) for name in level}
-
-    upwards = {
-        (one, other)
-        for one, other in imports_between_packages()
-        if level_of[one] >= level_of[other]
+def test_table_of_the_architecture_has_the_order_of_the_import_contract():
+    settings = pytest.importorskip("tomllib").loads(read("pyproject.toml"))["tool"]
+    contracts = settings["importlinter"]["contracts"]
+    (layers,) = (one["layers"] for one in contracts if one.get("containers") == ["app"])
+    level_of = {
+        name: level
+        for level, names in enumerate(layers)
+        for name in names.split(" | ")
+        if name != "__main__"
     }
-
-    assert upwards == set()
-
-
-def test_table_of_the_architecture_has_the_order_of_the_levels():
-    level_of = {name: number for number, level in enumerate(LEVELS) for name in level}
 
     rows = names_in_rows(read("ARCHITECTURE.md"), "### app")
     names = [name.removesuffix("/").removesuffix(".py") for row in rows for name in row]
 
-    assert sorted(names) == sorted(level_of.keys() - {"__main__"})
+    assert sorted(names) == sorted(level_of)
     levels = [level_of[name] for name in names]
     assert levels == sorted(levels)
 
@@ -110,16 +48,12 @@ def opened_files(tree: ast.AST) -> list[int]:
     ]
 
 
-def test_opened_files_are_detected():
-    program = "open(x)\npath.read_text()\ncv2.imread(x)\nread_text(x)\nImage.open(x)"
-
-    assert opened_files(ast.parse(program)) == [1, 2, 3, 5]
-
-
 def test_in_filter_core_only_formats_and_local_open_files():
-    assert [
-        f"{source.name}:{line}"
+    found = {
+        source.name
         for source in python_sources("filter_core")
-        if not source.name.startswith(OPEN_FILES)
-        for line in opened_files(source.tree)
-    ] == []
+        if opened_files(source.tree)
+    }
+
+    assert {name for name in found if not name.startswith(OPEN_FILES)} == set()
+    assert "filter_core/local.py" in found

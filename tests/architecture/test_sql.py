@@ -9,8 +9,7 @@ from __future__ import annotations
 import ast
 from fnmatch import fnmatchcase
 
-from tests.support.sources import Source, python_sources
-from tests.support.syntax import facts
+from tests.support.sources import Source, imports, python_sources
 
 # Names for connecting and for types and errors; none of them can build a statement.
 HARMLESS_NAMES = {"URL", "Connection", "Engine", "Session", "event", "exc", "make_url"}
@@ -30,7 +29,7 @@ def builders(source: Source) -> list[str]:
     """What a module imports from SQLAlchemy that can build a statement."""
     return [
         f"{source.name}: {alias.name}"
-        for node in facts(source).imports
+        for node in imports(source)
         if isinstance(node, ast.ImportFrom)
         and (node.module or "").startswith("sqlalchemy")
         and node.module not in HARMLESS_MODULES

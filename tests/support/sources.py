@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ast
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache, lru_cache
 from pathlib import Path
 
 CHECKOUT = Path(__file__).resolve().parents[2]
@@ -44,6 +44,16 @@ def sources(folders: tuple[str, ...], *suffixes: str) -> tuple[Source, ...]:
     return tuple(
         Source(path.relative_to(CHECKOUT).as_posix(), path.read_text("utf-8"))
         for path in found
+    )
+
+
+@cache
+def imports(source: Source) -> tuple[ast.Import | ast.ImportFrom, ...]:
+    """All statements of a module that import, also those in functions."""
+    return tuple(
+        node
+        for node in ast.walk(source.tree)
+        if isinstance(node, ast.Import | ast.ImportFrom)
     )
 
 
