@@ -93,18 +93,14 @@ class OpenBodies:
     def take(self, token_id: int, size: int, *, held: int = 0) -> None:
         """Count `size` more bytes, for a request that already holds `held`.
 
-        Raises
-        ------
-        TooManyRequests
-            This token's requests would exceed their limit.
-        NotReady
-            All requests together would exceed theirs.
+        Raises TooManyRequests: this token's requests would exceed their limit;
+        NotReady: all requests together would exceed theirs.
         """
         with self._lock:
-            mine, all_open = self._by_token[token_id], self._by_token.total()
-            if mine > held and mine + size > self._most_of_one:
+            own, all_open = self._by_token[token_id], self._by_token.total()
+            if own > held and own + size > self._most_of_one:
                 raise TooManyRequests(
-                    f"requests of this token hold {mine} bytes already, expected at "
+                    f"requests of this token hold {own} bytes already, expected at "
                     f"most {self._most_of_one} with this one; send it when others are "
                     "done",
                     retry_after_s=_RETRY_S,

@@ -117,15 +117,10 @@ class Poller:
     def watching(self, job: Job, token_id: int, settings: Settings) -> Iterator[None]:
         """Register a watcher of this job during the block.
 
-        Raises
-        ------
-        TooManyRequests
-            The limit of all tokens or of this token is reached.
+        Raises TooManyRequests if the limit of all tokens or of this token is reached.
         """
-        most, most_of_one = (
-            settings.max_event_streams,
-            settings.max_event_streams_per_token,
-        )
+        most = settings.max_event_streams
+        most_of_one = settings.max_event_streams_per_token
         if self._by_token[token_id] >= most_of_one:
             raise TooManyRequests(
                 f"{most_of_one} streams of this token are open already; close one"

@@ -131,7 +131,7 @@ def test_tests_use_no_private_names():
 
 @pytest.mark.parametrize("base", ["LocalEngine", "ClusterEngine", "chunks.SmallChunks"])
 @pytest.mark.parametrize(
-    "member", ["run = lambda self: self._pixels", "def _begin(self): pass"]
+    "member", ["run = lambda self: self._pixels", "def _busy(self): pass"]
 )
 def test_inherited_private_name_is_detected(base, member):
     source = Source("tests/test_it.py", f"class Mine({base}):\n    {member}")
