@@ -86,10 +86,7 @@ class OpenBodies:
     def take(self, size: int, *, held: int = 0) -> None:
         """Count `size` more bytes, for a request that already holds `held`.
 
-        Raises
-        ------
-        NotReady
-            All requests together would exceed the limit.
+        Raises NotReady: all requests together would exceed the limit.
         """
         with self._lock:
             if self.open_bytes > held and self.open_bytes + size > self._most:

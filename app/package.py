@@ -24,10 +24,7 @@ def migrations_dir() -> Path:
 def _resource(name: str) -> Path:
     """The folder `app/_<name>` of a wheel, or `<name>` next to `app` in a checkout.
 
-    Raises
-    ------
-    FileNotFoundError
-        The installation is incomplete.
+    Raises FileNotFoundError: the installation is incomplete.
     """
     candidates = (_PACKAGE / f"_{name}", _PACKAGE.parent / name)
     for folder in candidates:

@@ -77,18 +77,11 @@ class CannotServe(Exception):
     """The service could not start; the text says why and what to do."""
 
 
-def serve(
-    settings: Settings,
-    *,
-    on_ready: OnReady | None = None,
-) -> None:
+def serve(settings: Settings, *, on_ready: OnReady | None = None) -> None:
     """Serve until interrupted; `on_ready` gets a login link once requests are answered.
 
-    Raises
-    ------
-    CannotServe
-        The port is taken, or the data folder cannot be used, for instance because
-        another server uses it.
+    Raises CannotServe: the port is taken, or the data folder cannot be used, for
+    instance because another server uses it.
     """
     configure_logging(settings.log_level, settings.log_format)
     keep_freed_memory()
@@ -151,17 +144,22 @@ class _Locks:
     def add(self, file: Path, what: str, advice: str) -> None:
         """Lock a file; the texts say what it stands for, and how to choose another one.
 
-        Raises
-        ------
-        CannotServe
-            Another server has locked it.
+        Raises CannotServe if another server has locked it.
         """
         try:
             note = self._held.enter_context(locked(file))
         except CannotLock as exc:
             self._unlocked[file.parent] = str(exc)
         except InUse as exc:
-            raise CannotServe(_in_use(what, advice, str(exc))) from exc
+            if not str(exc):  # only while it starts or stops
+                raise CannotServe(
+                    f"{what} is in use by a server that is starting or stopping; "
+                    "try again in a moment"
+                ) from exc
+            raise CannotServe(
+                f"{what} is in use by the server at {exc}; use that one, or stop it "
+                f"first. {advice}"
+            ) from exc
         else:
             self._notes.append(note)
 
@@ -188,13 +186,9 @@ def _only_server(settings: Settings) -> Iterator[_Locks]:
     With SQLite, parts of one service know of each other only in memory: whose turn it
     is to write, and that the final step of a run is being cancelled. Also, a server of
     a newer version would migrate the database while this one uses it. And for a server
-    with another database, the files of this one would be garbage.
-
-    Raises
-    ------
-    CannotServe
-        Another server uses one of them, or the folder cannot be written to or may have
-        been filled by others.
+    with another database, the files of this one would be garbage. Raises CannotServe if
+    another server uses one of them, or the folder cannot be written to or may have been
+    filled by others.
     """
     try:
         make_folder(settings.data)
@@ -222,18 +216,6 @@ def _only_server(settings: Settings) -> Iterator[_Locks]:
         except OSError as exc:
             raise _cannot_start(settings, exc) from exc
         yield locks
-
-
-def _in_use(what: str, advice: str, address: str) -> str:
-    if not address:  # only while it starts or stops
-        return (
-            f"{what} is in use by a server that is starting or stopping; "
-            "try again in a moment"
-        )
-    return (
-        f"{what} is in use by the server at {address}; use that one, or stop it "
-        f"first. {advice}"
-    )
 
 
 class ServerNote:
@@ -334,13 +316,7 @@ def listen(
 
 
 def check_free(settings: Settings) -> None:
-    """Check that the data folder is not in use and the port is free.
-
-    Raises
-    ------
-    CannotServe
-        One of them is not; the text says why.
-    """
+    """Raise CannotServe unless the data folder is not in use and the port is free."""
     with _only_server(settings), _listening(settings):
         pass
 
@@ -351,12 +327,8 @@ def _listening(settings: Settings) -> Iterator[list[socket.socket]]:
 
     A browser looks for ``localhost`` at both loopback addresses, so a service that
     listens at one of them takes the other one as well. A program of another user there
-    would be the same origin to the browser, which would send it sessions.
-
-    Raises
-    ------
-    CannotServe
-        One of the addresses is taken, or is not one of this machine.
+    would be the same origin to the browser, which would send it sessions. Raises
+    CannotServe if one of the addresses is taken, or is not one of this machine.
     """
     host, port = settings.host.strip("[]"), settings.port
     other = _OTHER_LOOPBACK.get(host)

@@ -66,8 +66,15 @@ def in_conflict(reason: int, answer: str | None) -> bool:
 
 def is_in_conflict() -> ColumnElement[bool]:
     """SQL condition: a person's answer is in conflict with the current decision."""
-    # This condition comes first, so that the index on answered boxes is used.
-    return and_(Decision.review.in_(tuple(_VERDICT_OF_ANSWER)), or_(*_contradicting()))
+    kept, rejected = reasons_of(Verdict.KEPT), reasons_of(Verdict.REJECTED)
+    # The first condition lets the index on answered boxes be used.
+    return and_(
+        Decision.review.in_(tuple(_VERDICT_OF_ANSWER)),
+        or_(
+            and_(Decision.review == "keep", Decision.reason.in_(rejected)),
+            and_(Decision.review == "reject", Decision.reason.in_(kept)),
+        ),
+    )
 
 
 def is_not_in_conflict() -> ColumnElement[bool]:
@@ -107,14 +114,6 @@ class ReviewState(NamedTuple):
 
 def _undecided() -> ColumnElement[bool]:
     return or_(Decision.review.is_(None), Decision.review == "unsure")
-
-
-def _contradicting() -> tuple[ColumnElement[bool], ColumnElement[bool]]:
-    kept, rejected = reasons_of(Verdict.KEPT), reasons_of(Verdict.REJECTED)
-    return (
-        and_(Decision.review == "keep", Decision.reason.in_(rejected)),
-        and_(Decision.review == "reject", Decision.reason.in_(kept)),
-    )
 
 
 REVIEW_STATES: Final[Mapping[str, ReviewState]] = {

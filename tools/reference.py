@@ -76,7 +76,8 @@ def settings_table() -> Iterator[str]:
             shown = f"`{default.human_readable().replace('.0', '')}`"
         else:
             shown = f"`{default}`"
-        yield f"| `UNGHOST_{name.upper()}` | {shown} | {field.description} |"
+        meaning = " ".join((field.description or "").split())
+        yield f"| `UNGHOST_{name.upper()}` | {shown} | {meaning} |"
 
 
 def configuration_table() -> Iterator[str]:

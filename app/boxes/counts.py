@@ -7,6 +7,7 @@ are few and have an index, are counted by the database and subtracted.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 
@@ -18,10 +19,9 @@ from app.boxes.filter import BoxFilter, BoxProbes, TallyKey, selected
 from app.context import ServiceContext
 from app.db.tables import Dataset
 from app.measuring.active import active_version, config_of
-from app.measuring.columns import ColumnCache, DatasetColumns
+from app.measuring.columns import ColumnCache
 from app.measuring.plan import active_measurement
 from app.verdicts import REVIEW_STATES, effective_verdict, in_conflict
-from filter_core.config.filter import FilterConfig
 from filter_core.decisions.doubt import Bin
 from filter_core.verdicts import Reason, Verdict
 
@@ -39,7 +39,6 @@ def count_boxes(
     )
     held = by_numbers and context.one(ColumnCache).fits(session, dataset.id)
     # Answered boxes are few, and are counted by their index. If the filter selects all
-    # others, the answered ones are subtracted from all boxes.
     others = REVIEW_STATES[wanted.review].others if wanted.review else None
     if not held or (wanted.review and others is None):
         return BoxProbes(session).count(wanted)
@@ -48,15 +47,12 @@ def count_boxes(
     config = config_of(active_version(session, dataset))
     unreviewed = replace(wanted, review="")
     whole = numbers.counted(
-        (config.digest, unreviewed), lambda: _selected(numbers, config, unreviewed)
+        (config.digest, unreviewed),
+        lambda: int(np.count_nonzero(selected(numbers, config, unreviewed))),
     )
     if others is None:
         return whole
     return whole - BoxProbes(session).count(replace(wanted, review=others))
-
-
-def _selected(numbers: DatasetColumns, config: FilterConfig, wanted: BoxFilter) -> int:
-    return int(np.count_nonzero(selected(numbers, config, wanted)))
 
 
 def count_in_tallies(tallies: Mapping[TallyKey, int], wanted: BoxFilter) -> int:
@@ -64,20 +60,20 @@ def count_in_tallies(tallies: Mapping[TallyKey, int], wanted: BoxFilter) -> int:
     return sum(boxes for key, boxes in tallies.items() if wanted.selects(key))
 
 
+def _no_verdicts() -> dict[str, int]:
+    return {verdict.value: 0 for verdict in Verdict}
+
+
 @dataclass
 class Counts:
     """Sums over current decisions."""
 
     boxes: int = 0
-    verdicts: dict[str, int] = field(
-        default_factory=lambda: {verdict.value: 0 for verdict in Verdict}
-    )
-    effective: dict[str, int] = field(
-        default_factory=lambda: {verdict.value: 0 for verdict in Verdict}
-    )
-    by_reason: dict[str, int] = field(default_factory=dict)
+    verdicts: dict[str, int] = field(default_factory=_no_verdicts)
+    effective: dict[str, int] = field(default_factory=_no_verdicts)
+    by_reason: Counter[str] = field(default_factory=Counter)
     by_class: dict[int, dict[str, int]] = field(default_factory=dict)
-    reasons_by_class: dict[int, dict[str, int]] = field(default_factory=dict)
+    reasons_by_class: dict[int, Counter[str]] = field(default_factory=dict)
     reviewed: int = 0
     unsure: int = 0
     conflicts: int = 0
@@ -90,31 +86,23 @@ def count(tallies: Mapping[TallyKey, int]) -> Counts:
     """Sum tallies up."""
     counts = Counts()
     for key, boxes in tallies.items():
-        _add(counts, key, boxes)
+        reason = Reason(key.reason)
+        verdict = reason.verdict.value
+        counts.boxes += boxes
+        counts.verdicts[verdict] += boxes
+        counts.effective[effective_verdict(key.reason, key.review)] += boxes
+        counts.by_reason[reason.label] += boxes
+        counts.by_class.setdefault(key.class_id, _no_verdicts())[verdict] += boxes
+        reasons = counts.reasons_by_class.setdefault(key.class_id, Counter())
+        reasons[reason.label] += boxes
+        if key.review in REVIEW_STATES["decided"].answers:
+            counts.reviewed += boxes
+            counts.conflicts += boxes if in_conflict(key.reason, key.review) else 0
+        counts.unsure += boxes if key.review == "unsure" else 0
+        counts.toss_ups += boxes if key.toss_up else 0
+        if key.review in REVIEW_STATES["undecided"].answers:
+            counts.bins[Bin(key.bin).label] += boxes
     return counts
-
-
-def _add(counts: Counts, key: TallyKey, boxes: int) -> None:
-    reason = Reason(key.reason)
-    verdict = reason.verdict.value
-    effective = effective_verdict(key.reason, key.review)
-    counts.boxes += boxes
-    counts.verdicts[verdict] += boxes
-    counts.effective[effective] += boxes
-    counts.by_reason[reason.label] = counts.by_reason.get(reason.label, 0) + boxes
-    of_class = counts.by_class.setdefault(
-        key.class_id, {verdict.value: 0 for verdict in Verdict}
-    )
-    of_class[verdict] += boxes
-    reasons = counts.reasons_by_class.setdefault(key.class_id, {})
-    reasons[reason.label] = reasons.get(reason.label, 0) + boxes
-    if key.review in REVIEW_STATES["decided"].answers:
-        counts.reviewed += boxes
-        counts.conflicts += boxes if in_conflict(key.reason, key.review) else 0
-    counts.unsure += boxes if key.review == "unsure" else 0
-    counts.toss_ups += boxes if key.toss_up else 0
-    if key.review in REVIEW_STATES["undecided"].answers:
-        counts.bins[Bin(key.bin).label] += boxes
 
 
 def summary(counts: Counts) -> dict[str, int]:

@@ -84,8 +84,8 @@ def _copy(
 ) -> None:
     connection = session.connection()
     # In this order: the tallies are computed from the decisions before the change.
-    connection.execute(_answers_into_tallies(connection.dialect.name, which), values)
-    connection.execute(_answers_into_decisions(which), values)
+    for statement in _answers_copied(connection.dialect.name, which):
+        connection.execute(statement, values)
 
 
 # By box or by batch, not as "the newest answers": for those PostgreSQL would scan all
@@ -97,15 +97,20 @@ _OF_BATCH: Final = Review.batch_id == bindparam("batch")
 # Here and below, statements are built once: every upload and every answer executes
 # them, and building one takes several times as long.
 @lru_cache
-def _answers_into_tallies(dialect: str, which: ColumnElement[bool]) -> Executable:
-    """Move answered boxes from the tallies of their old answers to those of the new."""
+def _answers_copied(
+    dialect: str, which: ColumnElement[bool]
+) -> tuple[Executable, Executable]:
+    """Boxes into the tallies of their new answers, and these into decisions."""
+    # The answer directly follows the one that the decision has.
+    follows = Review.revision == Decision.revision + 1
+    is_next = and_(Decision.box_id == Review.box_id, follows)
     unchanged = (Decision.dataset_id, *_ALIKE)
     old = func.coalesce(Decision.review, "").label("old")
     new = case((Review.verdict == "clear", ""), else_=Review.verdict).label("new")
     # How many boxes get the answer `new` instead of `old`, for each tally of `old`.
     answered = (
         select(*unchanged, old, new, func.count().label("boxes"))
-        .join(Review, _is_next())
+        .join(Review, is_next)
         .where(which)
         .group_by(*unchanged, old, new)
         .cte("answered")
@@ -116,23 +121,11 @@ def _answers_into_tallies(dialect: str, which: ColumnElement[bool]) -> Executabl
         select(*same, answered.c.new, boxes),
     ).subquery()
     tally, change = [changes.c[name] for name in _TALLY], func.sum(changes.c.boxes)
-    return _counted_in(
-        dialect, select(*tally, change).group_by(*tally).having(change != 0)
-    )
-
-
-@lru_cache
-def _answers_into_decisions(which: ColumnElement[bool]) -> Executable:
-    """Give answered boxes their new answers and revisions."""
-    new = case((Review.verdict == "clear", null()), else_=Review.verdict)
-    rows = update(Decision).where(which, _is_next())
-    return rows.values(review=new, revision=Review.revision)
-
-
-def _is_next() -> ColumnElement[bool]:
-    """Condition: the answer directly follows the one that the decision has."""
-    follows = Review.revision == Decision.revision + 1
-    return and_(Decision.box_id == Review.box_id, follows)
+    moved = select(*tally, change).group_by(*tally).having(change != 0)
+    answer = case((Review.verdict == "clear", null()), else_=Review.verdict)
+    rows = update(Decision).where(which, is_next)
+    rows = rows.values(review=answer, revision=Review.revision)
+    return _counted_in(dialect, moved), rows
 
 
 def add(
@@ -143,10 +136,8 @@ def add(
     `columns` are those of `decisions`, all equally long.
     """
     insert_columns(session, Decision, columns)
-    alike = zip(
-        *(columns[name] for name in ("class_id", "reason", "toss_up", "doubt")),
-        strict=True,
-    )
+    names = ("class_id", "reason", "toss_up", "doubt")
+    alike = zip(*(columns[name] for name in names), strict=True)
     counts = Counter(
         TallyKey._make([*same, min(doubt, Bin.ASK), ""]) for *same, doubt in alike
     )
@@ -179,10 +170,10 @@ class Decided(NamedTuple):
 
     def differs(self, other: Decided) -> BoolArray:
         """(N,): which boxes another configuration decides otherwise."""
-        found = np.zeros(len(self.reason), np.bool_)
-        for mine, others in zip(self, other, strict=True):
-            found |= mine != others
-        return found
+        changed = np.zeros(len(self.reason), np.bool_)
+        for column, of_other in zip(self, other, strict=True):
+            changed |= column != of_other
+        return changed
 
     def columns(self) -> dict[str, list[object]]:
         """As columns of `decisions`."""
@@ -217,32 +208,23 @@ def decided_again(
     Only the columns that have changed are written: to leave the indexes on the others
     alone saves a third of the time for a million rows.
     """
-    changed = np.array(
-        [mine != other for mine, other in zip(before, after, strict=True)]
-    )
+    changed = np.array([old != new for old, new in zip(before, after, strict=True)])
     patterns = np.packbits(changed, axis=0, bitorder="little")[0]
     for pattern in np.unique(patterns[patterns > 0]).tolist():
         rows = np.flatnonzero(patterns == pattern)
-        columns = {
-            name: column[rows].tolist()
-            for place, (name, column) in enumerate(after._asdict().items())
-            if pattern >> place & 1
-        }
-        update_rows(
-            session, Decision, {"box_id": box_ids[rows].tolist(), **columns}, written
-        )
+        columns = {"box_id": box_ids[rows].tolist()}
+        for place, (name, column) in enumerate(after._asdict().items()):
+            if pattern >> place & 1:
+                columns[name] = column[rows].tolist()
+        update_rows(session, Decision, columns, written)
 
 
 def measured_again(
     session: Session, box_ids: IntArray, evidence: Evidence, written: Written
 ) -> None:
     """Copy the numbers that lists sort and filter by; tallies do not depend on them."""
-    update_rows(
-        session,
-        Decision,
-        {"box_id": box_ids.tolist(), **numbers_of_lists(evidence)},
-        written,
-    )
+    columns = {"box_id": box_ids.tolist(), **numbers_of_lists(evidence)}
+    update_rows(session, Decision, columns, written)
 
 
 def classified_again(session: Session, box_ids: IntArray, class_ids: IntArray) -> None:
@@ -324,12 +306,11 @@ class DecisionRepository:
 
     def reviewed(self, dataset_id: int) -> list[tuple[int, str]]:
         """Box and answer of every reviewed box of a dataset, in order of id."""
-        rows = (
-            select(Decision.box_id, Decision.review)
-            .where(Decision.dataset_id == dataset_id, Decision.review.is_not(None))
-            .order_by(Decision.box_id)
+        rows = select(Decision.box_id, Decision.review).where(
+            Decision.dataset_id == dataset_id, Decision.review.is_not(None)
         )
-        return [(row[0], str(row[1])) for row in self._session.execute(rows)]
+        answers = self._session.execute(rows.order_by(Decision.box_id))
+        return [(box_id, str(answer)) for box_id, answer in answers]
 
 
 class TallyRepository:
@@ -341,9 +322,7 @@ class TallyRepository:
     def of_dataset(self, dataset_id: int) -> dict[TallyKey, int]:
         """All tallies of a dataset that are not zero."""
         columns = (Tally.class_id, Tally.reason, Tally.toss_up, Tally.bin, Tally.review)
-        rows = select(*columns, Tally.boxes).where(
-            Tally.dataset_id == dataset_id, Tally.boxes > 0
-        )
-        return {
-            TallyKey._make(row[:-1]): row[-1] for row in self._session.execute(rows)
-        }
+        rows = select(*columns, Tally.boxes)
+        of_dataset = rows.where(Tally.dataset_id == dataset_id, Tally.boxes > 0)
+        tallies = self._session.execute(of_dataset)
+        return {TallyKey._make(row[:-1]): row[-1] for row in tallies}

@@ -78,25 +78,31 @@ class Layer:
     def picture(self) -> Picture:
         """The background, decoded and painted; nobody may change it.
 
-        Raises
-        ------
-        ImageError
-            A file cannot be decoded, or image and segmentation differ in size.
+        Raises ImageError: a file cannot be decoded, or image and segmentation differ in
+        size.
         """
         if self.name == "segmentation":
             return self._painted()
+        if self.name == "depth" and self.measured is not None:
+            metres = read_depth(self.measured).metres(np.s_[:, :])
+            share = np.log(np.clip(metres, 1.0, _FARTHEST_M)) / math.log(_FARTHEST_M)
+            shades = np.rint(255 * (1 - share)).astype(np.uint8)
+            return np.asarray(cv2.applyColorMap(shades, cv2.COLORMAP_TURBO), np.uint8)
         if self.measured is not None:
-            paint = _painted_depth if self.name == "depth" else _painted_instances
-            return paint(self.measured)
-        image = (
-            np.full_like(self._painted(), GREY)
-            if self.image is None
-            else _decoded_once(self.image)
-        )
+            # The same colour for the same object, and different ones for most others.
+            pixels = decoded(self.measured).astype(np.uint32)
+            packed = pixels[..., 0] | pixels[..., 1] << 8 | pixels[..., 2] << 16
+            mixed = packed * np.uint32(2654435761)
+            planes = [0x40 + (mixed >> shift & 0xBF) for shift in (8, 16, 24)]
+            return np.stack(planes, axis=-1).astype(np.uint8)
+        if self.image is None:
+            image = np.full_like(self._painted(), GREY)
+        else:
+            image = _decoded_once(self.image)
         if self.name == "image":
             return image
-        mixed = cv2.addWeighted(image, 0.5, self._painted(), 0.5, 0)
-        return np.asarray(mixed, np.uint8)
+        blend = cv2.addWeighted(image, 0.5, self._painted(), 0.5, 0)
+        return np.asarray(blend, np.uint8)
 
     def _painted(self) -> Picture:
         if self.segmentation is None or self.reading is None:
@@ -118,31 +124,10 @@ _FARTHEST_M: Final = 200.0
 """Depths from here on have the same colour."""
 
 
-def _painted_depth(content: bytes) -> Picture:
-    metres = read_depth(content).metres(np.s_[:, :])
-    share = np.log(np.clip(metres, 1.0, _FARTHEST_M)) / math.log(_FARTHEST_M)
-    shades = np.rint(255 * (1 - share)).astype(np.uint8)
-    return np.asarray(cv2.applyColorMap(shades, cv2.COLORMAP_TURBO), np.uint8)
-
-
-def _painted_instances(content: bytes) -> Picture:
-    """The same colour for the same object, and different ones for most others."""
-    pixels = decoded(content).astype(np.uint32)
-    packed = pixels[..., 0] | pixels[..., 1] << 8 | pixels[..., 2] << 16
-    mixed = packed * np.uint32(2654435761)
-    planes = [0x40 + (mixed >> shift & 0xBF) for shift in (8, 16, 24)]
-    return np.stack(planes, axis=-1).astype(np.uint8)
-
-
 def thumbnail(image: bytes, width: int) -> bytes:
     """A WebP of an image file, at most `width` px wide and twice as high.
 
-    It is never larger than the image.
-
-    Raises
-    ------
-    ImageError
-        The file cannot be decoded.
+    It is never larger than the image. Raises ImageError: the file cannot be decoded.
     """
     # Decoding at half the size is three times faster. A single row or column of pixels
     # is decoded in full, because OpenCV would leave nothing of it.
@@ -150,9 +135,8 @@ def thumbnail(image: bytes, width: int) -> bytes:
     is_whole = min(wh) < _HALVED or max(wh) < _HALVED * width
     flags = cv2.IMREAD_COLOR if is_whole else cv2.IMREAD_REDUCED_COLOR_2
     read = decoded(image, flags)
-    size = _fitted(
-        read.shape[1], read.shape[0], width, min(width * _TALLEST, MOST_PX), 1.0
-    )
+    tallest = min(width * _TALLEST, MOST_PX)
+    size = _fitted(read.shape[1], read.shape[0], width, tallest, 1.0)
     return as_webp(cv2.resize(read, size, interpolation=cv2.INTER_AREA))
 
 
@@ -186,12 +170,8 @@ def slice_of_box(
 ) -> DepthSlice:
     """Where a box and its pixels are on the axis of depth.
 
-    `position` is that of the box in the annotation; `xyxy` is its rectangle.
-
-    Raises
-    ------
-    ImageError
-        The depth image cannot be read.
+    `position` is that of the box in the annotation; `xyxy` is its rectangle. Raises
+    ImageError: the depth image cannot be read.
     """
     depth = read_depth(content)
     interval = np.full(2, np.nan)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -24,6 +24,7 @@ from sqlalchemy import (
 from sqlalchemy.orm import Session
 
 from app.catalog.datasets import DatasetRepository
+from app.catalog.frames import current_in
 from app.db.bulk import chunks
 from app.db.tables import Box, Dataset, Decision, Frame, Review
 from app.errors import BadRequest
@@ -39,7 +40,7 @@ from app.verdicts import (
     is_not_in_conflict,
     reasons_of,
 )
-from filter_core.arrays import BoolArray, FloatArray, IntArray
+from filter_core.arrays import BoolArray, IntArray
 from filter_core.config.filter import DecideConfig, FilterConfig
 from filter_core.decisions.doubt import BIN_NAMED, Bin, bins_of
 from filter_core.decisions.rules import deciding_thresholds
@@ -176,8 +177,7 @@ class BoxFilter:
         places |= {Frame.camera: self.camera, Frame.sequence: self.sequence}
         places[Frame.weather] = self.weather
         return [
-            Frame.dataset_id == self.dataset_id,
-            Frame.superseded_at.is_(None),
+            *current_in(self.dataset_id),
             *(column == text for column, text in places.items() if text is not None),
         ]
 
@@ -204,10 +204,8 @@ class BoxFilter:
     @property
     def is_beyond_tallies(self) -> bool:
         """Whether it has ranges of numbers or frames, which are not in tallies."""
-        ranges = (
-            *(self.match_min, self.match_max, self.margin_max),
-            *(self.distance_min, self.distance_max),
-        )
+        distances = (self.distance_min, self.distance_max)
+        ranges = (self.match_min, self.match_max, self.margin_max, *distances)
         return self.has_places or any(limit is not None for limit in ranges)
 
     @property
@@ -256,28 +254,31 @@ def filters_of(wanted: BoxSelection) -> dict[str, object]:
 
 def to_filter(session: Session, dataset: Dataset, wanted: BoxSelection) -> BoxFilter:
     """The filter; BadRequest names a value that is not known."""
+    if wanted.review and wanted.review not in REVIEW_STATES:
+        raise BadRequest(
+            f"review: expected one of {', '.join(REVIEW_STATES)}, "
+            f"found {wanted.review!r}",
+            code="unknown_review",
+        )
     classes = DatasetRepository(session).classes(dataset.id)
+    name = wanted.class_name
+    class_ids: tuple[int, ...] | None = None
+    if name in classes:
+        class_ids = (classes[name],)  # its name may have a comma
+    elif name is not None:
+        class_ids = tuple(classes[part] for part in name.split(",") if part in classes)
     config = config_of(active_version(session, dataset))
+    names = {field.name for field in fields(BoxFilter)}
+    same = wanted.model_dump(include=names - {"review", "effective", "bin"})
     return BoxFilter(
         dataset_id=dataset.id,
         reasons=_reasons(wanted),
-        class_ids=_class_ids(wanted.class_name, classes),
-        review=_review(wanted.review),
+        class_ids=class_ids,
+        review=wanted.review or "",
         effective=Verdict(wanted.effective) if wanted.effective else None,
-        toss_up=wanted.toss_up,
         bin=None if wanted.bin is None else BIN_NAMED[wanted.bin],
-        conflict=wanted.conflict,
-        match_min=wanted.match_min,
-        match_max=wanted.match_max,
-        margin_max=wanted.margin_max,
-        distance_min=wanted.distance_min,
-        distance_max=wanted.distance_max,
-        frame=wanted.frame,
-        map=wanted.map,
-        camera=wanted.camera,
-        sequence=wanted.sequence,
-        weather=wanted.weather,
         thresholds=class_thresholds(config, classes),
+        **same,
     )
 
 
@@ -307,26 +308,21 @@ def thresholds_in_sql(
     The threshold is an expression of a box's class: a number if all classes have the
     same.
     """
-    found: dict[tuple[Reason, bool], dict[int, float]] = {}
+    numbers: dict[tuple[Reason, bool], dict[int, float]] = {}
     for of_class in thresholds:
         for side in of_class.sides:
-            by_class = found.setdefault((side.reason, side.large), {})
+            by_class = numbers.setdefault((side.reason, side.large), {})
             by_class[of_class.class_id] = side.threshold
-    return [
-        (
-            and_(Decision.reason == int(reason), Decision.large.is_(large)),
-            _by_class(by_class),
-        )
-        for (reason, large), by_class in found.items()
-    ]
-
-
-def _by_class(numbers: Mapping[int, float]) -> ColumnElement[float]:
-    ((usual, _),) = Counter(numbers.values()).most_common(1)
-    others = {one: number for one, number in numbers.items() if number != usual}
-    if not others:
-        return literal(usual)
-    return case(others, value=Decision.class_id, else_=usual)
+    found = []
+    for (reason, large), by_class in numbers.items():
+        which = and_(Decision.reason == int(reason), Decision.large.is_(large))
+        ((usual, _),) = Counter(by_class.values()).most_common(1)
+        others = {key: number for key, number in by_class.items() if number != usual}
+        threshold: ColumnElement[float] = literal(usual)
+        if others:
+            threshold = case(others, value=Decision.class_id, else_=usual)
+        found.append((which, threshold))
+    return found
 
 
 def reasons_with_threshold(thresholds: Iterable[ClassThresholds]) -> set[int]:
@@ -370,14 +366,11 @@ class BoxProbes:
 
     def selected(self, wanted: BoxFilter, box_ids: Sequence[int]) -> list[int]:
         """Which of the given boxes the filter selects, in the order given."""
-        if not box_ids:
-            return []
         conditions = wanted.conditions_by_id()
         found: set[int] = set()
         for chunk in chunks(box_ids):
-            rows = select(Decision.box_id).where(
-                Decision.box_id.in_(chunk), *conditions
-            )
+            is_given = Decision.box_id.in_(chunk)
+            rows = select(Decision.box_id).where(is_given, *conditions)
             found.update(self._session.scalars(rows))
         return [box_id for box_id in box_ids if box_id in found]
 
@@ -404,23 +397,6 @@ def _reasons(wanted: BoxSelection) -> tuple[int, ...]:
         return ()
     # A verdict and a reason that exclude each other select nothing, not everything.
     return tuple(sorted(chosen)) or (0,)
-
-
-def _class_ids(name: str | None, classes: dict[str, int]) -> tuple[int, ...] | None:
-    if name is None:
-        return None
-    if name in classes:
-        return (classes[name],)  # its name may have a comma
-    return tuple(classes[one] for one in name.split(",") if one in classes)
-
-
-def _review(wanted: str | None) -> str:
-    if wanted and wanted not in REVIEW_STATES:
-        raise BadRequest(
-            f"review: expected one of {', '.join(REVIEW_STATES)}, found {wanted!r}",
-            code="unknown_review",
-        )
-    return wanted or ""
 
 
 def selected(
@@ -451,7 +427,12 @@ def _in_ranges(
     nearest, farthest = numbers.evidence.distance_bounds()
     chosen = np.ones(len(numbers), np.bool_)
     if wanted.margin_max is not None:
-        threshold = _thresholds(numbers, decisions, wanted.thresholds)
+        # Of boxes that channels kept, the threshold of small boxes. None becomes NaN.
+        threshold = decisions.threshold.copy()
+        by_channel = np.isnan(threshold) & (decisions.reason == Reason.VISIBLE)
+        by_class = {each.class_id: each.if_by_channel for each in wanted.thresholds}
+        class_ids = numbers.class_ids[by_channel].tolist()
+        threshold[by_channel] = [by_class.get(class_id) for class_id in class_ids]
         chosen &= match >= threshold - wanted.margin_max
         chosen &= match <= threshold + wanted.margin_max
     has_no_match = np.isin(decisions.reason, _WITHOUT_MATCH)
@@ -465,19 +446,3 @@ def _in_ranges(
         if high is not None:
             chosen &= column <= high
     return chosen
-
-
-def _thresholds(
-    numbers: DatasetColumns,
-    decisions: Decisions,
-    thresholds: Sequence[ClassThresholds],
-) -> FloatArray:
-    """The threshold of each box; of those that channels kept, that of small boxes."""
-    by_class = {one.class_id: one.if_by_channel for one in thresholds}
-    by_channel = np.isnan(decisions.threshold) & (decisions.reason == Reason.VISIBLE)
-    if not by_channel.any():
-        return decisions.threshold
-    found: FloatArray = decisions.threshold.copy()
-    class_ids = numbers.class_ids[by_channel].tolist()
-    found[by_channel] = [by_class.get(class_id) for class_id in class_ids]  # None: NaN
-    return found

@@ -7,7 +7,7 @@ import json
 import math
 import threading
 from collections import Counter, defaultdict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -54,23 +54,10 @@ from filter_core.evidence.depth import DepthSlice
 from filter_core.images.drawing import DrawnBox
 from filter_core.pipeline import SegmentationReport
 from filter_core.segmentation.reading import SegmentationOptions
-from filter_core.values import JsonObject, as_text
+from filter_core.values import as_text
 from filter_core.verdicts import VERDICTS
 from unghost.wire.frames import CropQuery, FrameDetails, OverlayQuery, StoredFile
 from unghost.wire.words import FileKind, LayerName
-
-
-def _stored_files(frame_id: int, files: Mapping[str, FileRow]) -> dict[str, StoredFile]:
-    """The files of a frame by kind, with their URLs."""
-    return {
-        kind: StoredFile(
-            url=f"/api/v1/frames/{frame_id}/{kind}",
-            sha256=file.sha256,
-            media_type=file.media_type,
-            size_bytes=file.size_bytes,
-        )
-        for kind, file in files.items()
-    }
 
 
 def page_of_frames(
@@ -126,14 +113,14 @@ def report_of(session: Session, dataset: Dataset) -> dict[str, object]:
     bands: dict[int | None, Counter[str]] = defaultdict(_none_of_each)
     maps: dict[str | None, Counter[str]] = defaultdict(_none_of_each)
     weathers: dict[str | None, Counter[str]] = defaultdict(_none_of_each)
-    for row in ghosts.by_place(dataset.id):
-        verdict = effective_verdict(row.reason, row.answer)
-        for counts in (bands[row.band], maps[row.map], weathers[row.weather]):
-            counts[verdict] += row.boxes
+    for map_, weather, band, reason, answer, boxes in ghosts.by_place(dataset.id):
+        verdict = effective_verdict(reason, answer)
+        for counts in (bands[band], maps[map_], weathers[weather]):
+            counts[verdict] += boxes
     ends: dict[int | None, int] = {end - 50: end for end in BANDS_M}
     in_turn = sorted(bands, key=lambda band: math.inf if band is None else band)
     ids = ghosts.worst_frames(dataset.id, WORST)
-    frames = [FrameRepository(session).with_id(one) for one in ids]
+    frames = [FrameRepository(session).with_id(frame_id) for frame_id in ids]
     return {
         "by_distance": [
             {"distance_from": band, "distance_to": ends.get(band), **bands[band]}
@@ -146,13 +133,13 @@ def report_of(session: Session, dataset: Dataset) -> dict[str, object]:
 
 
 def _none_of_each() -> Counter[str]:
-    return Counter({one.value: 0 for one in VERDICTS})
+    return Counter({verdict.value: 0 for verdict in VERDICTS})
 
 
-def _by_name(found: Mapping[str | None, Counter[str]]) -> list[dict[str, object]]:
+def _by_name(counts: Mapping[str | None, Counter[str]]) -> list[dict[str, object]]:
     """In order of name, boxes without one last; none if no frame has one."""
-    names = sorted(found, key=lambda name: (name is None, name or ""))
-    return [] if names == [None] else [{"name": name, **found[name]} for name in names]
+    names = sorted(counts, key=lambda name: (name is None, name or ""))
+    return [] if names == [None] else [{"name": name, **counts[name]} for name in names]
 
 
 WORST: Final = 12
@@ -217,36 +204,39 @@ def frame_details(
         split=as_text(frame.annotation.get("split")),
         superseded=frame.superseded_at is not None,
         segmentation=report,
-        files=_stored_files(frame.id, files),
+        files={
+            kind: StoredFile(
+                url=f"/api/v1/frames/{frame.id}/{kind}",
+                sha256=file.sha256,
+                media_type=file.media_type,
+                size_bytes=file.size_bytes,
+            )
+            for kind, file in files.items()
+        },
     )
 
 
 def frame_id_of(session: Session, dataset: str, key: str) -> int:
     """The id of the newest revision under a key; raises NotFound."""
-    found = DatasetRepository(session).named(dataset)
-    return FrameRepository(session).current(found.id, key).id
+    dataset_id = DatasetRepository(session).named(dataset).id
+    return FrameRepository(session).current(dataset_id, key).id
 
 
 def frame_file(session: Session, frame_id: int, kind: FileKind) -> FileRow:
     """A file of a frame; NotFound if it has none of this kind."""
     FrameRepository(session).with_id(frame_id)
-    found = FrameRepository(session).files([frame_id])[frame_id].get(kind)
-    if found is None:
+    file = FrameRepository(session).files([frame_id])[frame_id].get(kind)
+    if file is None:
         raise NoSuchFile(kind, frame_id)
-    return found
+    return file
 
 
 def remove_frame(audit: AuditTrail, by: Principal, dataset: Dataset, key: str) -> None:
     """Delete a frame with all its revisions, and the answers on them.
 
-    With it go the classes that only frames have named, if no other box has them.
-
-    Raises
-    ------
-    NotFound
-        There is no such frame.
-    Forbidden
-        Other people's answers are among them, and the caller is not an admin.
+    With it go the classes that only frames have named, if no other box has them. Raises
+    NotFound: there is no such frame; Forbidden: other people's answers are among them,
+    and the caller is not an admin.
     """
     session = audit.session
     frames = FrameRepository(session)
@@ -334,6 +324,8 @@ class FramePictures:
             needed = {layer}
         elif layer == "image" and "image" in self.files:
             needed = {"image"}
+        else:
+            needed = {"image", "segmentation"}
         read = {
             kind: self.storage.read(file.sha256)
             for kind, file in self.files.items()
@@ -358,29 +350,22 @@ def frame_pictures(
     measurement = filled(dataset.active_measurement_id)
     report = evidence.reports([frame_id], measurement).get(frame_id)
     files = FrameRepository(session).files([frame_id])[frame_id]
-    reading = None
-    if report is not None:
-        options = evidence.measurement_with_id(measurement).options
-        reading = _reading_again(report, options, frame.carla_version)
-    return FramePictures(storage, frame_id, files, reading)
-
-
-def _reading_again(
-    report: SegmentationReport, options: JsonObject, carla_version: str | None
-) -> SegmentationOptions:
-    """How a segmentation is read that was measured, so that it gets the same tags."""
+    if report is None:
+        return FramePictures(storage, frame_id, files, None)
+    # As it was measured, so that it gets the same tags.
     reading = SegmentationOptions(
         palette=report["palette"],
         encoding=report["encoding"],
         channel_order=report["channel_order"],
         lossy="nearest" if report["lossy"] else "refuse",
     )
+    options = evidence.measurement_with_id(measurement).options
     changed = {name: options[name] for name in ("tags", "tag_scale") if name in options}
-    if not changed:
-        return reading
-    # What the report names may be another palette than the file's.
-    palette = options["reading"]["palette"]
-    return replace(reading, palette=palette, carla_version=carla_version, **changed)
+    if changed:
+        # What the report names may be another palette than the file's.
+        palette, version = options["reading"]["palette"], frame.carla_version
+        reading = replace(reading, palette=palette, carla_version=version, **changed)
+    return FramePictures(storage, frame_id, files, reading)
 
 
 def crop_of(
@@ -398,12 +383,8 @@ def crop_of(
 def slice_of(context: ServiceContext, session: Session, box_id: int) -> DepthSlice:
     """Where a box and its pixels are on the axis of depth.
 
-    Raises
-    ------
-    NotFound
-        The box is not in the image, or its frame has no depth image.
-    FilterError
-        The depth image cannot be read.
+    Raises NotFound: the box is not in the image, or its frame has no depth image;
+    FilterError: the depth image cannot be read.
     """
     _, boxes = read_box(session, box_id)
     (xyxy,) = boxes.rectangles()
@@ -414,8 +395,7 @@ def slice_of(context: ServiceContext, session: Session, box_id: int) -> DepthSli
     content = context.storage.read(frame_file(session, frame_id, "depth").sha256)
     annotation = replace(parse_annotation(frame.annotation, frame=frame.key), raw={})
     position = box_id - filled(frame.first_box_id)
-    work = (slice_of_box, content, annotation, position, xyxy)
-    return context.drawers.run(*work)
+    return context.drawers.run(slice_of_box, content, annotation, position, xyxy)
 
 
 def overlay_of(
@@ -423,17 +403,15 @@ def overlay_of(
 ) -> Drawing:
     """A frame with the requested boxes drawn on it; raises NotFound."""
     pictures = frame_pictures(storage, session, frame_id)
-    verdicts = wanted.verdicts()
-    drawn = _drawn(session, frame_id) if verdicts else ()
-    boxes = [box for box in drawn if box.verdict in verdicts]
-    return pictures.overlay(wanted.layer, boxes, edges=wanted.edges == "3d")
-
-
-def _drawn(session: Session, frame_id: int) -> Iterator[DrawnBox]:
-    frame = FrameRepository(session).with_id(frame_id)
-    dataset = DatasetRepository(session).with_id(frame.dataset_id)
-    boxes = DecisionReader(session, dataset).read_frames([frame_id])
-    verdicts = [VERDICTS[code].value for code in boxes.labels.effective.tolist()]
-    edges = boxes.projected(edges=True).edges
-    lines = [None if one is None else one.tolist() for one in edges]
-    return map(DrawnBox, verdicts, boxes.rectangles(), lines)
+    wanted_verdicts = wanted.verdicts()
+    drawn: list[DrawnBox] = []
+    if wanted_verdicts:
+        frame = FrameRepository(session).with_id(frame_id)
+        dataset = DatasetRepository(session).with_id(frame.dataset_id)
+        boxes = DecisionReader(session, dataset).read_frames([frame_id])
+        verdicts = [VERDICTS[code].value for code in boxes.labels.effective.tolist()]
+        edges = boxes.projected(edges=True).edges
+        lines = [None if each is None else each.tolist() for each in edges]
+        every = map(DrawnBox, verdicts, boxes.rectangles(), lines)
+        drawn = [box for box in every if box.verdict in wanted_verdicts]
+    return pictures.overlay(wanted.layer, drawn, edges=wanted.edges == "3d")

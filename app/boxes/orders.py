@@ -29,7 +29,7 @@ from sqlalchemy import (
 )
 from sqlalchemy.orm import Session
 
-from app.boxes.filter import BoxFilter, BoxProbes, ClassThresholds, TallyKey
+from app.boxes.filter import BoxFilter, BoxProbes, TallyKey
 from app.db.base import MAX_ID, Key
 from app.db.bulk import chunks
 from app.db.tables import Decision
@@ -92,8 +92,8 @@ class BoxOrder:
         # Answered boxes are few, and have an index of their own.
         wanted = self.wanted
         if wanted.only_answered:
-            return [Stream(Decision.box_id, [*wanted.conditions(), *conditions])]
-        if not wanted.reasons:
+            parts = [wanted.conditions()]
+        elif not wanted.reasons:
             parts = self._by_class()
         else:
             # Without "reason in (...)": a database may prefer it to "reason = ...".
@@ -137,16 +137,23 @@ class BoxOrder:
 
     def _by_class(self) -> list[list[ColumnElement[bool]]]:
         """The conditions of the boxes of each class."""
-        # A condition on margins compares only with the thresholds of that class.
-        margin = self.wanted.margin_max
-        return [
-            [
-                *replace(self.wanted, thresholds=(each,)).conditions(),
-                Decision.class_id == each.class_id,
-                *([] if margin is None else [_reach(each, margin)]),
-            ]
-            for each in self._thresholds()
-        ]
+        # A condition on margins compares only with the thresholds of that class, and
+        # an index reads the range of matches around all of them.
+        margin, class_ids = self.wanted.margin_max, self.wanted.class_ids
+        parts = []
+        for each in self.wanted.thresholds:
+            key = each.class_id
+            is_asked = class_ids is None or key in class_ids
+            if is_asked and key in self.contents.class_ids:
+                part = replace(self.wanted, thresholds=(each,)).conditions()
+                part.append(Decision.class_id == key)
+                if margin is not None:
+                    limits = [side.threshold for side in each.sides]
+                    low, high = min(limits, default=0.0), max(limits, default=0.0)
+                    reach = (low - margin, high + margin)
+                    part.append(Decision.match_percent.between(*reach))
+                parts.append(part)
+        return parts
 
     def _column(
         self, column: SQLColumnExpression[float | None]
@@ -154,22 +161,6 @@ class BoxOrder:
         # "+ 0" prevents the use of an index on this column: answered boxes are few, and
         # the index on answers finds them.
         return column + 0 if self.wanted.only_answered else column
-
-    def _thresholds(self) -> list[ClassThresholds]:
-        wanted = self.wanted.class_ids
-        return [
-            each
-            for each in self.wanted.thresholds
-            if each.class_id in self.contents.class_ids
-            and (wanted is None or each.class_id in wanted)
-        ]
-
-
-def _reach(of_class: ClassThresholds, margin: float) -> ColumnElement[bool]:
-    """The range of matches around all thresholds of a class, which an index reads."""
-    thresholds = [side.threshold for side in of_class.sides]
-    low, high = min(thresholds, default=0.0), max(thresholds, default=0.0)
-    return Decision.match_percent.between(low - margin, high + margin)
 
 
 def answered(state: str) -> ColumnElement[bool]:
@@ -209,17 +200,11 @@ class Stream:
         column, bound = self.column, bindparam("bound", type_=Float)
         reached, last = bindparam("reached", type_=Float), bindparam("last", type_=Key)
         if self.sign > 0:
-            in_reach, further, later = (
-                column >= bound,
-                column > reached,
-                Decision.box_id > last,
-            )
+            in_reach, further = column >= bound, column > reached
+            later = Decision.box_id > last
         else:
-            in_reach, further, later = (
-                column <= bound,
-                column < reached,
-                Decision.box_id < last,
-            )
+            in_reach, further = column <= bound, column < reached
+            later = Decision.box_id < last
         return [in_reach, or_(further, and_(column == reached, later))]
 
     def rows(self, limit: int, *, is_first: bool) -> Select[float | None, int]:
@@ -240,14 +225,9 @@ class Stream:
 
 Tier = Callable[[BoxOrder], list[Stream]]
 
-
-def _of_bin(bin_: Bin, order: BoxOrder) -> list[Stream]:
-    return order.by_doubt(bin_)
-
-
 TIERS: Final[Mapping[str, Sequence[Tier]]] = {
     "id": (BoxOrder.by_id,),
-    "doubt": tuple(partial(_of_bin, bin_) for bin_ in Bin),
+    "doubt": tuple(partial(BoxOrder.by_doubt, bin_=bin_) for bin_ in Bin),
     "match_percent": (lambda order: order.by_match(1), BoxOrder.unmatched),
     "-match_percent": (lambda order: order.by_match(-1), BoxOrder.unmatched),
     "crowding": (BoxOrder.by_crowding,),
@@ -284,8 +264,7 @@ class BoxPages:
         found: list[Position] = []
         for tier in range(at.tier, len(TIERS[order])):
             start = at if tier == at.tier else START
-            asked = _TierRequest(self._streams, order, tier, limit + 1 - len(found))
-            found += self._next_of(asked, start)
+            found += self._next_of(order, tier, limit + 1 - len(found), start)
             if len(found) > limit:
                 break
         more = len(found) > limit
@@ -293,63 +272,48 @@ class BoxPages:
         cursor_after = encode(found[-1]) if more and found else None
         return [position.box_id for position in found], cursor_after
 
-    def _next_of(self, asked: _TierRequest, at: Position) -> list[Position]:
-        if asked.order == "id" and self._wanted.is_found_by_match:
-            found = self._in_window(asked, at)
-            if len(found) == asked.limit:
-                return found
-        return self._merged(asked, at)
-
-    def _in_window(self, asked: _TierRequest, at: Position) -> list[Position]:
-        # The index returns the boxes of a range of matches in order of match, so that
-        # each page would sort all of them by id. If the range is wide, a scan by id
-        # finds enough boxes sooner.
-        after = at.box_id if at != START else self._before_first()
-        rows = (
-            select(Decision.box_id)
-            .where(
-                Decision.box_id > after,
-                Decision.box_id <= after + WINDOW,
-                *self._wanted.conditions_by_id(),
+    def _next_of(
+        self, order: str, tier: int, limit: int, at: Position
+    ) -> list[Position]:
+        """Up to `limit` boxes of one tier after a position."""
+        if order == "id" and self._wanted.is_found_by_match:
+            # The index returns the boxes of a range of matches in order of match, so
+            # that each page would sort all of them by id. If the range is wide, a scan
+            # by id finds enough boxes sooner.
+            after = at.box_id
+            if at == START:
+                class_ids = self._streams.contents.class_ids
+                span = BoxProbes(self._session).span(self._wanted.dataset_id, class_ids)
+                after = span[0] - 1 if span else 0
+            window = (Decision.box_id > after, Decision.box_id <= after + WINDOW)
+            by_id = (
+                select(Decision.box_id)
+                .where(*window, *self._wanted.conditions_by_id())
+                .order_by(Decision.box_id)
+                .limit(limit)
             )
-            .order_by(Decision.box_id)
-            .limit(asked.limit)
-        )
-        return [
-            Position(asked.tier, float(box_id), box_id)
-            for box_id in self._session.scalars(rows)
-        ]
-
-    def _before_first(self) -> int:
-        class_ids = self._streams.contents.class_ids
-        span = BoxProbes(self._session).span(self._wanted.dataset_id, class_ids)
-        return span[0] - 1 if span else 0
-
-    def _merged(self, asked: _TierRequest, at: Position) -> list[Position]:
-        plan = _plan(asked, is_first=at == START)
-        sign = plan.sign
+            ids = self._session.scalars(by_id)
+            found = [Position(tier, float(box_id), box_id) for box_id in ids]
+            if len(found) == limit:
+                return found
+        # Building a statement of a stream for each class takes several times as long as
+        # executing it. Plans for many classes would take up too much memory.
+        many = len(self._streams.contents.class_ids) > STREAMS_TOGETHER
+        plan = _new_plan if many else _cached_plan
+        queries, sign = plan(self._streams, order, tier, limit, is_first=at == START)
         # The bound leaves room for a number that a database rounds.
         bound = sign * (at.score - _EPSILON)
-        after = {"bound": bound, "reached": sign * at.score, "last": at.box_id}
+        after_last = {"bound": bound, "reached": sign * at.score, "last": at.box_id}
         rows: list[tuple[float, int]] = []
-        for query in plan.queries:
+        for query in queries:
             rows += [
                 (sign * float(number), sign * box_id)
-                for number, box_id in self._session.execute(query, after)
+                for number, box_id in self._session.execute(query, after_last)
                 if number is not None
             ]
             rows.sort()
-            del rows[asked.limit :]
-        return [Position(asked.tier, score, sign * place) for score, place in rows]
-
-
-class _TierRequest(NamedTuple):
-    """A part of a page: up to `limit` boxes of one tier of an order."""
-
-    streams: BoxOrder
-    order: str
-    tier: int
-    limit: int
+            del rows[limit:]
+        return [Position(tier, score, sign * place) for score, place in rows]
 
 
 _Query: TypeAlias = "Select[float | None, int] | CompoundSelect[float | None, int]"
@@ -359,32 +323,20 @@ STREAMS_TOGETHER: Final = 96
 time to compile a statement grows faster than its length, and SQLite allows 500."""
 
 
-class _Plan(NamedTuple):
+def _new_plan(
+    order: BoxOrder, name: str, tier: int, limit: int, *, is_first: bool
+) -> tuple[Sequence[_Query], int]:
     """The statements that read part of a page, and the sign of their streams."""
-
-    queries: Sequence[_Query]
-    sign: int
-
-
-def _plan(asked: _TierRequest, *, is_first: bool) -> _Plan:
-    # Building a statement of a stream for each class takes several times as long as
-    # executing it. Plans for many classes would take up too much memory.
-    if len(asked.streams.contents.class_ids) > STREAMS_TOGETHER:
-        return _new_plan(asked, is_first=is_first)
-    return _known_plan(asked, is_first=is_first)
-
-
-def _new_plan(asked: _TierRequest, *, is_first: bool) -> _Plan:
-    streams: Sequence[Stream] = TIERS[asked.order][asked.tier](asked.streams)
-    rows = [stream.rows(asked.limit, is_first=is_first) for stream in streams]
+    streams: Sequence[Stream] = TIERS[name][tier](order)
+    rows = [stream.rows(limit, is_first=is_first) for stream in streams]
     queries = [
         union_all(*together) if len(together) > 1 else together[0]
         for together in chunks(rows, most=STREAMS_TOGETHER)
     ]
-    return _Plan(queries, streams[0].sign if streams else 1)
+    return queries, streams[0].sign if streams else 1
 
 
-_known_plan: Final = lru_cache(maxsize=128)(_new_plan)
+_cached_plan: Final = lru_cache(maxsize=128)(_new_plan)
 
 
 def encode(position: Position) -> str:

@@ -30,7 +30,7 @@ from sqlalchemy.orm import Session, undefer
 
 from app.boxes.filter import BoxFilter
 from app.catalog.datasets import is_deleted
-from app.catalog.frames import only_in
+from app.catalog.frames import current_in, only_in
 from app.db.base import utc_now
 from app.db.bulk import (
     chunks,
@@ -173,24 +173,19 @@ class FrameRepository:
 
     def current(self, dataset_id: int, key: str) -> Frame:
         """The newest revision under a key; raises NotFound."""
-        found = self._session.scalar(
-            select(Frame).where(
-                Frame.dataset_id == dataset_id,
-                Frame.key == key,
-                Frame.superseded_at.is_(None),
-            )
-        )
-        if found is None:
+        rows = select(Frame).where(*current_in(dataset_id), Frame.key == key)
+        frame = self._session.scalar(rows)
+        if frame is None:
             raise NotFound("frame", key)
-        return found
+        return frame
 
     def with_id(self, frame_id: int, *, annotation: bool = False) -> Frame:
         """A frame, with its annotation on request; raises NotFound."""
         options = [undefer(Frame.annotation)] if annotation else []
-        found = self._session.get(Frame, frame_id, options=options)
-        if found is None or is_deleted(self._session, found.dataset_id):
+        frame = self._session.get(Frame, frame_id, options=options)
+        if frame is None or is_deleted(self._session, frame.dataset_id):
             raise NotFound("frame", frame_id)
-        return found
+        return frame
 
     def with_ids(
         self, frame_ids: Iterable[int], *, annotation: bool = False
@@ -207,14 +202,14 @@ class FrameRepository:
         for chunk in chunks(box_ids):
             rows = _CURRENT_BOXES.where(Decision.box_id.in_(chunk))
             found |= {row[0]: row for row in self._session.execute(rows)}
-        return _columns([found[one] for one in box_ids if one in found])
+        return _columns([found[box_id] for box_id in box_ids if box_id in found])
 
     def current_boxes_of(self, frame_ids: Iterable[int]) -> CurrentBoxes:
         """All boxes of frames, in order of id; none of a frame that was replaced."""
         rows = _CURRENT_BOXES.where(Decision.frame_id.in_(list(frame_ids)))
         # By the connection, not the session: a third faster for thousands of rows.
-        found = self._session.connection().execute(rows.order_by(Decision.box_id))
-        return _columns(found)
+        boxes = self._session.connection().execute(rows.order_by(Decision.box_id))
+        return _columns(boxes)
 
     def places_of(
         self, wanted: BoxFilter, *, after: int, boxes: int
@@ -284,23 +279,18 @@ class FrameRepository:
                 Frame.key < wanted.key_prefix + "\U0010ffff",
             )
         if wanted.boxes is not None:
-            rows = rows.where(_has_box(wanted.boxes))
+            of_frame = Decision.frame_id == Frame.id
+            rows = rows.where(exists().where(of_frame, *wanted.boxes.conditions()))
         return list(self._session.scalars(rows))
 
     def next_frames(
         self, dataset_id: int, *, after: str, limit: int
     ) -> list[FrameHead]:
         """Up to `limit` current frames whose keys come after `after`, by key."""
+        columns = (Frame.id, Frame.key, Frame.width, Frame.height, Frame.map)
         rows = (
-            select(
-                *(Frame.id, Frame.key, Frame.width, Frame.height, Frame.map),
-                Frame.content_digest,
-            )
-            .where(
-                Frame.dataset_id == dataset_id,
-                Frame.superseded_at.is_(None),
-                Frame.key > after,
-            )
+            select(*columns, Frame.content_digest)
+            .where(*current_in(dataset_id), Frame.key > after)
             .order_by(Frame.key)
             .limit(limit)
         )
@@ -314,7 +304,7 @@ class FrameRepository:
         columns = {name: getattr(Frame, name) for name in PLACES}
         rows = (
             select(*columns.values(), func.count(), func.sum(Frame.box_count))
-            .where(Frame.dataset_id == dataset_id, Frame.superseded_at.is_(None))
+            .where(*current_in(dataset_id))
             .group_by(*columns.values())
         )
         found: dict[str, dict[str, tuple[int, int]]] = {name: {} for name in PLACES}
@@ -327,17 +317,13 @@ class FrameRepository:
 
     def keys(self, dataset_id: int) -> set[str]:
         """The keys of all current frames."""
-        rows = select(Frame.key).where(
-            Frame.dataset_id == dataset_id, Frame.superseded_at.is_(None)
-        )
+        rows = select(Frame.key).where(*current_in(dataset_id))
         return set(self._session.scalars(rows))
 
     def parts_told(self, dataset_id: int) -> Iterator[FrameOfPart]:
         """What tells the parts of the current frames, by key."""
         said = (self._said("sequence"), self._said("split"))
-        rows = select(Frame.key, Frame.map, *said).where(
-            Frame.dataset_id == dataset_id, Frame.superseded_at.is_(None)
-        )
+        rows = select(Frame.key, Frame.map, *said).where(*current_in(dataset_id))
         for row in self._session.execute(rows.order_by(Frame.key)):
             yield FrameOfPart(*row)
 
@@ -355,12 +341,10 @@ class FrameRepository:
         its folder, and of its sequence if it has one.
         """
         folder = frame.key.rpartition("/")[0]
-        (sequence,) = self._session.execute(
+        sequence = self._session.scalar(
             select(self._said("sequence")).where(Frame.id == frame.id)
-        ).one()
-        rows = select(Frame.id, Frame.key).where(
-            Frame.dataset_id == frame.dataset_id, Frame.superseded_at.is_(None)
         )
+        rows = select(Frame.id, Frame.key).where(*current_in(frame.dataset_id))
         if sequence is not None:
             rows = rows.where(self._said("sequence") == sequence)
         offsets = {frame.id: 0}
@@ -393,43 +377,22 @@ class FrameRepository:
 
     def neighbours(self, frame: Frame) -> tuple[int | None, int | None]:
         """Ids of the frames before and after this one, in order of key."""
-        of_dataset = (
-            Frame.dataset_id == frame.dataset_id,
-            Frame.superseded_at.is_(None),
-        )
-        before = (
-            select(Frame.id)
-            .where(*of_dataset, Frame.key < frame.key)
-            .order_by(Frame.key.desc())
-            .limit(1)
-        )
-        after = (
-            select(Frame.id)
-            .where(*of_dataset, Frame.key > frame.key)
-            .order_by(Frame.key)
-            .limit(1)
-        )
+        rows = select(Frame.id).where(*current_in(frame.dataset_id)).limit(1)
+        before = rows.where(Frame.key < frame.key).order_by(Frame.key.desc())
+        after = rows.where(Frame.key > frame.key).order_by(Frame.key)
         return self._session.scalar(before), self._session.scalar(after)
 
     def count(self, dataset_id: int) -> int:
         """How many current frames a dataset has."""
-        rows = (
-            select(func.count())
-            .select_from(Frame)
-            .where(Frame.dataset_id == dataset_id, Frame.superseded_at.is_(None))
-        )
-        return self._session.scalar(rows) or 0
+        rows = select(func.count()).select_from(Frame)
+        return self._session.scalar(rows.where(*current_in(dataset_id))) or 0
 
     def first_with_image(self, dataset_id: int) -> int | None:
         """The first frame with an image, which is the picture of the dataset."""
         rows = (
             select(Frame.id)
             .join(FrameFile, FrameFile.frame_id == Frame.id)
-            .where(
-                Frame.dataset_id == dataset_id,
-                Frame.superseded_at.is_(None),
-                FrameFile.kind == "image",
-            )
+            .where(*current_in(dataset_id), FrameFile.kind == "image")
             .order_by(Frame.id)
             .limit(1)
         )
@@ -438,20 +401,14 @@ class FrameRepository:
     def files(self, frame_ids: Iterable[int]) -> dict[int, dict[str, FileRow]]:
         """Files of frames by kind."""
         found: dict[int, dict[str, FileRow]] = {key: {} for key in frame_ids}
+        columns = (Blob.sha256, Blob.size_bytes, Blob.media_type)
         rows = (
-            select(
-                FrameFile.frame_id,
-                FrameFile.kind,
-                Blob.sha256,
-                Blob.size_bytes,
-                Blob.media_type,
-            )
+            select(FrameFile.frame_id, FrameFile.kind, *columns)
             .join(Blob, Blob.sha256 == FrameFile.sha256)
             .where(FrameFile.frame_id.in_(found))
         )
         for row in self._session.execute(rows):
-            file = FileRow(row.kind, row.sha256, row.size_bytes, row.media_type)
-            found[row.frame_id][file.kind] = file
+            found[row[0]][row[1]] = FileRow._make(row[1:])
         return found
 
     def take_ids(self, frames: int, boxes: int) -> tuple[int, int]:
@@ -469,22 +426,24 @@ class FrameRepository:
     ) -> None:
         """Insert frames and their files; `files` has the frames' ids as keys."""
         session = self._session
-        distinct = {one.sha256: one for each in files.values() for one in each}
-        run_each(
-            session,
-            _new_blobs(session.connection().dialect.name),
-            [_blob(file) for file in distinct.values()],
-        )
+        distinct = {file.sha256: file for each in files.values() for file in each}
+        blobs = [
+            {
+                "sha256": file.sha256,
+                "size_bytes": file.size_bytes,
+                "media_type": file.media_type,
+                "created_at": utc_now(),
+            }
+            for file in distinct.values()
+        ]
+        run_each(session, _new_blobs(session.connection().dialect.name), blobs)
         insert_rows(session, Frame, frames)
-        insert_rows(
-            session,
-            FrameFile,
-            [
-                {"frame_id": frame_id, "kind": file.kind, "sha256": file.sha256}
-                for frame_id, each in files.items()
-                for file in each
-            ],
-        )
+        files_of_frames = [
+            {"frame_id": frame_id, "kind": file.kind, "sha256": file.sha256}
+            for frame_id, each in files.items()
+            for file in each
+        ]
+        insert_rows(session, FrameFile, files_of_frames)
 
     def add_boxes(self, columns: Mapping[str, Sequence[object]]) -> None:
         """Insert boxes; `app.boxes.current.add` inserts their decisions."""
@@ -508,28 +467,15 @@ class FrameRepository:
 
     def box(self, box_id: int) -> Box:
         """A box; raises NotFound."""
-        found = self._session.get(Box, box_id)
-        if found is None:
+        box = self._session.get(Box, box_id)
+        if box is None:
             raise NotFound("box", box_id)
-        return found
+        return box
 
 
 @lru_cache
 def _new_blobs(dialect: str) -> Executable:
     return insert_of_dialect(dialect, Blob).on_conflict_do_nothing()
-
-
-def _blob(file: FileRow) -> dict[str, object]:
-    return {
-        "sha256": file.sha256,
-        "size_bytes": file.size_bytes,
-        "media_type": file.media_type,
-        "created_at": utc_now(),
-    }
-
-
-def _has_box(wanted: BoxFilter) -> ColumnElement[bool]:
-    return exists().where(Decision.frame_id == Frame.id, *wanted.conditions())
 
 
 class LatestReview(NamedTuple):
@@ -555,34 +501,22 @@ class LatestAnswers:
 
     def of(self, box_ids: Iterable[int]) -> dict[int, LatestReview]:
         """The latest answer on each box that has one."""
+        columns = [getattr(Review, name) for name in LatestReview._fields]
         found: dict[int, LatestReview] = {}
         for chunk in chunks(box_ids):
-            found |= self._latest(chunk)
+            newest = (
+                select(Review.box_id, func.max(Review.revision).label("revision"))
+                .where(Review.box_id.in_(chunk))
+                .group_by(Review.box_id)
+                .subquery()
+            )
+            is_newest = Review.revision == newest.c.revision
+            rows = select(*columns).join(
+                newest, (Review.box_id == newest.c.box_id) & is_newest
+            )
+            for row in self._session.execute(rows):
+                found[row[0]] = LatestReview._make(row)
         return found
-
-    def _latest(self, box_ids: Sequence[int]) -> dict[int, LatestReview]:
-        newest = (
-            select(Review.box_id, func.max(Review.revision).label("revision"))
-            .where(Review.box_id.in_(box_ids))
-            .group_by(Review.box_id)
-            .subquery()
-        )
-        rows = select(
-            Review.box_id,
-            Review.revision,
-            Review.verdict,
-            Review.comment,
-            Review.reviewer,
-            Review.batch_id,
-            Review.undoes,
-            Review.created_at,
-            Review.imported_by,
-            Review.looked_ms,
-        ).join(
-            newest,
-            (Review.box_id == newest.c.box_id) & (Review.revision == newest.c.revision),
-        )
-        return {row[0]: LatestReview._make(row) for row in self._session.execute(rows)}
 
     def decided(self, dataset_id: int) -> dict[int, bool]:
         """By box, ascending: whether it is kept, where that is the latest answer."""
@@ -628,33 +562,22 @@ BANDS_M: Final = (50, 100, 150, 200)
 """Ends of the bands of distance of a report."""
 
 
-class GhostRow(NamedTuple):
-    """How many boxes are alike.
-
-    `band` is the first metre of the band that a box is in with all that is known of its
-    distance; None if that is nothing, or does not tell one.
-    """
-
-    map: str | None
-    weather: str | None
-    band: int | None
-    reason: int
-    answer: str | None
-    boxes: int
-
-
 class GhostRepository:
     """SQL about where the ghosts of a dataset are."""
 
     def __init__(self, session: Session) -> None:
         self._session = session
 
-    def by_place(self, dataset_id: int) -> list[GhostRow]:
-        """How many boxes each map, weather, band, reason and answer have together."""
-        distance, low, high = (
-            *(Decision.distance, Decision.distance_from),
-            Decision.distance_to,
-        )
+    def by_place(
+        self, dataset_id: int
+    ) -> list[tuple[str | None, str | None, int | None, int, str | None, int]]:
+        """How many boxes each map, weather, band, reason and answer have together.
+
+        The band is given by its first metre, if all that is known of the distance of a
+        box is in it; else it is None.
+        """
+        distance, low = Decision.distance, Decision.distance_from
+        high = Decision.distance_to
         ends = [
             (or_(distance < end, and_(low >= end - 50, high <= end)), end - 50)
             for end in BANDS_M
@@ -668,7 +591,7 @@ class GhostRepository:
             .where(Decision.dataset_id == dataset_id)
             .group_by(*key)
         )
-        return [GhostRow(*row) for row in self._session.execute(rows)]
+        return [tuple(row) for row in self._session.execute(rows)]
 
     def worst_frames(self, dataset_id: int, limit: int) -> list[int]:
         """The ids of the frames with the most rejected boxes, the worst first."""

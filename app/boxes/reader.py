@@ -48,14 +48,7 @@ from app.verdicts import with_answer
 from filter_core.arrays import NOT_MEASURED, FloatArray, IntArray
 from filter_core.classes import accepts
 from filter_core.config.filter import FilterConfig
-from filter_core.decisions.doubt import (
-    Bin,
-    Cause,
-    Doubts,
-    bins_of,
-    doubts,
-    questions,
-)
+from filter_core.decisions.doubt import Bin, Cause, Doubts, bins_of, doubts, questions
 from filter_core.decisions.explain import BoxName, FrameFacts
 from filter_core.decisions.record import (
     Decision,
@@ -146,9 +139,7 @@ class DecidedFrame(NamedTuple):
 
 
 def asked_decisions(
-    decisions: Sequence[Decision],
-    found: Doubts,
-    sentences: Sequence[str | None],
+    decisions: Sequence[Decision], found: Doubts, sentences: Sequence[str | None]
 ) -> list[AskedDecision]:
     """Decisions with the bins of their boxes, and with the sentences of `questions`."""
     doubt = np.maximum(found.doubt, 0).tolist()
@@ -345,19 +336,20 @@ class DecisionReader:
             boxes.decisions,
             boxes.projected(edges=True),
         )
-        sentences = questions(
-            boxes.doubts,
-            boxes.evidence,
-            self._config,
-            boxes.decisions,
-            self._covering(boxes),
-        )
-        decisions = asked_decisions(composed, boxes.doubts, sentences)
+        covering = boxes.covering()
+        source_ids = self._source_ids(boxes, (by.box_id for by, _ in covering.values()))
+        named = {
+            row: covering_words(BoxName(source_ids[by.box_id], by.class_name), gap)
+            for row, (by, gap) in covering.items()
+        }
+        evidence, of_boxes = boxes.evidence, boxes.doubts
+        sentences = questions(of_boxes, evidence, self._config, boxes.decisions, named)
+        decisions = asked_decisions(composed, of_boxes, sentences)
         reviews = self._reviews(boxes)
         run = filled(self._dataset.active_run_id)
         decided = {
-            key: DecidedFrame(key, run, self._version.digest, one.family)
-            for key, one in facts.items()
+            key: DecidedFrame(key, run, self._version.digest, of_frame.family)
+            for key, of_frame in facts.items()
         }
         masks = boxes.evidence.accept_mask.tolist()
         return [
@@ -385,17 +377,23 @@ class DecisionReader:
         if not answers:
             return replace(found, config=self._version.digest)
         reviews = self._reviews(boxes)
-        given = [_in_force(reviews.get(box_id)) for box_id in rows.box_ids]
+        given_answers = [_in_force(reviews.get(box_id)) for box_id in rows.box_ids]
         return replace(
             found,
-            reviewer=[one and one["reviewer"] for one in given],
-            comment=[one and one["comment"] for one in given],
+            reviewer=[answer and answer["reviewer"] for answer in given_answers],
+            comment=[answer and answer["comment"] for answer in given_answers],
             config=self._version.digest,
         )
 
     def _facts(self, boxes: StoredBoxes) -> dict[int, FrameFacts]:
         """The values that all boxes of a frame share, by the frame's id."""
-        names = self._names(boxes)
+        # Id and class of the boxes that explain these, by frame and position there.
+        names: dict[int, dict[int, BoxName]] = {}
+        explaining = boxes.explaining()
+        source_ids = self._source_ids(boxes, (box.box_id for box in explaining))
+        for box in explaining:
+            of_frame = names.setdefault(box.frame_id, {})
+            of_frame[box.position] = BoxName(source_ids[box.box_id], box.class_name)
         return {
             key: FrameFacts(
                 key=frame.key,
@@ -416,34 +414,15 @@ class DecisionReader:
             if revision
         )
 
-    def _names(self, boxes: StoredBoxes) -> dict[int, dict[int, BoxName]]:
-        """Id and class of the boxes that explain these, by frame and position there."""
-        explaining = boxes.explaining()
-        names: dict[int, dict[int, BoxName]] = {}
-        known = self._source_ids(boxes, (one.box_id for one in explaining))
-        for one in explaining:
-            of_frame = names.setdefault(one.frame_id, {})
-            of_frame[one.position] = BoxName(known[one.box_id], one.class_name)
-        return names
-
-    def _covering(self, boxes: StoredBoxes) -> dict[int, str]:
-        """The box that covers most of each box in doubt for it, by the latter's row."""
-        covering = boxes.covering()
-        known = self._source_ids(boxes, (one.box_id for one, _ in covering.values()))
-        return {
-            row: covering_words(BoxName(known[one.box_id], one.class_name), gap)
-            for row, (one, gap) in covering.items()
-        }
-
     def _source_ids(
         self, boxes: StoredBoxes, box_ids: Iterable[int]
     ) -> Mapping[int, str]:
         """The senders' ids of boxes of the same frames."""
-        known = dict(zip(boxes.rows.box_ids, boxes.rows.source_ids, strict=True))
-        asked = {*box_ids} - known.keys()
-        if asked:
-            known |= FrameRepository(self._session).source_ids(asked)
-        return known
+        source_ids = dict(zip(boxes.rows.box_ids, boxes.rows.source_ids, strict=True))
+        others = {*box_ids} - source_ids.keys()
+        if others:
+            source_ids |= FrameRepository(self._session).source_ids(others)
+        return source_ids
 
 
 class ExplainingBox(NamedTuple):
@@ -544,7 +523,7 @@ class StoredBoxes:
     def rectangles(self) -> list[list[float] | None]:
         """Corrected rectangles; None for a box without a rectangle in the image."""
         corners: list[list[float]] = self.labels.xyxy.tolist()
-        return [None if one[0] != one[0] else one for one in corners]
+        return [None if xyxy[0] != xyxy[0] else xyxy for xyxy in corners]
 
     def tallies(self) -> dict[TallyKey, int]:
         """The number of boxes for each combination of values in `TallyKey`."""
@@ -577,7 +556,7 @@ class StoredBoxes:
             return []
         rows = np.flatnonzero(channels.explained_by != NOT_MEASURED).tolist()
         found = (self._beside(row, int(channels.explained_by[row])) for row in rows)
-        return list({one.box_id: one for one in found}.values())
+        return list({box.box_id: box for box in found}.values())
 
     def covering(self) -> dict[int, tuple[ExplainingBox, float]]:
         """The box that covers most of each box in doubt for it, by the latter's row.

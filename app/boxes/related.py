@@ -41,10 +41,7 @@ class BoxesAlike(TypedDict):
 def boxes_alike(session: Session, box_id: int) -> BoxesAlike:
     """Boxes without an answer of the same class, reason, cause, hider and band.
 
-    Raises
-    ------
-    NotFound
-        There is no such box.
+    Raises NotFound: there is no such box.
     """
     reader, found = read_box(session, box_id)
     (like,) = reader.records(found)
@@ -63,16 +60,16 @@ def boxes_alike(session: Session, box_id: int) -> BoxesAlike:
         TallyRepository(session).of_dataset(dataset.id),
     )
     ids, _ = pages.page("id", None, _MOST_COMPARED)
-    boxes = reader.read_boxes([one for one in ids if one != box_id])
+    boxes = reader.read_boxes([near_id for near_id in ids if near_id != box_id])
     causes = boxes.doubts.cause.tolist()
     (cause,) = found.doubts.cause.tolist()
     alike = [
-        one
-        for one, its_cause in zip(reader.records(boxes), causes, strict=True)
-        if its_cause == cause and _hider(one) == _hider(like)
+        box
+        for box, its_cause in zip(reader.records(boxes), causes, strict=True)
+        if its_cause == cause and _hider(box) == _hider(like)
     ]
-    probable = [one for one in alike if _is_nearly(one, like)]
-    others = [one for one in alike if not _is_nearly(one, like)]
+    probable = [box for box in alike if _is_nearly(box, like)]
+    others = [box for box in alike if not _is_nearly(box, like)]
     items = [*probable, *others][:_MOST_ALIKE]
     return {
         "items": items,
@@ -87,10 +84,10 @@ def _hider(decision: StoredDecision) -> str | None:
     return hiding[0]["name"] if hiding and hiding[0]["percent"] >= _HIDING else None
 
 
-def _is_nearly(one: StoredDecision, other: StoredDecision) -> bool:
+def _is_nearly(box: StoredDecision, other: StoredDecision) -> bool:
     pairs = (
-        (one["match_percent"], other["match_percent"]),
-        (one["crowding"], other["crowding"]),
+        (box["match_percent"], other["match_percent"]),
+        (box["crowding"], other["crowding"]),
     )
     return all(
         a == b or (a is not None and b is not None and abs(a - b) <= _NEARLY)
@@ -101,10 +98,7 @@ def _is_nearly(one: StoredDecision, other: StoredDecision) -> bool:
 def track_of(session: Session, box_id: int) -> list[Mapping[str, object]]:
     """The boxes of one object in the frames around, each a `wire.TrackedBox` as a dict.
 
-    Raises
-    ------
-    NotFound
-        There is no such box.
+    Raises NotFound: there is no such box.
     """
     reader, found = read_box(session, box_id)
     frames = FrameRepository(session)
@@ -112,20 +106,17 @@ def track_of(session: Session, box_id: int) -> list[Mapping[str, object]]:
     offsets = frames.recorded_around(frame, _MOST_AROUND)
     ids = frames.boxes_named(offsets, frames.box(box_id))
     boxes = reader.records(reader.read_boxes(ids))
-    by_offset = {offsets[one["frame_id"]]: one for one in boxes}
-    kept = {0: by_offset[0]}
+    by_offset = {offsets[box["frame_id"]]: box for box in boxes}
+    track = {0: by_offset[0]}
     for step in (-1, 1):
-        last, last_at = by_offset[0], 0
+        last_at = 0
         for at in range(step, step * (_MOST_AROUND + 1), step):
             box = by_offset.get(at)
             if box is None:
                 continue
-            if not _is_near(last, box, abs(at - last_at)):
+            a, b = track[last_at]["distance"], box["distance"]
+            moved_most = _MOST_MOVED_M * abs(at - last_at)
+            if a is not None and b is not None and abs(a - b) > moved_most:
                 break
-            kept[at], last, last_at = box, box, at
-    return [{**kept[at], "offset": at} for at in sorted(kept)]
-
-
-def _is_near(one: StoredDecision, other: StoredDecision, frames: int) -> bool:
-    a, b = one["distance"], other["distance"]
-    return a is None or b is None or abs(a - b) <= _MOST_MOVED_M * frames
+            track[at], last_at = box, at
+    return [{**track[at], "offset": at} for at in sorted(track)]

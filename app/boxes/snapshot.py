@@ -17,13 +17,12 @@ import numpy as np
 from sqlalchemy.orm import Session
 
 from app.boxes.counts import count_boxes
-from app.boxes.filter import BoxFilter, BoxProbes, filters_of, to_filter
+from app.boxes.filter import BoxProbes, filters_of, to_filter
 from app.boxes.queries import LatestAnswers
 from app.context import ServiceContext
 from app.db.base import filled
 from app.db.tables import Dataset
 from app.errors import StaleSnapshot, TooLarge, Unprocessable
-from filter_core.arrays import IntArray
 from unghost.wire.boxes import BoxSelection
 
 
@@ -48,21 +47,16 @@ class Snapshot:
         try:
             padded = text + "=" * (-len(text) % 4)
             filters, *numbers = json.loads(base64.urlsafe_b64decode(padded))
-            return cls(str(filters), *(_stored(number) for number in numbers))
+            ids = [int(number) for number in numbers]
+            if not all(0 <= number < 2**63 for number in ids):
+                raise ValueError("expected numbers that a database can store as ids")
+            return cls(str(filters), *ids)
         except (ValueError, TypeError, OverflowError, RecursionError) as error:
             raise Unprocessable(
                 "snapshot: expected one from the response of a list of boxes, found "
                 f"{text[:80]!r}",
                 code="bad_snapshot",
             ) from error
-
-
-def _stored(number: int | str) -> int:
-    """A number that a database can store as an id; ValueError for any other."""
-    whole = int(number)
-    if not 0 <= whole < 2**63:
-        raise ValueError("expected a number from 0 to 2**63 - 1")
-    return whole
 
 
 def take_snapshot(
@@ -81,14 +75,9 @@ def select_boxes(
 ) -> list[int]:
     """All boxes of a filter, if nothing has changed since the snapshot `seen`.
 
-    Raises
-    ------
-    Unprocessable
-        The snapshot is invalid, or of another filter.
-    StaleSnapshot
-        A box was added, removed, decided again or answered since.
-    TooLarge
-        The filter selects more boxes than one bulk answer may change.
+    Raises Unprocessable: the snapshot is invalid, or of another filter; StaleSnapshot:
+    a box was added, removed, decided again or answered since; TooLarge: the filter
+    selects more boxes than one bulk answer may change.
     """
     before = Snapshot.decoded(seen)
     boxes = to_filter(session, dataset, wanted)
@@ -105,8 +94,15 @@ def select_boxes(
         raise TooLarge(
             f"the filter selects {total} boxes, one bulk answer changes at most {limit}"
         )
-    ids = _ids(session, boxes)
-    changed = _changed(session, ids, before, now)
+    ids = np.sort(BoxProbes(session).every(boxes))
+    # Those that are new, or were decided again or answered since.
+    is_changed = ids > before.last_box
+    if now.run != before.run:
+        is_changed[:] = True
+    elif now.last_review > before.last_review:
+        answered = LatestAnswers(session).boxes_after(before.last_review)
+        is_changed |= np.isin(ids, answered)
+    changed = int(np.count_nonzero(is_changed))
     if changed or total != before.total:
         raise StaleSnapshot(
             expected=before.total,
@@ -120,31 +116,13 @@ def select_boxes(
 def _snapshot(
     session: Session, dataset: Dataset, wanted: BoxSelection, total: int
 ) -> Snapshot:
+    # A filter is told by its parameters, since the boxes it selects may change.
+    asked: dict[str, object] = {"dataset": dataset.id, "filter": filters_of(wanted)}
+    digest = hashlib.sha256(json.dumps(asked, sort_keys=True).encode()).hexdigest()
     return Snapshot(
-        filters=_digest(dataset, wanted),
+        filters=digest[:16],
         total=total,
         last_box=BoxProbes(session).newest_id(),
         last_review=LatestAnswers(session).newest_id(),
         run=filled(dataset.active_run_id),
     )
-
-
-def _digest(dataset: Dataset, wanted: BoxSelection) -> str:
-    """Identifies a filter by its parameters, since the boxes it selects may change."""
-    asked: dict[str, object] = {"dataset": dataset.id, "filter": filters_of(wanted)}
-    return hashlib.sha256(json.dumps(asked, sort_keys=True).encode()).hexdigest()[:16]
-
-
-def _ids(session: Session, boxes: BoxFilter) -> IntArray:
-    return np.sort(BoxProbes(session).every(boxes))
-
-
-def _changed(session: Session, ids: IntArray, before: Snapshot, now: Snapshot) -> int:
-    """How many of these boxes are new, or were decided again or answered since."""
-    if now.run != before.run:
-        return len(ids)
-    changed = ids > before.last_box
-    if now.last_review > before.last_review:
-        answered = LatestAnswers(session).boxes_after(before.last_review)
-        changed |= np.isin(ids, answered)
-    return int(np.count_nonzero(changed))

@@ -23,18 +23,15 @@ class ConfigRepository:
 
     def find(self, dataset_id: int, digest: str) -> ConfigVersion | None:
         """A dataset's version with this digest."""
-        return self._session.scalar(
-            select(ConfigVersion).where(
-                ConfigVersion.dataset_id == dataset_id, ConfigVersion.digest == digest
-            )
-        )
+        rows = select(ConfigVersion).where(ConfigVersion.dataset_id == dataset_id)
+        return self._session.scalar(rows.where(ConfigVersion.digest == digest))
 
     def with_id(self, config_id: int) -> ConfigVersion:
         """The version with an id from another row."""
-        found = self._session.get(ConfigVersion, config_id)
-        if found is None:
+        version = self._session.get(ConfigVersion, config_id)
+        if version is None:
             raise NotFound("config", config_id)
-        return found
+        return version
 
     def with_digest(self, digest: str) -> ConfigVersion:
         """A version with this digest, of any dataset, as all of them are equal."""
@@ -43,10 +40,10 @@ class ConfigRepository:
             .join(Dataset, Dataset.id == ConfigVersion.dataset_id)
             .where(ConfigVersion.digest == digest, is_there())
         )
-        found = self._session.scalar(rows.order_by(ConfigVersion.id).limit(1))
-        if found is None:
+        version = self._session.scalar(rows.order_by(ConfigVersion.id).limit(1))
+        if version is None:
             raise NotFound("config", digest)
-        return found
+        return version
 
     def add(self, version: ConfigVersion) -> ConfigVersion:
         """Insert."""
@@ -110,18 +107,18 @@ _ACTIVE_AND_KEY: Final = _ACTIVE.add_columns(
 
 def active_row(session: Session, name: str) -> ActiveRow:
     """The active row of a dataset, by its name; raises NotFound."""
-    found = run(session, _ACTIVE, name=name).first()
-    if found is None:
+    row = run(session, _ACTIVE, name=name).first()
+    if row is None:
         raise no_dataset(session, name)
-    return ActiveRow._make(found)
+    return ActiveRow._make(row)
 
 
 def active_row_and_key(
     session: Session, name: str, key: str
 ) -> tuple[ActiveRow, KeyRow]:
     """The active row of a dataset and the state of a frame's key; raises NotFound."""
-    found = run(session, _ACTIVE_AND_KEY, name=name, key=key).first()
-    return _active_and_key(found, name)
+    row = run(session, _ACTIVE_AND_KEY, name=name, key=key).first()
+    return _active_and_key(row, name)
 
 
 def read_active_snapshot(
@@ -132,8 +129,8 @@ def read_active_snapshot(
 
 
 def _active_and_key(
-    found: Sequence[object] | None, name: str
+    row: Sequence[object] | None, name: str
 ) -> tuple[ActiveRow, KeyRow]:
-    if found is None:
+    if row is None:
         raise NotFound("dataset", name)
-    return ActiveRow._make(found[:_WIDTH]), KeyRow._make(found[_WIDTH:])
+    return ActiveRow._make(row[:_WIDTH]), KeyRow._make(row[_WIDTH:])

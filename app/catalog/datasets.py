@@ -25,8 +25,8 @@ def is_there() -> ColumnElement[bool]:
 
 def is_deleted(session: Session, dataset_id: int) -> bool:
     """Whether a dataset was deleted, so that its rows are hidden."""
-    found = session.get(Dataset, dataset_id)
-    return found is None or found.removed_at is not None
+    dataset = session.get(Dataset, dataset_id)
+    return dataset is None or dataset.removed_at is not None
 
 
 _MOST_NAMES: Final = 1_000
@@ -36,8 +36,8 @@ _MOST_NAMES: Final = 1_000
 def no_dataset(session: Session, name: str) -> NoSuchDataset:
     """The error that names the nearest of the other datasets."""
     others = select(Dataset.name).where(is_there()).order_by(Dataset.id.desc())
-    known = list(session.scalars(others.limit(_MOST_NAMES)))
-    return NoSuchDataset(name, similar(name, known))
+    names = list(session.scalars(others.limit(_MOST_NAMES)))
+    return NoSuchDataset(name, similar(name, names))
 
 
 _NAMED: Final = select(Dataset).where(Dataset.name == bindparam("named"), is_there())
@@ -58,17 +58,17 @@ class DatasetRepository:
 
     def named(self, name: str) -> Dataset:
         """The dataset; NotFound if there is none of this name."""
-        found = self._session.scalar(_NAMED, {"named": name})
-        if found is None:
+        dataset = self._session.scalar(_NAMED, {"named": name})
+        if dataset is None:
             raise no_dataset(self._session, name)
-        return found
+        return dataset
 
     def with_id(self, dataset_id: int) -> Dataset:
         """The dataset with an id from another row; NotFound if it was deleted."""
-        found = self._session.get(Dataset, dataset_id)
-        if found is None or found.removed_at is not None:
+        dataset = self._session.get(Dataset, dataset_id)
+        if dataset is None or dataset.removed_at is not None:
             raise NotFound("dataset", dataset_id)
-        return found
+        return dataset
 
     def with_other_doubt(self) -> list[Dataset]:
         """Those whose stored doubt another version of this code has computed."""
@@ -81,13 +81,8 @@ class DatasetRepository:
 
     def page(self, *, after: str, limit: int) -> list[Dataset]:
         """The next datasets by name."""
-        rows = (
-            select(Dataset)
-            .where(Dataset.name > after, is_there())
-            .order_by(Dataset.name)
-            .limit(limit)
-        )
-        return list(self._session.scalars(rows))
+        rows = select(Dataset).where(Dataset.name > after, is_there())
+        return list(self._session.scalars(rows.order_by(Dataset.name).limit(limit)))
 
     def add(self, dataset: Dataset, classes: Sequence[str]) -> Dataset:
         """Insert; Conflict if the name is taken, in upper or lower case."""
@@ -118,22 +113,18 @@ class DatasetRepository:
         """Ids of the dataset's classes, to which unknown ones of `names` are added.
 
         If there would be too many, new ones take the rows of those that no box has.
-
-        Raises
-        ------
-        Unprocessable
-            ``unknown_class``: one is unknown, and an export has frozen the classes.
-        AnnotationError
-            ``too_many_classes``: there would be more than `MAX_CLASSES`.
+        Raises Unprocessable (``unknown_class``) if one is unknown, and an export has
+        frozen the classes, and AnnotationError (``too_many_classes``) if there would be
+        more than `MAX_CLASSES`.
         """
-        known = self.listed_classes(dataset.id)
-        missing = [name for name in dict.fromkeys(names) if name not in known]
+        listed = self.listed_classes(dataset.id)
+        missing = [name for name in dict.fromkeys(names) if name not in listed]
         if not missing:
-            return known
+            return listed
         if dataset.classes_frozen_at is not None:
             raise Unprocessable(
                 f"the classes of dataset {dataset.name!r} are frozen by an export; "
-                f"expected one of {', '.join(known)}, found {missing[0]!r}",
+                f"expected one of {', '.join(listed)}, found {missing[0]!r}",
                 code="unknown_class",
             )
         before = self.classes(dataset.id)
@@ -145,7 +136,7 @@ class DatasetRepository:
         if new and count > MAX_CLASSES:
             raise AnnotationError(
                 f"{_too_many(dataset, count)} those of this frame, "
-                f"such as {new[0]!r}{_unlisted(len(before) - len(free) - len(known))}",
+                f"such as {new[0]!r}{_unlisted(len(before) - len(free) - len(listed))}",
                 pointer="/boxes",
                 code="too_many_classes",
             )
@@ -163,19 +154,15 @@ class DatasetRepository:
     def forget_unused_classes(self, dataset: Dataset) -> None:
         """Do not list classes any more that came with frames and that no box has."""
         if dataset.classes_frozen_at is None:
-            self._session.execute(
-                update(DatasetClass)
-                .where(*_is_unused(dataset.id), DatasetClass.listed.is_(True))
-                .values(listed=False)
-            )
+            listed = (*_is_unused(dataset.id), DatasetClass.listed.is_(True))
+            rows = update(DatasetClass).where(*listed)
+            self._session.execute(rows.values(listed=False))
 
     def keep_classes(self, dataset_id: int, names: Sequence[str]) -> None:
         """Never give the rows of these classes to others: somebody has named them."""
-        self._session.execute(
-            update(DatasetClass)
-            .where(DatasetClass.dataset_id == dataset_id, DatasetClass.name.in_(names))
-            .values(came_with_frame=False)
-        )
+        rows = update(DatasetClass).where(DatasetClass.dataset_id == dataset_id)
+        named = rows.where(DatasetClass.name.in_(names))
+        self._session.execute(named.values(came_with_frame=False))
 
     def _classes_without_boxes(self, dataset_id: int) -> list[int]:
         """Ids of classes that are not listed, and that no revision of a frame has."""
@@ -198,12 +185,8 @@ class DatasetRepository:
         """Prepare a class that `rename_classes` lists later; nothing if it exists.
 
         If the run that renames does not succeed, it stays for the next one: numbers
-        that were measured meanwhile refer to it.
-
-        Raises
-        ------
-        Conflict
-            ``too_many_classes``: there would be more than `MAX_CLASSES`.
+        that were measured meanwhile refer to it. Raises Conflict
+        (``too_many_classes``) if there would be more than `MAX_CLASSES`.
         """
         before = self.classes(dataset.id)
         if name in before:
@@ -224,12 +207,8 @@ class DatasetRepository:
         A class that was not listed before takes the position of the one that it
         replaces. `renamed` may have names that were given up earlier as well.
         """
-        rows = {
-            row.name: row
-            for row in self._session.scalars(
-                select(DatasetClass).where(DatasetClass.dataset_id == dataset_id)
-            )
-        }
+        of_dataset = select(DatasetClass).where(DatasetClass.dataset_id == dataset_id)
+        rows = {row.name: row for row in self._session.scalars(of_dataset)}
         for former, name in renamed.items():
             old, new = rows.get(former), rows[name]
             if old is None or not old.listed:
@@ -250,11 +229,8 @@ class DatasetRepository:
         self._list_classes([class_id], listed=False)
 
     def _list_classes(self, class_ids: Sequence[int], *, listed: bool) -> None:
-        self._session.execute(
-            update(DatasetClass)
-            .where(DatasetClass.id.in_(class_ids))
-            .values(listed=listed)
-        )
+        rows = update(DatasetClass).where(DatasetClass.id.in_(class_ids))
+        self._session.execute(rows.values(listed=listed))
 
     def change(self, dataset: Dataset, values: Mapping[str, object]) -> None:
         """Set columns."""
@@ -264,11 +240,9 @@ class DatasetRepository:
 
     def freeze_classes(self, dataset_id: int) -> None:
         """Freeze the classes: from the first export on, their indexes are fixed."""
-        self._session.execute(
-            update(Dataset)
-            .where(Dataset.id == dataset_id, Dataset.classes_frozen_at.is_(None))
-            .values(classes_frozen_at=utc_now())
-        )
+        is_open = Dataset.id == dataset_id, Dataset.classes_frozen_at.is_(None)
+        rows = update(Dataset).where(*is_open)
+        self._session.execute(rows.values(classes_frozen_at=utc_now()))
 
     def activate(self, dataset: Dataset, run: Run) -> None:
         """Make a run's configuration and measurement the current ones."""
@@ -285,17 +259,11 @@ class DatasetRepository:
         """
         # An invalid name for a dataset, so that no new one can have it.
         values = {"name": f"/{dataset.id}", "removed_at": utc_now()}
-        self._session.execute(
-            update(Dataset).where(Dataset.id == dataset.id).values(values)
-        )
+        rows = update(Dataset).where(Dataset.id == dataset.id)
+        self._session.execute(rows.values(values))
 
     def _append_classes(
-        self,
-        dataset_id: int,
-        names: Sequence[str],
-        *,
-        start: int,
-        **values: bool,
+        self, dataset_id: int, names: Sequence[str], *, start: int, **values: bool
     ) -> None:
         self._session.add_all(
             DatasetClass(dataset_id=dataset_id, position=position, name=name, **values)
@@ -311,8 +279,8 @@ def _is_unused(dataset_id: int) -> tuple[ColumnElement[bool], ...]:
         Tally.class_id == DatasetClass.id,
         Tally.boxes > 0,
     )
-    mine = DatasetClass.dataset_id == dataset_id
-    return mine, DatasetClass.came_with_frame.is_(True), ~has_boxes
+    of_dataset = DatasetClass.dataset_id == dataset_id
+    return of_dataset, DatasetClass.came_with_frame.is_(True), ~has_boxes
 
 
 def _too_many(dataset: Dataset, count: int) -> str:

@@ -35,12 +35,9 @@ class ProblemRepository:
 
     def count(self, dataset_id: int) -> int:
         """How many frames of a dataset were refused and not stored since."""
-        rows = (
-            select(func.count())
-            .select_from(Problem)
-            .where(Problem.dataset_id == dataset_id)
-        )
-        return self._session.scalar(rows) or 0
+        rows = select(func.count()).select_from(Problem)
+        of_dataset = rows.where(Problem.dataset_id == dataset_id)
+        return self._session.scalar(of_dataset) or 0
 
 
 def note_problem(
@@ -53,6 +50,11 @@ def note_problem(
     session.add(Problem(dataset_id=dataset_id, key=key, error=stored))
     session.flush()
     once_committed(session, REFUSED.inc)
+
+
+def current_in(dataset_id: int) -> tuple[ColumnElement[bool], ColumnElement[bool]]:
+    """Conditions: the newest revisions of a dataset's frames."""
+    return Frame.dataset_id == dataset_id, Frame.superseded_at.is_(None)
 
 
 class KeyRow(NamedTuple):
@@ -68,17 +70,15 @@ def key_rows(
 ) -> dict[str, KeyRow]:
     """The state of each of these keys in a dataset."""
     frames = select(Frame.key, Frame.id, Frame.content_digest).where(
-        Frame.dataset_id == dataset_id,
-        Frame.key.in_(keys),
-        Frame.superseded_at.is_(None),
+        *current_in(dataset_id), Frame.key.in_(keys)
     )
     refused = select(Problem.key).where(
         Problem.dataset_id == dataset_id, Problem.key.in_(keys)
     )
-    found = {row.key: (row.id, row.content_digest) for row in session.execute(frames)}
+    stored = {row.key: (row.id, row.content_digest) for row in session.execute(frames)}
     problems = set(session.scalars(refused))
     absent = (None, None)
-    return {key: KeyRow(*found.get(key, absent), key in problems) for key in keys}
+    return {key: KeyRow(*stored.get(key, absent), key in problems) for key in keys}
 
 
 def frame_ranges(
@@ -86,7 +86,9 @@ def frame_ranges(
 ) -> Iterator[tuple[int, int]]:
     """First and last id of ranges that together contain all current frames."""
     after = 0
-    while rows := _page(session, dataset_id, after):
+    frames = select(Frame.id, Frame.box_count).where(*current_in(dataset_id))
+    next_frames = frames.order_by(Frame.id).limit(_FRAMES)
+    while rows := session.execute(next_frames.where(Frame.id > after)).all():
         held, last = 0, rows[0][0]
         for frame_id, count in rows:
             if held and held + count > boxes:
@@ -94,20 +96,6 @@ def frame_ranges(
             held, last = held + count, frame_id
         yield rows[0][0], last
         after = last
-
-
-def _page(session: Session, dataset_id: int, after: int) -> list[tuple[int, int]]:
-    rows = (
-        select(Frame.id, Frame.box_count)
-        .where(
-            Frame.dataset_id == dataset_id,
-            Frame.superseded_at.is_(None),
-            Frame.id > after,
-        )
-        .order_by(Frame.id)
-        .limit(_FRAMES)
-    )
-    return [(row[0], row[1]) for row in session.execute(rows)]
 
 
 def frames_state(session: Session, dataset_id: int) -> tuple[int, int]:
@@ -132,9 +120,7 @@ def frame_before(session: Session, dataset_id: int, frame_id: int) -> int:
     Ids of frames are given in turn to all datasets, so that the two may be far apart.
     """
     rows = select(func.max(Frame.id)).where(
-        Frame.dataset_id == dataset_id,
-        Frame.superseded_at.is_(None),
-        Frame.id < frame_id,
+        *current_in(dataset_id), Frame.id < frame_id
     )
     return session.scalar(rows) or 0
 

@@ -42,15 +42,10 @@ def rename_class(
 ) -> Run:
     """Request the run that gives a class a new name.
 
-    Raises
-    ------
-    NoSuchClass
-        There is no such class.
-    Conflict
-        ``class_exists``: there is a class of the new name, or boxes that came with that
-        name are in another class; ``classes_frozen``; ``classes_change``: an open run
-        renames classes; ``too_many_classes``: the new name would be one more than a
-        dataset may have.
+    Raises NoSuchClass if there is no such class, and Conflict: ``class_exists`` if
+    there is a class of the new name, or boxes that came with that name are in another
+    class; ``classes_frozen``; ``classes_change`` if an open run renames classes;
+    ``too_many_classes`` if the new name would be one more than a dataset may have.
     """
     former, name = change
     listed = _changeable(session, dataset, former)
@@ -81,12 +76,8 @@ def merge_class(
 ) -> Run:
     """Request the run that moves the boxes of a class to another one.
 
-    Raises
-    ------
-    NoSuchClass
-        There is no such class.
-    Conflict
-        ``same_class``: both are one class; ``classes_frozen``; ``classes_change``.
+    Raises NoSuchClass if there is no such class, and Conflict: ``same_class`` if both
+    are one class; ``classes_frozen``; ``classes_change``.
     """
     former, into = change
     listed = _changeable(session, dataset, former)
@@ -101,12 +92,8 @@ def merge_class(
 def remove_class(session: Session, dataset: Dataset, name: str) -> None:
     """Remove a class without boxes, at once.
 
-    Raises
-    ------
-    NoSuchClass
-        There is no such class.
-    Conflict
-        ``class_in_use``: it has boxes; ``classes_frozen``; ``classes_change``.
+    Raises NoSuchClass if there is no such class, and Conflict: ``class_in_use`` if it
+    has boxes; ``classes_frozen``; ``classes_change``.
     """
     class_id = _changeable(session, dataset, name)[name]
     tallies = TallyRepository(session).of_dataset(dataset.id)

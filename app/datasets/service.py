@@ -61,7 +61,7 @@ class NewDataset:
 def create_dataset(session: Session, wanted: NewDataset) -> Dataset:
     """Create an empty dataset with its first configuration active."""
     reading, config, author = wanted.reading, wanted.config, wanted.author
-    plan = plan_for(reading, config)
+    plan, classes = plan_for(reading, config), wanted.classes
     dataset = DatasetRepository(session).add(
         Dataset(
             name=reading.name,
@@ -72,9 +72,7 @@ def create_dataset(session: Session, wanted: NewDataset) -> Dataset:
             created_by=author,
             **reading.as_columns(),
         ),
-        list(
-            dict.fromkeys(CARLA_CLASSES if wanted.classes is None else wanted.classes)
-        ),
+        list(dict.fromkeys(CARLA_CLASSES if classes is None else classes)),
     )
     version, _ = add_version(session, dataset, config, author=author)
     measurement = measurement_of(session, dataset.id, reading, plan)
@@ -115,14 +113,12 @@ def change_dataset(
     if about:
         DatasetRepository(session).change(dataset, about)
     current, config = coming_settings(session, dataset)
-    reading = replace(
-        current, **{key: changes[key] for key in changes if key not in _DESCRIBING}
-    )
+    others = {key: changes[key] for key in changes if key not in _DESCRIBING}
+    reading = replace(current, **others)
     if reading == current:
         return None
-    return request_run(
-        context, session, dataset, RunRequest(config, author, True, reading)
-    )
+    wanted = RunRequest(config, author, True, reading)
+    return request_run(context, session, dataset, wanted)
 
 
 _DESCRIBING: Final = ("description", "rule", "coached", "recording")
@@ -134,10 +130,7 @@ def checked_recording(
 ) -> Mapping[str, object] | None:
     """A description of a recording, as it is.
 
-    Raises
-    ------
-    ConfigError
-        It has an unknown key or a wrong value.
+    Raises ConfigError if it has an unknown key or a wrong value.
     """
     make: Callable[..., RecordingDescription] = RecordingDescription
     try:
@@ -157,14 +150,8 @@ def remove_dataset(
     The dataset is hidden from the commit on, and its rows are deleted in small steps
     after that. Its jobs are interrupted first, and read by a session of their own:
     `session` must be unused, since its first statement waits for the turn to write,
-    which a run of this dataset may hold during its last step.
-
-    Raises
-    ------
-    NotFound
-        There is no such dataset.
-    BadRequest
-        `confirmed` is not the dataset's name.
+    which a run of this dataset may hold during its last step. Raises NotFound if there
+    is no such dataset, and BadRequest if `confirmed` is not its name.
     """
     with context.database.read() as before:
         dataset = DatasetRepository(before).named(name)
@@ -221,12 +208,18 @@ def describe_dataset(session: Session, dataset: Dataset) -> wire.Dataset:
 def statistics(session: Session, dataset: Dataset) -> wire.Stats:
     """The counts of a dataset, from its tallies."""
     counts = count(TallyRepository(session).of_dataset(dataset.id))
-    names = {
-        key: name
-        for name, key in DatasetRepository(session).classes(dataset.id).items()
-    }
-    active = active_version(session, dataset)
+    classes = DatasetRepository(session).classes(dataset.id)
+    names = {class_id: name for name, class_id in classes.items()}
+    measurement = filled(dataset.active_measurement_id)
     frames = FrameRepository(session)
+    places = {
+        f"by_{what}": {
+            name: wire.MapCounts(frames=number, boxes=boxes)
+            for name, (number, boxes) in of.items()
+        }
+        for what, of in frames.counts_by_place(dataset.id).items()
+    }
+    reasons = counts.reasons_by_class
     return wire.Stats(
         frames=frames.count(dataset.id),
         **summary(counts),
@@ -234,22 +227,12 @@ def statistics(session: Session, dataset: Dataset) -> wire.Stats:
         conflicts=counts.conflicts,
         toss_ups=counts.toss_ups,
         bins=counts.bins,
-        lossy=EvidenceRepository(session).lossy_boxes(
-            filled(dataset.active_measurement_id)
-        ),
+        lossy=EvidenceRepository(session).lossy_boxes(measurement),
         effective=counts.effective,
         by_reason=counts.by_reason,
         by_class={names[key]: of for key, of in counts.by_class.items()},
-        reasons_by_class={
-            names[key]: of for key, of in counts.reasons_by_class.items()
-        },
-        **{
-            f"by_{what}": {
-                name: wire.MapCounts(frames=count, boxes=boxes)
-                for name, (count, boxes) in of.items()
-            }
-            for what, of in frames.counts_by_place(dataset.id).items()
-        },
-        config=active.digest,
+        reasons_by_class={names[key]: of for key, of in reasons.items()},
+        **places,
+        config=active_version(session, dataset).digest,
         run=dataset.active_run_id,
     )

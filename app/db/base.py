@@ -4,11 +4,21 @@ from __future__ import annotations
 
 import json
 from datetime import datetime, timezone
-from typing import Final
+from typing import Final, Literal, TypeVar
 
-from sqlalchemy import BigInteger, DateTime, Integer, MetaData, Text, TypeDecorator
+from sqlalchemy import (
+    BigInteger,
+    DateTime,
+    ForeignKey,
+    Integer,
+    MetaData,
+    Text,
+    TypeDecorator,
+)
 from sqlalchemy.engine import Dialect
-from sqlalchemy.orm import DeclarativeBase
+from sqlalchemy.orm import DeclarativeBase, MappedColumn, mapped_column
+
+_Id = TypeVar("_Id", bound="int | None")
 
 Key = BigInteger().with_variant(Integer, "sqlite")
 """64-bit keys; SQLite assigns ids only to a column of the type INTEGER."""
@@ -23,10 +33,8 @@ MAX_REVISION: Final = 2**31 - 1
 def filled(key: int | None) -> int:
     """A key that is null only in the transaction that inserts its row.
 
-    Raises
-    ------
-    RuntimeError
-        It is null: the row was never completed, which is a fault of the program.
+    Raises RuntimeError: it is null: the row was never completed, which is a fault of
+    the program.
     """
     if key is None:
         raise RuntimeError("a key is null in a row that should be complete")
@@ -84,6 +92,23 @@ class Base(DeclarativeBase):
             "fk": "fk_%(table_name)s_%(column_0_N_name)s",
             "pk": "pk_%(table_name)s",
         }
+    )
+
+
+def cascading(
+    column: str,
+    *,
+    index: bool | None = None,
+    primary_key: bool = False,
+    autoincrement: Literal["auto"] | bool = "auto",
+) -> MappedColumn[_Id]:
+    """A column of another table's keys, with whose rows those of this one go."""
+    return mapped_column(
+        Key,
+        ForeignKey(column, ondelete="CASCADE"),
+        index=index,
+        primary_key=primary_key,
+        autoincrement=autoincrement,
     )
 
 

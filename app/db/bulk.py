@@ -76,10 +76,8 @@ def execute_many(
         rows = list(zip(*(columns[name] for name in order), strict=True))
     else:
         names = list(columns)
-        rows = [
-            dict(zip(names, row, strict=True))
-            for row in zip(*columns.values(), strict=True)
-        ]
+        every = zip(*columns.values(), strict=True)
+        rows = [dict(zip(names, row, strict=True)) for row in every]
     for start in range(0, len(rows), ROWS_AT_A_TIME):
         chunk = rows[start : start + ROWS_AT_A_TIME]
         connection.exec_driver_sql(str(compiled), chunk)
@@ -97,9 +95,12 @@ def update_rows(
     key, *names = columns
     table, connection = _table(model), session.connection()
     if connection.dialect.name != "postgresql":
-        statement = _update(table, key, tuple(names))
+        changes: dict[str, object] = {name: bindparam(f"to_{name}") for name in names}
+        is_row = table.c[key] == bindparam(f"to_{key}")
         named = {f"to_{name}": each for name, each in columns.items()}
-        execute_many(session, statement, named, written)
+        execute_many(
+            session, update(table).where(is_row).values(changes), named, written
+        )
         return
     statement = update_from_arrays(table, key, tuple(names))
     for start in range(0, len(columns[key]), ROWS_AT_A_TIME):
@@ -181,11 +182,11 @@ def insert_columns(
     """Insert rows, given as columns of equal length; no defaults are filled in."""
     connection = session.connection()
     compiled = _compile(_insert(model), frozenset(columns), connection.dialect)
-    given = dict(columns)
+    converted = dict(columns)
     for name, change in compiled.conversions:
-        given[name] = [change(value) for value in given[name]]
+        converted[name] = [change(value) for value in converted[name]]
     names = compiled.order or tuple(columns)
-    rows = list(zip(*(given[name] for name in names), strict=True))
+    rows = list(zip(*(converted[name] for name in names), strict=True))
     if not rows:
         return
     if compiled.order:
@@ -193,9 +194,8 @@ def insert_columns(
     elif len(rows) >= COPY_FROM_ROWS:
         copy_rows(connection, _table(model), names, rows)
     else:
-        connection.exec_driver_sql(
-            compiled.text, dict(zip(names, rows[0], strict=True))
-        )
+        row = dict(zip(names, rows[0], strict=True))
+        connection.exec_driver_sql(compiled.text, row)
 
 
 def copy_in(
@@ -205,8 +205,8 @@ def copy_in(
     connection = session.connection()
     compiled = _compile(_insert(model), frozenset(rows[0]), connection.dialect)
     names = list(rows[0])
-    given = (compiled.named(row) for row in rows)
-    values = ([row[name] for name in names] for row in given)
+    converted = (compiled.named(row) for row in rows)
+    values = ([row[name] for name in names] for row in converted)
     copy_rows(connection, _table(model), names, values)
 
 
@@ -250,9 +250,9 @@ def _run(
     rows: Sequence[Mapping[str, object]],
 ) -> CursorResult[Unpack[tuple[object, ...]]]:
     compiled = _compile(statement, columns, connection.dialect)
-    given = [compiled.parameters(row) for row in rows]
+    values = [compiled.parameters(row) for row in rows]
     return connection.exec_driver_sql(
-        compiled.text, given if len(given) > 1 else given[0]
+        compiled.text, values if len(values) > 1 else values[0]
     )
 
 
@@ -294,13 +294,6 @@ def insert_of_dialect(dialect: str, model: type[Base]) -> DialectInsert:
 
 
 @lru_cache
-def _update(table: Table, key: str, names: tuple[str, ...]) -> Update:
-    found = table.c[key] == bindparam(f"to_{key}")
-    changes: dict[str, object] = {name: bindparam(f"to_{name}") for name in names}
-    return update(table).where(found).values(changes)
-
-
-@lru_cache
 def _insert(model: type[Base]) -> Insert:
     return insert(_table(model))
 
@@ -317,10 +310,7 @@ def copy_rows(
 ) -> None:
     """Insert rows into these columns by COPY, in the connection's transaction.
 
-    Raises
-    ------
-    SQLAlchemyError
-        As an insert of the same rows would raise.
+    Raises the SQLAlchemyError that an insert of the same rows would raise.
     """
     quote = connection.dialect.identifier_preparer.quote
     columns = ", ".join(map(quote, names))

@@ -7,10 +7,10 @@ import sqlite3
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Final
 
 import sqlalchemy as sa
-from sqlalchemy import Connection, Engine, create_engine, event, inspect, make_url
+from sqlalchemy import Engine, create_engine, event, inspect, make_url
 from sqlalchemy.exc import DBAPIError, SQLAlchemyError
 
 from app.db.base import Base
@@ -90,10 +90,7 @@ def copy_database(source: Path, target: Path, advance: Advance) -> None:
 def problems_of(file: Path) -> list[str]:
     """Faults of a SQLite file that no other process uses; empty if there are none.
 
-    Raises
-    ------
-    sqlite3.DatabaseError
-        It cannot be read at all.
+    Raises sqlite3.DatabaseError if it cannot be read at all.
     """
     with closing(sqlite3.connect(_uri(file, "ro"), uri=True)) as database:
         return list(_problems(lambda text: database.execute(text).fetchall()))
@@ -112,10 +109,10 @@ def revision_of(file: Path) -> str | None:
 def foreign_triggers(file: Path) -> list[str]:
     """The names of triggers in a SQLite file that no migration has made."""
     with closing(sqlite3.connect(_uri(file, "ro"), uri=True)) as database:
-        found = database.execute(
+        rows = database.execute(
             "SELECT name, sql FROM sqlite_master WHERE type = 'trigger'"
         )
-        return [str(name) for name, sql in found if sql not in _TRIGGERS]
+        return [str(name) for name, sql in rows if sql not in _TRIGGERS]
 
 
 def missing_triggers(engine: Engine) -> list[str]:
@@ -126,27 +123,21 @@ def missing_triggers(engine: Engine) -> list[str]:
                 "SELECT sql FROM sqlite_master WHERE type = 'trigger'"
             )
             missing = sorted(_TRIGGERS - {str(row[0]) for row in rows})
-            return [f"DROP TRIGGER IF EXISTS {_name(one)}; {one}" for one in missing]
+            names = [trigger.split()[2] for trigger in missing]
+            pairs = zip(names, missing, strict=True)
+            return [f"DROP TRIGGER IF EXISTS {name}; {text}" for name, text in pairs]
         if connection.exec_driver_sql(_IS_REFUSING.replace("%", "%%")).scalar_one():
             return []
-    name = _name(_SERVER_TRIGGER)
+    name = _SERVER_TRIGGER.split()[2]
     return [f"DROP TRIGGER IF EXISTS {name} ON audit_log; {_SERVER_TRIGGER}"]
-
-
-def _name(trigger: str) -> str:
-    return trigger.split()[2]
 
 
 def referenced_files(file: Path) -> set[str]:
     """Digests of all blobs that a SQLite file of any schema version refers to.
 
     The file may be from somebody else. A view in place of a table can compute rows
-    without end, and a column can be computed, too.
-
-    Raises
-    ------
-    sqlite3.DatabaseError
-        It cannot be read, or computes what should be stored.
+    without end, and a column can be computed, too: then, or if it cannot be read,
+    sqlite3.DatabaseError is raised.
     """
     digests = set[str]()
     with closing(sqlite3.connect(_uri(file, "ro"), uri=True)) as database:
@@ -180,28 +171,26 @@ def problems_in(engine: Engine) -> list[str]:
 def damaged_tables(ask: Ask) -> list[str]:
     """The tables of a SQLite database that cannot be read completely, and why not.
 
-    Raises
-    ------
-    sqlite3.DatabaseError or DBAPIError, as `ask` does
-        Not even the list of tables can be read, or the check was interrupted.
+    Raises what `ask` does if not even the list of tables can be read, or if the check
+    was interrupted.
     """
     if sqlite3.sqlite_version_info < _CHECKS_TABLES:
         return []
+    damaged = []
     tables = ask("SELECT name FROM sqlite_master WHERE type = 'table' ORDER BY name")
-    checked = ((name, _first_problem(ask, str(name))) for (name,) in tables)
-    return [f"table {name} or an index of it: {why}" for name, why in checked if why]
-
-
-def _first_problem(ask: Ask, table: str) -> str:
-    try:
-        rows = ask(f'PRAGMA quick_check("{table}")')
-    except (sqlite3.DatabaseError, DBAPIError) as exc:
-        if "interrupted" in str(exc):
-            raise
-        return str(exc.orig if isinstance(exc, DBAPIError) else exc)
-    lines = "\n".join(str(text) for (text,) in rows).splitlines()
-    causes = [line for line in lines if not any(word in line for word in _CONSEQUENCES)]
-    return "" if lines == ["ok"] else (causes or lines)[0]
+    for (table,) in tables:
+        try:
+            rows = ask(f'PRAGMA quick_check("{table}")')
+            lines = "\n".join(str(text) for (text,) in rows).splitlines()
+        except (sqlite3.DatabaseError, DBAPIError) as exc:
+            if "interrupted" in str(exc):
+                raise
+            lines = [str(exc.orig if isinstance(exc, DBAPIError) else exc)]
+        if lines != ["ok"]:
+            # Pages that are only unreachable are a consequence of the damaged one.
+            lines.sort(key=lambda line: any(word in line for word in _CONSEQUENCES))
+            damaged.append(f"table {table} or an index of it: {lines[0]}")
+    return damaged
 
 
 def _problems(ask: Ask) -> Iterator[str]:
@@ -223,24 +212,20 @@ def read_only_engine(database: str | Path) -> Iterator[Engine]:
     if file is None:
         engine = make_postgres_engine(make_url(str(database)), only_read=True)
     else:
-        mode = "mode=rw" if _opens(file) else "mode=ro&immutable=1"
+        mode = "mode=rw"
+        try:
+            with closing(sqlite3.connect(_uri(file, "rw"), uri=True)) as opened:
+                opened.execute("SELECT count(*) FROM sqlite_master").fetchone()
+        except sqlite3.OperationalError:
+            mode = "mode=ro&immutable=1"
+        except sqlite3.DatabaseError:
+            pass  # it is damaged, which later reads report
         engine = create_engine(f"sqlite:///file:{_quoted(file)}?{mode}&uri=true")
         event.listen(engine, "connect", _set_read_only)
     try:
         yield engine
     finally:
         engine.dispose()
-
-
-def _opens(file: Path) -> bool:
-    try:
-        with closing(sqlite3.connect(_uri(file, "rw"), uri=True)) as database:
-            database.execute("SELECT count(*) FROM sqlite_master").fetchone()
-    except sqlite3.OperationalError:
-        return False
-    except sqlite3.DatabaseError:
-        return True  # it is damaged, which later reads report
-    return True
 
 
 def _set_read_only(connection: sqlite3.Connection, _record: object) -> None:
@@ -257,16 +242,6 @@ def _quoted(file: Path) -> str:
 
 
 _DURABLE: Final = ("fsync", "full_page_writes", "synchronous_commit")
-
-
-class ForeignKey(NamedTuple):
-    """A column whose values are those of another table's column."""
-
-    name: str
-    table: str
-    column: str
-    parent: str
-    parent_column: str
 
 
 def connection_fault(engine: Engine) -> str:
@@ -290,11 +265,11 @@ def version_of(engine: Engine) -> str:
 def not_durable(engine: Engine) -> list[str]:
     """Settings of the server by which a power failure may lose committed data."""
     with engine.connect() as connection:
-        found = {
+        values = {
             name: connection.exec_driver_sql(f"SHOW {name}").scalar_one()
             for name in _DURABLE
         }
-    return [f"{name} = off" for name, value in found.items() if value == "off"]
+    return [f"{name} = off" for name, value in values.items() if value == "off"]
 
 
 def broken_keys(engine: Engine) -> list[str]:
@@ -302,37 +277,31 @@ def broken_keys(engine: Engine) -> list[str]:
 
     PostgreSQL enforces foreign keys, unless that was turned off or a restore failed.
     """
+    names, orphans = set(), []
     with engine.connect() as connection:
-        there = list(_keys(connection))
-        return [*_missing({key.name for key in there}), *_orphans(connection, there)]
-
-
-def _keys(connection: Connection) -> Iterator[ForeignKey]:
-    inspector = inspect(connection)
-    for table in sorted(inspector.get_table_names()):
-        for key in inspector.get_foreign_keys(table):
-            (column,), (parent,) = key["constrained_columns"], key["referred_columns"]
-            name = key["name"] or ""
-            yield ForeignKey(name, table, column, key["referred_table"], parent)
-
-
-def _missing(there: set[str]) -> Iterator[str]:
-    for table in Base.metadata.sorted_tables:
-        for key in sorted(table.foreign_key_constraints, key=lambda one: str(one.name)):
-            if str(key.name) not in there:
-                yield f"{table.name} has no key {key.name}"
-
-
-def _orphans(connection: Connection, keys: list[ForeignKey]) -> Iterator[str]:
-    for key in keys:
-        child = sa.table(key.table, sa.column(key.column)).alias()
-        parent = sa.table(key.parent, sa.column(key.parent_column)).alias()
-        value = child.c[key.column]
-        has_parent = sa.exists().where(parent.c[key.parent_column] == value)
-        rows = connection.scalar(
-            sa.select(sa.func.count())
-            .select_from(child)
-            .where(value.is_not(None), ~has_parent)
-        )
-        if rows:
-            yield f"{rows} rows of {key.table} have no parent in {key.parent}"
+        inspector = inspect(connection)
+        for table in sorted(inspector.get_table_names()):
+            for key in inspector.get_foreign_keys(table):
+                (column,), (referred,) = (
+                    key["constrained_columns"],
+                    key["referred_columns"],
+                )
+                child = sa.table(table, sa.column(column)).alias()
+                parent = sa.table(key["referred_table"], sa.column(referred)).alias()
+                value = child.c[column]
+                has_parent = sa.exists().where(parent.c[referred] == value)
+                lost = sa.select(sa.func.count()).select_from(child)
+                rows = connection.scalar(lost.where(value.is_not(None), ~has_parent))
+                if rows:
+                    orphans.append(
+                        f"{rows} rows of {table} have no parent in "
+                        f"{key['referred_table']}"
+                    )
+                names.add(key["name"] or "")
+    missing = [
+        f"{table.name} has no key {name}"
+        for table in Base.metadata.sorted_tables
+        for name in sorted(str(key.name) for key in table.foreign_key_constraints)
+        if name not in names
+    ]
+    return [*missing, *orphans]

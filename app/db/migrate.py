@@ -8,12 +8,9 @@ since it takes eight megabytes of memory.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from sqlalchemy import Connection, Engine, func, inspect, select, text
-
-if TYPE_CHECKING:
-    from alembic.config import Config
 
 _MAY_LOSE: Final = "may_lose"
 
@@ -47,7 +44,11 @@ def migrate(
         try:
             with connection.execution_options(writes=True).begin():
                 _run(connection, scripts, revision, may_lose=may_lose)
-                _check_foreign_keys(connection)
+                broken = connection.exec_driver_sql("PRAGMA foreign_key_check").all()
+                if broken:
+                    raise RuntimeError(
+                        f"the migration left {len(broken)} rows without a parent"
+                    )
         finally:
             _sqlite_foreign_keys(connection, on=True)
 
@@ -89,21 +90,17 @@ def _run(
     connection: Connection, scripts: Path, revision: str, *, may_lose: bool
 ) -> None:
     from alembic import command
+    from alembic.config import Config
 
-    config = _config(scripts)
+    config = Config()
+    config.set_main_option("script_location", str(scripts).replace("%", "%%"))
     config.attributes["connection"] = connection
     config.attributes[_MAY_LOSE] = may_lose
-    if revision == "head" or _is_ahead(connection, revision):
+    current = _revision_of(connection) or ""
+    if revision == "head" or (revision != "base" and revision > current):
         command.upgrade(config, revision)
     else:
         command.downgrade(config, revision)
-
-
-def _is_ahead(connection: Connection, revision: str) -> bool:
-    if revision == "base":
-        return False
-    current = _revision_of(connection)
-    return current is None or revision > current
 
 
 def _revision_of(connection: Connection) -> str | None:
@@ -119,22 +116,8 @@ def _revisions(scripts: Path) -> set[str]:
     return {file.name.partition("_")[0] for file in files}
 
 
-def _config(scripts: Path) -> Config:
-    from alembic.config import Config
-
-    config = Config()
-    config.set_main_option("script_location", str(scripts).replace("%", "%%"))
-    return config
-
-
 def _sqlite_foreign_keys(connection: Connection, *, on: bool) -> None:
     # The pragma has no effect inside a transaction, so the driver executes it.
     driver = connection.connection.dbapi_connection
     if driver is not None:
         driver.cursor().execute(f"PRAGMA foreign_keys={'ON' if on else 'OFF'}")
-
-
-def _check_foreign_keys(connection: Connection) -> None:
-    broken = connection.exec_driver_sql("PRAGMA foreign_key_check").all()
-    if broken:
-        raise RuntimeError(f"the migration left {len(broken)} rows without a parent")

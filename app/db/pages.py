@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import unicodedata
-from typing import NamedTuple, TypeVar
+from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
-from sqlalchemy import select
+from sqlalchemy import Select, SQLColumnExpression, select
 from sqlalchemy.orm import Session
 
 from app.db.base import MAX_ID
 from app.db.tables import ConfigVersion, Export, Problem, Run
 from app.errors import BadCursor
+
+if TYPE_CHECKING:
+    from sqlalchemy.util.typing import TypeVarTuple, Unpack
+
+    _Columns = TypeVarTuple("_Columns")
 
 Row = TypeVar("Row", ConfigVersion, Export, Problem, Run)
 
@@ -38,12 +43,12 @@ def number_and_id_of_cursor(cursor: str) -> tuple[float, int]:
     """The number and the id that `cursor_after` was given; BadCursor otherwise."""
     number, _, row_id = cursor.partition("~")
     try:
-        found = float(number), id_of_cursor(row_id)
+        place = float(number), id_of_cursor(row_id)
     except (ValueError, BadCursor):
         raise BadCursor(cursor) from None
-    if not found[0] >= 0:
+    if not place[0] >= 0:
         raise BadCursor(cursor)
-    return found
+    return place
 
 
 class NewestPage(NamedTuple):
@@ -52,13 +57,18 @@ class NewestPage(NamedTuple):
     before_id: int | None
     limit: int
 
+    def of(
+        self, rows: Select[Unpack[_Columns]], key: SQLColumnExpression[int]
+    ) -> Select[Unpack[_Columns]]:
+        """Its rows among these, and one more if there is a next page."""
+        if self.before_id is not None:
+            rows = rows.where(key < self.before_id)
+        return rows.order_by(key.desc()).limit(self.limit + 1)
+
 
 def newest(
     session: Session, table: type[Row], dataset_id: int, page: NewestPage
 ) -> list[Row]:
     """The rows of a page, and one more if there is a next page."""
     rows = select(table).where(table.dataset_id == dataset_id)
-    if page.before_id is not None:
-        rows = rows.where(table.id < page.before_id)
-    rows = rows.order_by(table.id.desc()).limit(page.limit + 1)
-    return list(session.scalars(rows))
+    return list(session.scalars(page.of(rows, table.id)))

@@ -43,13 +43,15 @@ def make_postgres_engine(
     url: URL, *, only_read: bool = False, turns: Turns | None = None
 ) -> Engine:
     """An engine that tests connections before use, so the server may restart."""
+    # Those in the URL come first.
+    arguments = {name: v for name, v in _CONNECT_ARGS.items() if name not in url.query}
     engine = create_engine(
         url,
         pool_size=KEPT_CONNECTIONS,
         max_overflow=MOST_CONNECTIONS - KEPT_CONNECTIONS,
         pool_pre_ping=True,
         hide_parameters=True,
-        connect_args=_arguments(url),
+        connect_args=arguments,
         # Regardless of the server's default: after waiting for the lock, a writer must
         # see what others have written.
         isolation_level="READ COMMITTED",
@@ -60,11 +62,6 @@ def make_postgres_engine(
         turns.apply_to(engine)
     event.listen(engine, "begin", _begin)
     return engine
-
-
-def _arguments(url: URL) -> dict[str, object]:
-    """The parameters of connections, except those in the URL."""
-    return {name: text for name, text in _CONNECT_ARGS.items() if name not in url.query}
 
 
 def _begin(connection: Connection) -> None:

@@ -49,10 +49,7 @@ _BUSY: Final = ("locked", "busy", "lock timeout")
 def takes_writes(database: Database) -> bool:
     """True after a durable write; False if another transaction held the lock.
 
-    Raises
-    ------
-    SQLAlchemyError
-        The database cannot be written.
+    Raises SQLAlchemyError if the database cannot be written.
     """
     sqlite = database.engine.dialect.name == "sqlite"
     with database.engine.connect() as connection:

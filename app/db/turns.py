@@ -48,11 +48,16 @@ class Turns:
         event.listen(engine, "checkin", self._end)
 
     def _begin(self, connection: Connection) -> None:
-        options, held = connection.get_execution_options(), _notes_on(connection)
-        if options.get("writes", False) and _HELD not in held:
+        # Noted on the database connection, until that is closed.
+        kept = connection.connection.record_info
+        options, notes = (
+            connection.get_execution_options(),
+            {} if kept is None else kept,
+        )
+        if options.get("writes", False) and _HELD not in notes:
             wait_s = options.get("turn_wait_s", LONGEST_WAIT_S)
             self.take(person=options.get("person", False), wait_s=wait_s)
-            held[_HELD] = True
+            notes[_HELD] = True
 
     def _end(self, _connection: object, record: ConnectionPoolEntry) -> None:
         if (record.record_info or {}).pop(_HELD, False):
@@ -67,47 +72,35 @@ class Turns:
     def take(self, *, person: bool, wait_s: float) -> None:
         """Wait until it is this thread's turn; `give_back` ends the turn.
 
-        Raises
-        ------
-        sqlalchemy.exc.TimeoutError
-            It was not within `wait_s` seconds.
+        Raises sqlalchemy.exc.TimeoutError if it was not within `wait_s` seconds.
         """
-        mine = threading.Event()
+        turn = threading.Event()
         waiting = self._people if person else self._work
         with self._changing:
             if not self._is_taken:
                 self._is_taken = True
                 return
-            waiting.append(mine)
-        if mine.wait(wait_s):
+            waiting.append(turn)
+        if turn.wait(wait_s):
             return
         with self._changing:
-            if mine.is_set():  # handed over at the last moment
+            if turn.is_set():  # handed over at the last moment
                 return
-            waiting.remove(mine)
+            waiting.remove(turn)
         raise WaitedTooLong(f"others have been writing for {wait_s:g} seconds")
 
     def give_back(self) -> None:
         """End the turn and hand it to the next waiting thread."""
         with self._changing:
-            following = self._next()
+            following: threading.Event | None = None
+            of_work = self._in_a_row >= PEOPLE_IN_A_ROW or not self._people
+            if self._people and not (self._work and of_work):
+                self._in_a_row += 1
+                following = self._people.popleft()
+            else:
+                self._in_a_row = 0
+                if self._work:
+                    following = self._work.popleft()
             self._is_taken = following is not None
             if following is not None:
                 following.set()
-
-    def _next(self) -> threading.Event | None:
-        of_work = self._in_a_row >= PEOPLE_IN_A_ROW or not self._people
-        if self._work and of_work:
-            self._in_a_row = 0
-            return self._work.popleft()
-        if self._people:
-            self._in_a_row += 1
-            return self._people.popleft()
-        self._in_a_row = 0
-        return None
-
-
-def _notes_on(connection: Connection) -> dict[object, object]:
-    """Notes on a database connection, kept until it is closed."""
-    kept = connection.connection.record_info
-    return {} if kept is None else kept

@@ -220,7 +220,12 @@ class PixelPool:
                 ) from None
             raise
         finally:
-            self._give_back(child, reason)
+            if reason:  # it is killed, and replaced by the next call
+                child.kill()
+                PIXEL_PROCESSES_ENDED.labels(reason).inc()
+            elif self._is_closed:
+                child.end()
+            self._free.put(None if reason or self._is_closed else child)
         if kind == _REFUSED:
             raise cast("FilterError", result)
         if kind == _MEMORY:
@@ -234,7 +239,12 @@ class PixelPool:
         return result
 
     def _next_child(self, cancelled: threading.Event | None) -> _Child:
-        place = self._take(cancelled)
+        while True:
+            if cancelled is not None and cancelled.is_set():
+                raise CallCancelled
+            with suppress(Empty):
+                place = self._free.get(timeout=None if cancelled is None else _POLL_S)
+                break
         if self._is_closed:
             self._free.put(place)
             raise CallCancelled
@@ -245,23 +255,6 @@ class PixelPool:
         except BaseException:
             self._free.put(None)
             raise
-
-    def _give_back(self, child: _Child, reason: str) -> None:
-        """Make a child available again; with a reason, it is killed and replaced."""
-        if reason:
-            child.kill()
-            PIXEL_PROCESSES_ENDED.labels(reason).inc()
-        elif self._is_closed:
-            child.end()
-        self._free.put(None if reason or self._is_closed else child)
-
-    def _take(self, cancelled: threading.Event | None) -> _Child | None:
-        while cancelled is not None:
-            if cancelled.is_set():
-                raise CallCancelled
-            with suppress(Empty):
-                return self._free.get(timeout=_POLL_S)
-        return self._free.get()
 
 
 def _end_all(free: LifoQueue[_Child | None]) -> None:
@@ -307,15 +300,11 @@ class _Child:
             raise _ChildDied(ending_text(self._process.exitcode)) from exc
 
     def _wait(self, seconds: float, cancelled: threading.Event | None) -> None:
-        if cancelled is None:
-            if not self._pipe.poll(seconds):
-                raise _TooSlow
-            return
         until = time.monotonic() + seconds
-        while not self._pipe.poll(_POLL_S):
-            if cancelled.is_set():
+        while not self._pipe.poll(seconds if cancelled is None else _POLL_S):
+            if cancelled is not None and cancelled.is_set():
                 raise CallCancelled
-            if time.monotonic() > until:
+            if time.monotonic() >= until:
                 raise _TooSlow
 
     def end(self) -> None:
@@ -381,13 +370,10 @@ def _outcome(message: bytes) -> bytes:
         kind, result = _REFUSED, error
     except MemoryError:
         kind, result = _MEMORY, None
-    except cv2.error as error:
-        is_memory = error.code == cv2.Error.StsNoMem
-        kind, result = (
-            (_MEMORY, None) if is_memory else (_FAILED, traceback.format_exc())
-        )
-    except Exception:
+    except Exception as error:
         kind, result = _FAILED, traceback.format_exc()
+        if isinstance(error, cv2.error) and error.code == cv2.Error.StsNoMem:
+            kind, result = _MEMORY, None
     return pickle.dumps((kind, result), pickle.HIGHEST_PROTOCOL)
 
 

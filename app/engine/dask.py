@@ -29,10 +29,8 @@ def run_scheduler(
 ) -> None:
     """Run a scheduler until SIGTERM or SIGINT; `ready` gets its address.
 
-    Raises
-    ------
-    UnusableEngine
-        It would be open to anybody, or it cannot listen on that address.
+    Raises UnusableEngine if it would be open to anybody, or cannot listen on that
+    address.
     """
     encrypted = any(certificates)
     if not encrypted and not is_loopback(host):
@@ -42,37 +40,32 @@ def run_scheduler(
         )
     prepare()
     address = EngineAddress("tls" if encrypted else "tcp", host, port)
+
+    async def serve(folder: str) -> None:
+        from distributed import Scheduler
+
+        scheduler = Scheduler(
+            host=address.host,
+            port=address.port,
+            protocol=f"{address.scheme}://",
+            security=security(certificates, encrypted=address.is_encrypted),
+            dashboard=False,
+            dashboard_address=NOWHERE,
+            local_directory=folder,
+        )
+        try:
+            await scheduler
+        except (OSError, RuntimeError) as exc:
+            detail = f"cannot listen at {address}: {reason_of(exc)}"
+            raise UnusableEngine(detail) from exc
+        close_dashboard(scheduler)
+        stop = stop_event()
+        ready(str(scheduler.address))
+        await stop.wait()
+        await scheduler.close()
+
     with scratch_folder() as folder:
-        asyncio.run(_serve(address, certificates, ready, folder))
-
-
-async def _serve(
-    address: EngineAddress,
-    certificates: Certificates,
-    ready: Callable[[str], None],
-    folder: str,
-) -> None:
-    from distributed import Scheduler
-
-    scheduler = Scheduler(
-        host=address.host,
-        port=address.port,
-        protocol=f"{address.scheme}://",
-        security=security(certificates, encrypted=address.is_encrypted),
-        dashboard=False,
-        dashboard_address=NOWHERE,
-        local_directory=folder,
-    )
-    try:
-        await scheduler
-    except (OSError, RuntimeError) as exc:
-        detail = f"cannot listen at {address}: {reason_of(exc)}"
-        raise UnusableEngine(detail) from exc
-    close_dashboard(scheduler)
-    stop = stop_event()
-    ready(str(scheduler.address))
-    await stop.wait()
-    await scheduler.close()
+        asyncio.run(serve(folder))
 
 
 def scratch_folder() -> TemporaryDirectory[str]:
@@ -134,10 +127,7 @@ class Certificates(NamedTuple):
     def require(self) -> None:
         """Check that the files exist and hold a matching certificate and key.
 
-        Raises
-        ------
-        UnusableEngine
-            Names the setting, the file and what is wrong with it.
+        Raises UnusableEngine with the setting, the file and what is wrong with it.
         """
         for name, path in self._asdict().items():
             if path is None:
@@ -149,9 +139,6 @@ class Certificates(NamedTuple):
                 raise UnusableEngine(
                     f"UNGHOST_TLS_{name.upper()}: there is no file {str(path)!r}"
                 )
-        self._require_contents()
-
-    def _require_contents(self) -> None:
         context = ssl.create_default_context()
         ca, cert, key = map(str, self)
         with _tls_fault("CA", f"in {ca!r} there is no certificate"):
@@ -165,13 +152,7 @@ class Certificates(NamedTuple):
 
 
 def prepare() -> None:
-    """Configure Dask.
-
-    Raises
-    ------
-    UnusableEngine
-        Dask is not installed.
-    """
+    """Configure Dask; raises UnusableEngine if it is not installed."""
     try:
         import dask
 

@@ -33,11 +33,9 @@ class _Lane:
     """
 
     def __init__(self, drivers: int, suffix: str = "") -> None:
-        self.jobs = ThreadPoolExecutor(drivers, f"jobs{suffix}", self._enter)
+        enter = partial(setattr, _here, "lane", self)
+        self.jobs = ThreadPoolExecutor(drivers, f"jobs{suffix}", enter)
         self.chunks = ThreadPoolExecutor(1, f"chunks{suffix}")
-
-    def _enter(self) -> None:
-        _here.lane = self
 
 
 class LocalEngine:
@@ -64,21 +62,22 @@ class LocalEngine:
 
     def start(self, work: Callable[[_Item], _Result], item: _Item) -> Future[_Result]:
         """Start `work` on one item in the thread pool."""
-        return self._pixels.submit(self._worked, work, item)
+
+        def counted() -> _Result:
+            with self._counting:
+                self._busy += 1
+            try:
+                return work(item)
+            finally:
+                with self._counting:
+                    self._busy -= 1
+
+        return self._pixels.submit(counted)
 
     @property
     def busy(self) -> int:
         """How many items are being worked on."""
         return self._busy
-
-    def _worked(self, work: Callable[[_Item], _Result], item: _Item) -> _Result:
-        with self._counting:
-            self._busy += 1
-        try:
-            return work(item)
-        finally:
-            with self._counting:
-                self._busy -= 1
 
     def map(
         self,
@@ -111,11 +110,7 @@ class LocalEngine:
                 future.cancel()
 
     def submit(
-        self,
-        work: Callable[[], None],
-        job: Job | None = None,
-        *,
-        is_long: bool = False,
+        self, work: Callable[[], None], job: Job | None = None, *, is_long: bool = False
     ) -> None:
         """Queue a job; a failure is logged. A job that is queued already is skipped."""
         lane = self._long if is_long else self._short
@@ -126,12 +121,13 @@ class LocalEngine:
             if job in self._queued:
                 return
             self._queued.add(job)
-        lane.jobs.submit(_logging_failures, partial(self._begin, work, job))
 
-    def _begin(self, work: Callable[[], None], job: Job) -> None:
-        with self._counting:
-            self._queued.discard(job)
-        work()
+        def begin() -> None:
+            with self._counting:
+                self._queued.discard(job)
+            work()
+
+        lane.jobs.submit(_logging_failures, begin)
 
     @property
     def most_in_flight(self) -> int:
@@ -150,12 +146,8 @@ class LocalEngine:
     def outcome(self, future: Future[str]) -> str:
         """How a chunk ended.
 
-        Raises
-        ------
-        WorkerDied
-            The worker's process ended or reported no outcome; only in a cluster.
-        EngineAway
-            The chunk has to be submitted again; only in a cluster.
+        Raises, only in a cluster, WorkerDied if the worker's process ended or reported
+        no outcome, and EngineAway if the chunk has to be submitted again.
         """
         return future.result()
 
@@ -170,13 +162,7 @@ class LocalEngine:
         return True
 
     def connect(self) -> None:
-        """Connect to the engine again.
-
-        Raises
-        ------
-        EngineAway
-            It does not respond; the text says more.
-        """
+        """Connect to the engine again; raises EngineAway if it does not respond."""
 
     def interrupt(self, job: Job) -> None:
         """Stop a job that is being cancelled, before its row says so.

@@ -18,31 +18,22 @@ class VersionRepository:
 
     def named(self, name: str) -> Export:
         """The version of this name; NotFound if there is none that is done."""
-        rows = select(Export).where(
-            Export.dataset_id == self._dataset_id,
-            Export.name == name,
-            Export.state == "done",
-        )
-        found = self._session.scalar(rows.options(undefer(Export.frames_state)))
-        if found is None:
+        of_name = Export.dataset_id == self._dataset_id, Export.name == name
+        rows = select(Export).where(*of_name, Export.state == "done")
+        version = self._session.scalar(rows.options(undefer(Export.frames_state)))
+        if version is None:
             raise NotFound("version", name)
-        return found
+        return version
 
     def export_of(self, name: str) -> int | None:
         """The export that has a name, or will have it when it is done."""
-        rows = select(Export.id).where(
-            Export.dataset_id == self._dataset_id,
-            Export.name == name,
-            Export.state.not_in(("failed", "cancelled")),
-        )
-        return self._session.scalar(rows)
+        of_name = Export.dataset_id == self._dataset_id, Export.name == name
+        is_version = Export.state.not_in(("failed", "cancelled"))
+        return self._session.scalar(select(Export.id).where(*of_name, is_version))
 
     def page(self, page: NewestPage) -> list[Export]:
         """The versions of a page, newest first, and one more if there is a next one."""
         rows = select(Export).where(
             Export.dataset_id == self._dataset_id, Export.name.is_not(None)
         )
-        if page.before_id is not None:
-            rows = rows.where(Export.id < page.before_id)
-        rows = rows.order_by(Export.id.desc()).limit(page.limit + 1)
-        return list(self._session.scalars(rows))
+        return list(self._session.scalars(page.of(rows, Export.id)))

@@ -53,17 +53,20 @@ def request_export(
     """Queue an export; it starts when the transaction is committed.
 
     If the format's labels name classes by their numbers, the dataset's classes keep
-    their names and their order from now on.
-
-    Raises
-    ------
-    Conflict
-        ``classes_change``: an open run renames classes, whose numbers it changes.
-        ``version_exists``: another export has the name.
-    NotFound
-        There is no version `since`.
+    their names and their order from now on. Raises Conflict: ``classes_change``: an
+    open run renames classes, whose numbers it changes. ``version_exists``: another
+    export has the name; NotFound: there is no version `since`.
     """
-    _check_versions(session, dataset, wanted)
+    versions = VersionRepository(session, dataset)
+    if wanted.since is not None:
+        versions.named(wanted.since)
+    taken = None if wanted.name is None else versions.export_of(wanted.name)
+    if taken is not None:
+        raise Conflict(
+            f"dataset {dataset.name!r} has a version {wanted.name!r} already, export "
+            f"{taken}; choose another name, or delete that export",
+            code="version_exists",
+        )
     fmt = format_of(wanted.format, ExportOptions.from_mapping(wanted.options))
     require_room(context.settings, context.storage)
     if fmt.numbers_classes:
@@ -89,28 +92,12 @@ def request_export(
     return export
 
 
-def _check_versions(session: Session, dataset: Dataset, wanted: ExportRequest) -> None:
-    versions = VersionRepository(session, dataset)
-    if wanted.since is not None:
-        versions.named(wanted.since)
-    taken = None if wanted.name is None else versions.export_of(wanted.name)
-    if taken is not None:
-        raise Conflict(
-            f"dataset {dataset.name!r} has a version {wanted.name!r} already, export "
-            f"{taken}; choose another name, or delete that export",
-            code="version_exists",
-        )
-
-
 def planned_parts(
     session: Session, dataset: Dataset, shares: Sequence[float]
 ) -> wire.Parts:
     """The parts that an export with these shares would make now.
 
-    Raises
-    ------
-    ExportError
-        They are no shares.
+    Raises ExportError if they are no shares.
     """
     parts = Parts(ExportOptions.from_mapping({"split": list(shares)}))
     for frame in FrameRepository(session).parts_told(dataset.id):
@@ -125,14 +112,8 @@ def planned_parts(
 def delete_export(audit: AuditTrail, context: ServiceContext, export_id: int) -> None:
     """Delete an export that has ended, and its file if no other export has the same.
 
-    Raises
-    ------
-    NotFound
-        There is no such export.
-    Conflict
-        ``export_open``: it is queued or running.
-    TryLater
-        A backup is being made, or a garbage collection.
+    Raises NotFound: there is no such export; Conflict: ``export_open``: it is queued or
+    running; TryLater: a backup is being made, or a garbage collection.
     """
     session = audit.session
     export = job_with_id(session, tables.Export, export_id)
@@ -161,11 +142,8 @@ def delete_export(audit: AuditTrail, context: ServiceContext, export_id: int) ->
 def finished_file(context: ServiceContext, export: tables.Export) -> StoredBlob:
     """The file of a finished export.
 
-    Raises
-    ------
-    Conflict
-        ``export_not_done``: it is not finished; ``export_removed``: its file was
-        deleted.
+    Raises Conflict: ``export_not_done``: it is not finished; ``export_removed``: its
+    file was deleted.
     """
     if export.state == "done" and export.sha256 is None:
         why = (export.error or {}).get("detail", "its file was deleted")
@@ -181,26 +159,13 @@ def finished_file(context: ServiceContext, export: tables.Export) -> StoredBlob:
 def describe_export(export: tables.Export, dataset: str) -> wire.Export:
     """An export as responses show it."""
     has_file = export.state == "done" and export.sha256 is not None
+    same = wire.Export.model_fields.keys() - {"dataset", "options", "download"}
     return wire.Export.model_validate(
         {
-            "id": export.id,
+            **{name: getattr(export, name) for name in same},
             "dataset": dataset,
-            "format": export.format,
             # Validated on creation, perhaps by an earlier version: read leniently.
             "options": wire.ExportOptions.read(export.options),
-            "state": export.state,
-            "total": export.total,
-            "done": export.done,
-            "size_bytes": export.size_bytes,
-            "sha256": export.sha256,
-            "counts": export.counts,
-            "error": export.error,
-            "created_by": export.created_by,
-            "created_at": export.created_at,
-            "finished_at": export.finished_at,
-            "name": export.name,
-            "since": export.since,
-            "version": export.version,
             "download": f"/api/v1/exports/{export.id}/download" if has_file else None,
         }
     )

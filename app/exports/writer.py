@@ -14,8 +14,8 @@ import shutil
 import zipfile
 import zlib
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from contextlib import closing, contextmanager
-from dataclasses import dataclass, field, replace
+from contextlib import closing
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Final, NamedTuple
@@ -26,7 +26,6 @@ from app.boxes.current import TallyRepository
 from app.boxes.queries import FileRow, FrameHead, FrameRepository, LatestAnswers
 from app.boxes.reader import DecisionReader, StoredDecision
 from app.catalog.datasets import DatasetRepository
-from app.context import ServiceContext
 from app.db.engine import once_committed
 from app.db.tables import Dataset, Export
 from app.engine.children import PixelPool
@@ -74,92 +73,92 @@ def write_archive(task: Task[Export]) -> None:
     """Write the zip file of an export, store it, and end the export's job."""
     context = task.context
     task.check()
-    with _empty_folder(context, task.job.id) as folder:
-        file = folder / "export.zip"
-        with context.database.read() as session:
-            export = task.row(session)
-            counts, frames = _stream(task, session, export, file)
-            version = frames.version()
-        size_bytes = file.stat().st_size
-        put = partial(context.storage.adopt, file)
-        digest = task.retry_unavailable(put)
-    stored = StoredArchive(digest, size_bytes, counts, version, frames.digests)
-    try:
-        _end(task, stored)
-    except BlobsUncertain as uncertain:
-        task.retry_unavailable(partial(context.storage.make_sure, uncertain.digests))
-        _end(task, stored)
-    # Another process that still writes this export stops at its next `check`, because
-    # the job has ended: its folder can be removed as well.
-    _clear(context, task.job.id)
-
-
-class StoredArchive(NamedTuple):
-    """The stored zip file of an export, the counts of its content, and the digests."""
-
-    digest: str
-    size_bytes: int
-    counts: Counts
-    version: str
-    frames: Mapping[str, str]
-
-
-def _end(task: Task[Export], stored: StoredArchive) -> None:
-    with task.context.database.write() as session:
-        export = task.row(session)
-        task.context.storage.require([stored.digest])
-        export.sha256, export.size_bytes = stored.digest, stored.size_bytes
-        export.counts, export.done = stored.counts, export.total
-        export.version = stored.version
-        if export.name is not None:
-            export.frames_state = pack_state(stored.frames)
-        task.end_job(session)
-        # Older files may have to make place for this one.
-        once_committed(session, task.context.one(DeletionSignal).set)
-
-
-@contextmanager
-def _empty_folder(context: ServiceContext, export_id: int) -> Iterator[Path]:
-    """A new folder for one attempt at an export; earlier attempts may still run."""
-    name = f"export-{export_id}-{secrets.token_hex(4)}"
-    folder = context.storage.temporary_folder() / name
+    temporary, name = context.storage.temporary_folder(), f"export-{task.job.id}"
+    # A folder for this attempt alone: earlier ones may still run.
+    folder = temporary / f"{name}-{secrets.token_hex(4)}"
     folder.mkdir()
     try:
-        yield folder
+        file = folder / "export.zip"
+        with context.database.read() as session:
+            counts, frames = _stream(task, session, file)
+            version = frames.version()
+        size_bytes = file.stat().st_size
+        digest = task.retry_unavailable(lambda: context.storage.adopt(file))
     finally:
         shutil.rmtree(folder, ignore_errors=True)
 
+    def end() -> None:
+        with context.database.write() as session:
+            export = task.row(session)
+            context.storage.require([digest])
+            export.sha256, export.size_bytes = digest, size_bytes
+            export.counts, export.done = counts, export.total
+            export.version = version
+            if export.name is not None:
+                export.frames_state = pack_state(frames.digests)
+            task.end_job(session)
+            # Older files may have to make place for this one.
+            once_committed(session, context.one(DeletionSignal).set)
 
-def _clear(context: ServiceContext, export_id: int) -> None:
-    """Remove the folders of interrupted attempts."""
-    temporary = context.storage.temporary_folder()
-    for left in (f"export-{export_id}", f"export-{export_id}-*"):
-        for folder in temporary.glob(left):
-            shutil.rmtree(folder, ignore_errors=True)
+    try:
+        end()
+    except BlobsUncertain as uncertain:
+        task.retry_unavailable(partial(context.storage.make_sure, uncertain.digests))
+        end()
+    # Another process that still writes this export stops at its next `check`, because
+    # the job has ended: its folder can be removed, as those of interrupted attempts.
+    for left in (name, f"{name}-*"):
+        for abandoned in temporary.glob(left):
+            shutil.rmtree(abandoned, ignore_errors=True)
 
 
 def _stream(
-    task: Task[Export], session: Session, export: Export, file: Path
+    task: Task[Export], session: Session, file: Path
 ) -> tuple[Counts, ExportFrames]:
     """Write the file; the counts of its content, and the frames that it was made of."""
+    export = task.row(session)
     dataset = DatasetRepository(session).with_id(export.dataset_id)
-    options = _options(export)
-    needs = format_of(export.format, options).needs
-    frames = ExportFrames(
-        partial(_read, task), session, dataset, needs, task.context.drawers
+    # The stored request, which an earlier version may have checked, has a value for
+    # every option, also for those that its format does not have.
+    names = FORMATS[export.format].options
+    stored = {name: v for name, v in export.options.items() if name in names}
+    options = ExportOptions.from_mapping(stored)
+    needs, storage = format_of(export.format, options).needs, task.context.storage
+
+    def read(digest: str) -> bytes:
+        return task.retry_unavailable(partial(storage.read, digest))
+
+    frames = ExportFrames(read, session, dataset, needs, task.context.drawers)
+    expected = sum(TallyRepository(session).of_dataset(dataset.id).values())
+    absent = (dataset.recording or {}).get(COMPANIONS)
+    head = ExportHead(
+        classes=tuple(DatasetRepository(session).listed_classes(dataset.id)),
+        facts={
+            "dataset": dataset.name,
+            "run": dataset.active_run_id,
+            "config": active_version(session, dataset).digest,
+            "last_review": LatestAnswers(session).last_id(dataset.id),
+            "frames": FrameRepository(session).count(dataset.id),
+            **({"companions_absent": absent} if absent else {}),
+        },
+        expected_boxes=expected,
+        temporary=file.parent,
     )
-    head = replace(_head(session, dataset), temporary=file.parent)
-    expected = head.expected_boxes
     if export.since is not None:
-        frames.known = unpack_state(
-            VersionRepository(session, dataset).named(export.since)
-        )
+        since = VersionRepository(session, dataset).named(export.since)
+        frames.known = unpack_state(since)
         gone = sorted(frames.known.keys() - FrameRepository(session).keys(dataset.id))
         facts = {**head.facts, "since": export.since, "removed": gone}
         head = replace(head, facts=facts, expected_boxes=None)
+
+    def reporting() -> Iterator[ExportFrame]:
+        for done, frame in enumerate(frames):
+            task.check()
+            task.report(min(done, export.total))
+            yield frame
+
     with closing(ReproducibleZip(file)) as archive:
-        coming = _reporting(task, export.total, frames)
-        counts = write_export(export.format, coming, archive.add, head, options)
+        counts = write_export(export.format, reporting(), archive.add, head, options)
     if frames.boxes != expected:
         raise ExportError(
             f"expected {expected} boxes, found {frames.boxes}", code="count_mismatch"
@@ -176,48 +175,6 @@ def unpack_state(version: Export) -> dict[str, str]:
     """The digests of a version's frames by their keys."""
     state: dict[str, str] = json.loads(zlib.decompress(version.frames_state or b""))
     return state
-
-
-def _options(export: Export) -> ExportOptions:
-    """The options of a stored request, which an earlier version may have checked.
-
-    It holds a value for every option, also for those that its format does not have and
-    whose default has changed since.
-    """
-    known = FORMATS[export.format].options
-    stored = {name: v for name, v in export.options.items() if name in known}
-    return ExportOptions.from_mapping(stored)
-
-
-def _read(task: Task[Export], digest: str) -> bytes:
-    return task.retry_unavailable(partial(task.context.storage.read, digest))
-
-
-def _head(session: Session, dataset: Dataset) -> ExportHead:
-    tallies = TallyRepository(session).of_dataset(dataset.id)
-    absent = (dataset.recording or {}).get(COMPANIONS)
-    return ExportHead(
-        classes=tuple(DatasetRepository(session).listed_classes(dataset.id)),
-        facts={
-            "dataset": dataset.name,
-            "run": dataset.active_run_id,
-            "config": active_version(session, dataset).digest,
-            "last_review": LatestAnswers(session).last_id(dataset.id),
-            "frames": FrameRepository(session).count(dataset.id),
-            **({"companions_absent": absent} if absent else {}),
-        },
-        expected_boxes=sum(tallies.values()),
-    )
-
-
-def _reporting(
-    task: Task[Export], total: int, frames: ExportFrames
-) -> Iterator[ExportFrame]:
-    """The frames; before each, reports progress and checks whether the job goes on."""
-    for done, frame in enumerate(frames):
-        task.check()
-        task.report(min(done, total))
-        yield frame
 
 
 class ExportFrames:
@@ -243,11 +200,8 @@ class ExportFrames:
         needs: Collection[Need],
         drawers: PixelPool,
     ) -> None:
-        self._read = read
-        self._drawers = drawers
-        self._session = session
-        self._dataset = dataset
-        self._needs = needs
+        self._read, self._drawers, self._session = read, drawers, session
+        self._dataset, self._needs = dataset, needs
         self._reader = DecisionReader(session, dataset)
         self.known: Mapping[str, str] = {}
         self.digests: dict[str, str] = {}
@@ -277,26 +231,27 @@ class ExportFrames:
             after = heads[-1].key
 
     def _content(self, heads: Sequence[FrameHead]) -> _Content:
-        frames = FrameRepository(self._session)
+        """The data of several frames that is read at once."""
+        frames, needs = FrameRepository(self._session), self._needs
         ids = [head.id for head in heads]
         boxes = self._reader.read_frames(ids)
-        content = _Content(boxes.frames, boxes.labels, boxes.rows_by_frame())
-        if "annotation" in self._needs:
-            content.annotations = frames.annotation_texts(ids)
-        if "image" in self._needs:
-            content.files = frames.files(ids)
-        if "decisions" in self._needs:
-            content.decisions = self._reader.records(boxes)
-        if "decision_columns" in self._needs:
-            content.columns = self._reader.columns(boxes)
-        return content
+        return _Content(
+            boxes.frames,
+            boxes.labels,
+            boxes.rows_by_frame(),
+            annotations=frames.annotation_texts(ids) if "annotation" in needs else {},
+            files=frames.files(ids) if "image" in needs else {},
+            decisions=self._reader.records(boxes) if "decisions" in needs else (),
+            columns=(
+                self._reader.columns(boxes) if "decision_columns" in needs else None
+            ),
+        )
 
     def _draw(self, digest: str, boxes: Sequence[DrawnBox]) -> bytes:
         return self._drawers.run(png_with_boxes, self._read(digest), boxes)
 
-    def _colored(self, digest: str, evidence: EvidenceRow | None) -> bytes:
+    def _colored(self, digest: str, palette: str | None) -> bytes:
         content = self._read(digest)
-        palette = None if evidence is None else evidence.palette
         if palette is None:
             return content
         options = SegmentationOptions(palette=palette)
@@ -308,13 +263,16 @@ class ExportFrames:
         files = content.files.get(frame.id, {})
         image = files.get("image")
         evidence = content.evidence.get(frame.id)
+        palette = None if evidence is None else evidence.palette
         rows = content.rows.get(frame.id, _NO_ROWS)
         columns = content.columns
+        # Whether an annotation may have the labels of a format of this name.
+        has_labels = f'"{SOURCE_LABELS}"' in text
         given = GivenAnnotation(
             partial(_annotation, text, self._dataset.renamed_classes),
             wh,
             crowds=_CROWD in text,
-            may_be_of=partial(_may_be_of, text),
+            may_be_of=lambda name: has_labels and f'"{name}"' in text,
         )
         said = given.frame if any(key in text for key in _PARTS) else {}
         return ExportFrame(
@@ -329,14 +287,14 @@ class ExportFrames:
             read_image=partial(self._read, image.sha256) if image else None,
             read_files={
                 kind: (
-                    partial(self._colored, file.sha256, evidence)
+                    partial(self._colored, file.sha256, palette)
                     if kind == "segmentation"
                     else partial(self._read, file.sha256)
                 )
                 for kind, file in files.items()
             },
             draw=partial(self._draw, image.sha256) if image else None,
-            palette=None if evidence is None else evidence.palette,
+            palette=palette,
             decisions=content.decisions[rows],
             columns=None if columns is None else columns[rows],
         )
@@ -345,15 +303,10 @@ class ExportFrames:
 def _digest_of(frame: FrameHead, boxes: DecidedBoxes) -> str:
     """Digest of a frame's files and annotation, of its decisions, and of answers."""
     names = [boxes.class_names[index] for index in boxes.class_index.tolist()]
-    found = hashlib.sha256(frame.content_digest.encode())
-    found.update(json.dumps([*boxes.ids, *names]).encode())
-    found.update(boxes.reason.tobytes() + boxes.answer.tobytes())
-    return found.hexdigest()
-
-
-def _may_be_of(text: str, name: str) -> bool:
-    """Whether an annotation may have the labels of a format of this name."""
-    return f'"{SOURCE_LABELS}"' in text and f'"{name}"' in text
+    digest = hashlib.sha256(frame.content_digest.encode())
+    digest.update(json.dumps([*boxes.ids, *names]).encode())
+    digest.update(boxes.reason.tobytes() + boxes.answer.tobytes())
+    return digest.hexdigest()
 
 
 def _annotation(text: str, renamed: Mapping[str, str]) -> JsonObject:
@@ -367,8 +320,7 @@ def _annotation(text: str, renamed: Mapping[str, str]) -> JsonObject:
     return annotation
 
 
-@dataclass
-class _Content:
+class _Content(NamedTuple):
     """The data of several frames that is read at once; mappings have frame ids as keys.
 
     `rows` are the rows of a frame in `labels`, `decisions` and `columns`.
@@ -377,10 +329,10 @@ class _Content:
     evidence: Mapping[int, EvidenceRow]
     labels: DecidedBoxes
     rows: Mapping[int, slice]
-    annotations: Mapping[int, str] = field(default_factory=dict)
-    files: Mapping[int, Mapping[str, FileRow]] = field(default_factory=dict)
-    decisions: Sequence[StoredDecision] = ()
-    columns: DecisionColumns | None = None
+    annotations: Mapping[int, str]
+    files: Mapping[int, Mapping[str, FileRow]]
+    decisions: Sequence[StoredDecision]
+    columns: DecisionColumns | None
 
 
 class ReproducibleZip:

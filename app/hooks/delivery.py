@@ -67,12 +67,24 @@ def delivering(context: ServiceContext) -> Iterator[None]:
 
 def deliver_due(context: ServiceContext, stop: Stop) -> None:
     """Queue the events of reviewed datasets, and try each delivery that is due."""
-    _note_reviewed(context)
     with context.database.read() as session:
-        hooks = DeliveryRepository(session).hooks_due(utc_now())
-    if hooks:
+        begun, over = PendingReviewRepository(session).changes()
+    if begun or over:
+        with context.database.write() as session:
+            pending = PendingReviewRepository(session)
+            for dataset_id in sorted(begun):
+                pending.begin(dataset_id)
+            for dataset_id in sorted(over):
+                if (dataset := pending.end(dataset_id)) is not None:
+                    hooks = HookRepository(session).told("dataset.reviewed", dataset_id)
+                    url = f"/api/v1/datasets/{dataset.name}"
+                    data = {"dataset": dataset.name, "url": url}
+                    DeliveryRepository(session).queue(hooks, "dataset.reviewed", data)
+    with context.database.read() as session:
+        due = DeliveryRepository(session).hooks_due(utc_now())
+    if due:
         with ThreadPoolExecutor(AT_ONCE, "hook") as pool:
-            list(pool.map(partial(_deliver, context, stop), hooks))
+            list(pool.map(partial(_deliver, context, stop), due))
 
 
 def signature(secret: str, webhook_id: str, timestamp: int, body: str) -> str:
@@ -81,23 +93,6 @@ def signature(secret: str, webhook_id: str, timestamp: int, body: str) -> str:
     signed = f"{webhook_id}.{timestamp}.{body}".encode()
     digest = hmac.new(key, signed, hashlib.sha256).digest()
     return f"v1,{base64.b64encode(digest).decode('ascii')}"
-
-
-def _note_reviewed(context: ServiceContext) -> None:
-    with context.database.read() as session:
-        begun, over = PendingReviewRepository(session).changes()
-    if not begun and not over:
-        return
-    with context.database.write() as session:
-        pending = PendingReviewRepository(session)
-        for dataset_id in sorted(begun):
-            pending.begin(dataset_id)
-        for dataset_id in sorted(over):
-            if (dataset := pending.end(dataset_id)) is not None:
-                hooks = HookRepository(session).told("dataset.reviewed", dataset_id)
-                data = {"dataset": dataset.name}
-                data["url"] = f"/api/v1/datasets/{dataset.name}"
-                DeliveryRepository(session).queue(hooks, "dataset.reviewed", data)
 
 
 def _deliver(context: ServiceContext, stop: Stop, hook_id: int) -> None:
@@ -135,12 +130,8 @@ def _send(
     """The status of the response to one attempt, and why it failed (None: it did not).
 
     Whether the host is allowed is checked again: the settings may be others than when
-    the hook was registered.
-
-    Raises
-    ------
-    asyncio.CancelledError
-        The service is stopping: the attempt does not count.
+    the hook was registered. Raises asyncio.CancelledError if the service is stopping:
+    then the attempt does not count.
     """
     now, webhook_id, body = int(time.time()), delivery.webhook_id, delivery.body
     headers = {

@@ -51,18 +51,15 @@ class HookRepository:
         """A page of hooks with the names of their datasets, newest first, and one more
         if there is a next one."""
         rows = select(Hook, Dataset.name).outerjoin(Dataset).where(is_there())
-        if page.before_id is not None:
-            rows = rows.where(Hook.id < page.before_id)
-        rows = rows.order_by(Hook.id.desc()).limit(page.limit + 1)
-        return list(self._session.execute(rows))
+        return list(self._session.execute(page.of(rows, Hook.id)))
 
     def with_id(self, hook_id: int) -> Hook:
         """One hook; NotFound if there is none."""
         rows = select(Hook).outerjoin(Dataset).where(Hook.id == hook_id, is_there())
-        found = self._session.scalar(rows)
-        if found is None:
+        hook = self._session.scalar(rows)
+        if hook is None:
             raise NotFound("hook", hook_id)
-        return found
+        return hook
 
     def delete(self, hook: Hook) -> None:
         """Delete a hook; its deliveries go by cascade."""
@@ -71,8 +68,8 @@ class HookRepository:
 
     def told(self, event: HookEvent, dataset_id: int) -> list[Hook]:
         """The hooks that are told of an event of a dataset."""
-        mine = or_(Hook.dataset_id.is_(None), Hook.dataset_id == dataset_id)
-        rows = select(Hook).where(mine).order_by(Hook.id)
+        of_dataset = or_(Hook.dataset_id.is_(None), Hook.dataset_id == dataset_id)
+        rows = select(Hook).where(of_dataset).order_by(Hook.id)
         return [hook for hook in self._session.scalars(rows) if event in hook.events]
 
 
@@ -107,10 +104,7 @@ class DeliveryRepository:
     def page(self, hook_id: int, page: NewestPage) -> list[HookDelivery]:
         """The deliveries of a page, newest first, and one more if there is a next."""
         rows = select(HookDelivery).where(HookDelivery.hook_id == hook_id)
-        if page.before_id is not None:
-            rows = rows.where(HookDelivery.id < page.before_id)
-        rows = rows.order_by(HookDelivery.id.desc()).limit(page.limit + 1)
-        return list(self._session.scalars(rows))
+        return list(self._session.scalars(page.of(rows, HookDelivery.id)))
 
     def hooks_due(self, now: datetime) -> list[int]:
         """Ids of the hooks of which a delivery is due."""
@@ -168,11 +162,8 @@ class PendingReviewRepository:
         if not wanted:
             return set(), seen
         rows = select(Tally.dataset_id).join(Dataset, Dataset.id == Tally.dataset_id)
-        rows = rows.where(
-            is_there(),
-            Tally.bin == Bin.ASK,
-            Tally.review.in_(REVIEW_STATES["undecided"].answers),
-        )
+        is_undecided = Tally.review.in_(REVIEW_STATES["undecided"].answers)
+        rows = rows.where(is_there(), Tally.bin == Bin.ASK, is_undecided)
         if None not in wanted:
             rows = rows.where(Tally.dataset_id.in_(wanted))
         having = rows.group_by(Tally.dataset_id).having(func.sum(Tally.boxes) > 0)

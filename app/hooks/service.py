@@ -25,28 +25,25 @@ _SECRET_BYTES: Final = 32
 def allowed_url(settings: Settings, url: str) -> httpx.URL:
     """The address of a hook, whose host `UNGHOST_HOOK_HOSTS` lists.
 
-    Raises
-    ------
-    Unprocessable
-        It is no address of HTTP, or has a name, a password or a fragment;
-        ``hook_host``: its host is not listed.
+    Raises Unprocessable if it is no address of HTTP, or has a name, a password or a
+    fragment, or (``hook_host``) if its host is not listed.
     """
     try:
-        found = httpx.URL(url)
+        address = httpx.URL(url)
     except httpx.InvalidURL as exc:
         raise Unprocessable(f"url {url[:80]!r} is no address: {exc}") from exc
-    if found.scheme not in ("http", "https") or not found.raw_host:
+    if address.scheme not in ("http", "https") or not address.raw_host:
         raise Unprocessable(
             f"url: expected an address such as https://ci.example.org/unghost, found "
             f"{url[:80]!r}"
         )
-    if found.userinfo or found.fragment:
+    if address.userinfo or address.fragment:
         raise Unprocessable(
             "url: expected an address without a name, a password and a fragment: "
             "whoever receives it checks the signature"
         )
-    host = bracketed(found.raw_host.decode("ascii").lower())
-    port = found.port or {"http": 80, "https": 443}[found.scheme]
+    host = bracketed(address.raw_host.decode("ascii").lower())
+    port = address.port or {"http": 80, "https": 443}[address.scheme]
     if not {host, f"{host}:{port}"} & set(settings.hook_hosts):
         listed = ", ".join(settings.hook_hosts) or "none"
         raise Unprocessable(
@@ -54,7 +51,7 @@ def allowed_url(settings: Settings, url: str) -> httpx.URL:
             f"{host} in UNGHOST_HOOK_HOSTS, which lists {listed}",
             code="hook_host",
         )
-    return found
+    return address
 
 
 def create_hook(
@@ -62,20 +59,14 @@ def create_hook(
 ) -> wire.NewHook:
     """Register a hook; only the result has its secret.
 
-    Raises
-    ------
-    Unprocessable
-        As `allowed_url`.
-    NotFound
-        There is no such dataset.
+    Raises Unprocessable as `allowed_url`, and NotFound if there is no such dataset.
     """
     allowed_url(settings, wanted.url)
     dataset = None
     if wanted.dataset is not None:
         dataset = DatasetRepository(audit.session).named(wanted.dataset)
-    secret = SECRET_PREFIX + base64.b64encode(
-        secrets.token_bytes(_SECRET_BYTES)
-    ).decode("ascii")
+    key = base64.b64encode(secrets.token_bytes(_SECRET_BYTES)).decode("ascii")
+    secret = SECRET_PREFIX + key
     hook = Hook(
         url=wanted.url,
         events=list(dict.fromkeys(wanted.events)),
@@ -106,33 +97,19 @@ def ping(session: Session, hook_id: int) -> wire.Delivery:
 
 def describe_hook(hook: Hook, dataset: str | None) -> wire.Hook:
     """A hook as responses show it."""
-    return wire.Hook.model_validate(
-        {
-            "id": hook.id,
-            "url": hook.url,
-            "events": hook.events,
-            "dataset": dataset,
-            "created_by": hook.created_by,
-            "created_at": hook.created_at,
-        }
-    )
+    same = wire.Hook.model_fields.keys() - {"dataset"}
+    values = {name: getattr(hook, name) for name in same}
+    return wire.Hook.model_validate({**values, "dataset": dataset})
 
 
 def describe_delivery(row: HookDelivery) -> wire.Delivery:
     """A delivery as responses show it."""
     state: DeliveryState = "failed" if row.error else "delivered"
+    same = wire.Delivery.model_fields.keys() - {"state", "status"}
     return wire.Delivery.model_validate(
         {
-            "id": row.id,
-            "webhook_id": row.webhook_id,
-            "event": row.event,
+            **{name: getattr(row, name) for name in same},
             "state": state if row.due_at is None else "waiting",
-            "attempts": row.attempts,
             "status": row.answered,
-            "error": row.error,
-            "body": row.body,
-            "due_at": row.due_at,
-            "created_at": row.created_at,
-            "finished_at": row.finished_at,
         }
     )

@@ -24,13 +24,7 @@ from app.ingest.frame import (
     UploadRequest,
 )
 from app.ingest.service import prepare_frame, store_frames
-from app.ingest.tar import (
-    BLOCK,
-    FrameAssembler,
-    FrameLimits,
-    TarLimits,
-    TarStream,
-)
+from app.ingest.tar import BLOCK, FrameAssembler, TarLimits, TarStream
 from app.settings import Settings
 
 MOST_TOGETHER: Final = 32
@@ -52,7 +46,6 @@ class ArchiveFrames:
         self, settings: Settings, chunks: AsyncIterator[bytes], held: HeldBytes
     ) -> None:
         self._chunks, self._held = chunks, held
-        self._first = b""
         self._tar = TarStream(
             TarLimits(
                 max_archive_bytes=int(settings.max_batch_bytes),
@@ -60,13 +53,7 @@ class ArchiveFrames:
                 max_members=settings.max_batch_members,
             )
         )
-        self._frames = FrameAssembler(
-            FrameLimits(
-                max_parts=settings.max_parts,
-                max_part_bytes=int(settings.max_part_bytes),
-                max_frame_bytes=int(settings.max_body_bytes),
-            )
-        )
+        self._frames = FrameAssembler(settings)
         self._ready: deque[UploadedFrame] = deque()
         self._fault: Exception | None = None
 
@@ -150,46 +137,53 @@ class BatchIntake:
         try:
             while prepared := await self._some():
                 for together in _of_different_keys(prepared):
-                    yield await self._store(together)
+                    async with self._to_store:
+                        ended = await to_thread.run_sync(
+                            store_frames, self._context, self._request, together
+                        )
+                    yield ended
                     for _ in together:
                         self._places.release()
                         self._counted.popleft().release()
-                prepared, together = [], []  # free them while waiting for the next
+                # Free them while waiting for the next.
+                prepared, together, ended = [], [], []
             await receiving
         finally:
             receiving.cancel()
-            self._throw_away()
+            # Drafts of frames that are unfinished when the batch ends early.
+            left = [self._held]
+            while not self._started.empty():
+                left.append(self._started.get_nowait())
+            for started in left:
+                if started is not None:
+                    started.add_done_callback(self._discard)
             for counted in self._counted:
                 counted.release()
 
     async def _receive(self, frames: AsyncIterator[UploadedFrame]) -> None:
         """Start measuring frames while there is room; otherwise let the client wait."""
+        bodies = self._context.one(OpenBodies)
+        prepare = partial(prepare_frame, self._context, self._request)
         try:
             async for frame in frames:
                 if self._context.engine.stopping.is_set():
                     raise NotReady("the service is stopping; send the rest later")
                 size = frame.size_bytes
-                future = asyncio.wrap_future(await self._start(frame, size))
-                future.add_done_callback(partial(self._room.give_back, size))
-                self._started.put_nowait(future)
+                counted = _CountedFrame(bodies, size)
+                try:
+                    await self._places.acquire()
+                    await self._room.take(size)
+                    future = self._context.engine.start(prepare, frame)
+                except BaseException:
+                    counted.never_started()
+                    raise
+                future.add_done_callback(counted.measured)
+                self._counted.append(counted)
+                started = asyncio.wrap_future(future)
+                started.add_done_callback(partial(self._room.give_back, size))
+                self._started.put_nowait(started)
         finally:
             self._started.put_nowait(None)
-
-    async def _start(self, frame: UploadedFrame, size: int) -> Future[PreparedFrame]:
-        counted = _CountedFrame(self._context.one(OpenBodies), size)
-        try:
-            await self._places.acquire()
-            await self._room.take(size)
-            future = self._context.engine.start(self._work_on, frame)
-        except BaseException:
-            counted.never_started()
-            raise
-        future.add_done_callback(counted.measured)
-        self._counted.append(counted)
-        return future
-
-    def _work_on(self, frame: UploadedFrame) -> PreparedFrame:
-        return prepare_frame(self._context, self._request, frame)
 
     async def _some(self) -> list[PreparedFrame]:
         """The next frames that are ready at about the same time; empty at the end."""
@@ -211,21 +205,6 @@ class BatchIntake:
                 break
             prepared.append(following.result())
         return prepared
-
-    async def _store(self, prepared: list[PreparedFrame]) -> list[EndedFrame]:
-        async with self._to_store:
-            return await to_thread.run_sync(
-                store_frames, self._context, self._request, prepared
-            )
-
-    def _throw_away(self) -> None:
-        """Discard the drafts of unfinished frames when the batch ends early."""
-        left = [self._held]
-        while not self._started.empty():
-            left.append(self._started.get_nowait())
-        for started in left:
-            if started is not None:
-                started.add_done_callback(self._discard)
 
     def _discard(self, future: asyncio.Future[PreparedFrame]) -> None:
         if future.cancelled() or future.exception() is not None:

@@ -11,7 +11,7 @@ from typing import Final, get_args
 from app.boxes.queries import FileRow
 from app.errors import Unprocessable
 from app.incoming import in_turn, is_large
-from app.ingest.frame import CheckedFrame, UploadedFrame
+from app.ingest.frame import UploadedFrame
 from app.settings import Settings
 from app.storage.base import sha256_of
 from filter_core.annotation.frame import AnnotationLimits, FrameAnnotation
@@ -19,14 +19,15 @@ from filter_core.annotation.parsing import parse_annotation, without_key
 from filter_core.errors import ImageError, ImageTooLarge, error_context, file_context
 from filter_core.evidence.lidar import check_points
 from filter_core.formats.reading import MAX_KEY
-from filter_core.images.header import ImageHeader, read_image_header, require_size
+from filter_core.images.header import read_image_header, require_size
 from unghost.wire.words import FileKind
 
 KINDS: Final = get_args(FileKind)
 CLOUDS: Final = ("lidar", "radar")
 PICTURES: Final = tuple(kind for kind in KINDS if kind not in CLOUDS)
 _SAME_SIZE: Final = ("segmentation", "ignore_mask")
-
+_SIZED: Final = ("image", "segmentation", "instances")
+"""The pictures that have the size of the image, the first of them first."""
 
 MAX_TEXT: Final = 200
 """Maximum length of an id, a class or a map, as in their columns."""
@@ -40,10 +41,15 @@ def check_frame(
     annotation: bytes | Mapping[str, object],
     upload: UploadedFrame,
     settings: Settings,
-) -> CheckedFrame:
+) -> tuple[FrameAnnotation, tuple[int, int], tuple[FileRow, ...], str]:
     """Read the annotation and the headers of the files; nothing is decoded.
 
     `key` and `annotation` come from `read_key`.
+
+    Returns
+    -------
+    The annotation, (width, height) of the image in px, a row for each file, and the
+    digest of all of it
 
     Raises
     ------
@@ -51,15 +57,22 @@ def check_frame(
         The annotation or one of the files is invalid.
     """
     size = len(upload.annotation)
+    limits = _annotation_limits(settings)
     with in_turn(size):
-        parsed = parse_annotation(
-            annotation, limits=_annotation_limits(settings), frame=key
-        )
+        parsed = parse_annotation(annotation, limits=limits, frame=key)
     with error_context(key):
         wh, files = check_files(upload.files, parsed, settings)
     with in_turn(size):
-        digest = _content_digest(parsed, files, is_large=is_large(size))
-    return CheckedFrame(key, parsed, wh, files, upload.files, digest)
+        digest = hashlib.sha256(_DIGEST_OF)
+        for file in files:
+            digest.update(f"{file.kind} {file.sha256}\n".encode())
+        if is_large(size):
+            # In pieces: no other thread runs while a document is written as a whole.
+            for piece in _CANONICAL.iterencode(parsed.raw):
+                digest.update(piece.encode())
+        else:
+            digest.update(_CANONICAL.encode(parsed.raw).encode())
+    return parsed, wh, files, digest.hexdigest()
 
 
 def read_key(
@@ -67,12 +80,8 @@ def read_key(
 ) -> tuple[str, bytes | Mapping[str, object]]:
     """The frame's key, and its annotation without the key.
 
-    Raises
-    ------
-    AppError
-        The fault that was found while the frame was received.
-    AnnotationErrors
-        The annotation, which may contain the key, is not JSON.
+    Raises AppError: the fault that was found while the frame was received;
+    AnnotationErrors: the annotation, which may contain the key, is not JSON.
     """
     if upload.fault is not None:
         raise upload.fault
@@ -88,22 +97,6 @@ def _annotation_limits(settings: Settings) -> AnnotationLimits:
         max_text=MAX_TEXT,
         max_bytes=int(settings.max_json_bytes),
     )
-
-
-def _content_digest(
-    annotation: FrameAnnotation, files: tuple[FileRow, ...], *, is_large: bool
-) -> str:
-    """The digest of a frame's content: its files' bytes and its annotation's values."""
-    digest = hashlib.sha256(_DIGEST_OF)
-    for file in files:
-        digest.update(f"{file.kind} {file.sha256}\n".encode())
-    if is_large:
-        # In pieces: no other thread runs while a document is written as a whole.
-        for piece in _CANONICAL.iterencode(annotation.raw):
-            digest.update(piece.encode())
-    else:
-        digest.update(_CANONICAL.encode(annotation.raw).encode())
-    return digest.hexdigest()
 
 
 def check_files(
@@ -123,18 +116,34 @@ def check_files(
         A file is not an image, is too large, or has another size than the RGB image;
         ``unknown_size``: neither a picture nor the camera gives the size of the image.
     """
-    headers = {
-        kind: _header(kind, contents[kind], settings)
-        for kind in PICTURES
-        if kind in contents
-    }
+    headers = {}
+    for kind in PICTURES:
+        if kind in contents:
+            with file_context(kind):
+                header = read_image_header(
+                    contents[kind], max_side=settings.max_image_side_px
+                )
+            if header.width * header.height > settings.max_image_pixels:
+                raise ImageTooLarge(
+                    f"{kind}: expected at most {settings.max_image_pixels} pixels, "
+                    f"found {header.width} x {header.height}",
+                    pointer=f"/{kind}",
+                )
+            headers[kind] = header
     types = {kind: header.media_type for kind, header in headers.items()}
     types |= {
         kind: check_points(contents[kind], sensor=kind)
         for kind in CLOUDS
         if kind in contents
     }
-    wh = _image_wh(headers, annotation)
+    sized = [headers[kind].wh for kind in _SIZED if kind in headers]
+    wh = sized[0] if sized else annotation.camera_wh
+    if wh is None:
+        raise ImageError(
+            "the size of the image is not known: expected an image, a segmentation, an "
+            "instance image, or a camera with width and height, found none of them",
+            code="unknown_size",
+        )
     for kind in _SAME_SIZE:
         if kind in headers:
             with error_context(pointer=f"/{kind}"):
@@ -146,62 +155,28 @@ def check_files(
     return wh, rows
 
 
-def _header(kind: str, content: bytes, settings: Settings) -> ImageHeader:
-    with file_context(kind):
-        header = read_image_header(content, max_side=settings.max_image_side_px)
-    if header.width * header.height > settings.max_image_pixels:
-        raise ImageTooLarge(
-            f"{kind}: expected at most {settings.max_image_pixels} pixels, "
-            f"found {header.width} x {header.height}",
-            pointer=f"/{kind}",
-        )
-    return header
-
-
-def _image_wh(
-    headers: Mapping[str, ImageHeader], annotation: FrameAnnotation
-) -> tuple[int, int]:
-    for kind in ("image", "segmentation", "instances"):
-        if kind in headers:
-            return headers[kind].width, headers[kind].height
-    if annotation.camera_wh is not None:
-        return annotation.camera_wh
-    raise ImageError(
-        "the size of the image is not known: expected an image, a segmentation, an "
-        "instance image, or a camera with width and height, found none of them",
-        code="unknown_size",
-    )
-
-
 def require_key(key: str) -> None:
     """Refuse a key that cannot name a frame.
 
-    Raises
-    ------
-    Unprocessable
-        ``bad_key``: it is empty, too long, has control characters, or has parts that
-        lead out of a folder in a file system.
+    Raises Unprocessable: ``bad_key``: it is empty, too long, has control characters, or
+    has parts that lead out of a folder in a file system.
     """
-    fault = _fault(key)
-    if fault:
-        raise Unprocessable(
-            f"key {key[:80]!r}: expected 1 to {MAX_KEY} characters such as "
-            f"'town10/000012', found {fault}",
-            code="bad_key",
-        )
-
-
-def _fault(key: str) -> str:
     parts = key.split("/")
     if not key or len(key) > MAX_KEY:
-        return f"{len(key)} characters"
-    if any(unicodedata.category(character).startswith("C") for character in key):
-        return "a control character"
-    if "\N{REPLACEMENT CHARACTER}" in key:
+        fault = f"{len(key)} characters"
+    elif any(unicodedata.category(character).startswith("C") for character in key):
+        fault = "a control character"
+    elif "\N{REPLACEMENT CHARACTER}" in key:
         # From a URL that is not UTF-8: different keys would become the same.
-        return "a character that could not be read as UTF-8"
-    if "" in parts:
-        return "an empty part between slashes"
-    if any(part in (".", "..") for part in parts) or "\\" in key:
-        return "a part that leads out of a folder"
-    return ""
+        fault = "a character that could not be read as UTF-8"
+    elif "" in parts:
+        fault = "an empty part between slashes"
+    elif any(part in (".", "..") for part in parts) or "\\" in key:
+        fault = "a part that leads out of a folder"
+    else:
+        return
+    raise Unprocessable(
+        f"key {key[:80]!r}: expected 1 to {MAX_KEY} characters such as "
+        f"'town10/000012', found {fault}",
+        code="bad_key",
+    )

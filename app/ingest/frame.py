@@ -1,4 +1,4 @@
-"""The stages of a frame's ingestion: uploaded, checked, measured, stored.
+"""The stages of a frame's ingestion: uploaded, ready (measured), stored.
 
 Each stage is a type, the input of the next step; `app.ingest.service` has the steps. A
 frame may also be refused, as a `RefusedFrame`.
@@ -7,16 +7,14 @@ frame may also be refused, as a `RefusedFrame`.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import TypeAlias
 
 from app.boxes.queries import FileRow
 from app.errors import AppError, forget_frames
 from app.measuring.active import ActiveDataset
-from app.measuring.frame_files import MEASURED, SENSORS, FrameFiles
 from app.security import Principal
 from app.storage.base import Drafts
-from filter_core.annotation.frame import FrameAnnotation
 from filter_core.pipeline import MeasuredFrame
 from unghost.wire.datasets import VerdictCounts
 
@@ -64,57 +62,37 @@ class UploadedFrame:
 
 
 @dataclass(frozen=True)
-class CheckedFrame:
-    """A frame with a valid annotation and valid headers; no pixel has been read.
-
-    `digest` identifies the content: equal content has an equal digest. `contents` are
-    the bytes of the files, `files` their rows.
-    """
-
-    key: str
-    annotation: FrameAnnotation
-    image_wh: tuple[int, int]
-    files: tuple[FileRow, ...]
-    contents: Mapping[str, bytes]
-    digest: str
-
-    def blobs(self) -> dict[str, bytes]:
-        """The files by their digests."""
-        return {row.sha256: self.contents[row.kind] for row in self.files}
-
-    def to_measure(self, sensors: tuple[str, ...]) -> FrameFiles:
-        """The files that a measurement with these sensors reads."""
-        return FrameFiles.of(self.contents, self.image_wh, sensors)
-
-    def without_other_files(self) -> CheckedFrame:
-        """A copy with only those files that some measurement reads."""
-        kinds = (*MEASURED, *SENSORS)
-        needed = {kind: self.contents[kind] for kind in kinds if kind in self.contents}
-        return replace(self, contents=needed)
-
-
-@dataclass(frozen=True)
 class ReadyFrame:
     """A measured frame whose files are written, and whose rows are not.
 
-    `active` is its dataset, with the measurement to which the numbers belong. `drafts`
-    are its files, which `storage.settle` makes durable.
+    Attributes
+    ----------
+    key : str
+    files : tuple of FileRow
+        A row for each file.
+    contents : mapping
+        The bytes by kind of those files that some measurement reads.
+    digest : str
+        Identifies the content: equal content has an equal digest.
+    measured : MeasuredFrame
+    active : ActiveDataset
+        Its dataset, with the measurement to which the numbers belong.
+    drafts : Drafts
+        Its files, which `storage.settle` makes durable.
     """
 
-    checked: CheckedFrame
+    key: str
+    files: tuple[FileRow, ...]
+    contents: Mapping[str, bytes]
+    digest: str
     measured: MeasuredFrame
     active: ActiveDataset
     drafts: Drafts
 
     @property
-    def key(self) -> str:
-        """The frame's key."""
-        return self.checked.key
-
-    @property
     def size_bytes(self) -> int:
         """Bytes of its files in memory."""
-        return sum(map(len, self.checked.contents.values()))
+        return sum(map(len, self.contents.values()))
 
     def is_measured_for(self, active: ActiveDataset) -> bool:
         """Whether its numbers belong to the current measurement of the dataset."""

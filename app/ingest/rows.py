@@ -51,7 +51,7 @@ from filter_core.errors import error_context
 from filter_core.evidence.crowding import most_covering
 from filter_core.verdicts import VERDICT_OF_REASON, VERDICTS, Decisions, Reason
 from unghost.wire.datasets import VerdictCounts
-from unghost.wire.frames import MOST_BOXES_SET_ASIDE, FrameDetails
+from unghost.wire.frames import MOST_BOXES_SET_ASIDE
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -82,11 +82,24 @@ class NewFrame(StoredFrame):
         return list(range(self.first_box_id, self.first_box_id + self.boxes))
 
     def describe(self) -> dict[str, object]:
-        """A `wire.StoredFrame` whose decisions are dicts; uses no database.
-
-        Call it after the transaction, so that it does not delay other writers.
-        """
-        frame = _details(self)
+        answers = {answer.box_id: answer.verdict for answer in self.carried}
+        alike = tallies_of(
+            zip(
+                self.ready.measured.evidence.class_index.tolist(),
+                self.decisions.reason.tolist(),
+                self.decisions.toss_up.tolist(),
+                self.doubts.doubt.tolist(),
+                map(answers.get, self.box_ids),
+                strict=True,
+            )
+        )
+        frame = frame_details(
+            Frame(**_frame_row(self)),
+            self.active.name,
+            {file.kind: file for file in self.ready.files},
+            self.ready.measured.segmentation,
+            alike,
+        )
         return {
             "frame": frame,
             "segmentation": frame.segmentation,
@@ -178,14 +191,14 @@ def _class_ids(
     """Ids of the dataset's classes; those that only these frames have are added."""
     names = {name for frame in frames for name in frame.measured.evidence.class_names}
     datasets = DatasetRepository(session)
-    known = datasets.listed_classes(active.row.dataset_id)
-    if known.keys() >= names:
-        return known
+    classes = datasets.listed_classes(active.row.dataset_id)
+    if classes.keys() >= names:
+        return classes
     dataset = datasets.named(active.name)
     for frame in frames:
         with error_context(frame.key):
-            known = datasets.class_ids(dataset, frame.measured.evidence.class_names)
-    return known
+            classes = datasets.class_ids(dataset, frame.measured.evidence.class_names)
+    return classes
 
 
 def _insert(
@@ -198,42 +211,48 @@ def _insert(
     row, repository = active.row, FrameRepository(session)
     boxes: dict[str, list[object]] = defaultdict(list)
     decisions: dict[str, list[object]] = defaultdict(list)
-    evidence = []
+    rows = []
     for frame in frames:
-        measured = frame.ready.measured
-        ids_of_classes = [class_ids[name] for name in measured.evidence.class_names]
-        columns = _box_columns(frame, ids_of_classes)
-        for name, values in columns.items():
-            boxes[name] += values
-        for name, numbers in _decision_columns(frame, columns).items():
+        measured, evidence = frame.ready.measured, frame.ready.measured.evidence
+        ids_of_classes = [class_ids[name] for name in evidence.class_names]
+        of_frame = [frame.frame_id] * frame.boxes
+        of_class = [ids_of_classes[each] for each in evidence.class_index.tolist()]
+        boxes["id"] += frame.box_ids
+        boxes["frame_id"] += of_frame
+        boxes["class_id"] += of_class
+        boxes["source_id"] += measured.ids
+        columns = {
+            "box_id": frame.box_ids,
+            "dataset_id": [row.dataset_id] * frame.boxes,
+            "frame_id": of_frame,
+            "class_id": of_class,
+            **current.numbers_of_lists(evidence),
+            **current.Decided.of(frame.decisions, frame.doubts.doubt).columns(),
+            "revision": [0] * frame.boxes,
+        }
+        for name, numbers in columns.items():
             decisions[name] += numbers
-        evidence.append(
-            {
-                "frame_id": frame.frame_id,
-                "measurement_id": row.measurement_id,
-                **packed(measured, ids_of_classes),
-            }
-        )
+        ids = {"frame_id": frame.frame_id, "measurement_id": row.measurement_id}
+        rows.append({**ids, **packed(measured, ids_of_classes)})
     repository.add(
         [_frame_row(frame) for frame in frames],
-        {frame.frame_id: frame.ready.checked.files for frame in frames},
+        {frame.frame_id: frame.ready.files for frame in frames},
     )
     repository.add_boxes(boxes)
     current.add(session, row.dataset_id, decisions)
-    EvidenceRepository(session).add(evidence)
+    EvidenceRepository(session).add(rows)
 
 
 def _frame_row(frame: NewFrame) -> dict[str, object]:
-    row, checked = frame.active.row, frame.ready.checked
-    annotation = checked.annotation
-    width, height = checked.image_wh
+    row, annotation = frame.active.row, frame.ready.measured.annotation
+    width, height = frame.ready.measured.wh
     return {
         "id": frame.frame_id,
         "first_box_id": frame.first_box_id,
         "revision": frame.revision,
         "dataset_id": row.dataset_id,
         "key": frame.key,
-        "content_digest": checked.digest,
+        "content_digest": frame.ready.digest,
         "config_id": row.config_id,
         "run_id": row.run_id,
         "box_count": frame.boxes,
@@ -248,31 +267,6 @@ def _frame_row(frame: NewFrame) -> dict[str, object]:
         "annotation": annotation.raw,
         "created_by": frame.created_by,
         "created_at": frame.created_at,
-    }
-
-
-def _box_columns(frame: NewFrame, class_ids: Sequence[int]) -> dict[str, list[object]]:
-    index = frame.ready.measured.evidence.class_index.tolist()
-    return {
-        "id": frame.box_ids,
-        "frame_id": [frame.frame_id] * frame.boxes,
-        "class_id": [class_ids[each] for each in index],
-        "source_id": [box.id for box in frame.ready.checked.annotation.boxes],
-    }
-
-
-def _decision_columns(
-    frame: NewFrame, boxes: Mapping[str, list[object]]
-) -> dict[str, Sequence[object]]:
-    evidence, decisions = frame.ready.measured.evidence, frame.decisions
-    return {
-        "box_id": boxes["id"],
-        "dataset_id": [frame.active.row.dataset_id] * frame.boxes,
-        "frame_id": boxes["frame_id"],
-        "class_id": boxes["class_id"],
-        **current.numbers_of_lists(evidence),
-        **current.Decided.of(decisions, frame.doubts.doubt).columns(),
-        "revision": [0] * frame.boxes,
     }
 
 
@@ -322,9 +316,9 @@ def _carry_answers(
         return [], []
     latest = LatestAnswers(session).of(box_id for box_id, _, _ in answered)
     annotation = FrameRepository(session).with_id(former.id, annotation=True).annotation
-    boxes = frame.ready.checked.annotation.boxes
+    measured, evidence = frame.ready.measured, frame.ready.measured.evidence
+    boxes = measured.annotation.boxes
     index_of = {box.id: index for index, box in enumerate(boxes)}
-    evidence = frame.ready.measured.evidence
     names = [evidence.class_names[index] for index in evidence.class_index.tolist()]
     carried: dict[int, LatestReview] = {}
     dropped: dict[int, str] = {}
@@ -336,15 +330,14 @@ def _carry_answers(
             or review.verdict == "clear"
             or class_id != class_ids[names[index]]
             or _geometry(raw, annotation)
-            != _geometry(boxes[index].raw, frame.ready.checked.annotation.raw)
+            != _geometry(boxes[index].raw, measured.annotation.raw)
         ):
             dropped[old_id] = source_id
             continue
         if review.undoes is not None:  # it repeats one that may be another person's
             review = review._replace(reviewer=reviews.author(old_id, review.revision))
-        new_id = frame.first_box_id + index
         carried[old_id] = review._replace(
-            box_id=new_id,
+            box_id=frame.first_box_id + index,
             revision=1,
             batch_id=None,
             undoes=None,
@@ -360,16 +353,16 @@ def _geometry(
     box: Mapping[str, object], annotation: Mapping[str, object]
 ) -> dict[str, object]:
     """What determines where a box is in the image: for a 3D box, also the camera."""
-    found = {key: box[key] for key in GEOMETRIES if key in box}
-    if not found.keys().isdisjoint(FORMS_3D):
-        found["camera"] = annotation.get("camera")
-    return found
+    form = {key: box[key] for key in GEOMETRIES if key in box}
+    if not form.keys().isdisjoint(FORMS_3D):
+        form["camera"] = annotation.get("camera")
+    return form
 
 
 def _count(frames: Sequence[NewFrame]) -> None:
     metrics.FRAMES.inc(len(frames))
     for frame in frames:
-        for file in frame.ready.checked.files:
+        for file in frame.ready.files:
             metrics.FRAME_BYTES.labels(file.kind).inc(file.size_bytes)
     reasons = np.concatenate([frame.decisions.reason for frame in frames])
     metrics.BOXES.inc(len(reasons))
@@ -379,64 +372,30 @@ def _count(frames: Sequence[NewFrame]) -> None:
             metrics.DECISIONS.labels(reason.verdict.value, reason.label).inc(boxes)
 
 
-def _details(frame: NewFrame) -> FrameDetails:
-    measured = frame.ready.measured
-    answers = {one.box_id: one.verdict for one in frame.carried}
-    alike = tallies_of(
-        zip(
-            measured.evidence.class_index.tolist(),
-            frame.decisions.reason.tolist(),
-            frame.decisions.toss_up.tolist(),
-            frame.doubts.doubt.tolist(),
-            map(answers.get, frame.box_ids),
-            strict=True,
-        )
-    )
-    return frame_details(
-        Frame(**_frame_row(frame)),
-        frame.active.name,
-        {file.kind: file for file in frame.ready.checked.files},
-        measured.segmentation,
-        alike,
-    )
-
-
 def _decisions(frame: NewFrame) -> list[StoredDecision]:
-    measured, geometry = frame.ready.measured, frame.ready.measured.geometry
+    measured, config = frame.ready.measured, frame.active.config
+    evidence, geometry = measured.evidence, measured.geometry
     if frame.revision > 1:  # rounded as when a stored frame is read
         edges = [None if one is None else rounded_edges(one) for one in geometry.edges]
         geometry = replace(geometry, edges=edges)
-    facts = replace(measured.facts(frame.active.config), key=frame.key)
-    composed = decision_dicts(
-        facts, measured.ids, measured.evidence, frame.decisions, geometry
-    )
-    row = frame.active.row
-    decided = DecidedFrame(frame.frame_id, row.run_id, row.config_digest, facts.family)
-    carried = {answer.box_id: answer for answer in frame.carried}
-    masks = measured.evidence.accept_mask.tolist()
-    sentences = questions(
-        frame.doubts,
-        measured.evidence,
-        frame.active.config,
-        frame.decisions,
-        _covering(frame),
-    )
+    facts = replace(measured.facts(config), key=frame.key)
+    composed = decision_dicts(facts, measured.ids, evidence, frame.decisions, geometry)
+    assert evidence.xyxy is not None, "a frame just measured has its rectangles"
+    covering: dict[int, str] = {}
+    for row in np.flatnonzero(frame.doubts.cause == Cause.COVERED).tolist():
+        at = most_covering(evidence.xyxy, evidence.accept_mask, row)
+        name = evidence.class_names[evidence.class_index[at]]
+        gap = float(evidence.distance[at] - evidence.distance[row])
+        covering[row] = covering_words(BoxName(measured.ids[at], name), gap)
+    sentences = questions(frame.doubts, evidence, config, frame.decisions, covering)
     decisions = asked_decisions(composed, frame.doubts, sentences)
+    active = frame.active.row
+    decided = DecidedFrame(
+        frame.frame_id, active.run_id, active.config_digest, facts.family
+    )
+    carried = {answer.box_id: answer for answer in frame.carried}
+    masks = evidence.accept_mask.tolist()
     return [
         stored_decision(decision, box_id, decided, mask, carried.get(box_id))
         for decision, box_id, mask in zip(decisions, frame.box_ids, masks, strict=True)
     ]
-
-
-def _covering(frame: NewFrame) -> dict[int, str]:
-    """The box that covers most of each box in doubt for it, by the latter's row."""
-    evidence, ids = frame.ready.measured.evidence, frame.ready.measured.ids
-    xyxy = evidence.xyxy
-    assert xyxy is not None, "a frame that was just measured has its rectangles"
-    found: dict[int, str] = {}
-    for row in np.flatnonzero(frame.doubts.cause == Cause.COVERED).tolist():
-        at = most_covering(xyxy, evidence.accept_mask, row)
-        name = evidence.class_names[evidence.class_index[at]]
-        gap = float(evidence.distance[at] - evidence.distance[row])
-        found[row] = covering_words(BoxName(ids[at], name), gap)
-    return found

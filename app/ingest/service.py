@@ -6,6 +6,7 @@ import logging
 import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -27,7 +28,6 @@ from app.errors import (
 )
 from app.ingest.check import check_frame, read_key, require_key
 from app.ingest.frame import (
-    CheckedFrame,
     EndedFrame,
     PreparedFrame,
     ReadyFrame,
@@ -38,21 +38,16 @@ from app.ingest.frame import (
 )
 from app.ingest.rows import insert_frames, verdict_counts
 from app.measuring.active import ActiveDataset, PlanCache
-from app.measuring.frame_files import measure_files
+from app.measuring.frame_files import MEASURED, SENSORS, FrameFiles, measure_files
 from app.storage.base import BlobsUncertain
 from app.storage.room import require_room
+from filter_core.annotation.frame import FrameAnnotation
 from filter_core.annotation.units import check_units
 from filter_core.errors import AnnotationError, FilterError, UnghostError, error_context
 from filter_core.formats.reading import MAX_KEY
 from filter_core.pipeline import MeasuredFrame
 
-_OF_ONE_FRAME: Final = (
-    FilterError,
-    Forbidden,
-    FrameConflict,
-    TooLarge,
-    Unprocessable,
-)
+_OF_ONE_FRAME: Final = (FilterError, Forbidden, FrameConflict, TooLarge, Unprocessable)
 """Errors that concern one frame only; any other error ends the request."""
 
 log = logging.getLogger(__name__)
@@ -66,14 +61,10 @@ def add_frame(
 ) -> StoredFrame:
     """Check, measure and store one frame, and commit.
 
-    Raises
-    ------
-    FilterError
-        The frame is invalid; this is stored as a problem of the dataset.
-    FrameConflict
-        Another frame has this key, and `replace` is not set.
-    app.engine.children.CallCancelled
-        `cancelled` was set while a child process measured it: nothing is stored.
+    Raises FilterError: the frame is invalid; this is stored as a problem of the
+    dataset; FrameConflict: another frame has this key, and `replace` is not set;
+    app.engine.children.CallCancelled: `cancelled` was set while a child process
+    measured it: nothing is stored.
     """
     frame = prepare_frame(context, request, upload, cancelled)
     if not isinstance(frame, StoredFrame):
@@ -107,107 +98,93 @@ def prepare_frame(
     """
     key = upload.key
     try:
-        key, annotation = read_key(upload, context.settings)
+        key, raw = read_key(upload, context.settings)
         require_key(key)
         active, known = context.one(PlanCache).before_measuring(
             context.database, request.dataset, key
         )
-        checked = check_frame(key, annotation, upload, context.settings)
-        same = _stored_already(known, checked, request)
-        if same is None:
-            measured = _measure(context, active, checked, cancelled)
+        annotation, wh, rows, digest = check_frame(key, raw, upload, context.settings)
+        end = _known_end(known, key, digest, request)
+        if end is None:
+            files = FrameFiles.of(upload.files, wh, active.plan.files)
+            work = annotation, files
+            measured = _measure(context, active, key, work, cancelled)
     except _OF_ONE_FRAME as error:
         return RefusedFrame(key, error)
-    if same is not None:
-        context.storage.put_missing(checked.blobs())
+    if isinstance(end, RefusedFrame):
+        return end
+    blobs = {row.sha256: upload.files[row.kind] for row in rows}
+    if end is not None:
+        context.storage.put_missing(blobs)
         if known.has_problem:
             with _writing(context, request) as session:
                 ProblemRepository(session).forget(active.row.dataset_id, key)
-        return same
-    drafts = context.storage.draft(checked.blobs())
-    return ReadyFrame(checked.without_other_files(), measured, active, drafts)
+        return end
+    kinds = (*MEASURED, *SENSORS)
+    contents = {kind: upload.files[kind] for kind in kinds if kind in upload.files}
+    drafts = context.storage.draft(blobs)
+    return ReadyFrame(key, rows, contents, digest, measured, active, drafts)
 
 
-def _stored_already(
-    known: KeyRow, checked: CheckedFrame, request: UploadRequest
-) -> StoredFrame | None:
-    """The frame, if it is stored already; FrameConflict if its key is taken."""
+def _known_end(
+    known: KeyRow, key: str, digest: str, request: UploadRequest
+) -> EndedFrame | None:
+    """The result for a frame that is stored already, or whose key is taken; or None."""
     if known.frame_id is None:
         return None
-    if known.content_digest == checked.digest:
-        return StoredFrame(checked.key, known.frame_id)
+    if known.content_digest == digest:
+        return StoredFrame(key, known.frame_id)
     if request.replace:
         return None
-    raise FrameConflict(
-        f"dataset {request.dataset!r} has another frame {checked.key!r}; "
+    conflict = FrameConflict(
+        f"dataset {request.dataset!r} has another frame {key!r}; "
         "?replace=true stores this one as its next revision"
     )
+    return RefusedFrame(key, conflict)
 
 
 def _measure(
     context: ServiceContext,
     active: ActiveDataset,
-    checked: CheckedFrame,
+    key: str,
+    work: tuple[FrameAnnotation, FrameFiles],
     cancelled: threading.Event | None = None,
 ) -> MeasuredFrame:
     """Measure a frame that comes in.
 
-    Refuses rectangles in another unit, and new classes if the dataset's are frozen.
+    Refuses rectangles in another unit, and new classes if the dataset's are frozen:
+    before the transaction, so that the error can be stored as a problem.
     """
-    plan = active.plan
-    check_units(checked.annotation, checked.image_wh, plan.profile, checked.key)
-    files = checked.to_measure(plan.files)
-    with error_context(checked.key, "/segmentation"):
-        measured = measure_files(
-            context.pixels, plan, checked.annotation, files, cancelled
-        )
-    if active.row.classes_are_frozen:
-        _check_classes(context, active, checked, measured)
-    return measured
-
-
-def _check_classes(
-    context: ServiceContext,
-    active: ActiveDataset,
-    checked: CheckedFrame,
-    measured: MeasuredFrame,
-) -> None:
-    """Refuse a class that is not among the dataset's frozen classes.
-
-    It is checked before the transaction, so that it can be stored as a problem.
-    """
+    plan, (annotation, files) = active.plan, work
+    check_units(annotation, files.image_wh, plan.profile, key)
+    with error_context(key, "/segmentation"):
+        measured = measure_files(context.pixels, plan, annotation, files, cancelled)
+    if not active.row.classes_are_frozen:
+        return measured
     with context.database.read() as session:
-        known = DatasetRepository(session).listed_classes(active.row.dataset_id)
-    names = measured.evidence.class_names
-    for box, index in zip(
-        checked.annotation.boxes, measured.evidence.class_index.tolist(), strict=True
-    ):
-        if names[index] not in known:
+        classes = DatasetRepository(session).listed_classes(active.row.dataset_id)
+    names, index = measured.evidence.class_names, measured.evidence.class_index.tolist()
+    for box, place in zip(annotation.boxes, index, strict=True):
+        if names[place] not in classes:
             raise AnnotationError(
-                f"frame {checked.key}, box {box.index} (id {box.id!r}): "
+                f"frame {key}, box {box.index} (id {box.id!r}): "
                 f"the classes of dataset {active.name!r} are frozen by an export; "
-                f"expected one of {', '.join(known)}, found {names[index]!r}",
+                f"expected one of {', '.join(classes)}, found {names[place]!r}",
                 pointer=f"/boxes/{box.index}",
                 code="unknown_class",
             )
+    return measured
 
 
 def store_frames(
-    context: ServiceContext,
-    request: UploadRequest,
-    frames: Sequence[PreparedFrame],
+    context: ServiceContext, request: UploadRequest, frames: Sequence[PreparedFrame]
 ) -> list[EndedFrame]:
     """Store frames of different keys, in order and in one transaction.
 
     Errors of refused frames are stored as problems of the dataset. A frame that cannot
-    be stored does not prevent storing the others.
-
-    Raises
-    ------
-    StorageFull
-        There is no disk space: nothing is stored.
-    Unauthorised
-        The sender's token or session has ended since the request began.
+    be stored does not prevent storing the others. Raises StorageFull: there is no disk
+    space: nothing is stored; Unauthorised: the sender's token or session has ended
+    since the request began.
     """
     drafts = [frame.drafts for frame in frames if isinstance(frame, ReadyFrame)]
     try:
@@ -224,20 +201,14 @@ def store_frames(
         except (UnghostError, IntegrityError):
             # One frame made the transaction fail: store each in its own.
             log.info("a batch is stored frame by frame", exc_info=True)
-    return [_store_alone(context, request, frame) for frame in frames]
-
-
-def _store_alone(
-    context: ServiceContext,
-    request: UploadRequest,
-    frame: PreparedFrame,
-) -> EndedFrame:
-    try:
-        (stored,) = _store_together(context, request, [frame])
-    except _OF_ONE_FRAME as error:
-        refused = RefusedFrame(frame.key, error)
-        (stored,) = _store_together(context, request, [refused])
-    return stored
+    ended = []
+    for frame in frames:
+        try:
+            ended += _store_together(context, request, [frame])
+        except _OF_ONE_FRAME as error:
+            refused = RefusedFrame(frame.key, error)
+            ended += _store_together(context, request, [refused])
+    return ended
 
 
 class _MeasuredOtherwise(Exception):
@@ -249,9 +220,7 @@ class _MeasuredOtherwise(Exception):
 
 
 def _store_together(
-    context: ServiceContext,
-    request: UploadRequest,
-    frames: Sequence[PreparedFrame],
+    context: ServiceContext, request: UploadRequest, frames: Sequence[PreparedFrame]
 ) -> list[EndedFrame]:
     while True:
         try:
@@ -275,9 +244,7 @@ def _writing(context: ServiceContext, request: UploadRequest) -> Iterator[Sessio
 
 
 def _measured_again(
-    context: ServiceContext,
-    request: UploadRequest,
-    frame: PreparedFrame,
+    context: ServiceContext, request: UploadRequest, frame: PreparedFrame
 ) -> PreparedFrame:
     """The frame, measured with the current measurement; no transaction is open."""
     if not isinstance(frame, ReadyFrame):
@@ -285,13 +252,15 @@ def _measured_again(
     active, _ = context.one(PlanCache).before_measuring(
         context.database, request.dataset, frame.key
     )
-    if frame.is_measured_for(active):
+    if frame.active.row.measurement_digest == active.row.measurement_digest:
         return frame
+    before = frame.measured
+    files = FrameFiles.of(frame.contents, before.wh, active.plan.files)
     try:
-        measured = _measure(context, active, frame.checked)
+        measured = _measure(context, active, frame.key, (before.annotation, files))
     except FilterError as error:
         return RefusedFrame(frame.key, error)
-    return ReadyFrame(frame.checked, measured, active, frame.drafts)
+    return replace(frame, measured=measured, active=active)
 
 
 def _write(
@@ -308,8 +277,8 @@ def _write(
     ended: dict[str, EndedFrame] = {}
     new = []
     for frame in frames:
-        if isinstance(frame, ReadyFrame):
-            end = _known_end(known[frame.key], frame, request)
+        if isinstance(frame, ReadyFrame):  # its key may have been stored meanwhile
+            end = _known_end(known[frame.key], frame.key, frame.digest, request)
             if end is None:
                 new.append(frame)
                 continue
@@ -320,26 +289,15 @@ def _write(
             key = frame.key[:MAX_KEY]
             note_problem(session, active.row.dataset_id, key, end.error)
         ended[frame.key] = end
-    if not all(frame.is_measured_for(active) for frame in new):
+    measurement = active.row.measurement_digest
+    if any(frame.active.row.measurement_digest != measurement for frame in new):
         raise _MeasuredOtherwise
     # Garbage collection waits for its turn to write, so files that exist now stay until
     # this transaction ends.
-    context.storage.require(
-        file.sha256 for frame in new for file in frame.checked.files
-    )
+    context.storage.require(file.sha256 for frame in new for file in frame.files)
     for stored in insert_frames(session, active, request.sender, new, known):
         ended[stored.key] = stored
     return _counted(session, [ended[frame.key] for frame in frames])
-
-
-def _known_end(
-    known: KeyRow, frame: ReadyFrame, request: UploadRequest
-) -> EndedFrame | None:
-    """The result for a frame whose key has been stored meanwhile; else None."""
-    try:
-        return _stored_already(known, frame.checked, request)
-    except FrameConflict as error:
-        return RefusedFrame(frame.key, error)
 
 
 def _counted(session: Session, frames: list[EndedFrame]) -> list[EndedFrame]:

@@ -12,30 +12,22 @@ import re
 import tarfile
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 from app.errors import AppError, TooLarge, Unprocessable, UnsupportedMedia
 from app.incoming import Pieces
 from app.ingest.check import KINDS
 from app.ingest.frame import UploadedFrame
+from app.settings import Settings
 
 _ANNOTATION: Final = ".json"
-
-
-@dataclass(frozen=True)
-class FrameLimits:
-    """Limits on the size of one frame."""
-
-    max_parts: int
-    max_part_bytes: int
-    max_frame_bytes: int
 
 
 class FrameAssembler:
     """Groups members into frames; a frame is complete when the next one begins."""
 
-    def __init__(self, limits: FrameLimits) -> None:
-        self._limits = limits
+    def __init__(self, settings: Settings) -> None:
+        self._settings = settings
         self._open: UploadedFrame | None = None
 
     @property
@@ -55,7 +47,13 @@ class FrameAssembler:
             suffixes = member.name[len(self._open.key) + 1 :]
             self._add_file(self._open, suffixes.partition(".")[0], member.content)
         else:
-            yield UploadedFrame(member.name, fault=self._misplaced(member.name))
+            first = "the NAME.json of its frame before it"
+            expected = repr(f"{self._open.key}.KIND"[:80]) if self._open else first
+            fault = Unprocessable(
+                f"file {member.name[:80]!r} belongs to no frame; expected {expected}",
+                code="misplaced_member",
+            )
+            yield UploadedFrame(member.name, fault=fault)
 
     def finish(self) -> Iterator[UploadedFrame]:
         """The last frame, if there is one."""
@@ -63,40 +61,27 @@ class FrameAssembler:
         if done is not None:
             yield done
 
-    def _misplaced(self, name: str) -> Unprocessable:
-        first = "the NAME.json of its frame before it"
-        expected = repr(f"{self._open.key}.KIND"[:80]) if self._open else first
-        return Unprocessable(
-            f"file {name[:80]!r} belongs to no frame; expected {expected}",
-            code="misplaced_member",
-        )
-
     def _add_file(self, frame: UploadedFrame, kind: str, content: bytes | None) -> None:
+        most = self._settings.max_parts
         if kind not in KINDS:
-            _refuse(
-                frame,
-                Unprocessable(
-                    f"unknown part {kind[:80]!r}; expected {', '.join(KINDS)}",
-                    code="unknown_part",
-                ),
-            )
+            unknown = f"unknown part {kind[:80]!r}; expected {', '.join(KINDS)}"
+            _refuse(frame, Unprocessable(unknown, code="unknown_part"))
         elif kind in frame.files:
             repeated = f"part {kind!r} was sent twice"
             _refuse(frame, Unprocessable(repeated, code="repeated_part"))
-        elif len(frame.files) + 2 > self._limits.max_parts:
-            most = self._limits.max_parts
+        elif len(frame.files) + 2 > most:
             _refuse(frame, TooLarge(f"the frame has more than {most} parts"))
         else:
             self._take(frame, kind, content)
 
     def _take(self, frame: UploadedFrame, part: str, content: bytes | None) -> None:
-        limits = self._limits
+        most = int(self._settings.max_part_bytes)
+        most_of_frame = int(self._settings.max_body_bytes)
         if content is None:
-            most = limits.max_part_bytes
             _refuse(frame, TooLarge(f"part {part!r} is larger than {most} bytes"))
-        elif frame.size_bytes + len(content) > limits.max_frame_bytes:
-            most = limits.max_frame_bytes
-            _refuse(frame, TooLarge(f"the frame is larger than {most} bytes"))
+        elif frame.size_bytes + len(content) > most_of_frame:
+            too_large = f"the frame is larger than {most_of_frame} bytes"
+            _refuse(frame, TooLarge(too_large))
         elif frame.fault is None and part == "annotation":
             frame.annotation = content
         elif frame.fault is None:
@@ -157,16 +142,14 @@ class TarLimits:
     max_members: int
 
 
-@dataclass(frozen=True)
-class Member:
+class Member(NamedTuple):
     """A file of an archive; `content` is None if it is larger than allowed."""
 
     name: str
     content: bytes | None
 
 
-@dataclass(frozen=True)
-class _Header:
+class _Header(NamedTuple):
     name: bytes
     size: int
     kind: bytes
@@ -202,14 +185,9 @@ class TarStream:
     def feed(self, data: bytes) -> Iterator[Member]:
         """The files that are completed by these bytes.
 
-        Raises
-        ------
-        BadArchive
-            The archive is damaged, or has members that are neither files nor folders.
-        UnsupportedMedia
-            It is compressed.
-        TooLarge
-            A member is too large for any batch, or there are too many members.
+        Raises BadArchive: the archive is damaged, or has members that are neither files
+        nor folders; UnsupportedMedia: it is compressed; TooLarge: a member is too large
+        for any batch, or there are too many members.
         """
         view = memoryview(data)
         while view:
@@ -222,8 +200,15 @@ class TarStream:
             view = view[len(taken) :]
             self._missing -= len(taken)
             self._held += taken
-            if self._missing == 0:
-                yield from self._complete()
+            if self._missing == 0:  # a header, or the content of a member
+                block, self._held = bytes(self._held), Pieces()
+                header, self._header = self._header, None
+                self._missing = BLOCK
+                if header is None:
+                    yield from self._begin(block)
+                else:
+                    self._ignored = -header.size % BLOCK
+                    yield from self._end(header, block)
 
     def close(self) -> None:
         """End the input; raises BadArchive if the archive is truncated."""
@@ -232,17 +217,6 @@ class TarStream:
                 "the archive is truncated: expected two empty blocks at its end"
             )
 
-    def _complete(self) -> Iterator[Member]:
-        """Handle a complete header, or the complete content of a member."""
-        block, self._held = bytes(self._held), Pieces()
-        header, self._header = self._header, None
-        self._missing = BLOCK
-        if header is None:
-            yield from self._begin(block)
-            return
-        self._ignored = -header.size % BLOCK
-        yield from self._end(header, block)
-
     def _begin(self, block: bytes) -> Iterator[Member]:
         if not block.strip(b"\0"):
             self._zero_blocks += 1
@@ -250,7 +224,11 @@ class TarStream:
         if self._zero_blocks:
             raise BadArchive("the archive has data after its end")
         header = _read_header(block, first=self._members == 0)
-        if self._is_folder(header):
+        # Old archives mark a folder only by a final slash. A long name is considered as
+        # a whole: the header has only its start.
+        name = header.name if self._long_name is None else self._long_name
+        looks_so = header.kind in (b"0", b"\0") and name.endswith(b"/")
+        if looks_so or header.kind == _FOLDER:
             header = _Header(header.name, 0, _FOLDER)
         self._members += 1
         self._check(header)
@@ -262,24 +240,20 @@ class TarStream:
         else:
             self._header, self._missing = header, header.size
 
-    def _is_folder(self, header: _Header) -> bool:
-        """Whether a member is a folder; old archives mark it only by a final slash.
-
-        A long name is considered as a whole: the header has only its start.
-        """
-        name = header.name if self._long_name is None else self._long_name
-        looks_so = header.kind in (b"0", b"\0") and name.endswith(b"/")
-        return looks_so or header.kind == _FOLDER
-
     def _end(self, header: _Header, content: bytes | None) -> Iterator[Member]:
         if header.kind in _FILE:
             name = header.name if self._long_name is None else self._long_name
-            named = _decoded_name(name)
-            if not self._any_name:
-                _refuse_way_out(named)
+            named = _decoded_name(name, any_name=self._any_name)
             yield Member(named, content)
+        elif header.kind == _LONG_NAME:
+            self._long_name = (content or b"").split(b"\0", 1)[0]
+            return
         elif header.kind != _FOLDER:
-            self._long_name = _extension(header, content or b"")
+            records = dict(_pax_records(content or b""))
+            is_sparse = any(key.startswith("GNU.sparse") for key in records)
+            if is_sparse or "size" in records:
+                raise BadArchive("an extended header changes the size of a member")
+            self._long_name = records.get("path") if header.kind == b"x" else None
             return
         self._long_name = None
 
@@ -292,8 +266,7 @@ class TarStream:
                 f"a member has {header.size} bytes; "
                 f"expected an archive of at most {limits.max_archive_bytes}"
             )
-        known = (*_FILE, *_PAX, _FOLDER, _LONG_NAME)
-        if header.kind not in known:
+        if header.kind not in (*_FILE, *_PAX, _FOLDER, _LONG_NAME):
             found = _KINDS.get(header.kind, f"an entry of type {header.kind!r}")
             name = (self._long_name or header.name)[:80].decode("utf-8", "replace")
             raise BadArchive(f"{name!r}: expected a file or a folder, found {found}")
@@ -329,16 +302,6 @@ def _read_header(block: bytes, *, first: bool) -> _Header:
     return _Header(name, info.size, kind)
 
 
-def _extension(header: _Header, content: bytes) -> bytes | None:
-    """The name of the next member, if this extended header contains it."""
-    if header.kind == _LONG_NAME:
-        return content.split(b"\0", 1)[0]
-    records = dict(_pax_records(content))
-    if "size" in records or any(key.startswith("GNU.sparse") for key in records):
-        raise BadArchive("an extended header changes the size of a member")
-    return records.get("path") if header.kind == b"x" else None
-
-
 def _pax_records(content: bytes) -> Iterator[tuple[str, bytes]]:
     """The keys and values of records, each ``LENGTH KEY=VALUE`` and a line feed."""
     position = records = 0
@@ -355,18 +318,15 @@ def _pax_records(content: bytes) -> Iterator[tuple[str, bytes]]:
         position += size
 
 
-def _decoded_name(raw: bytes) -> str:
+def _decoded_name(raw: bytes, *, any_name: bool) -> str:
     try:
-        name = raw.decode("utf-8")
+        name = _HERE.sub("", raw.decode("utf-8"), count=1)
     except UnicodeDecodeError as error:
         raise BadArchive(f"the name {raw[:80]!r} is not UTF-8") from error
-    return _HERE.sub("", name, count=1)
-
-
-def _refuse_way_out(name: str) -> None:
-    parts = name.split("/")
-    leads_out = name.startswith("/") or ".." in parts or "\\" in name
-    if not name or leads_out or "\0" in name or name[1:2] == ":":
+    leads_out = name.startswith("/") or ".." in name.split("/") or "\\" in name
+    is_refused = not name or leads_out or "\0" in name or name[1:2] == ":"
+    if is_refused and not any_name:
         raise BadArchive(
             f"the name {name[:80]!r}; expected one that stays within the archive"
         )
+    return name

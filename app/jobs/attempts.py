@@ -44,7 +44,7 @@ for the cause when a later frame ends the process.
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import Final
 
 from sqlalchemy.exc import SQLAlchemyError
@@ -107,12 +107,8 @@ class Attempt:
 
         True also for a chunk that is done or gone, which the work itself finds out.
         After too many attempts, this puts the chunk into quarantine, or only the frame
-        that is the cause: then the rest of the chunk is worked on.
-
-        Raises
-        ------
-        JobStopped
-            The service is stopping, or the job is being cancelled.
+        that is the cause: then the rest of the chunk is worked on. Raises JobStopped if
+        the service is stopping, or the job is being cancelled.
         """
         self.context.engine.check(self.job)
         # Set before the commit, which may succeed although its response is lost.
@@ -141,7 +137,11 @@ class Attempt:
         if chunk is not None and chunk.state == "waiting":
             chunk.attempts = 0
             session.flush()
-        once_committed(session, self._after_reset)
+
+        def reset() -> None:
+            self._is_counted, self._is_reset = False, True
+
+        once_committed(session, reset)
 
     def end(self) -> None:
         """Set the count to zero after work that failed but did not end the process.
@@ -159,12 +159,11 @@ class Attempt:
             except SQLAlchemyError as exc:
                 stops = self.context.engine.stopping.wait(_PAUSE_S)
                 if stops or not is_transient(exc):
-                    told = self.number, *self.job, in_a_line(exc)
-                    log.warning("cannot reset chunk %d of %s %d: %s", *told)
+                    log.warning(
+                        "cannot reset chunk %d of %s %d: %s",
+                        *(self.number, *self.job, in_a_line(exc)),
+                    )
                     return
-
-    def _after_reset(self) -> None:
-        self._is_counted, self._is_reset = False, True
 
 
 def refuse(session: Session, job: Job, number: int, why: FilterError) -> None:
@@ -202,21 +201,19 @@ def quarantine_error(session: Session, job: Job) -> dict[str, str] | None:
     None if nothing is, or if other processes have stored all its results meanwhile.
     """
     chunks = ChunkRepository(session).quarantined(job)
-    detail = "; ".join(_in_words(session, job, chunks))
-    return {"code": "quarantined", "detail": detail} if detail else None
-
-
-def _in_words(session: Session, job: Job, chunks: Sequence[Chunk]) -> Iterator[str]:
-    """What ended processes, and which frames cannot be read."""
-    refused = [one for one in chunks if one.error]
-    reasons = dict.fromkeys(str(one.error["detail"]) for one in refused if one.error)
-    if what := _unfinished_in(session, job, [one for one in chunks if not one.error]):
-        yield (
+    refused = [chunk for chunk in chunks if chunk.error]
+    deadly = [chunk for chunk in chunks if not chunk.error]
+    errors = [chunk.error for chunk in refused if chunk.error]
+    reasons = dict.fromkeys(str(error["detail"]) for error in errors)
+    words = []
+    if what := _unfinished_in(session, job, deadly):
+        words.append(
             f"{what} crashed the process that worked on it {MOST_ATTEMPTS} times; "
             "the log of the process may show the cause"
         )
     if what := _unfinished_in(session, job, refused):
-        yield f"{what} cannot be read: {'; '.join(reasons)}"
+        words.append(f"{what} cannot be read: {'; '.join(reasons)}")
+    return {"code": "quarantined", "detail": "; ".join(words)} if words else None
 
 
 def _unfinished_in(session: Session, job: Job, chunks: Sequence[Chunk]) -> str:

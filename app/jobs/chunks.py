@@ -100,27 +100,20 @@ class ChunkRepository:
 
     def mark_done(self, job: Job, number: int) -> None:
         """Mark a chunk as done; idempotent."""
-        self._session.execute(
-            update(Chunk)
-            .where(*_chunks_of(job), Chunk.number == number, Chunk.state == "waiting")
-            .values(state="done", error=None, finished_at=utc_now())
-        )
+        rows = update(Chunk).where(*_chunks_of(job), Chunk.number == number)
+        done = {"state": "done", "error": None, "finished_at": utc_now()}
+        self._session.execute(rows.where(Chunk.state == "waiting").values(**done))
 
     def fail(self, job: Job, number: int, error: Mapping[str, object]) -> None:
         """Store the error with which the job has to fail."""
-        self._session.execute(
-            update(Chunk)
-            .where(*_chunks_of(job), Chunk.number == number)
-            .values(error=dict(error))
-        )
+        rows = update(Chunk).where(*_chunks_of(job), Chunk.number == number)
+        self._session.execute(rows.values(error=dict(error)))
 
     def clear_errors(self, job: Job) -> None:
         """Clear errors of waiting chunks, which an earlier driver has not reported."""
-        self._session.execute(
-            update(Chunk)
-            .where(*_chunks_of(job), Chunk.state == "waiting", Chunk.error.is_not(None))
-            .values(error=None)
-        )
+        failed = Chunk.state == "waiting", Chunk.error.is_not(None)
+        rows = update(Chunk).where(*_chunks_of(job), *failed)
+        self._session.execute(rows.values(error=None))
 
     def forget(self, job: Job, *, keep_quarantined: bool) -> None:
         """Delete the chunks of a job that has ended."""

@@ -112,17 +112,6 @@ def _fail(
 
 
 @dataclass
-class _Planned:
-    """How far the frames of a job are divided into chunks."""
-
-    frames_per_chunk: int = 0
-    up_to: int = 0
-    """The id of the last frame that is in a chunk."""
-    is_complete: bool = False
-    """Whether every frame without a result is in a chunk."""
-
-
-@dataclass
 class JobDriver:
     """Drives one job.
 
@@ -133,13 +122,16 @@ class JobDriver:
     `_to_send` are the numbers of chunks that wait for room in the engine, and
     `_in_flight` those that the engine works on. `_suspects` are chunks during which a
     process has died. Each of them is submitted alone, when nothing else is in flight
-    (`app.jobs.attempts`).
+    (`app.jobs.attempts`). `_planned_up_to` is the id of the last frame that is in a
+    chunk, and `_is_planned` whether every frame without a result is in one.
     """
 
     context: ServiceContext
     lease: JobLease
     kind: AnyKind
-    _planned: _Planned = field(default_factory=_Planned)
+    _frames_per_chunk: int = 0
+    _planned_up_to: int = 0
+    _is_planned: bool = False
     _to_send: deque[int] = field(default_factory=deque)
     _suspects: deque[int] = field(default_factory=deque)
     _in_flight: dict[Future[str], int] = field(default_factory=dict)
@@ -148,15 +140,19 @@ class JobDriver:
     def drive(self) -> None:
         """Start or resume the job, and drive it to its end.
 
-        Raises
-        ------
-        JobStopped
-            The service is stopping, the job was cancelled or deleted, another process
-            drives it, or another job has to end first.
-        ChunkFailed
-            A chunk has failed. For quarantined chunks, after all others are done.
+        Raises JobStopped: the service is stopping, the job was cancelled or deleted,
+        another process drives it, or another job has to end first; ChunkFailed: a chunk
+        has failed. For quarantined chunks, after all others are done.
         """
-        row = self._begin()
+        with self.context.database.write() as session:
+            row = self._open_row(session)
+            if not self.kind.may_begin(session, row):
+                raise JobStopped(self.lease.job)
+            self.lease.take(session)
+            ChunkRepository(session).clear_errors(self.lease.job)
+            self.kind.begin(session, row)
+            row.state = "running"
+            session.flush()
         while True:
             self._drive_chunks(row)
             if self.kind.final_step_words is None:
@@ -169,18 +165,6 @@ class JobDriver:
                 # New frames have been stored meanwhile, which have to be planned too.
                 row = self._open_row(session)
 
-    def _begin(self) -> JobRow:
-        with self.context.database.write() as session:
-            row = self._open_row(session)
-            if not self.kind.may_begin(session, row):
-                raise JobStopped(self.lease.job)
-            self.lease.take(session)
-            ChunkRepository(session).clear_errors(self.lease.job)
-            self.kind.begin(session, row)
-            row.state = "running"
-            session.flush()
-            return row
-
     def _open_row(self, session: Session) -> JobRow:
         """The job's row; raises JobStopped if the job has ended."""
         row: JobRow = open_job(session, self.kind.table, self.lease.job.id)
@@ -188,17 +172,30 @@ class JobDriver:
 
     def _drive_chunks(self, row: JobRow) -> None:
         """Plan and submit chunks until all are done."""
-        frames = self.context.engine.chunk_frames(row.total - row.done)
-        self._planned = _Planned(frames)
+        engine = self.context.engine
+        self._frames_per_chunk = engine.chunk_frames(row.total - row.done)
         with self.context.database.read() as session:
             chunks = ChunkRepository(session)
             self._to_send = deque(chunks.waiting(self.lease.job))
-            self._planned.up_to = chunks.planned_up_to(self.lease.job)
+            self._planned_up_to = chunks.planned_up_to(self.lease.job)
+        self._is_planned, here = False, partial(work_in_driver, self.context)
         try:
-            while self._send(row):
+            while True:
+                self._check()
+                try:
+                    while (number := self._next(row)) is not None:
+                        future = engine.start_chunk(here, self.lease.job, number)
+                        # A suspect remains one until it has ended.
+                        if number not in self._suspects:
+                            self._to_send.remove(number)
+                        self._in_flight[future] = number
+                except EngineAway:
+                    self._reconnect()
+                if not (self._in_flight or self._to_send or self._suspects):
+                    break
                 self._take_ended()
         finally:
-            self.context.engine.release(list(self._in_flight))
+            engine.release(list(self._in_flight))
         self._check_quarantine()
 
     def _drive_final_step(self) -> None:
@@ -219,46 +216,26 @@ class JobDriver:
         if outcome in _GIVEN_BACK:
             self._wait_after_return()
 
-    def _send(self, row: JobRow) -> bool:
-        """Submit chunks while there is room; False once nothing is left."""
-        self._check()
-        try:
-            while (number := self._next(row)) is not None:
-                self._start(number)
-        except EngineAway:
-            self._reconnect()
-        return bool(self._in_flight or self._to_send or self._suspects)
-
     def _next(self, row: JobRow) -> int | None:
         """The chunk to submit next; None if none can be submitted now."""
         if self._suspects:
             # Alone, so that if a process dies again, this chunk is the cause.
             return None if self._in_flight else self._suspects[0]
         room = self.context.engine.most_in_flight - len(self._in_flight)
-        if room > 0 and not self._to_send and not self._planned.is_complete:
-            self._plan(row, room)
+        if room > 0 and not self._to_send and not self._is_planned:
+            size = {"most": room, "frames": self._frames_per_chunk}
+            with self.context.database.read() as session:
+                after = self._planned_up_to
+                chunks = self.kind.plan(session, row, after=after, **size)
+            self._is_planned = len(chunks) < room
+            if chunks:
+                self._planned_up_to = chunks[-1].last_frame_id
+                with self.context.database.write() as session:
+                    self.lease.require(session)
+                    self._open_row(session)
+                    planned = ChunkRepository(session).plan(self.lease.job, chunks)
+                self._to_send.extend(planned)
         return self._to_send[0] if room > 0 and self._to_send else None
-
-    def _start(self, number: int) -> None:
-        here = partial(work_in_driver, self.context)
-        engine = self.context.engine
-        future = engine.start_chunk(here, self.lease.job, number)
-        if number not in self._suspects:  # a suspect remains one until it has ended
-            self._to_send.remove(number)
-        self._in_flight[future] = number
-
-    def _plan(self, row: JobRow, most: int) -> None:
-        after, frames = self._planned.up_to, self._planned.frames_per_chunk
-        with self.context.database.read() as session:
-            chunks = self.kind.plan(session, row, after=after, most=most, frames=frames)
-        self._planned.is_complete = len(chunks) < most
-        if not chunks:
-            return
-        self._planned.up_to = chunks[-1].last_frame_id
-        with self.context.database.write() as session:
-            self.lease.require(session)
-            self._open_row(session)
-            self._to_send.extend(ChunkRepository(session).plan(self.lease.job, chunks))
 
     def _take_ended(self) -> None:
         """Wait a moment for chunks to end, and handle their outcomes."""
@@ -268,7 +245,13 @@ class JobDriver:
             try:
                 outcome = self.context.engine.outcome(future)
             except WorkerDied as died:
-                self._suspect(number, died)
+                log.warning("chunk %d of %s %d: %s", number, *self.lease.job, died)
+                self._drop_suspect(number)
+                with self.context.database.write() as session:
+                    self.lease.require(session)
+                    is_retried = count_death(session, self.lease.job, number)
+                if is_retried:
+                    self._suspects.append(number)
             except EngineAway:
                 self._send_again(number)
             else:
@@ -284,7 +267,11 @@ class JobDriver:
     def _raise_failure(self, number: int, outcome: str) -> None:
         """Raise ChunkFailed if the outcome of a chunk lets its job fail."""
         if outcome == FAILED:
-            raise ChunkFailed(self._error_of(number))
+            with self.context.database.read() as session:
+                self._open_row(session)
+                chunk = ChunkRepository(session).find(self.lease.job, number)
+            stored = chunk.error if chunk else None
+            raise ChunkFailed(stored or unexpected_error(self.lease.job))
         if outcome == ELSEWHERE:
             detail = (
                 "a worker uses another database than the service; give both the same "
@@ -305,20 +292,6 @@ class JobDriver:
     def _drop_suspect(self, number: int) -> None:
         if number in self._suspects:
             self._suspects.remove(number)
-
-    def _error_of(self, number: int) -> Mapping[str, object]:
-        with self.context.database.read() as session:
-            self._open_row(session)
-            chunk = ChunkRepository(session).find(self.lease.job, number)
-            return (chunk.error if chunk else None) or unexpected_error(self.lease.job)
-
-    def _suspect(self, number: int, died: WorkerDied) -> None:
-        log.warning("chunk %d of %s %d: %s", number, *self.lease.job, died)
-        self._drop_suspect(number)
-        with self.context.database.write() as session:
-            self.lease.require(session)
-            if count_death(session, self.lease.job, number):
-                self._suspects.append(number)
 
     def _check(self) -> None:
         self.context.engine.check(self.lease.job)
@@ -348,7 +321,7 @@ class JobDriver:
         with self.context.database.read() as session:
             waiting = set(ChunkRepository(session).waiting(self.lease.job))
         self._to_send = deque(number for number in self._to_send if number in waiting)
-        self._suspects = deque(one for one in self._suspects if one in waiting)
+        self._suspects = deque(each for each in self._suspects if each in waiting)
 
     def _check_quarantine(self) -> None:
         with self.context.database.read() as session:

@@ -115,10 +115,7 @@ class Poller:
     def watching(self, job: Job, settings: Settings) -> Iterator[None]:
         """Register a watcher of this job during the block.
 
-        Raises
-        ------
-        TooManyRequests
-            As many are registered as the settings allow.
+        Raises TooManyRequests if as many are registered as the settings allow.
         """
         most = settings.max_event_streams
         if self.watchers >= most:

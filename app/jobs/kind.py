@@ -21,15 +21,7 @@ from app.db.tables import Chunk
 from app.engine.chunk import Job, JobStopped
 from app.errors import StorageAway
 from app.jobs.chunks import FINAL_STEP, ChunkRepository, PlannedChunk
-from app.jobs.queries import (
-    OPEN,
-    Row,
-    close,
-    find_job,
-    open_job,
-    open_jobs,
-    tell_done,
-)
+from app.jobs.queries import OPEN, Row, close, find_job, open_job, open_jobs, tell_done
 from unghost.wire.runs import Export, Run
 
 READ_ROW_EVERY_S: Final = 0.5
@@ -82,19 +74,13 @@ class JobKind(Protocol[Row]):
     def work(self, task: Task[Row]) -> None:
         """Process one chunk, in this process or in a worker.
 
-        Raises
-        ------
-        JobStopped
-            It was stopped before the end; results stored so far stay.
+        Raises JobStopped if it was stopped before the end; results stored so far stay.
         """
 
     def finish(self, task: Task[Row]) -> None:
         """The final step: ends the job, or returns if there are new frames to plan.
 
-        Raises
-        ------
-        JobStopped
-            The job is cancelled, or the service is stopping.
+        Raises JobStopped if the job is cancelled, or the service is stopping.
         """
 
     def unfinished(self, session: Session, row: Row, chunk: Chunk) -> list[int]:
@@ -188,7 +174,13 @@ class Task(Generic[Row]):
             raise JobStopped(self.job)
         self.context.engine.check(self.job)
         if time.monotonic() - self._row_read_at >= READ_ROW_EVERY_S:
-            self._require_open()
+            with self.context.database.read() as session:
+                if self.number != FINAL_STEP:
+                    self.row(session)
+                # A cancellation cannot change the job's row before the final step's
+                # transaction has ended. So it deletes the row of the step (its chunk).
+                elif not ChunkRepository(session).has_final_step(self.job):
+                    raise JobStopped(self.job)
             self._row_read_at = time.monotonic()
 
     def check_wanted(self) -> None:
@@ -205,11 +197,10 @@ class Task(Generic[Row]):
         number is written in a separate transaction; on SQLite, which has one writer, it
         is kept in memory of this process.
         """
-        final = self.number == FINAL_STEP
-        if final:
+        if self.number == FINAL_STEP:
             self.context.engine.report(self.job, done)
-        if final and self.context.database.has_one_writer:
-            return
+            if self.context.database.has_one_writer:
+                return
         if time.monotonic() - self._told_at >= TELL_EVERY_S:
             with self.context.database.write_out_of_turn() as session:
                 tell_done(session, self.kind.table, self.job.id, done)
@@ -218,16 +209,16 @@ class Task(Generic[Row]):
     def retry_unavailable(self, use_storage: Callable[[], _T]) -> _T:
         """The result of `use_storage`, retried while the file storage is unavailable.
 
-        Raises
-        ------
-        JobStopped
-            As `check`, during a pause between two attempts.
+        Raises JobStopped as `check` does, during a pause between two attempts.
         """
         for pause_s in PAUSES_S:
             try:
                 return use_storage()
             except StorageAway:
-                self._pause(pause_s)
+                until = time.monotonic() + pause_s
+                while (left := until - time.monotonic()) > 0:
+                    self.check()
+                    self.context.engine.stopping.wait(min(left, _CHECK_EVERY_S))
         return use_storage()
 
     def chunk_done(self, session: Session) -> None:
@@ -241,21 +232,6 @@ class Task(Generic[Row]):
     def stop(self) -> None:
         """Make `check` raise in all threads of this task, so that they end."""
         self._is_over.set()
-
-    def _require_open(self) -> None:
-        with self.context.database.read() as session:
-            if self.number != FINAL_STEP:
-                self.row(session)
-            # A cancellation cannot change the job's row before the final step's
-            # transaction has ended. So it deletes the row of the step (its chunk).
-            elif not ChunkRepository(session).has_final_step(self.job):
-                raise JobStopped(self.job)
-
-    def _pause(self, seconds: float) -> None:
-        until = time.monotonic() + seconds
-        while (left := until - time.monotonic()) > 0:
-            self.check()
-            self.context.engine.stopping.wait(min(left, _CHECK_EVERY_S))
 
 
 AnyTask: TypeAlias = Task[Any]

@@ -96,18 +96,17 @@ class JobLease:
     def take(self, session: Session) -> None:
         """Take the lease, if it is not taken yet, and `require` it.
 
-        Once that is committed, a thread renews it.
-
-        Raises
-        ------
-        LeaseLost
-            Another process drives the job.
+        Once that is committed, a thread renews it. Raises LeaseLost if another process
+        drives the job.
         """
         if self._is_taken:
             self.require(session)
             return
         now = _now(session)
-        if not self._add(session, now):  # there is a row already
+        row = {"kind": self.job.kind, "job_id": self.job.id, "holder": self._holder}
+        new = insert_into(session, Lease).values(**row, until=now + LEASE_LASTS)
+        added = new.on_conflict_do_nothing().returning(Lease.holder)
+        if session.execute(added).first() is None:  # there is a row already
             lease = _locked(session, self.job, skip_locked=True)
             if lease is None:  # another process has just locked or deleted it
                 raise LeaseLost(self.job)
@@ -120,12 +119,9 @@ class JobLease:
     def require(self, session: Session) -> None:
         """Lock the lease until this transaction ends, so that no other can take it.
 
-        Raises
-        ------
-        LeaseLost
-            Another process has taken it already.
+        Raises LeaseLost if another process has taken it already.
         """
-        if self._mine(session) is None:
+        if self._own(session) is None:
             raise LeaseLost(self.job)
 
     def check(self) -> None:
@@ -144,7 +140,7 @@ class JobLease:
         try:
             # Out of turn: without waiting for those who write to other rows.
             with self._database.write_out_of_turn() as session:
-                lease = self._mine(session)
+                lease = self._own(session)
                 if lease is None:
                     return
                 if is_open(session, self.job):
@@ -157,14 +153,7 @@ class JobLease:
         except SQLAlchemyError as exc:  # the lease expires by itself
             log.warning("cannot release the lease of %s %d: %s", *self.job, exc)
 
-    def _add(self, session: Session, now: datetime) -> bool:
-        """Insert the row of the lease; False if there is one already."""
-        row = {"kind": self.job.kind, "job_id": self.job.id, "holder": self._holder}
-        new = insert_into(session, Lease).values(**row, until=now + LEASE_LASTS)
-        added = new.on_conflict_do_nothing().returning(Lease.holder)
-        return session.execute(added).first() is not None
-
-    def _mine(self, session: Session) -> Lease | None:
+    def _own(self, session: Session) -> Lease | None:
         lease = _locked(session, self.job)
         return lease if lease is not None and lease.holder == self._holder else None
 
@@ -177,7 +166,7 @@ class JobLease:
         while not self._is_over.wait(RENEW_EVERY_S):
             try:
                 with self._database.write_out_of_turn() as session:
-                    lease = self._mine(session)
+                    lease = self._own(session)
                     if lease is not None:
                         lease.until = _now(session) + LEASE_LASTS
             except SQLAlchemyError as exc:  # retried until the lease expires
@@ -231,11 +220,11 @@ class Leased(NamedTuple):
     @classmethod
     def of(cls, session: Session) -> Leased:
         """All jobs that have a lease."""
-        now, found = _now(session), cls(set(), set())
+        now, leased = _now(session), cls(set(), set())
         for lease in session.scalars(select(Lease)):
-            jobs = found.void if _is_void(lease, now) else found.valid
+            jobs = leased.void if _is_void(lease, now) else leased.valid
             jobs.add(Job(lease.kind, lease.job_id))
-        return found
+        return leased
 
 
 def _is_void(lease: Lease, now: datetime) -> bool:
@@ -278,24 +267,20 @@ class Watchdog:
             unfinished = all_open_jobs(session)
             leased = Leased.of(session)
         if of_ended_jobs := leased.void.difference(unfinished):
-            self._delete(of_ended_jobs)
+            with self._context.database.write_out_of_turn() as session:
+                for job in of_ended_jobs:
+                    lease = _locked(session, job, skip_locked=True)
+                    if lease is not None and _is_void(lease, _now(session)):
+                        session.delete(lease)
+                        session.flush()
         now, before = self._clock(), self._undriven_since
         undriven = [job for job in unfinished if job not in leased.valid | leased.void]
-        self._undriven_since = {job: before.get(job, now) for job in undriven}
-        waited_enough = {
-            job
-            for job, since in self._undriven_since.items()
-            if now - since >= UNDRIVEN_FOR_S
-        }
-        return [job for job in unfinished if job in leased.void | waited_enough]
-
-    def _delete(self, jobs: Iterable[Job]) -> None:
-        with self._context.database.write_out_of_turn() as session:
-            for job in jobs:
-                lease = _locked(session, job, skip_locked=True)
-                if lease is not None and _is_void(lease, _now(session)):
-                    session.delete(lease)
-                    session.flush()
+        since = {job: before.get(job, now) for job in undriven}
+        self._undriven_since = since
+        due = leased.void.union(
+            job for job in undriven if now - since[job] >= UNDRIVEN_FOR_S
+        )
+        return [job for job in unfinished if job in due]
 
 
 @contextmanager
@@ -311,11 +296,10 @@ def running_watchdog(
         unfinished = all_open_jobs(session)
     start(unfinished)
     watchdog = Watchdog(context)
-
-    def look() -> None:
-        start(watchdog.abandoned())
-
-    task = Task("watchdog", "look for unfinished jobs", look, WATCHDOG_EVERY_S)
+    purpose = "look for unfinished jobs"
+    task = Task(
+        "watchdog", purpose, lambda: start(watchdog.abandoned()), WATCHDOG_EVERY_S
+    )
     with repeating(context, task):
         yield
 
@@ -345,7 +329,15 @@ def process_has_ended(name: str) -> bool:
     if sys.platform == "linux":
         # Process ids are reused; together with the start time they are unique.
         return _started(int(pid)) != rest.partition("/")[0]
-    return os.name == "posix" and not _answers(int(pid))
+    if os.name != "posix":
+        return False
+    try:
+        os.kill(int(pid), 0)
+    except ProcessLookupError:
+        return True
+    except PermissionError:
+        pass  # it runs as another user
+    return False
 
 
 def _machine() -> str:
@@ -364,13 +356,3 @@ def _started(pid: int) -> str:
     words = text.rpartition(")")[2].split()
     # A zombie has ended: only its parent has not read its exit status yet.
     return "" if words[0] == "Z" else words[_START_TICK]
-
-
-def _answers(pid: int) -> bool:
-    try:
-        os.kill(pid, 0)
-    except ProcessLookupError:
-        return False
-    except PermissionError:
-        return True
-    return True

@@ -35,32 +35,27 @@ def job_of(row: JobRow) -> Job:
 
 def find_job(session: Session, table: type[Row], job_id: int) -> Row | None:
     """A job's row, unless it was deleted with its dataset."""
-    found = session.get(table, job_id)
-    if found is None or is_deleted(session, found.dataset_id):
-        return None
-    return found
+    row = session.get(table, job_id)
+    return None if row is None or is_deleted(session, row.dataset_id) else row
 
 
 def job_with_id(session: Session, table: type[Row], job_id: int) -> Row:
     """A job's row; NotFound, also if it was deleted with its dataset."""
-    found = find_job(session, table, job_id)
-    if found is None:
+    row = find_job(session, table, job_id)
+    if row is None:
         raise NotFound(table.job_kind, job_id)
-    return found
+    return row
 
 
 def open_job(session: Session, table: type[Row], job_id: int) -> Row:
     """The row of a job that is queued or running.
 
-    Raises
-    ------
-    JobStopped
-        The job has ended, or its dataset was deleted.
+    Raises JobStopped if the job has ended, or its dataset was deleted.
     """
-    found = find_job(session, table, job_id)
-    if found is None or found.state not in OPEN:
+    row = find_job(session, table, job_id)
+    if row is None or row.state not in OPEN:
         raise JobStopped(Job(table.job_kind, job_id))
-    return found
+    return row
 
 
 def open_jobs(
@@ -100,15 +95,10 @@ def close(
     state: FinishedState,
     error: Mapping[str, object] | None = None,
 ) -> None:
-    """End a job.
+    """End a job; raises JobStopped if it has ended already.
 
     Its chunks are removed, except the quarantined ones of a failed job, which show why
     it failed.
-
-    Raises
-    ------
-    JobStopped
-        It has ended already.
     """
     if row.state not in OPEN:
         raise JobStopped(job_of(row))
@@ -125,8 +115,8 @@ def forget_jobs(session: Session, table: type[JobRow], dataset_id: int) -> None:
     """Delete the chunks and leases of a dataset's jobs of one kind."""
     jobs = select(table.id).where(table.dataset_id == dataset_id)
     for rows in (Chunk, Lease):
-        mine = rows.kind == table.job_kind, rows.job_id.in_(jobs)
-        session.execute(delete(rows).where(*mine))
+        of_jobs = rows.kind == table.job_kind, rows.job_id.in_(jobs)
+        session.execute(delete(rows).where(*of_jobs))
 
 
 def installation_id(session: Session) -> str:

@@ -42,10 +42,7 @@ _RETRY_S: Final = 10
 def queue_job(context: ServiceContext, session: Session, row: JobRow) -> None:
     """Queue a job; it starts once the transaction is committed.
 
-    Raises
-    ------
-    TooManyRequests
-        As many jobs are open as the settings allow.
+    Raises TooManyRequests if as many jobs are open as the settings allow.
     """
     require_place(session, context.settings)
     session.add(row)
@@ -87,18 +84,16 @@ def start(
 
 
 def _drive(context: ServiceContext, job: Job) -> None:
+    def drive() -> None:
+        if drive_job(context, job):
+            start_waiting(context, job)
+
     with context.database.read() as session:
         row = session.get(kind_of(job).table, job.id)
-    work = partial(_drive_to_end, context, job)
     if row is not None and row.total > CHUNK_FRAMES:
-        context.engine.submit(work, job, is_long=True)
+        context.engine.submit(drive, job, is_long=True)
     else:
-        work()
-
-
-def _drive_to_end(context: ServiceContext, job: Job) -> None:
-    if drive_job(context, job):
-        start_waiting(context, job)
+        drive()
 
 
 def start_waiting(context: ServiceContext, job: Job) -> None:
@@ -120,14 +115,8 @@ def cancel(
 ) -> Row:
     """Cancel a job; results that it has stored so far stay.
 
-    If the transaction fails, the job continues.
-
-    Raises
-    ------
-    NotFound
-        There is no such job.
-    Conflict
-        It has ended already.
+    If the transaction fails, the job continues. Raises NotFound: there is no such job;
+    Conflict: it has ended already.
     """
     job = Job(kind.table.job_kind, job_id)
     interrupt(context, session, job)

@@ -82,8 +82,8 @@ async def watch(
 def number_of(last_event_id: str | None) -> int:
     """The number in a Last-Event-ID; anything else starts from the beginning."""
     text = last_event_id or ""
-    known = text.isascii() and text.isdigit() and len(text) <= _MAX_DIGITS
-    return int(text) if known else NOTHING_SEEN
+    is_number = text.isascii() and text.isdigit() and len(text) <= _MAX_DIGITS
+    return int(text) if is_number else NOTHING_SEEN
 
 
 class EventStream(StreamingResponse):
@@ -121,24 +121,14 @@ async def _lines(
             # A token may be revoked while its stream is open.
             if now - checked >= pause:
                 checked = now
-                if not await _may_read(request):
+                try:
+                    await authorise(request, "viewer")
+                except (Forbidden, Unauthorised):
                     return
             if event is not None:
-                sent = now
-                yield _event(event)
+                sent, data = now, event.state.model_dump_json()
+                head = f"event: {event.name}\nid: {event.number}\n"
+                yield f"{head}data: {data}\n\n".encode()
             elif now - sent >= pause:
                 sent = now
                 yield _STILL_HERE
-
-
-async def _may_read(request: Request) -> bool:
-    try:
-        await authorise(request, "viewer")
-    except (Forbidden, Unauthorised):
-        return False
-    return True
-
-
-def _event(event: JobEvent) -> bytes:
-    data = event.state.model_dump_json()
-    return f"event: {event.name}\nid: {event.number}\ndata: {data}\n\n".encode()

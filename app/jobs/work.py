@@ -96,25 +96,16 @@ def work_in_worker(
 ) -> str:
     """As `work_on_chunk`, in a worker.
 
-    Parameters
-    ----------
-    context : ServiceContext
-    asked : tuple of str, int and int
-        The kind and the id of the job, and the number of the chunk.
-    installation : str
-        The id of the driver's database. If the worker's is another one, the outcome is
-        ELSEWHERE, and the chunk is not worked on.
-
-    Returns
-    -------
-    str
-        The outcome. RETURNED if the worker cannot reach the database: the driver sends
-        the chunk again, and this is no attempt.
+    `asked` are the kind and the id of the job, and the number of the chunk;
+    `installation` is the id of the driver's database. If the worker's is another one,
+    the outcome is ELSEWHERE, and the chunk is not worked on. It is RETURNED if the
+    worker cannot reach the database: the driver sends the chunk again, and this is no
+    attempt.
     """
     try:
         with context.database.read() as session:
-            found = installation_id(session)
-        if found == installation:
+            is_same = installation_id(session) == installation
+        if is_same:
             return work_on_chunk(context, *asked)
     except Exception as error:
         if not is_transient(error):

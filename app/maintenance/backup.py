@@ -14,9 +14,9 @@ import re
 import shutil
 import sqlite3
 import tarfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass, field
 from datetime import datetime, timezone
 from functools import partial
@@ -26,6 +26,7 @@ from typing import IO, Final
 from sqlalchemy.orm import Session
 
 from app.addresses import FOLDER
+from app.db.bulk import chunks
 from app.db.inspection import (
     copy_database,
     foreign_triggers,
@@ -78,28 +79,19 @@ class BackupLabel:
         return json.dumps(asdict(self), indent=2) + "\n"
 
 
-@dataclass(frozen=True)
-class Unpacked:
-    """A backup that was read completely and is intact."""
-
-    label: BackupLabel
-    files: int
-
-
 def blob_name(digest: str) -> str:
     """The path of a blob in a backup."""
     return f"{BLOBS}/{digest[:2]}/{digest}"
 
 
-def unpack(backup: Path, folder: Path, advance: Advance, *, keep: bool) -> Unpacked:
+def unpack(
+    backup: Path, folder: Path, advance: Advance, *, keep: bool
+) -> tuple[BackupLabel, int]:
     """Read and check a backup; unpack it into a folder, or only its database.
 
-    Without `keep`, other files are only compared with their names.
-
-    Raises
-    ------
-    CannotMaintain
-        It is not a backup, or is damaged or incomplete; the text says why.
+    Without `keep`, other files are only compared with their names. Returns its label
+    and how many files it has. Raises CannotMaintain if it is not a backup, or is
+    damaged or incomplete; the text says why.
     """
     digests: dict[str, str] = {}
     label, done, total = None, 0, size_of(backup)
@@ -124,24 +116,7 @@ def unpack(backup: Path, folder: Path, advance: Advance, *, keep: bool) -> Unpac
             f"{backup} is damaged: the content of its database has changed"
         )
     _check_complete(backup, folder / DATABASE, set(digests), label)
-    return Unpacked(label, len(digests))
-
-
-def _read_label(content: bytes, backup: Path) -> BackupLabel:
-    if len(content) > MAX_LABEL_BYTES:
-        raise CannotMaintain(
-            f"{backup}: its {LABEL} is longer than {MAX_LABEL_BYTES} bytes"
-        )
-    try:
-        found = json.loads(content)
-        label = BackupLabel(**{**found, "left_out": tuple(found["left_out"])})
-    except (ValueError, TypeError, KeyError) as exc:
-        raise CannotMaintain(f"{backup}: its {LABEL} cannot be read") from exc
-    if label.format != FORMAT:
-        raise CannotMaintain(
-            f"{backup} has format {label.format}, this version reads {FORMAT}"
-        )
-    return label
+    return label, len(digests)
 
 
 def _check_complete(
@@ -153,6 +128,7 @@ def _check_complete(
         wanted = referenced_files(database)
     except sqlite3.DatabaseError as exc:
         raise CannotMaintain(f"{backup}: its database cannot be read: {exc}") from exc
+    missing = {blob_name(digest) for digest in wanted - {*label.left_out}} - names
     if triggers:
         # The service would execute it, and could give its author any right.
         raise CannotMaintain(
@@ -161,12 +137,28 @@ def _check_complete(
         )
     if problems:
         raise CannotMaintain(f"{backup}: its database is damaged: {problems[0]}")
-    missing = {blob_name(digest) for digest in wanted - {*label.left_out}} - names
     if missing:
         raise CannotMaintain(
             f"{backup} is not complete: {len(missing)} files are missing, one is "
             f"{min(missing)}"
         )
+
+
+def _read_label(content: bytes, backup: Path) -> BackupLabel:
+    if len(content) > MAX_LABEL_BYTES:
+        raise CannotMaintain(
+            f"{backup}: its {LABEL} is longer than {MAX_LABEL_BYTES} bytes"
+        )
+    try:
+        fields = json.loads(content)
+        label = BackupLabel(**{**fields, "left_out": tuple(fields["left_out"])})
+    except (ValueError, TypeError, KeyError) as exc:
+        raise CannotMaintain(f"{backup}: its {LABEL} cannot be read") from exc
+    if label.format != FORMAT:
+        raise CannotMaintain(
+            f"{backup} has format {label.format}, this version reads {FORMAT}"
+        )
+    return label
 
 
 _MAX_HEADER: Final = 4096
@@ -179,12 +171,12 @@ class _Member(tarfile.TarInfo):
     @classmethod
     def frombuf(cls, buf: bytes | bytearray, encoding: str, errors: str) -> _Member:
         """A header; ReadError if Python would read it into memory, and slowly."""
-        found = super().frombuf(buf, encoding, errors)
-        if found.size < 0 or (found.size > _MAX_HEADER and not found.isreg()):
+        header = super().frombuf(buf, encoding, errors)
+        if header.size < 0 or (header.size > _MAX_HEADER and not header.isreg()):
             raise tarfile.ReadError(
-                f"expected a header of at most {_MAX_HEADER} bytes, found {found.size}"
+                f"expected a header of at most {_MAX_HEADER} bytes, found {header.size}"
             )
-        return found
+        return header
 
 
 @contextmanager
@@ -248,17 +240,18 @@ def _is_part(name: str) -> bool:
 
 
 def _copy(stream: IO[bytes], target: Path | None) -> str:
+    """The digest of a stream, which is copied if there is a target."""
     digest = hashlib.sha256()
-    if target is None:
+    with ExitStack() as held:
+        copy = None
+        if target is not None:
+            target.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+            copy = held.enter_context(target.open("xb"))
+            target.chmod(_PRIVATE)
         while chunk := stream.read(_CHUNK):
             digest.update(chunk)
-        return digest.hexdigest()
-    target.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-    with target.open("xb") as copy:
-        while chunk := stream.read(_CHUNK):
-            digest.update(chunk)
-            copy.write(chunk)
-    target.chmod(0o600)
+            if copy is not None:
+                copy.write(chunk)
     return digest.hexdigest()
 
 
@@ -320,11 +313,8 @@ def make_backup(
     """Copy a data folder into a folder, or into a file if the name ends in ``.tar``.
 
     It is renamed to `target` when it is complete, verified and flushed to the disk.
-
-    Raises
-    ------
-    CannotMaintain
-        `target` exists already, or files are damaged and `incomplete` is False.
+    Raises CannotMaintain if `target` exists already, or if files are damaged and
+    `incomplete` is False.
     """
     source = _source(settings)
     target = target.absolute()
@@ -340,27 +330,38 @@ def make_backup(
             with steps("copy the database", "pages") as advance:
                 copy_database(source, database, advance)
             database.chmod(_PRIVATE)
-            audit = _audit_mark(database)
+            with read_only_engine(database) as engine, Session(engine) as session:
+                rows = RowChecks(session)
+                audit = str(rows.audit_mark()) if rows.has_audit_log() else None
             writing.add(DATABASE, database)
             _add_files(settings, writing, steps, incomplete=incomplete)
-            label = _label(writing)
+            label = BackupLabel(
+                format=FORMAT,
+                version=VERSION,
+                schema=revision_of(database) or "",
+                created_at=datetime.now(timezone.utc).isoformat(timespec="seconds"),
+                files=writing.files,
+                database_sha256=digest_of(database),
+                left_out=tuple(writing.left_out),
+            )
             text = writing.folder / LABEL
             text.write_text(label.text(), "utf-8")
             text.chmod(_PRIVATE)
             writing.add(LABEL, text)
-        written = draft / target.name
-        _check(written, draft, steps)
+        written, again = draft / target.name, draft / ".again"
+        again.mkdir()
+        with steps("verify the backup", "MB") as advance:
+            unpack(written, again, advance, keep=False)
         size_bytes = size_of(written)
-        _flush(written)
+        if written.is_file():
+            flush_file(written)
+        else:
+            for name in (DATABASE, LABEL):
+                flush_file(written / name)
+            flush_everything(written)
         written.rename(target)
         flush_folder(target.parent)
     return Backup(target, label.files, size_bytes, label.schema, audit, label.left_out)
-
-
-def _audit_mark(database: Path) -> str | None:
-    with read_only_engine(database) as engine, Session(engine) as session:
-        rows = RowChecks(session)
-        return str(rows.audit_mark()) if rows.has_audit_log() else None
 
 
 def _source(settings: Settings) -> Path:
@@ -412,43 +413,34 @@ def _add_files(
     settings: Settings, writing: _Writing, steps: Steps, *, incomplete: bool
 ) -> None:
     digests = sorted(referenced_files(writing.folder / DATABASE))
+    # Files of a disk are read one by one, those of a bucket concurrently.
+    together, done = 1 if settings.storage == FOLDER else TOGETHER, 0
     with (
         stored_files_of(settings) as store,
         steps("copy the files", "files") as advance,
+        ThreadPoolExecutor(together) as pool,
     ):
-        # Files of a disk are read one by one, those of a bucket concurrently.
-        together = 1 if settings.storage == FOLDER else TOGETHER
-        found = _intact_files(store, digests, writing.spare, together)
-        for done, (digest, file) in enumerate(found, 1):
-            if isinstance(file, DamagedFile):
-                if not incomplete:
+        for some in chunks(digests, together):
+            # Copies of files of a bucket are deleted before the next ones are fetched.
+            writing.spare.mkdir(mode=0o700)
+            fetched = pool.map(partial(_intact_file, store, writing.spare), some)
+            for digest, file in zip(some, fetched, strict=True):
+                if not isinstance(file, DamagedFile):
+                    writing.add(blob_name(digest), file)
+                    writing.files += 1
+                elif incomplete:
+                    writing.left_out.append(digest)
+                else:
                     raise CannotMaintain(
                         f"{file}; --incomplete makes a backup without them"
                     ) from file
-                writing.left_out.append(digest)
-            else:
-                writing.add(blob_name(digest), file)
-                writing.files += 1
-            advance(done, len(digests))
-
-
-def _intact_files(
-    store: BlobStore, digests: Sequence[str], spare: Path, together: int
-) -> Iterator[tuple[str, Path | DamagedFile]]:
-    """Files with the blobs' contents: the stored ones, or copies in the spare folder.
-
-    Copies are deleted when the next ones are fetched.
-    """
-    with ThreadPoolExecutor(together) as pool:
-        for start in range(0, len(digests), together):
-            some = digests[start : start + together]
-            spare.mkdir(mode=0o700)
-            fetch = partial(_intact_file, store, spare)
-            yield from zip(some, pool.map(fetch, some), strict=True)
-            shutil.rmtree(spare)
+                done += 1
+                advance(done, len(digests))
+            shutil.rmtree(writing.spare)
 
 
 def _intact_file(store: BlobStore, spare: Path, digest: str) -> Path | DamagedFile:
+    """The file of a blob, or a copy in the spare folder, if its content is right."""
     try:
         blob = store.open(digest, size_bytes=None)
         file = blob.path
@@ -461,32 +453,3 @@ def _intact_file(store: BlobStore, spare: Path, digest: str) -> Path | DamagedFi
     except DamagedFile as damaged:
         return damaged
     return file
-
-
-def _label(writing: _Writing) -> BackupLabel:
-    database = writing.folder / DATABASE
-    return BackupLabel(
-        format=FORMAT,
-        version=VERSION,
-        schema=revision_of(database) or "",
-        created_at=datetime.now(timezone.utc).isoformat(timespec="seconds"),
-        files=writing.files,
-        database_sha256=digest_of(database),
-        left_out=tuple(writing.left_out),
-    )
-
-
-def _check(written: Path, draft: Path, steps: Steps) -> None:
-    again = draft / ".again"
-    again.mkdir()
-    with steps("verify the backup", "MB") as advance:
-        unpack(written, again, advance, keep=False)
-
-
-def _flush(written: Path) -> None:
-    if written.is_file():
-        flush_file(written)
-        return
-    for name in (DATABASE, LABEL):
-        flush_file(written / name)
-    flush_everything(written)

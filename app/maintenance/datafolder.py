@@ -67,12 +67,8 @@ def check_owner(settings: Settings) -> None:
 
     The folder, and each file in it that decides on access, has to belong to the user of
     this process or to root, and so has the link, if it is one. The group may write to
-    it, as to volumes of Kubernetes, but not everybody.
-
-    Raises
-    ------
-    CannotMaintain
-        Another user owns one of them, or everybody can write to it.
+    it, as to volumes of Kubernetes, but not everybody. Otherwise CannotMaintain is
+    raised.
     """
     if os.name == "nt":  # files have no such owners and modes
         return
@@ -114,11 +110,8 @@ def _check_owner(what: str, path: Path, state: os.stat_result) -> None:
 def check_usable(settings: Settings, engine: Engine, store: BlobStore) -> None:
     """Refuse to start the service if that would hide or destroy existing data.
 
-    Raises
-    ------
-    CannotMaintain
-        The database is missing although files exist, a restore was interrupted, or the
-        database belongs to a newer version.
+    Raises CannotMaintain if the database is missing although files exist, a restore was
+    interrupted, or the database belongs to a newer version.
     """
     file = database_file(settings)
     # Not by connecting: that would create a missing SQLite database.
@@ -130,23 +123,17 @@ def check_usable(settings: Settings, engine: Engine, store: BlobStore) -> None:
             "run `unghost restore` again"
         )
     if revision is None and any(store.files()):
-        raise CannotMaintain(_files_alone(settings))
-    if revision is not None and not is_known(migrations_dir(), revision):
-        raise CannotMaintain(newer(revision))
-
-
-def _files_alone(settings: Settings) -> str:
-    if settings.storage == FOLDER:
-        return (
+        raise CannotMaintain(
             f"the database of {str(settings.data)!r} is missing, but its files still "
             "exist; put it back, restore a backup into another folder, or start with "
             "another empty folder"
+            if settings.storage == FOLDER
+            else f"there are files in {settings.storage}, but the database is new: "
+            "garbage collection would delete them; name the database to which they "
+            "belong, restore its backup, or choose another prefix in UNGHOST_STORAGE"
         )
-    return (
-        f"there are files in {settings.storage}, but the database is new: garbage "
-        "collection would delete them; name the database to which they belong, restore "
-        "its backup, or choose another prefix in UNGHOST_STORAGE"
-    )
+    if revision is not None and not is_known(migrations_dir(), revision):
+        raise CannotMaintain(newer(revision))
 
 
 def keep_private(settings: Settings) -> None:
@@ -170,10 +157,7 @@ def keep_private(settings: Settings) -> None:
 def check_same_version(settings: Settings, engine: Engine) -> None:
     """Refuse a database that no service of this version has migrated.
 
-    Raises
-    ------
-    CannotMaintain
-        It is missing, or its schema has another version.
+    Raises CannotMaintain if it is missing, or its schema has another version.
     """
     file = database_file(settings)
     there = file is None or file.exists()
@@ -204,10 +188,7 @@ def newer(revision: str) -> str:
 def opened(settings: Settings) -> Iterator[Database]:
     """The database of an existing data folder, at the schema of this version.
 
-    Raises
-    ------
-    CannotMaintain
-        It is missing, or its schema has another version.
+    Raises CannotMaintain if it is missing, or its schema has another version.
     """
     file = database_file(settings)
     if file is not None and not file.is_file():
@@ -246,13 +227,9 @@ def no_database(settings: Settings) -> str:
 def alone(settings: Settings) -> Iterator[None]:
     """Lock the data folder against other backups and garbage collections.
 
-    Where the file system has no locks, this only warns: a folder of which no backup can
-    be made is worse than a backup that fails because its files were just collected.
-
-    Raises
-    ------
-    CannotMaintain
-        There is no such folder, or another one is running.
+    Raises CannotMaintain if there is no such folder, or another one is running. Where
+    the file system has no locks, this only warns: a folder of which no backup can be
+    made is worse than a backup that fails because its files were just collected.
     """
     with ExitStack() as held:
         try:
@@ -305,10 +282,7 @@ _REASONS: Final = {
 def stored_files_of(settings: Settings) -> Iterator[BlobStore]:
     """The storage of the files, for a command; opening it changes nothing.
 
-    Raises
-    ------
-    CannotMaintain
-        The storage cannot be used, or does not respond any more.
+    Raises CannotMaintain if it cannot be used, or does not respond any more.
     """
     with usable_store(settings):
         store = open_store(settings)
@@ -332,10 +306,7 @@ def usable_store(settings: Settings) -> Iterator[None]:
 def check_moved(settings: Settings, database: Database, store: BlobStore) -> None:
     """Refuse a bucket without any of the files that the database refers to.
 
-    Raises
-    ------
-    CannotMaintain
-        UNGHOST_STORAGE was changed, and the files were not moved.
+    Raises CannotMaintain if UNGHOST_STORAGE was changed, and the files were not moved.
     """
     if settings.storage == FOLDER:
         return

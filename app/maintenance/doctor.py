@@ -8,9 +8,9 @@ import stat
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from enum import Enum
-from pathlib import Path
 from typing import Final
 
 from sqlalchemy import Engine
@@ -89,6 +89,13 @@ class Finding:
         return {**vars(self), "severity": self.severity.value}
 
 
+def _unless_none(bad: Finding, names: Sequence[str], good: str) -> Finding:
+    """The finding with these as examples; `good` if there are none."""
+    if not names:
+        return Finding(bad.check, Severity.OK, good)
+    return replace(bad, count=len(names), examples=tuple(names[:MOST_EXAMPLES]))
+
+
 def examine(
     settings: Settings, *, verify: bool, steps: Steps, audit: AuditMark | None = None
 ) -> Iterator[Finding]:
@@ -97,7 +104,8 @@ def examine(
     With `verify`, the content of each stored file is compared with its hash. `audit` is
     what a backup or an earlier check has printed about the audit log.
     """
-    yield from _folder(settings)
+    if settings.data.is_dir():
+        yield from _folder(settings)
     file = database_file(settings)
     if file is not None and not file.is_file():
         yield _no_database(settings)
@@ -105,20 +113,37 @@ def examine(
     with read_only_engine(settings.sqlalchemy_url) as engine:
         findings = list(_of_database(engine, on_server=file is None))
         yield from findings
-        if any(found.severity is Severity.ERROR for found in findings):
+        if any(finding.severity is Severity.ERROR for finding in findings):
             return
         with Session(engine) as session:
             # Earlier schemas lack some of the tables and columns.
             if current_revision(engine) == head_revision(migrations_dir()):
                 yield from row_findings(engine, session, audit)
             elif audit is not None:
-                yield _NOT_COMPARED
+                yield Finding(
+                    "audit",
+                    Severity.WARNING,
+                    "it was not compared: the schema is older",
+                    "let `unghost serve` bring the schema up to date, then run this "
+                    "again",
+                )
             yield from file_findings(settings, session, verify=verify, steps=steps)
 
 
 def _of_database(engine: Engine, *, on_server: bool) -> Iterator[Finding]:
     """Findings about the database; stops after an error."""
-    first = is_answering(engine) if on_server else _database(problems_in(engine))
+    if on_server:
+        first = is_answering(engine)
+    else:
+        problems = problems_in(engine)
+        damaged = Finding(
+            "database",
+            Severity.ERROR,
+            f"it is damaged: {''.join(problems[:1])}",
+            "stop the service, keep a copy of the folder, and restore the last backup "
+            "into another one",
+        )
+        first = _unless_none(damaged, problems, "its pages and foreign keys are intact")
     yield first
     if first.severity is Severity.ERROR:
         return
@@ -128,22 +153,33 @@ def _of_database(engine: Engine, *, on_server: bool) -> Iterator[Finding]:
         yield from server_findings(engine)
 
 
-_NOT_COMPARED: Final = Finding(
-    "audit",
-    Severity.WARNING,
-    "it was not compared: the schema is older",
-    "let `unghost serve` bring the schema up to date, then run this again",
-)
-
-
 def row_findings(
     engine: Engine, session: Session, audit: AuditMark | None
 ) -> Iterator[Finding]:
     """Findings about the audit log, answers and counts of boxes."""
     checks = RowChecks(session)
     yield _audit(missing_triggers(engine), checks, audit)
-    yield _answers(checks.altered_answers())
-    yield _counts(checks.altered_counts())
+    box_ids = checks.altered_answers()
+    altered = Finding(
+        "answers",
+        Severity.ERROR,
+        f"answers on {len(box_ids)} boxes were removed or changed in the database",
+        "restore the last backup in which they are `ok` into another folder, and "
+        "compare the history of these boxes",
+    )
+    boxes = [f"box {box_id}" for box_id in box_ids]
+    yield _unless_none(altered, boxes, "no answer on a box is missing")
+    wrong = checks.altered_counts()
+    counted = Finding(
+        "counts",
+        Severity.WARNING,
+        f"counts of boxes in {len(wrong)} datasets were changed in the database",
+        "count again: `unghost config show DATASET > filter.yaml`, then `unghost run "
+        "DATASET --config filter.yaml --activate`",
+    )
+    named = [f"dataset {name!r}: {number}" for name, number in wrong.items()]
+    found = _unless_none(counted, named, "they are those of the stored boxes")
+    yield replace(found, count=sum(wrong.values()))
 
 
 def _audit(missing: list[str], checks: RowChecks, noted: AuditMark | None) -> Finding:
@@ -178,42 +214,27 @@ def _audit(missing: list[str], checks: RowChecks, noted: AuditMark | None) -> Fi
     return Finding("audit", Severity.OK, found, count=mark.entries)
 
 
-def _answers(box_ids: Sequence[int]) -> Finding:
-    if not box_ids:
-        return Finding("answers", Severity.OK, "no answer on a box is missing")
-    return Finding(
-        "answers",
-        Severity.ERROR,
-        f"answers on {len(box_ids)} boxes were removed or changed in the database",
-        "restore the last backup in which they are `ok` into another folder, and "
-        "compare the history of these boxes",
-        len(box_ids),
-        tuple(f"box {box_id}" for box_id in box_ids[:MOST_EXAMPLES]),
-    )
-
-
-def _counts(wrong: Mapping[str, int]) -> Finding:
-    if not wrong:
-        return Finding("counts", Severity.OK, "they are those of the stored boxes")
-    return Finding(
-        "counts",
-        Severity.WARNING,
-        f"counts of boxes in {len(wrong)} datasets were changed in the database",
-        "count again: `unghost config show DATASET > filter.yaml`, then `unghost run "
-        "DATASET --config filter.yaml --activate`",
-        sum(wrong.values()),
-        tuple(f"dataset {name!r}: {number}" for name, number in wrong.items())[
-            :MOST_EXAMPLES
-        ],
-    )
-
-
 def _folder(settings: Settings) -> Iterator[Finding]:
-    if not settings.data.is_dir():
-        return
-    yield _token(settings.token_file)
-    free = shutil.disk_usage(settings.data).free
-    least = int(settings.min_free_bytes)
+    file = settings.token_file
+    mode = stat.S_IMODE(file.stat().st_mode) if file.exists() else None
+    if mode is None:
+        yield Finding(
+            "token",
+            Severity.NOTE,
+            "there is no token file",
+            "the next start of `unghost serve` creates one",
+        )
+    elif os.name != "nt" and mode & _OTHERS:
+        yield Finding(
+            "token",
+            Severity.WARNING,
+            f"others can read the token file (mode {mode:o})",
+            "the next start of `unghost serve` restricts its permissions and replaces "
+            "the token",
+        )
+    else:
+        yield Finding("token", Severity.OK, "only its owner can read the token file")
+    free, least = shutil.disk_usage(settings.data).free, int(settings.min_free_bytes)
     if free < least:
         yield Finding(
             "disk",
@@ -225,56 +246,17 @@ def _folder(settings: Settings) -> Iterator[Finding]:
         yield Finding("disk", Severity.OK, f"{free} bytes are free")
 
 
-def _token(file: Path) -> Finding:
-    if not file.exists():
-        return Finding(
-            "token",
-            Severity.NOTE,
-            "there is no token file",
-            "the next start of `unghost serve` creates one",
-        )
-    mode = stat.S_IMODE(file.stat().st_mode)
-    if os.name != "nt" and mode & _OTHERS:
-        return Finding(
-            "token",
-            Severity.WARNING,
-            f"others can read the token file (mode {mode:o})",
-            "the next start of `unghost serve` restricts its permissions and replaces "
-            "the token",
-        )
-    return Finding("token", Severity.OK, "only its owner can read the token file")
-
-
 def _no_database(settings: Settings) -> Finding:
+    has_files = False
+    with suppress(CannotMaintain), stored_files_of(settings) as store:
+        has_files = any(store.files())
     if (settings.data / RESTORING).exists():
         todo = "run `unghost restore` again: it was interrupted"
-    elif _has_files(settings):
+    elif has_files:
         todo = "put its file back, or restore a backup into another folder"
     else:
         todo = no_database(settings)
     return Finding("database", Severity.ERROR, "the database is missing", todo)
-
-
-def _has_files(settings: Settings) -> bool:
-    try:
-        with stored_files_of(settings) as store:
-            return any(store.files())
-    except CannotMaintain:
-        return False
-
-
-def _database(problems: list[str]) -> Finding:
-    if not problems:
-        return Finding("database", Severity.OK, "its pages and foreign keys are intact")
-    return Finding(
-        "database",
-        Severity.ERROR,
-        f"it is damaged: {problems[0]}",
-        "stop the service, keep a copy of the folder, and restore the last backup "
-        "into another one",
-        len(problems),
-        tuple(problems[:MOST_EXAMPLES]),
-    )
 
 
 def _schema(revision: str | None) -> Finding:
@@ -301,13 +283,49 @@ def file_findings(
     settings: Settings, session: Session, *, verify: bool, steps: Steps
 ) -> Iterator[Finding]:
     """Findings about the files, in a folder or a bucket; nothing is changed."""
+    is_folder = settings.storage == FOLDER
     try:
         with stored_files_of(settings) as store:
-            if settings.storage != FOLDER:
-                yield _bucket(store)
-            asked = 1 if settings.storage == FOLDER else TOGETHER
-            verifying = _Verifying(store, steps, asked) if verify else None
-            yield from _findings(store, session, verifying)
+            if not is_folder:
+                any(store.files())
+                yield Finding("store", Severity.OK, "the bucket answers")
+            # Rows are read before files: a file is stored before its row.
+            settled = time.time() - SETTLED_S
+            rows = StoredFileRepository(session)
+            frames, exports = list(rows.of_frames()), list(rows.of_exports())
+            names = {f"export-{number}" for number in rows.open_exports()}
+            there = {file.digest: file for file in store.files()}
+            asked = 1 if is_folder else TOGETHER
+            damaged = _damaged(store, there, steps, asked) if verify else None
+            yield _of_rows("files", frames, there, damaged)
+            yield _of_rows("exports", exports, there, damaged)
+            used = {file.sha256 for file in (*frames, *exports)}
+            unused = [
+                file
+                for digest, file in there.items()
+                if digest not in used and file.modified_at < settled
+            ]
+            size_bytes = sum(file.size_bytes for file in unused)
+            garbage = Finding(
+                "unused",
+                Severity.NOTE,
+                f"{len(unused)} files of {size_bytes} bytes are no longer used",
+                "`unghost gc` removes them",
+            )
+            digests = [file.digest for file in unused]
+            yield _unless_none(garbage, digests, "every file is in use")
+            left = [
+                path.name
+                for path, changed_at in store.leftovers()
+                if export_of(path) not in names and changed_at < settled
+            ]
+            incomplete = Finding(
+                "leftovers",
+                Severity.NOTE,
+                f"{len(left)} files are incomplete, left by interrupted writes",
+                "`unghost gc` removes them",
+            )
+            yield _unless_none(incomplete, left, "there are no incomplete files")
     except CannotMaintain as exc:
         yield Finding(
             "store",
@@ -317,125 +335,58 @@ def file_findings(
         )
 
 
-def _bucket(store: BlobStore) -> Finding:
-    any(store.files())
-    return Finding("store", Severity.OK, "the bucket answers")
+def _damaged(
+    store: BlobStore, there: Mapping[str, StoredFile], steps: Steps, asked: int
+) -> set[str]:
+    """The names of files whose content does not match their hash.
 
+    Every file is read, `asked` at a time.
+    """
 
-@dataclass(frozen=True)
-class _Verifying:
-    """Reads every file, `asked` at a time, to verify its content."""
-
-    store: BlobStore
-    steps: Steps
-    asked: int
-
-    def damaged(self, there: Mapping[str, StoredFile]) -> set[str]:
-        """The names of files whose content does not match their hash."""
-        names = sorted(there)
-        with (
-            self.steps("compare the files", "files") as advance,
-            ThreadPoolExecutor(self.asked) as pool,
-        ):
-            found = set()
-            whole = pool.map(self._is_whole, [there[name] for name in names])
-            for done, (name, good) in enumerate(zip(names, whole, strict=True), 1):
-                if not good:
-                    found.add(name)
-                advance(done, len(names))
-        return found
-
-    def _is_whole(self, file: StoredFile) -> bool:
+    def is_damaged(name: str) -> bool:
         try:
-            self.store.open_verified(file.digest, size_bytes=file.size_bytes)
+            store.open_verified(name, size_bytes=there[name].size_bytes)
         except (DamagedFile, OSError):
-            return False
-        return True
+            return True
+        return False
 
-
-def _findings(
-    store: BlobStore, session: Session, verifying: _Verifying | None
-) -> Iterator[Finding]:
-    # Rows are read before files: a file is stored before its row.
-    began = time.time()
-    rows = StoredFileRepository(session)
-    frames, exports = list(rows.of_frames()), list(rows.of_exports())
-    open_exports = rows.open_exports()
-    there = {file.digest: file for file in store.files()}
-    damaged = verifying.damaged(there) if verifying else set()
-    state = "match their hashes" if verifying else "exist and have the right size"
-    yield _of_rows("files", frames, there, damaged, state)
-    yield _of_rows("exports", exports, there, damaged, state)
-    used = {file.sha256 for file in (*frames, *exports)}
-    yield _unused(
-        [
-            file
-            for digest, file in there.items()
-            if digest not in used and file.modified_at < began - SETTLED_S
-        ]
-    )
-    names = {f"export-{number}" for number in open_exports}
-    yield _leftovers(
-        [
-            path
-            for path, changed_at in store.leftovers()
-            if export_of(path) not in names and changed_at < began - SETTLED_S
-        ]
-    )
+    names, damaged = sorted(there), set()
+    with (
+        steps("compare the files", "files") as advance,
+        ThreadPoolExecutor(asked) as pool,
+    ):
+        verified = zip(names, pool.map(is_damaged, names), strict=True)
+        for done, (name, is_bad) in enumerate(verified, 1):
+            if is_bad:
+                damaged.add(name)
+            advance(done, len(names))
+    return damaged
 
 
 def _of_rows(
     check: str,
     wanted: Sequence[WantedFile],
     there: Mapping[str, StoredFile],
-    damaged: set[str],
-    state: str,
+    damaged: set[str] | None,
 ) -> Finding:
-    bad = [file.sha256 for file in wanted if _is_bad(file, there, damaged)]
+    """A finding about the files of rows; `damaged` is None if none was read."""
+    missing = [file.sha256 for file in wanted if file.sha256 not in there]
+    bad = [
+        file.sha256
+        for file in wanted
+        if file.sha256 not in there
+        or file.sha256 in (damaged or ())
+        or file.size_bytes not in (None, there[file.sha256].size_bytes)
+    ]
     if not bad:
+        state = "exist and have the right size"
+        state = state if damaged is None else "match their hashes"
         return Finding(check, Severity.OK, f"all {state}", count=len(wanted))
-    missing = sum(digest not in there for digest in bad)
     severity = Severity.ERROR if check == "files" else Severity.WARNING
-    found = f"{missing} of {len(wanted)} are missing, {len(bad) - missing} are damaged"
-    return Finding(
-        check, severity, found, _ADVICE[check], len(bad), tuple(bad[:MOST_EXAMPLES])
-    )
-
-
-def _is_bad(
-    file: WantedFile, there: Mapping[str, StoredFile], damaged: set[str]
-) -> bool:
-    found = there.get(file.sha256)
-    if found is None or file.sha256 in damaged:
-        return True
-    return file.size_bytes is not None and found.size_bytes != file.size_bytes
-
-
-def _unused(files: Sequence[StoredFile]) -> Finding:
-    if not files:
-        return Finding("unused", Severity.OK, "every file is in use")
-    size_bytes = sum(file.size_bytes for file in files)
-    return Finding(
-        "unused",
-        Severity.NOTE,
-        f"{len(files)} files of {size_bytes} bytes are no longer used",
-        "`unghost gc` removes them",
-        len(files),
-        tuple(file.digest for file in files[:MOST_EXAMPLES]),
-    )
-
-
-def _leftovers(paths: Sequence[Path]) -> Finding:
-    if not paths:
-        return Finding("leftovers", Severity.OK, "there are no incomplete files")
-    return Finding(
-        "leftovers",
-        Severity.NOTE,
-        f"{len(paths)} files are incomplete, left by interrupted writes",
-        "`unghost gc` removes them",
-        len(paths),
-        tuple(path.name for path in paths[:MOST_EXAMPLES]),
-    )
+    wrong = len(bad) - len(missing)
+    found = f"{len(missing)} of {len(wanted)} are missing, {wrong} are damaged"
+    finding = Finding(check, severity, found, _ADVICE[check])
+    return _unless_none(finding, bad, "")
 
 
 def is_answering(engine: Engine) -> Finding:
@@ -455,32 +406,19 @@ def is_answering(engine: Engine) -> Finding:
 
 def server_findings(engine: Engine) -> Iterator[Finding]:
     """Findings about a database on a server, which responds and has a known schema."""
-    yield _keys(broken_keys(engine))
-    yield _durability(not_durable(engine))
-
-
-def _keys(problems: list[str]) -> Finding:
-    if not problems:
-        return Finding("keys", Severity.OK, "no row refers to a missing row")
-    return Finding(
+    keys, off = broken_keys(engine), not_durable(engine)
+    broken = Finding(
         "keys",
         Severity.ERROR,
-        f"rows refer to missing rows: {problems[0]}",
+        f"rows refer to missing rows: {''.join(keys[:1])}",
         "restore the last dump into a new database, with `pg_restore "
         "--exit-on-error`, and its copy of the files",
-        len(problems),
-        tuple(problems[:MOST_EXAMPLES]),
     )
-
-
-def _durability(off: list[str]) -> Finding:
-    if not off:
-        return Finding("durability", Severity.OK, "acknowledged writes are on the disk")
-    return Finding(
+    yield _unless_none(broken, keys, "no row refers to a missing row")
+    loses = Finding(
         "durability",
         Severity.WARNING,
         f"a power cut may lose acknowledged writes: {', '.join(off)}",
         "turn it on in postgresql.conf, or with ALTER SYSTEM, and reload the server",
-        len(off),
-        tuple(off),
     )
+    yield _unless_none(loses, off, "acknowledged writes are on the disk")

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import shutil
 import time
-from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from typing import Final
@@ -52,10 +51,8 @@ def collect(
 ) -> Garbage:
     """Remove files, rows and drafts that nothing refers to.
 
-    Raises
-    ------
-    CannotMaintain
-        The folder cannot be used, or is locked by another such command.
+    Raises CannotMaintain if the folder cannot be used, or is locked by another such
+    command.
     """
     with ExitStack() as held:
         held.enter_context(alone(settings))
@@ -64,15 +61,36 @@ def collect(
         database = held.enter_context(opened(settings))
         store = held.enter_context(stored_files_of(settings))
         until = time.time() - grace_hours * HOUR_S
-        found = Garbage(removed=not dry_run)
-        young = _files(database, store, found, until, steps)
-        _rows(database, found, young)
-        _left_over(database, store, found, until)
-    return found
+        garbage = Garbage(removed=not dry_run)
+        young = _files(database, store, garbage, until, steps)
+        # Rows of files that no frame has and that are not young: after the files, as a
+        # young file may belong to a frame that is being stored.
+        with database.read() as session:
+            unused = StoredFileRepository(session).unused_rows()
+            at_work = StoredFileRepository(session).open_exports()
+        unused = [digest for digest in unused if digest not in young]
+        garbage.rows = len(unused)
+        for digests in chunks(unused if garbage.removed else [], TOGETHER):
+            with database.write() as session:
+                StoredFileRepository(session).forget(digests)
+        names = {f"export-{number}" for number in at_work}
+        latest = min(until, time.time() - SHORTEST_S)
+        left = [
+            path
+            for path, changed_at in store.leftovers()
+            if export_of(path) not in names and changed_at <= latest
+        ]
+        garbage.leftovers = len(left)
+        for path in left if garbage.removed else []:
+            if path.is_dir():
+                shutil.rmtree(path, ignore_errors=True)
+            else:
+                path.unlink(missing_ok=True)
+    return garbage
 
 
 def _files(
-    database: Database, store: BlobStore, found: Garbage, until: float, steps: Steps
+    database: Database, store: BlobStore, garbage: Garbage, until: float, steps: Steps
 ) -> set[str]:
     """Count or remove unused files; returns the digests of those that stay."""
     listed = list(store.files())
@@ -82,71 +100,25 @@ def _files(
     unused = [file for file in listed if file.digest not in used]
     old = [file for file in unused if file.modified_at <= until]
     young = {file.digest for file in unused if file.modified_at > until}
-    found.too_young = len(young)
-    if not found.removed:
-        found.files, found.size_bytes = len(old), sum(file.size_bytes for file in old)
+    garbage.too_young = len(young)
+    if not garbage.removed:
+        garbage.files = len(old)
+        garbage.size_bytes = sum(file.size_bytes for file in old)
         return young
     done = 0
     with steps("remove", "files") as advance:
         for digests in chunks([file.digest for file in old], TOGETHER):
-            young |= _remove(database, store, found, digests, until)
+            with database.write() as session:
+                # The first statement takes the turn to write: no other transaction can
+                # commit.
+                keep_turn(session)
+                referred_to = StoredFileRepository(session).referred_to(digests)
+                left = [digest for digest in digests if digest not in referred_to]
+                removed = store.remove(left, unused_since=until)
+            garbage.too_young += len(left) - len(removed)
+            garbage.files += len(removed)
+            garbage.size_bytes += sum(removed.values())
+            young |= set(digests) - removed.keys()
             done += len(digests)
             advance(done, len(old))
     return young
-
-
-def _remove(
-    database: Database,
-    store: BlobStore,
-    found: Garbage,
-    digests: Sequence[str],
-    until: float,
-) -> set[str]:
-    """Remove files that are still unused; returns the digests of those that stay."""
-    with database.write() as session:
-        # The first statement takes the turn to write: no other transaction can commit.
-        keep_turn(session)
-        used = StoredFileRepository(session).referred_to(digests)
-        unused = [digest for digest in digests if digest not in used]
-        removed = store.remove(unused, unused_since=until)
-        found.too_young += len(unused) - len(removed)
-        found.files += len(removed)
-        found.size_bytes += sum(removed.values())
-    return set(digests) - removed.keys()
-
-
-def _rows(database: Database, found: Garbage, young: set[str]) -> None:
-    """Count or remove rows of files that no frame has and that are not young.
-
-    Called after the files: a young file may belong to a frame that is being stored.
-    """
-    with database.read() as session:
-        unused = [
-            digest
-            for digest in StoredFileRepository(session).unused_rows()
-            if digest not in young
-        ]
-    found.rows = len(unused)
-    if found.removed:
-        for digests in chunks(unused, TOGETHER):
-            with database.write() as session:
-                StoredFileRepository(session).forget(digests)
-
-
-def _left_over(
-    database: Database, store: BlobStore, found: Garbage, until: float
-) -> None:
-    with database.read() as session:
-        at_work = StoredFileRepository(session).open_exports()
-    names = {f"export-{number}" for number in at_work}
-    latest = min(until, time.time() - SHORTEST_S)
-    for path, changed_at in store.leftovers():
-        if export_of(path) in names or changed_at > latest:
-            continue
-        found.leftovers += 1
-        if not found.removed:
-            continue
-        if path.is_dir():
-            shutil.rmtree(path, ignore_errors=True)
-        else:
-            path.unlink(missing_ok=True)

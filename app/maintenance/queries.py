@@ -24,6 +24,9 @@ class WantedFile(NamedTuple):
     size_bytes: int | None
 
 
+_HAS_FRAME: Final = exists().where(FrameFile.sha256 == Blob.sha256)
+
+
 class StoredFileRepository:
     """Rows about blobs."""
 
@@ -32,9 +35,7 @@ class StoredFileRepository:
 
     def of_frames(self) -> Iterator[WantedFile]:
         """Files of frames, of every revision."""
-        rows = select(Blob.sha256, Blob.size_bytes).where(
-            exists().where(FrameFile.sha256 == Blob.sha256)
-        )
+        rows = select(Blob.sha256, Blob.size_bytes).where(_HAS_FRAME)
         for row in self._session.execute(rows):
             yield WantedFile(row[0], row[1])
 
@@ -56,24 +57,17 @@ class StoredFileRepository:
         exports = select(Export.sha256).where(
             Export.sha256.in_(digests), Export.state == "done"
         )
-        found = {*self._session.scalars(frames), *self._session.scalars(exports)}
-        return {digest for digest in found if digest is not None}
+        there = {*self._session.scalars(frames), *self._session.scalars(exports)}
+        return {digest for digest in there if digest is not None}
 
     def unused_rows(self) -> list[str]:
         """Blobs that have a row, but no frame."""
-        rows = select(Blob.sha256).where(
-            ~exists().where(FrameFile.sha256 == Blob.sha256)
-        )
-        return list(self._session.scalars(rows))
+        return list(self._session.scalars(select(Blob.sha256).where(~_HAS_FRAME)))
 
     def forget(self, digests: Sequence[str]) -> None:
         """Delete the rows of blobs that no frame has."""
-        self._session.execute(
-            delete(Blob).where(
-                Blob.sha256.in_(digests),
-                ~exists().where(FrameFile.sha256 == Blob.sha256),
-            )
-        )
+        rows = delete(Blob).where(Blob.sha256.in_(digests), ~_HAS_FRAME)
+        self._session.execute(rows)
 
     def open_exports(self) -> set[int]:
         """Exports that are being written, or will be."""
@@ -94,13 +88,13 @@ class AuditMark(NamedTuple):
     @classmethod
     def read(cls, text: str) -> AuditMark:
         """The mark of a text that `str` gave; ValueError if it is none."""
-        found = _MARK.fullmatch(text)
-        if found is None:
+        parts = _MARK.fullmatch(text)
+        if parts is None:
             raise ValueError(
                 "expected COUNT:SHA256, as `unghost backup` and `unghost doctor` "
                 f"print it, found {text[:80]!r}"
             )
-        return cls(int(found[1]), found[2])
+        return cls(int(parts[1]), parts[2])
 
     def __str__(self) -> str:
         return f"{self.entries}:{self.sha256}"

@@ -14,7 +14,6 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from datetime import timedelta
-from functools import partial
 from typing import Final
 
 from sqlalchemy import delete, select
@@ -52,16 +51,16 @@ class RemovalRepository:
 
     def remove_some(self, dataset_id: int, most_boxes: int) -> bool:
         """Delete some rows; False once nothing is left, including the dataset."""
-        steps: tuple[Callable[[int], bool], ...] = (
-            partial(self._frames, most_boxes),
-            self._flips,
-            self._problems,
-            self._class,
-            self._dataset,
-        )
-        return any(step(dataset_id) for step in steps)
+        steps = (self._flips, self._problems, self._class)
+        if self._frames(dataset_id, most_boxes) or any(
+            step(dataset_id) for step in steps
+        ):
+            return True
+        # A few runs, configurations, measurements and exports are deleted by cascade.
+        self._session.execute(delete(Dataset).where(Dataset.id == dataset_id))
+        return False
 
-    def _frames(self, most_boxes: int, dataset_id: int) -> bool:
+    def _frames(self, dataset_id: int, most_boxes: int) -> bool:
         rows = (
             select(Frame.id, Frame.box_count)
             .where(Frame.dataset_id == dataset_id)
@@ -86,11 +85,11 @@ class RemovalRepository:
             .where(Run.dataset_id == dataset_id)
             .limit(FLIPS_AT_A_TIME)
         )
-        found = self._session.execute(rows).all()
-        for run_id, first_box_id in found:
+        keys = self._session.execute(rows).all()
+        for run_id, first_box_id in keys:
             key = Flips.run_id == run_id, Flips.first_box_id == first_box_id
             self._session.execute(delete(Flips).where(*key))
-        return bool(found)
+        return bool(keys)
 
     def _problems(self, dataset_id: int) -> bool:
         rows = select(Problem.id).where(Problem.dataset_id == dataset_id)
@@ -104,11 +103,6 @@ class RemovalRepository:
         class_id = self._session.scalar(rows.limit(1))
         self._session.execute(delete(DatasetClass).where(DatasetClass.id == class_id))
         return class_id is not None
-
-    def _dataset(self, dataset_id: int) -> bool:
-        # A few runs, configurations, measurements and exports are deleted by cascade.
-        self._session.execute(delete(Dataset).where(Dataset.id == dataset_id))
-        return False
 
 
 BOXES_AT_A_TIME: Final = 2_000
@@ -162,12 +156,9 @@ def remove_file_of_export(
     """Remove the file of an export that is done, unless other rows refer to it.
 
     Call it in the transaction that deletes the export or its digest. In a bucket, a
-    file that was just put stays until the next garbage collection.
-
-    Raises
-    ------
-    CannotMaintain
-        A backup is being made, which may need the file, or a garbage collection.
+    file that was just put stays until the next garbage collection. Raises
+    CannotMaintain if a backup is being made, which may need the file, or a garbage
+    collection.
     """
     digest, ended = export.sha256, export.finished_at
     export.sha256 = None
@@ -183,7 +174,11 @@ def remove_file_of_export(
 
 def overdue_exports(session: Session, settings: Settings) -> dict[int, str]:
     """The exports whose files are to be deleted, oldest first, and why."""
-    largest = _max_export_bytes(settings)
+    largest: int | None = None
+    if settings.max_export_bytes is not None:
+        largest = int(settings.max_export_bytes)
+    elif settings.storage == FOLDER:
+        largest = shutil.disk_usage(settings.data).total // SHARE_OF_EXPORTS
     days = settings.export_days
     rows = (
         select(Export.id, Export.finished_at, Export.sha256, Export.size_bytes)
@@ -206,14 +201,6 @@ def overdue_exports(session: Session, settings: Settings) -> dict[int, str]:
                 "(UNGHOST_MAX_EXPORT_BYTES)"
             )
     return dict(reversed(overdue.items()))
-
-
-def _max_export_bytes(settings: Settings) -> int | None:
-    if settings.max_export_bytes is not None:
-        return int(settings.max_export_bytes)
-    if settings.storage != FOLDER:
-        return None
-    return shutil.disk_usage(settings.data).total // SHARE_OF_EXPORTS
 
 
 def remove_old_exports(context: ServiceContext, reserve: Reserve) -> None:

@@ -60,11 +60,8 @@ class Restored:
 def restore(settings: Settings, backup: Path, steps: Steps) -> Restored:
     """Unpack a backup into an empty folder; each file is checked while it is copied.
 
-    Raises
-    ------
-    CannotMaintain
-        The folder is not empty, the backup is damaged or of a newer version, or fewer
-        than `min_free_bytes` would be free after it.
+    Raises CannotMaintain if the folder is not empty, the backup is damaged or of a
+    newer version, or fewer than `min_free_bytes` would be free after it.
     """
     if settings.database_url is not None:
         raise CannotMaintain(
@@ -81,39 +78,26 @@ def restore(settings: Settings, backup: Path, steps: Steps) -> Restored:
             bucket.check()
         make_folder(data)
         _remove_unfinished(data)
-        _require_room(data, backup, settings.min_free_bytes)
-        return _restored(data, backup, bucket, steps)
-
-
-def _require_room(data: Path, backup: Path, min_free_bytes: int) -> None:
-    """Refuse a backup before anything is written that the disk has no room for."""
-    needed, free = size_of(backup), free_bytes([data])
-    if free - needed < min_free_bytes:
-        raise CannotMaintain(
-            f"{backup} needs {needed} bytes, and {free} are free on the disk of "
-            f"{data}, of which {int(min_free_bytes)} have to stay free "
-            "(UNGHOST_MIN_FREE_BYTES)"
-        )
-
-
-def _restored(
-    data: Path, backup: Path, bucket: BlobStore | None, steps: Steps
-) -> Restored:
-    inside = data / RESTORING
-    inside.mkdir(mode=0o700)
-    try:
-        with steps("restore", "MB") as advance:
-            unpacked = unpack(backup, inside, advance, keep=True)
-        label = unpacked.label
-        if not is_known(migrations_dir(), label.schema):
-            raise CannotMaintain(f"{backup} cannot be used: {newer(label.schema)}")
-        _put_in_place(inside, data, bucket, steps)
-    finally:
-        _remove_unfinished(data)
-        flush_folder(data)
-    return Restored(
-        data, unpacked.files, label.schema, label.created_at, label.left_out
-    )
+        # Before anything is written that the disk has no room for.
+        needed, free = size_of(backup), free_bytes([data])
+        if free - needed < settings.min_free_bytes:
+            raise CannotMaintain(
+                f"{backup} needs {needed} bytes, and {free} are free on the disk of "
+                f"{data}, of which {int(settings.min_free_bytes)} have to stay free "
+                "(UNGHOST_MIN_FREE_BYTES)"
+            )
+        inside = data / RESTORING
+        inside.mkdir(mode=0o700)
+        try:
+            with steps("restore", "MB") as advance:
+                label, files = unpack(backup, inside, advance, keep=True)
+            if not is_known(migrations_dir(), label.schema):
+                raise CannotMaintain(f"{backup} cannot be used: {newer(label.schema)}")
+            _put_in_place(inside, data, bucket, steps)
+        finally:
+            _remove_unfinished(data)
+            flush_folder(data)
+    return Restored(data, files, label.schema, label.created_at, label.left_out)
 
 
 def _check_empty(data: Path) -> None:
@@ -160,23 +144,21 @@ def _put_in_place(
     if bucket is None:
         (inside / BLOBS).rename(data / BLOBS)
     else:
-        _put_into(bucket, inside / BLOBS, steps)
+        # Every file, also those that exist there: they may be damaged.
+        files = sorted((inside / BLOBS).glob("??/*"))
+        names = {file.name for file in files}
+        strangers = {file.digest for file in bucket.files()} - names
+        if strangers:
+            # With this database they would be garbage, and be deleted.
+            raise CannotMaintain(
+                f"{len(strangers)} files there are not in the backup: they belong to "
+                "another database, or are newer; choose another prefix in "
+                "UNGHOST_STORAGE"
+            )
+        with (
+            steps("upload the files", "files") as advance,
+            ThreadPoolExecutor(TOGETHER) as pool,
+        ):
+            for done, _ in enumerate(pool.map(bucket.adopt, files), 1):
+                advance(done, len(files))
     (inside / DATABASE).rename(data / DATABASE)
-
-
-def _put_into(bucket: BlobStore, folder: Path, steps: Steps) -> None:
-    """Upload every file, also those that exist: they may be damaged."""
-    files = sorted(folder.glob("??/*"))
-    strangers = {file.digest for file in bucket.files()} - {file.name for file in files}
-    if strangers:
-        # With this database they would be garbage, and be deleted.
-        raise CannotMaintain(
-            f"{len(strangers)} files there are not in the backup: they belong to "
-            "another database, or are newer; choose another prefix in UNGHOST_STORAGE"
-        )
-    with (
-        steps("upload the files", "files") as advance,
-        ThreadPoolExecutor(TOGETHER) as pool,
-    ):
-        for done, _ in enumerate(pool.map(bucket.adopt, files), 1):
-            advance(done, len(files))

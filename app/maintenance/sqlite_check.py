@@ -30,21 +30,19 @@ log = logging.getLogger(__name__)
 @contextmanager
 def checking_for_damage(context: ServiceContext) -> Iterator[None]:
     """Check the pages in a background thread, which ends with the block."""
-    stop = threading.Event()
-    check = threading.Thread(
-        target=_check, args=(context.database, stop), name="damage check"
-    )
-    check.start()
+    stop, database = threading.Event(), context.database
+    check = threading.Thread(target=_check, args=(database, stop), name="damage check")
+    if database.file is not None:
+        check.start()
     try:
         yield
     finally:
         stop.set()
-        check.join()
+        if database.file is not None:
+            check.join()
 
 
 def _check(database: Database, stop: threading.Event) -> None:
-    if database.file is None:
-        return
     until = time.monotonic() + LONGEST_S
     try:
         whole = database.check_pages(lambda: stop.is_set() or time.monotonic() > until)

@@ -86,8 +86,8 @@ class PlanCache:
     ) -> tuple[ActiveDataset, dict[str, KeyRow]]:
         """As `active`, together with the rows of these keys of frames."""
         if len(keys) == 1:  # one statement takes half as long as three
-            row, known = active_row_and_key(session, name, keys[0])
-            return self._dataset(session, name, row), {keys[0]: known}
+            row, of_key = active_row_and_key(session, name, keys[0])
+            return self._dataset(session, name, row), {keys[0]: of_key}
         active = self.active(session, name)
         return active, key_rows(session, active.row.dataset_id, keys) if keys else {}
 
@@ -98,10 +98,10 @@ class PlanCache:
 
         A session is opened only for a plan that is not cached yet.
         """
-        row, known = read_active_snapshot(database.engine, name, key)
+        row, of_key = read_active_snapshot(database.engine, name, key)
         plans = self._held.get(_named(name, row))
         if plans is not None:
-            return ActiveDataset(name, row, *plans), known
+            return ActiveDataset(name, row, *plans), of_key
         with database.read() as session:
             active, of_keys = self.active_and_keys(session, name, [key])
             return active, of_keys[key]
@@ -110,7 +110,10 @@ class PlanCache:
         key = _named(name, row)
         plans = self._held.get(key)
         if plans is None:
-            plans = _load(session, row)
+            config = config_of(ConfigRepository(session).with_id(row.config_id))
+            evidence = EvidenceRepository(session)
+            measurement = evidence.measurement_with_id(row.measurement_id)
+            plans = plan_of(measurement, config), config
             if len(self._held) >= MAX_PLANS:
                 self._held.clear()
             self._held[key] = plans
@@ -119,12 +122,6 @@ class PlanCache:
 
 def _named(name: str, row: ActiveRow) -> tuple[str, str, str]:
     return name, row.config_digest, row.measurement_digest
-
-
-def _load(session: Session, row: ActiveRow) -> _Plans:
-    config = config_of(ConfigRepository(session).with_id(row.config_id))
-    measurement = EvidenceRepository(session).measurement_with_id(row.measurement_id)
-    return plan_of(measurement, config), config
 
 
 def add_version(
@@ -137,9 +134,9 @@ def add_version(
 ) -> tuple[tables.ConfigVersion, bool]:
     """The version with this content, added if there is none, and whether it is new."""
     configs = ConfigRepository(session)
-    known = configs.find(dataset.id, config.digest)
-    if known is not None:
-        return known, False
+    version = configs.find(dataset.id, config.digest)
+    if version is not None:
+        return version, False
     version = tables.ConfigVersion(
         dataset_id=dataset.id,
         digest=config.digest,

@@ -70,10 +70,7 @@ def _by_label(counts: IntArray) -> dict[str, int]:
 
 
 def share_counts(
-    evidence: Evidence,
-    channels: tuple[ChannelName, ...],
-    bins: int,
-    needed: IntArray,
+    evidence: Evidence, channels: tuple[ChannelName, ...], bins: int, needed: IntArray
 ) -> IntArray:
     """(2, classes, bins): boxes by what is compared, in equal bins from 0 to 100.
 
@@ -90,31 +87,24 @@ def share_counts(
     )
     match = np.where(by_tags & ~few, evidence.match_percent, np.nan)
     own = np.where(few_own, np.nan, own_percent(evidence, channels))
-    return np.stack([_binned(evidence, shares, bins) for shares in (match, own)])
-
-
-def _binned(evidence: Evidence, shares: FloatArray, bins: int) -> IntArray:
-    # Boxes without a share (outside, degenerate) are in no histogram.
-    known = shares == shares
-    scaled = shares[known] * (bins / _MAX_PERCENT)
-    bin_of = np.minimum(scaled.astype(np.int32), bins - 1)
-    packed = evidence.class_index[known] * np.int32(bins) + bin_of
-    counts = np.bincount(packed, minlength=len(evidence.class_names) * bins)
-    table: IntArray = counts.reshape(-1, bins)
-    return table
+    tables = []
+    for shares in (match, own):
+        # Boxes without a share (outside, degenerate) are in no histogram.
+        has_share = shares == shares
+        scaled = shares[has_share] * (bins / _MAX_PERCENT)
+        bin_of = np.minimum(scaled.astype(np.int32), bins - 1)
+        packed = evidence.class_index[has_share] * np.int32(bins) + bin_of
+        counts = np.bincount(packed, minlength=len(evidence.class_names) * bins)
+        tables.append(counts.reshape(-1, bins))
+    return np.stack(tables)
 
 
 def unknown_pixels(evidence: Evidence) -> FloatArray:
     """(2, classes): pixels of unknown tag or colour, and all, in measured boxes."""
-    return np.array(
-        [
-            np.bincount(evidence.class_index, pixels, len(evidence.class_names))
-            for pixels in (
-                evidence.unknown_pixels,
-                np.where(evidence.measured, evidence.box_pixels, 0),
-            )
-        ]
-    )
+    boxes_px = np.where(evidence.measured, evidence.box_pixels, 0)
+    index, classes = evidence.class_index, len(evidence.class_names)
+    every = (evidence.unknown_pixels, boxes_px)
+    return np.array([np.bincount(index, pixels, classes) for pixels in every])
 
 
 def histogram(
@@ -138,10 +128,8 @@ def histogram(
 
 
 def _by_verdict(counts: IntArray) -> dict[str, int]:
-    return {
-        verdict.value: int(count)
-        for verdict, count in zip(VERDICTS, counts, strict=True)
-    }
+    pairs = zip(VERDICTS, counts, strict=True)
+    return {verdict.value: int(count) for verdict, count in pairs}
 
 
 MAX_CACHED_BOXES: Final = 8_000_000
@@ -153,8 +141,8 @@ MAX_KEPT_COUNTS: Final = 64
 
 
 @dataclass
-class _Known:
-    """Cached results computed from a dataset's numbers, each with its key."""
+class _Cached:
+    """Results computed from a dataset's numbers, each with its key."""
 
     decided: tuple[str, Decisions] | None = None
     doubted: tuple[str, NDArray[np.int16]] | None = None
@@ -177,7 +165,7 @@ class DatasetColumns:
     frame_ids: IntArray
     class_ids: IntArray
     evidence: Evidence
-    _known: _Known = field(default_factory=_Known, repr=False)
+    _cached: _Cached = field(default_factory=_Cached, repr=False)
 
     def __len__(self) -> int:
         return len(self.box_ids)
@@ -189,29 +177,28 @@ class DatasetColumns:
 
     def decided(self, config: FilterConfig) -> Decisions:
         """Decisions by a configuration; those of the last one are cached."""
-        held = self._known.decided
+        held = self._cached.decided
         if held is None or held[0] != config.digest:
             held = (config.digest, decide(self.evidence, config))
-            self._known.decided = held
+            self._cached.decided = held
         return held[1]
 
     def doubt(self, config: FilterConfig) -> NDArray[np.int16]:
         """(N,): the doubt about each box (`doubts`); that of the last one is cached."""
-        held = self._known.doubted
+        held = self._cached.doubted
         if held is None or held[0] != config.digest:
-            found = doubts(self.evidence, config, self.decided(config)).doubt
-            held = self._known.doubted = (config.digest, found)
+            doubt = doubts(self.evidence, config, self.decided(config)).doubt
+            held = self._cached.doubted = (config.digest, doubt)
         return held[1]
 
     def counted(self, what: Hashable, count: Callable[[], int]) -> int:
         """The result of `count`, cached under the key `what`."""
-        held = self._known.counts
-        found = held.get(what)
-        if found is None:
-            found = held[what] = count()
+        held = self._cached.counts
+        if what not in held:
+            held[what] = count()
             while len(held) > MAX_KEPT_COUNTS:
                 held.popitem(last=False)
-        return found
+        return held[what]
 
     def share_counts(
         self, channels: tuple[ChannelName, ...], bins: int, config: DecideConfig
@@ -220,21 +207,21 @@ class DatasetColumns:
 
         Of `config` only `min_visible_pixels` counts.
         """
-        held = self._known.share_counts
+        held = self._cached.share_counts
         limits = config.limits_by_class(self.names).min_visible_pixels
         key = (channels, bins, limits.tobytes())
         if held is None or held[0] != key:
             needed = pixels_needed(self.evidence, config)
             held = (key, share_counts(self.evidence, channels, bins, needed))
-            self._known.share_counts = held
+            self._cached.share_counts = held
         return held[1]
 
     def unknown_pixels(self) -> FloatArray:
         """`unknown_pixels` of these boxes, cached."""
-        known = self._known
-        if known.unknown_pixels is None:
-            known.unknown_pixels = unknown_pixels(self.evidence)
-        return known.unknown_pixels
+        cached = self._cached
+        if cached.unknown_pixels is None:
+            cached.unknown_pixels = unknown_pixels(self.evidence)
+        return cached.unknown_pixels
 
 
 class ColumnCache:
@@ -259,7 +246,12 @@ class ColumnCache:
                 return held
         loaded = load_columns(session, dataset_id, measurement_id, state)
         if loaded.complete:
-            self._hold(key, loaded)
+            with self._lock:
+                self._held.pop(key, None)
+                if len(loaded) <= self._max_boxes:
+                    self._held[key] = loaded
+                while sum(map(len, self._held.values())) > self._max_boxes:
+                    self._held.popitem(last=False)
         return loaded
 
     def fits(self, session: Session, dataset_id: int) -> bool:
@@ -281,20 +273,11 @@ class ColumnCache:
             return
         boxes = max(1, self._max_boxes // PARTS)
         for frames in frame_ranges(session, dataset_id, boxes=boxes):
-            found = {
+            part = {
                 id_: load_columns(session, dataset_id, id_, frames=frames)
                 for id_ in set(measurement_ids)
             }
-            yield tuple(found[id_] for id_ in measurement_ids)
-
-    def _hold(self, key: tuple[int, int], loaded: DatasetColumns) -> None:
-        with self._lock:
-            self._held.pop(key, None)
-            if len(loaded) > self._max_boxes:
-                return
-            self._held[key] = loaded
-            while sum(map(len, self._held.values())) > self._max_boxes:
-                self._held.popitem(last=False)
+            yield tuple(part[id_] for id_ in measurement_ids)
 
 
 def load_columns(
@@ -313,10 +296,13 @@ def load_columns(
     record = unpack_numbers([row.numbers for row in rows], counts.tolist())
     classes = DatasetRepository(session).classes(dataset_id)
     firsts = np.array([row.first_box_id for row in rows], np.int64)
+    starts = np.cumsum(counts) - counts
+    # The ids of a frame's boxes follow each other.
+    box_ids = np.repeat(firsts - starts, counts) + np.arange(int(counts.sum()))
     return DatasetColumns(
         state=state,
         complete=int(counts.sum()) == state[1],
-        box_ids=_consecutive(firsts, counts),
+        box_ids=box_ids,
         frame_ids=np.repeat(np.array([row.frame_id for row in rows], np.int64), counts),
         class_ids=record["class_id"].astype(np.int64),
         evidence=to_evidence(
@@ -325,11 +311,3 @@ def load_columns(
             channels=unpack_channels([row.channels for row in rows], counts.tolist()),
         ),
     )
-
-
-def _consecutive(firsts: IntArray, counts: IntArray) -> IntArray:
-    """``first, first + 1, ...`` per frame, one after the other."""
-    total = int(counts.sum())
-    starts = np.cumsum(counts) - counts
-    within: NDArray[np.int64] = np.arange(total) - np.repeat(starts, counts)
-    return np.repeat(firsts, counts) + within

@@ -26,7 +26,6 @@ from filter_core.evidence_numbers import (
     NumberColumn,
     number_columns,
 )
-from filter_core.geometry.projection import BoxGeometry
 from filter_core.pipeline import MeasuredFrame
 
 _COUNT: Final = np.dtype([("box", "<u2"), ("tag", "u1"), ("pixels", "<u4")])
@@ -61,7 +60,22 @@ class RecordLayout:
     def __init__(self, columns: Mapping[str, NumberColumn]) -> None:
         self.columns = columns
         newest = max(column.since for column in columns.values())
-        self._layouts = [_record_dtype(columns, one) for one in range(1, newest + 1)]
+        in_turn = sorted(columns.items(), key=lambda item: item[1].since)
+        # The columns of each layout, in the order in which they were added.
+        self._layouts: list[np.dtype[np.void]] = [
+            np.dtype(
+                [
+                    (
+                        name,
+                        np.dtype(each.stored or each.dtype).newbyteorder("<"),
+                        each.shape,
+                    )
+                    for name, each in in_turn
+                    if each.since <= layout
+                ]
+            )
+            for layout in range(1, newest + 1)
+        ]
         self.dtype = self._layouts[-1]
         self._nothing = np.zeros(1, self.dtype)
         for name, column in columns.items():
@@ -72,71 +86,37 @@ class RecordLayout:
     ) -> NDArray[np.void]:
         """The records of many frames, one after the other, in the newest layout.
 
-        Parameters
-        ----------
-        packed : bytes of each frame
-            None for a frame of which nothing was measured.
-        counts : boxes of each frame
-
-        Raises
-        ------
-        ValueError
-            The number of bytes fits no layout for this number of boxes.
+        `packed` are the bytes of each frame, None for one of which nothing was
+        measured; `counts` are its boxes. ValueError if the number of bytes fits no
+        layout for this number of boxes.
         """
         size = self.dtype.itemsize
-        lengths = [-1 if one is None else len(one) for one in packed]
+        lengths = [-1 if each is None else len(each) for each in packed]
         if lengths == [size * boxes for boxes in counts]:
             return np.frombuffer(b"".join(filter(None, packed)), self.dtype)
-        return np.concatenate(
-            [self._one(one, boxes) for one, boxes in zip(packed, counts, strict=True)]
-        )
+        frames = zip(packed, counts, strict=True)
+        return np.concatenate([self._in_newest(each, boxes) for each, boxes in frames])
 
-    def _one(self, packed: bytes | None, boxes: int) -> NDArray[np.void]:
-        found = np.repeat(self._nothing, boxes)
-        if packed is not None:
-            record = np.frombuffer(packed, self._layout_of(len(packed), boxes))
-            for name in record.dtype.names or ():
-                found[name] = record[name]
-        return found
-
-    def _layout_of(self, length: int, boxes: int) -> np.dtype[np.void]:
-        for layout in self._layouts:
-            if length == layout.itemsize * boxes:
-                return layout
-        sizes = " or ".join(str(layout.itemsize) for layout in self._layouts)
-        raise ValueError(
-            f"expected records of {sizes} bytes for {boxes} boxes, found {length} bytes"
-        )
-
-
-def _record_dtype(
-    columns: Mapping[str, NumberColumn], layout: int
-) -> np.dtype[np.void]:
-    """The columns of a layout, in the order in which they were added."""
-    had = {name: one for name, one in columns.items() if one.since <= layout}
-    fields: list[tuple[str, np.dtype[np.generic], tuple[int, ...]]] = [
-        (name, np.dtype(one.stored or one.dtype).newbyteorder("<"), one.shape)
-        for name, one in sorted(had.items(), key=lambda item: item[1].since)
-    ]
-    return np.dtype(fields)
+    def _in_newest(self, packed: bytes | None, boxes: int) -> NDArray[np.void]:
+        records = np.repeat(self._nothing, boxes)
+        if packed is None:
+            return records
+        sizes = [layout.itemsize for layout in self._layouts]
+        fitting = [size * boxes == len(packed) for size in sizes]
+        if True not in fitting:
+            raise ValueError(
+                f"expected records of {' or '.join(map(str, sizes))} bytes for {boxes} "
+                f"boxes, found {len(packed)} bytes"
+            )
+        older = np.frombuffer(packed, self._layouts[fitting.index(True)])
+        for name in older.dtype.names or ():
+            records[name] = older[name]
+        return records
 
 
 _CLASS_ID: Final = NumberColumn("the database's id of its class", "", "i4", 0)
 
 _EVIDENCE: Final = number_columns(Evidence)
-
-
-def _geometry(found: BoxGeometry) -> list[Geometry | None]:
-    return [
-        None
-        if edges is None
-        else Geometry(
-            _row(found.amodal_xyxy[row]),
-            _row(found.visible_xyxy[row]),
-            edges.astype(np.float32),
-        )
-        for row, edges in enumerate(found.edges)
-    ]
 
 
 def _row(values: FloatArray) -> tuple[float, ...] | None:
@@ -189,10 +169,21 @@ def pack_tag_counts(counts: NDArray[np.int32] | None) -> bytes:
 
 def packed(measured: MeasuredFrame, class_ids: Sequence[int]) -> dict[str, object]:
     """The columns of an evidence row."""
+    boxes = measured.geometry
+    geometry = [
+        None
+        if edges is None
+        else Geometry(
+            _row(boxes.amodal_xyxy[row]),
+            _row(boxes.visible_xyxy[row]),
+            edges.astype(np.float32),
+        )
+        for row, edges in enumerate(boxes.edges)
+    ]
     return {
         "numbers": pack_numbers(measured.evidence, class_ids),
         "tag_counts": pack_tag_counts(measured.evidence.tag_counts),
-        "geometry": pack_geometry(_geometry(measured.geometry)),
+        "geometry": pack_geometry(geometry),
         "channels": pack_channels(measured.evidence.channels),
         "segmentation": measured.segmentation,
         "lossy": measured.lossy,
@@ -264,23 +255,19 @@ def unpack_chosen_tag_counts(
 ) -> NDArray[np.int32]:
     """(N, N_TAGS) int32 of N boxes among those of many frames.
 
-    Parameters
-    ----------
-    packed : bytes of each frame
-    counts : boxes of each frame
-    chosen : (N,) int64
-        Indexes into the boxes of all frames, one frame after the other; none twice.
+    `packed` are the bytes of each frame, and `counts` its boxes; `chosen` (N,) int64
+    are indexes into the boxes of all frames, one frame after the other; none twice.
     """
     record = np.frombuffer(b"".join(packed), _COUNT)
     starts = np.cumsum([0, *counts])
-    sizes = [len(one) // _COUNT.itemsize for one in packed]
+    sizes = [len(each) // _COUNT.itemsize for each in packed]
     row_of = np.full(starts[-1], -1)
     row_of[chosen] = np.arange(len(chosen))
     rows = row_of[record["box"] + np.repeat(starts[:-1], sizes)]
-    wanted = rows >= 0
-    found = np.zeros((len(chosen), N_TAGS), np.int32)
-    found[rows[wanted], record["tag"][wanted]] = record["pixels"][wanted]
-    return found
+    is_chosen = rows >= 0
+    table = np.zeros((len(chosen), N_TAGS), np.int32)
+    table[rows[is_chosen], record["tag"][is_chosen]] = record["pixels"][is_chosen]
+    return table
 
 
 def unpack_geometry(
@@ -307,11 +294,11 @@ def _geometry_at(packed: bytes, at: int) -> Geometry | None:
     at += _EDGES.size
     numbers = _RECTANGLES.unpack_from(packed, at)
     lines = np.frombuffer(packed, "<f4", edges * 4, at + _RECTANGLES.size)
-    return Geometry(_given(numbers[:4]), _given(numbers[4:]), lines.reshape(edges, 4))
-
-
-def _given(rectangle: tuple[float, ...]) -> tuple[float, ...] | None:
-    return None if rectangle[0] != rectangle[0] else rectangle
+    # NaN, which alone differs from itself, stands for a rectangle that there is not.
+    amodal, visible = (
+        None if xyxy[0] != xyxy[0] else xyxy for xyxy in (numbers[:4], numbers[4:])
+    )
+    return Geometry(amodal, visible, lines.reshape(edges, 4))
 
 
 def recount(
@@ -335,15 +322,11 @@ def recounted_row(
     measurement_id: int,
 ) -> dict[str, object]:
     """An evidence row with recounted numbers and otherwise the same content."""
+    class_ids = [classes[name] for name in evidence.class_names]
+    same = ("tag_counts", "geometry", "channels", "segmentation", "lossy")
     return {
         "frame_id": row.frame_id,
         "measurement_id": measurement_id,
-        "numbers": pack_numbers(
-            evidence, [classes[name] for name in evidence.class_names]
-        ),
-        "tag_counts": row.tag_counts,
-        "geometry": row.geometry,
-        "channels": row.channels,
-        "segmentation": row.segmentation,
-        "lossy": row.lossy,
+        "numbers": pack_numbers(evidence, class_ids),
+        **{name: getattr(row, name) for name in same},
     }

@@ -18,7 +18,6 @@ import numpy as np
 from app.engine.children import PixelPool
 from app.metrics import DECODE_SECONDS, MEASURE_SECONDS
 from filter_core.annotation.frame import FrameAnnotation
-from filter_core.arrays import Mask
 from filter_core.config.measure import MeasureConfig
 from filter_core.errors import error_context
 from filter_core.evidence_kinds import CHANNELS, files_for
@@ -72,15 +71,9 @@ def measure_files(
     """Decode, project and measure one frame.
 
     A child process does it while this thread waits. A frame that is known to be cheap
-    (`is_simple`) is measured in this thread.
-
-    Raises
-    ------
-    FilterError
-        The frame is invalid; `app.engine.children.PixelsRefused` if it needs more time
-        or memory than allowed.
-    app.engine.children.CallCancelled
-        `cancelled` was set before the child was done.
+    (`is_simple`) is measured in this thread. Raises FilterError: the frame is invalid;
+    `app.engine.children.PixelsRefused` if it needs more time or memory than allowed;
+    app.engine.children.CallCancelled: `cancelled` was set before the child was done.
     """
     # The child gets only the fields that it reads.
     needed = replace(annotation, raw={})
@@ -104,12 +97,8 @@ def is_simple(
     between its header and its pixels, and at most `SIMPLE_PIXELS`, with at most
     `SIMPLE_BOXES` boxes that have no order, and no other picture to be read: as CARLA
     and OpenCV write segmentations. Its pixels are inflated to the size in the header; a
-    file with more is refused (`filter_core.images.decoding`).
-
-    Raises
-    ------
-    ImageError
-        The PNG is damaged.
+    file with more is refused (`filter_core.images.decoding`). Raises ImageError: the
+    PNG is damaged.
     """
     content = files.segmentation
     others = {*config.files} & files.sensors.keys()
@@ -151,24 +140,18 @@ def measure(
             expected_wh=files.image_wh,
         )
         decoding = time.perf_counter() - begun
+    masks = [] if files.ignore_mask is None else [files.ignore_mask]
+    if config.ignored is not None:
+        picture = config.ignored.get("png")
+        masks.append(b64decode(picture) if picture else config.ignored["polygons"])
+    ignore = None
+    if masks:
+        with error_context(pointer="/ignore_mask"):
+            read = [read_ignore_mask(mask, files.image_wh) for mask in masks]
+        ignore = np.logical_or.reduce(read)
     options = FrameOptions(
-        image_wh=files.image_wh,
-        ignore=_ignore(config, files),
-        sensors=files.sensors,
+        image_wh=files.image_wh, ignore=ignore, sensors=files.sensors
     )
     begun = time.perf_counter()
     measured = measure_frame(annotation, segmentation, config, options)
     return measured, decoding, time.perf_counter() - begun
-
-
-def _ignore(config: MeasureConfig, files: FrameFiles) -> Mask | None:
-    sources = [] if files.ignore_mask is None else [files.ignore_mask]
-    if config.ignored is not None:
-        picture = config.ignored.get("png")
-        sources.append(b64decode(picture) if picture else config.ignored["polygons"])
-    if not sources:
-        return None
-    with error_context(pointer="/ignore_mask"):
-        masks = [read_ignore_mask(source, files.image_wh) for source in sources]
-    joined: Mask = np.logical_or.reduce(masks)
-    return joined

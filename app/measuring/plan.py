@@ -117,9 +117,9 @@ def measurement_of(
 ) -> Measurement:
     """The row of a plan, created on first use."""
     evidence = EvidenceRepository(session)
-    known = evidence.measurement(dataset_id, plan.digest)
-    if known is not None:
-        return known
+    measurement = evidence.measurement(dataset_id, plan.digest)
+    if measurement is not None:
+        return measurement
     options = {
         **plan.as_dict(),
         "sources": dict(plan.reading.sources),

@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
-from sqlalchemy import ColumnElement, Select, func, select
+from sqlalchemy import ColumnElement, Select, exists, func, select
 from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session
 
+from app.catalog.frames import current_in
 from app.db.bulk import chunks, insert_rows
 from app.db.tables import Frame, FrameEvidence, Measurement
 from app.errors import NotFound
@@ -50,14 +51,9 @@ class NumbersRow(NamedTuple):
 
 
 def _numbers(measurement_id: int) -> Select[int, int, int, bytes, bytes | None]:
+    packed = (FrameEvidence.numbers, FrameEvidence.channels)
     return (
-        select(
-            Frame.id,
-            Frame.first_box_id,
-            Frame.box_count,
-            FrameEvidence.numbers,
-            FrameEvidence.channels,
-        )
+        select(Frame.id, Frame.first_box_id, Frame.box_count, *packed)
         .join(FrameEvidence, FrameEvidence.frame_id == Frame.id)
         .where(FrameEvidence.measurement_id == measurement_id)
     )
@@ -71,18 +67,15 @@ class EvidenceRepository:
 
     def measurement(self, dataset_id: int, digest: str) -> Measurement | None:
         """The measurement of a dataset with these options."""
-        return self._session.scalar(
-            select(Measurement).where(
-                Measurement.dataset_id == dataset_id, Measurement.digest == digest
-            )
-        )
+        rows = select(Measurement).where(Measurement.dataset_id == dataset_id)
+        return self._session.scalar(rows.where(Measurement.digest == digest))
 
     def measurement_with_id(self, measurement_id: int) -> Measurement:
         """The measurement with an id from another row."""
-        found = self._session.get(Measurement, measurement_id)
-        if found is None:
+        measurement = self._session.get(Measurement, measurement_id)
+        if measurement is None:
             raise NotFound("measurement", measurement_id)
-        return found
+        return measurement
 
     def add_measurement(self, measurement: Measurement) -> Measurement:
         """Insert; returns the existing one if another transaction has inserted it."""
@@ -91,10 +84,10 @@ class EvidenceRepository:
             with self._session.begin_nested():
                 self._session.flush()
         except IntegrityError:
-            found = self.measurement(measurement.dataset_id, measurement.digest)
-            if found is None:
+            stored = self.measurement(measurement.dataset_id, measurement.digest)
+            if stored is None:
                 raise
-            return found
+            return stored
         return measurement
 
     def add(self, rows: Sequence[Mapping[str, object]]) -> None:
@@ -106,32 +99,20 @@ class EvidenceRepository:
     ) -> dict[int, EvidenceRow]:
         """Evidence by frame."""
         found: dict[int, EvidenceRow] = {}
-        for chunk in chunks(dict.fromkeys(frame_ids)):
-            found |= self._of_frames(chunk, measurement_id)
-        return found
-
-    def _of_frames(
-        self, frame_ids: list[int], measurement_id: int
-    ) -> dict[int, EvidenceRow]:
+        of_frame = (Frame.first_box_id, Frame.box_count)
+        packed = (FrameEvidence.numbers, FrameEvidence.tag_counts)
+        more = (FrameEvidence.geometry, FrameEvidence.segmentation)
         rows = (
-            select(
-                FrameEvidence.frame_id,
-                Frame.first_box_id,
-                Frame.box_count,
-                FrameEvidence.numbers,
-                FrameEvidence.tag_counts,
-                FrameEvidence.geometry,
-                FrameEvidence.segmentation,
-                FrameEvidence.channels,
-                Frame.key,
-            )
+            select(FrameEvidence.frame_id, *of_frame, *packed, *more)
+            .add_columns(FrameEvidence.channels, Frame.key)
             .join(Frame, Frame.id == FrameEvidence.frame_id)
-            .where(
-                FrameEvidence.frame_id.in_(frame_ids),
-                FrameEvidence.measurement_id == measurement_id,
-            )
+            .where(FrameEvidence.measurement_id == measurement_id)
         )
-        return {row[0]: EvidenceRow(*row) for row in self._session.execute(rows)}
+        for chunk in chunks(dict.fromkeys(frame_ids)):
+            of_chunk = rows.where(FrameEvidence.frame_id.in_(chunk))
+            for row in self._session.execute(of_chunk):
+                found[row[0]] = EvidenceRow(*row)
+        return found
 
     def reports(
         self, frame_ids: Iterable[int], measurement_id: int
@@ -145,14 +126,11 @@ class EvidenceRepository:
 
     def lossy_boxes(self, measurement_id: int) -> int:
         """How many current boxes have a lossy segmentation."""
+        is_lossy = FrameEvidence.lossy.is_(True), Frame.superseded_at.is_(None)
         rows = (
             select(func.coalesce(func.sum(Frame.box_count), 0))
             .join(FrameEvidence, FrameEvidence.frame_id == Frame.id)
-            .where(
-                FrameEvidence.measurement_id == measurement_id,
-                FrameEvidence.lossy.is_(True),
-                Frame.superseded_at.is_(None),
-            )
+            .where(FrameEvidence.measurement_id == measurement_id, *is_lossy)
         )
         return int(self._session.scalar(rows) or 0)
 
@@ -167,11 +145,8 @@ class EvidenceRepository:
 
         `frames` are the first and the last id of a range; None selects all frames.
         """
-        rows = (
-            _numbers(measurement_id)
-            .where(Frame.dataset_id == dataset_id, Frame.superseded_at.is_(None))
-            .order_by(Frame.id)
-        )
+        rows = _numbers(measurement_id).where(*current_in(dataset_id))
+        rows = rows.order_by(Frame.id)
         if frames is not None:
             rows = rows.where(Frame.id.between(*frames))
         return [NumbersRow(*row) for row in self._session.execute(rows)]
@@ -213,33 +188,23 @@ class EvidenceRepository:
         """
         found: set[int] = set()
         for chunk in chunks(frame_ids):
-            rows = select(Frame.id).where(
-                Frame.id.in_(chunk), ~_covered(measurement_id)
-            )
-            found.update(self._session.scalars(rows))
+            rows = select(Frame.id).where(Frame.id.in_(chunk))
+            found.update(self._session.scalars(rows.where(~_covered(measurement_id))))
         return found
 
     def count_unmeasured(self, dataset_id: int, measurement_id: int) -> int:
         """How many frames `unmeasured_frames` would find."""
-        rows = (
-            select(func.count())
-            .select_from(Frame)
-            .where(*_unmeasured(dataset_id, measurement_id))
-        )
-        return self._session.scalar(rows) or 0
+        rows = select(func.count()).select_from(Frame)
+        unmeasured = rows.where(*_unmeasured(dataset_id, measurement_id))
+        return self._session.scalar(unmeasured) or 0
 
 
 def _unmeasured(dataset_id: int, measurement_id: int) -> list[ColumnElement[bool]]:
-    covered = _covered(measurement_id)
-    return [Frame.dataset_id == dataset_id, Frame.superseded_at.is_(None), ~covered]
+    return [*current_in(dataset_id), ~_covered(measurement_id)]
 
 
 def _covered(measurement_id: int) -> ColumnElement[bool]:
-    return (
-        select(FrameEvidence.frame_id)
-        .where(
-            FrameEvidence.frame_id == Frame.id,
-            FrameEvidence.measurement_id == measurement_id,
-        )
-        .exists()
+    return exists().where(
+        FrameEvidence.frame_id == Frame.id,
+        FrameEvidence.measurement_id == measurement_id,
     )

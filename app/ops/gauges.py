@@ -19,7 +19,7 @@ from app.ingest.batch import OpenBatches
 from app.jobs.events import Poller
 from app.jobs.kind import kinds
 from app.logs import error_log
-from app.ops.queries import BlobTotals, Totals
+from app.ops.queries import Totals
 from filter_core.verdicts import Reason
 
 LEAST_PAUSE_S: Final = 60
@@ -31,10 +31,10 @@ class BlobCount:
     """The last count of blobs; it is repeated in the background at intervals."""
 
     def __init__(self) -> None:
-        self._newest: BlobTotals | None = None
+        self._newest: tuple[int, int] | None = None
         self._next_at = float("-inf")
 
-    def newest(self, database: Database, engine: LocalEngine) -> BlobTotals | None:
+    def newest(self, database: Database, engine: LocalEngine) -> tuple[int, int] | None:
         """The last count; None until the first one has ended."""
         if time.monotonic() >= self._next_at and not engine.stopping.is_set():
             self._next_at = float("inf")
@@ -55,29 +55,23 @@ class BlobCount:
 
 def gauges(context: ServiceContext) -> Iterator[Gauge]:
     """The metrics whose values are read for each request of Prometheus."""
-    yield from _of_threads(context)
-    yield from _of_disk(context)
+    yield from _of_process(context)
     try:
-        found = list(_of_database(context))
+        of_database = list(_of_database(context))
     except SQLAlchemyError as exc:
         error_log.warning("cannot read metrics from the database", exc_info=exc)
-        found = []
-    up = Gauge(
-        "unghost_database_up", "1 if the database responds, else 0.", bool(found)
-    )
-    yield from (up, *found)
+        of_database = []
+    text = "1 if the database responds, else 0."
+    yield from (Gauge("unghost_database_up", text, bool(of_database)), *of_database)
     counted = context.one(BlobCount).newest(context.database, context.engine)
     if counted is not None:
-        yield Gauge(
-            "unghost_blobs",
-            "Stored files, counted at most once a minute.",
-            counted.files,
-        )
+        text = "Stored files, counted at most once a minute."
+        yield Gauge("unghost_blobs", text, counted[0])
         text = "Bytes of all stored files, counted at most once a minute."
-        yield Gauge("unghost_blob_bytes", text, counted.size_bytes)
+        yield Gauge("unghost_blob_bytes", text, counted[1])
 
 
-def _of_threads(context: ServiceContext) -> Iterator[Gauge]:
+def _of_process(context: ServiceContext) -> Iterator[Gauge]:
     engine = context.engine
     yield Gauge("unghost_workers", "Threads that measure pixels.", engine.workers)
     yield Gauge("unghost_workers_busy", "Threads that measure pixels now.", engine.busy)
@@ -85,28 +79,18 @@ def _of_threads(context: ServiceContext) -> Iterator[Gauge]:
     yield Gauge("unghost_batches_open", "Batches being received.", open_now)
     text = "Bytes of requests that are in memory."
     yield Gauge("unghost_open_body_bytes", text, context.one(OpenBodies).open_bytes)
+    text = "Open streams of events of runs and exports."
     watching = context.one(Poller).watchers
-    yield Gauge(
-        "unghost_event_streams_open",
-        "Open streams of events of runs and exports.",
-        watching,
-    )
+    yield Gauge("unghost_event_streams_open", text, watching)
     text = "1 if the service is stopping, else 0."
     yield Gauge("unghost_stopping", text, engine.stopping.is_set())
-
-
-def _of_disk(context: ServiceContext) -> Iterator[Gauge]:
     disk = shutil.disk_usage(context.settings.data)
     yield Gauge("unghost_disk_bytes", "Size of the data folder's disk.", disk.total)
-    yield Gauge(
-        "unghost_disk_free_bytes", "Free space on the data folder's disk.", disk.free
-    )
+    text = "Free space on the data folder's disk."
+    yield Gauge("unghost_disk_free_bytes", text, disk.free)
+    text = "Free space below which frames are refused."
     least = int(context.settings.min_free_bytes)
-    yield Gauge(
-        "unghost_disk_min_free_bytes",
-        "Free space below which frames are refused.",
-        least,
-    )
+    yield Gauge("unghost_disk_min_free_bytes", text, least)
     file = context.database.file
     if file is not None:
         yield Gauge("unghost_database_bytes", "Size of the database.", _size(file))
@@ -117,32 +101,28 @@ def _of_disk(context: ServiceContext) -> Iterator[Gauge]:
 def _of_database(context: ServiceContext) -> Iterator[Gauge]:
     with context.database.read() as session:
         totals = Totals(session)
-        datasets = totals.datasets()
-        yield Gauge("unghost_datasets", "Existing datasets.", datasets)
-        jobs = totals.jobs(kind.table for kind in kinds()).items()
+        yield Gauge("unghost_datasets", "Existing datasets.", totals.datasets())
         text = "Runs and exports by state; queued and running ones are the queue."
-        found = Gauge("unghost_jobs", text, labels=("kind", "state"))
-        for kind_and_state, count in jobs:
-            found.add_metric(kind_and_state, count)
-        yield found
-        yield _of_verdicts(totals.boxes_by_reason())
+        jobs = Gauge("unghost_jobs", text, labels=("kind", "state"))
+        for kind_and_state, count in totals.jobs(
+            kind.table for kind in kinds()
+        ).items():
+            jobs.add_metric(kind_and_state, count)
+        yield jobs
+        text = "Boxes by their current decision."
+        decided = Gauge("unghost_boxes", text, labels=("verdict", "reason"))
+        for number, boxes in totals.boxes_by_reason().items():
+            reason = Reason(number)
+            decided.add_metric((reason.verdict.value, reason.label), boxes)
+        yield decided
         text = "Boxes by their current answer."
-        found = Gauge("unghost_boxes_reviewed", text, labels=("verdict",))
+        reviewed = Gauge("unghost_boxes_reviewed", text, labels=("verdict",))
         for verdict, boxes in totals.boxes_by_review().items():
-            found.add_metric((verdict,), boxes)
-        yield found
+            reviewed.add_metric((verdict,), boxes)
+        yield reviewed
         if context.database.file is None:
             size = totals.database_bytes()
             yield Gauge("unghost_database_bytes", "Size of the database.", size)
-
-
-def _of_verdicts(boxes_by_reason: dict[int, int]) -> Gauge:
-    text = "Boxes by their current decision."
-    found = Gauge("unghost_boxes", text, labels=("verdict", "reason"))
-    for number, boxes in boxes_by_reason.items():
-        reason = Reason(number)
-        found.add_metric((reason.verdict.value, reason.label), boxes)
-    return found
 
 
 def _size(file: Path) -> int:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import NamedTuple, get_args
+from typing import get_args
 
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session
@@ -11,13 +11,6 @@ from sqlalchemy.orm import Session
 from app.catalog.datasets import is_there
 from app.db.tables import Blob, Dataset, JobRow, Tally
 from unghost.wire.words import JobState
-
-
-class BlobTotals(NamedTuple):
-    """How many files are stored, and how large they are together."""
-
-    files: int
-    size_bytes: int
 
 
 class Totals:
@@ -63,8 +56,11 @@ class Totals:
         rows = select(func.pg_database_size(func.current_database()))
         return self._session.scalar(rows) or 0
 
-    def blobs(self) -> BlobTotals:
-        """All stored files; scans all rows, which takes a second for millions."""
+    def blobs(self) -> tuple[int, int]:
+        """How many files are stored, and how many bytes they have together.
+
+        Scans all rows, which takes a second for millions.
+        """
         rows = select(func.count(), func.coalesce(func.sum(Blob.size_bytes), 0))
         files, size_bytes = self._session.execute(rows.select_from(Blob)).one()
-        return BlobTotals(files, int(size_bytes))
+        return files, int(size_bytes)

@@ -49,12 +49,10 @@ class Readiness:
     async def check(self, context: ServiceContext) -> Mapping[str, str]:
         """The result of each check, if all succeeded.
 
-        Raises
-        ------
-        NotReady
-            With one fault per check that failed.
+        Raises NotReady with one fault per check that failed.
         """
-        _require_running(context)
+        if context.engine.stopping.is_set():
+            raise _not_ready([_fault("shutdown", "the service is stopping")])
         async with self._lock:
             if time.monotonic() - self._at >= GOOD_FOR_S:
                 self._found = await to_thread.run_sync(
@@ -71,11 +69,6 @@ class Readiness:
         return checks
 
 
-def _require_running(context: ServiceContext) -> None:
-    if context.engine.stopping.is_set():
-        raise _not_ready([_fault("shutdown", "the service is stopping")])
-
-
 def _fault(check: str, detail: str) -> Fault:
     return Fault(pointer="", code=check, detail=detail)
 
@@ -87,7 +80,9 @@ def _not_ready(faults: list[Fault]) -> NotReady:
 
 def _run_checks(context: ServiceContext) -> Found:
     checks: Mapping[str, Callable[[ServiceContext], str]] = {
-        "database": _database_takes_writes,
+        "database": lambda of: (
+            "writable" if takes_writes(of.database) else "locked by another writer"
+        ),
         "pages": _pages_are_intact,
         "migrations": _schema_is_current,
         "disk": _disk_has_room,
@@ -118,10 +113,6 @@ def _reason(exc: Exception) -> str:
     return "does not answer"
 
 
-def _database_takes_writes(context: ServiceContext) -> str:
-    return "writable" if takes_writes(context.database) else "locked by another writer"
-
-
 def _pages_are_intact(context: ServiceContext) -> str:
     database = context.database
     if database.damage is not None:
@@ -136,12 +127,9 @@ def _schema_is_current(context: ServiceContext) -> str:
     head = head_revision(migrations_dir())
     if current == head:
         return f"at {current}"
-    behind = (current or "") < (head or "")
-    advice = (
-        "restart to migrate it"
-        if behind
-        else "a newer version of Unghost has migrated it"
-    )
+    advice = "a newer version of Unghost has migrated it"
+    if (current or "") < (head or ""):
+        advice = "restart to migrate it"
     raise NotReady(f"the schema is at {current}, this version needs {head}: {advice}")
 
 

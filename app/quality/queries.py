@@ -49,12 +49,10 @@ class AnswerRepository:
 
     def answered(self, dataset_id: int) -> list[AnsweredBox]:
         """Boxes with an answer that was not cleared, and the latest of each."""
-        latest = (Review.box_id == Decision.box_id) & (
-            Review.revision == Decision.revision
-        )
+        is_latest = Review.revision == Decision.revision
         rows = (
             select(Decision.box_id, Decision.review, Review.id)
-            .join(Review, latest)
+            .join(Review, (Review.box_id == Decision.box_id) & is_latest)
             .where(Decision.dataset_id == dataset_id, REVIEW_STATES["any"].condition())
         )
         return [AnsweredBox(*row) for row in self._session.execute(rows)]
@@ -74,16 +72,14 @@ class AnswerRepository:
         Also on boxes without an answer now: that somebody has cleared a box's answer
         does not change the answers of others.
         """
+        columns = [getattr(Review, name) for name in StoredAnswer._fields]
         rows = (
-            select(
-                *(Review.box_id, Review.revision, Review.reviewer),
-                *(Review.verdict, Review.batch_id, Review.undoes),
-            )
+            select(*columns)
             .join(Decision, Decision.box_id == Review.box_id)
             .where(*self._of_dataset(dataset_id))
             .order_by(Review.box_id, Review.revision.desc())
         )
-        return [StoredAnswer(*row) for row in self._session.execute(rows)]
+        return [StoredAnswer._make(row) for row in self._session.execute(rows)]
 
     def _of_dataset(self, dataset_id: int) -> tuple[ColumnElement[bool], ...]:
         """Conditions: an answer, joined with its box, is on a box of the dataset."""

@@ -18,6 +18,7 @@ from sqlalchemy.orm import Session
 
 from app.boxes.filter import to_filter
 from app.boxes.shuffle import Shuffle, shuffle_of
+from app.boxes.truth import places_in
 from app.catalog.datasets import DatasetRepository
 from app.context import ServiceContext
 from app.db.base import MAX_ID
@@ -168,10 +169,8 @@ def _walk(
         if box.chosen_from not in chosen:
             selection = BoxSelection.model_validate_json(box.chosen_from or "{}")
             of_filter = to_filter(session, dataset, selection).class_ids
-            chosen[box.chosen_from] = (
-                np.ones(len(class_ids), np.bool_)
-                if of_filter is None
-                else np.isin(class_ids, of_filter)
+            chosen[box.chosen_from] = np.isin(
+                class_ids, class_ids if of_filter is None else of_filter
             )
         rows = chosen[box.chosen_from]
         reach[rows] = np.maximum(reach[rows], share)
@@ -184,12 +183,9 @@ def _said(
 ) -> tuple[IntArray, IntArray]:
     """What people said of each box, as `Said`, and the id of the latest answer."""
     said, answer_id = np.zeros((2, len(numbers)), np.int64)
-    box_ids = np.array([box.box_id for box in answers], np.int64)
-    rows = np.searchsorted(numbers.box_ids, box_ids)
     # Other boxes are in another part, or were stored after the numbers were read.
-    is_here = rows < len(numbers)
-    is_here[is_here] = numbers.box_ids[rows[is_here]] == box_ids[is_here]
-    here = rows[is_here]
-    said[here] = np.array([_SAID[box.review or ""] for box in answers])[is_here]
-    answer_id[here] = np.array([box.answer_id for box in answers])[is_here]
+    box_ids = np.array([box.box_id for box in answers], np.int64)
+    rows, is_here = places_in(numbers.box_ids, box_ids)
+    said[rows] = np.array([_SAID[box.review or ""] for box in answers])[is_here]
+    answer_id[rows] = np.array([box.answer_id for box in answers])[is_here]
     return said, answer_id

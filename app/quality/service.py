@@ -28,11 +28,7 @@ from filter_core.evaluation import comparison
 from filter_core.evaluation.agreement import agreement
 from filter_core.evaluation.sampling import WIDEST, half_width
 from filter_core.evaluation.scores import BANDS, Measured, band_index
-from filter_core.evaluation.thresholds import (
-    Goal,
-    Judged,
-    suggest_per_class,
-)
+from filter_core.evaluation.thresholds import Goal, Judged, suggest_per_class
 from filter_core.evidence_kinds import CHANNELS, SEMANTIC
 from filter_core.verdicts import Verdict
 from unghost.wire.quality import (
@@ -73,29 +69,17 @@ def evaluation(
         active_config(session, dataset), (SEMANTIC, *channels)
     )
     for numbers, rows, visible in _with_truth(context, session, dataset, truth):
-        _compare(compared, numbers, rows, visible)
+        ids = {"box_id": numbers.box_ids[rows], "frame_id": numbers.frame_ids[rows]}
+
+        def name_of(row: int, ids: Mapping[str, IntArray] = ids) -> dict[str, int]:
+            return {name: int(of_boxes[row]) for name, of_boxes in ids.items()}
+
+        evidence, frames = numbers.evidence.take(rows), len(np.unique(ids["frame_id"]))
+        compared.add(evidence, visible, frames, name_of)
     missing = [name for name in CHANNELS if name not in channels]
     return Evaluation.model_validate(
         {"truth": truth, "not_measured": missing, **compared.as_dict()}
     )
-
-
-def _compare(
-    compared: comparison.Evaluation,
-    numbers: DatasetColumns,
-    rows: IntArray,
-    visible: BoolArray,
-) -> None:
-    frames = numbers.frame_ids[rows]
-
-    def name_of(row: int) -> dict[str, int]:
-        return {
-            "box_id": int(numbers.box_ids[rows[row]]),
-            "frame_id": int(frames[row]),
-        }
-
-    evidence = numbers.evidence.take(rows)
-    compared.add(evidence, visible, len(np.unique(frames)), name_of)
 
 
 def _with_truth(
@@ -129,9 +113,15 @@ def quality(
     """The filter compared with the truth, and people compared with each other."""
     truth, goal = asked
     config = active_config(session, dataset)
-    total, judged = _judged(context, session, dataset, truth)
+    total, parts = 0, []
+    for numbers, rows, visible in _with_truth(context, session, dataset, truth):
+        total += len(rows)
+        parts.append(Judged.of(numbers.evidence.take(rows), config, visible))
+    judged = Judged.joined(parts)
     names = DatasetRepository(session).classes(dataset.id)
     classes = {name: index for index, name in enumerate(names)}
+    rows_of = {name: judged.class_key == index for name, index in classes.items()}
+    bands = band_index(judged.distance)
     sample = RandomSample.of(context, session, dataset) if truth == "people" else None
     counts = count(TallyRepository(session).of_dataset(dataset.id))
     panel = Panel.of(session, dataset.id)
@@ -143,30 +133,23 @@ def quality(
         sample=sample and sample.described(),
         plan=sample and sample.plan(),
         confusion=_counted(judged, sample),
-        by_class=_by_class(judged, classes, sample),
-        by_distance=_by_distance(judged, sample),
+        by_class={
+            name: _counted(judged.where(rows), sample, classes=_only(classes[name]))
+            for name, rows in rows_of.items()
+            if rows.any()
+        },
+        by_distance=tuple(
+            Band(band=name, **dict(_counted(of_band, sample, bands=_only(place))))
+            for place, name in enumerate(BANDS)
+            for of_band in [judged.where(bands == place)]
+        ),
         reviewers=panel.reviewers(),
         agreement=panel.agreement(),
         suggested=tuple(
-            Suggestion.model_validate(one.as_dict())
-            for one in suggest_per_class(judged, classes, config, goal)
+            Suggestion.model_validate(suggestion.as_dict())
+            for suggestion in suggest_per_class(judged, classes, config, goal)
         ),
     )
-
-
-def _judged(
-    context: ServiceContext,
-    session: Session,
-    dataset: Dataset,
-    truth: Truth,
-) -> tuple[int, Judged]:
-    """How many boxes have a truth, and the boxes that can be judged."""
-    config = active_config(session, dataset)
-    total, judged = 0, []
-    for numbers, rows, visible in _with_truth(context, session, dataset, truth):
-        total += len(rows)
-        judged.append(Judged.of(numbers.evidence.take(rows), config, visible))
-    return total, Judged.joined(judged)
 
 
 _ALL: Final = slice(None)
@@ -187,38 +170,16 @@ def _counted(
     if sample is None:
         return counted
     estimate = sample.estimate(classes, bands)
-    told: dict[str, Measure | None] = {}
+    scores: dict[str, Measure | None] = {}
     for name in _SCORES:
         score: Measured | None = getattr(estimate, name)
         can_tell = score is not None and half_width(score) <= WIDEST
-        told[name] = Measure(**score.as_dict()) if score and can_tell else None
+        scores[name] = Measure(**score.as_dict()) if score and can_tell else None
     refused = None
-    if None in told.values():
+    if None in scores.values():
         has_some = sample.has_answers(classes, bands)
         refused = "too_few_random_answers" if has_some else "no_random_answers"
-    return counted.model_copy(update={**told, "refused": refused})
-
-
-def _by_class(
-    judged: Judged, classes: Mapping[str, int], sample: RandomSample | None
-) -> dict[str, Confusion]:
-    rows = {name: judged.class_key == key for name, key in classes.items()}
-    return {
-        name: _counted(judged.where(mine), sample, _only(classes[name]), _ALL)
-        for name, mine in rows.items()
-        if mine.any()
-    }
-
-
-def _by_distance(judged: Judged, sample: RandomSample | None) -> tuple[Band, ...]:
-    index = band_index(judged.distance)
-    return tuple(
-        Band(
-            band=name,
-            **dict(_counted(judged.where(index == place), sample, _ALL, _only(place))),
-        )
-        for place, name in enumerate(BANDS)
-    )
+    return counted.model_copy(update={**scores, "refused": refused})
 
 
 def _only(place: int) -> slice:
@@ -250,8 +211,8 @@ class Panel:
                 undone.add((answer.box_id, answer.undoes))
             elif answer.batch_id not in ignored:
                 latest.setdefault((answer.box_id, answer.reviewer), answer.verdict)
-        given = {key: verdict for key, verdict in latest.items() if verdict != "clear"}
-        return cls(given)
+        in_force = {key: said for key, said in latest.items() if said != "clear"}
+        return cls(in_force)
 
     def reviewers(self) -> tuple[Reviewer, ...]:
         """How many boxes each reviewer answered, and how; the most active first."""
@@ -271,7 +232,7 @@ class Panel:
     def agreement(self) -> Agreement:
         """How far reviewers agree on boxes that several of them decided."""
         decided = [
-            (box, who, _is_kept(verdict))
+            (box, who, verdict_of(verdict) is Verdict.KEPT)
             for (box, who), verdict in self.latest.items()
             if verdict_of(verdict) is not None
         ]
@@ -300,10 +261,6 @@ class Panel:
                 for pair in found.pairs
             ),
         )
-
-
-def _is_kept(answer: str | None) -> bool:
-    return verdict_of(answer) is Verdict.KEPT
 
 
 def _value(kappa: Measured | None) -> float | None:

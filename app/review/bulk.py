@@ -176,7 +176,7 @@ def _boxes_of_filter(
         raise Unprocessable(
             "expected a filter with snapshot, which a list of its boxes contains "
             "together with total for count=true, found it without snapshot or with "
-            "seen_revisions",
+            "seen_revisions"
         )
     ids = select_boxes(services, session, dataset, given.filter, given.snapshot)
     alike: dict[int, list[int]] = {}
@@ -199,9 +199,10 @@ def _listed_boxes(
             "belongs to a filter"
         )
     ids, seen = given.box_ids, given.seen_revisions
-    revision_of: dict[int, int | None] = dict.fromkeys(ids)
-    if seen is not None:
-        revision_of |= _seen_revisions(ids, seen)
+    if seen is None:
+        revision_of: dict[int, int | None] = dict.fromkeys(ids)
+    else:
+        revision_of = {**_seen_revisions(ids, seen)}
     if len(revision_of) > limit:
         raise TooLarge(
             f"{len(revision_of)} boxes, one bulk answer changes at most {limit}"
@@ -210,14 +211,13 @@ def _listed_boxes(
     stale: list[int] = []
     for state in ReviewRepository(session).states(dataset.id, sorted(revision_of)):
         expected = revision_of.pop(state.box_id)
-        is_stale = (
-            state.review is not None if expected is None else state.revision != expected
-        )
-        group = stale if is_stale else alike.setdefault(state.revision, [])
-        group.append(state.box_id)
-    return _ChosenBoxes(
-        dataset.active_run_id, _seen(alike), sorted(stale), sorted(revision_of)
-    )
+        is_unanswered = expected is None and state.review is None
+        if is_unanswered or state.revision == expected:
+            alike.setdefault(state.revision, []).append(state.box_id)
+        else:
+            stale.append(state.box_id)
+    run_id = dataset.active_run_id
+    return _ChosenBoxes(run_id, _seen(alike), sorted(stale), sorted(revision_of))
 
 
 def _seen_revisions(ids: Sequence[int], seen: Sequence[int]) -> dict[int, int]:

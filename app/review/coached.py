@@ -40,15 +40,15 @@ def coached_boxes(
     tallies = TallyRepository(session).of_dataset(dataset.id)
     ids, _ = BoxPages(session, everything, tallies).page("id", None, _AMONG)
     reader = DecisionReader(session, dataset)
-    boxes = [one for one in reader.records(reader.read_boxes(ids)) if _is_certain(one)]
+    boxes = [box for box in reader.records(reader.read_boxes(ids)) if _is_certain(box)]
     lesson: list[StoredDecision] = []
     for kinds in _LESSON:
-        left = [one for one in boxes if one not in lesson]
-        wanted = next(filter(None, ([*filter(is_one, left)] for is_one in kinds)), [])
+        left = [box for box in boxes if box not in lesson]
+        choices = next(filter(None, ([*filter(is_one, left)] for is_one in kinds)), [])
         # A new picture teaches more.
-        frames = {one["frame_id"] for one in lesson}
-        lesson += sorted(wanted, key=lambda one: one["frame_id"] in frames)[:1]
-    taught = [one["box_id"] for one in lesson]
+        frames = {box["frame_id"] for box in lesson}
+        lesson += sorted(choices, key=lambda box: box["frame_id"] in frames)[:1]
+    taught = [box["box_id"] for box in lesson]
     answers = ReviewRepository(session)
     if len(lesson) < len(_LESSON) or answers.has_others(dataset.id, reviewer, taught):
         return []
@@ -73,41 +73,29 @@ def _class_percent(box: StoredDecision) -> float:
     return box["match_percent"] or 0.0
 
 
+def _is_ghost(box: StoredDecision) -> bool:
+    return box["visible_pixels"] == 0
+
+
 def _in_full_view(box: StoredDecision) -> bool:
     return _seen_percent(box) >= 40
 
 
-def _large_in_full_view(box: StoredDecision) -> bool:
-    return _in_full_view(box) and (box["visible_pixels"] or 0) >= 1000
-
-
-def _behind_other_things(box: StoredDecision) -> bool:
-    return box["visible_pixels"] == 0 and _class_percent(box) <= 10
-
-
-def _partly_hidden(box: StoredDecision) -> bool:
-    return 0 < _seen_percent(box) <= 25
-
-
-def _ghost(box: StoredDecision) -> bool:
-    return box["visible_pixels"] == 0
-
-
-def _behind_its_like(box: StoredDecision) -> bool:
-    """Whether most of what is seen in the box is another object of its class."""
-    return box["visible_pixels"] == 0 and _class_percent(box) >= 50
-
-
-def _hardly_seen(box: StoredDecision) -> bool:
-    return 0 < _seen_percent(box) <= 10
-
-
 _Kind: TypeAlias = Callable[[StoredDecision], bool]
 _LESSON: Final[tuple[tuple[_Kind, ...], ...]] = (
-    (_large_in_full_view, _in_full_view),
-    (_behind_other_things,),
-    (_partly_hidden,),
-    (_ghost,),
-    (_behind_its_like, _hardly_seen),
+    (
+        lambda box: _in_full_view(box) and (box["visible_pixels"] or 0) >= 1000,
+        _in_full_view,
+    ),
+    # Behind other things.
+    (lambda box: _is_ghost(box) and _class_percent(box) <= 10,),
+    # Partly hidden.
+    (lambda box: 0 < _seen_percent(box) <= 25,),
+    (_is_ghost,),
+    # Behind its like: most of what is seen in the box is another object of its class.
+    (
+        lambda box: _is_ghost(box) and _class_percent(box) >= 50,
+        lambda box: 0 < _seen_percent(box) <= 10,
+    ),
 )
 """Of which kind each box is; a further kind counts where there is none of the first."""

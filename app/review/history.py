@@ -7,9 +7,7 @@ measurement and the version of a configuration never change, and deciding is pur
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
 from datetime import datetime
-from typing import Final
 
 import numpy as np
 from sqlalchemy.orm import Session
@@ -24,16 +22,13 @@ from app.errors import BadCursor
 from app.jobs.queries import job_with_id
 from app.measuring.active import config_of
 from app.measuring.evidence import to_evidence, unpack_channels, unpack_numbers
-from app.measuring.queries import EvidenceRepository, EvidenceRow
+from app.measuring.queries import EvidenceRepository
 from app.review.queries import ReviewBatches, ReviewRepository
 from app.runs.queries import RunRepository
 from filter_core.arrays import floats_or_none
 from filter_core.decisions.rules import decide
-from filter_core.evidence_numbers import Evidence
 from filter_core.verdicts import Reason
 from unghost.wire.boxes import HistoryEntry
-
-_AFTER_ALL: Final = (MAX_REVISION, MAX_ID)
 
 
 def history(
@@ -50,16 +45,21 @@ def history(
     """
     box = FrameRepository(session).box(box_id)
     frame = FrameRepository(session).with_id(box.frame_id)
-    before = _AFTER_ALL if cursor is None else _place(cursor)
+    before = (MAX_REVISION, MAX_ID)
+    if cursor is not None:
+        number, run_id = number_and_id_of_cursor(cursor)
+        if number > MAX_REVISION:
+            raise BadCursor(cursor)
+        before = int(number), run_id
     reviews = ReviewRepository(session)
     # One more than the limit, to find out whether there is a next page.
     answers = reviews.newest_on_box(box_id, before[0], limit + 1)
     entries: list[tuple[tuple[int, int], Review | Run | None]]
     entries = [((answer.revision - 1, MAX_ID), answer) for answer in answers]
-    told = 0
+    so_far = 0
     for run in RunRepository(session).with_flips_of(frame.dataset_id, box_id):
-        told = max(told, reviews.answers_before(box_id, run))
-        entries.append(((told, run.id), run))
+        so_far = max(so_far, reviews.answers_before(box_id, run))
+        entries.append(((so_far, run.id), run))
     entries.append(((0, 0), None))
     entries.sort(key=lambda entry: entry[0], reverse=True)
     rest = [entry for entry in entries if entry[0] < before]
@@ -67,30 +67,17 @@ def history(
     return [_entry(session, box, frame, row) for _, row in rest[:limit]], following
 
 
-def _place(cursor: str) -> tuple[int, int]:
-    answers, run_id = number_and_id_of_cursor(cursor)
-    if answers > MAX_REVISION:
-        raise BadCursor(cursor)
-    return int(answers), run_id
-
-
 def _entry(
     session: Session, box: Box, frame: Frame, row: Review | Run | None
 ) -> HistoryEntry:
     """An answer, the decision of a run, or (None) the first decision."""
-    if row is None:
-        return _first_decision(session, box, frame)
     if isinstance(row, Review):
         return _answer(session, row)
-    at = row.finished_at or row.created_at
-    by = (row.id, row.config_id)
+    if row is None:
+        by, at = (frame.run_id, frame.config_id), frame.created_at
+        return _decision(session, box, frame, by, at)
+    by, at = (row.id, row.config_id), row.finished_at or row.created_at
     return _decision(session, box, frame, by, at, activated=row.activate)
-
-
-def _first_decision(session: Session, box: Box, frame: Frame) -> HistoryEntry:
-    return _decision(
-        session, box, frame, (frame.run_id, frame.config_id), frame.created_at
-    )
 
 
 def _decision(
@@ -105,7 +92,7 @@ def _decision(
     version = ConfigRepository(session).with_id(config_id)
     run = job_with_id(session, Run, run_id)
     classes = DatasetRepository(session).classes(frame.dataset_id)
-    row = EvidenceRepository(session).of_frames([frame.id], filled(run.measurement_id))
+    rows = EvidenceRepository(session).of_frames([frame.id], filled(run.measurement_id))
     entry: dict[str, object] = {
         "run": run_id,
         "config": version.digest,
@@ -114,11 +101,13 @@ def _decision(
         "match_percent": None,
         "threshold": None,
     }
-    if frame.id not in row:
+    if frame.id not in rows:
         return HistoryEntry(kind="decision", at=at, **entry, **more)
-    evidence = _evidence(row[frame.id], classes).take(
-        np.array([box.id - frame.first_box_id])
-    )
+    row = rows[frame.id]
+    numbers = unpack_numbers([row.numbers], [row.box_count])
+    channels = unpack_channels([row.channels], [row.box_count])
+    place = np.array([box.id - frame.first_box_id])
+    evidence = to_evidence(numbers, classes, channels=channels).take(place)
     decided = decide(evidence, config_of(version))
     reason = Reason(int(decided.reason[0]))
     entry |= {
@@ -130,34 +119,22 @@ def _decision(
     return HistoryEntry(kind="decision", at=at, **entry, **more)
 
 
-def _evidence(row: EvidenceRow, classes: Mapping[str, int]) -> Evidence:
-    """A frame's numbers, including those of its channels."""
-    numbers = unpack_numbers([row.numbers], [row.box_count])
-    channels = unpack_channels([row.channels], [row.box_count])
-    return to_evidence(numbers, classes, channels=channels)
-
-
 def _answer(session: Session, review: Review) -> HistoryEntry:
     size, looked_at = None, None
     if review.batch_id is not None:
         batches = ReviewBatches(session)
         size = batches.size(review.batch_id)
         looked_at = batches.with_id(review.batch_id).looked_at
+    same = (
+        *("revision", "reviewer", "verdict", "comment", "undoes", "carried_from"),
+        *("imported_by", "looked_ms", "chosen_by", "probability"),
+    )
     return HistoryEntry(
         kind="review",
         at=review.created_at,
-        revision=review.revision,
-        reviewer=review.reviewer,
-        verdict=review.verdict,
-        comment=review.comment,
         batch=review.batch_id,
         batch_size=size,
         looked_at=looked_at,
-        undoes=review.undoes,
-        carried_from=review.carried_from,
-        imported_by=review.imported_by,
-        looked_ms=review.looked_ms,
-        chosen_by=review.chosen_by,
         chosen_from=json.loads(review.chosen_from or "null"),
-        probability=review.probability,
+        **{name: getattr(review, name) for name in same},
     )

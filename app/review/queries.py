@@ -18,7 +18,6 @@ from typing import Final, NamedTuple, TypeAlias
 
 from sqlalchemy import (
     CTE,
-    BindParameter,
     ColumnElement,
     Double,
     Integer,
@@ -39,6 +38,7 @@ from sqlalchemy.orm import Session, aliased
 from app.boxes.current import copy_answers, copy_batch
 from app.boxes.queries import LatestReview
 from app.catalog.datasets import is_deleted, is_there
+from app.catalog.frames import current_in
 from app.db.base import Key, UtcDateTime
 from app.db.bulk import chunks, insert_into, insert_rows
 from app.db.tables import Box, Claim, Dataset, Decision, Frame, Review, ReviewBatch, Run
@@ -141,10 +141,6 @@ def _next_answers(
     box keeps how the queue chose the box for its author, who has a claim on it then.
     """
     verdict, comment = content or (literal(answer.verdict), literal(answer.comment))
-    batch: BindParameter[int | None] = literal(answer.batch_id, Key)
-    undoes: BindParameter[int | None] = literal(answer.undoes, Integer())
-    imported_by: BindParameter[str | None] = literal(answer.imported_by, String())
-    looked_ms: BindParameter[int | None] = literal(answer.looked_ms, Integer())
     is_chosen = (answer.batch_id, answer.undoes, answer.imported_by) == (None,) * 3
     choice = (
         (Claim.chosen_by, Claim.chosen_from, Claim.probability)
@@ -157,11 +153,11 @@ def _next_answers(
         verdict,
         comment,
         literal(answer.reviewer),
-        batch,
-        undoes,
+        literal(answer.batch_id, Key),
+        literal(answer.undoes, Integer()),
         literal(answer.created_at, UtcDateTime()),
-        imported_by,
-        looked_ms,
+        literal(answer.imported_by, String()),
+        literal(answer.looked_ms, Integer()),
         *choice,
     ).where(
         Decision.box_id.in_(box_ids),
@@ -191,11 +187,8 @@ class ReviewRepository:
         theirs = (
             select(Review.id)
             .join(Decision, Decision.box_id == Review.box_id)
-            .where(
-                Decision.dataset_id == dataset_id,
-                Review.reviewer == reviewer,
-                Review.box_id.not_in(box_ids),
-            )
+            .where(Decision.dataset_id == dataset_id, Review.reviewer == reviewer)
+            .where(Review.box_id.not_in(box_ids))
         )
         return bool(self._session.scalar(select(exists(theirs))))
 
@@ -203,10 +196,10 @@ class ReviewRepository:
         """The current state of a box; raises NotFound if the box is not current."""
         rows = select(*_STATE).where(Decision.box_id == box_id)
         there = rows.join(Dataset, Dataset.id == Decision.dataset_id).where(is_there())
-        found = self._session.execute(there).first()
-        if found is None:
+        box = self._session.execute(there).first()
+        if box is None:
             raise NotFound("box", box_id)
-        return CurrentBox(*found)
+        return CurrentBox(*box)
 
     def answer_box(self, box_id: int, seen_revision: int, answer: NewAnswer) -> bool:
         """Store an answer on a box, if it still has the seen revision; else False.
@@ -228,12 +221,8 @@ class ReviewRepository:
         rows = (
             select(Frame.key, Box.source_id, Box.id)
             .join(Box, Box.frame_id == Frame.id)
-            .where(
-                Frame.dataset_id == dataset_id,
-                Frame.superseded_at.is_(None),
-                Frame.key.in_(frames),
-                Box.source_id.in_(boxes),
-            )
+            .where(*current_in(dataset_id))
+            .where(Frame.key.in_(frames), Box.source_id.in_(boxes))
         )
         return {(key, box): box_id for key, box, box_id in self._session.execute(rows)}
 
@@ -274,13 +263,17 @@ class ReviewRepository:
     def full_box(self, box_ids: Sequence[int], reviewer: str, most: int) -> int | None:
         """The first of these boxes on which a person has so many answers."""
         for chunk in chunks(box_ids):
-            rows = select(Review.box_id).where(
-                Review.box_id.in_(chunk), Review.reviewer == reviewer
+            rows = (
+                select(Review.box_id)
+                .where(Review.box_id.in_(chunk), Review.reviewer == reviewer)
+                .group_by(Review.box_id)
+                .having(func.count() >= most)
+                .order_by(Review.box_id)
+                .limit(1)
             )
-            rows = rows.group_by(Review.box_id).having(func.count() >= most)
-            found = self._session.scalar(rows.order_by(Review.box_id).limit(1))
-            if found is not None:
-                return found
+            box_id = self._session.scalar(rows)
+            if box_id is not None:
+                return box_id
         return None
 
     def _insert(self, answers: _Answers) -> int:
@@ -304,12 +297,7 @@ class ReviewRepository:
     ) -> int:
         """Store a bulk answer on the boxes that still have the seen revision; how many.
 
-        Parameters
-        ----------
-        batch : ReviewBatch
-            The row of the bulk answer: its verdict, who gives it, and when.
-        comment : str
-        boxes : iterable of SeenBoxes
+        `batch` is its row: its verdict, who gives it, and when.
         """
         answer = _answer_of(batch, comment)
         stored = sum(
@@ -332,20 +320,14 @@ class ReviewRepository:
             func.coalesce(earlier.verdict, cleared.verdict),
             func.coalesce(earlier.comment, cleared.comment),
         )
-        stored = sum(
-            self._insert(
-                _next_answers(
-                    *(chunk, there.revision),
-                    *(cleared._replace(undoes=there.answered), content),
-                ).outerjoin(
-                    earlier,
-                    (earlier.box_id == Decision.box_id)
-                    & (earlier.revision == there.answered - 1),
-                )
-            )
-            for there in boxes
-            for chunk in chunks(there.box_ids)
-        )
+        stored = 0
+        for seen in boxes:
+            answer = cleared._replace(undoes=seen.answered)
+            is_before = earlier.revision == seen.answered - 1
+            is_earlier = (earlier.box_id == Decision.box_id) & is_before
+            for chunk in chunks(seen.box_ids):
+                rows = _next_answers(chunk, seen.revision, answer, content)
+                stored += self._insert(rows.outerjoin(earlier, is_earlier))
         if stored:
             self._make_latest(undo)
         return stored
@@ -380,9 +362,8 @@ class ReviewRepository:
         """How many of a box's answers existed when a run was done."""
         on_box = Review.box_id == box_id
         if run.last_review_id is not None:
-            rows = select(Review.revision).where(
-                on_box, Review.id <= run.last_review_id
-            )
+            is_before = Review.id <= run.last_review_id
+            rows = select(Review.revision).where(on_box, is_before)
             rows = rows.order_by(Review.revision.desc()).limit(1)
         else:  # a run of an earlier version has only its time
             at = run.finished_at or run.created_at
@@ -426,11 +407,9 @@ class ReviewRepository:
         Of each: box, revision, reviewer, verdict, and the columns `undoes` and
         `carried_from`.
         """
+        of_answer = (Review.revision, Review.reviewer, Review.verdict, Review.undoes)
         rows = (
-            select(
-                *(Review.box_id, Review.revision, Review.reviewer, Review.verdict),
-                *(Review.undoes, Review.carried_from),
-            )
+            select(Review.box_id, *of_answer, Review.carried_from)
             .where(Review.box_id.in_(box_ids))
             .order_by(Review.box_id, Review.revision.desc())
         )
@@ -482,10 +461,8 @@ def _without_undone(
 
 
 def _answer_of(batch: ReviewBatch, comment: str = "") -> NewAnswer:
-    return NewAnswer(
-        *(batch.dataset_id, batch.verdict, comment),
-        *(batch.reviewer, batch.created_at, batch.id),
-    )
+    by, at = batch.reviewer, batch.created_at
+    return NewAnswer(batch.dataset_id, batch.verdict, comment, by, at, batch.id)
 
 
 class ReviewBatches:
@@ -517,10 +494,10 @@ class ReviewBatches:
 
     def with_id(self, batch_id: int) -> ReviewBatch:
         """A batch; raises NotFound."""
-        found = self._session.get(ReviewBatch, batch_id)
-        if found is None or is_deleted(self._session, found.dataset_id):
+        batch = self._session.get(ReviewBatch, batch_id)
+        if batch is None or is_deleted(self._session, batch.dataset_id):
             raise NotFound("review batch", batch_id)
-        return found
+        return batch
 
     def is_undone(self, batch_id: int) -> bool:
         """Whether a batch was undone already."""
@@ -571,14 +548,10 @@ def _standing(answers: ColumnElement[bool]) -> CTE:
         .cte("standing", recursive=True)
     )
     undo = aliased(Review)
-    return standing.union_all(
-        select(standing.c.box_id, standing.c.answered, undo.undoes - 1).join(
-            undo,
-            (undo.box_id == standing.c.box_id)
-            & (undo.revision == standing.c.revision)
-            & undo.undoes.is_not(None),
-        )
-    )
+    of_latest = undo.revision == standing.c.revision
+    undone = (undo.box_id == standing.c.box_id) & of_latest & undo.undoes.is_not(None)
+    before = select(standing.c.box_id, standing.c.answered, undo.undoes - 1)
+    return standing.union_all(before.join(undo, undone))
 
 
 class ClaimRepository:
@@ -589,24 +562,20 @@ class ClaimRepository:
 
     def forget_expired(self, dataset_id: int, now: datetime) -> None:
         """Delete expired claims."""
-        self._session.execute(
-            delete(Claim).where(Claim.dataset_id == dataset_id, Claim.expires_at <= now)
-        )
+        rows = delete(Claim).where(Claim.dataset_id == dataset_id)
+        self._session.execute(rows.where(Claim.expires_at <= now))
 
     def of_dataset(self, dataset_id: int) -> dict[int, str]:
         """Reviewer by box of all claims of a dataset, the newest first."""
-        rows = (
-            select(Claim.box_id, Claim.reviewer)
-            .where(Claim.dataset_id == dataset_id)
-            .order_by(Claim.expires_at.desc())
-        )
-        return {row[0]: row[1] for row in self._session.execute(rows)}
+        rows = select(Claim.box_id, Claim.reviewer)
+        claims = rows.where(Claim.dataset_id == dataset_id)
+        newest_first = claims.order_by(Claim.expires_at.desc())
+        return {row[0]: row[1] for row in self._session.execute(newest_first)}
 
     def end(self, box_ids: Collection[int]) -> None:
         """Delete the claims on boxes."""
         if box_ids:
-            rows = delete(Claim).where(Claim.box_id.in_(box_ids))
-            self._session.execute(rows)
+            self._session.execute(delete(Claim).where(Claim.box_id.in_(box_ids)))
 
     def renew(self, box_ids: Collection[int], expires_at: datetime) -> None:
         """Extend the claims on boxes, which stay chosen as they were."""
@@ -636,10 +605,6 @@ class ClaimRepository:
             }
             for box_id, choice in sorted(choices.items())
         ]
-        statement = insert.on_conflict_do_update(
-            index_elements=["box_id"],
-            set_={
-                name: insert.excluded[name] for name in claims[0] if name != "box_id"
-            },
-        )
+        new = {name: insert.excluded[name] for name in claims[0] if name != "box_id"}
+        statement = insert.on_conflict_do_update(index_elements=["box_id"], set_=new)
         self._session.connection().execute(statement, claims)

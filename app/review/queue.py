@@ -9,7 +9,7 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import timedelta
 from itertools import islice
-from typing import Final, TypeAlias, TypedDict
+from typing import Final, NamedTuple, TypeAlias, TypedDict
 
 import numpy as np
 from sqlalchemy.orm import Session
@@ -47,8 +47,7 @@ class QueueRequest:
     seed: int | None
 
 
-@dataclass(frozen=True)
-class RemainingBoxes:
+class RemainingBoxes(NamedTuple):
     """The parts of a queue, in order, and the number of boxes in each."""
 
     parts: Sequence[BoxFilter]
@@ -68,9 +67,19 @@ def remaining_boxes(
     context: ServiceContext, name: str, wanted: QueueRequest
 ) -> RemainingBoxes:
     """The parts of a queue and their sizes, counted before waiting to write."""
+    selection = wanted.selection
+    if not (selection.review or selection.conflict):
+        # Undecided boxes, or decided ones for an audit. Without any filter, orders that
+        # are not samples have the boxes to ask about.
+        review = "decided" if wanted.order == "audit" else "undecided"
+        asks = wanted.order in ("doubt", "class") and not filters_of(selection)
+        bin_ = Bin.ASK.label if asks else selection.bin
+        selection = selection.model_copy(update={"review": review, "bin": bin_})
     with context.database.read() as session:
         dataset = DatasetRepository(session).named(name)
-        parts = _in_turn(to_filter(session, dataset, _of_queue(wanted)))
+        parts = [to_filter(session, dataset, selection)]
+        if selection.review == "undecided":  # boxes answered `unsure` come last
+            parts = [replace(parts[0], review=state) for state in ("none", "unsure")]
         if wanted.order == "audit":
             parts = [replace(part, not_by=wanted.reviewer) for part in parts]
             counts = [BoxProbes(session).count(part) for part in parts]
@@ -92,17 +101,27 @@ def next_boxes(
     claims.forget_expired(dataset.id, now)
     held = claims.of_dataset(dataset.id)
     theirs = [box_id for box_id, who in held.items() if who != wanted.reviewer]
-    ids = _take(session, dataset, wanted, queue, {*wanted.exclude, *theirs})
-    chosen = _choices(session, dataset, wanted, queue, ids)
-    mine = held.keys() - theirs
-    in_hand = [box_id for box_id in reversed(wanted.exclude) if box_id in mine]
+    tallies = TallyRepository(session).of_dataset(dataset.id)
+    ids: list[int] = []
+    for part, boxes in zip(queue.parts, queue.counts, strict=True):
+        order = QueueOrder(
+            name=wanted.order,
+            seed=str(dataset.id if wanted.seed is None else wanted.seed),
+            limit=wanted.limit - len(ids),
+            blocked={*wanted.exclude, *theirs},
+            expected=min(boxes, count_in_tallies(tallies, part)),
+        )
+        ids += boxes_in_order(session, part, tallies, order)
+    own = held.keys() - theirs
+    in_hand = [box_id for box_id in reversed(wanted.exclude) if box_id in own]
     renewed = list(dict.fromkeys([*ids, *in_hand]))[:MOST_CLAIMS]
-    left = mine.difference(renewed)
+    left = own.difference(renewed)
     newest_first = [box_id for box_id in held if box_id in left]
     claims.end(newest_first[MOST_CLAIMS - len(renewed) :])
     expires_at = now + CLAIM
     claims.renew(renewed, expires_at)
-    claims.hold(dataset.id, wanted.reviewer, expires_at, chosen)
+    choices = _choices(session, dataset, wanted, queue, ids)
+    claims.hold(dataset.id, wanted.reviewer, expires_at, choices)
     claim = {"expires_at": rfc3339(expires_at)}
     probes, reader = BoxProbes(session), DecisionReader(session, dataset)
     return {
@@ -118,20 +137,6 @@ def next_boxes(
     }
 
 
-def _of_queue(wanted: QueueRequest) -> BoxSelection:
-    """The filter of the queue: undecided boxes, or decided ones for an audit.
-
-    Without any filter, orders that are not samples have the boxes to ask about.
-    """
-    selection = wanted.selection
-    if selection.review or selection.conflict:
-        return selection
-    review = "decided" if wanted.order == "audit" else "undecided"
-    asks = wanted.order in ("doubt", "class") and not filters_of(selection)
-    bin_ = Bin.ASK.label if asks else selection.bin
-    return selection.model_copy(update={"review": review, "bin": bin_})
-
-
 def _choices(
     session: Session,
     dataset: Dataset,
@@ -142,21 +147,6 @@ def _choices(
     """How each of these boxes of the queue was chosen."""
     filters = wanted.selection.model_dump_json(exclude_none=True, by_alias=True)
     choice = Choice(wanted.order, filters, None)
-    if wanted.order != "random" or wanted.seed is not None or not _has_all(queue):
-        return dict.fromkeys(box_ids, choice)
-    shuffle = shuffle_of(session, dataset.id)
-    shares = shuffle.shares_of(np.array(box_ids, np.int64)).tolist() if shuffle else []
-    return {
-        box_id: choice._replace(probability=share)
-        for box_id, share in zip(box_ids, shares, strict=True)
-    }
-
-
-def _has_all(queue: RemainingBoxes) -> bool:
-    """Whether it has every unanswered box of its classes that people can judge.
-
-    Then those that come up to any place of the random order are a sample of these.
-    """
     part = queue.parts[0]
     of_classes = BoxFilter(
         part.dataset_id,
@@ -166,36 +156,17 @@ def _has_all(queue: RemainingBoxes) -> bool:
         thresholds=part.thresholds,
     )
     judged = {int(reason) for reason in Reason if reason.in_image}
-    return part == of_classes and (not part.reasons or judged.issubset(part.reasons))
-
-
-def _in_turn(wanted: BoxFilter) -> list[BoxFilter]:
-    """The parts: boxes without an answer first, boxes answered `unsure` last."""
-    if wanted.review != "undecided":
-        return [wanted]
-    return [replace(wanted, review="none"), replace(wanted, review="unsure")]
-
-
-def _take(
-    session: Session,
-    dataset: Dataset,
-    wanted: QueueRequest,
-    queue: RemainingBoxes,
-    blocked: set[int],
-) -> list[int]:
-    tallies = TallyRepository(session).of_dataset(dataset.id)
-    seed = dataset.id if wanted.seed is None else wanted.seed
-    found: list[int] = []
-    for part, boxes in zip(queue.parts, queue.counts, strict=True):
-        order = QueueOrder(
-            name=wanted.order,
-            seed=str(seed),
-            limit=wanted.limit - len(found),
-            blocked=blocked,
-            expected=min(boxes, count_in_tallies(tallies, part)),
-        )
-        found += boxes_in_order(session, part, tallies, order)
-    return found
+    has_all = part == of_classes and judged.issubset(part.reasons or judged)
+    # If the queue has every unanswered box of its classes that people can judge, those
+    # that come up to any place of the random order are a sample of these.
+    if wanted.order != "random" or wanted.seed is not None or not has_all:
+        return dict.fromkeys(box_ids, choice)
+    shuffle = shuffle_of(session, dataset.id)
+    shares = shuffle.shares_of(np.array(box_ids, np.int64)).tolist() if shuffle else []
+    return {
+        box_id: choice._replace(probability=share)
+        for box_id, share in zip(box_ids, shares, strict=True)
+    }
 
 
 MAX_PROBES: Final = 1 << 14
@@ -235,7 +206,13 @@ def boxes_in_order(
         return []
     if order.name in ("random", "audit"):
         return _shuffled(session, wanted, tallies, order)
-    parts = _by_class(wanted, tallies) if order.name == "class" else iter([wanted])
+    parts = [wanted]
+    if order.name == "class":
+        occurring = {key.class_id for key in tallies}
+        if wanted.class_ids is not None:
+            occurring &= {*wanted.class_ids}
+        ids = [each.class_id for each in wanted.thresholds]
+        parts = [replace(wanted, class_ids=(id_,)) for id_ in ids if id_ in occurring]
     free = (
         box_id
         for part in parts
@@ -245,26 +222,16 @@ def boxes_in_order(
     return list(islice(free, order.limit))
 
 
-def _by_class(wanted: BoxFilter, tallies: _Tallies) -> Iterator[BoxFilter]:
-    occurring = {key.class_id for key in tallies}
-    for each in wanted.thresholds:
-        chosen = wanted.class_ids is None or each.class_id in wanted.class_ids
-        if chosen and each.class_id in occurring:
-            yield replace(wanted, class_ids=(each.class_id,))
-
-
 def _by_doubt(
     session: Session, wanted: BoxFilter, tallies: _Tallies, order: QueueOrder
 ) -> Iterator[int]:
     # Boxes answered `unsure` are rare, and have an index of their own, by id.
     sort = "id" if wanted.review == "unsure" else "doubt"
-    pages, cursor = BoxPages(session, wanted, tallies, order.expected), ""
-    while True:
-        ids, following = pages.page(sort, cursor, order.limit + 10)
+    pages = BoxPages(session, wanted, tallies, order.expected)
+    cursor: str | None = ""
+    while cursor is not None:
+        ids, cursor = pages.page(sort, cursor, order.limit + 10)
         yield from ids
-        if following is None:
-            return
-        cursor = following
 
 
 def _shuffled(
@@ -277,30 +244,19 @@ def _shuffled(
     shuffle = Shuffle(*span, order.seed, order.half_bits)
     most = min(MAX_PLACES, PLACES_PER_BOX * order.expected)
     likely = order.limit * shuffle.places // order.expected
-    found = [] if likely > most else _probed(probes, wanted, shuffle, order, most)
-    if len(found) >= order.limit:
-        return found[: order.limit]
+    if likely <= most:  # look up one slice after the other, in random order
+        found: list[int] = []
+        asked = 0
+        for part in shuffle.slices(FIRST_SLICE, 4, MAX_SLICE, most):
+            free = [box_id for box_id in part if box_id not in order.blocked]
+            found += probes.selected(wanted, free)
+            asked += len(free)
+            if len(found) >= order.limit:
+                return found[: order.limit]
+            if asked > MAX_PROBES:
+                break
     # The filter selects so few boxes that reading all of them is faster.
     every = probes.every(wanted)
     in_order = every[np.argsort(shuffle.places_of(every))].tolist()
-    free = (box_id for box_id in in_order if box_id not in order.blocked)
-    return list(islice(free, order.limit))
-
-
-def _probed(
-    probes: BoxProbes,
-    wanted: BoxFilter,
-    shuffle: Shuffle,
-    order: QueueOrder,
-    places: int,
-) -> list[int]:
-    """Boxes found by looking up one slice after the other, in random order."""
-    found: list[int] = []
-    asked = 0
-    for part in shuffle.slices(FIRST_SLICE, 4, MAX_SLICE, places):
-        free = [box_id for box_id in part if box_id not in order.blocked]
-        found += probes.selected(wanted, free)
-        asked += len(free)
-        if len(found) >= order.limit or asked > MAX_PROBES:
-            break
-    return found
+    unclaimed = (box_id for box_id in in_order if box_id not in order.blocked)
+    return list(islice(unclaimed, order.limit))

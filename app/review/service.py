@@ -24,13 +24,11 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable
-from datetime import datetime
 from itertools import chain
-from typing import Literal
 
 from app.access.audit import AuditAction, AuditTrail
 from app.access.service import require_own
-from app.boxes.queries import LatestAnswers, LatestReview
+from app.boxes.queries import LatestAnswers
 from app.boxes.reader import describe_box
 from app.catalog.datasets import DatasetRepository
 from app.db.base import utc_now
@@ -50,7 +48,6 @@ from app.verdicts import effective_verdict
 from unghost.wire.boxes import (
     MOST_UNKNOWN,
     AnswersIn,
-    ImportedAnswer,
     ImportedAnswers,
     Review,
     ReviewIn,
@@ -120,17 +117,11 @@ def undo_answer(
     """Undo the answer that gave a box this revision: repeat the answer before it.
 
     If it is another person's, this is noted in the audit log. An undo counts as an
-    answer; `most` is how many a person may give on one box.
-
-    Raises
-    ------
-    NotFound
-        The box does not exist, or its frame was replaced, or it has no such answer.
-    Forbidden
-        It is another person's answer, and the caller is not an admin.
-    Conflict
-        The box was answered since, or the answer was undone already; or
-        ``too_many_answers``, see `require_place`.
+    answer; `most` is how many a person may give on one box. Raises NotFound: the box
+    does not exist, or its frame was replaced, or it has no such answer; Forbidden: it
+    is another person's answer, and the caller is not an admin; Conflict: the box was
+    answered since, or the answer was undone already; or ``too_many_answers``, see
+    `require_place`.
     """
     session = audit.session
     reviews = ReviewRepository(session)
@@ -188,18 +179,20 @@ def import_answers(
             outcomes["unknown"] += 1
             unknown.append(f"{answer.frame} {answer.box}")
             continue
-        latest = LatestAnswers(session).of([box_id]).get(box_id)
         at = min(answer.created_at, now)
-        outcome = _outcome(answer, at, latest)
-        if outcome == "imported":
-            review = NewAnswer(
-                *(dataset.id, answer.verdict, answer.comment, answer.reviewer, at),
-                imported_by=audit.name,
-            )
+        review = NewAnswer(
+            *(dataset.id, answer.verdict, answer.comment, answer.reviewer, at),
+            imported_by=audit.name,
+        )
+        latest = LatestAnswers(session).of([box_id]).get(box_id)
+        if latest is None or latest.created_at < at:
             revision = 0 if latest is None else latest.revision
             stored = reviews.answer_box(box_id, revision, review)
             assert stored, "no other transaction writes"
-        outcomes[outcome] += 1
+            outcomes["imported"] += 1
+        else:
+            there = (latest.verdict, latest.comment, latest.reviewer, latest.created_at)
+            outcomes["already" if review[1:5] == there else "newer"] += 1
     if outcomes["imported"]:
         audit.note(
             AuditAction.ANSWERS_IMPORTED,
@@ -217,17 +210,6 @@ def import_answers(
     )
 
 
-def _outcome(
-    answer: ImportedAnswer, at: datetime, latest: LatestReview | None
-) -> Literal["imported", "already", "newer"]:
-    """What becomes of an answer from this time, after the latest one on its box."""
-    if latest is None or latest.created_at < at:
-        return "imported"
-    stored = (latest.verdict, latest.reviewer, latest.comment, latest.created_at)
-    is_stored = stored == (answer.verdict, answer.reviewer, answer.comment, at)
-    return "already" if is_stored else "newer"
-
-
 def require_own_cleared(
     reviews: ReviewRepository, boxes: Iterable[SeenBoxes], by: Principal, action: str
 ) -> int:
@@ -235,11 +217,7 @@ def require_own_cleared(
 
     Answers count that others have overruled, as for replaced frames
     (`ReviewRepository.answers_in_force`). Returns how many of them are other people's.
-
-    Raises
-    ------
-    Forbidden
-        Some are other people's, and the caller is not an admin.
+    Raises Forbidden: some are other people's, and the caller is not an admin.
     """
     answered = chain.from_iterable(seen.box_ids for seen in boxes if seen.revision)
     answers = Counter(who for _, who in reviews.answers_in_force(answered))
@@ -254,12 +232,8 @@ def require_place(
 ) -> None:
     """Refuse one more answer of a person who has `most` answers on one of these boxes.
 
-    Of one person, so that nobody can keep others from answering a box.
-
-    Raises
-    ------
-    Conflict
-        ``too_many_answers``.
+    Of one person, so that nobody can keep others from answering a box. Raises Conflict:
+    ``too_many_answers``.
     """
     for seen in boxes:
         # A box with a lower revision has fewer answers of all people together.

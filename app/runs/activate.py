@@ -80,10 +80,7 @@ class BeforeAndAfter:
 def decide_all(task: Task[Run]) -> None:
     """Decide all boxes of a run and end it, unless there are new frames to measure.
 
-    Raises
-    ------
-    JobStopped
-        The run has ended, or is being cancelled.
+    Raises JobStopped: the run has ended, or is being cancelled.
     """
     context = task.context
     # This only loads the boxes into the cache, so that below no lock is held while a
@@ -95,34 +92,26 @@ def decide_all(task: Task[Run]) -> None:
     with context.database.write() as session:
         run = task.row(session)
         scope = RunScope.of(session, run)
-        if is_measured(session, scope):
-            _decide_and_store(task, session, run, scope.config)
-            task.end_job(session)
-        else:
+        if not is_measured(session, scope):
             # There are new frames to measure; earlier attempts no longer count.
             task.reset_attempts(session)
-
-
-def _decide_and_store(
-    task: Task[Run], session: Session, run: Run, config: FilterConfig
-) -> None:
-    """Store counts, and in the table `flips` which boxes get another reason.
-
-    If the run activates, its verdicts become current.
-    """
-    dataset = DatasetRepository(session).with_id(run.dataset_id)
-    active = config_of(active_version(session, dataset))
-    boxes = frames_state(session, dataset.id)[1]
-    activation = Activation(session, run, _Progress(task, run.total, boxes))
-    for numbers in BeforeAndAfter.parts(task.context, session, run):
-        activation.decide(numbers, active, config)
-    run.previous_run_id = dataset.active_run_id
-    if run.activate:
-        replace_tallies(session, dataset.id, activation.tallies)
-        _activate(session, dataset, run)
-    run.changed, run.done = activation.flips.changed, run.total
-    run.counts = activation.flips.verdicts()
-    run.last_review_id = LatestAnswers(session).newest_id()
+            return
+        dataset = DatasetRepository(session).with_id(run.dataset_id)
+        active = config_of(active_version(session, dataset))
+        boxes = frames_state(session, dataset.id)[1]
+        # The counts are stored, and in the table `flips` which boxes get another
+        # reason. If the run activates, its verdicts become current.
+        activation = Activation(session, run, _Progress(task, run.total, boxes))
+        for numbers in BeforeAndAfter.parts(context, session, run):
+            activation.decide(numbers, active, scope.config)
+        run.previous_run_id = dataset.active_run_id
+        if run.activate:
+            replace_tallies(session, dataset.id, activation.tallies)
+            _activate(session, dataset, run)
+        run.changed, run.done = activation.flips.changed, run.total
+        run.counts = activation.flips.verdicts()
+        run.last_review_id = LatestAnswers(session).newest_id()
+        task.end_job(session)
 
 
 def refresh_doubt(context: ServiceContext) -> None:
@@ -131,7 +120,8 @@ def refresh_doubt(context: ServiceContext) -> None:
     After an upgrade, before the first request. Each dataset is a transaction.
     """
     with context.database.read() as session:
-        names = [one.name for one in DatasetRepository(session).with_other_doubt()]
+        datasets = DatasetRepository(session).with_other_doubt()
+        names = [dataset.name for dataset in datasets]
     for name in names:
         with context.database.write() as session:
             dataset = DatasetRepository(session).named(name)
@@ -167,31 +157,24 @@ class Activation:
             self._run.id, ids[flipped], before.reason[flipped], after.reason[flipped]
         )
         self.flips.add(evidence, before.reason, after.reason)
-        if self._run.activate:
-            then = Decided.of(before, numbers.before.doubt(active))
-            now = Decided.of(after, doubts(evidence, config, after).doubt)
-            self._refresh(numbers, then, now)
-            self._tally(numbers.after, now)
-
-    def _refresh(
-        self, numbers: BeforeAndAfter, before: Decided, after: Decided
-    ) -> None:
-        ids = numbers.after.box_ids
-        rows = int(before.differs(after).sum())
+        if not self._run.activate:
+            return
+        then = Decided.of(before, numbers.before.doubt(active))
+        now = Decided.of(after, doubts(evidence, config, after).doubt)
+        rows = int(then.differs(now).sum())
         rows += len(ids) if numbers.are_measured_anew else 0
         self._progress.begin(len(ids), rows)
-        decided_again(self._session, ids, before, after, self._progress)
+        decided_again(self._session, ids, then, now, self._progress)
         if numbers.are_measured_anew:
-            evidence = numbers.after.evidence
             measured_again(self._session, ids, evidence, self._progress)
             moved = numbers.before.class_ids != numbers.after.class_ids
             of_classes = numbers.after.class_ids[moved]
             classified_again(self._session, ids[moved], of_classes)
+        if len(ids):
+            self._tally(numbers.after, now)
 
     def _tally(self, numbers: DatasetColumns, decided: Decided) -> None:
         """Count all boxes, which is cheaper and safer than counting changes."""
-        if not len(numbers):
-            return
         # All ids are in order. `_reviewed[here]` are the reviewed boxes of this part;
         # `rows` are their positions in it.
         first, last = numbers.box_ids[[0, -1]]
@@ -199,14 +182,8 @@ class Activation:
         rows = np.searchsorted(numbers.box_ids, self._reviewed[here])
         others = np.ones(len(numbers), np.bool_)
         others[rows] = False
-        keys = np.stack(
-            [
-                numbers.class_ids,
-                decided.reason,
-                decided.toss_up,
-                bins_of(decided.doubt),
-            ]
-        )
+        bins = bins_of(decided.doubt)
+        keys = np.stack([numbers.class_ids, decided.reason, decided.toss_up, bins])
         self.tallies.update(_count_unreviewed(keys[:, others]))
         for review, key in zip(self._reviews[here], keys.T[rows].tolist(), strict=True):
             self.tallies[_tally_key(key, review)] += 1
@@ -248,10 +225,8 @@ def _activate(session: Session, dataset: Dataset, run: Run) -> None:
     reading, before = measurement.options["dataset"], dataset.renamed_classes
     renamed = reading.get("renamed_classes", {})
     datasets.change(dataset, reading)
-    datasets.rename_classes(
-        dataset.id,
-        {name: now for name, now in renamed.items() if before.get(name) != now},
-    )
+    changed = {name: now for name, now in renamed.items() if before.get(name) != now}
+    datasets.rename_classes(dataset.id, changed)
 
 
 def _count_unreviewed(keys: IntArray) -> dict[TallyKey, int]:
@@ -259,11 +234,8 @@ def _count_unreviewed(keys: IntArray) -> dict[TallyKey, int]:
     class_ids, reason, toss_up, bin_ = keys
     packed = ((class_ids * _REASONS + reason) * 2 + toss_up) * len(Bin) - bin_
     _, first, counts = np.unique(packed, return_index=True, return_counts=True)
-    found = keys.T[first].tolist()
-    return {
-        _tally_key(key, ""): boxes
-        for key, boxes in zip(found, counts.tolist(), strict=True)
-    }
+    distinct = zip(keys.T[first].tolist(), counts.tolist(), strict=True)
+    return {_tally_key(key, ""): boxes for key, boxes in distinct}
 
 
 def _tally_key(key: Sequence[int], review: str) -> TallyKey:

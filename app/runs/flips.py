@@ -7,7 +7,7 @@ deciding again: numbers and configurations never change, and deciding is pure.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Final
@@ -82,16 +82,12 @@ _FLIPS: Final = VERDICT_OF_REASON[:, None] != VERDICT_OF_REASON
 """(reasons, reasons): whether the verdict changes from one reason to another."""
 
 
-def _from_to(before: np.uint8, after: np.uint8) -> BoolArray:
-    wanted: BoolArray = np.outer(
-        before == VERDICT_OF_REASON, after == VERDICT_OF_REASON
+_SIDES: Final[dict[str, BoolArray]] = {
+    side: np.outer(before == VERDICT_OF_REASON, after == VERDICT_OF_REASON)
+    for side, before, after in (
+        ("kept_to_rejected", KEPT, REJECTED),
+        ("rejected_to_kept", REJECTED, KEPT),
     )
-    return wanted
-
-
-_SIDES: Final = {
-    "kept_to_rejected": _from_to(KEPT, REJECTED),
-    "rejected_to_kept": _from_to(REJECTED, KEPT),
 }
 FARTHEST: Final = float("inf")
 _KINDS: Final[tuple[EvidenceName, ...]] = ("semantic", *CHANNELS)
@@ -217,11 +213,10 @@ class _Nearest:
             later = (distances > distance) | ((distances == distance) & (ids > box_id))
             order = order[later[order]]
         order = order[: self._limit]
+        nearest = _flips(before, after, flips[order])
         listed = [
             (float(distances[at]), int(ids[at]), flip)
-            for at, flip in zip(
-                order.tolist(), _flips(before, after, flips[order]), strict=True
-            )
+            for at, flip in zip(order.tolist(), nearest, strict=True)
         ]
         merged = sorted([*self.found, *listed], key=lambda flip: flip[:2])
         self.found = merged[: self._limit]
@@ -297,9 +292,8 @@ def _causes(
     then, now = before.rows_of(places), after.rows_of(places)
     if before.version >= after.version:
         return [None] * len(places)
-    is_known = (before.evidence.accept_mask[then] == 0) & (
-        after.evidence.accept_mask[now] != 0
-    )
+    was_unknown = before.evidence.accept_mask[then] == 0
+    is_known = was_unknown & (after.evidence.accept_mask[now] != 0)
     is_rounded: BoolArray = np.zeros(len(places), np.bool_)
     edges, new_edges = before.evidence.xyxy, after.evidence.xyxy
     if edges is not None and new_edges is not None:
@@ -341,12 +335,11 @@ def _flips(before: _Decided, after: _Decided, places: IntArray) -> list[Flip]:
 
 
 def _with_rectangles(
-    session: Session, flips: Iterable[Flip], measurement_id: int
+    session: Session, flips: Sequence[Flip], measurement_id: int
 ) -> tuple[Flip, ...]:
     """The flips with the rectangles of their boxes under a measurement."""
-    listed = tuple(flips)
     rows = EvidenceRepository(session).numbers_of_frames(
-        (flip.frame_id for flip in listed), measurement_id
+        (flip.frame_id for flip in flips), measurement_id
     )
     rectangles: dict[int, XYXY] = {}
     for row in rows:
@@ -358,7 +351,7 @@ def _with_rectangles(
             if x0 == x0
         }
     return tuple(
-        flip.model_copy(update={"xyxy": rectangles.get(flip.box_id)}) for flip in listed
+        flip.model_copy(update={"xyxy": rectangles.get(flip.box_id)}) for flip in flips
     )
 
 
@@ -383,18 +376,9 @@ def preview(
     measurement = active_measurement(session, dataset)
     plan = in_version(session, dataset, plan, version_of(measurement))
     if needs_pixels(session, dataset, plan):
+        unknown = Preview.model_fields.keys() - {"config", "needs_pixels"}
         return Preview(
-            config=config.digest,
-            needs_pixels=True,
-            counts=None,
-            by_reason=None,
-            by_class=None,
-            reasons_by_class=None,
-            histograms=None,
-            own_histograms=None,
-            decided_by=None,
-            flips=None,
-            scores=None,
+            config=config.digest, needs_pixels=True, **dict.fromkeys(unknown)
         )
     is_recounted = not plan.is_covered_by(measurement.options)
     names = tuple(DatasetRepository(session).classes(dataset.id))
@@ -427,40 +411,35 @@ def preview(
             for side, decided in enumerate((before, after)):
                 verdicts = VERDICT_OF_REASON[decided.reasons[rows]]
                 judged = verdicts != UNMEASURED
-                scores[side] += Confusion.of(
-                    verdicts[judged] == KEPT, is_visible[judged]
-                )
+                kept = verdicts[judged] == KEPT
+                scores[side] += Confusion.of(kept, is_visible[judged])
             listed = np.array([box_id for _, box_id, _ in nearest.found], np.int64)
             places, is_known = places_in(numbers.box_ids[rows], listed)
-            known = listed[is_known].tolist(), is_visible[places].tolist()
-            visible.update(zip(*known, strict=True))
-    by_class = config.limits_by_class(names)
+            judged_ids = listed[is_known].tolist()
+            visible.update(zip(judged_ids, is_visible[places].tolist(), strict=True))
+    limits_of = config.limits_by_class(names)
+    shown = [
+        flip.model_copy(update={"visible": visible.get(box_id)})
+        for _, box_id, flip in nearest.found
+    ]
+    before_and_after = [described(of_side) for of_side in scores]
     return Preview(
         config=config.digest,
         needs_pixels=False,
         **outcome(names, table.after),
-        histograms=histogram(names, shares[0], pixels, by_class.threshold_small_box),
+        histograms=histogram(names, shares[0], pixels, limits_of.threshold_small_box),
         own_histograms=histogram(
-            names, shares[1], pixels, by_class.min_visible_percent
+            names, shares[1], pixels, limits_of.min_visible_percent
         ),
         decided_by={name: boxes for name, boxes in kinds.items() if boxes},
         flips=Flips(
             total=sum(table.flips().values()),
             **table.totals(),
             by_class=table.sides(),
-            items=_with_rectangles(
-                session,
-                (
-                    flip.model_copy(update={"visible": visible.get(box_id)})
-                    for _, box_id, flip in nearest.found
-                ),
-                measurement.id,
-            ),
+            items=_with_rectangles(session, shown, measurement.id),
         ),
         scores=TruthScores(
-            boxes=scores[1].boxes,
-            before=described(scores[0]),
-            after=described(scores[1]),
+            boxes=scores[1].boxes, before=before_and_after[0], after=before_and_after[1]
         )
         if truth
         else None,
@@ -490,23 +469,21 @@ def current_histogram(
 def _recounted(
     session: Session, dataset: Dataset, numbers: DatasetColumns, plan: MeasureConfig
 ) -> Evidence:
+    """The evidence of a part, with the columns that its frames' histograms give."""
     classes = DatasetRepository(session).classes(dataset.id)
-    repository = EvidenceRepository(session)
     frame_ids = list(dict.fromkeys(numbers.frame_ids.tolist()))
-    measurement = filled(dataset.active_measurement_id)
-    rows = repository.of_frames(frame_ids, measurement)
+    rows = EvidenceRepository(session).of_frames(
+        frame_ids, filled(dataset.active_measurement_id)
+    )
     parts = [recount(rows[key], classes, plan) for key in frame_ids]
-    return _with_counts_of(parts, numbers.evidence) if parts else numbers.evidence
-
-
-def _with_counts_of(frames: Sequence[Evidence], evidence: Evidence) -> Evidence:
-    """The evidence of a dataset with the recounted columns of its frames."""
+    if not parts:
+        return numbers.evidence
     return replace(
-        evidence,
-        accept_mask=np.concatenate([one.accept_mask for one in frames]),
-        matched_pixels=np.concatenate([one.matched_pixels for one in frames]),
-        match_percent=np.concatenate([one.match_percent for one in frames]),
-        crowding=np.concatenate([one.crowding for one in frames]),
+        numbers.evidence,
+        accept_mask=np.concatenate([part.accept_mask for part in parts]),
+        matched_pixels=np.concatenate([part.matched_pixels for part in parts]),
+        match_percent=np.concatenate([part.match_percent for part in parts]),
+        crowding=np.concatenate([part.crowding for part in parts]),
     )
 
 
@@ -519,10 +496,7 @@ class DiffPage:
 
 
 def run_diff(
-    context: ServiceContext,
-    session: Session,
-    runs: tuple[Run, Run],
-    page: DiffPage,
+    context: ServiceContext, session: Session, runs: tuple[Run, Run], page: DiffPage
 ) -> Diff:
     """Counts of boxes whose verdict differs, and one page of them."""
     configs = [
@@ -540,7 +514,22 @@ def run_diff(
     nearest = _Nearest(page.limit + 1, place)
     cache = context.one(ColumnCache)
     for numbers in cache.parts(session, runs[1].dataset_id, *measurements):
-        before, after = _compared(numbers, configs, versions)
+        rows = [np.arange(len(numbers[1]))] * 2
+        if numbers[0] is not numbers[1]:
+            # Frames that were added in between have numbers of one measurement only.
+            _, *rows = np.intersect1d(
+                numbers[0].box_ids,
+                numbers[1].box_ids,
+                assume_unique=True,
+                return_indices=True,
+            )
+        before, after = (
+            _Decided(part, part.evidence, config, decisions, of_part, version)
+            for part, config, of_part, version in zip(
+                numbers, configs, rows, versions, strict=True
+            )
+            for decisions in [decide(part.evidence, config)]
+        )
         reasons = before.reasons, after.reasons
         flips = table.add(after.evidence, *reasons, after.rows)
         nearest.add(before, after, flips)
@@ -559,9 +548,7 @@ def run_diff(
         by_class=by_class,
         sides_by_class={name: sides[name] for name in sorted(sides)},
         by_cause=dict(sorted(causes.items())),
-        items=_with_rectangles(
-            session, (flip for _, _, flip in listed), measurements[1]
-        ),
+        items=_with_rectangles(session, [flip for *_, flip in listed], measurements[1]),
         next_cursor=following,
     )
 
@@ -571,12 +558,8 @@ def compared_runs(
 ) -> tuple[Run, Run]:
     """The run to compare with (default: the one active before), and the run.
 
-    Raises
-    ------
-    Conflict
-        One of them is not done.
-    BadRequest
-        There is no run to compare with, or it is of another dataset.
+    Raises Conflict: one of them is not done; BadRequest: there is no run to compare
+    with, or it is of another dataset.
     """
     run = job_with_id(session, Run, run_id)
     other_id = against or run.previous_run_id
@@ -598,27 +581,3 @@ def compared_runs(
                 code="run_not_done",
             )
     return other, run
-
-
-def _compared(
-    numbers: Sequence[DatasetColumns],
-    configs: Sequence[FilterConfig],
-    versions: Sequence[int],
-) -> tuple[_Decided, _Decided]:
-    """The boxes that both have, as each configuration decides them."""
-    before, after = numbers
-    was, now = (
-        decide(part.evidence, config)
-        for part, config in zip(numbers, configs, strict=True)
-    )
-    if before is after:
-        rows = [np.arange(len(after))] * 2
-    else:
-        # Frames that were added in between have numbers of one measurement only.
-        _, *rows = np.intersect1d(
-            before.box_ids, after.box_ids, assume_unique=True, return_indices=True
-        )
-    return (
-        _Decided(before, before.evidence, configs[0], was, rows[0], versions[0]),
-        _Decided(after, after.evidence, configs[1], now, rows[1], versions[1]),
-    )

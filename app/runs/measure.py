@@ -20,7 +20,6 @@ from app.boxes.queries import FileRow, FrameRepository
 from app.catalog.configs import ConfigRepository
 from app.catalog.datasets import DatasetRepository
 from app.catalog.frames import note_problem
-from app.context import ServiceContext
 from app.db.base import filled
 from app.db.tables import Chunk, Frame, Run
 from app.engine.children import PixelsRefused
@@ -74,32 +73,22 @@ class RunScope:
 
 
 @dataclass(frozen=True)
-class _Source:
-    """How the frames of one chunk are measured.
-
-    If `needs_pixels` is false, all that is new can be computed from the evidence of the
-    dataset's active measurement, `former_measurement_id`; else the images are read.
-    """
-
-    config: MeasureConfig
-    classes: Mapping[str, int]
-    measurement_id: int
-    former_measurement_id: int
-    needs_pixels: bool
-
-
-@dataclass(frozen=True)
 class _RunChunk:
-    """One chunk of a run: its frames without evidence, and their rows.
+    """One chunk of a run: its frames without evidence, their rows, how to measure them.
 
     With `is_one_by_one` each frame is stored before the next one begins, because
-    processes have died during this chunk (`app.jobs.attempts`).
+    processes have died during this chunk (`app.jobs.attempts`). If `needs_pixels` is
+    false, all that is new can be computed from the evidence of the dataset's active
+    measurement, `former`; else the images are read. `plan` says what is measured, and
+    `classes` are the ids of the dataset's classes.
     """
 
     scope: RunScope
     is_one_by_one: bool
     missing: list[int]
-    source: _Source
+    plan: MeasureConfig
+    classes: Mapping[str, int]
+    needs_pixels: bool
     frames: Mapping[int, Frame]
     files: Mapping[int, Mapping[str, FileRow]]
     former: Mapping[int, EvidenceRow]
@@ -110,16 +99,21 @@ class _RunChunk:
         run = task.row(session)
         scope, row = RunScope.of(session, run), task.chunk(session)
         missing = [] if row is None else unmeasured_of(session, run, row)
-        source = _source(session, scope)
-        evidence = EvidenceRepository(session)
+        evidence, datasets = EvidenceRepository(session), DatasetRepository(session)
+        dataset = datasets.with_id(scope.dataset_id)
+        former_id = filled(dataset.active_measurement_id)
+        former = evidence.measurement_with_id(former_id)
+        wanted = evidence.measurement_with_id(scope.measurement_id)
         return cls(
             scope=scope,
             is_one_by_one=row is not None and is_one_by_one(task, row),
             missing=missing,
-            source=source,
+            plan=plan_of(wanted, scope.config),
+            classes=datasets.classes(scope.dataset_id),
+            needs_pixels=former.pixel_digest != wanted.pixel_digest,
             frames=FrameRepository(session).with_ids(missing, annotation=True),
             files=FrameRepository(session).files(missing),
-            former=evidence.of_frames(missing, source.former_measurement_id),
+            former=evidence.of_frames(missing, former_id),
         )
 
 
@@ -158,10 +152,8 @@ def unmeasured_of(session: Session, run: Run, chunk: Chunk) -> list[int]:
 def measure_chunk(task: Task[Run]) -> None:
     """Compute and store the evidence of a chunk's frames that have none.
 
-    Raises
-    ------
-    JobStopped
-        It was stopped before the end; what was computed so far is stored.
+    Raises JobStopped: it was stopped before the end; what was computed so far is
+    stored.
     """
     task.check()
     with task.context.database.read() as session:
@@ -200,18 +192,49 @@ class _Measured(NamedTuple):
 
 
 def _measure_frame(task: Task[Run], chunk: _RunChunk, frame_id: int) -> _Measured:
-    context, source = task.context, chunk.source
-    if source.needs_pixels:
-        frame = chunk.frames[frame_id]
-        files = chunk.files[frame_id]
-        read = partial(_contents, context, source, files)
-        contents = task.retry_unavailable(read)
-        return _remeasured(context, source, frame, contents)
+    if chunk.needs_pixels:
+        return _remeasured(task, chunk, frame_id)
     row = chunk.former[frame_id]
-    evidence = recount(row, source.classes, source.config)
-    return _Measured(
-        frame_id, recounted_row(row, evidence, source.classes, source.measurement_id)
+    evidence = recount(row, chunk.classes, chunk.plan)
+    measurement_id = chunk.scope.measurement_id
+    recounted = recounted_row(row, evidence, chunk.classes, measurement_id)
+    return _Measured(frame_id, recounted)
+
+
+def _remeasured(task: Task[Run], chunk: _RunChunk, frame_id: int) -> _Measured:
+    """Measure a frame from its files, ignoring those that are damaged.
+
+    Such files were stored by an earlier version, which checked less.
+    """
+    pool, storage = task.context.pixels, task.context.storage
+    frame, files = chunk.frames[frame_id], chunk.files[frame_id]
+    kinds = [kind for kind in (*MEASURED, *chunk.plan.files) if kind in files]
+    usable = task.retry_unavailable(
+        lambda: {kind: storage.read(files[kind].sha256) for kind in kinds}
     )
+    annotation = parse_annotation(frame.annotation, frame=frame.key)
+    damage: FilterError | None = None
+    while True:
+        pixels = FrameFiles.of(usable, (frame.width, frame.height))
+        try:
+            with error_context(frame.key, "/segmentation"):
+                try:
+                    measured = measure_files(pool, chunk.plan, annotation, pixels)
+                except PixelsRefused as refusal:
+                    return _Measured(frame.id, {}, refusal=refusal)
+            break
+        except FilterError as fault:
+            kind = fault.pointer.strip("/")
+            if fault.kind not in _DAMAGED or kind not in usable:
+                raise
+            damage = damage or fault
+            del usable[kind]
+            if kind == "ignore_mask":
+                # Without it, pixels would count that must be ignored: no file is used.
+                usable.clear()
+    ids = [chunk.classes[name] for name in measured.evidence.class_names]
+    keys = {"frame_id": frame.id, "measurement_id": chunk.scope.measurement_id}
+    return _Measured(frame.id, {**keys, **packed(measured, ids)}, frame.key, damage)
 
 
 class _CommitBuffer:
@@ -232,7 +255,12 @@ class _CommitBuffer:
         if measured.refusal is None:
             self._measured.append(measured)
         elif self._chunk.is_one_by_one:
-            self._refuse_at_once(measured.frame_id, measured.refusal)
+            task = self._task
+            with task.context.database.write() as session:
+                task.row(session)
+                frame = (measured.frame_id, measured.refusal)
+                refuse_frame(session, task.job, task.number, *frame)
+                task.reset_attempts(session)
         else:
             self._refusal = measured.refusal
         is_due = time.monotonic() - self._begun >= COMMIT_EVERY_S
@@ -253,13 +281,13 @@ class _CommitBuffer:
         with self._task.context.database.write() as session:
             run = self._task.row(session)
             new = EvidenceRepository(session).lacking(
-                [one.frame_id for one in measured], scope.measurement_id
+                [frame.frame_id for frame in measured], scope.measurement_id
             )
-            kept = [one for one in measured if one.frame_id in new]
-            EvidenceRepository(session).add([one.row for one in kept])
-            for one in kept:
-                if one.damage is not None:
-                    note_problem(session, scope.dataset_id, one.key, one.damage)
+            kept = [frame for frame in measured if frame.frame_id in new]
+            EvidenceRepository(session).add([frame.row for frame in kept])
+            for frame in kept:
+                if frame.damage is not None:
+                    note_problem(session, scope.dataset_id, frame.key, frame.damage)
             run.done = min(run.total, run.done + len(new))
             if new:
                 self._task.reset_attempts(session)
@@ -267,80 +295,3 @@ class _CommitBuffer:
                 refuse(session, self._task.job, self._task.number, self._refusal)
             elif is_whole:
                 self._task.chunk_done(session)
-
-    def _refuse_at_once(self, frame_id: int, why: PixelsRefused) -> None:
-        task = self._task
-        with task.context.database.write() as session:
-            task.row(session)
-            refuse_frame(session, task.job, task.number, frame_id, why)
-            task.reset_attempts(session)
-
-
-def _source(session: Session, scope: RunScope) -> _Source:
-    dataset = DatasetRepository(session).with_id(scope.dataset_id)
-    evidence = EvidenceRepository(session)
-    former_id = filled(dataset.active_measurement_id)
-    former = evidence.measurement_with_id(former_id)
-    wanted = evidence.measurement_with_id(scope.measurement_id)
-    return _Source(
-        config=plan_of(wanted, scope.config),
-        classes=DatasetRepository(session).classes(scope.dataset_id),
-        measurement_id=scope.measurement_id,
-        former_measurement_id=former_id,
-        needs_pixels=former.pixel_digest != wanted.pixel_digest,
-    )
-
-
-def _contents(
-    context: ServiceContext, source: _Source, files: Mapping[str, FileRow]
-) -> dict[str, bytes]:
-    return {
-        kind: context.storage.read(files[kind].sha256)
-        for kind in (*MEASURED, *source.config.files)
-        if kind in files
-    }
-
-
-def _remeasured(
-    context: ServiceContext,
-    source: _Source,
-    frame: Frame,
-    contents: Mapping[str, bytes],
-) -> _Measured:
-    """Measure a frame, ignoring files that are damaged.
-
-    Such files were stored by an earlier version, which checked less.
-    """
-    annotation = parse_annotation(frame.annotation, frame=frame.key)
-    size = (frame.width, frame.height)
-    usable, damage = dict(contents), None
-    while True:
-        try:
-            with error_context(frame.key, "/segmentation"):
-                pixels = FrameFiles.of(usable, size)
-                try:
-                    measured = measure_files(
-                        context.pixels, source.config, annotation, pixels
-                    )
-                except PixelsRefused as refusal:
-                    return _Measured(frame.id, {}, refusal=refusal)
-            break
-        except FilterError as fault:
-            kind = fault.pointer.strip("/")
-            if fault.kind not in _DAMAGED or kind not in usable:
-                raise
-            damage = damage or fault
-            # Without the ignore mask, pixels would count that must be ignored. Then
-            # no file is used.
-            usable = {} if kind == "ignore_mask" else _without(usable, kind)
-    ids = [source.classes[name] for name in measured.evidence.class_names]
-    row = {
-        "frame_id": frame.id,
-        "measurement_id": source.measurement_id,
-        **packed(measured, ids),
-    }
-    return _Measured(frame.id, row, frame.key, damage)
-
-
-def _without(contents: Mapping[str, bytes], kind: str) -> dict[str, bytes]:
-    return {name: content for name, content in contents.items() if name != kind}

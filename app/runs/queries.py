@@ -17,6 +17,7 @@ from filter_core.arrays import IntArray
 FLIP: Final = np.dtype([("box_id", "<i8"), ("before", "u1"), ("after", "u1")])
 BOXES_PER_ROW: Final = 8192
 """80 KiB: fast to read for the history of one box, and few rows for a million."""
+_ACTIVATES: Final = (Run.state.in_(OPEN), Run.activate.is_(True))
 
 
 def pack_flips(box_ids: IntArray, before: IntArray, after: IntArray) -> bytes:
@@ -56,18 +57,11 @@ class RunRepository:
             rows = rows.where(Run.dataset_id == dataset_id)
         if state is not None:
             rows = rows.where(Run.state == state)
-        if page.before_id is not None:
-            rows = rows.where(Run.id < page.before_id)
-        rows = rows.order_by(Run.id.desc()).limit(page.limit + 1)
-        return list(self._session.scalars(rows))
+        return list(self._session.scalars(page.of(rows, Run.id)))
 
     def last_to_activate(self, dataset_id: int) -> Run | None:
         """The last open run that will activate its configuration, if there is one."""
-        rows = select(Run).where(
-            Run.dataset_id == dataset_id,
-            Run.state.in_(OPEN),
-            Run.activate.is_(True),
-        )
+        rows = select(Run).where(Run.dataset_id == dataset_id, *_ACTIVATES)
         return self._session.scalar(rows.order_by(Run.id.desc()).limit(1))
 
     def has_to_wait(self, run: Run) -> bool:
@@ -77,13 +71,8 @@ class RunRepository:
         """
         if not run.activate:
             return False
-        rows = select(Run.id).where(
-            Run.dataset_id == run.dataset_id,
-            Run.state.in_(OPEN),
-            Run.activate.is_(True),
-            Run.id < run.id,
-        )
-        return self._session.scalar(rows.limit(1)) is not None
+        rows = select(Run.id).where(Run.dataset_id == run.dataset_id, *_ACTIVATES)
+        return self._session.scalar(rows.where(Run.id < run.id).limit(1)) is not None
 
     def with_flips_of(self, dataset_id: int, box_id: int) -> list[Run]:
         """Runs that changed a box, oldest first."""
@@ -97,28 +86,24 @@ class RunRepository:
             )
             .order_by(Run.id)
         )
-        return [
-            row[0]
-            for row in self._session.execute(rows)
-            if find_flip(row[1], box_id) is not None
-        ]
+        runs = self._session.execute(rows)
+        return [run for run, packed in runs if find_flip(packed, box_id) is not None]
 
     def record_flips(
         self, run_id: int, box_ids: IntArray, before: IntArray, after: IntArray
     ) -> None:
         """Store the changes of a run; ids are in order."""
-        slices = [
-            slice(start, start + BOXES_PER_ROW)
-            for start in range(0, len(box_ids), BOXES_PER_ROW)
-        ]
-        rows = [
-            {
-                "run_id": run_id,
-                "first_box_id": int(box_ids[part][0]),
-                "last_box_id": int(box_ids[part][-1]),
-                "boxes": pack_flips(box_ids[part], before[part], after[part]),
-            }
-            for part in slices
-        ]
+        rows = []
+        for start in range(0, len(box_ids), BOXES_PER_ROW):
+            part = slice(start, start + BOXES_PER_ROW)
+            ids = box_ids[part]
+            rows.append(
+                {
+                    "run_id": run_id,
+                    "first_box_id": int(ids[0]),
+                    "last_box_id": int(ids[-1]),
+                    "boxes": pack_flips(ids, before[part], after[part]),
+                }
+            )
         if rows:
             self._session.execute(insert(Flips), rows)

@@ -64,7 +64,13 @@ def request_run(
     context: ServiceContext, session: Session, dataset: Dataset, wanted: RunRequest
 ) -> Run:
     """Queue a run; it starts when the transaction is committed."""
-    version = _version(session, dataset, wanted)
+    if isinstance(wanted.config, FilterConfig):
+        version, _ = add_version(session, dataset, wanted.config, author=wanted.author)
+    else:
+        named = ConfigRepository(session).find(dataset.id, wanted.config)
+        if named is None:
+            raise NotFound("config", wanted.config)
+        version = named
     config = config_of(version)
     reading = wanted.reading or coming_settings(session, dataset)[0]
     plan = plan_for(reading, config).with_channels(wanted.channels)
@@ -133,38 +139,19 @@ def _coming_measurement(session: Session, dataset: Dataset) -> Measurement:
     return EvidenceRepository(session).measurement_with_id(filled(run.measurement_id))
 
 
-def _version(session: Session, dataset: Dataset, wanted: RunRequest) -> ConfigVersion:
-    if isinstance(wanted.config, FilterConfig):
-        version, _ = add_version(session, dataset, wanted.config, author=wanted.author)
-        return version
-    found = ConfigRepository(session).find(dataset.id, wanted.config)
-    if found is None:
-        raise NotFound("config", wanted.config)
-    return found
-
-
 def describe_run(
     context: ServiceContext, run: Run, dataset: str, digest: str
 ) -> wire.Run:
     """A run as responses show it."""
     reported = context.engine.reported(job_of(run)) if run.state == "running" else 0
+    same = wire.Run.model_fields.keys() - {"dataset", "config", "done", "counts"}
     return wire.Run.model_validate(
         {
-            "id": run.id,
+            **{name: getattr(run, name) for name in same},
             "dataset": dataset,
-            "kind": run.kind,
-            "state": run.state,
             "config": digest,
-            "activate": run.activate,
-            "total": run.total,
             "done": max(run.done, reported),
-            "changed": run.changed,
             "counts": run.counts or {},
-            "error": run.error,
-            "created_by": run.created_by,
-            "created_at": run.created_at,
-            "started_at": run.started_at,
-            "finished_at": run.finished_at,
         }
     )
 
@@ -177,11 +164,9 @@ def describing_runs(
     named = DatasetRepository(session).with_id
     datasets = {key: named(key).name for key in {run.dataset_id for run in runs}}
 
-    def describe(run: Run) -> wire.Run:
-        dataset, digest = datasets[run.dataset_id], digests[run.config_id]
-        return describe_run(context, run, dataset, digest)
-
-    return describe
+    return lambda run: describe_run(
+        context, run, datasets[run.dataset_id], digests[run.config_id]
+    )
 
 
 def described_run(context: ServiceContext, session: Session, run: Run) -> wire.Run:
@@ -243,9 +228,8 @@ class RunJobs:
             elif left:
                 ends.add((left[0], left[-1]))
         shown = sorted(ends)[:_MOST_NAMED]
-        frames = FrameRepository(session).with_ids(
-            id_ for both in shown for id_ in both
-        )
+        ids = [id_ for both in shown for id_ in both]
+        frames = FrameRepository(session).with_ids(ids)
         keys = {id_: repr(frame.key) for id_, frame in frames.items()}
         named = [
             keys[first] if first == last else f"{keys[first]} to {keys[last]}"

@@ -21,10 +21,7 @@ class MissingLibrary(Exception):
 def open_store(settings: Settings) -> BlobStore:
     """The storage of the settings; call `prepare` before using it.
 
-    Raises
-    ------
-    MissingLibrary
-        The storage is S3, and the library for it is not installed.
+    Raises MissingLibrary if the storage is S3, and its library is not installed.
     """
     local = settings.data / BLOBS
     bucket = bucket_of(settings.storage)

@@ -63,10 +63,10 @@ class StoredBlob:
 
     def digest(self) -> str:
         """The digest of the content, which is read in pieces."""
-        found = hashlib.sha256()
+        digest = hashlib.sha256()
         for piece in self.pieces():
-            found.update(piece)
-        return found.hexdigest()
+            digest.update(piece)
+        return digest.hexdigest()
 
 
 class BlobStore(Protocol):
@@ -112,28 +112,17 @@ class BlobStore(Protocol):
         """Check that no blob was removed since it was put.
 
         Call it in the transaction that will refer to the blobs; it sends no request to
-        another machine.
-
-        Raises
-        ------
-        TryLater
-            One is missing; if the client sends it again, it is put again.
-        BlobsUncertain
-            A remote store has to be queried: end the transaction, call `make_sure`, and
-            retry.
+        another machine. Raises TryLater if one is missing: if the client sends it
+        again, it is put again. Raises BlobsUncertain if a remote store has to be
+        queried: end the transaction, call `make_sure`, and retry.
         """
 
     def make_sure(self, digests: Iterable[str]) -> None:
-        """Check in a remote store that recently put blobs exist.
+        """Check in a remote store that recently put blobs exist; TryLater if not.
 
         Call it outside of transactions, and only after `BlobsUncertain` has ended one.
         Blobs are removed only while holding the turn to write; so an earlier
         removal has ended by then, and for a later one these blobs are too young.
-
-        Raises
-        ------
-        TryLater
-            One is missing; if the client sends it again, it is put again.
         """
 
     def put_missing(self, blobs: Mapping[str, bytes]) -> None:
@@ -179,10 +168,10 @@ def stored_files(folder: Path) -> Iterator[StoredFile]:
     for entry in _entries(folder):
         if _DIGEST.fullmatch(entry.name) and entry.is_file(follow_symlinks=False):
             try:
-                found = entry.stat(follow_symlinks=False)
+                state = entry.stat(follow_symlinks=False)
             except FileNotFoundError:  # deleted since the folder was read
                 continue
-            yield StoredFile(entry.name, found.st_size, found.st_mtime)
+            yield StoredFile(entry.name, state.st_size, state.st_mtime)
 
 
 def leftovers(folder: Path) -> Iterator[tuple[Path, float]]:
@@ -191,14 +180,15 @@ def leftovers(folder: Path) -> Iterator[tuple[Path, float]]:
     Some of them are being written at this moment.
     """
     temporary = folder / "tmp"
-    found = [Path(entry) for entry in _entries(folder) if entry.name.startswith(_DRAFT)]
+    paths = [Path(entry) for entry in _entries(folder) if entry.name.startswith(_DRAFT)]
     if temporary.is_dir():
-        found += temporary.iterdir()
-    for path in found:
+        paths += temporary.iterdir()
+    for path in paths:
         try:
-            yield path, _last_change(path)
+            times = [each.stat().st_mtime for each in (path, *path.rglob("*"))]
         except FileNotFoundError:
             continue
+        yield path, max(times)
 
 
 def export_of(leftover: Path) -> str:
@@ -219,9 +209,3 @@ def _entries(folder: Path) -> Iterator[os.DirEntry[str]]:
     for sub_folder in sorted(folder.glob("[0-9a-f][0-9a-f]")):
         with os.scandir(sub_folder) as entries:
             yield from entries
-
-
-def _last_change(path: Path) -> float:
-    times = [path.stat().st_mtime]
-    times += [inner.stat().st_mtime for inner in path.rglob("*")]
-    return max(times)

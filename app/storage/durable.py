@@ -75,13 +75,7 @@ def locked(file: Path) -> Iterator[Callable[[str], None]]:
     """Lock a file, which is created; the lock ends with the process, however that ends.
 
     The yielded function replaces the note that other processes find while it is locked.
-
-    Raises
-    ------
-    InUse
-        Another process has locked it.
-    CannotLock
-        No process can lock it.
+    Raises InUse if another process has locked it, CannotLock if no process can.
     """
     # Python opens files so that no child process inherits them, and with them the lock.
     descriptor = os.open(file, os.O_RDWR | os.O_CREAT, 0o600)

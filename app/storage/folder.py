@@ -7,8 +7,6 @@ import secrets
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
-from functools import partial
 from pathlib import Path
 from typing import Final
 
@@ -30,15 +28,15 @@ _PREFIX_LENGTH: Final = 2
 _NEW_FILE: Final = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)
 
 
-@dataclass(frozen=True)
 class FolderDrafts(Drafts):
     """Blobs whose new files are written, but neither flushed nor renamed.
 
     `places` are the paths of all blobs, `files` pairs of a draft and its final path.
     """
 
-    places: list[Path]
-    files: list[tuple[Path, Path]] = field(default_factory=list)
+    def __init__(self, places: list[Path]) -> None:
+        self.places = places
+        self.files: list[tuple[Path, Path]] = []
 
 
 class FolderStorage:
@@ -113,13 +111,7 @@ class FolderStorage:
         return self.folder / place_of(digest)
 
     def read(self, digest: str) -> bytes:
-        """A blob's bytes.
-
-        Raises
-        ------
-        DamagedFile
-            It is missing, or its digest is wrong.
-        """
+        """A blob's bytes; DamagedFile if it is missing, or its digest is wrong."""
         try:
             content = self.path(digest).read_bytes()
         except FileNotFoundError as exc:
@@ -135,12 +127,18 @@ class FolderStorage:
         """
         path = self.path(digest)
         try:
-            found = path.stat().st_size
+            size = path.stat().st_size
         except FileNotFoundError as exc:
             raise DamagedFile(digest, "is missing") from exc
-        if size_bytes is not None and found != size_bytes:
-            raise DamagedFile(digest, f"has {found} of {size_bytes} bytes")
-        return StoredBlob(found, partial(_part, path), path)
+        if size_bytes is not None and size != size_bytes:
+            raise DamagedFile(digest, f"has {size} of {size_bytes} bytes")
+
+        def part(first: int, end: int) -> bytes:
+            with path.open("rb") as file:
+                file.seek(first)
+                return file.read(end - first)
+
+        return StoredBlob(size, part, path)
 
     def open_verified(self, digest: str, *, size_bytes: int | None) -> StoredBlob:
         """As `open`; DamagedFile also if the content does not have this digest."""
@@ -152,10 +150,8 @@ class FolderStorage:
     def require(self, digests: Iterable[str]) -> None:
         """Check that no blob was removed since it was put.
 
-        Raises
-        ------
-        TryLater
-            One is missing; if the client sends it again, it is put again.
+        Raises TryLater if one is missing; if the client sends it again, it is put
+        again.
         """
         if not all(self.path(digest).exists() for digest in digests):
             raise TryLater("a file was deleted meanwhile; send the frame again")
@@ -180,13 +176,13 @@ class FolderStorage:
         for digest in digests:
             path = self.path(digest)
             try:
-                found = path.stat()
-                if found.st_mtime > unused_since:
+                state = path.stat()
+                if state.st_mtime > unused_since:
                     continue
                 path.unlink()
             except FileNotFoundError:
                 continue
-            removed[digest] = found.st_size
+            removed[digest] = state.st_size
         return removed
 
     def adopt(self, file: Path) -> str:
@@ -239,13 +235,7 @@ def _own(many: Sequence[Drafts]) -> Iterator[FolderDrafts]:
 
 
 def _files(many: Sequence[Drafts]) -> list[tuple[Path, Path]]:
-    return [one for drafts in _own(many) for one in drafts.files]
-
-
-def _part(path: Path, first: int, end: int) -> bytes:
-    with path.open("rb") as file:
-        file.seek(first)
-        return file.read(end - first)
+    return [file for drafts in _own(many) for file in drafts.files]
 
 
 def _holds(path: Path, size_bytes: int) -> bool:

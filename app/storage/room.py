@@ -6,7 +6,6 @@ data folder contains a placeholder file, which is deleted in that case.
 
 from __future__ import annotations
 
-import io
 import logging
 import os
 import shutil
@@ -48,10 +47,8 @@ def free_bytes(folders: Iterable[Path]) -> int:
 def require_room(settings: Settings, store: BlobStore, needed_bytes: int = 0) -> None:
     """Refuse what is to be stored if there is too little free disk space.
 
-    Raises
-    ------
-    StorageFull
-        Fewer than `min_free_bytes` would be free after `needed_bytes` more.
+    Raises StorageFull if fewer than `min_free_bytes` would be free after `needed_bytes`
+    more.
     """
     free = free_bytes((settings.data, store.temporary_folder()))
     _require_free(free, int(settings.min_free_bytes), needed_bytes)
@@ -61,12 +58,8 @@ def require_room_for_answer(settings: Settings, folder: Path) -> None:
     """Refuse an answer on a single box if the database's disk is almost full.
 
     Answers are small, and people go on with them below `min_free_bytes`. But sent by a
-    program, with long comments, they would take the last byte within minutes.
-
-    Raises
-    ------
-    StorageFull
-        Less than a quarter of `min_free_bytes` is free on the disk of `folder`.
+    program, with long comments, they would take the last byte within minutes. Raises
+    StorageFull if less than a quarter of it is free on the disk of `folder`.
     """
     least = int(settings.min_free_bytes) // LEFT_BY_ANSWERS
     _require_free(free_bytes((folder,)), least)
@@ -122,16 +115,12 @@ class Reserve:
             # Readable by its owner alone, as all files of the service.
             number = os.open(self.path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
             with os.fdopen(number, "wb", buffering=0) as file:
-                _allocate(file, size)
+                # Not a sparse file, which would take no space.
+                if hasattr(os, "posix_fallocate"):
+                    os.posix_fallocate(file.fileno(), 0, size)
+                else:
+                    for _ in range(0, size, _PIECE):
+                        file.write(bytes(_PIECE))
         except OSError as exc:
             self.path.unlink(missing_ok=True)
             log.warning("there is no reserve for a full disk: %s", exc.strerror)
-
-
-def _allocate(file: io.RawIOBase, size: int) -> None:
-    """Allocate disk space for a file, which a sparse file would not."""
-    if hasattr(os, "posix_fallocate"):
-        os.posix_fallocate(file.fileno(), 0, size)
-        return
-    for _ in range(0, size, _PIECE):
-        file.write(bytes(_PIECE))

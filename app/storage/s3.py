@@ -60,11 +60,11 @@ _READY: Final = "ready"
 _BLOB: Final = re.compile(r"[0-9a-f]{2}/([0-9a-f]{64})")
 
 
-@dataclass(frozen=True)
 class S3Drafts(Drafts):
     """Blobs that are being sent to the bucket."""
 
-    puts: list[Future[None]]
+    def __init__(self) -> None:
+        self.puts: list[Future[None]] = []
 
 
 class S3Storage:
@@ -108,10 +108,18 @@ class S3Storage:
 
         This limits the number of blobs in memory if the store is slow.
         """
-        drafts = S3Drafts([])
+        drafts = S3Drafts()
         try:
             for digest, data in blobs.items():
-                drafts.puts.append(self._begin(digest, data))
+                if not self._slots.acquire(timeout=self._patience_s):
+                    raise StorageAway("too many blobs wait")
+                try:
+                    put = self._puts.submit(self._put, digest, data)
+                except BaseException:
+                    self._slots.release()
+                    raise
+                put.add_done_callback(lambda _: self._slots.release())
+                drafts.puts.append(put)
         except BaseException:
             self.discard([drafts])
             raise
@@ -140,12 +148,23 @@ class S3Storage:
 
     def open(self, digest: str, *, size_bytes: int | None) -> StoredBlob:
         """A blob to read from; DamagedFile if it is missing or of another size."""
-        found = self._find(digest)
-        if found is None:
+        file = self._find(digest)
+        if file is None:
             raise self._missing(digest)
-        if size_bytes is not None and found.size_bytes != size_bytes:
-            raise _wrong_size(digest, found.size_bytes, size_bytes)
-        return StoredBlob(found.size_bytes, partial(self._part, digest))
+        if size_bytes is not None and file.size_bytes != size_bytes:
+            raise _wrong_size(digest, file.size_bytes, size_bytes)
+
+        def part(first: int, end: int) -> bytes:
+            try:
+                with translated(absent=True):
+                    read = self._store.get_range(place_of(digest), start=first, end=end)
+            except FileNotFoundError:
+                raise self._missing(digest) from None
+            if len(read) != end - first:
+                raise DamagedFile(digest, "is truncated")
+            return read.to_bytes()
+
+        return StoredBlob(file.size_bytes, part)
 
     def open_verified(self, digest: str, *, size_bytes: int | None) -> StoredBlob:
         """As `open`; DamagedFile also if the content does not have this digest."""
@@ -234,17 +253,6 @@ class S3Storage:
         self._puts.shutdown(wait=False, cancel_futures=True)
         self._asks.shutdown(wait=False, cancel_futures=True)
 
-    def _begin(self, digest: str, data: bytes) -> Future[None]:
-        if not self._slots.acquire(timeout=self._patience_s):
-            raise StorageAway("too many blobs wait")
-        try:
-            put = self._puts.submit(self._put, digest, data)
-        except BaseException:
-            self._slots.release()
-            raise
-        put.add_done_callback(lambda _: self._slots.release())
-        return put
-
     def _put(self, digest: str, data: bytes) -> None:
         key, begun = place_of(digest), time.monotonic()
         try:
@@ -256,16 +264,6 @@ class S3Storage:
                 self._store.put(key, data, use_multipart=False)
         else:
             self._recent.add(digest, begun)
-
-    def _part(self, digest: str, first: int, end: int) -> bytes:
-        try:
-            with translated(absent=True):
-                part = self._store.get_range(place_of(digest), start=first, end=end)
-        except FileNotFoundError:
-            raise self._missing(digest) from None
-        if len(part) != end - first:
-            raise DamagedFile(digest, "is truncated")
-        return part.to_bytes()
 
     def _find(self, digest: str) -> StoredFile | None:
         try:
@@ -328,8 +326,8 @@ def _puts_of(many: Sequence[Drafts]) -> Iterator[Future[None]]:
         yield from drafts.puts
 
 
-def _wrong_size(digest: str, found: int, size_bytes: int) -> DamagedFile:
-    return DamagedFile(digest, f"has {found} of {size_bytes} bytes")
+def _wrong_size(digest: str, size: int, size_bytes: int) -> DamagedFile:
+    return DamagedFile(digest, f"has {size} of {size_bytes} bytes")
 
 
 CONNECT_S: Final = 3

@@ -23,7 +23,8 @@ import pytest
 
 from app.errors import AppError
 from app.http.bodies import PartLimits, read_parts
-from app.ingest.tar import FrameAssembler, FrameLimits, TarLimits, TarStream
+from app.ingest.tar import FrameAssembler, TarLimits, TarStream
+from app.settings import Settings
 from filter_core.annotation.parsing import parse_annotation, without_key
 from filter_core.config.file import load_config
 from filter_core.config.filter import FilterConfig
@@ -45,7 +46,7 @@ SEED = int(os.environ.get("FUZZ_SEED", str(random.getrandbits(32) if IS_LONG els
 TRIES = 10 * EXAMPLES
 OWN_CODE = ("/app/", "/filter_core/")
 ARCHIVE = TarLimits(max_archive_bytes=10**7, max_member_bytes=50_000, max_members=99)
-FRAME = FrameLimits(max_parts=16, max_part_bytes=50_000, max_frame_bytes=90_000)
+FRAME = Settings(max_parts=16, max_part_bytes=50_000, max_body_bytes=90_000)
 FORM = PartLimits(max_parts=16, max_part_bytes=50_000)
 
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from datetime import datetime
 
-from sqlalchemy import CheckConstraint, ForeignKey, LargeBinary, String
+from sqlalchemy import CheckConstraint, LargeBinary, String
 from sqlalchemy.orm import Mapped, mapped_column
 
-from app.db.base import Base, JsonText, Key, UtcDateTime, utc_now
+from app.db.base import Base, JsonText, Key, UtcDateTime, cascading, utc_now
 from unghost.wire.words import Role
 
 
@@ -36,9 +36,7 @@ class LoginSession(Base):
     __tablename__ = "login_sessions"
 
     hash: Mapped[str] = mapped_column(String(64), primary_key=True)
-    token_id: Mapped[int] = mapped_column(
-        Key, ForeignKey("tokens.id", ondelete="CASCADE"), index=True
-    )
+    token_id: Mapped[int] = cascading("tokens.id", index=True)
     expires_at: Mapped[datetime] = mapped_column(UtcDateTime)
     created_at: Mapped[datetime] = mapped_column(UtcDateTime, default=utc_now)
 
@@ -51,9 +49,7 @@ class LoginCode(Base):
 
     id: Mapped[int] = mapped_column(Key, primary_key=True)
     hash: Mapped[str] = mapped_column(String(64), unique=True)
-    token_id: Mapped[int] = mapped_column(
-        Key, ForeignKey("tokens.id", ondelete="CASCADE"), index=True
-    )
+    token_id: Mapped[int] = cascading("tokens.id", index=True)
     expires_at: Mapped[datetime] = mapped_column(UtcDateTime)
     used_at: Mapped[datetime | None] = mapped_column(UtcDateTime)
     created_at: Mapped[datetime] = mapped_column(UtcDateTime, default=utc_now)
@@ -65,12 +61,8 @@ class DownloadLink(Base):
     __tablename__ = "download_links"
 
     hash: Mapped[str] = mapped_column(String(64), primary_key=True)
-    token_id: Mapped[int] = mapped_column(
-        Key, ForeignKey("tokens.id", ondelete="CASCADE"), index=True
-    )
-    export_id: Mapped[int] = mapped_column(
-        Key, ForeignKey("exports.id", ondelete="CASCADE"), index=True
-    )
+    token_id: Mapped[int] = cascading("tokens.id", index=True)
+    export_id: Mapped[int] = cascading("exports.id", index=True)
     expires_at: Mapped[datetime] = mapped_column(UtcDateTime)
     created_at: Mapped[datetime] = mapped_column(UtcDateTime, default=utc_now)
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 from datetime import datetime
 from typing import Any
 
-from sqlalchemy import ForeignKey, String, Text, UniqueConstraint, false, text
+from sqlalchemy import String, Text, UniqueConstraint, false, text
 from sqlalchemy.orm import Mapped, column_property, mapped_column
 
-from app.db.base import Base, JsonText, Key, UtcDateTime, utc_now
+from app.db.base import Base, JsonText, Key, UtcDateTime, cascading, utc_now
 from filter_core.decisions.doubt import DOUBT_VERSION
 
 
@@ -72,9 +72,7 @@ class DatasetClass(Base):
     )
 
     id: Mapped[int] = mapped_column(Key, primary_key=True)
-    dataset_id: Mapped[int] = mapped_column(
-        Key, ForeignKey("datasets.id", ondelete="CASCADE")
-    )
+    dataset_id: Mapped[int] = cascading("datasets.id")
     position: Mapped[int]
     name: Mapped[str] = mapped_column(String(200))
     listed: Mapped[bool] = mapped_column(default=True)
@@ -93,9 +91,7 @@ class ConfigVersion(Base):
     )
 
     id: Mapped[int] = mapped_column(Key, primary_key=True)
-    dataset_id: Mapped[int] = mapped_column(
-        Key, ForeignKey("datasets.id", ondelete="CASCADE")
-    )
+    dataset_id: Mapped[int] = cascading("datasets.id")
     digest: Mapped[str] = mapped_column(String(64), index=True)
     body: Mapped[dict[str, object]] = mapped_column(JsonText)
     unused_keys: Mapped[list[str]] = mapped_column(JsonText)
@@ -113,9 +109,7 @@ class Measurement(Base):
     )
 
     id: Mapped[int] = mapped_column(Key, primary_key=True)
-    dataset_id: Mapped[int] = mapped_column(
-        Key, ForeignKey("datasets.id", ondelete="CASCADE")
-    )
+    dataset_id: Mapped[int] = cascading("datasets.id")
     digest: Mapped[str] = mapped_column(String(64))
     pixel_digest: Mapped[str] = mapped_column(String(64))
     # Deferred: the dataset's ignore mask is part of it.

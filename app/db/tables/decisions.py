@@ -7,7 +7,6 @@ from typing import Final
 
 from sqlalchemy import (
     CheckConstraint,
-    ForeignKey,
     Index,
     LargeBinary,
     SmallInteger,
@@ -16,7 +15,7 @@ from sqlalchemy import (
 )
 from sqlalchemy.orm import Mapped, mapped_column
 
-from app.db.base import Base, Key
+from app.db.base import Base, Key, cascading
 
 ONLY_SQLITE: Final = {"only": "sqlite"}
 ONLY_POSTGRES: Final = {"only": "postgresql"}
@@ -80,12 +79,7 @@ class Decision(Base):
         ),
     )
 
-    box_id: Mapped[int] = mapped_column(
-        Key,
-        ForeignKey("boxes.id", ondelete="CASCADE"),
-        primary_key=True,
-        autoincrement=False,
-    )
+    box_id: Mapped[int] = cascading("boxes.id", primary_key=True, autoincrement=False)
     dataset_id: Mapped[int] = mapped_column(Key)
     frame_id: Mapped[int] = mapped_column(Key, index=True)
     class_id: Mapped[int] = mapped_column(Key)
@@ -107,9 +101,7 @@ class Tally(Base):
 
     __tablename__ = "tallies"
 
-    dataset_id: Mapped[int] = mapped_column(
-        Key, ForeignKey("datasets.id", ondelete="CASCADE"), primary_key=True
-    )
+    dataset_id: Mapped[int] = cascading("datasets.id", primary_key=True)
     class_id: Mapped[int] = mapped_column(Key, primary_key=True)
     reason: Mapped[int] = mapped_column(SmallInteger, primary_key=True)
     toss_up: Mapped[bool] = mapped_column(primary_key=True)
@@ -128,12 +120,7 @@ class Flips(Base):
 
     __tablename__ = "flips"
 
-    run_id: Mapped[int] = mapped_column(
-        Key,
-        ForeignKey("runs.id", ondelete="CASCADE"),
-        primary_key=True,
-        autoincrement=False,
-    )
+    run_id: Mapped[int] = cascading("runs.id", primary_key=True, autoincrement=False)
     first_box_id: Mapped[int] = mapped_column(
         Key, primary_key=True, autoincrement=False
     )

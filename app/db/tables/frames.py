@@ -8,7 +8,7 @@ from typing import Any
 from sqlalchemy import ForeignKey, Index, LargeBinary, String, UniqueConstraint, text
 from sqlalchemy.orm import Mapped, mapped_column
 
-from app.db.base import Base, JsonText, Key, UtcDateTime, utc_now
+from app.db.base import Base, JsonText, Key, UtcDateTime, cascading, utc_now
 
 CODE_POINTS = String(512).with_variant(String(512, collation="C"), "postgresql")
 """Sorted by code point, so that pages and prefixes of keys are ranges of an index."""
@@ -49,9 +49,7 @@ class Frame(Base):
     )
 
     id: Mapped[int] = mapped_column(Key, primary_key=True)
-    dataset_id: Mapped[int] = mapped_column(
-        Key, ForeignKey("datasets.id", ondelete="CASCADE")
-    )
+    dataset_id: Mapped[int] = cascading("datasets.id")
     key: Mapped[str] = mapped_column(CODE_POINTS)
     revision: Mapped[int] = mapped_column(default=1)
     superseded_at: Mapped[datetime | None] = mapped_column(UtcDateTime)
@@ -81,9 +79,7 @@ class FrameFile(Base):
 
     __tablename__ = "frame_files"
 
-    frame_id: Mapped[int] = mapped_column(
-        Key, ForeignKey("frames.id", ondelete="CASCADE"), primary_key=True
-    )
+    frame_id: Mapped[int] = cascading("frames.id", primary_key=True)
     kind: Mapped[str] = mapped_column(String(16), primary_key=True)
     sha256: Mapped[str] = mapped_column(
         String(64), ForeignKey("blobs.sha256"), index=True
@@ -96,12 +92,8 @@ class Box(Base):
     __tablename__ = "boxes"
 
     id: Mapped[int] = mapped_column(Key, primary_key=True, autoincrement=False)
-    frame_id: Mapped[int] = mapped_column(
-        Key, ForeignKey("frames.id", ondelete="CASCADE"), index=True
-    )
-    class_id: Mapped[int] = mapped_column(
-        Key, ForeignKey("dataset_classes.id", ondelete="CASCADE")
-    )
+    frame_id: Mapped[int] = cascading("frames.id", index=True)
+    class_id: Mapped[int] = cascading("dataset_classes.id")
     source_id: Mapped[str] = mapped_column(String(200))
 
 
@@ -120,12 +112,8 @@ class FrameEvidence(Base):
     )
 
     id: Mapped[int] = mapped_column(Key, primary_key=True)
-    frame_id: Mapped[int] = mapped_column(
-        Key, ForeignKey("frames.id", ondelete="CASCADE")
-    )
-    measurement_id: Mapped[int] = mapped_column(
-        Key, ForeignKey("measurements.id", ondelete="CASCADE"), index=True
-    )
+    frame_id: Mapped[int] = cascading("frames.id")
+    measurement_id: Mapped[int] = cascading("measurements.id", index=True)
     numbers: Mapped[bytes] = mapped_column(LargeBinary)
     tag_counts: Mapped[bytes] = mapped_column(LargeBinary)
     geometry: Mapped[bytes] = mapped_column(LargeBinary)
@@ -153,9 +141,7 @@ class Problem(Base):
     )
 
     id: Mapped[int] = mapped_column(Key, primary_key=True)
-    dataset_id: Mapped[int] = mapped_column(
-        Key, ForeignKey("datasets.id", ondelete="CASCADE")
-    )
+    dataset_id: Mapped[int] = cascading("datasets.id")
     key: Mapped[str] = mapped_column(String(512))
     error: Mapped[dict[str, object]] = mapped_column(JsonText)
     created_at: Mapped[datetime] = mapped_column(UtcDateTime, default=utc_now)

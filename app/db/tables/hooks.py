@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from datetime import datetime
 
-from sqlalchemy import ForeignKey, Index, String, Text
+from sqlalchemy import Index, String, Text
 from sqlalchemy.orm import Mapped, mapped_column
 
-from app.db.base import Base, JsonText, Key, UtcDateTime, utc_now
+from app.db.base import Base, JsonText, Key, UtcDateTime, cascading, utc_now
 
 
 class Hook(Base):
@@ -22,9 +22,7 @@ class Hook(Base):
     id: Mapped[int] = mapped_column(Key, primary_key=True)
     url: Mapped[str] = mapped_column(String(2000))
     events: Mapped[list[str]] = mapped_column(JsonText)
-    dataset_id: Mapped[int | None] = mapped_column(
-        Key, ForeignKey("datasets.id", ondelete="CASCADE"), index=True
-    )
+    dataset_id: Mapped[int | None] = cascading("datasets.id", index=True)
     secret: Mapped[str] = mapped_column(String(100))
     created_by: Mapped[str] = mapped_column(String(100))
     created_at: Mapped[datetime] = mapped_column(UtcDateTime, default=utc_now)
@@ -40,9 +38,7 @@ class HookDelivery(Base):
     __table_args__ = (Index(None, "hook_id", "id"), {"sqlite_autoincrement": True})
 
     id: Mapped[int] = mapped_column(Key, primary_key=True)
-    hook_id: Mapped[int] = mapped_column(
-        Key, ForeignKey("hooks.id", ondelete="CASCADE")
-    )
+    hook_id: Mapped[int] = cascading("hooks.id")
     webhook_id: Mapped[str] = mapped_column(String(64))
     event: Mapped[str] = mapped_column(String(32))
     body: Mapped[str] = mapped_column(Text)
@@ -61,6 +57,4 @@ class PendingReview(Base):
 
     __tablename__ = "pending_reviews"
 
-    dataset_id: Mapped[int] = mapped_column(
-        Key, ForeignKey("datasets.id", ondelete="CASCADE"), primary_key=True
-    )
+    dataset_id: Mapped[int] = cascading("datasets.id", primary_key=True)

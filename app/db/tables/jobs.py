@@ -6,10 +6,10 @@ from collections.abc import Mapping
 from datetime import datetime
 from typing import ClassVar
 
-from sqlalchemy import CheckConstraint, ForeignKey, Index, LargeBinary, String
+from sqlalchemy import CheckConstraint, Index, LargeBinary, String
 from sqlalchemy.orm import Mapped, mapped_column
 
-from app.db.base import Base, JsonText, Key, UtcDateTime, utc_now
+from app.db.base import Base, JsonText, Key, UtcDateTime, cascading, utc_now
 
 
 class Chunk(Base):
@@ -72,9 +72,7 @@ class JobRow:
     """The name of the kind in `chunks` and `leases`."""
 
     id: Mapped[int] = mapped_column(Key, primary_key=True)
-    dataset_id: Mapped[int] = mapped_column(
-        Key, ForeignKey("datasets.id", ondelete="CASCADE")
-    )
+    dataset_id: Mapped[int] = cascading("datasets.id")
     state: Mapped[str] = mapped_column(String(16), default="queued")
     total: Mapped[int] = mapped_column(Key, default=0)
     done: Mapped[int] = mapped_column(Key, default=0)
@@ -100,12 +98,8 @@ class Run(JobRow, Base):
         {"sqlite_autoincrement": True},
     )
 
-    config_id: Mapped[int] = mapped_column(
-        Key, ForeignKey("config_versions.id", ondelete="CASCADE")
-    )
-    measurement_id: Mapped[int | None] = mapped_column(
-        Key, ForeignKey("measurements.id", ondelete="CASCADE")
-    )
+    config_id: Mapped[int] = cascading("config_versions.id")
+    measurement_id: Mapped[int | None] = cascading("measurements.id")
     previous_run_id: Mapped[int | None] = mapped_column(Key)
     kind: Mapped[str] = mapped_column(String(16))
     """Whether it measures, or only decides; not the kind of job (`job_kind`)."""

@@ -6,7 +6,6 @@ from datetime import datetime
 
 from sqlalchemy import (
     CheckConstraint,
-    ForeignKey,
     Index,
     String,
     Text,
@@ -14,7 +13,7 @@ from sqlalchemy import (
 )
 from sqlalchemy.orm import Mapped, mapped_column
 
-from app.db.base import Base, Key, UtcDateTime, utc_now
+from app.db.base import Base, Key, UtcDateTime, cascading, utc_now
 
 
 class ReviewBatch(Base):
@@ -28,9 +27,7 @@ class ReviewBatch(Base):
     __table_args__ = ({"sqlite_autoincrement": True},)
 
     id: Mapped[int] = mapped_column(Key, primary_key=True)
-    dataset_id: Mapped[int] = mapped_column(
-        Key, ForeignKey("datasets.id", ondelete="CASCADE")
-    )
+    dataset_id: Mapped[int] = cascading("datasets.id")
     verdict: Mapped[str] = mapped_column(String(8))
     undoes_id: Mapped[int | None] = mapped_column(Key)
     reviewer: Mapped[str] = mapped_column(String(100))
@@ -60,16 +57,14 @@ class Review(Base):
     )
 
     id: Mapped[int] = mapped_column(Key, primary_key=True)
-    box_id: Mapped[int] = mapped_column(Key, ForeignKey("boxes.id", ondelete="CASCADE"))
+    box_id: Mapped[int] = cascading("boxes.id")
     revision: Mapped[int]
     verdict: Mapped[str] = mapped_column(String(8))
     comment: Mapped[str] = mapped_column(Text, default="")
     reviewer: Mapped[str] = mapped_column(String(100))
     undoes: Mapped[int | None]
     carried_from: Mapped[int | None] = mapped_column(Key)
-    batch_id: Mapped[int | None] = mapped_column(
-        Key, ForeignKey("review_batches.id", ondelete="CASCADE"), index=True
-    )
+    batch_id: Mapped[int | None] = cascading("review_batches.id", index=True)
     created_at: Mapped[datetime] = mapped_column(UtcDateTime, default=utc_now)
     imported_by: Mapped[str | None] = mapped_column(String(100))
     looked_ms: Mapped[int | None]
@@ -88,15 +83,8 @@ class Claim(Base):
     __tablename__ = "claims"
     __table_args__ = (Index(None, "dataset_id", "expires_at"),)
 
-    box_id: Mapped[int] = mapped_column(
-        Key,
-        ForeignKey("boxes.id", ondelete="CASCADE"),
-        primary_key=True,
-        autoincrement=False,
-    )
-    dataset_id: Mapped[int] = mapped_column(
-        Key, ForeignKey("datasets.id", ondelete="CASCADE")
-    )
+    box_id: Mapped[int] = cascading("boxes.id", primary_key=True, autoincrement=False)
+    dataset_id: Mapped[int] = cascading("datasets.id")
     reviewer: Mapped[str] = mapped_column(String(100))
     expires_at: Mapped[datetime] = mapped_column(UtcDateTime)
     chosen_by: Mapped[str | None] = mapped_column(String(8))
