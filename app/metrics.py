@@ -14,6 +14,7 @@ import sys
 import time
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Final
 
@@ -41,64 +42,45 @@ disable_created_metrics()
 WORK: Final = CollectorRegistry()
 """Work of this process since its start; what is stored counts once committed."""
 
-FRAMES: Final = Counter(
-    "unghost_frames_stored_total",
-    "Frames stored, new revisions included.",
-    registry=WORK,
+_counter: Final = partial(Counter, registry=WORK)
+_histogram: Final = partial(Histogram, buckets=WORK_BUCKETS_S, registry=WORK)
+
+FRAMES: Final = _counter(
+    "unghost_frames_stored_total", "Frames stored, new revisions included."
 )
-BOXES: Final = Counter(
-    "unghost_boxes_stored_total", "Boxes of stored frames.", registry=WORK
-)
-FRAME_BYTES: Final = Counter(
+BOXES: Final = _counter("unghost_boxes_stored_total", "Boxes of stored frames.")
+FRAME_BYTES: Final = _counter(
     "unghost_frame_bytes_stored_total",
     "Bytes of the files of stored frames.",
     ("kind",),
-    registry=WORK,
 )
-REFUSED: Final = Counter(
-    "unghost_frames_refused_total",
-    "Frames refused because of an error in them.",
-    registry=WORK,
+REFUSED: Final = _counter(
+    "unghost_frames_refused_total", "Frames refused because of an error in them."
 )
-DECISIONS: Final = Counter(
-    "unghost_decisions_total",
-    "Decisions on uploaded boxes.",
-    ("verdict", "reason"),
-    registry=WORK,
+DECISIONS: Final = _counter(
+    "unghost_decisions_total", "Decisions on uploaded boxes.", ("verdict", "reason")
 )
-REVIEWS: Final = Counter(
-    "unghost_reviews_total",
-    "People's answers; undo: answers undone.",
-    ("verdict",),
-    registry=WORK,
+REVIEWS: Final = _counter(
+    "unghost_reviews_total", "People's answers; undo: answers undone.", ("verdict",)
 )
-DECODE_SECONDS: Final = Histogram(
-    "unghost_decode_seconds",
-    "Time to decode the segmentation of a frame.",
-    buckets=WORK_BUCKETS_S,
-    registry=WORK,
+DECODE_SECONDS: Final = _histogram(
+    "unghost_decode_seconds", "Time to decode the segmentation of a frame."
 )
-MEASURE_SECONDS: Final = Histogram(
-    "unghost_measure_seconds",
-    "Time to measure the boxes of a decoded frame.",
-    buckets=WORK_BUCKETS_S,
-    registry=WORK,
+MEASURE_SECONDS: Final = _histogram(
+    "unghost_measure_seconds", "Time to measure the boxes of a decoded frame."
 )
-LOOP_STALLS: Final = Counter(
+LOOP_STALLS: Final = _counter(
     "unghost_loop_stalls_total",
     "How often the event loop was blocked for more than a second.",
-    registry=WORK,
 )
-LOOP_STALL_SECONDS: Final = Counter(
+LOOP_STALL_SECONDS: Final = _counter(
     "unghost_loop_stall_seconds_total",
     "Total seconds for which the event loop was blocked, in stalls that have ended.",
-    registry=WORK,
 )
-PIXEL_PROCESSES_ENDED: Final = Counter(
+PIXEL_PROCESSES_ENDED: Final = _counter(
     "unghost_pixel_processes_ended_total",
     "Ended processes that read images, by the reason for the end.",
     ("reason",),
-    registry=WORK,
 )
 
 _SELF: Final = Path("/proc/self")
@@ -110,35 +92,32 @@ class RequestMetrics:
     """Counts and durations of the requests to one service since its start."""
 
     def __init__(self, version: str) -> None:
-        self.registry = registry = CollectorRegistry()
+        self.registry = CollectorRegistry()
+        counter = partial(Counter, registry=self.registry)
         info = Info(
-            "unghost", "Versions of the service and of Python.", registry=registry
+            "unghost", "Versions of the service and of Python.", registry=self.registry
         )
         info.info({"version": version, "python": platform.python_version()})
-        self._requests = Counter(
-            "unghost_requests_total",
-            "Responses to requests.",
-            _ROUTE,
-            registry=registry,
+        self._requests = counter(
+            "unghost_requests_total", "Responses to requests.", _ROUTE
         )
         self._seconds = Histogram(
             "unghost_request_seconds",
             "Time until the response was complete.",
             _ROUTE,
             buckets=BUCKETS_S,
-            registry=registry,
+            registry=self.registry,
         )
         started = Gauge(
             "process_start_time_seconds",
             "Start of the process, in Unix time.",
-            registry=registry,
+            registry=self.registry,
         )
         started.set_to_current_time()
-        self._batch_frames = Counter(
+        self._batch_frames = counter(
             "unghost_batch_frames_total",
             "Frames sent in batches, by the status of their line.",
             ("status",),
-            registry=registry,
         )
 
     def observe(

@@ -228,9 +228,7 @@ class Settings(BaseSettings):
         "or processed.",
     )
     max_part_bytes: ByteSize = Field(
-        default=ByteSize(64 * 1024**2),
-        ge=1024,
-        description="Largest file of a frame.",
+        default=ByteSize(64 * 1024**2), ge=1024, description="Largest file of a frame."
     )
     max_parts: int = Field(
         default=16, ge=3, le=1000, description="Maximum number of parts of an upload."
