@@ -57,8 +57,9 @@ def main() -> None:
     with served() as server:
         cpu, wall = upload(server, files, annotation, options.frames)
     decode = (before + decode_seconds(files["segmentation"])) / 2
+    boxes: Any = annotation["boxes"]
     figures = {
-        "boxes per frame": len(annotation["boxes"]),
+        "boxes per frame": len(boxes),
         "bytes per frame": sum(map(len, files.values())),
         "decode of the segmentation [ms]": 1000 * decode,
         "server CPU per upload [ms]": 1000 * cpu,
