@@ -6,14 +6,12 @@ import re
 from importlib.util import find_spec
 from ipaddress import ip_address
 from typing import Final, NamedTuple
-from urllib.parse import SplitResult, urlsplit
+from urllib.parse import urlsplit
 
-from sqlalchemy import URL, make_url
+from sqlalchemy import make_url
 from sqlalchemy.exc import ArgumentError
 
 PSYCOPG: Final = "postgresql+psycopg"
-_POSTGRES: Final = ("postgres", "postgresql", PSYCOPG)
-_SQLITE: Final = ("sqlite", "sqlite+pysqlite")
 _DATABASE_EXAMPLE: Final = "postgresql://USER:PASSWORD@HOST:5432/DATABASE"
 
 
@@ -26,22 +24,6 @@ def checked_url(text: str) -> str:
         The database or its driver is not supported, or the text is no URL. The message
         quotes no part of the URL that may be a password.
     """
-    url = _parsed(text)
-    if url.drivername in _SQLITE:
-        if url.database in (None, "", ":memory:"):
-            raise ValueError("a database in memory would be lost; name a file")
-        return text
-    if url.drivername not in _POSTGRES:
-        raise ValueError(
-            f"{url.drivername!r} is not supported; expected SQLite, or PostgreSQL "
-            f"with psycopg 3: {_DATABASE_EXAMPLE}"
-        )
-    if find_spec("psycopg") is None:
-        raise ValueError("PostgreSQL needs psycopg: pip install 'unghost[postgres]'")
-    return url.set(drivername=PSYCOPG).render_as_string(hide_password=False)
-
-
-def _parsed(text: str) -> URL:
     try:
         url = make_url(text)
         # An @ of the password: what follows it would be named in errors as the host.
@@ -53,7 +35,18 @@ def _parsed(text: str) -> URL:
             f"it cannot be read as a URL like {_DATABASE_EXAMPLE}; characters such as "
             "@ : / ? in a password are written as %40 %3A %2F %3F"
         ) from None
-    return url
+    if url.drivername in ("sqlite", "sqlite+pysqlite"):
+        if url.database in (None, "", ":memory:"):
+            raise ValueError("a database in memory would be lost; name a file")
+        return text
+    if url.drivername not in ("postgres", "postgresql", PSYCOPG):
+        raise ValueError(
+            f"{url.drivername!r} is not supported; expected SQLite, or PostgreSQL "
+            f"with psycopg 3: {_DATABASE_EXAMPLE}"
+        )
+    if find_spec("psycopg") is None:
+        raise ValueError("PostgreSQL needs psycopg: pip install 'unghost[postgres]'")
+    return url.set(drivername=PSYCOPG).render_as_string(hide_password=False)
 
 
 LOCAL_ENGINE: Final = "local"
@@ -163,7 +156,12 @@ def checked_endpoint(text: str, *, plain: bool) -> str:
         host, _ = parts.hostname, parts.port
     except ValueError:
         host = None
-    if not host or parts.scheme not in ("http", "https") or _has_more(parts):
+    if (
+        not host
+        or parts.scheme not in ("http", "https")
+        or "@" in parts.netloc
+        or any((parts.path.strip("/"), parts.query, parts.fragment))
+    ):
         raise ValueError(
             "expected https://HOST or https://HOST:PORT, with no path, user or "
             "password; credentials come from AWS_ACCESS_KEY_ID and "
@@ -175,9 +173,3 @@ def checked_endpoint(text: str, *, plain: bool) -> str:
             "allow it with UNGHOST_STORAGE_ALLOW_HTTP=true"
         )
     return text.rstrip("/")
-
-
-def _has_more(parts: SplitResult) -> bool:
-    return bool(
-        parts.path.strip("/") or parts.query or parts.fragment or "@" in parts.netloc
-    )

@@ -93,12 +93,22 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     """The application; its database and pools are opened when the server starts it."""
     settings = settings or Settings()
     metrics = RequestMetrics(VERSION)
+    policy = content_security_policy(static_dir() / "index.html")
     app = FastAPI(
         title="Unghost",
         version=VERSION,
         summary="Finds the boxes that CARLA's camera cannot see, and explains why.",
         lifespan=_lifespan,
-        middleware=_surroundings(settings, metrics),
+        middleware=[
+            Middleware(RequestId),
+            Middleware(AccessLog, metrics=metrics),
+            Middleware(SecurityHeaders, content_security_policy=policy),
+            Middleware(Compression),
+            Middleware(Problems),
+            Middleware(NoNewWork),
+            Middleware(KnownHosts, hosts=settings.served_hosts),
+            Middleware(BodyLimit, wait_s=settings.body_wait_s),
+        ],
         redirect_slashes=False,
         generate_unique_id_function=attrgetter("name"),
         openapi_url=None,
@@ -134,17 +144,3 @@ async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
             yield
         finally:
             await run_in_threadpool(lifetime.__exit__, None, None, None)
-
-
-def _surroundings(settings: Settings, metrics: RequestMetrics) -> list[Middleware]:
-    policy = content_security_policy(static_dir() / "index.html")
-    return [
-        Middleware(RequestId),
-        Middleware(AccessLog, metrics=metrics),
-        Middleware(SecurityHeaders, content_security_policy=policy),
-        Middleware(Compression),
-        Middleware(Problems),
-        Middleware(NoNewWork),
-        Middleware(KnownHosts, hosts=settings.served_hosts),
-        Middleware(BodyLimit, wait_s=settings.body_wait_s),
-    ]

@@ -9,11 +9,7 @@ import time
 from collections.abc import Callable
 from typing import Final
 
-_M_TRIM_THRESHOLD: Final = -1
-_M_TOP_PAD: Final = -2
-_M_MMAP_THRESHOLD: Final = -3
 _KEEP_BYTES: Final = 256 * 1024 * 1024
-_PAD_BYTES: Final = 16 * 1024 * 1024
 _COLLECT_EVERY: Final = 10_000
 """New objects between two collections. Python's default is 700; describing a frame of
 ten thousand boxes creates hundreds of thousands, which were scanned over and over."""
@@ -34,9 +30,9 @@ def keep_freed_memory() -> None:
     if mallopt is None:
         return
     for setting, size_bytes in (
-        (_M_TRIM_THRESHOLD, _KEEP_BYTES),
-        (_M_MMAP_THRESHOLD, _KEEP_BYTES),
-        (_M_TOP_PAD, _PAD_BYTES),
+        (-1, _KEEP_BYTES),  # M_TRIM_THRESHOLD
+        (-3, _KEEP_BYTES),  # M_MMAP_THRESHOLD
+        (-2, 16 * 1024 * 1024),  # M_TOP_PAD
     ):
         mallopt(setting, size_bytes)
 

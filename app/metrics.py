@@ -91,35 +91,32 @@ class RequestMetrics:
     """Counts and durations of the requests to one service since its start."""
 
     def __init__(self, version: str) -> None:
-        self.registry = registry = CollectorRegistry()
+        self.registry = CollectorRegistry()
+        counter = partial(Counter, registry=self.registry)
         info = Info(
-            "unghost", "Versions of the service and of Python.", registry=registry
+            "unghost", "Versions of the service and of Python.", registry=self.registry
         )
         info.info({"version": version, "python": platform.python_version()})
-        self._requests = Counter(
-            "unghost_requests_total",
-            "Responses to requests.",
-            _ROUTE,
-            registry=registry,
+        self._requests = counter(
+            "unghost_requests_total", "Responses to requests.", _ROUTE
         )
         self._seconds = Histogram(
             "unghost_request_seconds",
             "Time until the response was complete.",
             _ROUTE,
             buckets=BUCKETS_S,
-            registry=registry,
+            registry=self.registry,
         )
         started = Gauge(
             "process_start_time_seconds",
             "Start of the process, in Unix time.",
-            registry=registry,
+            registry=self.registry,
         )
         started.set_to_current_time()
-        self._batch_frames = Counter(
+        self._batch_frames = counter(
             "unghost_batch_frames_total",
             "Frames sent in batches, by the status of their line.",
             ("status",),
-            registry=registry,
         )
 
     def observe(

@@ -70,14 +70,13 @@ class LoginLink:
     """Whether it was used or has expired."""
 
 
-OnReady = Callable[[LoginLink], None]
-
-
 class CannotServe(Exception):
     """The service could not start; the text says why and what to do."""
 
 
-def serve(settings: Settings, *, on_ready: OnReady | None = None) -> None:
+def serve(
+    settings: Settings, *, on_ready: Callable[[LoginLink], None] | None = None
+) -> None:
     """Serve until interrupted; `on_ready` gets a login link once requests are answered.
 
     Raises CannotServe: the port is taken, or the data folder cannot be used, for
@@ -88,7 +87,8 @@ def serve(settings: Settings, *, on_ready: OnReady | None = None) -> None:
     limit = raise_descriptor_limit()
     with _only_server(settings) as locks, _listening(settings) as sockets:
         locks.warn()
-        url = _url(settings, sockets[0].getsockname()[1])
+        host, port = settings.host.strip("[]"), sockets[0].getsockname()[1]
+        url = f"http://{bracketed(_ANYWHERE.get(host, host))}:{port}"
         locks.note(url)
         note = ServerNote(url, settings.token_file)
 
@@ -99,7 +99,7 @@ def serve(settings: Settings, *, on_ready: OnReady | None = None) -> None:
             settle()
             note.write()
             server_log.info("ready at %s, version %s", url, VERSION)
-            if settings.host.strip("[]") in _ANYWHERE and not settings.allowed_hosts:
+            if host in _ANYWHERE and not settings.allowed_hosts:
                 server_log.warning(
                     "other machines reach this service at the addresses of this one; "
                     "under a host name they are refused (421) until it is in "
@@ -111,7 +111,11 @@ def serve(settings: Settings, *, on_ready: OnReady | None = None) -> None:
                 "any number of" if limit is None else limit,
                 app.state.connections.most,
             )
-            (on_ready or _print_link)(link)
+            if on_ready is not None:
+                on_ready(link)
+            else:
+                sys.stdout.write(f"{ready_text(link.url)}\n")
+                sys.stdout.flush()
 
         def stopping() -> None:
             note.remove()
@@ -151,14 +155,15 @@ class _Locks:
         except CannotLock as exc:
             self._unlocked[file.parent] = str(exc)
         except InUse as exc:
-            if not str(exc):  # only while it starts or stops
+            address = str(exc)
+            if not address:  # only while it starts or stops
                 raise CannotServe(
                     f"{what} is in use by a server that is starting or stopping; "
                     "try again in a moment"
                 ) from exc
             raise CannotServe(
-                f"{what} is in use by the server at {exc}; use that one, or stop it "
-                f"first. {advice}"
+                f"{what} is in use by the server at {address}; use that one, or stop "
+                f"it first. {advice}"
             ) from exc
         else:
             self._notes.append(note)
@@ -372,11 +377,6 @@ def _family(host: str) -> socket.AddressFamily:
     return socket.AF_INET6 if ":" in host else socket.AF_INET
 
 
-def _url(settings: Settings, port: int) -> str:
-    host = settings.host.strip("[]")
-    return f"http://{bracketed(_ANYWHERE.get(host, host))}:{port}"
-
-
 def first_link(services: ServiceContext, url: str) -> LoginLink:
     """A new login link for the token in the data folder."""
     database = services.database
@@ -388,11 +388,6 @@ def first_link(services: ServiceContext, url: str) -> LoginLink:
             return code_is_over(session, code.id)
 
     return LoginLink(f"{url}/#code={secret}", is_over)
-
-
-def _print_link(link: LoginLink) -> None:
-    sys.stdout.write(f"{ready_text(link.url)}\n")
-    sys.stdout.flush()
 
 
 def ready_text(link: str) -> str:

@@ -11,14 +11,12 @@ MiB instead of the service's 256, since otherwise the cache would be what grows.
 
 from __future__ import annotations
 
-import argparse
 import json
 import sqlite3
-import subprocess
-import sys
 import tempfile
 import time
 from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 
 from sqlalchemy import event
@@ -37,12 +35,17 @@ from app.measuring.plan import DatasetReading
 from app.process.lifespan import running
 from app.runs.service import RunJobs
 from app.settings import Settings
-from benchmarks.bench_batch import peak_mib
+from benchmarks.measuring import (
+    AIM_MEMORY_RATIO,
+    in_a_process,
+    parser_of,
+    peak_mib,
+    show,
+)
 from filter_core.config.filter import FilterConfig
 
 MAX_IN_FLIGHT = 256
 CACHE_KIB = 8 * 1024
-AIM_MEMORY_RATIO = 1.1
 
 
 class EmptyRunJobs(RunJobs):
@@ -82,83 +85,57 @@ class InstantEngine(LocalEngine):
         return future
 
 
-def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+def main() -> None:
+    parser = parser_of(__doc__)
     parser.add_argument("--few", type=int, default=10_000)
     parser.add_argument("--many", type=int, default=1_000_000)
-    parser.add_argument("--json", action="store_true")
     parser.add_argument("--alone", choices=("driver", "at once"), help="one process")
     options = parser.parse_args()
     if options.alone:
         print(json.dumps(measured(options.alone, options.many)))
-        return 0
+        return
     figures: dict[str, float] = {}
     for way in ("driver", "at once"):
         for chunks in (options.few, options.many):
-            seconds, base, peak = in_a_process(way, chunks)
-            figures[f"{way}, {chunks} chunks: time [s]"] = seconds
-            figures[f"{way}, {chunks} chunks: peak [MiB]"] = peak
-            figures[f"{way}, {chunks} chunks: before it [MiB]"] = base
+            words = ("--alone", way, "--many", chunks)
+            for name, value in in_a_process("benchmarks.bench_chunks", *words).items():
+                figures[f"{way}, {chunks} chunks: {name}"] = value
     few, many = (f"driver, {n} chunks: peak [MiB]" for n in (options.few, options.many))
     figures["the driver's second peak / the first: measured"] = (
         figures[many] / figures[few]
     )
     figures["the driver's second peak / the first: aim, at most"] = AIM_MEMORY_RATIO
-    if options.json:
-        print(json.dumps(figures, indent=1))
-    else:
-        for name, value in figures.items():
-            print(f"{name:58} {value:10.2f}")
-    return 0
+    show(figures, as_json=options.json)
 
 
-def in_a_process(way: str, chunks: int) -> tuple[float, float, float]:
-    """Seconds, memory before and peak memory, measured in a new process."""
-    command = [sys.executable, "-m", "benchmarks.bench_chunks", "--alone", way]
-    answer = subprocess.run(
-        [*command, "--many", str(chunks)], check=True, stdout=subprocess.PIPE, text=True
-    )
-    seconds, base, peak = json.loads(answer.stdout)
-    return seconds, base, peak
-
-
-def measured(way: str, chunks: int) -> tuple[float, float, float]:
-    """Seconds, and MiB before and at the peak."""
+def measured(way: str, chunks: int) -> dict[str, float]:
+    """The time, and the memory before it and at the peak."""
     with (
         tempfile.TemporaryDirectory() as folder,
         running(Settings(data=Path(folder) / "data")) as context,
     ):
-        limit_cache(context)
-        base, begun = peak_mib("self"), time.perf_counter()
+        engine = context.database.engine
+        engine.dispose()
+
+        @event.listens_for(engine, "connect")
+        def _limit_cache(connection: sqlite3.Connection, _record: object) -> None:
+            connection.execute(f"PRAGMA cache_size=-{CACHE_KIB}").close()
+
+        base, begun = peak_mib(), time.perf_counter()
         if way == "driver":
             drive(context, chunks)
         else:
-            submit_at_once(chunks)
-        return time.perf_counter() - begun, base, peak_mib("self")
-
-
-def limit_cache(context: ServiceContext) -> None:
-    """Limit SQLite's cache of the database."""
-    engine = context.database.engine
-    engine.dispose()
-
-    @event.listens_for(engine, "connect")
-    def _limit(connection: sqlite3.Connection, _record: object) -> None:
-        connection.execute(f"PRAGMA cache_size=-{CACHE_KIB}").close()
+            # All tasks are submitted at once, as a driver without a limit would.
+            with ThreadPoolExecutor(1) as pool:
+                for future in [pool.submit(int, number) for number in range(chunks)]:
+                    future.result()
+        taken = time.perf_counter() - begun
+    return {"time [s]": taken, "peak [MiB]": peak_mib(), "before it [MiB]": base}
 
 
 def drive(context: ServiceContext, chunks: int) -> None:
     """Drive a job with this number of chunks to its end."""
-
-    context = ServiceContext(
-        settings=context.settings,
-        database=context.database,
-        storage=context.storage,
-        engine=InstantEngine(1),
-        pixels=context.pixels,
-        drawers=context.drawers,
-        folders=context.folders,
-    )
+    context = replace(context, engine=InstantEngine(1))
     config = FilterConfig()
     new = NewDataset(DatasetReading("chunks"), "", None, config, "benchmark")
     register(EmptyRunJobs(chunks))
@@ -178,12 +155,5 @@ def drive(context: ServiceContext, chunks: int) -> None:
     drive_job(context, job)
 
 
-def submit_at_once(chunks: int) -> None:
-    """Submit all tasks at once, as a driver without a limit would."""
-    with ThreadPoolExecutor(1) as pool:
-        for future in [pool.submit(int, number) for number in range(chunks)]:
-            future.result()
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

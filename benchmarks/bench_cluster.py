@@ -11,10 +11,7 @@ scheduler and worker.
 
 from __future__ import annotations
 
-import argparse
-import json
 import statistics
-import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
@@ -24,12 +21,12 @@ from os import cpu_count
 from pathlib import Path
 
 from benchmarks.bench_batch import Scene, send
-from benchmarks.bench_upload import cpu_seconds
+from benchmarks.measuring import cpu_seconds, create_dataset, parser_of, served, show
 from benchmarks.street import street
 from tests.support.api import Api
 from tests.support.cluster import cluster
 from tests.support.processes import children
-from tests.support.servers import RunningServer, running_server
+from tests.support.servers import RunningServer
 from tests.support.slow_datasets import OTHER_PIXELS
 
 DATASET = "bench"
@@ -41,6 +38,7 @@ POLL_EVERY_S = 1.0
 class Service:
     """A service with the frames, and the processes that its runs keep busy."""
 
+    server: RunningServer
     api: Api
     pids: Callable[[], list[int]]
 
@@ -57,40 +55,32 @@ class Service:
         return sum(map(cpu_seconds, pids)) - before
 
 
-def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+def main() -> None:
+    parser = parser_of(__doc__)
     parser.add_argument("--frames", type=int, default=1600)
     parser.add_argument("--rounds", type=int, default=4, choices=range(1, 7))
-    parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
     with (
         tempfile.TemporaryDirectory() as folder,
         both_services(Path(folder)) as services,
     ):
         figures = compared(*services, options.frames, options.rounds)
-    if options.json:
-        print(json.dumps(figures, indent=1))
-    else:
-        for name, value in figures.items():
-            print(f"{name:52} {value:10.2f}")
-    return 0
+    show(figures, as_json=options.json)
 
 
 def compared(
-    local: tuple[RunningServer, Service],
-    spread: tuple[RunningServer, Service],
-    frames: int,
-    rounds: int,
+    local: Service, spread: Service, frames: int, rounds: int
 ) -> dict[str, float]:
     """Processor time per frame of both, alternately."""
-    scene = Scene.of(street(), b"")
-    for server, service in (local, spread):
-        service.api.post("/datasets", {"name": DATASET}).raise_for_status()
-        send(server, scene, frames, "all", DATASET)
+    frame = street()
+    scene = Scene(frame.png, b"", frame.annotation)
+    for service in (local, spread):
+        create_dataset(service.server, DATASET)
+        send(service.server, scene, frames, "all", DATASET)
     here, there = [], []
     for config in OTHER_PIXELS[: rounds + 1]:
-        here.append(local[1].cpu_of_run(config) / frames)
-        there.append(spread[1].cpu_of_run(config) / frames)
+        here.append(local.cpu_of_run(config) / frames)
+        there.append(spread.cpu_of_run(config) / frames)
     # The first round warms up.
     here_s, there_s = statistics.median(here[1:]), statistics.median(there[1:])
     threads = cpu_count() or 1
@@ -105,15 +95,10 @@ def compared(
 
 
 @contextmanager
-def both_services(
-    folder: Path,
-) -> Iterator[tuple[tuple[RunningServer, Service], tuple[RunningServer, Service]]]:
+def both_services(folder: Path) -> Iterator[tuple[Service, Service]]:
     """A service without a cluster, and one with a scheduler and a worker."""
     quiet = {"UNGHOST_LOG_LEVEL": "warning"}
-    with (
-        cluster(folder, anew=True) as made,
-        running_server(folder / "alone", quiet, anew=True) as alone,
-    ):
+    with cluster(folder, anew=True) as made, served() as alone:
         own = Api.at(alone.url, alone.headers)
         scheduler = made.scheduler()
         with own.http, made.server(**quiet) as (server, api):
@@ -124,11 +109,9 @@ def both_services(
                 nodes = [server.process.pid, scheduler.process.pid, parent]
                 return [*nodes, *children(parent)]
 
-            yield (
-                (alone, Service(own, lambda: [alone.process.pid])),
-                (server, Service(api, involved)),
-            )
+            local = Service(alone, own, lambda: [alone.process.pid])
+            yield local, Service(server, api, involved)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

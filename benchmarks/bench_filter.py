@@ -8,22 +8,20 @@ depend on the machine, ratios hardly do. `--check` exits with 1 if an aim is mis
 
 from __future__ import annotations
 
-import argparse
-import json
 import sys
-import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
+from functools import partial
 
 import cv2
 import numpy as np
 
+from benchmarks.measuring import parser_of, seconds_of, show
 from benchmarks.opencv_decoding import decoding_by_opencv
 from benchmarks.street import (
     CLASSES,
     HEIGHT,
     WIDTH,
-    Street,
     any_boxes,
     color,
     fixed_boxes,
@@ -36,24 +34,6 @@ from filter_core.frame_boxes import FrameBoxes
 from filter_core.geometry.boxes import pixel_bounds
 from filter_core.segmentation.codes import PixelCodes
 from filter_core.segmentation.reading import SegmentationOptions, read_segmentation
-
-
-@dataclass(frozen=True)
-class Result:
-    """One line of the table: a measured ratio and its aim."""
-
-    name: str
-    milliseconds: float
-    ratio: float
-    aim: float
-    at_least: bool
-
-    @property
-    def met(self) -> bool:
-        """Whether the aim is met."""
-        if self.at_least:
-            return self.ratio >= self.aim
-        return self.ratio <= self.aim
 
 
 def published_loop(
@@ -96,47 +76,16 @@ class Counting:
         return matched
 
 
-def milliseconds(action: Callable[[], object]) -> float:
-    start = time.perf_counter()
-    action()
-    return (time.perf_counter() - start) * 1e3
+def fastest(repeat: int, *actions: Callable[[], object]) -> list[float]:
+    """Milliseconds of the fastest call of each action, which other work disturbed
+    least; the actions alternate."""
+    times = [[1000 * seconds_of(each) for each in actions] for _ in range(repeat)]
+    return [min(of_one) for of_one in zip(*times, strict=True)]
 
 
-def fastest(repeat: int, action: Callable[[], object]) -> float:
-    """Milliseconds of the fastest of several runs, which other work disturbed least."""
-    return min(milliseconds(action) for _ in range(repeat))
-
-
-def against(
-    repeat: int, action: Callable[[], object], base: Callable[[], object]
-) -> tuple[float, float]:
-    """Fastest milliseconds of an action and of the base, run alternately.
-
-    The base runs twice and counts once, so that it does not pay for what the action
-    left in the caches.
-    """
-    pairs = []
-    for _ in range(repeat):
-        base()
-        pairs.append((milliseconds(base), milliseconds(action)))
-    other, own = np.min(pairs, axis=0)
-    return float(own), float(other)
-
-
-def results(repeat: int) -> tuple[dict[str, object], list[Result]]:
-    frame = street()
-    with decoding_by_opencv():
-        about, lines = results_by_opencv(repeat, frame)
-        alone = fastest(repeat, lambda: read_segmentation(frame.png))
-    in_use = fastest(repeat, lambda: read_segmentation(frame.png))
-    about |= {"read_ms, by OpenCV": alone, "... by zlib-ng": in_use}
-    return about, lines
-
-
-def results_by_opencv(
-    repeat: int, frame: Street
-) -> tuple[dict[str, object], list[Result]]:
-    options = SegmentationOptions(palette="auto")
+def measured(repeat: int) -> tuple[dict[str, float], bool]:
+    """The figures, and whether all aims are met."""
+    frame, options = street(), SegmentationOptions(palette="auto")
     boxes = frame_boxes(frame.xyxy, frame.classes)
     segmentation = read_segmentation(frame.png, options)
     counting = Counting.of(segmentation.codes, boxes)
@@ -144,70 +93,60 @@ def results_by_opencv(
     colors = [list(color(CLASSES[name][1]))[::-1] for name in frame.classes]
     many, most = fixed_boxes(1000, 200, 150), any_boxes(10_000)
 
-    def evidence(given: FrameBoxes) -> object:
-        return measure(read_segmentation(frame.png, options), given)
+    def evidence(of: FrameBoxes) -> object:
+        return measure(read_segmentation(frame.png, options), of)
 
-    loop = fastest(3, lambda: published_loop(image, boxes, colors))
-    counts = fastest(repeat * 3, lambda: counting.count(image))
-    evidence_ms = fastest(repeat * 3, lambda: measure(segmentation, boxes))
-    lines = [
-        Result("counts, against the loop", counts, loop / counts, 300, True),
-        Result(
-            "evidence, against the loop", evidence_ms, loop / evidence_ms, 150, True
-        ),
-    ]
-    for name, aim, action in (
+    (loop,) = fastest(3, lambda: published_loop(image, boxes, colors))
+    figures = {
+        "bytes of the PNG": len(frame.png),
+        "boxes": len(boxes),
+        "pixels of boxes": int(measure(segmentation, boxes).box_pixels.sum()),
+        "the published loop [ms]": loop,
+    }
+    are_met = True
+    for name, aim, work in (
+        ("counts", 300, lambda: counting.count(image)),
+        ("evidence", 150, lambda: measure(segmentation, boxes)),
+    ):
+        (own,) = fastest(repeat * 3, work)
+        figures[f"{name} [ms]"] = own
+        figures[f"the loop / {name}: measured"] = loop / own
+        figures[f"the loop / {name}: aim, at least"] = aim
+        are_met &= loop / own >= aim
+    for name, aim_ratio, action in (
         (
             "decode and counts",
             1.15,
             lambda: counting.count(decode(frame.png, cv2.IMREAD_COLOR_RGB)),
         ),
         ("decode and evidence", 1.25, lambda: evidence(boxes)),
-        ("... 1,000 boxes of 200 x 150", 4.0, lambda: evidence(many)),
-        ("... 10,000 boxes of any size", 8.0, lambda: evidence(most)),
+        ("the same of 1,000 boxes of 200 x 150", 4.0, lambda: evidence(many)),
+        ("the same of 10,000 boxes of any size", 8.0, lambda: evidence(most)),
     ):
-        own, alone = against(repeat, action, lambda: decode(frame.png))
-        lines.append(Result(name, own, own / alone, aim, False))
-    about: dict[str, object] = {
-        "png_bytes": len(frame.png),
-        "boxes": len(boxes),
-        "box_pixels": int(measure(segmentation, boxes).box_pixels.sum()),
-        "decode_ms": fastest(repeat, lambda: decode(frame.png)),
-        "published_loop_ms": loop,
-    }
-    return about, lines
-
-
-def print_table(about: dict[str, object], lines: list[Result]) -> None:
-    for name, value in about.items():
-        print(
-            f"{name:<22}{value:>12,.2f}"
-            if isinstance(value, float)
-            else f"{name:<22}{value:>12,}"
-        )
-    print(f"\n{'':<32}{'ms':>9}{'ratio':>9}   aim")
-    for line in lines:
-        sign = ">=" if line.at_least else "<="
-        missed = "" if line.met else "   MISSED"
-        print(
-            f"{line.name:<32}{line.milliseconds:>9.2f}{line.ratio:>8.2f}x"
-            f"   {sign} {line.aim:g}{missed}"
-        )
+        # Decoding runs twice and counts once, so that it does not pay for what the
+        # action left in the caches.
+        base = partial(decode, frame.png)
+        _, alone, own = fastest(repeat, base, base, action)
+        figures[f"{name} [ms]"] = own
+        figures[f"{name} / decode: measured"] = own / alone
+        figures[f"{name} / decode: aim, at most"] = aim_ratio
+        are_met &= own / alone <= aim_ratio
+    return figures, are_met
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--json", action="store_true", help="print JSON instead")
+    parser = parser_of(__doc__)
     parser.add_argument("--repeat", type=int, default=60)
     parser.add_argument("--check", action="store_true", help="fail if an aim is missed")
-    arguments = parser.parse_args()
-    about, lines = results(arguments.repeat)
-    if arguments.json:
-        rows = [{**asdict(line), "met": line.met} for line in lines]
-        print(json.dumps({**about, "results": rows}, indent=2))
-    else:
-        print_table(about, lines)
-    return int(arguments.check and not all(line.met for line in lines))
+    options = parser.parse_args()
+    png = street().png
+    with decoding_by_opencv():
+        figures, are_met = measured(options.repeat)
+        (alone,) = fastest(options.repeat, lambda: read_segmentation(png))
+    (in_use,) = fastest(options.repeat, lambda: read_segmentation(png))
+    figures |= {"reading by OpenCV [ms]": alone, "reading by zlib-ng [ms]": in_use}
+    show(figures, as_json=options.json)
+    return int(options.check and not are_met)
 
 
 if __name__ == "__main__":

@@ -8,17 +8,21 @@ process of its own. What is written is discarded, so that the disk is not measur
 
 from __future__ import annotations
 
-import argparse
 import json
-import resource
-import subprocess
-import sys
 import time
+from argparse import SUPPRESS
 from collections.abc import Collection, Iterable, Iterator
 from functools import partial
 
 import numpy as np
 
+from benchmarks.measuring import (
+    AIM_MEMORY_RATIO,
+    in_a_process,
+    parser_of,
+    peak_mib,
+    show,
+)
 from filter_core.formats.export import (
     ExportFrame,
     ExportHead,
@@ -33,45 +37,29 @@ FEW, MANY = 1_000, 10_000
 BOXES = 30
 WH = (1280, 720)
 CLASSES = ("car", "van", "walker")
-MIB = 1024
-AIM_MEMORY_RATIO = 1.1
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--json", action="store_true")
-    parser.add_argument("--format", help=argparse.SUPPRESS)
-    parser.add_argument("--frames", type=int, help=argparse.SUPPRESS)
+    parser = parser_of(__doc__)
+    parser.add_argument("--format", help=SUPPRESS)
+    parser.add_argument("--frames", type=int, help=SUPPRESS)
     options = parser.parse_args()
     if options.frames:
         print(json.dumps(written(options.format, options.frames)))
         return
     figures = {}
     for name in EXPORT_FORMATS:
-        few, many = (in_a_process(name, frames) for frames in (FEW, MANY))
+        few, many = (
+            in_a_process("benchmarks.bench_formats", "--format", name, "--frames", n)
+            for n in (FEW, MANY)
+        )
         figures[f"{name}, us per box"] = many["us_per_box"]
         figures[f"{name}, peak of 300,000 boxes, MiB"] = many["peak_mib"]
         figures[f"{name}, peak against a tenth of them: measured"] = (
             many["peak_mib"] / few["peak_mib"]
         )
     figures["the same for each format: aim, at most"] = AIM_MEMORY_RATIO
-    if options.json:
-        print(json.dumps(figures, indent=1))
-    else:
-        for label, value in figures.items():
-            print(f"{label:58} {value:10.2f}")
-
-
-def in_a_process(name: str, frames: int) -> dict[str, float]:
-    command = [sys.executable, "-m", "benchmarks.bench_formats", "--format", name]
-    done = subprocess.run(
-        [*command, "--frames", str(frames)],
-        check=True,
-        stdout=subprocess.PIPE,
-        text=True,
-    )
-    found: dict[str, float] = json.loads(done.stdout)
-    return found
+    show(figures, as_json=options.json)
 
 
 def written(name: str, frames: int) -> dict[str, float]:
@@ -82,8 +70,7 @@ def written(name: str, frames: int) -> dict[str, float]:
     started = time.process_time()
     write_export(name, street(frames, FORMATS[name].needs), discard, head, options)
     spent = time.process_time() - started
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return {"us_per_box": spent * 1e6 / (frames * BOXES), "peak_mib": peak / MIB}
+    return {"us_per_box": spent * 1e6 / (frames * BOXES), "peak_mib": peak_mib()}
 
 
 def discard(_file: str, pieces: Iterable[bytes]) -> None:

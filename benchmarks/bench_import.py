@@ -9,11 +9,12 @@ is compared with the packages that it needs, numpy and OpenCV: it cannot take le
 
 from __future__ import annotations
 
-import argparse
-import json
 import statistics
 import subprocess
 import sys
+from functools import partial
+
+from benchmarks.measuring import parser_of, show
 
 NEEDED = "import numpy, cv2"
 LIBRARY = "import filter_core"
@@ -28,26 +29,21 @@ print((time.perf_counter() - started) * 1e3)
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--json", action="store_true")
+    parser = parser_of(__doc__)
     options = parser.parse_args()
-    _, *rounds = ([import_ms(one) for one in STATEMENTS] for _ in range(TIMES + 1))
+    programs = [_PROGRAM.format(statement=each) for each in STATEMENTS]
+    commands = [[sys.executable, "-c", program] for program in programs]
+    call = partial(subprocess.run, check=True, stdout=subprocess.PIPE)
+    _, *rounds = (
+        [float(call(command).stdout) for command in commands] for _ in range(TIMES + 1)
+    )
     taken = dict(zip(STATEMENTS, zip(*rounds, strict=True), strict=True))
     figures = {f"{one}, ms": statistics.median(taken[one]) for one in STATEMENTS}
     ratios = (
         mine / least for mine, least in zip(taken[LIBRARY], taken[NEEDED], strict=True)
     )
     figures[f"{LIBRARY} / {NEEDED}"] = statistics.median(ratios)
-    if options.json:
-        print(json.dumps(figures, indent=1))
-    else:
-        for label, value in figures.items():
-            print(f"{label:40} {value:8.2f}")
-
-
-def import_ms(statement: str) -> float:
-    command = [sys.executable, "-c", _PROGRAM.format(statement=statement)]
-    return float(subprocess.run(command, check=True, stdout=subprocess.PIPE).stdout)
+    show(figures, as_json=options.json)
 
 
 if __name__ == "__main__":

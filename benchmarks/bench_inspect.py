@@ -13,26 +13,30 @@ the first is the child's that is started for it.
 
 from __future__ import annotations
 
-import argparse
 import io
 import json
-import resource
-import subprocess
 import sys
 import tarfile
 import tempfile
 import time
+from argparse import SUPPRESS
 from pathlib import Path
 
 import cv2
-import httpx
 import numpy as np
 
-from benchmarks.bench_upload import cpu_seconds
+from benchmarks.measuring import (
+    MIB,
+    client_of,
+    cpu_seconds,
+    in_a_process,
+    parser_of,
+    peak_mib,
+    served,
+    show,
+)
 from benchmarks.street import HEIGHT, WIDTH, street
-from tests.support.servers import running_server
 
-MIB = 1024
 PER_FOLDER = 10_000
 LABEL = "0 0.5 0.5 0.1 0.2\n1 0.3 0.5 0.1 0.2\n"
 AIM_BYTES_PER_FILE = 400
@@ -41,14 +45,11 @@ REPEATS = 4
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = parser_of(__doc__)
     parser.add_argument("--files", default="10000,100000")
-    parser.add_argument("--json", action="store_true")
-    parser.add_argument(
-        "--check", action="store_true", help="fail if the aim is missed"
-    )
+    parser.add_argument("--check", action="store_true", help="fail if it grows more")
     parser.add_argument("--dropped", action="store_true")
-    parser.add_argument("--folder", type=Path, help=argparse.SUPPRESS)
+    parser.add_argument("--folder", type=Path, help=SUPPRESS)
     options = parser.parse_args()
     if options.folder:
         print(json.dumps(inspected(options.folder)))
@@ -57,24 +58,22 @@ def main() -> int:
     figures: dict[str, float] = {}
     if options.dropped:
         figures = dropped(counts[0])
-        print(json.dumps(figures, indent=1))
+        show(figures, as_json=options.json)
         return 0
     peaks = []
     for count in counts:
         with tempfile.TemporaryDirectory() as folder:
             write_files(Path(folder), count // 2)
-            found = in_a_process(Path(folder))
-        peaks.append(found["peak_mib"])
-        for name, value in found.items():
+            folder_figures = in_a_process(
+                "benchmarks.bench_inspect", "--folder", folder
+            )
+        peaks.append(folder_figures["peak_mib"])
+        for name, value in folder_figures.items():
             figures[f"{count} files, {name}"] = value
-    grown = (peaks[-1] - peaks[0]) * MIB * MIB / max(1, counts[-1] - counts[0])
+    grown = (peaks[-1] - peaks[0]) * MIB / max(1, counts[-1] - counts[0])
     figures["bytes of memory for each further file: measured"] = grown
     figures["bytes of memory for each further file: aim, at most"] = AIM_BYTES_PER_FILE
-    if options.json:
-        print(json.dumps(figures, indent=1))
-    else:
-        for label, value in figures.items():
-            print(f"{label:56} {value:10.1f}")
+    show(figures, as_json=options.json)
     return int(options.check and grown > AIM_BYTES_PER_FILE)
 
 
@@ -95,23 +94,18 @@ def write_files(folder: Path, frames: int) -> None:
 def dropped(files: int) -> dict[str, float]:
     """Send a folder to a server several times; the seconds of each response."""
     body = archive(files // 3)
-    figures = {"MiB sent": len(body) / MIB / MIB}
+    figures = {"MiB sent": len(body) / MIB}
     headers = {"Content-Type": "application/x-tar"}
-    with (
-        tempfile.TemporaryDirectory() as folder,
-        running_server(Path(folder)) as server,
-        httpx.Client(base_url=server.url, timeout=120) as client,
-    ):
-        headers["Authorization"] = f"Bearer {server.token}"
+    with served() as server, client_of(server) as client:
         for number in range(REPEATS):
             cpu, started = cpu_seconds(server.process.pid), time.perf_counter()
-            response = client.post("/api/v1/folders", content=body, headers=headers)
+            response = client.post("/folders", content=body, headers=headers)
             seconds = time.perf_counter() - started
             cpu = cpu_seconds(server.process.pid) - cpu
             figures[f"seconds, response {number + 1}"] = seconds
             figures[f"seconds of processor time, response {number + 1}"] = cpu
             response.raise_for_status()
-            figures["MiB received"] = len(response.content) / MIB / MIB
+            figures["MiB received"] = len(response.content) / MIB
     return figures
 
 
@@ -138,15 +132,6 @@ def archive(frames: int) -> bytes:
     return out.getvalue()
 
 
-def in_a_process(folder: Path) -> dict[str, float]:
-    command = [sys.executable, "-m", "benchmarks.bench_inspect", "--folder"]
-    done = subprocess.run(
-        [*command, str(folder)], check=True, stdout=subprocess.PIPE, text=True
-    )
-    found: dict[str, float] = json.loads(done.stdout)
-    return found
-
-
 def inspected(folder: Path) -> dict[str, float]:
     """Inspect a folder; the figures of this process."""
     from filter_core.inspection.recording import inspect_recording
@@ -156,7 +141,7 @@ def inspected(folder: Path) -> dict[str, float]:
     return {
         "seconds": time.perf_counter() - started,
         "seconds of processor time": time.process_time() - spent,
-        "peak_mib": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / MIB,
+        "peak_mib": peak_mib(),
     }
 
 

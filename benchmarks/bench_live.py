@@ -9,7 +9,6 @@ below 20 frames a second.
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import sys
@@ -22,6 +21,7 @@ import cv2
 import numpy as np
 
 import unghost
+from benchmarks.measuring import parser_of
 from tests.support.fake_carla.library import as_library
 from tests.support.fake_carla.measurements import MEASUREMENTS, Image
 from tests.support.fake_carla.simulator import Simulator, at
@@ -106,10 +106,9 @@ def rates(folder: Path, names: tuple[str, ...], frames: int) -> tuple[float, flo
 
 def main() -> None:
     """Measure both sets of cameras, and print the rates."""
-    parser = argparse.ArgumentParser()
+    parser = parser_of(__doc__)
     parser.add_argument("folder", type=Path, nargs="?")
     parser.add_argument("--frames", type=int, default=200)
-    parser.add_argument("--json", action="store_true")
     parser.add_argument("--check", action="store_true")
     options = parser.parse_args()
     if hasattr(os, "sched_setaffinity"):

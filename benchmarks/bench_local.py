@@ -12,20 +12,18 @@ run, and ratios are of the medians.
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import statistics
 import sys
 import tempfile
-import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from benchmarks.bench_upload import photograph
+from benchmarks.measuring import parser_of, seconds_of, show
 from benchmarks.opencv_decoding import decoding_by_opencv
-from benchmarks.street import HEIGHT, WIDTH, Street, frame_boxes, street
+from benchmarks.street import HEIGHT, WIDTH, Street, frame_boxes, photograph, street
 from filter_core.evidence.semantic import measure
 from filter_core.segmentation.reading import SegmentationOptions, read_segmentation
 from unghost.cli.filter_local import FilterOptions, filter_local
@@ -35,11 +33,10 @@ AIM_RATE_RATIO = 0.85
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = parser_of(__doc__)
     parser.add_argument("--frames", type=int, default=400)
     parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument("--workers", type=int, help="else the filter chooses")
-    parser.add_argument("--json", action="store_true")
     parser.add_argument(
         "--check", action="store_true", help="fail if the aim is missed"
     )
@@ -67,11 +64,7 @@ def main() -> int:
         "rate, against OpenCV's decoder: measured": ratio,
         "rate, against OpenCV's decoder: aim, at least": AIM_RATE_RATIO,
     }
-    if options.json:
-        print(json.dumps(figures, indent=1))
-    else:
-        for name, value in figures.items():
-            print(f"{name:48} {value if isinstance(value, str) else round(value, 2)}")
+    show(figures, as_json=options.json)
     return int(options.check and ratio < AIM_RATE_RATIO)
 
 
@@ -96,22 +89,11 @@ def write_frames(folder: Path, scenes: list[Street], count: int) -> Path:
 def annotation(scene: Street, number: int) -> dict[str, object]:
     """What CARLA's recorder would write of a frame."""
     boxes = [
-        {
-            "id": str(index),
-            "class": name,
-            "xyxy": [round(value, 2) for value in xyxy],
-            "distance": 10.0 + index,
-        }
-        for index, (name, xyxy) in enumerate(
-            zip(scene.classes, scene.xyxy.tolist(), strict=True)
-        )
+        {"id": str(index), "distance": 10.0 + index, **box}
+        for index, box in enumerate(scene.annotation["boxes"])
     ]
-    return {
-        "key": f"{number:06}",
-        "carla_version": "0.9.15",
-        "camera": {"width": WIDTH, "height": HEIGHT, "fov": 90},
-        "boxes": boxes,
-    }
+    camera = {"width": WIDTH, "height": HEIGHT, "fov": 90}
+    return {**scene.annotation, "key": f"{number:06}", "camera": camera, "boxes": boxes}
 
 
 def only_pixels(scenes: list[Street], frames: int, workers: int) -> None:
@@ -136,14 +118,8 @@ def by_opencv(scenes: list[Street], frames: int, workers: int) -> None:
 
 def alternating(rounds: int, *actions: Callable[[], object]) -> list[float]:
     """Median seconds of each, run alternately; the first round is not counted."""
-    taken = [[seconds(action) for action in actions] for _ in range(rounds + 1)][1:]
+    taken = [[seconds_of(action) for action in actions] for _ in range(rounds + 1)][1:]
     return [statistics.median(of_one) for of_one in zip(*taken, strict=True)]
-
-
-def seconds(action: Callable[[], object]) -> float:
-    begun = time.perf_counter()
-    action()
-    return time.perf_counter() - begun
 
 
 if __name__ == "__main__":

@@ -11,28 +11,19 @@ answer; with 0 the key is pressed as soon as the next box is shown.
 
 from __future__ import annotations
 
-import argparse
-import json
-import sys
-import tempfile
-from pathlib import Path
-from typing import Any, Final, cast
+from typing import Final
 
-import cv2
-import httpx
 import numpy as np
-from playwright.sync_api import Page, StorageState, ViewportSize
 
-from benchmarks.street import HEIGHT, WIDTH, street
+from benchmarks.bench_page import visit
+from benchmarks.measuring import parser_of, served, show, store_pictures
 from tests.support.page.windows import launched
-from tests.support.servers import RunningServer, running_server
 
 DATASET: Final = "queue"
 FRAMES: Final = 60
 BOXES_PER_FRAME: Final = 30
 WARM_UP: Final = 5
 AIM_MS: Final = 100.0
-SIZE: Final[ViewportSize] = {"width": 1440, "height": 900}
 SHOWN: Final = "() => document.querySelector('.stage')?.dataset.picture === 'shown'"
 MEASURED: Final = (
     "(count) => performance.getEntriesByName('queue:next').length >= count"
@@ -42,93 +33,31 @@ TIMES: Final = (
 )
 
 
-def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__)
+def main() -> None:
+    parser = parser_of(__doc__)
     parser.add_argument("--answers", type=int, default=100)
     parser.add_argument("--pause-ms", type=int, default=300)
-    parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
-    with (
-        tempfile.TemporaryDirectory() as folder,
-        running_server(Path(folder) / "data", anew=True) as server,
-    ):
-        upload(server)
-        times = answered(server, options.answers, options.pause_ms)
-    figures = summary(times)
-    if options.json:
-        print(json.dumps(figures, indent=1))
-    else:
-        for name, value in figures.items():
-            print(f"{name:58} {value:8.1f}")
-    return 0
-
-
-def upload(server: RunningServer) -> None:
-    """Store frames with different images."""
-    base = f"{server.url}/api/v1"
-    with httpx.Client(base_url=base, headers=server.headers, timeout=60) as client:
-        client.post("/datasets", json={"name": DATASET}).raise_for_status()
-        segmentation = street().png
-        for number in range(FRAMES):
-            files: dict[str, tuple[str, bytes | str, str]] = {
-                "image": ("image.png", photograph(number), "image/png"),
-                "segmentation": ("seg.png", segmentation, "image/png"),
-                "annotation": ("a.json", annotation(number), "application/json"),
-            }
-            path = f"/datasets/{DATASET}/frames/{number:06d}"
-            client.put(path, files=files).raise_for_status()
-
-
-def photograph(number: int) -> bytes:
-    """Soft shapes under noise: as hard to decode as a rendered street."""
-    rng = np.random.default_rng(number)
-    small = rng.integers(40, 220, (HEIGHT // 24, WIDTH // 24, 3)).astype(np.uint8)
-    smooth = cv2.resize(small, (WIDTH, HEIGHT), interpolation=cv2.INTER_CUBIC)
-    noisy = smooth + rng.normal(0, 3, smooth.shape)
-    return cv2.imencode(".png", noisy.clip(0, 255).astype(np.uint8))[1].tobytes()
-
-
-def annotation(number: int) -> str:
-    rng = np.random.default_rng(1000 + number)
-    sides = np.exp(rng.uniform(np.log(16), np.log(240), (BOXES_PER_FRAME, 2)))
-    corners = rng.uniform(0, 1, sides.shape) * (np.array([WIDTH, HEIGHT]) - sides)
-    xyxy = np.hstack([corners, corners + sides]).round(2).tolist()
-    boxes: list[dict[str, Any]] = [
-        {"id": str(n), "class": "car", "xyxy": one} for n, one in enumerate(xyxy, 1)
-    ]
-    return json.dumps({"boxes": boxes})
-
-
-def answered(server: RunningServer, count: int, pause_ms: int) -> list[float]:
-    """Milliseconds from each of the answers to the next box."""
-    with launched() as browser:
-        state = cast("StorageState", server.signed_in())
-        page = browser.new_context(viewport=SIZE, storage_state=state).new_page()
+    with served() as server, launched() as browser:
+        store_pictures(server, DATASET, [BOXES_PER_FRAME] * FRAMES)
+        page = visit(browser, server)
         page.goto(f"{server.url}/#/datasets/{DATASET}/queue?order=random")
         page.wait_for_function(SHOWN)
-        times = answer_all(page, count + WARM_UP, pause_ms)
-    return times[WARM_UP:]
-
-
-def answer_all(page: Page, count: int, pause_ms: int) -> list[float]:
-    for number in range(count):
-        page.wait_for_timeout(pause_ms)
-        page.keyboard.press("a" if number % 3 else "x")
-        page.wait_for_function(MEASURED, arg=number + 1)
-    times: list[float] = page.evaluate(TIMES)
-    return times
-
-
-def summary(times: list[float]) -> dict[str, float]:
+        for number in range(options.answers + WARM_UP):
+            page.wait_for_timeout(options.pause_ms)
+            page.keyboard.press("a" if number % 3 else "x")
+            page.wait_for_function(MEASURED, arg=number + 1)
+        times: list[float] = page.evaluate(TIMES)[WARM_UP:]
     middle, high = np.percentile(times, [50, 95])
-    return {
+    figures = {
         "answers": float(len(times)),
         "answer to next box, median [ms]": float(middle),
         "answer to next box, 95th percentile [ms]": float(high),
         "answer to next box, longest [ms]": float(max(times)),
         "answer to next box, 95th percentile: aim, at most [ms]": AIM_MS,
     }
+    show(figures, as_json=options.json)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

@@ -9,18 +9,23 @@ until the page shows the counts of that value, or of a later one.
 
 from __future__ import annotations
 
-import argparse
-import json
 import statistics
-import sys
 from pathlib import Path
 
 from playwright.sync_api import Locator, Page
 
-from benchmarks.bench_runs import prepare, quantile
-from tests.support.large_datasets import NAME, open_context
+from benchmarks.measuring import (
+    DATA,
+    opened,
+    parser_of,
+    quantile,
+    served,
+    show,
+    store_million,
+)
+from tests.support.large_datasets import NAME
 from tests.support.page.windows import WIDE, launched
-from tests.support.servers import RunningServer, running_server
+from tests.support.servers import RunningServer
 
 SWEEPS = 4
 STEPS = 120
@@ -67,31 +72,16 @@ PREVIEW = """async ({ url, times }) => {
 SINGLE_PREVIEWS = 40
 
 
-def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__)
+def main() -> None:
+    parser = parser_of(__doc__)
     parser.add_argument("--boxes", type=int, default=1_000_000)
-    parser.add_argument("--data", type=Path, default=Path("benchmarks/.data"))
-    parser.add_argument("--json", action="store_true")
+    parser.add_argument("--data", type=Path, default=DATA)
     options = parser.parse_args()
-    stored(options.data, options.boxes)
-    with running_server(options.data.resolve(), anew=True) as server:
+    with opened(options.data) as context:
+        store_million(context, options.boxes)
+    with served(options.data) as server:
         figures = measured(server)
-    if options.json:
-        print(json.dumps(figures, indent=1))
-    else:
-        for name, value in figures.items():
-            print(f"{name:58} {value:10.1f}")
-    return 0
-
-
-def stored(folder: Path, boxes: int) -> None:
-    """Make the dataset, unless it exists."""
-    context = open_context(folder)
-    try:
-        prepare(context, boxes)
-    finally:
-        context.close()
-        context.database.close()
+    show(figures, as_json=options.json)
 
 
 def measured(server: RunningServer) -> dict[str, float]:
@@ -140,4 +130,4 @@ def sweep(page: Page, handle: Locator) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

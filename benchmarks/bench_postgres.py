@@ -8,13 +8,13 @@ the same are measured alternately, on the real tables with their keys and indexe
 
 from __future__ import annotations
 
-import argparse
 import json
 import sys
 import time
 import uuid
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from itertools import islice
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -38,6 +38,8 @@ from app.process.lifespan import running
 from app.runs.queries import BOXES_PER_ROW, pack_flips
 from app.security import Principal
 from app.settings import Settings
+from benchmarks.measuring import parser_of, progress, seconds_of, show
+from benchmarks.street import HEIGHT, WIDTH
 from filter_core.config.filter import FilterConfig
 from filter_core.segmentation.palettes import FAMILIES
 from tests.support.large_datasets import (
@@ -53,30 +55,23 @@ SIZES = (1, 2, 4, 8, 16, 32, 64, 256, 1_000, 10_000)
 ROWS_PER_SIZE = 10_000
 REPEATS = 3
 UPLOADED = 400
-ADA = Principal(1, "ada", "reviewer")
 """Frames that are stored as the service does it: pixels and all."""
-WIDTH, HEIGHT = 1280, 720
+ADA = Principal(1, "ada", "reviewer")
 GROWING = ("frames", "frame_files", "blobs", "boxes", "evidence", "decisions")
 Rows = list[dict[str, Any]]
 Insert = Callable[[Session, type[Base], Rows], None]
 Figures = dict[str, float]
 
 
-def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__)
+def main() -> None:
+    parser = parser_of(__doc__)
     parser.add_argument("--boxes", type=int, default=1_000_000)
     parser.add_argument("--server", default=SERVER)
-    parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
     with own_service(options.server) as context:
         # Rolled back rows still take space, so sizes are measured first.
         figures = {**sizes(context, options.boxes), **measured(context, options.boxes)}
-    if options.json:
-        print(json.dumps(figures, indent=1))
-    else:
-        for name, value in figures.items():
-            print(f"{name:58} {value:14,.1f}")
-    return 0
+    show(figures, as_json=options.json)
 
 
 @contextmanager
@@ -108,7 +103,7 @@ WAYS: dict[str, Insert] = {"executemany": one_by_one, "COPY": copy_in}
 
 
 def measured(context: ServiceContext, boxes: int) -> Figures:
-    make_dataset(context, DatasetSpec("rows", 4), shown)
+    make_dataset(context, DatasetSpec("rows", 4), progress)
     figures: Figures = {}
     for size in SIZES:
         figures |= inserting(context, size, ROWS_PER_SIZE, REPEATS)
@@ -123,7 +118,8 @@ def inserting(context: ServiceContext, size: int, rows: int, repeats: int) -> Fi
     for _ in range(repeats):
         for way, insert_by in WAYS.items():
             with rolled_back(context) as session:
-                boxes, decisions = frames_without_boxes(session, rows)
+                made = new_rows(session, -(-rows // BOXES_PER_FRAME))
+                boxes, decisions = made.boxes[:rows], made.decisions[:rows]
                 begun = time.perf_counter()
                 for start in range(0, rows, size):
                     insert_by(session, Box, boxes[start : start + size])
@@ -140,12 +136,6 @@ def rolled_back(context: ServiceContext) -> Iterator[Session]:
     with Session(context.database.engine) as session:
         yield session
         session.rollback()
-
-
-def frames_without_boxes(session: Session, boxes: int) -> tuple[Rows, Rows]:
-    """Rows of boxes and decisions to be inserted; their frames are stored."""
-    made = new_rows(session, -(-boxes // BOXES_PER_FRAME))
-    return made.boxes[:boxes], made.decisions[:boxes]
 
 
 def new_rows(session: Session, frames: int) -> MadeRows:
@@ -169,28 +159,23 @@ def packed(context: ServiceContext) -> Figures:
             taken = time.perf_counter() - begun
             figures[f"evidence, 32 frames at a time, {way} [1/s]"] = 3_200 / taken
             flips = flips_of(session, 1_000_000)
-            begun = time.perf_counter()
-            insert_by(session, Flips, flips)
-            taken = time.perf_counter() - begun
+            taken = seconds_of(partial(insert_by, session, Flips, flips))
             figures[f"flips of a million boxes, {way} [ms]"] = 1_000 * taken
     return figures
 
 
 def flips_of(session: Session, boxes: int) -> Rows:
     run_id = session.scalars(select(Run.id).limit(1)).one()
-    rows = []
-    for first in range(1, boxes, BOXES_PER_ROW):
-        ids = np.arange(first, first + BOXES_PER_ROW)
-        before, after = np.full(len(ids), 1), np.full(len(ids), 2)
-        rows.append(
-            {
-                "run_id": run_id,
-                "first_box_id": first,
-                "last_box_id": int(ids[-1]),
-                "boxes": pack_flips(ids, before, after),
-            }
-        )
-    return rows
+    before, after = np.full(BOXES_PER_ROW, 1), np.full(BOXES_PER_ROW, 2)
+    return [
+        {
+            "run_id": run_id,
+            "first_box_id": first,
+            "last_box_id": first + BOXES_PER_ROW - 1,
+            "boxes": pack_flips(np.arange(first, first + BOXES_PER_ROW), before, after),
+        }
+        for first in range(1, boxes, BOXES_PER_ROW)
+    ]
 
 
 def changing(context: ServiceContext, rows: int) -> Figures:
@@ -198,22 +183,21 @@ def changing(context: ServiceContext, rows: int) -> Figures:
     figures: Figures = {}
     for way in ("executemany", "arrays"):
         with rolled_back(context) as session:
-            boxes, decisions = frames_without_boxes(session, rows)
+            made = new_rows(session, -(-rows // BOXES_PER_FRAME))
+            boxes, decisions = made.boxes[:rows], made.decisions[:rows]
             copy_in(session, Box, boxes)
             copy_in(session, Decision, decisions)
             ids = [row["box_id"] for row in decisions]
             changed = {"box_id": ids, "reason": [2] * rows}
-            begun = time.perf_counter()
-            if way == "arrays":
-                update_rows(session, Decision, changed)
-            else:
+            work: Callable[[], object] = partial(
+                update_rows, session, Decision, changed
+            )
+            if way == "executemany":
                 statement = update(Decision).values(reason=bindparam("to_reason"))
-                execute_many(
-                    session,
-                    statement.where(Decision.box_id == bindparam("box")),
-                    {"box": ids, "to_reason": changed["reason"]},
-                )
-            taken = time.perf_counter() - begun
+                statement = statement.where(Decision.box_id == bindparam("box"))
+                values = {"box": ids, "to_reason": changed["reason"]}
+                work = partial(execute_many, session, statement, values)
+            taken = seconds_of(work)
             figures[f"decisions changed, {way} [1/s]"] = rows / taken
     return figures
 
@@ -224,7 +208,7 @@ def sizes(context: ServiceContext, boxes: int) -> Figures:
     figures = bytes_of(context, UPLOADED, "uploaded")
     emptied(context)
     make_dataset(
-        context, DatasetSpec("full", boxes // BOXES_PER_FRAME, annotated=True), shown
+        context, DatasetSpec("full", boxes // BOXES_PER_FRAME, annotated=True), progress
     )
     sys.stderr.write("\n")
     figures |= bytes_of(context, boxes // BOXES_PER_FRAME, "made")
@@ -300,9 +284,5 @@ def bytes_of(context: ServiceContext, frames: int, what: str) -> Figures:
     return figures
 
 
-def shown(done: int) -> None:
-    sys.stderr.write(f"\rstored {done:,} boxes")
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

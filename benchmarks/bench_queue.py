@@ -13,11 +13,7 @@ what any request costs. The most doubtful ten thousand boxes are answered first.
 
 from __future__ import annotations
 
-import argparse
-import json
-import os
 import shutil
-import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
@@ -27,14 +23,20 @@ from typing import Any
 
 import httpx
 
-from benchmarks.bench_runs import prepare, quantile
-from tests.support.large_datasets import (
-    NAME,
-    DatasetSpec,
-    make_dataset,
-    open_context,
+from benchmarks.measuring import (
+    DATA,
+    client_of,
+    cpu_seconds,
+    opened,
+    parser_of,
+    progress,
+    quantile,
+    served,
+    show,
+    store_million,
 )
-from tests.support.servers import RunningServer, running_server
+from tests.support.large_datasets import NAME, DatasetSpec, make_dataset
+from tests.support.servers import RunningServer
 from unghost import Client
 
 ANSWERED = {"margin_max": 0.65, "review": "none"}
@@ -52,47 +54,34 @@ FILTERS: dict[str, dict[str, Any]] = {
 }
 
 
-def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__)
+def main() -> None:
+    parser = parser_of(__doc__)
     parser.add_argument("--boxes", type=int, default=1_000_000)
-    parser.add_argument("--data", type=Path, default=Path("benchmarks/.data"))
+    parser.add_argument("--data", type=Path, default=DATA)
     parser.add_argument("--requests", type=int, default=100)
     parser.add_argument("--only-tables", action="store_true")
-    parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         data = Path(folder) / "data"
         if not options.only_tables:
-            context = open_context(options.data)
-            prepare(context, options.boxes)
-            context.close()
-            context.database.close()
+            with opened(options.data) as context:
+                store_million(context, options.boxes)
             shutil.copytree(options.data, data)
-        context = open_context(data)
-        make_dataset(context, OF_TABLES, lambda _: None)
-        context.close()
-        context.database.close()
-        with running_server(
-            data, {"UNGHOST_LOG_LEVEL": "warning"}, anew=True
-        ) as server:
+        with opened(data) as context:
+            make_dataset(context, OF_TABLES, progress)
+        with served(data) as server:
             figures = dict(tables(server, options.requests))
             if not options.only_tables:
                 figures |= measured(server, options.requests)
-    if options.json:
-        print(json.dumps(figures, indent=1))
-    else:
-        for name, value in figures.items():
-            aim = next((aim for part, aim in AIMS_MS.items() if part in name), None)
-            note = f"   aim: at most {aim}" if aim else ""
-            print(f"{name:58} {value:10.2f}{note}")
-    return 0
+    for part, aim in AIMS_MS.items():
+        if any(part in name for name in figures):
+            figures[f"{part}: aim, at most [ms]"] = aim
+    show(figures, as_json=options.json)
 
 
 def measured(server: RunningServer, requests: int) -> Iterator[tuple[str, float]]:
     """Each figure with its name."""
-    client = httpx.Client(
-        base_url=f"{server.url}/api/v1", headers=server.headers, timeout=600
-    )
+    client = client_of(server)
     _, answers, _ = answer_all(client, ANSWERED)
     yield "boxes answered before", answers
     box_id = client.get("/boxes", params={"dataset": NAME, "limit": 1}).json()
@@ -105,10 +94,28 @@ def measured(server: RunningServer, requests: int) -> Iterator[tuple[str, float]
             body = {"order": order, "filters": filters}
             took = p95(requests, queue_requests(client, body))
             yield f"queue by {order}{name}, p95 [ms]", took
-    yield from totals(client, requests)
-    yield from previews(client, requests)
-    yield from quality(client)
-    yield from bulk(client)
+    for name, filters in (
+        ("by tallies", {"verdict": "rejected", "review": "undecided"}),
+        ("of a range", {"match_min": 5, "match_max": 40, "review": "undecided"}),
+    ):
+        query = {"dataset": NAME, "limit": 1, "count": "true", **filters}
+        took = p95(requests, partial(listed, client, query))
+        yield f"total {name}, p95 [ms]", took
+
+    def dragged(number: int) -> httpx.Response:
+        config = {"threshold_small_box": 5 + number % 40 / 4}
+        body = {"config": config, "limit": 50, "bins": 100}
+        return client.post(f"/datasets/{NAME}/preview", json=body)
+
+    yield "preview while dragging, p95 [ms]", p95(requests, dragged)
+    took = p95(10, lambda _: client.get(f"/datasets/{NAME}/quality"))
+    yield "quality of these answers, p95 [ms]", took
+    batch, boxes, took = answer_all(client, BULK)
+    yield "boxes of one bulk answer", boxes
+    yield "the bulk answer [s]", took
+    begun = time.perf_counter()
+    client.post(f"/review-batches/{batch}/undo").raise_for_status()
+    yield "undoing it [s]", time.perf_counter() - begun
 
 
 def p95(requests: int, request: Callable[[int], httpx.Response]) -> float:
@@ -133,15 +140,15 @@ def tables(server: RunningServer, requests: int) -> Iterator[tuple[str, float]]:
         _, as_objects = timed(lambda: list(client.boxes(OF_TABLES.name)))
         yield "all of them as objects [s]", as_objects
         yield "objects take so many times longer", as_objects / took
-    plain = httpx.Client(base_url=f"{server.url}/api/v1", headers=server.headers)
+    plain = client_of(server)
     for name, path in (("objects", "/boxes"), ("columns", "/boxes/table")):
         query = {"dataset": OF_TABLES.name, "limit": "100"}
         for _ in range(5):
             plain.get(path, params=query).raise_for_status()
-        before = cpu_s(server.process.pid)
+        before = cpu_seconds(server.process.pid)
         for _ in range(requests):
             plain.get(path, params=query).raise_for_status()
-        cost = (cpu_s(server.process.pid) - before) / requests
+        cost = (cpu_seconds(server.process.pid) - before) / requests
         yield f"processor for 100 boxes as {name} [ms]", 1000 * cost
 
 
@@ -153,12 +160,6 @@ def timed(work: Callable[[], Any]) -> tuple[Any, float]:
         result = work()
         times.append(time.perf_counter() - begun)
     return result, min(times)
-
-
-def cpu_s(pid: int) -> float:
-    """Seconds of a processor that a process has used."""
-    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 def queue_requests(
@@ -175,41 +176,8 @@ def queue_requests(
     return request
 
 
-def totals(client: httpx.Client, requests: int) -> Iterator[tuple[str, float]]:
-    for name, filters in (
-        ("by tallies", {"verdict": "rejected", "review": "undecided"}),
-        ("of a range", {"match_min": 5, "match_max": 40, "review": "undecided"}),
-    ):
-        query = {"dataset": NAME, "limit": 1, "count": "true", **filters}
-        took = p95(requests, partial(listed, client, query))
-        yield f"total {name}, p95 [ms]", took
-
-
 def listed(client: httpx.Client, query: dict[str, Any], _: int) -> httpx.Response:
     return client.get("/boxes", params=query)
-
-
-def previews(client: httpx.Client, requests: int) -> Iterator[tuple[str, float]]:
-    def dragged(number: int) -> httpx.Response:
-        config = {"threshold_small_box": 5 + number % 40 / 4}
-        body = {"config": config, "limit": 50, "bins": 100}
-        return client.post(f"/datasets/{NAME}/preview", json=body)
-
-    yield "preview while dragging, p95 [ms]", p95(requests, dragged)
-
-
-def quality(client: httpx.Client) -> Iterator[tuple[str, float]]:
-    took = p95(10, lambda _: client.get(f"/datasets/{NAME}/quality"))
-    yield "quality of these answers, p95 [ms]", took
-
-
-def bulk(client: httpx.Client) -> Iterator[tuple[str, float]]:
-    batch, boxes, took = answer_all(client, BULK)
-    yield "boxes of one bulk answer", boxes
-    yield "the bulk answer [s]", took
-    begun = time.perf_counter()
-    client.post(f"/review-batches/{batch}/undo").raise_for_status()
-    yield "undoing it [s]", time.perf_counter() - begun
 
 
 def answer_all(client: httpx.Client, filters: dict[str, Any]) -> tuple[int, int, float]:
@@ -225,4 +193,4 @@ def answer_all(client: httpx.Client, filters: dict[str, Any]) -> tuple[int, int,
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

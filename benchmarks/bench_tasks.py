@@ -10,7 +10,6 @@ start of the program to its end. pandas has to be installed, else its task is le
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import subprocess
@@ -24,6 +23,7 @@ from pathlib import Path
 
 import httpx
 
+from benchmarks.measuring import parser_of
 from tests.support.documents import blocks, read
 from tests.support.frames import write_manifest
 from tests.support.pictures import plain_png
@@ -32,10 +32,9 @@ from tests.support.ports import reserved_port
 NAMES = ("batch", "export", "pandas", "asyncio", "gate")
 
 
-def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__)
+def main() -> None:
+    parser = parser_of(__doc__)
     parser.add_argument("--frames", type=int, default=2000)
-    parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as name, reserved_port() as port:
         figures = dict(measured(Path(name), port, options.frames))
@@ -44,7 +43,6 @@ def main() -> int:
     else:
         for task, (lines, seconds) in figures.items():
             print(f"{task:10} {lines:3} lines {seconds:8.1f} s")
-    return 0
 
 
 def tasks() -> dict[str, str]:
@@ -165,4 +163,4 @@ def is_ready(url: str) -> bool:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

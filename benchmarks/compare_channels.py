@@ -15,7 +15,6 @@ file included, as ratios to the segmentation's.
 
 from __future__ import annotations
 
-import argparse
 import json
 import statistics
 import sys
@@ -31,6 +30,8 @@ import numpy as np
 from rich.progress import track
 
 from benchmarks.evaluation_page import write_page
+from benchmarks.measuring import parser_of
+from benchmarks.street import AS_RECORDINGS
 from filter_core.annotation.frame import FORMS_3D
 from filter_core.config.filter import FilterConfig
 from filter_core.decisions.doubt import Bin, bins_of, doubts
@@ -52,20 +53,17 @@ from unghost.street.street import TRUTH, StreetScene, write_street
 COSTED = ("ordered", "depth", "depth_center", "instance", "lidar")
 COST_FRAMES = 24
 COST_ROUNDS = 5
-STREETS = {"recorded": 1 / 7, "crowded": 1.0}
-"""The share of the street's vehicles, people and lights that exist. A seventh of them
-leaves some thirty boxes within 200 m, as in the frame that the paper came with."""
+STREETS = {"recorded": AS_RECORDINGS, "crowded": 1.0}
 FIRST_QUESTIONS = (100, 300, 1000)
 SIZES = (1, 3, 10, 100)
 """Visible pixels from which the next group begins."""
 
 
-def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+def main() -> None:
+    parser = parser_of(__doc__)
     parser.add_argument("--folder", type=Path)
     parser.add_argument("--frames", type=int, default=200)
     parser.add_argument("--seed", type=int, default=2026)
-    parser.add_argument("--json", action="store_true")
     parser.add_argument("--write", action="store_true", help="write docs/evaluation.md")
     parser.add_argument("--questions", action="store_true")
     options = parser.parse_args()
@@ -81,7 +79,6 @@ def main() -> int:
         write_page(found)
     if options.json or not options.write:
         print(json.dumps(found, indent=1))
-    return 0
 
 
 def report(done: int, of: int) -> None:
@@ -98,15 +95,10 @@ def compared(folder: Path) -> dict[str, Any]:
     truth = read_truth(folder / TRUTH)
     task = EvaluationTask(FilterConfig(profile="paper"), truth)
     semantic = replace(task, channels=("semantic",))
-    naive = replace(
-        semantic,
-        config=FilterConfig(profile="paper", projection="naive", min_forward=1),
-    )
-    one_pixel = EvaluationTask(
-        FilterConfig(profile="paper", ordered_min_pixels=1),
-        truth,
-        channels=("ordered",),
-    )
+    projected = FilterConfig(profile="paper", projection="naive", min_forward=1)
+    naive = replace(semantic, config=projected)
+    least = FilterConfig(profile="paper", ordered_min_pixels=1)
+    one_pixel = EvaluationTask(least, truth, channels=("ordered",))
     return {
         "solid": counted(solid, task),
         "flat": counted(list(without_instance_ids(flat)), task),
@@ -119,11 +111,8 @@ def compared(folder: Path) -> dict[str, Any]:
 
 
 def questions(folder: Path) -> dict[str, Any]:
-    """How many errors are among the first questions, and how many in each bin.
-
-    For a dataset with all files, which are decided by the strongest evidence, and for
-    one with tags only, which are decided as in the paper.
-    """
+    """How many errors are among the first questions, and how many in each bin: with all
+    files, decided by the strongest evidence, and with tags only, as in the paper."""
     frames, truth = list(read_source(folder)), read_truth(folder / TRUTH)
     by_tags, by_all = FilterConfig(profile="paper"), FilterConfig()
     return {
@@ -229,4 +218,4 @@ def costs(frames: list[FrameSource]) -> dict[str, float]:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

@@ -18,7 +18,7 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
-from benchmarks.compare_channels import STREETS
+from benchmarks.street import AS_RECORDINGS
 from filter_core.evaluation.trials import ComparisonObject
 from filter_core.formats.reading import MANIFEST_NAME
 from unghost.cli.evaluate import interval_plot
@@ -58,7 +58,7 @@ def main() -> None:
         street = options.folder / "streets" / str(seed)
         if not (street / MANIFEST_NAME).exists():
             print(f"rendering street {seed}", file=sys.stderr)
-            scene = StreetScene(seed, actors=STREETS["recorded"], flat=False)
+            scene = StreetScene(seed, actors=AS_RECORDINGS, flat=False)
             write_street(street, frames, scene)
     trainer = (
         f"{options.python} -m unghost.experiment {{data}} {{seed}} {{output}} "

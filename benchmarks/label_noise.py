@@ -9,7 +9,6 @@ doubtful. docs/experiment.md has the table.
 
 from __future__ import annotations
 
-import argparse
 import json
 import sys
 from collections import Counter
@@ -19,6 +18,7 @@ from pathlib import Path
 
 from rich.progress import track
 
+from benchmarks.measuring import parser_of
 from filter_core.evaluation.arms import Arm, LabelNoise, NoiseObject, truth_of_pixels
 from filter_core.formats.registry import read_source
 from filter_core.local import ArmsTask, LabelledFrame, label_sources
@@ -28,9 +28,8 @@ KINDS = ("paper", "carlasimu", "ordered", "depth", "auto")
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = parser_of(__doc__)
     parser.add_argument("folders", type=Path, nargs="+")
-    parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
     filtered = [f"{kind}@{pixels}" for kind in KINDS for pixels in PIXELS]
     arms = tuple(map(Arm.named, ("raw", "clipped", *filtered)))

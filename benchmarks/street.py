@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
@@ -19,6 +20,10 @@ from filter_core.segmentation.palettes import FAMILIES
 FAMILY = "carla-0.9.14"
 WIDTH, HEIGHT = 1280, 720
 HORIZON = 330
+IMAGE_BYTES = 1_300_000
+AS_RECORDINGS = 1 / 7
+"""The share of a rendered street's vehicles, people and lights that exist. It leaves
+some thirty boxes within 200 m, as in the frame that the paper came with."""
 CLASSES = {
     "car": (14, "Car", 210, 150),
     "truck": (3, "Truck", 260, 260),
@@ -38,6 +43,13 @@ class Street:
     xyxy: np.ndarray
     classes: tuple[str, ...]
 
+    @property
+    def annotation(self) -> dict[str, Any]:
+        """The boxes as a recorder would write them."""
+        rows = zip(self.classes, self.xyxy.round(3).tolist(), strict=True)
+        boxes = [{"class": name, "xyxy": xyxy} for name, xyxy in rows]
+        return {"carla_version": "0.9.15", "boxes": boxes}
+
 
 def color(name: str) -> tuple[int, int, int]:
     palette = FAMILIES[FAMILY]
@@ -49,7 +61,7 @@ def street(seed: int = 1, *, as_carla_writes: bool = False) -> Street:
     """A frame with about 30 boxes that cover about 150,000 pixels.
 
     The segmentation is as OpenCV writes it, or as CARLA's `save_to_disk` does: with
-    alpha, and with whichever filter suits each row.
+    alpha, with whichever filter suits each row, and compressed by level 6.
     """
     rng = np.random.default_rng(seed)
     image = np.empty((HEIGHT, WIDTH, 3), np.uint8)
@@ -59,16 +71,47 @@ def street(seed: int = 1, *, as_carla_writes: bool = False) -> Street:
     _draw_vegetation(image, rng)
     _draw_poles(image, rng)
     boxes, classes = _draw_objects(image, rng)
+    pixels: np.ndarray = image
+    options: list[int] = []
     if as_carla_writes:
-        return Street(_with_all_filters(image), boxes, classes)
-    png = cv2.imencode(".png", image)[1].tobytes()
-    return Street(png, boxes, classes)
+        pixels = cv2.cvtColor(image, cv2.COLOR_BGR2BGRA)
+        options = [cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_ALL_FILTERS]
+        options += [cv2.IMWRITE_PNG_COMPRESSION, 6]
+    return Street(cv2.imencode(".png", pixels, options)[1].tobytes(), boxes, classes)
 
 
-def _with_all_filters(image: np.ndarray) -> bytes:
-    opaque = cv2.cvtColor(image, cv2.COLOR_BGR2BGRA)
-    options = [cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_ALL_FILTERS]
-    return cv2.imencode(".png", opaque, options)[1].tobytes()
+def photograph() -> bytes:
+    """A PNG of about the size that a camera's image has, 1.3 MB."""
+    rng = np.random.default_rng(3)
+    rows = np.linspace(60, 190, HEIGHT)[:, None, None]
+    smooth = np.broadcast_to(rows, (HEIGHT, WIDTH, 3))
+    for spread in np.linspace(0.5, 6.0, 40):
+        content = _noisy(smooth, rng, spread)
+        if len(content) >= IMAGE_BYTES:
+            break
+    return content
+
+
+def soft_photograph(number: int) -> bytes:
+    """Soft shapes under noise, as a PNG: as hard to decode as a rendered street."""
+    rng = np.random.default_rng(number)
+    small = rng.integers(40, 220, (HEIGHT // 24, WIDTH // 24, 3)).astype(np.uint8)
+    smooth = cv2.resize(small, (WIDTH, HEIGHT), interpolation=cv2.INTER_CUBIC)
+    return _noisy(smooth, rng, 3)
+
+
+def _noisy(smooth: np.ndarray, rng: np.random.Generator, spread: float) -> bytes:
+    noisy = smooth + rng.normal(0, spread, smooth.shape)
+    return cv2.imencode(".png", noisy.clip(0, 255).astype(np.uint8))[1].tobytes()
+
+
+def crowd(seed: int, count: int) -> dict[str, Any]:
+    """An annotation: from few large boxes to crowds of small ones."""
+    rng = np.random.default_rng(seed)
+    sides = np.exp(rng.uniform(np.log(12), np.log(280), (count, 2)))
+    corners = rng.uniform(0, 1, (count, 2)) * (np.array([WIDTH, HEIGHT]) - sides)
+    rows = enumerate(np.hstack([corners, corners + sides]).round(2).tolist(), 1)
+    return {"boxes": [{"id": str(n), "class": "car", "xyxy": xyxy} for n, xyxy in rows]}
 
 
 def _draw_buildings(image: np.ndarray, rng: np.random.Generator) -> None:

@@ -21,9 +21,10 @@ from pathlib import Path
 from typing import Any, Final
 from urllib.parse import unquote
 
-NOT_OF_DATUMARO: Final = frozenset({"label-studio"})
-"""Formats of labels that Datumaro does not read under our name."""
+import numpy as np
+
 PARTS: Final = ("train", "val")
+VOC_EDGES: Final = ("xmin", "ymin", "xmax", "ymax")
 FORMS: Final = ("yolo", "coco", "kitti", "voc", "cvat", "label-studio")
 TOLERANCES: Final = {"voc": 1.0, "kitti": 0.01}
 """Pixels by which edges may differ: VOC's are whole, KITTI's have few decimals."""
@@ -57,21 +58,17 @@ def main() -> None:
         os.environ["YOLO_CONFIG_DIR"] = str(root / "settings")
         os.environ["YOLO_OFFLINE"] = "true"
         wrong = []
-        expected = _expected(root)
+        expected = _boxes_of(root / "coco")
         for reader in READERS:
-            for who, form, found in reader(root):
-                faults = list(_faults(who, form, found, expected))
-                boxes = sum(map(len, found.values()))
-                print(who, form, len(found), boxes, *faults[:3], sep="\t")
-                wrong += [f"{who} {form}" for _ in faults[:1]]
+            for who, form, boxes in reader(root):
+                if _differs(who, form, boxes, expected):
+                    wrong.append(f"{who} {form}")
         for writer in WRITERS:
             for who, form in writer(root):
-                found = _read_again(python, root, root / who / form)
-                there = {key: expected.get(key, []) for key in found}
-                faults = list(_faults(f"written by {who}", form, found, there))
-                boxes = sum(map(len, found.values()))
-                print("written by", who, form, len(found), boxes, *faults[:3], sep="\t")
-                wrong += [f"what {who} wrote as {form}" for _ in faults[:1]]
+                boxes = _read_again(python, root, root / who / form)
+                written = {key: expected.get(key, []) for key in boxes}
+                if _differs(f"written by {who}", form, boxes, written):
+                    wrong.append(f"what {who} wrote as {form}")
     if wrong:
         sys.exit(f"found something else: {', '.join(wrong)}")
 
@@ -83,10 +80,19 @@ def _make(python: str, root: Path) -> None:
         "from unghost.street.street import write_street; "
         "write_street(Path(sys.argv[1]), 9)"
     )
-    subprocess.run([python, "-c", render, str(root / "street")], check=True)
-    convert = [python, "-m", "unghost.cli", "convert", str(root / "street"), "--filter"]
+    street = str(root / "street")
+    subprocess.run([python, "-c", render, street], check=True)
+    convert = [python, "-m", "unghost.cli", "convert", street, "--filter"]
     for form in FORMS:
         subprocess.run([*convert, "--to", form, "-o", str(root / form)], check=True)
+
+
+def _differs(who: str, form: str, boxes: Boxes, expected: Boxes) -> bool:
+    """Whether boxes are not what was expected; prints how many, and differences."""
+    faults = list(_faults(who, form, boxes, expected))
+    count = sum(map(len, boxes.values()))
+    print(who, form, len(boxes), count, *faults[:3], sep="\t")
+    return bool(faults)
 
 
 def _read_again(python: str, root: Path, folder: Path) -> Boxes:
@@ -96,11 +102,6 @@ def _read_again(python: str, root: Path, folder: Path) -> Boxes:
     subprocess.run([*convert, "-o", str(again), "-O", "images=none"], check=True)
     boxes = _boxes_of(again)
     return {_key(f"{key}.png"): rows for key, rows in boxes.items()}
-
-
-def _expected(root: Path) -> Boxes:
-    """The boxes that our COCO files have, by the keys of the frames."""
-    return _boxes_of(root / "coco")
 
 
 def _boxes_of(folder: Path) -> Boxes:
@@ -158,17 +159,17 @@ def _faults(who: str, form: str, found: Boxes, expected: Boxes) -> Iterator[str]
         # Rectangles that differ by less than the tolerance may be in another order.
         left = list(found[name])
         for row in rows:
-            alike = [one for one in left if _is_alike(one, row, tolerance)]
+            alike = [
+                other
+                for other in left
+                # Types of KITTI have underscores.
+                if row[0].replace(" ", "_") == other[0].replace(" ", "_")
+                and np.allclose(row[1:], other[1:], rtol=0, atol=tolerance)
+            ]
             if not alike:
                 yield f"{name}: no {row}"
                 break
             left.remove(alike[0])
-
-
-def _is_alike(one: Row, other: Row, tolerance: float) -> bool:
-    names = (one[0].replace(" ", "_"), other[0].replace(" ", "_"))  # KITTI's types
-    edges = zip(one[1:], other[1:], strict=True)
-    return names[0] == names[1] and all(abs(a - b) <= tolerance for a, b in edges)
 
 
 def _ultralytics(root: Path) -> Iterator[tuple[str, str, Boxes]]:
@@ -184,22 +185,13 @@ def _ultralytics(root: Path) -> Iterator[tuple[str, str, Boxes]]:
             height, width = label["shape"]
             rows = zip(label["cls"].ravel(), label["bboxes"].tolist(), strict=True)
             found[_key(label["im_file"])] = [
-                (data["names"][int(number)], *_corners(shares, width, height))
-                for number, shares in rows
+                (
+                    data["names"][int(number)],
+                    *_edges([x - w / 2, y - h / 2, w, h], (width, height)),
+                )
+                for number, (x, y, w, h) in rows
             ]
     yield "ultralytics", "yolo", found
-
-
-def _corners(
-    shares: list[float], width: int, height: int
-) -> tuple[float, float, float, float]:
-    x, y, w, h = shares
-    return (
-        (x - w / 2) * width,
-        (y - h / 2) * height,
-        (x + w / 2) * width,
-        (y + h / 2) * height,
-    )
 
 
 def _supervision(root: Path) -> Iterator[tuple[str, str, Boxes]]:
@@ -229,20 +221,17 @@ def _supervision(root: Path) -> Iterator[tuple[str, str, Boxes]]:
     }
     for form, parts in sets.items():
         # It takes VOC's corners as they are but for one pixel of the first.
-        yield (
-            "supervision",
-            form,
-            {
-                _key(image): [
-                    (part.classes[number], *xyxy)
-                    for number, xyxy in zip(
-                        boxes.class_id.tolist(), boxes.xyxy.tolist(), strict=True
-                    )
-                ]
-                for part in parts
-                for image, boxes in part.annotations.items()
-            },
-        )
+        rows = {
+            _key(image): [
+                (part.classes[number], *xyxy)
+                for number, xyxy in zip(
+                    boxes.class_id.tolist(), boxes.xyxy.tolist(), strict=True
+                )
+            ]
+            for part in parts
+            for image, boxes in part.annotations.items()
+        }
+        yield "supervision", form, rows
 
 
 def _datumaro(root: Path) -> Iterator[tuple[str, str, Boxes]]:
@@ -250,23 +239,20 @@ def _datumaro(root: Path) -> Iterator[tuple[str, str, Boxes]]:
 
     kind, numbers = datumaro.AnnotationType.bbox, _keys_of_kitti(root)
     for form in FORMS:
-        if form in NOT_OF_DATUMARO:
+        if form == "label-studio":
             continue
-        # It calls these formats as we do.
+        # It calls all others as we do.
         dataset = datumaro.Dataset.import_from(str(root / form), form)
         names = dataset.categories()[datumaro.AnnotationType.label]
-        yield (
-            "datumaro",
-            form,
-            {
-                (numbers[item.id] if form == "kitti" else _key(item.id)): [
-                    (names[one.label].name, *map(float, one.points))
-                    for one in item.annotations
-                    if one.type == kind
-                ]
-                for item in dataset
-            },
-        )
+        rows = {
+            (numbers[item.id] if form == "kitti" else _key(item.id)): [
+                (names[one.label].name, *map(float, one.points))
+                for one in item.annotations
+                if one.type == kind
+            ]
+            for item in dataset
+        }
+        yield "datumaro", form, rows
 
 
 def _torchvision(root: Path) -> Iterator[tuple[str, str, Boxes]]:
@@ -292,16 +278,15 @@ def _torchvision(root: Path) -> Iterator[tuple[str, str, Boxes]]:
         for path in listed.annotations:
             tree = ET_parse(path).getroot()
             objects = listed.parse_voc_xml(tree)["annotation"].get("object", [])
-            found[_key(path)] = [_voc_row(one) for one in objects]
+            # The first pixel of VOC is number 1, and both ends are included.
+            found[_key(path)] = [
+                (one["name"], left - 1, top - 1, right, bottom)
+                for one in objects
+                for left, top, right, bottom in [
+                    map(float, map(one["bndbox"].get, VOC_EDGES))
+                ]
+            ]
     yield "torchvision", "voc", found
-
-
-def _voc_row(one: Mapping[str, Any]) -> Row:
-    """An object of VOC, whose first pixel is number 1, with both ends included."""
-    x_min, y_min, x_max, y_max = (
-        float(one["bndbox"][key]) for key in ("xmin", "ymin", "xmax", "ymax")
-    )
-    return one["name"], x_min - 1, y_min - 1, x_max, y_max
 
 
 def _label_studio(root: Path) -> Iterator[tuple[str, str, Boxes]]:
@@ -316,14 +301,11 @@ def _label_studio(root: Path) -> Iterator[tuple[str, str, Boxes]]:
     )
     document = json.loads((out / "result.json").read_text("utf-8"))
     names = {one["id"]: one["name"] for one in document["categories"]}
-    yield (
-        "label-studio-sdk",
-        "label-studio",
-        {
-            _key(unquote(image["file_name"])): _rows_of(document, image["id"], names)
-            for image in document["images"]
-        },
-    )
+    rows = {
+        _key(unquote(image["file_name"])): _rows_of(document, image["id"], names)
+        for image in document["images"]
+    }
+    yield "label-studio-sdk", "label-studio", rows
 
 
 def _fiftyone(root: Path) -> Iterator[tuple[str, str, Boxes]]:
@@ -384,16 +366,6 @@ def _edges(
     return x * width, y * height, (x + w) * width, (y + h) * height
 
 
-READERS: Final[tuple[Reader, ...]] = (
-    _ultralytics,
-    _supervision,
-    _datumaro,
-    _torchvision,
-    _label_studio,
-    _fiftyone,
-)
-
-
 def _datumaro_again(root: Path) -> Iterator[tuple[str, str]]:
     import datumaro
 
@@ -422,10 +394,19 @@ def _supervision_again(root: Path) -> Iterator[tuple[str, str]]:
         yield "supervision", form
 
 
-Writer = Callable[[Path], Iterator[tuple[str, str]]]
-"""Writes the street in formats, and gives its name and each format; see `main`."""
-
-WRITERS: Final[tuple[Writer, ...]] = (_datumaro_again, _supervision_again)
+READERS: Final[tuple[Reader, ...]] = (
+    _ultralytics,
+    _supervision,
+    _datumaro,
+    _torchvision,
+    _label_studio,
+    _fiftyone,
+)
+WRITERS: Final[tuple[Callable[[Path], Iterator[tuple[str, str]]], ...]] = (
+    _datumaro_again,
+    _supervision_again,
+)
+"""Each writes the street in formats, and gives its name and each format."""
 
 
 if __name__ == "__main__":

@@ -25,39 +25,30 @@ def add_activity(url: str, token: str) -> None:
     with Client(url, token) as client:
         if client.dataset(DATASET).counts.reviewed:
             return
-        boxes = _sample(client)
-        _give_answers(client, boxes)
+        # Measured boxes of both verdicts, shuffled with a fixed seed.
+        rng, sample = np.random.default_rng(_SEED), list[Decision]()
+        for verdict in ("kept", "rejected"):
+            measured = [
+                box
+                for box in client.boxes(DATASET, verdict=verdict)
+                if box.match_percent is not None and (box.area_percent or 0) > 0
+            ]
+            order = rng.permutation(len(measured))[:_EACH_VERDICT]
+            sample.extend(measured[index] for index in order)
+        boxes = [sample[index] for index in rng.permutation(len(sample))]
+        rng = np.random.default_rng(_SEED)
+        people = {"ada": boxes, "bo": boxes[:_SHARED]}
+        for earlier, (name, own) in enumerate(people.items()):
+            # Bo has seen Ada's answers, each of which made a new revision of its box.
+            seen = [box.model_copy(update={"revision": earlier}) for box in own]
+            answers = list(_answers(own, rng))
+            with Client(url, client.create_token(name).token) as reviewer:
+                for verdict in sorted(set(answers)):
+                    pairs = zip(seen, answers, strict=True)
+                    chosen = [box for box, answer in pairs if answer == verdict]
+                    reviewer.bulk_review(DATASET, verdict, chosen)
         client.wait(client.start_run(DATASET, {"threshold_small_box": 8}))
         client.wait_for_export(client.start_export(DATASET, "yolo"))
-
-
-def _give_answers(admin: Client, boxes: Sequence[Decision]) -> None:
-    rng = np.random.default_rng(_SEED)
-    people = {"ada": boxes, "bo": boxes[:_SHARED]}
-    for earlier, (name, own) in enumerate(people.items()):
-        # Bo has seen Ada's answers, each of which made a new revision of its box.
-        seen = [box.model_copy(update={"revision": earlier}) for box in own]
-        answers = list(_answers(own, rng))
-        with Client(admin.url, admin.create_token(name).token) as reviewer:
-            for verdict in sorted(set(answers)):
-                pairs = zip(seen, answers, strict=True)
-                chosen = [box for box, answer in pairs if answer == verdict]
-                reviewer.bulk_review(DATASET, verdict, chosen)
-
-
-def _sample(client: Client) -> list[Decision]:
-    """Measured boxes of both verdicts, shuffled with a fixed seed."""
-    rng = np.random.default_rng(_SEED)
-    found: list[Decision] = []
-    for verdict in ("kept", "rejected"):
-        measured = [
-            box
-            for box in client.boxes(DATASET, verdict=verdict)
-            if box.match_percent is not None and (box.area_percent or 0) > 0
-        ]
-        picked = rng.permutation(len(measured))[:_EACH_VERDICT]
-        found.extend(measured[index] for index in picked)
-    return [found[index] for index in rng.permutation(len(found))]
 
 
 def _answers(boxes: Sequence[Decision], rng: np.random.Generator) -> Iterator[Answer]:

@@ -11,6 +11,7 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 from playwright.sync_api import Error, sync_playwright
@@ -52,16 +53,6 @@ def found() -> str:
     return executable or "Playwright's own"
 
 
-def from_playwright() -> None:
-    """Playwright's build for this user, without the system's libraries."""
-    run(sys.executable, "-m", "playwright", "install", "chromium")
-
-
-def with_libraries() -> None:
-    """Playwright's build and the libraries it needs; asks for sudo where needed."""
-    run(sys.executable, "-m", "playwright", "install", "--with-deps", "chromium")
-
-
 def from_apt() -> None:
     """The distribution's own package."""
     for package in ("chromium-headless-shell", "chromium"):
@@ -72,7 +63,12 @@ def from_apt() -> None:
 
 def main() -> int:
     """Tries one source after the other and says which browser will be used."""
-    attempts: list[Callable[[], None]] = [from_playwright, from_apt, with_libraries]
+    install = [sys.executable, "-m", "playwright", "install"]
+    attempts: list[Callable[[], None]] = [
+        partial(run, *install, "chromium"),  # without the system's libraries
+        from_apt,
+        partial(run, *install, "--with-deps", "chromium"),  # asks for sudo if needed
+    ]
     browser = found()
     while not browser and attempts:
         attempts.pop(0)()

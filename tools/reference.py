@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 import re
-import sys
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Final, Protocol
@@ -131,18 +130,16 @@ def command_table() -> Iterator[str]:
         yield f"| `{path}` | {command.get_short_help_str(limit=200)} |"
 
 
-def commands() -> Iterator[tuple[str, Command]]:
-    """Every command that can be typed, with the words that call it."""
-    yield from _below("unghost", typer.main.get_command(program))
-
-
-def _below(path: str, command: Command) -> Iterator[tuple[str, Command]]:
+def commands(
+    path: str = "unghost", command: Command | None = None
+) -> Iterator[tuple[str, Command]]:
+    """Every command below one that can be typed, with the words that call it."""
+    command = command or typer.main.get_command(program)
     if isinstance(command, LazyCommand):
         yield path, command.build()
         return
-    children = getattr(command, "commands", {})
-    for name, child in sorted(children.items()):
-        yield from _below(f"{path} {name}", child)
+    for name, child in sorted(getattr(command, "commands", {}).items()):
+        yield from commands(f"{path} {name}", child)
 
 
 def exit_code_table() -> Iterator[str]:
@@ -215,12 +212,10 @@ def part_pattern(name: str) -> re.Pattern[str]:
 def with_part(text: str, name: str, lines: Iterator[str]) -> str:
     """The document with this part as the code says it now."""
     content = "\n".join(lines)
-    return part_pattern(name).sub(
-        lambda found: f"{found[1]}{content}\n{found[3]}", text
-    )
+    return part_pattern(name).sub(lambda part: f"{part[1]}{content}\n{part[3]}", text)
 
 
-def main() -> int:
+def main() -> None:
     """Brings every part up to date."""
     for name, (path, lines) in PARTS.items():
         before = path.read_text("utf-8")
@@ -228,8 +223,7 @@ def main() -> int:
         if after != before:
             path.write_text(after, "utf-8")
             print(f"{path.name}: {name} written")
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

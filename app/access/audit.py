@@ -77,9 +77,13 @@ class AuditTrail:
         Of `OFTEN`, actions that everybody may repeat as often as they like, the log has
         at most `MOST_AN_HOUR` of each token and action: no entry is ever deleted.
         """
-        if self.actor is not None and action in OFTEN and self._has_enough(action):
-            return
-        AuditRepository(self.session).add(
+        log = AuditRepository(self.session)
+        if self.actor is not None and action in OFTEN:
+            since = utc_now() - timedelta(hours=1)
+            token_id = self.actor.token_id
+            if log.noted_since(token_id, action.value, since) >= MOST_AN_HOUR:
+                return
+        log.add(
             AuditEntry(
                 token_id=None if self.actor is None else self.actor.token_id,
                 actor=self.name,
@@ -88,8 +92,3 @@ class AuditTrail:
                 details=details,
             )
         )
-
-    def _has_enough(self, action: AuditAction) -> bool:
-        since = utc_now() - timedelta(hours=1)
-        log = AuditRepository(self.session)
-        return log.noted_since(self.token_id, action.value, since) >= MOST_AN_HOUR

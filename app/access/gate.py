@@ -60,13 +60,17 @@ class TokenGate:
         if principal is None:
             before = callers.revocations
             secret = bearer_token(header) or ""
+
+            def look_up() -> Principal:
+                with database_of(request).read() as session:
+                    return by_secret(session, secret)
+
             with counting_wrong_secrets(request):
-                principal = await run_in_threadpool(_look_up, request, secret)
+                principal = await run_in_threadpool(look_up)
             callers.remember(header, principal, before)
         services_of(request).one(LastUses).note(principal.token_id)
-        page_writes = (
-            principal.session_hash is not None and request.method not in SAFE_METHODS
-        )
+        is_of_page = principal.session_hash is not None
+        page_writes = is_of_page and request.method not in SAFE_METHODS
         if page_writes and not comes_from_no_other_page(request.headers):
             raise Forbidden(
                 "a session of the review page may be used for writes by that page only"
@@ -91,11 +95,6 @@ def counting_wrong_secrets(request: Request) -> Iterator[None]:
         address = request.client.host if request.client else None
         services_of(request).one(WrongSecrets).note(address or "-")
         raise
-
-
-def _look_up(request: Request, secret: str) -> Principal:
-    with database_of(request).read() as session:
-        return by_secret(session, secret)
 
 
 class RecentCallers:
@@ -124,11 +123,12 @@ class RecentCallers:
 
     def forget_on_commit(self, session: Session) -> None:
         """Clear the cache when this transaction, which revokes something, commits."""
-        event.listen(session, "after_commit", self._forget, once=True)
 
-    def _forget(self, _session: Session) -> None:
-        self.revocations += 1
-        self._held.clear()
+        def forget(_session: Session) -> None:
+            self.revocations += 1
+            self._held.clear()
+
+        event.listen(session, "after_commit", forget, once=True)
 
 
 class LastUses:

@@ -43,12 +43,12 @@ class AuditRepository:
             .limit(_NEWEST)
             .subquery()
         )
-        found = select(func.count()).where(
+        count = select(func.count()).where(
             newest.c.token_id == token_id,
             newest.c.action == action,
             newest.c.created_at > since,
         )
-        return self._session.scalar(found) or 0
+        return self._session.scalar(count) or 0
 
     def page(self, page: NewestPage) -> list[AuditEntry]:
         """Entries, newest first; one more than the limit if there is a next page."""
@@ -91,11 +91,9 @@ def is_valid(
     connection: Connection, token_id: int, session_digest: str | None, now: datetime
 ) -> bool:
     """Whether a token is valid, and its session with this hash, if there is one."""
-    given = {"token_id": token_id, "now": now}
-    if session_digest is None:
-        return connection.execute(_VALID_ID, given).first() is not None
-    found = connection.execute(_VALID_SESSION, {**given, "digest": session_digest})
-    return found.first() is not None
+    values = {"token_id": token_id, "now": now, "digest": session_digest}
+    statement = _VALID_ID if session_digest is None else _VALID_SESSION
+    return connection.execute(statement, values).first() is not None
 
 
 class TokenEnd(NamedTuple):

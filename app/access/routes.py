@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from datetime import timedelta
 from functools import partial
-from typing import Final
 
 from fastapi import Request, Response
 
@@ -39,15 +38,13 @@ audit_router = ApiRouter(prefix="/api/v1", tag="audit")
 @audit_router.get("/audit", response_model=Page[AuditEntry])
 def list_audit(caller: Admin, wanted: Newest, session: ReadSession) -> Response:
     """The audit log: who changed tokens, data, configurations, jobs or many answers."""
-    found = AuditRepository(session).page(wanted.page)
+    entries = AuditRepository(session).page(wanted.page)
     describe = partial(AuditEntry.model_validate, from_attributes=True)
-    return wanted.response(found, describe)
+    return wanted.response(entries, describe)
 
 
-PREFIX: Final = "/api/v1"
-
-login_router = OpenRouter(prefix=PREFIX, tag="session")
-session_router = ApiRouter(prefix=PREFIX, tag="session")
+login_router = OpenRouter(prefix="/api/v1", tag="session")
+session_router = ApiRouter(prefix="/api/v1", tag="session")
 
 
 @login_router.post("/session", status_code=201, response_model=NewSession)
@@ -76,20 +73,20 @@ def log_in(
     by = "token" if code_id is None else "code"
     lifetime = timedelta(hours=services.settings.session_hours)
     opened = access.log_in(AuditTrail(writing, principal), by, lifetime)
-    found = access.by_session(writing, opened)
+    caller = access.by_session(writing, opened)
     services.one(LastUses).note(principal.token_id)
-    shown = NewSession(**dict(_session(writing, found)), session=opened)
+    shown = NewSession(**dict(_session(writing, caller)), session=opened)
     return json_response(shown, 201, NO_STORE)
 
 
 @session_router.get("/session")
-def get_session(session: ReadSession, caller: Viewer) -> Session:
+def get_session(caller: Viewer, session: ReadSession) -> Session:
     """The caller's name and role, and when the token or the session expires."""
     return _session(session, caller)
 
 
 @session_router.delete("/session", status_code=204)
-def log_out(session: WriteSession, services: AppServices, caller: Viewer) -> Response:
+def log_out(caller: Viewer, session: WriteSession, services: AppServices) -> Response:
     """End the session that the request is sent with; a token stays valid."""
     access.log_out(session, caller)
     if caller.session_hash is not None:
@@ -104,13 +101,13 @@ def create_login_code(caller: Viewer, audit: Audited) -> Response:
 
     The login link is the service's address followed by `/#code=` and the code.
     """
-    made, secret = access.make_code(audit)
-    code = LoginCode.model_validate(made, from_attributes=True)
+    row, secret = access.make_code(audit)
+    code = LoginCode.model_validate(row, from_attributes=True)
     return json_response(NewLoginCode(**dict(code), code=secret), 201, NO_STORE)
 
 
 @session_router.get("/login-codes/{code_id}")
-def get_login_code(code_id: RowId, session: ReadSession, caller: Viewer) -> LoginCode:
+def get_login_code(caller: Viewer, code_id: RowId, session: ReadSession) -> LoginCode:
     """One of the caller's login codes: when it expires, and whether it was used."""
     code = access.own_code(session, caller, code_id)
     return LoginCode.model_validate(code, from_attributes=True)
@@ -140,9 +137,9 @@ def list_tokens(
     `last_used_at` is written once a minute.
     """
     after_id = 0 if cursor is None else id_of_cursor(cursor)
-    found = Tokens(session).page(after_id=after_id, limit=limit + 1)
-    following = str(found[limit - 1].id) if len(found) > limit else None
-    items = [Token.model_validate(one, from_attributes=True) for one in found[:limit]]
+    rows = Tokens(session).page(after_id=after_id, limit=limit + 1)
+    following = str(rows[limit - 1].id) if len(rows) > limit else None
+    items = [Token.model_validate(row, from_attributes=True) for row in rows[:limit]]
     return page_response(request, items, following)
 
 
@@ -150,8 +147,8 @@ def list_tokens(
 def create_token(caller: Admin, body: TokenIn, audit: Audited) -> Response:
     """Create a token; it lasts until revoked or expired. Only this response has it."""
     ends = body.ends(utc_now())
-    made, secret = access.issue(audit, body.name, body.role, ends)
-    token = Token.model_validate(made, from_attributes=True)
+    row, secret = access.issue(audit, body.name, body.role, ends)
+    token = Token.model_validate(row, from_attributes=True)
     return json_response(NewToken(**dict(token), token=secret), 201, NO_STORE)
 
 

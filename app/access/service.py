@@ -42,7 +42,6 @@ _NO_ENTRY: Final = "a valid token or session is required"
 _UNKNOWN_TOKEN: Final = (
     "the token that was sent is not accepted: this server does not know it"
 )
-_NO_TOKEN: Final = "the token that was sent is not accepted: it is a session's"
 _UNKNOWN_SESSION: Final = (
     "the session that was sent is not accepted: it has ended, or is another server's"
 )
@@ -70,7 +69,7 @@ def by_token(session: Session, token: str) -> Principal:
     tokens = Tokens(session)
     if token.startswith(SESSION_PREFIX):
         # It would open another session, which its own end would not end.
-        raise _refused(None, now, _NO_TOKEN)
+        raise Unauthorised("the token that was sent is not accepted: it is a session's")
     row = tokens.valid_by_hash(digest, now)
     if row is None or not same_hash(row.hash, digest):
         raise _refused(tokens.by_hash(digest), now, _UNKNOWN_TOKEN)
@@ -281,8 +280,7 @@ def _refused(
         return Unauthorised(unknown)
     if token.revoked_at is not None:
         return Unauthorised(
-            "this token was revoked; ask an admin for a new one",
-            code="token_revoked",
+            "this token was revoked; ask an admin for a new one", code="token_revoked"
         )
     if token.expires_at is not None and token.expires_at <= now:
         return Unauthorised(
@@ -329,15 +327,14 @@ def require_own(by: Principal, answers: Mapping[str, int], action: str) -> int:
     others = {name: number for name, number in answers.items() if name != by.name}
     number = sum(others.values())
     if number and not includes(by.role, "admin"):
+        names = sorted(others)
+        listed = ", ".join(names[:MOST_NAMED])
+        if len(names) > MOST_NAMED:
+            listed += f" and {len(names) - MOST_NAMED} more"
         raise Forbidden(
             f"{action} affects {number} {'answer' if number == 1 else 'answers'} of "
-            f"{_listed(sorted(others))}: this needs the role admin, "
+            f"{listed}: this needs the role admin, "
             f"token {by.name!r} has {by.role}",
             code="others_answers",
         )
     return number
-
-
-def _listed(names: list[str]) -> str:
-    more = len(names) - MOST_NAMED
-    return ", ".join(names[:MOST_NAMED]) + (f" and {more} more" if more > 0 else "")

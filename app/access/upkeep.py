@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from datetime import datetime
 from functools import partial
 from typing import Final
 
@@ -41,13 +40,9 @@ def write_upkeep(context: ServiceContext) -> None:
     uses = context.one(LastUses).take()
     if uses:
         try:
-            _note(context, uses)
+            with context.database.write() as session:
+                for token_id, at in sorted(uses.items()):
+                    Tokens(session).note_use(token_id, at)
         except BaseException:
             context.one(LastUses).put_back(uses)
             raise
-
-
-def _note(context: ServiceContext, uses: dict[int, datetime]) -> None:
-    with context.database.write() as session:
-        for token_id, at in sorted(uses.items()):
-            Tokens(session).note_use(token_id, at)

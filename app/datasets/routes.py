@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from base64 import b64decode
 from contextlib import suppress
-from typing import Annotated, NamedTuple
+from functools import partial
+from typing import Annotated
 
-from fastapi import Depends, Path, Query, Request, Response
+from fastapi import Path, Query, Request, Response
 from fastapi.exceptions import RequestValidationError
 
 from app.access.audit import AuditAction
@@ -43,21 +44,7 @@ from unghost.wire.runs import Run
 router = ApiRouter(prefix="/api/v1", tag="datasets")
 
 
-class AddressedClass(NamedTuple):
-    """The names of a dataset and of a class of it, in a path."""
-
-    dataset: str
-    name: str
-
-
-async def addressed_class(
-    dataset: DatasetName, name: Annotated[str, Path(max_length=200)]
-) -> AddressedClass:
-    """The class in the path."""
-    return AddressedClass(dataset, name)
-
-
-ClassOfDataset = Annotated[AddressedClass, Depends(addressed_class)]
+ClassName = Annotated[str, Path(max_length=200)]
 
 Confirmation = Annotated[
     str | None, Query(description="The dataset's name again, as a confirmation.")
@@ -73,11 +60,10 @@ def list_datasets(
     cursor: Cursor = None,
 ) -> Response:
     """Datasets by name, with their counts."""
-    found = DatasetRepository(session).page(
-        after=name_of_cursor(cursor or ""), limit=limit + 1
-    )
-    items = [datasets.describe_dataset(session, one) for one in found[:limit]]
-    return page_response(request, items, items[-1].name if len(found) > limit else None)
+    after = name_of_cursor(cursor or "")
+    rows = DatasetRepository(session).page(after=after, limit=limit + 1)
+    items = [datasets.describe_dataset(session, row) for row in rows[:limit]]
+    return page_response(request, items, items[-1].name if len(rows) > limit else None)
 
 
 @router.post(
@@ -162,12 +148,8 @@ def change_dataset(
         require_room_to_write(services, session)
         changes["ignore_mask"] = _stored(body.ignore_mask)
     run = datasets.change_dataset(services, session, found, changes, audit.name)
-    audit.note(
-        AuditAction.DATASET_CHANGED,
-        dataset,
-        changed=sorted(changes),
-        run=run and run.id,
-    )
+    details = {"changed": sorted(changes), "run": run and run.id}
+    audit.note(AuditAction.DATASET_CHANGED, dataset, **details)
     if run is None:
         return datasets.describe_dataset(session, found)
     return accepted(described_run(services, session, run))
@@ -178,23 +160,24 @@ def change_dataset(
 )
 def change_class(
     caller: Reviewer,
-    former: ClassOfDataset,
+    dataset: DatasetName,
+    name: ClassName,
     body: wire.ClassPatch,
     session: WriteSession,
     services: AppServices,
     audit: Audited,
 ) -> Response:
     """Rename a class, or merge it into another, through a run that measures again."""
-    found = DatasetRepository(session).named(former.dataset)
-    change = ClassChange(former.name, body.name or str(body.merge_into))
+    found = DatasetRepository(session).named(dataset)
+    change = ClassChange(name, body.name or str(body.merge_into))
     rename = merge_class if body.name is None else rename_class
     run = rename(services, session, found, change, audit.name)
     audit.note(
         AuditAction.DATASET_CHANGED,
-        former.dataset,
+        dataset,
         changed=["classes"],
         **body.model_dump(exclude_unset=True),
-        former=former.name,
+        former=name,
         run=run.id,
     )
     return accepted(described_run(services, session, run))
@@ -202,17 +185,16 @@ def change_class(
 
 @router.delete("/datasets/{dataset}/classes/{name:any}", status_code=204)
 def delete_class(
-    caller: Reviewer, former: ClassOfDataset, session: WriteSession, audit: Audited
+    caller: Reviewer,
+    dataset: DatasetName,
+    name: ClassName,
+    session: WriteSession,
+    audit: Audited,
 ) -> Response:
     """Remove a class without boxes; 409 with their number if it has any."""
-    found = DatasetRepository(session).named(former.dataset)
-    remove_class(session, found, former.name)
-    audit.note(
-        AuditAction.DATASET_CHANGED,
-        former.dataset,
-        changed=["classes"],
-        removed=former.name,
-    )
+    remove_class(session, DatasetRepository(session).named(dataset), name)
+    changes = {"changed": ["classes"], "removed": name}
+    audit.note(AuditAction.DATASET_CHANGED, dataset, **changes)
     return Response(status_code=204)
 
 
@@ -258,7 +240,8 @@ def list_problems(
     """Frames that were refused and have not been stored since, newest first."""
     found = DatasetRepository(session).named(dataset)
     rows = newest(session, Problem, found.id, wanted.page)
-    return wanted.response(rows, _refused)
+    refused = partial(wire.RefusedFrame.model_validate, from_attributes=True)
+    return wanted.response(rows, refused)
 
 
 def _stored(mask: wire.IgnoreMask | None) -> dict[str, object] | None:
@@ -273,7 +256,3 @@ def _stored(mask: wire.IgnoreMask | None) -> dict[str, object] | None:
             fault = {"type": "value_error", "loc": where, "msg": str(exc)}
             raise RequestValidationError([fault]) from exc
     return mask.model_dump(exclude_none=True)
-
-
-def _refused(problem: Problem) -> wire.RefusedFrame:
-    return wire.RefusedFrame.model_validate(problem, from_attributes=True)

@@ -193,7 +193,7 @@ class PixelPool:
 
         def start() -> None:
             with suppress(CallCancelled, _ChildDied, OSError):
-                self._give_back(self._next_child(None), "")
+                self._free.put(self._next_child(None))
 
         threading.Thread(target=start, daemon=True).start()
 

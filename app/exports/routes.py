@@ -193,10 +193,7 @@ def download_export(
     "/exports/{export_id}/download-links", status_code=201, response_model=DownloadLink
 )
 def create_download_link(
-    export_id: RowId,
-    session: WriteSession,
-    services: AppServices,
-    caller: Viewer,
+    caller: Viewer, export_id: RowId, session: WriteSession, services: AppServices
 ) -> Response:
     """Create a link to this one file, for clients that cannot send a token (browsers).
 

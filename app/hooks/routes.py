@@ -20,9 +20,9 @@ router = ApiRouter(prefix="/api/v1", tag="hooks")
 @router.get("/hooks", response_model=Page[Hook])
 def list_hooks(caller: Admin, wanted: Newest, session: ReadSession) -> Response:
     """All hooks, newest first; without their secrets."""
-    found = HookRepository(session).page(wanted.page)
-    listed = found[: wanted.page.limit]
-    following = str(listed[-1][0].id) if len(found) > len(listed) else None
+    rows = HookRepository(session).page(wanted.page)
+    listed = rows[: wanted.page.limit]
+    following = str(listed[-1][0].id) if len(rows) > len(listed) else None
     items = [hooks.describe_hook(hook, dataset) for hook, dataset in listed]
     return page_response(wanted.request, items, following)
 
@@ -32,8 +32,8 @@ def create_hook(
     caller: Admin, body: HookIn, services: AppServices, audit: Audited
 ) -> Response:
     """Register a hook, to which events are sent. Only this response has its secret."""
-    made = hooks.create_hook(audit, services.settings, body)
-    return json_response(made, 201, NO_STORE)
+    hook = hooks.create_hook(audit, services.settings, body)
+    return json_response(hook, 201, NO_STORE)
 
 
 @router.delete("/hooks/{hook_id}", status_code=204)

@@ -68,15 +68,13 @@ async def run_off_loop(
 
 
 def _read(content: bytes) -> object:
+    def object_of(pairs: list[tuple[str, object]]) -> dict[str, object]:
+        if (repeated := repeated_key(pairs)) is not None:
+            raise ValueError(f"the key {repeated[:60]!r} twice")
+        return dict(pairs)
+
     with in_turn(len(content)):
-        return read_json(content, _LIMITS, object_pairs_hook=_object_of)
-
-
-def _object_of(pairs: list[tuple[str, object]]) -> dict[str, object]:
-    """An object; ValueError if a key occurs twice."""
-    if (repeated := repeated_key(pairs)) is not None:
-        raise ValueError(f"the key {repeated[:60]!r} twice")
-    return dict(pairs)
+        return read_json(content, _LIMITS, object_pairs_hook=object_of)
 
 
 RETRY_S: Final = 5
@@ -118,26 +116,23 @@ class UntilStopped:
         except asyncio.CancelledError:
             if not self._is_woken:
                 raise
-            _uncancel(self._reader)
+            # From Python 3.11 on, a task counts as cancelled until this is called.
+            uncancel = getattr(self._reader, "uncancel", None)
+            if uncancel is not None:
+                uncancel()
             raise stopping() from None
         finally:
             self._reader = None
 
     def wake(self) -> None:
         """Interrupt the task that waits for a piece; may be called by any thread."""
-        self._loop.call_soon_threadsafe(self._interrupt)
 
-    def _interrupt(self) -> None:
-        if self._reader is not None:
-            self._is_woken = True
-            self._reader.cancel()
+        def interrupt() -> None:
+            if self._reader is not None:
+                self._is_woken = True
+                self._reader.cancel()
 
-
-def _uncancel(task: asyncio.Task[object] | None) -> None:
-    # From Python 3.11 on, a task counts as cancelled until this is called.
-    uncancel = getattr(task, "uncancel", None)
-    if uncancel is not None:
-        uncancel()
+        self._loop.call_soon_threadsafe(interrupt)
 
 
 MAX_MEDIA_TYPE_LENGTH: Final = 1024
@@ -183,10 +178,18 @@ async def read_parts(
     TooLarge
         It has too many parts, or too large a part; the rest is not read.
     """
+    if len(media_type) > MAX_MEDIA_TYPE_LENGTH:
+        raise _unreadable(
+            f"its Content-Type has {len(media_type)} characters; "
+            f"expected at most {MAX_MEDIA_TYPE_LENGTH}"
+        )
+    boundary = parse_options_header(media_type)[1].get(b"boundary")
+    if not boundary:
+        raise _unreadable("it has no boundary")
     form = _Form(limits)
     try:
         parser = MultipartParser(
-            _boundary(media_type),
+            boundary,
             form.callbacks(),  # type: ignore[arg-type]  # a dict of just these names
             max_header_count=MAX_PART_HEADERS,
             max_header_size=MAX_PART_HEADER_BYTES,
@@ -198,19 +201,6 @@ async def read_parts(
     if not form.is_complete:
         raise _unreadable("its last boundary is missing")
     return form.parts
-
-
-def _boundary(media_type: str) -> bytes:
-    if len(media_type) > MAX_MEDIA_TYPE_LENGTH:
-        raise _unreadable(
-            f"its Content-Type has {len(media_type)} characters; "
-            f"expected at most {MAX_MEDIA_TYPE_LENGTH}"
-        )
-    _, options = parse_options_header(media_type)
-    boundary = options.get(b"boundary")
-    if not boundary:
-        raise _unreadable("it has no boundary")
-    return boundary
 
 
 def _unreadable(reason: str) -> BadRequest:
@@ -229,50 +219,41 @@ class _Form:
 
     def callbacks(self) -> dict[str, object]:
         """The callbacks of the parser, by its names for them."""
-        return {
-            "on_part_begin": self._begin,
-            "on_header_field": self._header_field,
-            "on_header_value": self._header_value,
-            "on_header_end": self._header_end,
-            "on_headers_finished": self._headers_finished,
-            "on_part_data": self._data,
-            "on_part_end": self._end,
-            "on_end": self._finish,
-        }
+        return {name: getattr(self, name) for name in vars(_Form) if name[:3] == "on_"}
 
-    def _begin(self) -> None:
+    def on_part_begin(self) -> None:
         if len(self.parts) == self.limits.max_parts:
             raise TooLarge(f"the form has more than {self.limits.max_parts} parts")
         self._name = ""
         self._disposition = self._header = self._value = b""
         self._content = Pieces()
 
-    def _header_field(self, data: bytes, start: int, end: int) -> None:
+    def on_header_field(self, data: bytes, start: int, end: int) -> None:
         self._header += data[start:end]
 
-    def _header_value(self, data: bytes, start: int, end: int) -> None:
+    def on_header_value(self, data: bytes, start: int, end: int) -> None:
         self._value += data[start:end]
 
-    def _header_end(self) -> None:
+    def on_header_end(self) -> None:
         if self._header.lower() == b"content-disposition":
             self._disposition = self._value
         self._header = self._value = b""
 
-    def _headers_finished(self) -> None:
+    def on_headers_finished(self) -> None:
         _, options = parse_options_header(self._disposition)
         if b"name" not in options:
             raise _unreadable("a part has no name")
         self._name = options[b"name"].decode("utf-8", "replace")
 
-    def _data(self, data: bytes, start: int, end: int) -> None:
+    def on_part_data(self, data: bytes, start: int, end: int) -> None:
         if len(self._content) + end - start > self.limits.max_part_bytes:
             raise TooLarge(
                 f"part {self._name!r} is larger than {self.limits.max_part_bytes} bytes"
             )
         self._content += memoryview(data)[start:end]
 
-    def _end(self) -> None:
+    def on_part_end(self) -> None:
         self.parts.append(FormPart(self._name, bytes(self._content)))
 
-    def _finish(self) -> None:
+    def on_end(self) -> None:
         self.is_complete = True

@@ -6,7 +6,7 @@ The session of a route that writes is `WriteSession` in `app.http.transaction`.
 from __future__ import annotations
 
 from collections.abc import Awaitable, Callable, Iterator
-from typing import Annotated, Final, Protocol, TypeVar
+from typing import Annotated, Final, Protocol
 
 from fastapi import Depends, Path, Request
 from fastapi.security import HTTPBearer
@@ -18,10 +18,7 @@ from app.db.base import MAX_ID, MAX_REVISION
 from app.db.engine import Database, once_committed
 from app.errors import Forbidden
 from app.http.admission import Admission
-from app.security import (
-    Principal,
-    includes,
-)
+from app.security import Principal, includes
 from app.settings import Settings
 from app.storage.room import (
     DELETING_BYTES,
@@ -31,8 +28,6 @@ from app.storage.room import (
     require_room_for_answer,
 )
 from unghost.wire.words import Role
-
-Result = TypeVar("Result")
 
 RowId = Annotated[int, Path(ge=1, le=MAX_ID)]
 """An id in a path; larger ones would overflow the database's integers."""
@@ -162,18 +157,12 @@ BEARER = Depends(
 )
 
 
-def _inline(
-    read: Callable[[Request], Result],
-) -> Callable[[Request], Awaitable[Result]]:
-    """The function as an async dependency: FastAPI would call it in a thread."""
-
-    async def look_up(request: Request) -> Result:
-        return read(request)
-
-    return look_up
+async def app_services(request: Request) -> ServiceContext:
+    """As `services_of`; async, as FastAPI would call that in a thread."""
+    return services_of(request)
 
 
-AppServices = Annotated[ServiceContext, Depends(_inline(services_of))]
+AppServices = Annotated[ServiceContext, Depends(app_services)]
 
 ROLE_OF: Final[dict[object, Role]] = {}
 """The role that each of the dependencies `Viewer`, `Reviewer` and `Admin` needs."""

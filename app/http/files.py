@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
+import re
 from typing import Final
 
 from fastapi import Request, Response
 from fastapi.responses import FileResponse, StreamingResponse
-from starlette.datastructures import Headers
 
 from app.errors import RangeNotSatisfiable
 from app.storage.base import StoredBlob
 
 IMMUTABLE: Final = "private, max-age=31536000, immutable"
 REVALIDATE: Final = "private, no-cache"
-_MAX_DIGITS: Final = 18
-_SANDBOX: Final = "default-src 'none'; sandbox"
+_RANGE: Final = re.compile(
+    r"\s*bytes\s*=\s*([0-9]{0,18})-([0-9]{0,18})\s*", re.IGNORECASE
+)
 
 
 def known_response(request: Request, digest: str) -> Response | None:
@@ -34,36 +35,43 @@ def file_response(
         headers["Content-Disposition"] = f'attachment; filename="{name}"'
     if is_known(request, headers["ETag"]):
         return Response(status_code=304, headers=headers)
-    if request.headers.get("if-range", headers["ETag"]) != headers["ETag"]:
-        # The client has part of another version: it needs all of this one.
-        _without_range(request)
-    else:
-        _check_range(request, blob.size_bytes)
+    span = _requested_range(request, headers["ETag"], blob.size_bytes)
     if blob.path is not None:
         return FileResponse(blob.path, media_type=media_type, headers=headers)
-    return _streamed(request, blob, media_type, headers)
-
-
-def _streamed(
-    request: Request, blob: StoredBlob, media_type: str, headers: dict[str, str]
-) -> Response:
-    """A response with a blob from a bucket, read a few megabytes at a time."""
-    # Not `request.headers`, which are cached: `_without_range` has changed the scope.
-    wanted = Headers(scope=request.scope).get("range", "")
-    size, span = blob.size_bytes, wanted.partition("=")[2]
-    first, end = 0, size
+    # A blob from a bucket, read a few megabytes at a time.
+    start, end = span or (0, blob.size_bytes)
     if span:
-        start, _, last = span.strip().partition("-")
-        first = int(start) if start else max(0, size - int(last))
-        end = min(int(last) + 1, size) if start and last else size
-        headers["Content-Range"] = f"bytes {first}-{end - 1}/{size}"
-    headers |= {"Accept-Ranges": "bytes", "Content-Length": str(end - first)}
+        headers["Content-Range"] = f"bytes {start}-{end - 1}/{blob.size_bytes}"
+    headers |= {"Accept-Ranges": "bytes", "Content-Length": str(end - start)}
     return StreamingResponse(
-        blob.pieces(first, end),
+        blob.pieces(start, end),
         status_code=206 if span else 200,
         media_type=media_type,
         headers=headers,
     )
+
+
+def _requested_range(request: Request, etag: str, size: int) -> tuple[int, int] | None:
+    """Start and end of the range that is asked for; None: the whole file.
+
+    A header that is not one valid range is removed, so that FileResponse does not read
+    it: HTTP allows ignoring it.
+    """
+    span = _RANGE.fullmatch(request.headers.get("range", ""))
+    first, last = span.groups() if span else ("", "")
+    # The client may have part of another version: it needs all of this one then.
+    is_same = request.headers.get("if-range", etag) == etag
+    is_reversed = bool(first and last) and int(last) < int(first)
+    if not is_same or is_reversed or first == last == "":
+        ignored = (b"range", b"if-range")
+        every = request.scope["headers"]
+        request.scope["headers"] = [pair for pair in every if pair[0] not in ignored]
+        return None
+    if (int(first) >= size) if first else (int(last) == 0):
+        raise RangeNotSatisfiable(size_bytes=size)
+    if first:
+        return int(first), min(int(last) + 1, size) if last else size
+    return max(0, size - int(last)), size
 
 
 def blob_headers(tag: str) -> dict[str, str]:
@@ -71,7 +79,7 @@ def blob_headers(tag: str) -> dict[str, str]:
     return {
         "ETag": f'"{tag}"',
         "Cache-Control": IMMUTABLE,
-        "Content-Security-Policy": _SANDBOX,
+        "Content-Security-Policy": "default-src 'none'; sandbox",
     }
 
 
@@ -82,59 +90,9 @@ def is_known(request: Request, etag: str) -> bool:
     return etag in tags or known.strip() == "*"
 
 
-def _check_range(request: Request, size: int) -> None:
-    """Drop a Range header that is not one valid range: HTTP allows ignoring it.
-
-    Raises
-    ------
-    RangeNotSatisfiable
-        The range begins after the end of the file.
-    """
-    wanted = request.headers.get("range", "")
-    unit, _, spans = wanted.partition("=")
-    if unit.strip().lower() != "bytes" or "," in spans:
-        _without_range(request)
-        return
-    first, dash, last = spans.strip().partition("-")
-    numbers = all(part == "" or _is_offset(part) for part in (first, last))
-    if not dash or not numbers or (first == "" and last == ""):
-        _without_range(request)
-        return
-    if last and first and int(last) < int(first):
-        _without_range(request)
-        return
-    empty_suffix = first == "" and int(last) == 0
-    if empty_suffix or (first and int(first) >= size):
-        raise RangeNotSatisfiable(size_bytes=size)
-
-
-def _is_offset(text: str) -> bool:
-    # `isdecimal` refuses superscripts; int() refuses texts of thousands of digits.
-    return text.isdecimal() and len(text) <= _MAX_DIGITS
-
-
-def _without_range(request: Request) -> None:
-    headers = [
-        (name, value)
-        for name, value in request.scope["headers"]
-        if name not in (b"range", b"if-range")
-    ]
-    request.scope["headers"] = headers
-
-
 _UNCHANGED: Final[dict[int | str, dict[str, object]]] = {
     304: {"description": "Not modified: the client's copy is up to date."}
 }
-_PARTS: Final[dict[int | str, dict[str, object]]] = {
-    **_UNCHANGED,
-    416: {"description": "The range is outside the file."},
-}
-_FILE_TYPES: Final = (
-    "image/png",
-    "image/jpeg",
-    "application/x-ply",
-    "application/x-npy",
-)
 
 
 def _headers(**meanings: str) -> dict[str, object]:
@@ -164,7 +122,8 @@ def file_of(*types: str) -> dict[int | str, dict[str, object]]:
     return {
         200: {"content": content, "description": "The file."},
         206: {"content": content, "description": "The requested range."},
-        **_PARTS,
+        **_UNCHANGED,
+        416: {"description": "The range is outside the file."},
     }
 
 
@@ -176,4 +135,6 @@ RESUMABLE: Final = _headers(
 )
 WEBP: Final = picture_of("image/webp")
 PICTURE: Final = picture_of("image/webp", "image/png")
-FILE: Final = file_of(*_FILE_TYPES)
+FILE: Final = file_of(
+    "image/png", "image/jpeg", "application/x-ply", "application/x-npy"
+)

@@ -11,10 +11,9 @@ from __future__ import annotations
 import hashlib
 import json
 import re
-from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import timedelta
-from typing import Final, NamedTuple
+from typing import Final
 
 from sqlalchemy import ColumnElement, Connection, delete, event, insert, select, update
 from sqlalchemy.exc import IntegrityError
@@ -31,20 +30,10 @@ _LACKS_RESPONSE: Final = "request whose response is not stored"
 """Key of `Session.info`: the `RepeatableRequest` until its response is stored."""
 
 
-class StoredResponse(NamedTuple):
-    """The digest of a request and its response; status 0 means no response yet."""
-
-    request_digest: str
-    status: int
-    media_type: str
-    headers: Mapping[str, str]
-    body: bytes
-
-
 class RepeatedRequest(Exception):
     """Raised in a repeated request, with the response of the first one."""
 
-    def __init__(self, response: StoredResponse) -> None:
+    def __init__(self, response: Response) -> None:
         super().__init__("this request is repeated")
         self.response = response
 
@@ -90,23 +79,38 @@ def take_key_on_begin(session: Session, request: RepeatableRequest) -> None:
     """
     session.info[_LACKS_RESPONSE] = request
 
-    def take(_session: Session, _transaction: object, connection: Connection) -> None:
-        _take_key(connection, request)
+    def take(_session: Session, _begun: object, connection: Connection) -> None:
+        has_key = _has_key_of(request)
+        is_too_old = IdempotencyKey.created_at < utc_now() - request.keep
+        connection.execute(delete(IdempotencyKey).where(*has_key, is_too_old))
+        row = {
+            "token_id": request.token_id,
+            "key": request.key,
+            "request_digest": request.digest,
+            "status": 0,
+            "media_type": "",
+            "headers": "{}",
+            "body": b"",
+            "created_at": utc_now(),
+        }
+        try:
+            # Waits for a transaction that has taken the key and has not ended.
+            with connection.begin_nested():
+                connection.execute(insert(IdempotencyKey).values(row))
+        except IntegrityError:
+            stored = connection.execute(select(IdempotencyKey).where(*has_key)).one()
+        else:
+            return
+        if stored.request_digest != request.digest:
+            raise IdempotencyKeyReuse(
+                f"Idempotency-Key {request.key!r} was used for another request"
+            )
+        headers = {**json.loads(stored.headers), "Idempotent-Replayed": "true"}
+        if stored.media_type:
+            headers["Content-Type"] = stored.media_type
+        raise RepeatedRequest(Response(stored.body, stored.status, headers))
 
     event.listen(session, "after_begin", take, once=True)
-
-
-def _take_key(connection: Connection, request: RepeatableRequest) -> None:
-    is_too_old = IdempotencyKey.created_at < utc_now() - request.keep
-    connection.execute(delete(IdempotencyKey).where(*_has_key_of(request), is_too_old))
-    if _take(connection, request):
-        return
-    response = _stored(connection, request)
-    if response.request_digest != request.digest:
-        raise IdempotencyKeyReuse(
-            f"Idempotency-Key {request.key!r} was used for another request"
-        )
-    raise RepeatedRequest(response)
 
 
 def lacks_response(session: Session) -> bool:
@@ -141,43 +145,6 @@ def forget_old_responses(session: Session, keep: timedelta) -> None:
     """Delete responses that are older than `keep`."""
     cutoff = utc_now() - keep
     session.execute(delete(IdempotencyKey).where(IdempotencyKey.created_at < cutoff))
-
-
-def _take(connection: Connection, request: RepeatableRequest) -> bool:
-    """Take the key for this request; False if it is taken.
-
-    This waits for a transaction that has taken it and has not ended.
-    """
-    row = {
-        "token_id": request.token_id,
-        "key": request.key,
-        "request_digest": request.digest,
-        "status": 0,
-        "media_type": "",
-        "headers": "{}",
-        "body": b"",
-        "created_at": utc_now(),
-    }
-    try:
-        with connection.begin_nested():
-            connection.execute(insert(IdempotencyKey).values(row))
-    except IntegrityError:
-        return False
-    return True
-
-
-def _stored(connection: Connection, request: RepeatableRequest) -> StoredResponse:
-    """What is stored with the key of a request, which is taken."""
-    columns = (
-        IdempotencyKey.request_digest,
-        IdempotencyKey.status,
-        IdempotencyKey.media_type,
-        IdempotencyKey.headers,
-        IdempotencyKey.body,
-    )
-    rows = connection.execute(select(*columns).where(*_has_key_of(request)))
-    digest, status, media_type, headers, body = rows.one()
-    return StoredResponse(digest, status, media_type, json.loads(headers), body)
 
 
 def _has_key_of(request: RepeatableRequest) -> tuple[ColumnElement[bool], ...]:

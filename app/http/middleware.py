@@ -24,13 +24,7 @@ from starlette.datastructures import Headers, MutableHeaders
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from app.engine.chunk import Stop
-from app.errors import (
-    BadRequest,
-    MisdirectedHost,
-    TooLarge,
-    TooSlow,
-    forget_frames,
-)
+from app.errors import BadRequest, MisdirectedHost, TooLarge, TooSlow, forget_frames
 from app.http.bodies import stopping
 from app.http.problems import refusal_of
 from app.incoming import HeldBytes
@@ -104,8 +98,9 @@ class RequestId(HttpMiddleware):
 
     async def handle(self, scope: Scope, receive: Receive, send: Send) -> None:
         """One request."""
-        given = Headers(scope=scope).get("x-request-id", "")
-        request_id = given if _REQUEST_ID.fullmatch(given) else uuid.uuid4().hex
+        request_id = Headers(scope=scope).get("x-request-id", "")
+        if not _REQUEST_ID.fullmatch(request_id):
+            request_id = uuid.uuid4().hex
 
         async def send_with_id(message: Message) -> None:
             if message["type"] == "http.response.start":
@@ -217,13 +212,7 @@ class Compression(HttpMiddleware):
 
 
 _COMPRESSED: Final = frozenset(
-    {
-        "application/json",
-        "image/svg+xml",
-        "text/css",
-        "text/html",
-        "text/javascript",
-    }
+    {"application/json", "image/svg+xml", "text/css", "text/html", "text/javascript"}
 )
 _GZIP: Final = re.compile(r"\bgzip\b(?!\s*;\s*q=0(\.0*)?\s*(,|$))")
 _LEAST_BYTES: Final = 1400
@@ -295,27 +284,16 @@ class KnownHosts(HttpMiddleware):
             raise BadRequest(
                 f"expected one Host, found {len(names)}", code="malformed_http"
             )
-        if not self._is_known(names, scope):
+        # Without the zone of a link-local address; IPv4 on a socket for IPv6 is mapped.
+        address = scope["server"][0].partition("%")[0].removeprefix("::ffff:")
+        known = {*self._hosts, bracketed(address)}
+        is_known = bool(names) and known.issuperset(map(host_name, names))
+        if not (is_known or ANY_HOST in self._hosts or scope["path"] in PROBES):
             raise MisdirectedHost(
                 "this service is not known under that host name; "
                 "UNGHOST_ALLOWED_HOSTS adds names"
             )
         await self._app(scope, receive, send)
-
-    def _is_known(self, names: list[str], scope: Scope) -> bool:
-        if ANY_HOST in self._hosts or scope["path"] in PROBES:
-            return True
-        return bool(names) and all(
-            name in self._hosts or name == _own_address(scope)
-            for name in map(host_name, names)
-        )
-
-
-def _own_address(scope: Scope) -> str:
-    """The address at which a connection has arrived, as a Host header has it."""
-    address, _ = scope["server"]
-    # Without the zone of a link-local address; IPv4 on a socket for IPv6 is mapped.
-    return bracketed(address.partition("%")[0].removeprefix("::ffff:"))
 
 
 @dataclass
@@ -381,14 +359,20 @@ class BodyLimit(HttpMiddleware):
         length = Headers(scope=scope).get("content-length", "0")
         announced = int(length) if length.isdecimal() else 0
         allowance = scope[BODY_ALLOWANCE] = BodyAllowance(announced)
-        received = 0
-        is_whole = False
+        received, is_whole, wait_s = 0, False, self._wait_s
 
         async def receive_limited() -> Message:
             nonlocal received, is_whole
             if is_whole:  # only a disconnect can follow
                 return await receive()
-            message = await self._next(receive, allowance)
+            try:
+                with fail_after(min(wait_s, allowance.until - time.monotonic())):
+                    message = await receive()
+            except TimeoutError as exc:
+                raise TooSlow(
+                    f"no byte of the body arrived for {wait_s:g} s, or the body took "
+                    "too long; send it again"
+                ) from exc
             is_whole = not message.get("more_body", False)
             received += len(message.get("body", b""))
             allowance.check(max(received, announced))
@@ -399,14 +383,3 @@ class BodyLimit(HttpMiddleware):
             await self._app(scope, receive_limited, send)
         finally:
             allowance.release()
-
-    async def _next(self, receive: Receive, allowance: BodyAllowance) -> Message:
-        left_s = min(self._wait_s, allowance.until - time.monotonic())
-        try:
-            with fail_after(left_s):
-                return await receive()
-        except TimeoutError as exc:
-            raise TooSlow(
-                f"no byte of the body arrived for {self._wait_s:g} s, or the body took "
-                "too long; send it again"
-            ) from exc

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import re
 import threading
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from html import escape
 from http import HTTPStatus
 from typing import Any, Final, TypeAlias
@@ -39,8 +39,13 @@ def docs_page(schema: _Object) -> str:
             if method in operations:
                 operation = operations[method]
                 tag = (operation.get("tags") or ["other"])[0]
-                routes = sections.setdefault(tag, [])
-                routes.append(_route(method, path, operation))
+                sections.setdefault(tag, []).append(
+                    '<details><summary><code><span class="method">'
+                    f"{method.upper()}</span>{escape(path)}</code> "
+                    f'<span class="brief">{escape(operation.get("summary", ""))}'
+                    f"</span></summary><p>{_marked_up(operation.get('description', ''))}"
+                    f"</p>{_parameters(operation)}{_responses(operation)}</details>"
+                )
     body = "".join(
         f"<h2>{escape(tag)}</h2>{''.join(routes)}"
         for tag, routes in sorted(sections.items())
@@ -104,16 +109,6 @@ def _with_example(schema: _Object) -> str:
     return text
 
 
-def _route(method: str, path: str, operation: _Object) -> str:
-    description = _marked_up(operation.get("description", ""))
-    return (
-        f'<details><summary><code><span class="method">{method.upper()}</span>'
-        f"{escape(path)}</code> "
-        f'<span class="brief">{escape(operation.get("summary", ""))}</span></summary>'
-        f"<p>{description}</p>{_parameters(operation)}{_responses(operation)}</details>"
-    )
-
-
 def _parameters(operation: _Object) -> str:
     rows = [
         (one["name"], one["in"], _with_example({**one["schema"], **one}))
@@ -161,16 +156,19 @@ _CODE: Final = re.compile("`([^`]+)`")
 
 
 _NO_ROUTE_RETURNS: Final = (
-    *(Problem, BatchLine, BatchEnd),
-    *(FolderHead, FolderFrame, UnmatchedFile, FolderEnd),
+    Problem,
+    BatchLine,
+    BatchEnd,
+    FolderHead,
+    FolderFrame,
+    UnmatchedFile,
+    FolderEnd,
 )
 """Models that no route returns as a whole: errors, and lines of streams."""
 _EVERYWHERE: Final = (400, 404, 408, 421, 422, 431, 500, 503)
 _WITH_TOKEN: Final = (401, 403, 429)
 _WITH_BODY: Final = (401, 403, 409, 412, 413, 415, 429)
-_OF_SOME: Final = (416,)
 _BODY_METHODS: Final = ("post", "put", "patch", "delete")
-_FOREIGN_SCHEMAS: Final = ("HTTPValidationError", "ValidationError")
 IDEMPOTENCY_PARAMETER: Final = {
     "name": "Idempotency-Key",
     "in": "header",
@@ -183,8 +181,6 @@ _LARGEST: Final = 2**63 - 1
 _DEFAULT: Final = "x-default"
 """In place of `default`, from which generators of clients make required fields, or
 fields that are sent although nobody has set them."""
-
-
 _MAKING: Final = threading.Lock()
 
 
@@ -194,33 +190,21 @@ def document(app: FastAPI) -> _Object:
     The first call takes about a second: do not call it on the event loop.
     """
     with _MAKING:
-        return _document(app)
-
-
-def _document(app: FastAPI) -> _Object:
-    if app.openapi_schema is None:
-        schema = FastAPI.openapi(app)
-        _add_components(schema)
-        for method, operation in _operations(schema):
-            _add_problems(method, operation)
-            for parameter in operation.get("parameters", ()):
-                _describe(parameter, described(parameter["name"], "BoxSelection"))
-            if method == "post":
-                operation.setdefault("parameters", []).append(IDEMPOTENCY_PARAMETER)
-        _make_bounds_whole(schema)
-        app.openapi_schema = schema
-    return app.openapi_schema
-
-
-def _operations(schema: _Object) -> Iterator[tuple[str, _Object]]:
-    for path in schema["paths"].values():
-        yield from path.items()
+        if app.openapi_schema is None:
+            schema = FastAPI.openapi(app)
+            _add_components(schema)
+            for operations in schema["paths"].values():
+                for method, operation in operations.items():
+                    _describe_operation(method, operation)
+            _make_bounds_whole(schema)
+            app.openapi_schema = schema
+        return app.openapi_schema
 
 
 def _add_components(schema: _Object) -> None:
     components = schema.setdefault("components", {})
     schemas = components.setdefault("schemas", {})
-    for name in _FOREIGN_SCHEMAS:
+    for name in ("HTTPValidationError", "ValidationError"):
         schemas.pop(name, None)
     _, others = models_json_schema(
         [
@@ -250,7 +234,7 @@ def _add_components(schema: _Object) -> None:
             if "default" in of_field:
                 of_field[_DEFAULT] = of_field.pop("default")
     content = {PROBLEM_TYPE: {"schema": {"$ref": "#/components/schemas/Problem"}}}
-    statuses = sorted({*_EVERYWHERE, *_WITH_TOKEN, *_WITH_BODY, *_OF_SOME})
+    statuses = sorted({*_EVERYWHERE, *_WITH_TOKEN, *_WITH_BODY, 416})
     components["responses"] = {
         f"Problem{status}": {
             "description": HTTPStatus(status).phrase,
@@ -272,7 +256,8 @@ def _describe(schema: _Object, said: Described | None) -> None:
             schema["examples"] = [said.example]
 
 
-def _add_problems(method: str, operation: _Object) -> None:
+def _describe_operation(method: str, operation: _Object) -> None:
+    """Add the errors, and what the parameters mean."""
     responses = operation["responses"]
     statuses = {*_EVERYWHERE, *(int(one) for one in responses if int(one) >= 400)}
     if "security" in operation:
@@ -282,6 +267,10 @@ def _add_problems(method: str, operation: _Object) -> None:
     for status in sorted(statuses):
         reference = f"#/components/responses/Problem{status}"
         responses[str(status)] = {"$ref": reference}
+    for parameter in operation.get("parameters", ()):
+        _describe(parameter, described(parameter["name"], "BoxSelection"))
+    if method == "post":
+        operation.setdefault("parameters", []).append(IDEMPOTENCY_PARAMETER)
 
 
 def _make_bounds_whole(node: object) -> None:

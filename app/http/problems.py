@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import errno
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from http import HTTPStatus
 from typing import Final, TypedDict, get_args
 
@@ -63,13 +64,41 @@ HTTP_CODES: Final[Mapping[int, str]] = {
     422: errors.Unprocessable.code,
 }
 _LOCKED: Final = ("locked", "busy", "deadlock", "could not serialize", "lock timeout")
-_FULL: Final = ("disk is full", "no space left", "disk full")
-_FULL_ERRNO: Final = (errno.ENOSPC, errno.EDQUOT)
-_READ_ONLY: Final = ("readonly database", "read-only transaction")
-_NO_DESCRIPTOR_ERRNO: Final = (errno.EMFILE, errno.ENFILE)
-_READ_ONLY_ERRNO: Final = (errno.EROFS, errno.EACCES, errno.EPERM)
-_NUL: Final = ("cannot contain nul",)
-_DAMAGED: Final = ("malformed", "not a database", "invalid page")
+_Failure = tuple[tuple[int, ...], tuple[str, ...], str, Callable[..., AppError]]
+_FAILURES: Final[tuple[_Failure, ...]] = (
+    (
+        (errno.ENOSPC, errno.EDQUOT),
+        ("disk is full", "no space left", "disk full"),
+        "no disk space left",
+        partial(errors.StorageFull, "there is no disk space left to store this"),
+    ),
+    (
+        (errno.EMFILE, errno.ENFILE),
+        (),
+        "too many files are open",
+        partial(errors.NotReady, "too many files and connections are open; try again"),
+    ),
+    (
+        (errno.EROFS, errno.EACCES, errno.EPERM),
+        ("readonly database", "read-only transaction"),
+        "the data folder is read-only",
+        partial(
+            errors.StorageReadOnly,
+            "nothing can be stored: the data folder is read-only",
+        ),
+    ),
+    (
+        (),
+        ("malformed", "not a database", "invalid page"),
+        "the database is damaged",
+        partial(
+            errors.DatabaseDamaged,
+            "the database is damaged; `unghost doctor` on the server says more",
+        ),
+    ),
+)
+"""Failures of the disk and the database: numbers of an OSError, phrases of the
+database's errors, the line of the log, and the error that clients get."""
 
 
 @dataclass(frozen=True)
@@ -167,43 +196,26 @@ def refusal_of(exc: Exception) -> Refusal:
 def _translated(exc: Exception) -> Exception:
     """Failures of the database and the disk as errors of the service (`AppError`)."""
     number = exc.errno if isinstance(exc, OSError) else None
-    if number in _FULL_ERRNO or _message_has(exc, _FULL):
-        error_log.error("no disk space left", exc_info=exc)
-        return errors.StorageFull(
-            "there is no disk space left to store this", retry_after_s=AWAY_RETRY_S
-        )
-    if number in _NO_DESCRIPTOR_ERRNO:
-        error_log.error("too many files are open", exc_info=exc)
-        return errors.NotReady(
-            "too many files and connections are open; try again",
-            retry_after_s=AWAY_RETRY_S,
-        )
-    if number in _READ_ONLY_ERRNO or _message_has(exc, _READ_ONLY):
-        error_log.error("the data folder is read-only", exc_info=exc)
-        return errors.StorageReadOnly(
-            "nothing can be stored: the data folder is read-only",
-            retry_after_s=AWAY_RETRY_S,
-        )
-    return _translated_sql(exc)
-
-
-def _translated_sql(exc: Exception) -> Exception:
-    if _message_has(exc, _DAMAGED):
-        error_log.error("the database is damaged", exc_info=exc)
-        return errors.DatabaseDamaged(
-            "the database is damaged; `unghost doctor` on the server says more",
-            retry_after_s=AWAY_RETRY_S,
-        )
-    if isinstance(exc, sql.TimeoutError) or _message_has(exc, _LOCKED):
+    text = str(exc.orig).lower() if isinstance(exc, sql.DatabaseError) else ""
+    for numbers, phrases, event, error in _FAILURES:
+        if number in numbers or any(phrase in text for phrase in phrases):
+            error_log.error(event, exc_info=exc)
+            return error(retry_after_s=AWAY_RETRY_S)
+    is_locked = any(phrase in text for phrase in _LOCKED)
+    if isinstance(exc, sql.TimeoutError) or is_locked:
         return errors.DatabaseBusy(
             "the service is busy writing; try again", retry_after_s=BUSY_RETRY_S
         )
+    return _translated_sql(exc, text)
+
+
+def _translated_sql(exc: Exception, text: str) -> Exception:
     if isinstance(exc, (sql.OperationalError, sql.InterfaceError)):
         error_log.error("the database failed", exc_info=exc)
         return errors.NotReady(
             "the database does not respond; try again", retry_after_s=AWAY_RETRY_S
         )
-    if isinstance(exc, sql.DataError) and _message_has(exc, _NUL):
+    if isinstance(exc, sql.DataError) and "cannot contain nul" in text:
         # PostgreSQL cannot store NUL in a text, so there is nothing of this name.
         return errors.NotFound("name with", "\0")
     if isinstance(exc, sql.IntegrityError):
@@ -212,24 +224,15 @@ def _translated_sql(exc: Exception) -> Exception:
     return exc
 
 
-def _message_has(exc: Exception, phrases: tuple[str, ...]) -> bool:
-    if not isinstance(exc, sql.DatabaseError):
-        return False
-    text = str(exc.orig).lower()
-    return any(phrase in text for phrase in phrases)
-
-
 def _refusal_by_app(exc: AppError) -> Refusal:
     status = next(STATUS[cls] for cls in type(exc).__mro__ if cls in STATUS)
-    headers, extensions = dict(_headers_of(exc)), dict(_extensions_of(exc))
-    return Refusal(int(status), exc.kind, exc.detail, exc.faults, headers, extensions)
-
-
-def _extensions_of(exc: AppError) -> Iterator[tuple[str, object]]:
+    headers = dict(_headers_of(exc))
+    extensions: dict[str, object] = {}
     if isinstance(exc, errors.StaleRevision):
-        yield "current", jsonable_encoder(exc.current)
+        extensions["current"] = jsonable_encoder(exc.current)
     if isinstance(exc, errors.CountChanged):
-        yield "found", exc.found
+        extensions["found"] = exc.found
+    return Refusal(int(status), exc.kind, exc.detail, exc.faults, headers, extensions)
 
 
 def _headers_of(exc: AppError) -> Iterator[tuple[str, str]]:
@@ -301,7 +304,8 @@ def _fault_of(error: InvalidValue, body: object) -> Fault:
     if where != "body":
         detail = f"{where} parameter {path[0]!r}: {detail}"
         path = [where, *path]
-    return Fault(pointer=_json_pointer(path), code=error["type"], detail=detail)
+    pointer = "".join(f"/{pointer_token(step)}" for step in path)
+    return Fault(pointer=pointer, code=error["type"], detail=detail)
 
 
 def _keys_at(body: object, path: Sequence[int | str]) -> set[str]:
@@ -328,10 +332,6 @@ def _models_in(annotation: object) -> Iterator[type[BaseModel]]:
         yield annotation
     for inner in get_args(annotation):
         yield from _models_in(inner)
-
-
-def _json_pointer(path: list[str | int]) -> str:
-    return "".join(f"/{pointer_token(step)}" for step in path)
 
 
 _KINDS: Final[tuple[tuple[type | tuple[type, ...], str], ...]] = (

@@ -11,7 +11,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Coroutine, Iterator
 from functools import cached_property, partial
-from typing import Final
+from typing import ClassVar, Final
 
 from anyio import fail_after
 from fastapi import APIRouter, Request, params
@@ -172,16 +172,6 @@ class OpenRoute(HeadRoute):
         """Whether the endpoint has a transaction that writes."""
         return write_session in _calls(self.dependant)
 
-    @property
-    def limits_itself(self) -> bool:
-        """Whether the endpoint reads a large body, and limits how many do at once."""
-        return BODY_LIMIT in (self.openapi_extra or {}) and not self.writes
-
-    @property
-    def is_streamed(self) -> bool:
-        """Whether the body is processed while it arrives, and never held as a whole."""
-        return bool((self.openapi_extra or {}).get(BODY_STREAMED))
-
     async def admit(self, request: Request) -> None:
         """Limit the size and time of the body, for a caller that is not identified."""
         allowance: BodyAllowance = request.scope[BODY_ALLOWANCE]
@@ -253,7 +243,8 @@ class ApiRoute(OpenRoute):
         if self.takes_json:
             allowance.until = time.monotonic() + settings_of(request).body_wait_s
         held = HeldBytes(services_of(request).one(OpenBodies))
-        allowance.count_in(held, is_streamed=self.is_streamed)
+        is_streamed = bool((self.openapi_extra or {}).get(BODY_STREAMED))
+        allowance.count_in(held, is_streamed=is_streamed)
 
     async def respond(self, endpoint: Handler, request: Request) -> Response:
         """Call the endpoint; a repeated request gets the response of the first one."""
@@ -261,8 +252,8 @@ class ApiRoute(OpenRoute):
             key = checked_key(request.headers["idempotency-key"])
             if self.writes:
                 endpoint = partial(respond_once, endpoint, key=key)
-        if self.limits_itself:
-            return await endpoint(request)
+        if BODY_LIMIT in (self.openapi_extra or {}) and not self.writes:
+            return await endpoint(request)  # it limits how many large bodies it reads
         if request.method not in SAFE_METHODS:
             await request.body()  # before taking a place: it may arrive slowly
         admission = admission_of(request)
@@ -306,29 +297,25 @@ async def has_left(request: Request) -> None:
         pass
 
 
-class ApiRouter(APIRouter):
-    """A router whose routes all require a token, of the role in their signature."""
-
-    def __init__(self, *, prefix: str = "", tag: str = "") -> None:
-        super().__init__(
-            prefix=prefix,
-            tags=[tag] if tag else None,
-            route_class=ApiRoute,
-            dependencies=[BEARER],
-            redirect_slashes=False,
-        )
-
-
 class OpenRouter(APIRouter):
     """A router for the few routes without authentication."""
 
+    kind: ClassVar[type[OpenRoute]] = OpenRoute
+
     def __init__(self, *, prefix: str = "", tag: str = "") -> None:
         super().__init__(
             prefix=prefix,
             tags=[tag] if tag else None,
-            route_class=OpenRoute,
+            route_class=self.kind,
+            dependencies=[BEARER] if self.kind is ApiRoute else None,
             redirect_slashes=False,
         )
+
+
+class ApiRouter(OpenRouter):
+    """A router whose routes all require a token, of the role in their signature."""
+
+    kind = ApiRoute
 
 
 def _check_parameters(request: Request, known: frozenset[str]) -> None:
@@ -350,7 +337,9 @@ def _check_parameters(request: Request, known: frozenset[str]) -> None:
 
 def _expect_json(request: Request) -> None:
     media_type = request.headers.get("content-type", "").partition(";")[0].strip()
-    if _has_body(request) and media_type.lower() != "application/json":
+    length = request.headers.get("content-length", "0")
+    has_body = length != "0" or "transfer-encoding" in request.headers
+    if has_body and media_type.lower() != "application/json":
         raise UnsupportedMedia(
             f"expected application/json, found {media_type or 'no media type'!r}"
         )
@@ -372,8 +361,3 @@ def _calls(dependant: Dependant) -> Iterator[object]:
     for sub in dependant.dependencies:
         yield sub.call
         yield from _calls(sub)
-
-
-def _has_body(request: Request) -> bool:
-    length = request.headers.get("content-length", "0")
-    return length != "0" or "transfer-encoding" in request.headers

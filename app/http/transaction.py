@@ -56,19 +56,15 @@ async def writers_turn(request: Request) -> AsyncIterator[None]:
     try:
         places.acquire_on_behalf_of_nowait(request)
     except WouldBlock:
-        await _wait_for(places, request)
+        try:
+            with fail_after(WRITE_WAIT_S):
+                await places.acquire_on_behalf_of(request)
+        except TimeoutError as exc:
+            raise DatabaseBusy("too many writes are waiting; try again") from exc
     try:
         yield
     finally:
         places.release_on_behalf_of(request)
-
-
-async def _wait_for(places: CapacityLimiter, request: Request) -> None:
-    try:
-        with fail_after(WRITE_WAIT_S):
-            await places.acquire_on_behalf_of(request)
-    except TimeoutError as exc:
-        raise DatabaseBusy("too many writes are waiting; try again") from exc
 
 
 WritersTurn = Annotated[None, Depends(writers_turn, scope="function")]
@@ -83,7 +79,15 @@ async def write_session(request: Request, _turn: WritersTurn) -> AsyncIterator[S
     transaction = database_of(request).write(person=True)
     session = transaction.__enter__()
     request.state.write_session = session
-    _check_caller_on_begin(session, request)
+    principal: Principal | None = getattr(request.state, "principal", None)
+    if principal is not None:  # logging in identifies its caller by the body
+        gate: Gate = request.app.state.gate
+
+        # It must not refer to the request: that would keep the body in memory.
+        def check(_session: Session, _begun: object, connection: Connection) -> None:
+            gate.require_valid(connection, principal)
+
+        event.listen(session, "after_begin", check, once=True)
     repeatable: RepeatableRequest | None = getattr(request.state, "repeatable", None)
     if repeatable is not None:
         take_key_on_begin(session, repeatable)
@@ -100,18 +104,6 @@ async def write_session(request: Request, _turn: WritersTurn) -> AsyncIterator[S
         await _in_own_thread(end)
     else:  # The route has committed; the rest is quick, and needs no thread.
         end()
-
-
-def _check_caller_on_begin(session: Session, request: Request) -> None:
-    principal: Principal | None = getattr(request.state, "principal", None)
-    if principal is None:  # logging in identifies its caller by the body
-        return
-    gate: Gate = request.app.state.gate
-
-    def check(_session: Session, _transaction: object, connection: Connection) -> None:
-        gate.require_valid(connection, principal)
-
-    event.listen(session, "after_begin", check, once=True)
 
 
 # scope="function": the transaction is committed before the response is sent.
@@ -133,7 +125,20 @@ async def respond_once(
     endpoint: Callable[[Request], Awaitable[Response]], request: Request, *, key: str
 ) -> Response:
     """Call an endpoint that takes a `WriteSession`, for a request with this key."""
-    request.state.repeatable = await _repeatable(request, key)
+    url = request.url
+    about = (
+        request.method.encode(),
+        f"{url.path}?{url.query}".encode(),
+        request.headers.get("content-type", "").encode(),
+    )
+    request.state.repeatable = RepeatableRequest(
+        request.state.principal.token_id,
+        key,
+        await run_off_loop(
+            request, await request.body(), partial(request_digest, *about)
+        ),
+        timedelta(hours=settings_of(request).idempotency_hours),
+    )
     response = await endpoint(request)
     session: Session = request.state.write_session
     if lacks_response(session):
@@ -141,31 +146,11 @@ async def respond_once(
     return response
 
 
-async def _repeatable(request: Request, key: str) -> RepeatableRequest:
-    url = request.url
-    about = (
-        request.method.encode(),
-        f"{url.path}?{url.query}".encode(),
-        request.headers.get("content-type", "").encode(),
-    )
-    body = await request.body()
-    return RepeatableRequest(
-        request.state.principal.token_id,
-        key,
-        await run_off_loop(request, body, partial(request_digest, *about)),
-        timedelta(hours=settings_of(request).idempotency_hours),
-    )
-
-
 async def repeat_response(_request: Request, exc: Exception) -> Response:
     """The exception handler of `RepeatedRequest`: sends the stored response."""
     if not isinstance(exc, RepeatedRequest):
         raise exc
-    stored = exc.response
-    headers = {**stored.headers, "Idempotent-Replayed": "true"}
-    if stored.media_type:
-        headers["Content-Type"] = stored.media_type
-    return Response(stored.body, stored.status, headers)
+    return exc.response
 
 
 async def _in_own_thread(call: Callable[[], _Result]) -> _Result:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import platform
 from itertools import chain
-from typing import Final
 
 from fastapi import Request
 from fastapi.responses import PlainTextResponse
@@ -17,8 +16,6 @@ from app.ops.readiness import Readiness
 from app.package import VERSION
 from app.process.connections import Connections
 from unghost.wire.access import Alive, Ready, Version
-
-PROMETHEUS_TYPE: Final = "text/plain; version=0.0.4; charset=utf-8"
 
 probes_router = OpenRouter(tag="health")
 router = ApiRouter(tag="health")
@@ -59,4 +56,5 @@ def metrics(
             process_facts(),
         )
     )
-    return PlainTextResponse(scrape.text(), media_type=PROMETHEUS_TYPE)
+    prometheus = "text/plain; version=0.0.4; charset=utf-8"
+    return PlainTextResponse(scrape.text(), media_type=prometheus)

@@ -89,7 +89,13 @@ class Connections:
     def refusal(self, connection: Connection) -> str | None:
         """Admit a connection, closing another if necessary; or why it is refused."""
         if len(self._open) >= self.most:
-            self._warn()
+            now = time.monotonic()
+            if now - self._warned_at >= _WARN_AGAIN_S:
+                self._warned_at = now
+                server_log.warning(
+                    "all %d connections are in use: idle ones are closed to make room",
+                    self.most,
+                )
             idle = (one for one in self._idle if one.is_quiet)
             unknown = (one for one in self._open if not one.is_known)
             giving_way = next(chain(idle, unknown), None)
@@ -126,13 +132,6 @@ class Connections:
         text = "Connections that may be open at the same time."
         yield GaugeMetricFamily("unghost_connections_max", text, self.most)
         yield from self._counters.collect()
-
-    def _warn(self) -> None:
-        now = time.monotonic()
-        if now - self._warned_at >= _WARN_AGAIN_S:
-            self._warned_at = now
-            text = "all %d connections are in use: idle ones are closed to make room"
-            server_log.warning(text, self.most)
 
 
 def room_for_connections(limit: int | None) -> int:

@@ -45,6 +45,7 @@ from app.runs.activate import refresh_doubt
 from app.runs.service import RUNS
 from app.settings import Settings
 from app.storage import open_store
+from app.storage.base import BlobStore
 from app.storage.durable import make_folder
 from app.storage.room import Reserve
 
@@ -71,15 +72,15 @@ def running(settings: Settings) -> Iterator[ServiceContext]:
         with usable_store(settings):
             store.prepare()
             check_moved(settings, database, store)
-        services = ServiceContext(
-            settings=settings,
-            database=database,
-            storage=store,
-            engine=_engine(settings, database),
-            pixels=pixel_pool(settings, settings.workers),
-            drawers=pixel_pool(settings, settings.workers + 1),
-            folders=folder_pool(settings),
-        )
+        if settings.engine == LOCAL_ENGINE:
+            engine = LocalEngine(settings.workers)
+        else:
+            with database.read() as session:
+                installation = installation_id(session)
+            certificates = certificates_of(settings)
+            scheduler = Scheduler(settings.engine, certificates, installation)
+            engine = ClusterEngine(settings.workers, scheduler)
+        services = _opened(settings, database, store, engine)
         services.keep(default_config)
         services.keep(OpenBodies(int(settings.max_open_body_bytes)))
         refresh_doubt(services)
@@ -116,15 +117,8 @@ def attached(settings: Settings) -> Iterator[ServiceContext]:
     database = Database(settings.sqlalchemy_url)
     try:
         check_same_version(settings, database.engine)
-        services = ServiceContext(
-            settings=settings,
-            database=database,
-            storage=store,
-            engine=LocalEngine(settings.workers),
-            pixels=pixel_pool(settings, settings.workers),
-            drawers=pixel_pool(settings, settings.workers + 1),
-            folders=folder_pool(settings),
-        )
+        engine = LocalEngine(settings.workers)
+        services = _opened(settings, database, store, engine)
         try:
             yield services
         finally:
@@ -139,13 +133,18 @@ def register_kinds() -> None:
     call_at_end(job_ended)
 
 
-def _engine(settings: Settings, database: Database) -> LocalEngine:
-    if settings.engine == LOCAL_ENGINE:
-        return LocalEngine(settings.workers)
-    with database.read() as session:
-        installation = installation_id(session)
-    scheduler = Scheduler(settings.engine, certificates_of(settings), installation)
-    return ClusterEngine(settings.workers, scheduler)
+def _opened(
+    settings: Settings, database: Database, store: BlobStore, engine: LocalEngine
+) -> ServiceContext:
+    return ServiceContext(
+        settings=settings,
+        database=database,
+        storage=store,
+        engine=engine,
+        pixels=pixel_pool(settings, settings.workers),
+        drawers=pixel_pool(settings, settings.workers + 1),
+        folders=folder_pool(settings),
+    )
 
 
 def certificates_of(settings: Settings) -> Certificates:

@@ -71,19 +71,23 @@ class LoopWatch:
     def _watch(self, loop: asyncio.AbstractEventLoop, thread_id: int) -> None:
         with suppress(RuntimeError):  # the loop is closed
             while not self._over.wait(_EVERY_S):
-                self._ask(loop, thread_id)
+                answered, asked = threading.Event(), time.monotonic()
+                loop.call_soon_threadsafe(answered.set)
+                if not answered.wait(LONGEST_S):
+                    self._wait_for(answered, asked, thread_id)
 
-    def _ask(self, loop: asyncio.AbstractEventLoop, thread_id: int) -> None:
-        answered, asked = threading.Event(), time.monotonic()
-        loop.call_soon_threadsafe(answered.set)
-        if answered.wait(LONGEST_S):
-            return
+    def _wait_for(
+        self, answered: threading.Event, asked: float, thread_id: int
+    ) -> None:
+        """Log what blocks the loop, and when it runs again."""
         self._is_blocked = True
         LOOP_STALLS.inc()
+        calls = traceback.extract_stack(sys._current_frames().get(thread_id))
+        stack = [f"{call.filename}:{call.lineno} {call.name}" for call in calls]
         server_log.error(
             "the event loop has been blocked for more than %g s",
             LONGEST_S,
-            extra={"facts": {"stack": _stack_of(thread_id)}},
+            extra={"facts": {"stack": stack}},
         )
         while not answered.wait(_EVERY_S):
             if self._over.is_set():
@@ -93,14 +97,3 @@ class LoopWatch:
         self._is_blocked = False
         LOOP_STALL_SECONDS.inc(self._lasted_s)
         server_log.warning("the event loop runs again after %.1f s", self._lasted_s)
-
-
-def _stack_of(thread_id: int) -> list[str]:
-    """The calls of a thread, the innermost last."""
-    frame = sys._current_frames().get(thread_id)
-    if frame is None:
-        return []
-    return [
-        f"{one.filename}:{one.lineno} {one.name}"
-        for one in traceback.extract_stack(frame)
-    ]

@@ -77,16 +77,26 @@ class GracefulServer(uvicorn.Server):
         until = time.monotonic() + self._wait_s
         begun = set(self.server_state.tasks)
         server_log.info("stopping; %d requests are still open", len(begun))
-        _end_after(self._wait_s + LAST_S)
+
+        def end() -> None:
+            server_log.error("the shutdown took too long: the process ends by force")
+            os._exit(1)
+
+        watchdog = threading.Timer(self._wait_s + LAST_S, end)
+        watchdog.daemon = True
+        watchdog.start()
         self._stopping()
-        while _unfinished(begun) and time.monotonic() < until:
+        while time.monotonic() < until and not all(task.done() for task in begun):
             await asyncio.sleep(_POLL_S)
-        cut_off = _unfinished(begun)
-        if cut_off:
-            server_log.warning("%d requests are cancelled: they took too long", cut_off)
+        late = [task for task in begun if not task.done()]
         left_s = max(1, int(until - time.monotonic()))
         self.config.timeout_graceful_shutdown = left_s
-        await _cancel(begun)
+        if late:
+            count = len(late)
+            server_log.warning("%d requests are cancelled: they took too long", count)
+            for task in late:
+                task.cancel()
+            await asyncio.wait(late, timeout=1)  # for the errors to their clients
         await super().shutdown(sockets)
         faulthandler.cancel_dump_traceback_later()
         server_log.info("stopped")
@@ -106,35 +116,12 @@ class GracefulServer(uvicorn.Server):
 def exit_on_sigterm() -> None:
     """Make SIGTERM end the process with exit status 0; a second one kills it."""
     if threading.current_thread() is threading.main_thread():
-        signal.signal(signal.SIGTERM, _exit)
 
+        def end(*_: object) -> None:
+            signal.signal(signal.SIGTERM, signal.SIG_DFL)
+            raise SystemExit(0)
 
-def _exit(*_: object) -> None:
-    signal.signal(signal.SIGTERM, signal.SIG_DFL)
-    raise SystemExit(0)
-
-
-def _unfinished(tasks: set[asyncio.Task[None]]) -> int:
-    return sum(not task.done() for task in tasks)
-
-
-async def _cancel(tasks: set[asyncio.Task[None]]) -> None:
-    """Cancel tasks, and give them a second to send errors to their clients."""
-    left = [task for task in tasks if not task.done()]
-    for task in left:
-        task.cancel()
-    if left:
-        await asyncio.wait(left, timeout=1)
-
-
-def _end_after(seconds: float) -> None:
-    def end() -> None:
-        server_log.error("the shutdown took too long: the process ends by force")
-        os._exit(1)
-
-    watchdog = threading.Timer(seconds, end)
-    watchdog.daemon = True
-    watchdog.start()
+        signal.signal(signal.SIGTERM, end)
 
 
 MAX_DISCARDED_BYTES: Final = 1 << 26
@@ -170,17 +157,18 @@ class _Timer:
     def start(self, seconds: float) -> None:
         """Call the function after this time, and not at an earlier start's."""
         self.stop()
-        self._pending = self._loop.call_later(seconds, self._end)
+
+        def end() -> None:
+            self._pending = None
+            self._call()
+
+        self._pending = self._loop.call_later(seconds, end)
 
     def stop(self) -> None:
         """Cancel the call, if it is pending."""
         if self._pending is not None:
             self._pending.cancel()
             self._pending = None
-
-    def _end(self) -> None:
-        self._pending = None
-        self._call()
 
 
 class ProblemProtocol(HttpToolsProtocol):
@@ -270,7 +258,11 @@ class ProblemProtocol(HttpToolsProtocol):
         """Whether no bytes wait to be read or to be sent."""
         if self.transport.get_write_buffer_size():
             return False
-        return not _has_arrived(self.transport.get_extra_info("socket").fileno())
+        if not hasattr(select, "poll"):  # on Windows, unread bytes are not noticed
+            return True
+        unread = select.poll()
+        unread.register(self.transport.get_extra_info("socket").fileno(), select.POLLIN)
+        return not unread.poll(0)
 
     def give_way(self) -> None:
         """Close at once, to make room for another connection."""
@@ -337,17 +329,14 @@ class ProblemProtocol(HttpToolsProtocol):
         """Pass on a piece of a body, which the service limits; discard late ones."""
         self._overhead -= len(body) + CHUNK_BYTES
         if self.cycle.response_complete:
-            self._discard(body)
+            # Clients may read the response only after sending all; that has a limit.
+            self._discarded += len(body)
+            if self._discarded > MAX_DISCARDED_BYTES:
+                self.transport.close()
             return
         if not self.cycle.body:
             self.cycle.body = cast("bytearray", Pieces())
         super().on_body(body)
-
-    def _discard(self, body: bytes) -> None:
-        # Clients may read the response only after sending all; that has a limit.
-        self._discarded += len(body)
-        if self._discarded > MAX_DISCARDED_BYTES:
-            self.transport.close()
 
     def on_message_complete(self) -> None:
         """The end of a request."""
@@ -431,12 +420,3 @@ class ProblemProtocol(HttpToolsProtocol):
 
 def _is_signed_in(cycle: RequestResponseCycle | None) -> bool:
     return cycle is not None and "principal" in cycle.scope.get("state", {})
-
-
-def _has_arrived(descriptor: int) -> bool:
-    """Whether unread bytes wait in a socket; always False on Windows."""
-    if not hasattr(select, "poll"):
-        return False
-    looked_at = select.poll()
-    looked_at.register(descriptor, select.POLLIN)
-    return bool(looked_at.poll(0))

@@ -15,7 +15,6 @@ import threading
 import time
 from argparse import ArgumentParser
 from dataclasses import dataclass, field
-from functools import partial
 from types import FrameType
 from typing import TYPE_CHECKING, Final
 
@@ -45,7 +44,7 @@ from app.settings import Settings
 from filter_core.processes import module_command
 
 if TYPE_CHECKING:
-    from distributed import Security, Worker
+    from distributed import Security
 
 REFUSED: Final = 1
 """Exit status of a worker process whose settings cannot be used."""
@@ -116,10 +115,17 @@ class Supervisor:
         endpoint = self.endpoint
         words = [f"--port={endpoint.port}", f"--patience={endpoint.patience_s}"]
         words += [f"--host={endpoint.host}"] if endpoint.host else []
+        settings = self.settings
+        chosen = {
+            f"UNGHOST_{name.upper()}": str(getattr(settings, name))
+            for name in settings.model_fields_set
+            if isinstance(getattr(settings, name), str | int | float | os.PathLike)
+        }
+        own = {**_KEEP_MEMORY, "DASK_TEMPORARY_DIRECTORY": scratch}
         # When this process ends, the pipe is closed, and the child ends as well.
         self._child = subprocess.Popen(
             module_command(self.program, *words),
-            env=_environment(self.settings, scratch),
+            env={**os.environ, **own, **chosen},
             stdin=subprocess.PIPE,
         )
         if self._stopping.is_set():
@@ -153,16 +159,6 @@ def check_engine(settings: Settings) -> EngineAddress:
     prepare()
     security(certificates_of(settings), encrypted=address.is_encrypted)
     return address
-
-
-def _environment(settings: Settings, scratch: str) -> dict[str, str]:
-    chosen = {
-        f"UNGHOST_{name.upper()}": str(getattr(settings, name))
-        for name in settings.model_fields_set
-        if isinstance(getattr(settings, name), str | int | float | os.PathLike)
-    }
-    own = {**_KEEP_MEMORY, "DASK_TEMPORARY_DIRECTORY": scratch}
-    return {**os.environ, **own, **chosen}
 
 
 class Work:
@@ -221,12 +217,14 @@ async def _join(
 ) -> int:
     from distributed import Worker
 
-    stop = stop_event()
-    threading.Thread(
-        target=_wait_for_parent,
-        args=(partial(asyncio.get_running_loop().call_soon_threadsafe, stop.set),),
-        daemon=True,
-    ).start()
+    stop, loop = stop_event(), asyncio.get_running_loop()
+
+    def wait_for_parent() -> None:
+        while os.read(_STDIN, 1024):
+            pass
+        loop.call_soon_threadsafe(stop.set)
+
+    threading.Thread(target=wait_for_parent, daemon=True).start()
     shown = security(certificates_of(services.settings), encrypted=address.is_encrypted)
     if not await _answers(address, shown, endpoint.patience_s):
         return AWAY
@@ -243,7 +241,11 @@ async def _join(
         death_timeout=endpoint.patience_s,
         validate=False,
     )
-    await _started(worker)
+    try:
+        await worker
+    except RuntimeError as exc:
+        raise UnusableEngine(f"this worker cannot start: {reason_of(exc)}") from exc
+    close_dashboard(worker)
     server_log.info("joined the scheduler at %s as %s", address, worker.address)
     ends = [asyncio.create_task(stop.wait()), asyncio.create_task(worker.finished())]
     await asyncio.wait(ends, return_when=asyncio.FIRST_COMPLETED)
@@ -258,22 +260,12 @@ async def _join(
     return 0
 
 
-async def _started(worker: Worker) -> None:
-    try:
-        await worker
-    except RuntimeError as exc:
-        raise UnusableEngine(f"this worker cannot start: {reason_of(exc)}") from exc
-    close_dashboard(worker)
-
-
 async def _answers(address: EngineAddress, shown: Security, patience_s: float) -> bool:
     from distributed.core import connect
 
     try:
         comm = await connect(
-            str(address),
-            timeout=patience_s,
-            **shown.get_connection_args("worker"),
+            str(address), timeout=patience_s, **shown.get_connection_args("worker")
         )
     except OSError as exc:
         server_log.error(
@@ -292,25 +284,19 @@ def _own_address(address: EngineAddress) -> str:
         return str(way.getsockname()[0])
 
 
-def _wait_for_parent(notify: partial[object]) -> None:
-    while os.read(_STDIN, 1024):
-        pass
-    notify()
-
-
 def main() -> int:
     """The worker process; its settings are UNGHOST_* variables."""
     parser = ArgumentParser(prog="app.process.worker")
     parser.add_argument("--host")
     parser.add_argument("--port", type=int, default=0)
     parser.add_argument("--patience", type=float, default=60.0)
-    given = parser.parse_args()
+    options = parser.parse_args()
     settings = Settings()
     configure_logging(settings.log_level, settings.log_format)
     keep_freed_memory()
     try:
         return work_when_database_answers(
-            settings, WorkerEndpoint(given.host, given.port, given.patience)
+            settings, WorkerEndpoint(options.host, options.port, options.patience)
         )
     except (UnusableEngine, CannotMaintain) as exc:
         server_log.error("%s", exc)

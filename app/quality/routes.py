@@ -41,10 +41,7 @@ evaluations_router = ApiRouter(prefix="/api/v1", tag="evaluations")
     "/datasets/{dataset}/evaluations", status_code=202, response_model=Run
 )
 def create_evaluation(
-    dataset: DatasetName,
-    session: WriteSession,
-    services: AppServices,
-    caller: Reviewer,
+    caller: Reviewer, dataset: DatasetName, session: WriteSession, services: AppServices
 ) -> Response:
     """Measure every channel that the frames' files allow; verdicts do not change."""
     found = DatasetRepository(session).named(dataset)

@@ -61,11 +61,11 @@ queue_router = ApiRouter(prefix="/api/v1", tag="queue")
 
 @queue_router.post("/datasets/{dataset}/queue", response_model=Queue)
 def take_from_queue(
+    caller: Reviewer,
     dataset: DatasetName,
     body: QueueIn,
     session: WriteSession,
     services: AppServices,
-    caller: Reviewer,
 ) -> Response:
     """The next boxes to review, claimed for five minutes; an answer ends the claim."""
     chosen = body.model_dump(exclude={"filters"})
@@ -78,7 +78,7 @@ def take_from_queue(
 
 
 @queue_router.get("/datasets/{dataset}/coached", response_model=Coached)
-def get_coached(dataset: DatasetName, session: ReadSession, caller: Viewer) -> Response:
+def get_coached(caller: Viewer, dataset: DatasetName, session: ReadSession) -> Response:
     """The boxes by which the caller learns to answer; their truth is known."""
     found = DatasetRepository(session).named(dataset)
     return json_response({"items": coached_boxes(session, found, caller.name)})
@@ -94,10 +94,10 @@ router = ApiRouter(prefix="/api/v1", tag="reviews")
     responses={200: {"model": Review, "description": "Stored already."}},
 )
 def create_review(
+    caller: Reviewer,
     box_id: RowId,
     body: ReviewIn,
     services: AppServices,
-    caller: Reviewer,
     audit: Audited,
 ) -> Response:
     """Answer a box; 412 with the current decision if it was answered since seen.
@@ -116,10 +116,10 @@ def create_review(
     "/boxes/{box_id}/reviews/{revision}/undo", status_code=201, response_model=Review
 )
 def undo_review(
+    caller: Reviewer,
     box_id: RowId,
     revision: AnswerRevision,
     services: AppServices,
-    caller: Reviewer,
     audit: Audited,
 ) -> Response:
     """Undo an answer on a box: the box gets the answer it had before.
@@ -134,7 +134,7 @@ def undo_review(
 
 @router.post("/reviews/bulk", status_code=201, response_model=ReviewBatch)
 def create_bulk_review(
-    body: BulkIn, services: AppServices, caller: Reviewer, audit: Audited
+    caller: Reviewer, body: BulkIn, services: AppServices, audit: Audited
 ) -> Response:
     """Give many boxes one answer; a single undo takes it back on all of them.
 
@@ -149,7 +149,7 @@ def create_bulk_review(
 
 @router.post("/review-batches/{batch_id}/undo", response_model=UndoneBatch)
 def undo_bulk_review(
-    batch_id: RowId, services: AppServices, caller: Reviewer, audit: Audited
+    caller: Reviewer, batch_id: RowId, services: AppServices, audit: Audited
 ) -> Response:
     """Undo a bulk answer: boxes get the answers they had, unless answered since.
 

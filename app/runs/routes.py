@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Annotated, Final
 
 from fastapi import Depends, Header, Path, Query, Request, Response
@@ -134,11 +133,11 @@ def list_configs(
     openapi_extra=described_config(),
 )
 def create_config(
+    caller: Reviewer,
     dataset: DatasetName,
     body: ConfigBody,
     session: WriteSession,
     services: AppServices,
-    caller: Reviewer,
 ) -> Response:
     """Store a version; it has no effect until a run applies it."""
     require_room_to_write(services, session)
@@ -179,49 +178,47 @@ def get_active_config(
     return version
 
 
-@dataclass(frozen=True)
-class Activation:
-    """The version to activate, and the one that the caller takes for the active one."""
-
-    body: ActivateIn
-    if_match: Annotated[
-        str | None,
-        Header(
-            description="`ETag` of the active version: refused with 412 if another is "
-            "or becomes active."
-        ),
-    ] = None
+IfMatch = Annotated[
+    str | None,
+    Header(
+        description="`ETag` of the active version: refused with 412 if another is or "
+        "becomes active."
+    ),
+]
 
 
 @configs_router.put("/datasets/{dataset}/config", status_code=202, response_model=Run)
 def activate_config(
     caller: Reviewer,
     dataset: DatasetName,
-    activation: Annotated[Activation, Depends()],
+    body: ActivateIn,
     session: WriteSession,
     services: AppServices,
     audit: Audited,
+    if_match: IfMatch = None,
 ) -> Response:
     """Make a version the active one, through a run.
 
     If the last open run will do that already, this returns it.
     """
     found = DatasetRepository(session).named(dataset)
-    digest = activation.body.digest
+    digest = body.digest
     if digest is None:
-        given = activation.body.config
-        source = given.root if isinstance(given, FilterConfigIn) else given
+        config = body.config
+        source = config.root if isinstance(config, FilterConfigIn) else config
         loaded = load_config(source or "")
-        config = loaded.after(active_config(session, found))
-        author, unused = audit.name, loaded.unused_keys
         version, _ = add_version(
-            session, found, config, author=author, unused_keys=unused
+            session,
+            found,
+            loaded.after(active_config(session, found)),
+            author=audit.name,
+            unused_keys=loaded.unused_keys,
         )
         digest = version.digest
     run = run_activating(session, found, digest)
     if run is None:
-        if activation.if_match is not None:
-            _require_match(session, found, activation.if_match)
+        if if_match is not None:
+            _require_match(session, found, if_match)
         wanted = RunRequest(digest, audit.name, activate=True)
         run = request_run(services, session, found, wanted)
         made = {"config": digest, "run": run.id}
@@ -357,23 +354,6 @@ def stop_run(
     return accepted(described)
 
 
-async def diff_page(limit: Limit = 100, cursor: Cursor = None) -> DiffPage:
-    """The page of flips that a request names by its parameters."""
-    return DiffPage(limit, cursor)
-
-
-def compared(
-    run_id: RowId,
-    session: ReadSession,
-    against: Annotated[
-        int | None,
-        Query(ge=1, le=MAX_ID, description="Another run; default: the former active."),
-    ] = None,
-) -> tuple[tables.Run, tables.Run]:
-    """The run to compare with, and the run of the path."""
-    return compared_runs(session, run_id, against)
-
-
 @router.get(
     "/runs/{run_id}/diff",
     response_model=Diff,
@@ -381,12 +361,18 @@ def compared(
 )
 def compare_runs(
     caller: Viewer,
-    runs: Annotated[tuple[tables.Run, tables.Run], Depends(compared)],
+    run_id: RowId,
     request: Request,
     session: ReadSession,
     services: AppServices,
-    page: Annotated[DiffPage, Depends(diff_page)],
+    against: Annotated[
+        int | None,
+        Query(ge=1, le=MAX_ID, description="Another run; default: the former active."),
+    ] = None,
+    limit: Limit = 100,
+    cursor: Cursor = None,
 ) -> Response:
     """Boxes whose verdicts differ between two runs, nearest to a threshold first."""
-    found = run_diff(services, session, runs, page)
-    return page_with_link(request, found, found.next_cursor)
+    runs = compared_runs(session, run_id, against)
+    diff = run_diff(services, session, runs, DiffPage(limit, cursor))
+    return page_with_link(request, diff, diff.next_cursor)
