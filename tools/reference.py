@@ -57,7 +57,9 @@ class Command(Protocol):
         """The first sentence of its help."""
 
 
-_BINDING: Final = re.compile(r'keys: \[(.*?)\],\s+help: "(.*?)",\s+group: "(.*?)"')
+_BINDING: Final = re.compile(
+    r'keys: \[(.*?)\], help: "(.*?)",\s+(group|\.\.\.IN_THE_GRID)'
+)
 DOCS: Final = Path(__file__).resolve().parents[1] / "docs"
 
 
@@ -158,7 +160,7 @@ def key_table() -> Iterator[str]:
         (static_dir() / "js" / "core" / "keymap.js").read_text()
     ):
         names = " ".join(f"`{key}`" for key in re.findall(r'"([^"]+)"', keys))
-        where = f"{group}: " if group == "In the grid" else ""
+        where = "" if group == "group" else "In the grid: "
         yield f"| {names} | {where}{text} |"
 
 

@@ -39,12 +39,13 @@ def docs_page(schema: _Object) -> str:
             if method in operations:
                 operation = operations[method]
                 tag = (operation.get("tags") or ["other"])[0]
+                description = _marked_up(operation.get("description", ""))
                 sections.setdefault(tag, []).append(
                     '<details><summary><code><span class="method">'
                     f"{method.upper()}</span>{escape(path)}</code> "
                     f'<span class="brief">{escape(operation.get("summary", ""))}'
-                    f"</span></summary><p>{_marked_up(operation.get('description', ''))}"
-                    f"</p>{_parameters(operation)}{_responses(operation)}</details>"
+                    f"</span></summary><p>{description}</p>"
+                    f"{_parameters(operation)}{_responses(operation)}</details>"
                 )
     body = "".join(
         f"<h2>{escape(tag)}</h2>{''.join(routes)}"

@@ -12,6 +12,7 @@ import pytest
 import yaml
 
 from tests.support import frames
+from tests.support.command_line import CommandLine
 from tests.support.documents import blocks, read
 
 ACTIONS, PRE_COMMIT = map(
@@ -65,15 +66,15 @@ def test_example_for_pre_commit_passes(repository):
 
 
 def test_condition_that_holds_ends_with_4_and_is_named_with_its_figure(repository):
-    words = ["unghost", "filter", "recordings/town10", "--output", "d.jsonl"]
+    words = ["filter", "recordings/town10", "--output", "d.jsonl"]
     words += ["--fail-if", "rejected>=50%", "--fail-if", "kept < 2"]
 
-    done = run([*words, "--gate-report", "gates.xml"], repository)
+    done = CommandLine(repository, {})(*words, "--gate-report", "gates.xml")
 
-    assert done.returncode == 4, done
+    assert done.code == 4, done
     said = "gate failed: rejected>=50%, it is 50.00% (2 of 4 boxes)"
-    assert said in done.stderr
-    assert "gate passed: kept < 2, it is 2" in done.stderr
+    assert said in done.err
+    assert "gate passed: kept < 2, it is 2" in done.err
     report = (repository / "gates.xml").read_text()
     assert 'tests="2" failures="1"' in report
     assert 'name="not rejected&gt;=50%"><failure message=' in report
@@ -89,9 +90,9 @@ def test_condition_that_holds_ends_with_4_and_is_named_with_its_figure(repositor
 def test_wrong_condition_is_refused_before_anything_is_decided(
     repository, condition, words
 ):
-    command = ["unghost", "filter", "recordings/town10", "--output", "d.jsonl"]
+    command = ("filter", "recordings/town10", "--output", "d.jsonl")
 
-    done = run([*command, "--fail-if", condition], repository)
+    done = CommandLine(repository, {})(*command, "--fail-if", condition)
 
-    assert (done.returncode, (repository / "d.jsonl").exists()) == (2, False)
-    assert words in " ".join(done.stderr.split())
+    assert (done.code, (repository / "d.jsonl").exists()) == (2, False)
+    assert words in " ".join(done.err.split())

@@ -52,17 +52,6 @@ def test_openapi_document_marks_the_open_routes(admin):
 
 
 @pytest.mark.parametrize(
-    "header",
-    ["", "Bearer", "Basic dWc6", "Bearer ug_", "bearer x y", "ug_x"],
-)
-def test_invalid_authorization_header_returns_401_unauthorised(anonymous, header):
-    answer = anonymous.get("/version", headers={"Authorization": header})
-
-    assert (answer.status_code, answer.json()["code"]) == (401, "unauthorised")
-    assert answer.headers["www-authenticate"].startswith("Bearer")
-
-
-@pytest.mark.parametrize(
     ("header", "detail"),
     [
         ("Bearer ug_x", WRONG_TOKEN),
@@ -184,13 +173,6 @@ def test_session_stays_valid_after_a_restart(serve):
         assert browser.get("/version").status_code == 200
 
 
-def test_login_with_a_wrong_token_is_unauthorised(anonymous):
-    answer = anonymous.post("/api/v1/session", json={"token": "ug_guess"})
-
-    assert answer.status_code == 401
-    assert "session" not in answer.json()
-
-
 def test_session_opens_no_other_session(service, anonymous):
     session = log_in(service, anonymous)
     secret = session["Authorization"].removeprefix("Bearer ")
@@ -198,15 +180,6 @@ def test_session_opens_no_other_session(service, anonymous):
     answer = anonymous.post("/api/v1/session", json={"token": secret})
 
     assert answer.status_code == 401
-
-
-def test_logging_out_ends_the_session(service, anonymous):
-    session = log_in(service, anonymous)
-
-    answer = anonymous.delete("/api/v1/session", headers=session)
-
-    after = anonymous.get("/version", headers=session)
-    assert (answer.status_code, after.status_code) == (204, 401)
 
 
 @pytest.mark.parametrize(
@@ -243,10 +216,6 @@ def test_session_write_from_its_own_origin_is_allowed(service, anonymous):
     by_site = anonymous.post("/probe/echo", headers={**session, **same})
 
     assert (by_origin.status_code, by_site.status_code) == (200, 200)
-
-
-def test_write_with_a_token_needs_no_origin_header(admin):
-    assert admin.post("/probe/echo").status_code == 200
 
 
 def test_login_from_another_origin_is_forbidden(service, anonymous):

@@ -5,6 +5,7 @@ from __future__ import annotations
 from concurrent.futures import ThreadPoolExecutor
 
 import httpx
+import pytest
 
 from app.main import create_app
 from app.serve import server_config
@@ -36,6 +37,7 @@ def test_more_concurrent_writers_than_threads_are_all_answered(service):
     assert codes == [201] * len(codes)
 
 
+@pytest.mark.long
 def test_readiness_probes_do_not_block_writers(service):
     def ask(number: int) -> int:
         if number % 10:

@@ -200,7 +200,7 @@ def deleted(api, street):
     assert gone.status_code == 204
 
 
-SORTS = ("id", "doubt", "match_percent", "-match_percent", "crowding")
+SORTS = ("doubt", "match_percent")
 FILTERS: tuple[dict[str, Any], ...] = (
     {},
     {"verdict": "kept"},

@@ -276,15 +276,18 @@ def traced_memory_without_gc():
         gc.enable()
 
 
-@pytest.mark.parametrize("key", [{}, {"Idempotency-Key": "k"}], ids=["", "with a key"])
 @pytest.mark.parametrize("what", REFUSED)
-def test_refused_body_is_not_kept_in_memory(service, bearers, sender, what, key):
+def test_refused_body_is_not_kept_in_memory(service, bearers, sender, what):
     method, path, (media_type, content) = REFUSED[what]
     one = sender(bearers[0])
 
     def send():
         one.begin(
-            {"Content-Length": len(content), "Content-Type": media_type, **key},
+            {
+                "Content-Length": len(content),
+                "Content-Type": media_type,
+                "Idempotency-Key": "k",
+            },
             method=method,
             path=path,
             sent=content,
@@ -295,7 +298,7 @@ def test_refused_body_is_not_kept_in_memory(service, bearers, sender, what, key)
 
     send()
     with traced_memory_without_gc():
-        for _ in range(8):
+        for _ in range(6):
             send()
         kept, _ = tracemalloc.get_traced_memory()
 

@@ -79,7 +79,9 @@ def test_page_has_one_style_sheet_with_all_of_its_styles(anonymous):
     assert "@import" not in answer.text
 
 
-@pytest.mark.parametrize("name", FILES)
+@pytest.mark.parametrize(
+    "name", {name.rpartition(".")[2]: name for name in FILES}.values()
+)
 def test_static_file_has_its_content_type(anonymous, name):
     answer = anonymous.get(f"/static/{name}")
 

@@ -15,6 +15,7 @@ BODY = b'{"name": 1, "description": "' + b"x" * (15 * 1024**2) + b'"}'
 CLIENTS = 8
 
 
+@pytest.mark.long
 @pytest.mark.skipif(sys.platform != "linux", reason="asks Linux for its memory")
 def test_memory_of_a_peak_is_returned_when_the_service_is_idle(start_server):
     server = start_server()

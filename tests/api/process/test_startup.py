@@ -93,22 +93,15 @@ def test_server_note_has_url_token_file_and_pid(running):
     assert stat.S_IMODE(note.stat().st_mode) == 0o600
 
 
-@pytest.mark.parametrize(
-    ("listens", "asked"),
-    [
-        ("localhost", "127.0.0.1"),
-        ("0:0:0:0:0:0:0:1", "[::1]"),
-    ],
-)
 def test_find_server_finds_the_note_by_another_form_of_the_address(
-    start_server, tmp_path, listens, asked
+    start_server, tmp_path
 ):
-    server = start_server(UNGHOST_HOST=listens)
+    server = start_server(UNGHOST_HOST="0:0:0:0:0:0:0:1")
     port = server.url.rpartition(":")[2]
     state = server.data.with_name(f"{server.data.name}-state")
     environ = {"HOME": str(tmp_path / "nobody"), "XDG_STATE_HOME": str(state)}
 
-    found = find_server(f"http://{asked}:{port}", environ=environ)
+    found = find_server(f"http://[::1]:{port}", environ=environ)
 
     assert found.token == server.token
 
@@ -122,14 +115,13 @@ def test_server_note_is_deleted_at_shutdown(data_dir):
 
 
 @pytest.mark.sqlite_files(SQLITE_ALONE)
-@pytest.mark.parametrize("port", ["0", "same"])
 def test_second_server_of_a_data_folder_is_refused_with_the_address_of_the_first(
-    running, tmp_path, port
+    running, tmp_path
 ):
     log = tmp_path / "second.log"
-    chosen = running.url.rpartition(":")[2] if port == "same" else port
+    same = running.url.rpartition(":")[2]
 
-    code = exit_code_of_failed_start(running.data, log, UNGHOST_PORT=chosen)
+    code = exit_code_of_failed_start(running.data, log, UNGHOST_PORT=same)
 
     assert code == 1
     assert log.read_text() == (
@@ -141,16 +133,14 @@ def test_second_server_of_a_data_folder_is_refused_with_the_address_of_the_first
 
 
 @pytest.mark.sqlite_files(SQLITE_ALONE)
-@pytest.mark.parametrize("named", ["file", "link"])
 def test_second_server_of_a_database_is_refused_whatever_its_data_folder(
-    running, tmp_path, named
+    running, tmp_path
 ):
     database, log = running.data / "unghost.db", tmp_path / "second.log"
     link = tmp_path / "link.db"
     link.symlink_to(database)
-    given = link if named == "link" else database
 
-    code = exit_code_of_failed_start(tmp_path / "second", log, **database_in(given))
+    code = exit_code_of_failed_start(tmp_path / "second", log, **database_in(link))
 
     assert code == 1
     assert log.read_text() == (
@@ -328,10 +318,9 @@ def test_new_data_folder_in_a_folder_of_everybody_is_private(data_dir, tmp_path)
 
 
 @pytest.mark.sqlite_files("the database is a file of the folder")
-@pytest.mark.parametrize("content", [b"not a database" * 100, b"SQLite format 3"])
-def test_invalid_database_file_fails_with_a_message(tmp_path, content):
+def test_invalid_database_file_fails_with_a_message(tmp_path):
     (tmp_path / "data").mkdir()
-    (tmp_path / "data" / "unghost.db").write_bytes(content)
+    (tmp_path / "data" / "unghost.db").write_bytes(b"not a database" * 100)
     log = tmp_path / "log"
 
     code = exit_code_of_failed_start(tmp_path / "data", log)
