@@ -6,6 +6,7 @@ service runs.
 
 from __future__ import annotations
 
+import itertools
 import json
 import os
 import signal
@@ -214,6 +215,7 @@ class _Filling:
         self._rendered: SimpleQueue[dict[str, object] | Exception | None] = (
             SimpleQueue()
         )
+        self._is_sent = threading.Event()
         self._screen = options.screen
         self._data = data
         self._token_file = token_file
@@ -234,17 +236,25 @@ class _Filling:
     def _render(self) -> None:
         end = None
         try:
-            for line in rendered_frames(self._data, self._options):
+            lines = rendered_frames(self._data, self._options)
+            for number, line in enumerate(lines, 1):
                 self._rendered.put(line)
+                if number == self._options.frames:
+                    self._is_sent.wait()  # then the folder of the files is renamed
         except Exception as error:  # raised again by the thread that uploads
             end = error
         self._rendered.put(end)
 
     def _frames(self) -> Iterator[dict[str, object]]:
-        while line := self._rendered.get():
+        for number in itertools.count(1):
+            line = self._rendered.get()
             if isinstance(line, Exception):
                 raise line
+            if line is None:
+                return
             yield line
+            if number == self._options.frames:
+                self._is_sent.set()
 
     def _run(self, url: str) -> None:
         try:
