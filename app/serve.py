@@ -75,9 +75,15 @@ class CannotServe(Exception):
 
 
 def serve(
-    settings: Settings, *, on_ready: Callable[[LoginLink], None] | None = None
+    settings: Settings,
+    *,
+    on_locked: Callable[[], None] = lambda: None,
+    on_ready: Callable[[LoginLink], None] | None = None,
 ) -> None:
-    """Serve until interrupted; `on_ready` gets a login link once requests are answered.
+    """Serve until interrupted.
+
+    `on_locked` is called once the data folder and the port are this server's alone, and
+    `on_ready` with a login link once requests are answered.
 
     Raises CannotServe: the port is taken, or the data folder cannot be used, for
     instance because another server uses it.
@@ -91,6 +97,7 @@ def serve(
         url = f"http://{bracketed(_ANYWHERE.get(host, host))}:{port}"
         locks.note(url)
         note = ServerNote(url, settings.token_file)
+        on_locked()
 
         app = create_app(settings)
 

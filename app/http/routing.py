@@ -227,8 +227,10 @@ class ApiRoute(OpenRoute):
         return roles.pop()
 
     def get_route_handler(self) -> Handler:
-        """The endpoint, for callers who have its role."""
-        _ = self.role
+        """The endpoint, whose description gets its role."""
+        needed = f"Needs the role {self.role}."
+        if needed not in self.description:
+            self.description += f"\n\n{needed}"
         return super().get_route_handler()
 
     async def admit(self, request: Request) -> None:

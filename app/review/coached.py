@@ -50,7 +50,9 @@ def coached_boxes(
         lesson += sorted(choices, key=lambda box: box["frame_id"] in frames)[:1]
     taught = [box["box_id"] for box in lesson]
     answers = ReviewRepository(session)
-    if len(lesson) < len(_LESSON) or answers.has_others(dataset.id, reviewer, taught):
+    if len(lesson) < len(_LESSON) or answers.has_answered_beyond(
+        dataset.id, reviewer, taught
+    ):
         return []
     return lesson
 

@@ -180,7 +180,7 @@ class ReviewRepository:
     def __init__(self, session: Session) -> None:
         self._session = session
 
-    def has_others(
+    def has_answered_beyond(
         self, dataset_id: int, reviewer: str, box_ids: Collection[int]
     ) -> bool:
         """Whether a person has answered a box of a dataset that is not one of these."""

@@ -6,6 +6,7 @@ service runs.
 
 from __future__ import annotations
 
+import itertools
 import json
 import os
 import signal
@@ -147,7 +148,6 @@ def demo(options: DemoOptions) -> None:
     # A log line per request would hide the bars, so by default there are none.
     quiet = None if "UNGHOST_LOG_LEVEL" in os.environ else "warning"
     settings = settings_of(data=folder, port=options.port, log_level=quiet)
-    # Its processes begin while this one still imports the service.
     filling = _Filling(options, settings.data, settings.token_file)
 
     from app import serve as startup
@@ -161,7 +161,7 @@ def demo(options: DemoOptions) -> None:
             )
             filling.start(link.url.partition("/#")[0])
 
-        startup.serve(settings, on_ready=ready)
+        startup.serve(settings, on_locked=filling.render, on_ready=ready)
     filling.raise_if_failed()
     if filling.refused:
         raise typer.Exit(PARTLY)
@@ -204,8 +204,7 @@ def street_folder(data: Path, options: DemoOptions) -> Path:
 class _Filling:
     """Renders the street in one thread, and uploads it in another.
 
-    The main thread runs the server. Rendering begins at once, uploading when the server
-    is ready.
+    The main thread runs the server. Uploading begins when it is ready.
     """
 
     def __init__(self, options: DemoOptions, data: Path, token_file: Path) -> None:
@@ -214,11 +213,15 @@ class _Filling:
         self._rendered: SimpleQueue[dict[str, object] | Exception | None] = (
             SimpleQueue()
         )
+        self._is_sent = threading.Event()
         self._screen = options.screen
         self._data = data
         self._token_file = token_file
         self._error: Exception | None = None
         self.refused = 0
+
+    def render(self) -> None:
+        """Start rendering, while the server starts."""
         # A daemon thread, as the other: an interruption does not wait for the frames.
         threading.Thread(target=self._render, daemon=True).start()
 
@@ -234,17 +237,25 @@ class _Filling:
     def _render(self) -> None:
         end = None
         try:
-            for line in rendered_frames(self._data, self._options):
+            lines = rendered_frames(self._data, self._options)
+            for number, line in enumerate(lines, 1):
                 self._rendered.put(line)
+                if number == self._options.frames:
+                    self._is_sent.wait()  # then the folder of the files is renamed
         except Exception as error:  # raised again by the thread that uploads
             end = error
         self._rendered.put(end)
 
     def _frames(self) -> Iterator[dict[str, object]]:
-        while line := self._rendered.get():
+        for number in itertools.count(1):
+            line = self._rendered.get()
             if isinstance(line, Exception):
                 raise line
+            if line is None:
+                return
             yield line
+            if number == self._options.frames:
+                self._is_sent.set()
 
     def _run(self, url: str) -> None:
         try:

@@ -51,7 +51,7 @@ class Canvas:
 
 
 def draw(canvas: Canvas, screen: FloatArray, numbers: IntArray) -> None:
-    """Draw triangles into the canvas; the nearest wins, of equals the last.
+    """Draw triangles into the canvas; the nearest wins. Of equals any may.
 
     Parameters
     ----------

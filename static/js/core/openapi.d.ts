@@ -14,6 +14,8 @@ export interface paths {
         /**
          * List Audit
          * @description The audit log: who changed tokens, data, configurations, jobs or many answers.
+         *
+         *     Needs the role admin.
          */
         get: operations["list_audit"];
         put?: never;
@@ -36,6 +38,8 @@ export interface paths {
         /**
          * Post Batch
          * @description Store the frames of a streamed tar; each is reported once it is durable.
+         *
+         *     Needs the role reviewer.
          */
         post: operations["post_batch"];
         delete?: never;
@@ -54,6 +58,8 @@ export interface paths {
         /**
          * List Boxes
          * @description Boxes of a dataset, sorted by id, doubt, match or crowding.
+         *
+         *     Needs the role viewer.
          */
         get: operations["list_boxes"];
         put?: never;
@@ -74,6 +80,8 @@ export interface paths {
         /**
          * Get Table
          * @description Boxes of a dataset as columns, frame by frame: for data frames and tables.
+         *
+         *     Needs the role viewer.
          */
         get: operations["get_table"];
         put?: never;
@@ -94,6 +102,8 @@ export interface paths {
         /**
          * Get Box
          * @description A box, its decision, and the boxes that overlap it.
+         *
+         *     Needs the role viewer.
          */
         get: operations["get_box"];
         put?: never;
@@ -114,6 +124,8 @@ export interface paths {
         /**
          * Get Alike
          * @description Boxes without an answer of the same class, reason, cause, hider and band.
+         *
+         *     Needs the role viewer.
          */
         get: operations["get_alike"];
         put?: never;
@@ -134,6 +146,8 @@ export interface paths {
         /**
          * Get Track
          * @description The same object in the frames of its recording before and after.
+         *
+         *     Needs the role viewer.
          */
         get: operations["get_track"];
         put?: never;
@@ -154,6 +168,8 @@ export interface paths {
         /**
          * Get Slice
          * @description Where a box and the pixels in it are on the axis of depth.
+         *
+         *     Needs the role viewer.
          */
         get: operations["get_slice"];
         put?: never;
@@ -174,6 +190,8 @@ export interface paths {
         /**
          * Get History
          * @description Decisions of runs and answers of people on a box, newest first.
+         *
+         *     Needs the role viewer.
          */
         get: operations["get_history"];
         put?: never;
@@ -194,6 +212,8 @@ export interface paths {
         /**
          * Get Crop
          * @description The part of the frame around a box as WebP.
+         *
+         *     Needs the role viewer.
          */
         get: operations["get_crop"];
         put?: never;
@@ -214,12 +234,16 @@ export interface paths {
         /**
          * List Configs
          * @description Versions of a dataset's configuration, newest first.
+         *
+         *     Needs the role viewer.
          */
         get: operations["list_configs"];
         put?: never;
         /**
          * Create Config
          * @description Store a version; it has no effect until a run applies it.
+         *
+         *     Needs the role reviewer.
          */
         post: operations["create_config"];
         delete?: never;
@@ -238,6 +262,8 @@ export interface paths {
         /**
          * Get Config
          * @description A version by its digest.
+         *
+         *     Needs the role viewer.
          */
         get: operations["get_config"];
         put?: never;
@@ -258,6 +284,8 @@ export interface paths {
         /**
          * Get Active Config
          * @description The active version, by which boxes are decided now; its `ETag` is the digest.
+         *
+         *     Needs the role viewer.
          */
         get: operations["get_active_config"];
         /**
@@ -265,6 +293,8 @@ export interface paths {
          * @description Make a version the active one, through a run.
          *
          *     If the last open run will do that already, this returns it.
+         *
+         *     Needs the role reviewer.
          */
         put: operations["activate_config"];
         post?: never;
@@ -286,6 +316,8 @@ export interface paths {
         /**
          * Preview Config
          * @description What a configuration would decide; writes nothing and reads no pixel.
+         *
+         *     Needs the role reviewer.
          */
         post: operations["preview_config"];
         delete?: never;
@@ -304,12 +336,16 @@ export interface paths {
         /**
          * List Datasets
          * @description Datasets by name, with their counts.
+         *
+         *     Needs the role viewer.
          */
         get: operations["list_datasets"];
         put?: never;
         /**
          * Create Dataset
          * @description Create a dataset, by default with the service's configuration.
+         *
+         *     Needs the role reviewer.
          */
         post: operations["create_dataset"];
         delete?: never;
@@ -328,6 +364,8 @@ export interface paths {
         /**
          * Get Dataset
          * @description A dataset with its settings and counts.
+         *
+         *     Needs the role viewer.
          */
         get: operations["get_dataset"];
         put?: never;
@@ -335,6 +373,8 @@ export interface paths {
         /**
          * Delete Dataset
          * @description Delete a dataset with everything in it; `confirm` repeats its name.
+         *
+         *     Needs the role admin.
          */
         delete: operations["delete_dataset"];
         options?: never;
@@ -342,6 +382,8 @@ export interface paths {
         /**
          * Change Dataset
          * @description Change a dataset; a change in how segmentations are read starts a run (202).
+         *
+         *     Needs the role reviewer.
          */
         patch: operations["change_dataset"];
         trace?: never;
@@ -359,6 +401,8 @@ export interface paths {
         /**
          * Delete Class
          * @description Remove a class without boxes; 409 with their number if it has any.
+         *
+         *     Needs the role reviewer.
          */
         delete: operations["delete_class"];
         options?: never;
@@ -366,6 +410,8 @@ export interface paths {
         /**
          * Change Class
          * @description Rename a class, or merge it into another, through a run that measures again.
+         *
+         *     Needs the role reviewer.
          */
         patch: operations["change_class"];
         trace?: never;
@@ -380,6 +426,8 @@ export interface paths {
         /**
          * Get Stats
          * @description The counts of a dataset, from its tallies.
+         *
+         *     Needs the role viewer.
          */
         get: operations["get_stats"];
         put?: never;
@@ -400,6 +448,8 @@ export interface paths {
         /**
          * Get Histogram
          * @description match_percent per class, with the thresholds of the active configuration.
+         *
+         *     Needs the role viewer.
          */
         get: operations["get_histogram"];
         put?: never;
@@ -420,6 +470,8 @@ export interface paths {
         /**
          * List Problems
          * @description Frames that were refused and have not been stored since, newest first.
+         *
+         *     Needs the role viewer.
          */
         get: operations["list_problems"];
         put?: never;
@@ -440,12 +492,16 @@ export interface paths {
         /**
          * Get Evaluation
          * @description Precision, recall and F1 of every measured channel, from stored numbers.
+         *
+         *     Needs the role viewer.
          */
         get: operations["get_evaluation"];
         put?: never;
         /**
          * Create Evaluation
          * @description Measure every channel that the frames' files allow; verdicts do not change.
+         *
+         *     Needs the role reviewer.
          */
         post: operations["create_evaluation"];
         delete?: never;
@@ -464,11 +520,15 @@ export interface paths {
         /**
          * Get Experiment
          * @description The report that is kept with the dataset; 404 if there is none.
+         *
+         *     Needs the role viewer.
          */
         get: operations["get_experiment"];
         /**
          * Put Experiment
          * @description Keep a report of `unghost worth-it` with the dataset, in place of the last.
+         *
+         *     Needs the role reviewer.
          */
         put: operations["put_experiment"];
         post?: never;
@@ -488,12 +548,16 @@ export interface paths {
         /**
          * List Exports
          * @description Exports of a dataset, newest first.
+         *
+         *     Needs the role viewer.
          */
         get: operations["list_exports"];
         put?: never;
         /**
          * Create Export
          * @description Start an export of labels; one with class numbers fixes the order of classes.
+         *
+         *     Needs the role reviewer.
          */
         post: operations["create_export"];
         delete?: never;
@@ -512,6 +576,8 @@ export interface paths {
         /**
          * List Versions
          * @description Versions of a dataset, that is, exports with a name, newest first.
+         *
+         *     Needs the role viewer.
          */
         get: operations["list_versions"];
         put?: never;
@@ -534,6 +600,8 @@ export interface paths {
          * @description The frames and sequences of each part, as an export with this `split` has them.
          *
          *     Frames that an export leaves out, as those without an image, are counted here.
+         *
+         *     Needs the role viewer.
          */
         get: operations["get_parts"];
         put?: never;
@@ -556,6 +624,8 @@ export interface paths {
         /**
          * Stop Export
          * @description Cancel an export; 409 if it has ended already.
+         *
+         *     Needs the role reviewer.
          */
         post: operations["stop_export"];
         delete?: never;
@@ -574,6 +644,8 @@ export interface paths {
         /**
          * Get Export
          * @description An export and its progress.
+         *
+         *     Needs the role viewer.
          */
         get: operations["get_export"];
         put?: never;
@@ -581,6 +653,8 @@ export interface paths {
         /**
          * Delete Export
          * @description Delete an export and its file; 409 if it has not ended.
+         *
+         *     Needs the role reviewer.
          */
         delete: operations["delete_export"];
         options?: never;
@@ -598,6 +672,8 @@ export interface paths {
         /**
          * Watch Export
          * @description The progress of an export, as server-sent events; the last one is `end`.
+         *
+         *     Needs the role viewer.
          */
         get: operations["watch_export"];
         put?: never;
@@ -618,6 +694,8 @@ export interface paths {
         /**
          * Download Export
          * @description The archive of a finished export; a download can be resumed by ranges.
+         *
+         *     Needs the role viewer.
          */
         get: operations["download_export"];
         put?: never;
@@ -642,6 +720,8 @@ export interface paths {
          * @description Create a link to this one file, for clients that cannot send a token (browsers).
          *
          *     It is valid for five minutes, ranges included, and no longer than the token.
+         *
+         *     Needs the role viewer.
          */
         post: operations["create_download_link"];
         delete?: never;
@@ -688,6 +768,8 @@ export interface paths {
          *     content, or, where the size matters (KITTI's `image_2`), with the first 24 bytes of
          *     a PNG or 64 KiB of a JPEG. A `recording.yaml` in the folder says how it is read; as
          *     JSON, too. A folder that cannot be read has no frames, and its inspection says why.
+         *
+         *     Needs the role reviewer.
          */
         post: operations["read_folder"];
         delete?: never;
@@ -706,12 +788,16 @@ export interface paths {
         /**
          * List Hooks
          * @description All hooks, newest first; without their secrets.
+         *
+         *     Needs the role admin.
          */
         get: operations["list_hooks"];
         put?: never;
         /**
          * Create Hook
          * @description Register a hook, to which events are sent. Only this response has its secret.
+         *
+         *     Needs the role admin.
          */
         post: operations["create_hook"];
         delete?: never;
@@ -733,6 +819,8 @@ export interface paths {
         /**
          * Delete Hook
          * @description Delete a hook and its log; what waits for it is not sent any more.
+         *
+         *     Needs the role admin.
          */
         delete: operations["delete_hook"];
         options?: never;
@@ -751,6 +839,8 @@ export interface paths {
          * List Deliveries
          * @description What was and will be sent to a hook, newest first; of those that are over, the
          *     newest 200.
+         *
+         *     Needs the role admin.
          */
         get: operations["list_deliveries"];
         put?: never;
@@ -773,6 +863,8 @@ export interface paths {
         /**
          * Ping Hook
          * @description Send an event `ping` to a hook, to try it; its log has the outcome.
+         *
+         *     Needs the role admin.
          */
         post: operations["ping_hook"];
         delete?: never;
@@ -791,6 +883,8 @@ export interface paths {
         /**
          * Get Thumbnail
          * @description The image as WebP, not wider than asked for.
+         *
+         *     Needs the role viewer.
          */
         get: operations["get_thumbnail"];
         put?: never;
@@ -811,6 +905,8 @@ export interface paths {
         /**
          * Get Overlay
          * @description A layer of the frame with its boxes as WebP; without boxes, lossless PNG.
+         *
+         *     Needs the role viewer.
          */
         get: operations["get_overlay"];
         put?: never;
@@ -831,6 +927,8 @@ export interface paths {
         /**
          * Get File
          * @description A file of the frame, byte for byte as it was sent.
+         *
+         *     Needs the role viewer.
          */
         get: operations["get_file"];
         put?: never;
@@ -851,17 +949,23 @@ export interface paths {
         /**
          * Get Frame By Key
          * @description The newest revision of the frame under a key.
+         *
+         *     Needs the role viewer.
          */
         get: operations["get_frame_by_key"];
         /**
          * Put Frame
          * @description Store a frame: it is measured, decided and durable before the response.
+         *
+         *     Needs the role reviewer.
          */
         put: operations["put_frame"];
         post?: never;
         /**
          * Delete Frame
          * @description Delete a frame with all revisions and answers; an admin, if others answered.
+         *
+         *     Needs the role reviewer.
          */
         delete: operations["delete_frame"];
         options?: never;
@@ -879,6 +983,8 @@ export interface paths {
         /**
          * Get Report
          * @description Where the ghosts are: by distance, and the frames with the most of them.
+         *
+         *     Needs the role viewer.
          */
         get: operations["get_report"];
         put?: never;
@@ -899,6 +1005,8 @@ export interface paths {
         /**
          * List Frames
          * @description Frames by key or id; with filters on boxes, only frames that have such a box.
+         *
+         *     Needs the role viewer.
          */
         get: operations["list_frames"];
         put?: never;
@@ -919,6 +1027,8 @@ export interface paths {
         /**
          * Get Frame
          * @description A frame with its boxes, their evidence, decisions and answers.
+         *
+         *     Needs the role viewer.
          */
         get: operations["get_frame"];
         put?: never;
@@ -979,6 +1089,8 @@ export interface paths {
         /**
          * Running Version
          * @description The version of the service and of its API.
+         *
+         *     Needs the role viewer.
          */
         get: operations["running_version"];
         put?: never;
@@ -999,6 +1111,8 @@ export interface paths {
         /**
          * Metrics
          * @description Metrics for Prometheus: requests, work, queues, verdicts and disk space.
+         *
+         *     Needs the role viewer.
          */
         get: operations["metrics"];
         put?: never;
@@ -1021,6 +1135,8 @@ export interface paths {
         /**
          * Find Known Frames
          * @description Which of up to 1000 keys are stored, each with the digest of its content.
+         *
+         *     Needs the role reviewer.
          */
         post: operations["find_known_frames"];
         delete?: never;
@@ -1039,6 +1155,8 @@ export interface paths {
         /**
          * Get Quality
          * @description The filter compared with people or instances, agreement, suggested thresholds.
+         *
+         *     Needs the role viewer.
          */
         get: operations["get_quality"];
         put?: never;
@@ -1061,6 +1179,8 @@ export interface paths {
         /**
          * Take From Queue
          * @description The next boxes to review, claimed for five minutes; an answer ends the claim.
+         *
+         *     Needs the role reviewer.
          */
         post: operations["take_from_queue"];
         delete?: never;
@@ -1079,6 +1199,8 @@ export interface paths {
         /**
          * Get Coached
          * @description The boxes by which the caller learns to answer; their truth is known.
+         *
+         *     Needs the role viewer.
          */
         get: operations["get_coached"];
         put?: never;
@@ -1104,6 +1226,8 @@ export interface paths {
          *
          *     200 if this is the caller's own latest answer on the box: it is not stored again.
          *     Only admins may clear answers of others.
+         *
+         *     Needs the role reviewer.
          */
         post: operations["create_review"];
         delete?: never;
@@ -1126,6 +1250,8 @@ export interface paths {
          * @description Undo an answer on a box: the box gets the answer it had before.
          *
          *     409 if somebody has answered since. Only admins may undo answers of others.
+         *
+         *     Needs the role reviewer.
          */
         post: operations["undo_review"];
         delete?: never;
@@ -1149,6 +1275,8 @@ export interface paths {
          *
          *     If each of the boxes has it already as the caller's own latest answer, it is not
          *     stored again, and `count` is 0. Only admins may clear answers of others.
+         *
+         *     Needs the role reviewer.
          */
         post: operations["create_bulk_review"];
         delete?: never;
@@ -1171,6 +1299,8 @@ export interface paths {
          * @description Undo a bulk answer: boxes get the answers they had, unless answered since.
          *
          *     Only admins may undo batches of others.
+         *
+         *     Needs the role reviewer.
          */
         post: operations["undo_bulk_review"];
         delete?: never;
@@ -1193,6 +1323,8 @@ export interface paths {
          * @description Store answers given elsewhere, with reviewer and time, unless newer ones exist.
          *
          *     They are marked as imported by the caller.
+         *
+         *     Needs the role admin.
          */
         post: operations["import_reviews"];
         delete?: never;
@@ -1211,12 +1343,16 @@ export interface paths {
         /**
          * List Runs
          * @description Runs of a dataset, newest first.
+         *
+         *     Needs the role viewer.
          */
         get: operations["list_runs"];
         put?: never;
         /**
          * Create Run
          * @description Decide again from numbers, or measure again, as the configuration needs.
+         *
+         *     Needs the role reviewer.
          */
         post: operations["create_run"];
         delete?: never;
@@ -1235,6 +1371,8 @@ export interface paths {
         /**
          * List All Runs
          * @description Runs of all datasets, newest first.
+         *
+         *     Needs the role viewer.
          */
         get: operations["list_all_runs"];
         put?: never;
@@ -1255,6 +1393,8 @@ export interface paths {
         /**
          * Get Run
          * @description A run and its progress.
+         *
+         *     Needs the role viewer.
          */
         get: operations["get_run"];
         put?: never;
@@ -1275,6 +1415,8 @@ export interface paths {
         /**
          * Watch Run
          * @description The progress of a run, as server-sent events; the last one is `end`.
+         *
+         *     Needs the role viewer.
          */
         get: operations["watch_run"];
         put?: never;
@@ -1297,6 +1439,8 @@ export interface paths {
         /**
          * Stop Run
          * @description Cancel a run; its dataset does not change. 409 if the run has ended already.
+         *
+         *     Needs the role reviewer.
          */
         post: operations["stop_run"];
         delete?: never;
@@ -1315,6 +1459,8 @@ export interface paths {
         /**
          * Compare Runs
          * @description Boxes whose verdicts differ between two runs, nearest to a threshold first.
+         *
+         *     Needs the role viewer.
          */
         get: operations["compare_runs"];
         put?: never;
@@ -1335,6 +1481,8 @@ export interface paths {
         /**
          * Get Session
          * @description The caller's name and role, and when the token or the session expires.
+         *
+         *     Needs the role viewer.
          */
         get: operations["get_session"];
         put?: never;
@@ -1348,6 +1496,8 @@ export interface paths {
         /**
          * Log Out
          * @description End the session that the request is sent with; a token stays valid.
+         *
+         *     Needs the role viewer.
          */
         delete: operations["log_out"];
         options?: never;
@@ -1369,6 +1519,8 @@ export interface paths {
          * @description Create a code that logs a page in as the caller: once, within ten minutes.
          *
          *     The login link is the service's address followed by `/#code=` and the code.
+         *
+         *     Needs the role viewer.
          */
         post: operations["create_login_code"];
         delete?: never;
@@ -1387,6 +1539,8 @@ export interface paths {
         /**
          * Get Login Code
          * @description One of the caller's login codes: when it expires, and whether it was used.
+         *
+         *     Needs the role viewer.
          */
         get: operations["get_login_code"];
         put?: never;
@@ -1409,12 +1563,16 @@ export interface paths {
          * @description All tokens, revoked ones included, oldest first; without their secrets.
          *
          *     `last_used_at` is written once a minute.
+         *
+         *     Needs the role admin.
          */
         get: operations["list_tokens"];
         put?: never;
         /**
          * Create Token
          * @description Create a token; it lasts until revoked or expired. Only this response has it.
+         *
+         *     Needs the role admin.
          */
         post: operations["create_token"];
         delete?: never;
@@ -1436,6 +1594,8 @@ export interface paths {
         /**
          * Revoke Token
          * @description Revoke a token; the sessions that it opened end as well.
+         *
+         *     Needs the role admin.
          */
         delete: operations["revoke_token"];
         options?: never;
