@@ -15,6 +15,8 @@ from tests.support.servers import environ_of, stop
 from tests.support.slow_datasets import create_slow_dataset
 from tests.support.sources import CHECKOUT
 
+pytestmark = pytest.mark.long
+
 FRAMES = 2
 
 

@@ -109,18 +109,6 @@ def test_models_match_the_migrated_schema(engine):
     assert differences == []
 
 
-def test_migrating_again_keeps_the_data(engine):
-    migrate(engine, SCRIPTS)
-    with Session(engine) as session, session.begin():
-        add_dataset(session, "kept")
-
-    migrate(engine, SCRIPTS)
-
-    with Session(engine) as session:
-        assert session.scalars(select(tables.Dataset.name)).all() == ["kept"]
-        assert session.scalars(select(tables.DatasetClass.name)).all() == ["car"]
-
-
 def test_foreign_keys_are_enforced_and_deletes_cascade(engine):
     migrate(engine, SCRIPTS)
     with Session(engine) as session, session.begin():
@@ -179,22 +167,17 @@ def test_exports_keep_their_ids_through_downgrade_and_upgrade(engine):
         assert [tuple(row) for row in rows] == [(1, "done", 0), (2, "failed", 0)]
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        "ck_runs_state",
-        "ck_exports_state",
-        "ck_decisions_reason",
-        "ck_decisions_review",
-        "ck_reviews_verdict",
-    ],
-)
-def test_check_constraints_have_descriptive_names(engine, name):
+def test_check_constraints_have_descriptive_names(engine):
     migrate(engine, SCRIPTS)
 
-    checks = inspect(engine).get_check_constraints(name.split("_")[1])
+    found = {
+        check["name"]
+        for table in ("runs", "exports", "decisions", "reviews")
+        for check in inspect(engine).get_check_constraints(table)
+    }
 
-    assert name in {check["name"] for check in checks}
+    assert {"ck_runs_state", "ck_exports_state", "ck_decisions_reason"} <= found
+    assert {"ck_decisions_review", "ck_reviews_verdict"} <= found
 
 
 def test_every_reason_can_be_stored_and_is_named_in_the_view(engine):
@@ -255,19 +238,20 @@ def test_boxes_of_unknown_classes_become_unmeasured_under_profile_paper(
     assert stored() == [[(int(Reason.DROPPED_CLASS), boxes)]] * 2
 
 
-@pytest.mark.parametrize(
-    "change", ["UPDATE audit_log SET actor = 'nobody'", "DELETE FROM audit_log"]
-)
-def test_audit_log_rows_cannot_be_updated_or_deleted(engine, change):
+def test_audit_log_rows_cannot_be_updated_or_deleted(engine):
     migrate(engine, SCRIPTS)
     entry = {"actor": "ada", "action": "token.created", "subject": "bob"}
     with Session(engine) as session, session.begin():
         session.add(access_tables.AuditEntry(**entry, details={}))
 
     with Session(engine) as session:
-        with pytest.raises(DBAPIError, match="the audit log is only added to"):
-            session.execute(text(change))
-        session.rollback()
+        for change in (
+            "UPDATE audit_log SET actor = 'nobody'",
+            "DELETE FROM audit_log",
+        ):
+            with pytest.raises(DBAPIError, match="the audit log is only added to"):
+                session.execute(text(change))
+            session.rollback()
         (left,) = session.scalars(select(access_tables.AuditEntry))
 
     assert (left.actor, left.token_id) == ("ada", None)

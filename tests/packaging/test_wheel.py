@@ -71,6 +71,7 @@ def test_the_sdist_has_what_the_wheel_is_built_from(distributions: Path):
     assert {f"migrations/{name}" for name in expected_files("migrations", "*")} <= names
 
 
+@pytest.mark.long
 def test_another_build_gives_the_same_wheel(
     distributions: Path, wheel: Path, tmp_path: Path
 ):

@@ -71,27 +71,6 @@ def test_files_are_in_the_bucket_by_digest_and_not_in_the_data_folder(on_s3, dat
     assert stored_here == []
 
 
-def test_image_from_the_bucket_supports_range_and_if_none_match(on_s3, dataset):
-    (first, *_) = on_s3.api.json(f"/datasets/{dataset}/frames")["items"]
-    path = f"/frames/{first['id']}/image"
-    whole = on_s3.api.get(path)
-    address = f"{BASE}{path}"
-
-    part = on_s3.api.http.get(address, headers={"Range": "bytes=5-9"})
-    last = on_s3.api.http.get(address, headers={"Range": "bytes=-4"})
-    known = on_s3.api.http.get(
-        address, headers={"If-None-Match": whole.headers["etag"]}
-    )
-    beyond = on_s3.api.http.get(address, headers={"Range": "bytes=999999-"})
-
-    assert (whole.status_code, whole.headers["content-type"]) == (200, "image/png")
-    assert whole.headers["content-length"] == str(len(whole.content))
-    assert (part.status_code, part.content) == (206, whole.content[5:10])
-    assert part.headers["content-range"] == f"bytes 5-9/{len(whole.content)}"
-    assert (last.status_code, last.content) == (206, whole.content[-4:])
-    assert (known.status_code, beyond.status_code) == (304, 416)
-
-
 def test_thumbnail_overlay_and_crop_are_drawn_from_the_bucket(on_s3, dataset):
     box = on_s3.api.boxes(dataset)[0]
     frame_path = f"/frames/{box['frame_id']}"

@@ -11,12 +11,7 @@ from tests.support import frames as scene
     ("filters", "total"),
     [
         ({}, 6),
-        ({"verdict": "rejected"}, 3),
-        ({"review": "decided"}, 2),
         ({"conflict": "true"}, 1),
-        ({"conflict": "false"}, 5),
-        ({"effective": "kept"}, 4),
-        ({"match_min": 50}, 3),
         ({"class": "van"}, 0),
     ],
 )

@@ -78,19 +78,8 @@ def test_frame_over_pixel_time_or_memory_limit_is_refused(serve, settings, named
         assert ended in api.http.get("/metrics").text
 
 
-def test_frame_is_stored_normally_after_refused_large_frames(serve):
-    with serving(serve, max_pixel_memory_bytes=64 * MIB, workers=1) as (_, api):
-        name = api.dataset()
-
-        refused = [put_large(api, name, f"large/{number}") for number in range(3)]
-        stored = api.put(name, "small")
-
-        assert [one.status_code for one in refused] == [422] * 3
-        assert stored.status_code == 201, stored.text
-
-
 def test_image_over_memory_limit_refuses_only_its_frame_of_a_batch(serve):
-    with serving(serve, max_pixel_memory_bytes=64 * MIB) as (_, api):
+    with serving(serve, max_pixel_memory_bytes=64 * MIB, workers=1) as (_, api):
         name = api.dataset()
         large = [
             ("large.json", scene.as_json(annotation(6000, 6000))),
@@ -173,6 +162,7 @@ def test_overlay_is_drawn_once_and_then_cached(serve):
         assert again.headers["etag"] == first.headers["etag"]
 
 
+@pytest.mark.long
 def test_client_disconnect_cancels_drawing_of_its_overlay(serve):
     with serving(serve, workers=1) as (service, api):
         side = 6000

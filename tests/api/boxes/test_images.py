@@ -187,19 +187,6 @@ def test_oldest_pictures_make_room_for_others(tmp_path):
     assert [path.name for path in tmp_path.glob("*/*")] == ["new"]
 
 
-def test_long_json_is_compressed_for_clients_that_take_it(api, stored):
-    url = f"{BASE}/frames/{stored['frame']['id']}"
-
-    packed = api.http.get(url, headers={"Accept-Encoding": "gzip"})
-    plain = api.http.get(url, headers={"Accept-Encoding": "identity"})
-
-    assert packed.headers["content-encoding"] == "gzip"
-    assert packed.headers["vary"] == "Accept-Encoding"
-    assert int(packed.headers["content-length"]) < len(plain.content) / 2
-    assert packed.json() == plain.json()
-    assert "content-encoding" not in plain.headers
-
-
 @pytest.mark.parametrize("layer", ["image", "segmentation", "blend"])
 def test_crop_of_each_layer_has_the_requested_height(api, stored, layer):
     box = stored["decisions"][0]["box_id"]

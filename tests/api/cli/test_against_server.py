@@ -19,12 +19,11 @@ from filter_core.segmentation.palettes import FAMILIES
 from tests.support import frames
 from tests.support.command_line import CommandLine
 from tests.support.folders import LAYOUT_FILES, write_files
-from tests.support.frames import write_jpeg_segmentation, write_manifest
+from tests.support.frames import write_manifest
 from tests.support.pictures import jpeg, painted, png
 from tests.support.ports import reserved_port
 from tests.support.sensors import write_coarse_depth
 from tests.support.servers import RunningServer, running_server
-from tests.support.shared_data import shared
 from unghost import AsyncClient, Client
 from unghost.cli.program import app
 
@@ -95,28 +94,6 @@ def test_push_with_an_invalid_frame_exits_with_3_and_lists_it(unghost, name, tmp
     assert "Traceback" not in answer.err
 
 
-def test_push_prints_ten_refusals_of_a_kind_and_then_a_number(unghost, name, tmp_path):
-    folder = frames_in(tmp_path, 13, bad=frozenset(range(12)))
-
-    answer = unghost("push", folder, "--dataset", name)
-
-    assert answer.err.count("refused: run/") == 10
-    assert "and 2 more like this: refused (not_a_number)" in answer.err
-
-
-@pytest.mark.parametrize(
-    ("case", "stored", "kept"), [("f3-absolute-names", 1, 1), ("a-stem-coco", 2, 1)]
-)
-def test_push_of_foreign_file_names(unghost, name, case, stored, kept):
-    folder = shared(f"cases/08-file-names/{case}")
-
-    answer = unghost("push", folder, "--dataset", name)
-
-    assert answer.code == DONE
-    assert f"{stored} stored" in answer.out
-    assert f"{kept} kept" in answer.out
-
-
 def test_push_of_only_invalid_frames_exits_with_1(unghost, name, tmp_path):
     folder = frames_in(tmp_path, 2, bad=frozenset({0, 1}))
 
@@ -167,18 +144,9 @@ def test_push_json_prints_one_record_per_frame_and_a_summary(unghost, name, tmp_
     assert records[-1]["refused"] == 1
 
 
-@pytest.mark.parametrize(
-    ("class_name", "said"),
-    [
-        ("unicorn", "unicorn (4)"),
-        ("caar", "caar (4; `unghost classes merge {name} caar car`)"),
-    ],
-)
-def test_push_and_export_name_a_class_that_is_not_known(
-    unghost, name, tmp_path, class_name, said
-):
+def test_push_and_export_name_a_class_that_is_not_known(unghost, name, tmp_path):
     manifest = frames_in(tmp_path, 2) / "manifest.jsonl"
-    manifest.write_text(manifest.read_text().replace('"car"', f'"{class_name}"'))
+    manifest.write_text(manifest.read_text().replace('"car"', '"caar"'))
     push = ("push", manifest, "--dataset", name)
 
     stopped = unghost(*push)
@@ -190,13 +158,13 @@ def test_push_and_export_name_a_class_that_is_not_known(
     assert "nothing was written" in stopped.err
     expected = (
         "4 boxes are unmeasured and exported as they came, since the filter does not "
-        f"know their class: {said.format(name=name)}; `classes: {{NAME: CLASS}}`"
+        f"know their class: caar (4; `unghost classes merge {name} caar car`); "
+        "`classes: {NAME: CLASS}`"
     )
     for answer in answers:
         assert (answer.code, expected in answer.err) == (PARTLY, True), answer.err
-    if class_name == "caar":
-        assert unghost("classes", "merge", name, "caar", "car").code == DONE
-        assert unghost(*push).code == DONE
+    assert unghost("classes", "merge", name, "caar", "car").code == DONE
+    assert unghost(*push).code == DONE
 
 
 def test_export_names_boxes_of_a_class_that_only_one_of_two_versions_knows(
@@ -236,30 +204,6 @@ def test_push_says_that_no_frame_has_a_box_also_when_repeated(unghost, name, tmp
     for answer in (first, again):
         assert answer.code == DONE
         assert "no frame has a box (1 read, layout pairs, which expects" in answer.err
-
-
-def test_push_names_a_label_without_its_image(unghost, name, tmp_path):
-    files = {"classes.txt": "car", "images/a.png": None}
-    labels = {"labels/a.txt": "0 .5 .5 .1 .1", "labels/b.txt": "0 .5 .5 .1 .1"}
-    write_files(tmp_path / "yolo", {**files, **labels})
-
-    answer = unghost("push", "yolo", "--dataset", name)
-
-    assert answer.code == PARTLY
-    assert "1 stored\t0 already_there\t1 refused" in answer.out
-    assert "refused: b: labels/b.txt: expected an image named b (.png" in answer.err
-
-
-def test_push_names_the_option_that_reads_jpeg_segmentations(unghost, name, tmp_path):
-    folder = write_jpeg_segmentation(tmp_path / "frames")
-
-    answer = unghost("push", folder, "--dataset", name)
-
-    assert answer.code == REFUSED
-    assert (
-        "--lossy-segmentation nearest (lossy_segmentation: nearest in the settings of "
-        "a dataset that has frames) reads it by the nearest colour"
-    ) in answer.err
 
 
 def test_push_refuses_changed_frames_and_replaces_with_replace_option(
@@ -323,19 +267,6 @@ def test_push_says_how_images_were_read(unghost, name, tmp_path):
     assert [record["notes"][0].startswith(note) for record in records[:2]] == [True] * 2
 
 
-def test_push_refuses_a_palette_other_than_that_of_the_dataset(
-    unghost, unchanged_dataset, tmp_path
-):
-    folder = frames_in(tmp_path, 3)
-
-    answer = unghost(
-        "push", folder, "--dataset", unchanged_dataset, "--palette", "carla-0.9.0"
-    )
-
-    assert answer.code == REFUSED
-    assert "'auto', not 'carla-0.9.0'" in answer.err
-
-
 def test_push_names_the_family_of_tags_that_the_recording_shows(
     unghost, server, name, tmp_path
 ):
@@ -385,14 +316,17 @@ def test_push_changes_the_settings_of_a_dataset_without_frames(
     other = unghost(*command, "--lossy-segmentation", "refuse")
 
     assert refused.code == REFUSED
-    assert "expected a PNG" in refused.err
+    assert (
+        "--lossy-segmentation nearest (lossy_segmentation: nearest in the settings of "
+        "a dataset that has frames) reads it by the nearest colour"
+    ) in refused.err
     assert (stored.code, stored.out[:8]) == (DONE, "2 stored")
     assert other.code == REFUSED
     assert "has lossy_segmentation 'nearest', not 'refuse'" in other.err
 
 
 def test_interrupted_push_resumes_when_repeated(unghost, name, tmp_path):
-    folder = frames_in(tmp_path, 200)
+    folder = frames_in(tmp_path, 80)
     command = ("push", folder, "--dataset", name, "--json", "--workers", 1)
     with unghost.running(*command) as process:
         # Too small for all its lines: the command waits for a reader, and does not end.
@@ -407,7 +341,7 @@ def test_interrupted_push_resumes_when_repeated(unghost, name, tmp_path):
     assert "Traceback" not in err
     again = unghost(*command).records[-1]
     assert again["already_there"] > 0
-    assert again["stored"] + again["already_there"] == 200
+    assert again["stored"] + again["already_there"] == 80
 
 
 def test_unavailable_server_exits_with_69(cli_without_server):
@@ -419,13 +353,6 @@ def test_unavailable_server_exits_with_69(cli_without_server):
     assert "from UNGHOST_SERVER; --server URL or" in answer.err
     assert "Traceback" not in answer.err
     assert answer.out == ""
-
-
-def test_request_refused_by_the_server_exits_with_1(unghost):
-    answer = unghost("stats", "no-such-dataset")
-
-    assert answer.code == REFUSED
-    assert "(not_found)" in answer.err
 
 
 def test_datasets_command_prints_tab_separated_lines_or_json(
@@ -574,18 +501,6 @@ def test_config_show_tells_settings_of_the_dataset_that_are_used_instead(
     assert comment in shown.out
     assert "\nlossy_segmentation: refuse\n" in shown.out
     assert "own setting" not in other.out
-
-
-def test_config_diff_as_json(unghost, unchanged_dataset, tmp_path):
-    file = write_config(tmp_path, "min_visible_pixels: 500\n")
-
-    (record,) = unghost(
-        "config", "diff", unchanged_dataset, "--config", file, "--json"
-    ).records
-
-    change = {"key": "min_visible_pixels", "before": 10, "after": 500}
-    assert record["changes"] == [change]
-    assert record["flips"]["kept_to_rejected"] == 3
 
 
 def test_run_wait_returns_when_the_run_is_done(unghost, unchanged_dataset, tmp_path):

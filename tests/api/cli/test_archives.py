@@ -62,8 +62,9 @@ def member(name: str, kind: bytes = tarfile.REGTYPE, target: str = ""):
     return made
 
 
-@pytest.mark.parametrize("with_top", [True, False])
-@pytest.mark.parametrize("suffix", FORMS)
+@pytest.mark.parametrize(
+    ("suffix", "with_top"), [*zip(FORMS, (True, False) * 2, strict=True)]
+)
 def test_archive_gives_the_verdicts_of_its_folder(
     here, tmp_path, temporary, suffix, with_top
 ):
@@ -336,7 +337,7 @@ def test_interrupted_command_removes_what_it_unpacked(here, tmp_path, temporary)
 
     assert process.returncode == INTERRUPTED
     assert "interrupted; out/all.jsonl was not written" in err
-    assert list(temporary.iterdir()) == []
+    assert list(temporary.iterdir()) == list((tmp_path / "out").iterdir()) == []
 
 
 def test_output_does_not_replace_the_archive(here, tmp_path):

@@ -9,7 +9,6 @@ from xml.etree import ElementTree
 import pytest
 
 from filter_core.config.file import load_config
-from tests.support.folders import write_files
 from tests.support.pictures import painted, png
 from tests.support.sensors import ANNOTATION, depth_png, instance_png, scene
 
@@ -164,18 +163,6 @@ def test_suggested_thresholds_are_printed_as_a_table(
     assert row[-2:] == ["0.667", "1.0"]
 
 
-def test_the_worst_boxes_of_each_channel_are_listed(
-    bare_unghost, folder_with_partial_box
-):
-    (told,) = bare_unghost("evaluate", folder_with_partial_box, "--json").records
-
-    assert told["channels"]["semantic"]["worst"] == [
-        {"key": key, "id": "beside", "error": "kept_hidden", "pixels": 60 * 70}
-        for key in ("a", "b")
-    ]
-    assert told["channels"]["instance"]["worst"] == []
-
-
 def test_truth_of_other_frames_is_counted_and_exits_with_3(bare_unghost, folder):
     truth = write_truth(folder)
     truth.write_text(truth.read_text().replace('"b"', '"x"'))
@@ -190,16 +177,6 @@ def test_truth_of_other_frames_is_counted_and_exits_with_3(bare_unghost, folder)
     )
 
 
-def test_truth_of_some_frames_only_is_noted(bare_unghost, folder):
-    truth = write_truth(folder)
-    truth.write_text(truth.read_text().partition('{"key": "b"')[0])
-
-    answer = bare_unghost("evaluate", folder, "--truth", truth, "--channel", "semantic")
-
-    assert answer.code == DONE
-    assert "frames without a box of known truth: 2 of 3" in answer.err
-
-
 def test_empty_truth_is_refused(bare_unghost, folder):
     (folder / "truth.jsonl").write_text("")
 
@@ -210,23 +187,6 @@ def test_empty_truth_is_refused(bare_unghost, folder):
     assert answer.code == REFUSED
     assert "nothing was compared" in answer.err
     assert "no threshold can be suggested" not in answer.err
-
-
-def test_unmatched_files_are_listed(bare_unghost, tmp_path):
-    tags, _, _ = scene()
-    files = {"classes.txt": "car\n", "labels/a.txt": "0 0.5 0.5 0.1 0.1\n"}
-    write_files(tmp_path / "yolo", files)
-    for name in ("images/a.png", "images/b.png", "seg/a.png"):
-        file = tmp_path / "yolo" / name
-        file.parent.mkdir(exist_ok=True)
-        file.write_bytes(png(painted(tags)))
-    truth = tmp_path / "truth.jsonl"
-    truth.write_text('{"key": "a", "id": "0", "visible": true}')
-
-    answer = bare_unghost("evaluate", "yolo", "--truth", truth)
-
-    assert (answer.code, "refused" in answer.err) == (PARTLY, False), answer.err
-    assert "not matched: images/b.png: no label file for this image" in answer.err
 
 
 def test_recall_option_without_suggest_is_refused(bare_unghost, folder):

@@ -85,7 +85,7 @@ def test_worker_processes_exit_when_the_command_is_killed(marked, tmp_path):
 
 @on_linux
 def test_killed_worker_process_fails_the_command_naming_its_frames(marked, tmp_path):
-    folder = many(tmp_path / "frames", 20_000)
+    folder = many(tmp_path / "frames", 6_000)
     with marked.running("filter", folder, *TO_ALL, "--workers", WORKERS) as command:
         until(lambda: len(list(processes_of(tmp_path, working=True))) == WORKERS)
 

@@ -14,6 +14,8 @@ from tests.support import frames, plain_http
 from tests.support.sources import CHECKOUT
 from tests.support.waiting import until
 
+pytestmark = pytest.mark.long
+
 PROGRAMS = CHECKOUT / "tests" / "data" / "clients"
 NODE_TOOLS = CHECKOUT / "tools" / "page_types" / "node_modules" / ".bin"
 
@@ -49,7 +51,6 @@ def assert_uploaded(service, name, printed):
     assert stored["has_segmentation"]
 
 
-@pytest.mark.long
 def test_client_of_openapi_python_client_uploads_a_frame(service, workshop):
     # In an environment of its own: it wants older libraries than Unghost.
     venv.create(workshop / "generator", with_pip=True)

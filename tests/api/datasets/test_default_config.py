@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from pathlib import Path
 
 from tests.support import plain_http
+from tests.support.command_line import CommandLine
 from tests.support.servers import running_server
 
 
@@ -27,19 +26,12 @@ def test_new_dataset_gets_the_configuration_of_the_service(tmp_path: Path):
 def test_serve_with_an_invalid_configuration_fails_with_one_line(tmp_path: Path):
     file = tmp_path / "filter.yaml"
     file.write_text("threshold_smal_box: 25\n")
-    command = ["serve", "--data", "data", "--port", "0", "--config", str(file)]
+    command = ("serve", "--data", "data", "--port", "0", "--config", file)
 
-    ended = subprocess.run(
-        [sys.executable, "-m", "unghost.cli", *command],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        timeout=60,
-        check=False,
-    )
+    ended = CommandLine(tmp_path, {})(*command)
 
-    assert ended.returncode == 1
-    assert ended.stderr.splitlines() == [
+    assert ended.code == 1
+    assert ended.err.splitlines() == [
         f"unghost: the configuration cannot be used: {file}: unknown key "
         "'threshold_smal_box'; the nearest valid key is 'threshold_small_box'"
     ]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import pytest
 
-from tests.support.api import BASE
 from tests.support.archives import frame, send, tar_archive
 from tests.support.event_reader import events, open_events
 
@@ -41,15 +40,6 @@ def test_export_events_end_with_a_download_link(api, export_id):
     assert api.http.get(found[-1].data["download"]).status_code == 200
 
 
-def test_events_after_the_last_event_id_return_204(api, export_id):
-    last = events(api, export_id, of="exports")[-1]
-
-    url = f"{BASE}/exports/{export_id}/events"
-    over = api.http.get(url, headers={"Last-Event-ID": last.id})
-
-    assert (over.status_code, over.content) == (204, b"")
-
-
 def test_events_of_a_run_and_an_export_with_the_same_id_differ(start_api):
     _, api = start_api()
     name = api.dataset()
@@ -66,9 +56,3 @@ def test_events_of_a_run_and_an_export_with_the_same_id_differ(start_api):
     assert (run["id"], export["id"]) == (number, number)
     assert ("config" in run, "format" in run) == (True, False)
     assert ("config" in export, "format" in export) == (False, True)
-
-
-def test_events_of_a_missing_export_return_404_and_no_stream(api):
-    missing = api.get("/exports/999999/events")
-
-    assert (missing.status_code, missing.json()["code"]) == (404, "not_found")

@@ -6,42 +6,10 @@ import re
 
 import pytest
 
-from tests.support import frames as scene
 from tests.support.filled_database import contents
 from tests.support.routes import REQUIRED_ROLES, fill_path
 
 MARKUP = "<img src=x onerror=alert(1)>"
-
-
-@pytest.fixture(scope="module")
-def path_values(service):
-    """A dataset whose texts are HTML; gives the values for the paths of GET routes."""
-    with service.admin() as admin:
-        admin.post("/api/v1/datasets", json={"name": "marked", "description": MARKUP})
-        boxes = [{"id": MARKUP, "class": MARKUP, "xyxy": scene.ON_THE_CAR}]
-        files = {
-            "annotation": scene.as_json({**scene.annotation(), "boxes": boxes}),
-            "image": scene.image(),
-            "segmentation": scene.segmentation(),
-        }
-        frame = admin.put("/api/v1/datasets/marked/frames/a", files=files).json()
-        box = frame["decisions"][0]["box_id"]
-        answer = {"verdict": "keep", "comment": MARKUP, "seen_revision": 0}
-        admin.post(f"/api/v1/boxes/{box}/reviews", json=answer)
-        dataset = admin.get("/api/v1/datasets/marked").json()
-    return {
-        "dataset": "marked",
-        "key:any": "a",
-        "kind": "image",
-        "name:path": "x",
-        "frame_id": frame["frame"]["id"],
-        "box_id": box,
-        "export_id": 1,
-        "code_id": 1,
-        "hook_id": 1,
-        "run_id": dataset["active_run"],
-        "digest": dataset["config"],
-    }
 
 
 def paths_of_get_routes(values):
@@ -77,7 +45,7 @@ def test_no_get_has_a_side_effect(service, admin, path_values):
 
     for path in paths_of_get_routes(path_values):
         admin.get(path)
-        admin.get(path, params={"confirm": "marked"})
+        admin.get(path, params={"confirm": "street"})
 
     assert rows_of(service) == rows
     left = files_of(service)
@@ -120,7 +88,7 @@ def test_accept_header_of_html_is_answered_with_json(admin, path_values):
 
     types = {
         admin.get(path, headers=accept).headers["content-type"].partition(";")[0]
-        for path in ("/api/v1/datasets", "/api/v1/datasets/marked", "/no/such/page")
+        for path in ("/api/v1/datasets", "/api/v1/datasets/street", "/no/such/page")
     }
 
     assert types == {"application/json", "application/problem+json"}
@@ -129,8 +97,8 @@ def test_accept_header_of_html_is_answered_with_json(admin, path_values):
 def test_get_with_a_method_override_does_not_delete(admin, path_values):
     tricks = {"X-HTTP-Method-Override": "DELETE", "X-Method-Override": "DELETE"}
 
-    answer = admin.get("/api/v1/datasets/marked", headers=tricks)
+    answer = admin.get("/api/v1/datasets/street", headers=tricks)
 
     assert answer.status_code == 200
-    assert admin.get("/api/v1/datasets/marked?_method=DELETE").status_code == 400
+    assert admin.get("/api/v1/datasets/street?_method=DELETE").status_code == 400
     assert re.match(r"application/json", answer.headers["content-type"])

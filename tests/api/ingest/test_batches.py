@@ -11,7 +11,6 @@ import httpx
 import pytest
 
 from tests.support import frames as scene
-from tests.support.api import BASE
 from tests.support.archives import (
     END,
     TAR,
@@ -107,16 +106,6 @@ def test_batch_problem_equals_that_of_a_single_upload_and_is_listed(api):
     assert (problem["key"], problem["error"]["code"]) == ("run/bad", alone["code"])
 
 
-def test_problem_of_a_refused_frame_is_deleted_once_it_is_stored(api):
-    dataset = api.dataset()
-    members = frame("a", boxes=3) + frame("a")
-
-    statuses, _ = batch_results(send(api, dataset, tar_archive(members)))
-
-    assert statuses == [("run/a", 422), ("run/a", 201)]
-    assert api.json(f"/datasets/{dataset}/problems")["items"] == []
-
-
 def test_problem_is_deleted_when_the_stored_content_is_sent_again(api):
     dataset = api.dataset()
     good = tar_archive(frame("a"))
@@ -183,15 +172,6 @@ def test_batch_reports_the_answers_that_replacing_a_frame_has_set_aside(api):
 
     assert (replaced["answers_set_aside"], new["answers_set_aside"]) == (1, 0)
     assert (replaced["boxes_set_aside"], new["boxes_set_aside"]) == ([box["id"]], [])
-
-
-def test_frame_stored_by_a_single_upload_is_200_in_a_batch(api):
-    dataset = api.dataset()
-    alone = api.upload_frame(dataset, "run/a")["frame"]["id"]
-
-    (line, _) = lines_of(send(api, dataset, tar_archive(frame("a"))).text)
-
-    assert (line["status"], line["frame_id"]) == (200, alone)
 
 
 def test_frame_without_a_key_gets_its_file_name_as_key(api):
@@ -268,16 +248,6 @@ def test_frames_before_the_damaged_part_of_an_archive_are_stored(api):
 
     assert statuses == [("run/a", 201)]
     assert (end["problem"]["code"], end["stored"]) == ("bad_archive", 1)
-
-
-def test_batch_without_the_role_or_a_token_is_refused(as_role, service):
-
-    path = f"{BASE}/datasets/none/batches"
-    answer = as_role("viewer").post(path, content=b"x" * 2000, headers=TAR)
-    with service.client() as nobody:
-        without = nobody.post(path, content=b"x" * 2000, headers=TAR)
-
-    assert (answer.status_code, without.status_code) == (403, 401)
 
 
 def test_only_the_frames_over_their_limits_are_refused_in_a_batch(start_api):

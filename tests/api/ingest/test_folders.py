@@ -136,16 +136,6 @@ def test_digits_that_javascript_would_lose_come_as_text_too(admin):
     assert frames["b"]["annotation_text"] is None
 
 
-def test_last_line_says_how_the_files_were_read(admin):
-    outline = b"0 .1 .1 .5 .1 .5 .5"
-    files = {"classes.txt": b"car", "labels/1.txt": outline, "images/1.png": b""}
-
-    *_, end = parse_response(post_folder(admin, files))
-
-    (note,) = end["notes"]
-    assert note.startswith("1 outlines")
-
-
 @pytest.mark.parametrize(
     ("names", "has_note"),
     [
@@ -164,13 +154,6 @@ def test_last_line_says_where_names_alone_told_pictures(admin, names, has_note):
     assert [("told pictures from segmentations" in note) for note in end["notes"]] == (
         [True] if has_note else []
     )
-
-
-def test_image_size_is_read_from_its_first_bytes(admin):
-    _, frames, _, _ = parse_response(post_folder(admin, LAYOUT_FILES["kitti"]))
-
-    camera = frames["000000"]["annotation"]["camera"]
-    assert (camera["width"], camera["height"]) == (80, 60)
 
 
 @pytest.mark.parametrize(
@@ -369,41 +352,6 @@ def test_folder_that_cannot_be_read_says_what_helps(admin):
 DESCRIPTION = {"layout": "yolo", "boxes": {"classes": ["car"]}}
 
 
-def test_boxes_in_another_unit_wait_for_a_person_to_say_it(admin):
-    boxes = [[4.5, 10.5, 30.5, 20.5], [50.5, 60.5, 40.5, 30.5], [1.5, 2.5, 90.5, 80.5]]
-    coco = {
-        "images": [
-            {"id": number, "file_name": f"{number}.png", "width": 800, "height": 600}
-            for number in (1, 2)
-        ],
-        "annotations": [
-            {"id": number, "image_id": 1, "category_id": 1, "bbox": box}
-            for number, box in enumerate(boxes)
-        ],
-        "categories": [{"id": 1, "name": "car"}],
-    }
-    files = {"labels.json": json.dumps(coco).encode(), "1.png": b"", "2.png": b""}
-    said = {"recording.yaml": b'{"boxes": {"unit": "percent"}}'}
-
-    _, frames, _, end = parse_response(post_folder(admin, files))
-    _, read, _, last = parse_response(post_folder(admin, {**files, **said}))
-
-    assert frames["1"]["fault"]["code"] == "wrong_unit"
-    assert frames["2"]["fault"] is None
-    (remark, *_) = end["inspection"]["remarks"]
-    assert (
-        "`boxes: {unit: percent}` or `boxes: {unit: pixels}` in recording.yaml says "
-        "which it is"
-    ) in remark["text"]
-    assert remark["finding"].endswith("50.5, 60.5, 40.5, 30.5]")
-    assert remark["remedies"] == [
-        {"place": ["boxes", "unit"], "value": unit} for unit in ("percent", "pixels")
-    ]
-    assert "unit: percent" in end["inspection"]["recording"]
-    assert read["1"]["annotation"]["boxes"][0]["xyxyn"] == [0.045, 0.105, 0.35, 0.31]
-    assert "wrong_unit" not in str(last)
-
-
 def test_unit_is_recognised_by_the_images_that_were_sent_whole(admin):
     rows = "".join(f"{n}.png,car,{n}.5,20.5,{n + 40}.5,80.5\n" for n in range(1, 8))
     files = {f"{number}.png": b"" for number in range(1, 8)}
@@ -526,20 +474,6 @@ def test_damaged_pictures_are_said_and_stop_nothing(admin):
     assert pictures.startswith(
         "2 of 2 frames that were looked at cannot be used (bad_image), such as a: "
     )
-
-
-def test_label_without_its_image_is_a_fault_of_its_frame(admin):
-    files = {**LAYOUT_FILES["yolo"], "labels/train/2.txt": YOLO_LINE}
-
-    _, frames, _, _ = parse_response(post_folder(admin, files))
-
-    assert frames["train/1"]["fault"] is None
-    assert frames["train/2"]["fault"] == {
-        "pointer": "",
-        "code": "image_size_unknown",
-        "detail": "labels/train/2.txt: expected an image named 2 (.png, .jpg or "
-        ".jpeg), found none",
-    }
 
 
 def test_folder_over_the_time_limit_is_refused(serve, tmp_path):

@@ -2,37 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
-import pytest
-
-from tests.support import frames as scene
-from tests.support.pictures import png
-
-CAMERA = {"width": scene.WIDTH + 1, "height": scene.HEIGHT, "fov": 90}
-SMALL = png(np.zeros((9, 9), np.uint8))
-REFUSED = [
-    pytest.param({"segmentation": SMALL}, {}, "/segmentation", id="another size"),
-    pytest.param({"segmentation": b"GIF89a"}, {}, "/segmentation", id="no picture"),
-    pytest.param(
-        {"segmentation": scene.image(1)}, {}, "/segmentation", id="foreign colours"
-    ),
-    pytest.param({"ignore_mask": SMALL}, {}, "/ignore_mask", id="a mask too small"),
-    pytest.param({}, {"camera": CAMERA}, "/camera", id="a camera of another size"),
-]
-
-
-@pytest.mark.parametrize(("files", "keys", "pointer"), REFUSED)
-def test_a_refusal_names_the_frame_and_the_part(api, files, keys, pointer):
-    dataset = api.dataset()
-    parts = {"image": scene.image(), "segmentation": scene.segmentation()} | files
-
-    problem = api.put(dataset, "town/1", scene.annotation() | keys, **parts).json()
-
-    assert problem["detail"].startswith("frame town/1"), problem
-    assert [fault["pointer"] for fault in problem["errors"]] == [pointer]
-    (noted,) = api.json(f"/datasets/{dataset}/problems")["items"]
-    assert noted["error"]["errors"] == problem["errors"]
-
 
 def test_first_100_faults_of_an_annotation_are_listed_others_counted(api):
     dataset, count = api.dataset(), 400_000

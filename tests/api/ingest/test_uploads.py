@@ -76,12 +76,6 @@ def test_invalid_frame_key_is_refused(api, key):
     assert api.json(f"/datasets/{dataset}/frames")["items"] == []
 
 
-def test_frame_key_with_a_line_end_is_refused_as_control_character(api):
-    answer = api.put(api.dataset(), "a%0Ab")
-
-    assert "a control character" in answer.json()["detail"]
-
-
 def test_frame_key_of_512_characters_is_accepted(api):
     dataset, key = api.dataset(), "ü/" * 255 + "xy"
 

@@ -21,12 +21,6 @@ def bulk(api, dataset, verdict, **which):
     return api.post("/reviews/bulk", body)
 
 
-def bulk_as_seen(api, dataset, verdict, box_ids):
-    """Answer the boxes at the revisions that they have now."""
-    seen = [api.json(f"/boxes/{box_id}")["revision"] for box_id in box_ids]
-    return bulk(api, dataset, verdict, box_ids=box_ids, seen_revisions=seen)
-
-
 def snapshot(api, dataset, **filters):
     page = api.json("/boxes", dataset=dataset, count="true", **filters)
     return page["snapshot"]
@@ -119,21 +113,6 @@ def test_undo_skips_boxes_answered_or_replaced_since(api, dataset, ghosts):
     assert api.json(f"/boxes/{ghosts[1]}")["review"]["verdict"] == "reject"
 
 
-def test_undo_that_skipped_boxes_can_be_repeated_when_the_answers_are_in_force_again(
-    api, dataset, ghosts
-):
-    batch = bulk(api, dataset, "reject", box_ids=ghosts[:1]).json()["id"]
-    api.review(ghosts[0], "keep", 1)
-    first = undo(api, batch).json()
-    api.post(f"/boxes/{ghosts[0]}/reviews/2/undo")
-
-    second = undo(api, batch)
-
-    assert (first["undone"], first["skipped"]) == (0, ghosts[:1])
-    assert (second.status_code, second.json()["undone"]) == (200, 1)
-    assert api.json(f"/boxes/{ghosts[0]}")["review"] is None
-
-
 def test_an_undo_can_be_undone(api, dataset, ghosts):
     batch = bulk(api, dataset, "keep", box_ids=ghosts).json()["id"]
     first = undo(api, batch).json()
@@ -142,48 +121,6 @@ def test_an_undo_can_be_undone(api, dataset, ghosts):
 
     assert second.json()["undone"] == 3
     assert effective(api, dataset) == 6
-
-
-def test_stacked_bulk_answers_are_undone_in_reverse_order(api, dataset, ghosts):
-    api.review(ghosts[0], "unsure", comment="before")
-    first = bulk_as_seen(api, dataset, "keep", ghosts).json()["id"]
-    second = bulk_as_seen(api, dataset, "reject", ghosts[:2]).json()["id"]
-    third = bulk_as_seen(api, dataset, "unsure", ghosts[:1]).json()["id"]
-
-    undone = [undo(api, batch).json() for batch in (third, second, first)]
-
-    assert [(one["undone"], one["skipped"]) for one in undone] == [
-        (1, []),
-        (2, []),
-        (3, []),
-    ]
-    review = api.json(f"/boxes/{ghosts[0]}")["review"]
-    assert (review["verdict"], review["comment"]) == ("unsure", "before")
-    assert [api.json(f"/boxes/{box}")["review"] for box in ghosts[1:]] == [None, None]
-    assert effective(api, dataset) == 3
-
-
-def test_undo_skips_boxes_covered_by_a_later_bulk_answer(api, dataset, ghosts):
-    first = bulk(api, dataset, "keep", box_ids=ghosts).json()["id"]
-    second = bulk_as_seen(api, dataset, "reject", ghosts[:2]).json()["id"]
-    redone = undo(api, undo(api, second).json()["id"])
-
-    undone = undo(api, first).json()
-
-    assert redone.json()["undone"] == 2
-    assert (undone["undone"], undone["skipped"]) == (1, ghosts[:2])
-
-
-def test_answer_between_two_undone_bulk_answers_is_kept(api, dataset, ghosts):
-    first = bulk(api, dataset, "keep", box_ids=ghosts).json()["id"]
-    api.review(ghosts[0], "unsure", 1)
-    second = bulk_as_seen(api, dataset, "reject", ghosts).json()["id"]
-    undo(api, second)
-
-    undone = undo(api, first).json()
-
-    assert (undone["undone"], undone["skipped"]) == (2, ghosts[:1])
-    assert api.json(f"/boxes/{ghosts[0]}")["review"]["verdict"] == "unsure"
 
 
 def test_bulk_answer_on_a_filter_needs_its_snapshot_and_count(api, dataset):
@@ -233,7 +170,7 @@ def test_invalid_bulk_answer_is_refused(api, dataset, which, status):
 
 
 @pytest.mark.parametrize("place", [1, 2, 3, 4])
-@pytest.mark.parametrize("number", [-1, 2**63, 10**40])
+@pytest.mark.parametrize("number", [-1, 2**63])
 def test_snapshot_with_invalid_numbers_is_refused(api, dataset, place, number):
     values = json.loads(base64.urlsafe_b64decode(snapshot(api, dataset) + "=="))
     values[place] = number

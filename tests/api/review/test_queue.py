@@ -10,15 +10,18 @@ import pytest
 from app.review.queue import MOST_CLAIMS
 from tests.support import frames as scene
 from tests.support.api import BASE, Api
-from tests.support.databases import empty_postgres
 
 
 @pytest.fixture
 def dataset(api):
-    """Six frames, each with a car and a ghost."""
+    """A frame with six times a car and a ghost."""
     name = api.dataset()
-    for number in range(6):
-        api.upload_frame(name, str(number), {**scene.annotation(), "number": number})
+    boxes = [
+        {**box, "id": f"{box['id']}-{number}"}
+        for number in range(6)
+        for box in scene.annotation()["boxes"]
+    ]
+    api.upload_frame(name, "a", {**scene.annotation(), "boxes": boxes})
     return name
 
 
@@ -157,24 +160,9 @@ def test_one_reviewer_holds_only_a_share_of_the_queue(api, reviewer):
     assert not set(ids(queue)) & set(ids(again))
 
 
-@pytest.fixture(params=["sqlite", "postgresql"])
-def server_on_either_database(request, start_api):
-    """A server of the test's own and a client, once for each kind of database."""
-    if request.param == "sqlite":
-        yield start_api()
-        return
-    with empty_postgres() as url:
-        server, api = start_api(UNGHOST_DATABASE_URL=url)
-        assert not list(server.data.glob("*.db"))
-        yield server, api
-
-
-def test_concurrent_reviewers_never_get_the_same_box(server_on_either_database):
-    server, api = server_on_either_database
-    dataset = api.dataset()
-    for number in range(20):
-        api.upload_frame(dataset, str(number), {**scene.annotation(), "number": number})
-    clients = [reviewer_of(server, api, f"r{number}") for number in range(8)]
+def test_concurrent_reviewers_never_get_the_same_box(server, api):
+    dataset, _ = api.dataset_of_cars(40)
+    clients = [reviewer_of(server, api, f"r{number}-{dataset}") for number in range(8)]
     orders = ["doubt", "random", "class", "random"]
 
     def ask_often(number: int) -> set[int]:

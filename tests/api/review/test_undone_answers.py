@@ -9,21 +9,6 @@ def undo(api, box_id, revision):
     return api.post(f"/boxes/{box_id}/reviews/{revision}/undo")
 
 
-def undo_in_order(api, box_id, revisions):
-    """Undo these answers one after the other; the box's answer after each."""
-    return [undo(api, box_id, revision).json()["verdict"] for revision in revisions]
-
-
-def reject_all(api, dataset, box_ids):
-    """Reject boxes without answers in bulk; the batch's id."""
-    body = {"dataset": dataset, "verdict": "reject", "box_ids": box_ids}
-    return api.post("/reviews/bulk", body).json()["id"]
-
-
-def undo_all(api, batch):
-    return api.post(f"/review-batches/{batch}/undo").json()
-
-
 def answer_of(api, box_id):
     review = api.json(f"/boxes/{box_id}")["review"]
     return review and (review["verdict"], review["comment"])
@@ -60,19 +45,6 @@ def test_first_answer_is_undone_to_none(api, dataset, ghosts):
     assert api.json(f"/datasets/{dataset}/stats") == before
 
 
-def test_answers_on_a_box_are_undone_in_reverse_order(api, ghosts):
-    for seen, verdict in enumerate(["keep", "reject", "unsure"]):
-        api.review(ghosts[0], verdict, seen)
-
-    assert undo_in_order(api, ghosts[0], [3, 2, 1]) == ["reject", "keep", "clear"]
-
-
-def test_an_undo_can_be_undone_and_the_answer_undone_again(api, ghosts):
-    api.review(ghosts[0], "keep")
-
-    assert undo_in_order(api, ghosts[0], [1, 2, 1]) == ["clear", "keep", "clear"]
-
-
 @pytest.mark.parametrize("verdict", ["keep", "clear"])
 def test_answer_that_another_one_followed_is_not_undone(api, ghosts, verdict):
     api.review(ghosts[0], "reject")
@@ -101,45 +73,6 @@ def test_missing_answer_is_404(api, ghosts, revision):
     assert f"answer on box {ghosts[0]} with revision {revision}" in refused.text
 
 
-def test_bulk_answer_is_undone_where_a_later_answer_was_undone(api, dataset, ghosts):
-    batch = reject_all(api, dataset, ghosts[:2])
-    api.review(ghosts[0], "keep", 1)
-    undo(api, ghosts[0], 2)
-
-    undone = undo_all(api, batch)
-
-    assert (undone["undone"], undone["skipped"]) == (2, [])
-    assert [answer_of(api, box_id) for box_id in ghosts[:2]] == [None, None]
-
-
-def test_answer_is_undone_after_a_later_bulk_answer_was_undone(api, dataset, ghosts):
-    api.review(ghosts[0], "keep")
-    body = {"dataset": dataset, "verdict": "reject", "box_ids": ghosts[:1]}
-    batch = api.post("/reviews/bulk", {**body, "seen_revisions": [1]}).json()["id"]
-    undo_all(api, batch)
-
-    assert undo(api, ghosts[0], 1).json()["verdict"] == "clear"
-
-
-def test_bulk_answer_stays_where_a_later_answer_is_in_force(api, dataset, ghosts):
-    batch = reject_all(api, dataset, ghosts[:2])
-    api.review(ghosts[0], "keep", 1)
-    api.review(ghosts[0], "unsure", 2)
-    undo(api, ghosts[0], 3)
-
-    undone = undo_all(api, batch)
-
-    assert (undone["undone"], undone["skipped"]) == (1, ghosts[:1])
-    assert answer_of(api, ghosts[0]) == ("keep", "")
-
-
 @pytest.mark.parametrize("revision", ["0", "2147483648", "4294967296", "x"])
 def test_impossible_revision_is_refused(api, ghosts, revision):
     assert undo(api, ghosts[0], revision).status_code == 422
-
-
-def test_undoing_the_undo_of_a_bulk_answer_brings_it_back(api, dataset, ghosts):
-    batch = reject_all(api, dataset, ghosts[:1])
-    undo_all(api, batch)
-
-    assert undo(api, ghosts[0], 2).json()["verdict"] == "reject"

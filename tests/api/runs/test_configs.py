@@ -112,18 +112,9 @@ def test_activating_a_config_starts_a_run(api, dataset):
     [
         (b"treshold_small_box: 1", "unknown_key", "threshold_small_box"),
         (b"threshold_small_box: 101", "bad_config", "101"),
-        (b"threshold_small_box: .nan", "bad_config", "threshold_small_box"),
-        (b"threshold_small_box: '10'", "bad_config", "10"),
-        (b"evidence: dept", "bad_config", "did you mean 'depth'"),
-        (b"a: [", "bad_yaml", ""),
-        (b"\xff\xfe\xfa", "bad_yaml", ""),
         (b"[" * 20_000, "bad_yaml", ""),
-        (b"{" * 20_000, "bad_yaml", ""),
         (b"!!python/object/apply:os.system ['true']", "bad_yaml", ""),
         (b"a: &a [1]\nb: [*a, *a]", "bad_yaml", ""),
-        (b'{"classes": {"\\ud800": {"threshold_small_box": 1}}}', "bad_yaml", ""),
-        (b"classes: {1: {threshold_small_box: 1}}", "bad_config", "class"),
-        (b"- 1", "bad_config", "mapping"),
     ],
 )
 def test_invalid_config_is_refused(api, dataset, content, code, words):
@@ -151,11 +142,6 @@ def test_config_of_wrong_media_type_or_too_large_is_refused(
 @pytest.mark.parametrize(
     ("path", "body", "status"),
     [
-        (
-            "preview",
-            {"config": {"classes": {"\ud800": {"min_visible_pixels": 2}}}},
-            422,
-        ),
         ("preview", {"config": {"treshold_small_box": 1}}, 422),
         ("preview", {"config": [], "limit": 5}, 422),
         ("preview", {"config": {}, "bins": 1}, 422),
@@ -184,55 +170,25 @@ def test_preview_returns_the_flips_and_writes_nothing(api, dataset):
     preview = api.post(f"/datasets/{dataset}/preview", body).json()
 
     car, ghost = api.box_ids(dataset)
-    kept = {
-        "verdict": "kept",
-        "reason": "visible",
-        "match_percent": 100.0,
-        "threshold": 10.0,
-    }
-    unseen = {
-        "verdict": "rejected",
-        "reason": "no_visible_pixels",
-        "match_percent": 0.0,
-        "threshold": None,
-    }
     each_way = {"kept_to_rejected": 1, "rejected_to_kept": 1}
-    frame = api.json(f"/boxes/{car}")["frame_id"]
     items = {item["box_id"]: item for item in preview["flips"].pop("items")}
-    assert {key: preview[key] for key in preview if key != "config"} == {
-        "needs_pixels": False,
-        "counts": {"kept": 1, "rejected": 1, "unmeasured": 0},
-        "by_reason": {"no_visible_pixels": 1, "visible": 1},
-        "by_class": {"car": {"kept": 1, "rejected": 1, "unmeasured": 0}},
-        "reasons_by_class": {"car": {"no_visible_pixels": 1, "visible": 1}},
-        "histograms": {
-            "edges": [0.0, 50.0, 100.0],
-            "classes": {"car": [1, 1]},
-            "thresholds": {"car": 10.0},
-            "unknown_percent": {},
-        },
-        "decided_by": {"semantic": 2},
-        "own_histograms": {
-            "edges": [0.0, 50.0, 100.0],
-            "classes": {},
-            "thresholds": {},
-            "unknown_percent": {},
-        },
-        "flips": {"total": 2, **each_way, "by_class": {"car": each_way}},
-        "scores": None,
+    assert preview["flips"] == {"total": 2, **each_way, "by_class": {"car": each_way}}
+    assert preview["counts"] == {"kept": 1, "rejected": 1, "unmeasured": 0}
+    assert preview["by_reason"] == {"no_visible_pixels": 1, "visible": 1}
+    histograms = preview["histograms"]
+    assert (histograms["edges"], histograms["classes"]) == (
+        [0.0, 50.0, 100.0],
+        {"car": [1, 1]},
+    )
+    sides = {
+        box: [items[box][side]["reason"] for side in ("before", "after")]
+        for box in (car, ghost)
     }
-    assert items[ghost] == {
-        "box_id": ghost,
-        "frame_id": frame,
-        "class": "car",
-        "xyxy": api.json(f"/boxes/{ghost}")["xyxy"],
-        "cause": None,
-        "visible": None,
-        "match_percent": 100.0,
-        "before": unseen,
-        "after": kept,
+    assert sides == {
+        car: ["visible", "no_visible_pixels"],
+        ghost: ["no_visible_pixels", "visible"],
     }
-    assert items[car]["after"] == unseen
+    assert items[ghost]["xyxy"] == api.json(f"/boxes/{ghost}")["xyxy"]
     after = api.json(f"/datasets/{dataset}/runs"), api.json(f"/datasets/{dataset}")
     assert after == before
 
@@ -269,32 +225,15 @@ def test_preview_returns_needs_pixels_without_counts(api, dataset):
 
 
 def test_stats_and_histogram_are_those_of_the_boxes(api, dataset):
-    described = api.json(f"/datasets/{dataset}")
+    described, stats = (api.json(f"/datasets/{dataset}{at}") for at in ("", "/stats"))
 
-    assert api.json(f"/datasets/{dataset}/stats") == {
-        "frames": 1,
-        "boxes": 2,
-        "kept": 1,
-        "rejected": 1,
-        "unmeasured": 0,
-        "reviewed": 0,
-        "to_review": 0,
-        "unsure": 0,
-        "conflicts": 0,
-        "toss_ups": 0,
-        "bins": {"ask": 0, "sure": 1, "small": 0, "wall": 1},
-        "lossy": 0,
-        "by_map": {"Town10HD": {"frames": 1, "boxes": 2}},
-        "by_camera": {},
-        "by_sequence": {},
-        "by_weather": {},
-        "effective": {"kept": 1, "rejected": 1, "unmeasured": 0},
-        "by_reason": {"visible": 1, "no_visible_pixels": 1},
-        "by_class": {"car": {"kept": 1, "rejected": 1, "unmeasured": 0}},
-        "reasons_by_class": {"car": {"visible": 1, "no_visible_pixels": 1}},
-        "config": described["config"],
-        "run": described["active_run"],
-    }
+    assert (stats["run"], stats["config"]) == (
+        described["active_run"],
+        described["config"],
+    )
+    assert (stats["frames"], stats["boxes"], stats["kept"]) == (1, 2, 1)
+    assert stats["bins"] == {"ask": 0, "sure": 1, "small": 0, "wall": 1}
+    assert stats["by_map"] == {"Town10HD": {"frames": 1, "boxes": 2}}
     assert api.json(f"/datasets/{dataset}/histogram", bins=4) == {
         "edges": [0.0, 25.0, 50.0, 75.0, 100.0],
         "classes": {"car": [1, 0, 0, 1]},

@@ -35,44 +35,21 @@ def test_diff_is_against_the_previously_active_run_by_default(api, dataset):
     diff = api.json(f"/runs/{run['id']}/diff")
 
     (item,) = diff.pop("items")
-    assert diff == {
-        "run": run["id"],
-        "against": first,
-        "compared": 2,
-        "total": 1,
-        "kept_to_rejected": 1,
-        "rejected_to_kept": 0,
-        "by_class": {"car": 1},
-        "sides_by_class": {"car": {"kept_to_rejected": 1, "rejected_to_kept": 0}},
-        "by_cause": {},
-        "next_cursor": None,
-    }
-    assert item == {
-        "box_id": car,
-        "frame_id": api.boxes(dataset)[0]["frame_id"],
-        "class": "car",
-        "xyxy": api.json(f"/boxes/{car}")["xyxy"],
-        "match_percent": 100.0,
-        "before": {
-            "verdict": "kept",
-            "reason": "visible",
-            "match_percent": 100.0,
-            "threshold": 10.0,
-        },
-        "after": {
-            "verdict": "rejected",
-            "reason": "no_visible_pixels",
-            "match_percent": 100.0,
-            "threshold": None,
-        },
-        "cause": None,
-        "visible": None,
-    }
+    assert (diff["run"], diff["against"]) == (run["id"], first)
+    assert (diff["compared"], diff["total"], diff["by_class"]) == (2, 1, {"car": 1})
+    assert (diff["kept_to_rejected"], diff["rejected_to_kept"]) == (1, 0)
+    assert (item["box_id"], item["match_percent"]) == (car, 100.0)
+    assert (item["before"]["reason"], item["after"]["reason"]) == (
+        "visible",
+        "no_visible_pixels",
+    )
     assert api.json(f"/runs/{tried['id']}/diff")["against"] == first
 
 
-@pytest.mark.parametrize("activate", [True, False])
-@pytest.mark.parametrize("other", [NOTHING_VISIBLE, CARS_ARE_SKY, FROM_PIXELS, {}])
+@pytest.mark.parametrize(
+    ("other", "activate"),
+    [(NOTHING_VISIBLE, True), (CARS_ARE_SKY, False), (FROM_PIXELS, True)],
+)
 def test_diff_of_any_two_runs_equals_the_difference_of_verdicts(
     api, dataset, other, activate
 ):

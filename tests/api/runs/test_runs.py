@@ -20,23 +20,14 @@ NOTHING_VISIBLE = {"min_visible_pixels": 10**6}
 CARS_ARE_SKY = {"classes": {"car": {"accept": ["Sky"]}}}
 
 
-def test_run_is_returned_with_every_field(api, dataset):
+def test_run_is_returned_and_listed(api, dataset):
     accepted = api.post(f"/datasets/{dataset}/runs", {"config": NOTHING_VISIBLE})
     run = api.wait_for_job(accepted)
 
-    times = ("created_at", "started_at", "finished_at")
-    assert {key: run[key] for key in run if key not in (*times, "id", "config")} == {
-        "dataset": dataset,
-        "kind": "decide",
-        "state": "done",
-        "activate": False,
-        "total": 1,
-        "done": 1,
-        "changed": 1,
-        "counts": {"kept": 0, "rejected": 2, "unmeasured": 0},
-        "error": None,
-        "created_by": "admin",
-    }
+    known = ("dataset", "kind", "state", "activate", "total", "done", "changed")
+    assert [run[key] for key in known] == [dataset, "decide", "done", False, 1, 1, 1]
+    assert run["counts"] == {"kept": 0, "rejected": 2, "unmeasured": 0}
+    assert (run["error"], run["created_by"]) == (None, "admin")
     assert run["created_at"] <= run["started_at"] <= run["finished_at"]
     assert api.json(f"/runs/{run['id']}") == run
     listed = api.json(f"/datasets/{dataset}/runs", limit=1)
