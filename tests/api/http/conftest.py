@@ -20,7 +20,7 @@ def path_values(service: Live) -> dict[str, Any]:
     with service.admin() as admin:
         wanted = {"name": "street", "description": MARKUP}
         admin.post("/api/v1/datasets", json=wanted)
-        annotation = scene.annotation()
+        annotation: dict[str, Any] = scene.annotation()
         marked = {"id": MARKUP, "class": MARKUP, "xyxy": scene.ON_THE_CAR}
         boxes = [*annotation["boxes"], marked]
         files = {

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
 from datetime import datetime, timedelta, timezone
+from typing import Any
 
 import pytest
 
@@ -16,12 +17,13 @@ from tests.support.api import BASE, Api
 def dataset(api):
     """A frame with six times a car and a ghost."""
     name = api.dataset()
+    annotation: dict[str, Any] = scene.annotation()
     boxes = [
         {**box, "id": f"{box['id']}-{number}"}
         for number in range(6)
-        for box in scene.annotation()["boxes"]
+        for box in annotation["boxes"]
     ]
-    api.upload_frame(name, "a", {**scene.annotation(), "boxes": boxes})
+    api.upload_frame(name, "a", {**annotation, "boxes": boxes})
     return name
 
 
