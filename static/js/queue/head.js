@@ -19,6 +19,7 @@ import { ORDERS, hasOnlyDoubts, orderOf } from "./session.js";
 /** @import { Line } from "./line.js" */
 /** @import { Query } from "../core/router.js" */
 /** @import { Session } from "./session.js" */
+/** @import { MediaCache } from "../stage/media.js" */
 
 /**
  * @param {{app: App, session: Session, classes: readonly string[], query: Query, onChange: (query: Query) => void}}
@@ -111,12 +112,22 @@ const BEHIND = 3;
 const AHEAD = 6;
 const SIZE_PX = 56;
 
-/** @param {{app: App, session: Session, line: Line, isHidden: boolean, onShow: (line: Line) => void}} props */
-export function QueueStrip({ app, session, line, isHidden, onShow }) {
+/**
+ * @param {{app: App, session: Session, media: MediaCache, line: Line, isHidden: boolean, onShow: (line: Line) => void}}
+ *   props
+ */
+export function QueueStrip({ app, session, media, line, isHidden, onShow }) {
   const { waiting } = useValue(app.sender.state);
   const list = useRef(/** @type {HTMLOListElement | null} */ (null));
   const { verdicts } = useValue(session.tally);
   const here = currentOf(line);
+  // The first picture of a question comes before these.
+  const [hasPicture, setHasPicture] = useState(false);
+  const frameId = app.boxes.get(here ?? 0)?.frame_id;
+  useEffect(() => {
+    const shown = () => setHasPicture(true);
+    if (frameId && !hasPicture) void media.of(frameId).picture.get().then(shown, shown);
+  }, [frameId, hasPicture]);
   useEffect(
     () => list.current?.querySelector("[aria-current]")?.scrollIntoView({ block: "nearest", inline: "nearest" }),
     [here],
@@ -135,7 +146,11 @@ export function QueueStrip({ app, session, line, isHidden, onShow }) {
           aria-current=${box.box_id === here ? "true" : undefined}
           aria-label=${isCovered ? `${box.class} ${box.id}` : spokenText(box)}
           title=${`${box.class} ${box.id}`} onClick=${() => onShow(movedTo(line, box.box_id))}>
-          <${Picture} box=${isCovered ? withheld(box) : box} size=${SIZE_PX} frameSize=${null} />
+          ${
+            hasPicture
+              ? html`<${Picture} box=${isCovered ? withheld(box) : box} size=${SIZE_PX} frameSize=${null} />`
+              : html`<div class="cell__none shimmer"></div>`
+          }
           ${
             !isCovered &&
             html`<span class="cell__answer"><${AnswerSign} box=${box} isWaiting=${waiting.has(box.box_id)} /></span>`

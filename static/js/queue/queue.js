@@ -131,7 +131,8 @@ function SessionView({ app, session, query, rule, isEmpty, onQuery }) {
   const isWaiting = box !== null && waiting.has(box.box_id);
 
   return html`<div class="queue__body ${box ? "" : "is-empty"}" data-panels=${prefs.panels ? undefined : "off"}>
-    <${QueueStrip} app=${app} session=${session} line=${line} isHidden=${isHidden} onShow=${actions.show} />
+    <${QueueStrip} app=${app} session=${session} media=${media} line=${line} isHidden=${isHidden}
+      onShow=${actions.show} />
     ${
       box && shown && staged
         ? html`<div class="review__stage queue__stage">
