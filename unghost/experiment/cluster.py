@@ -82,8 +82,8 @@ class ClusterTrials:
             Trials that have not ended are cancelled.
         """
         folder, digest = self.experiment.folder.resolve(), _digest(self.experiment)
-        given = folder, digest, self.trainer, self.parallel
-        waiting = deque(_Task(*given, *trial) for trial in trials)
+        common = folder, digest, self.trainer, self.parallel
+        waiting = deque(_Task(*common, *trial) for trial in trials)
         lost = Counter[_Task]()
         executor = self.client.get_executor(pure=False)
         running: dict[Future[None], _Task] = {}
@@ -158,14 +158,14 @@ def _run(task: _Task) -> None:
             "machines share"
         )
 
-    def is_wanted() -> bool:
+    def may_continue() -> bool:
         state = worker.state.tasks.get(key)
         is_cancelled = state is None or state.state == "cancelled"
         return worker.status is Status.running and not is_cancelled
 
     if not experiment.is_finished(task.arm, task.seed):
         command = trainer_command(task.trainer)
-        experiment.run(task.arm, task.seed, command, task.parallel, is_wanted)
+        experiment.run(task.arm, task.seed, command, task.parallel, may_continue)
 
 
 def _digest(experiment: Experiment) -> str:

@@ -180,7 +180,7 @@ class Experiment:
         seed: int,
         command: Sequence[str],
         parallel: int = 1,
-        is_wanted: Callable[[], bool] = lambda: True,
+        may_continue: Callable[[], bool] = lambda: True,
     ) -> None:
         """Train and detect; the trainer's output goes into a log.
 
@@ -192,7 +192,7 @@ class Experiment:
             Of `trainer_command`.
         parallel : int
             How many trials run at the same time, which share the cores.
-        is_wanted : callable
+        may_continue : callable
             Asked twice a second; if it is false, the trainer is ended.
 
         Raises
@@ -200,7 +200,7 @@ class Experiment:
         TrialError
             The command failed, with the end of its log; or it wrote no predictions.
         TrialInterrupted
-            The trial is not wanted any more.
+            `may_continue` has said no.
         """
         output = self.trial_folder(arm, seed).resolve()
         output.mkdir(parents=True, exist_ok=True)
@@ -225,7 +225,7 @@ class Experiment:
             ) as trainer,
         ):
             while trainer.poll() is None:
-                if not is_wanted():  # leaving the block ends the trainer
+                if not may_continue():  # leaving the block ends the trainer
                     raise TrialInterrupted(f"arm {arm}, seed {seed}")
                 with suppress(subprocess.TimeoutExpired):
                     trainer.wait(_POLL_S)

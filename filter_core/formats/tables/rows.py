@@ -260,7 +260,8 @@ def _arrays(content: bytes, name: str, limit: int) -> dict[str, object]:
                 arrays[key] = _listed(read_npy(array, texts=True))
     except (
         *(BadZipFile, OSError, EOFError, ValueError, zlib.error),
-        *(NotImplementedError, RuntimeError),  # other compressions, passwords
+        NotImplementedError,  # another compression
+        RuntimeError,  # a password
     ) as exc:
         raise LayoutError(f"{name}: expected arrays of NumPy, found {exc}") from exc
     return arrays
