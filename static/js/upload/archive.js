@@ -1,7 +1,7 @@
 // @ts-check
 // A tar of dropped files with what the server needs to recognise them: texts whole, and a sample of the images. No DOM.
 
-import { contentOf, createPauses } from "./uploader.js";
+import { contentOf, createPauses, opened } from "./uploader.js";
 
 /** @typedef {import("./folder.js").Entry} Entry */
 
@@ -33,18 +33,20 @@ const MOST_SAMPLE_BYTES = 32 * 1024 * 1024;
  * Some images of each kind, of the same frames in each: what the server looks at.
  *
  * Images of a kind have the same path but for its numbers; nothing is read into words.
- * @param {readonly Entry[]} entries @returns {Set<Entry>}
+ * @param {readonly Entry[]} entries @returns {Promise<Set<Entry>>}
  */
-export function sampleOf(entries) {
+export async function sampleOf(entries) {
   const images = entries.filter(({ path }) => IMAGE.test(path)).sort((a, b) => (a.path < b.path ? -1 : 1));
   const groups = groupsOf(images);
-  let sample = /** @type {Entry[]} */ ([]);
+  let sample = /** @type {{entry: Entry, size: number}[]} */ ([]);
   for (let most = MOST_OF_A_GROUP; most >= 1; most /= 2) {
-    sample = chosenFrom(groups, most);
+    const chosen = chosenFrom(groups, most);
+    sample = await Promise.all(chosen.map(async (entry) => ({ entry, size: (await opened(entry)).size })));
     if (sample.reduce((sum, { size }) => sum + size, 0) <= MOST_SAMPLE_BYTES) break;
   }
   let left = MOST_SAMPLE_BYTES;
-  return new Set(sample.filter(({ size }) => size <= left && (left -= size) >= 0));
+  const within = sample.filter(({ size }) => size <= left && (left -= size) >= 0);
+  return new Set(within.map(({ entry }) => entry));
 }
 
 /** @param {readonly Entry[]} images @returns {Numbered[][]} the largest group first */
@@ -107,7 +109,6 @@ function evenly(list, count) {
 
 /** How often the progress is told. */
 export const TELL_EVERY = 100;
-const AT_ONCE = 32;
 
 /**
  * Parts of a tar: all files but the description, and the dropped description, if there is one.
@@ -115,39 +116,56 @@ const AT_ONCE = 32;
  */
 
 /**
- * Pack these files, of each what the server needs: see `bytesOf`.
+ * Pack these files, of each what the server needs: see `partOf`.
  * @param {readonly Entry[]} entries @param {string} top  the folder of the description
  * @param {AbortSignal} signal @param {(done: number, of: number) => void} tell
  * @returns {Promise<Packed>}
  */
 export async function pack(entries, top, signal, tell) {
-  const sample = sampleOf(entries);
+  const sample = await sampleOf(entries);
   const name = recordingIn(top);
-  const needed = entries.map((entry) => ({ entry, size: sample.has(entry) ? entry.size : bytesOf(entry) }));
-  /** @type {Uint8Array<ArrayBuffer>[][]} */
-  const members = [];
-  const of = needed.filter(({ size }) => size > 0).length;
-  let next = 0;
+  const members = entries.map(({ path }) => headersOf(path, 0));
+  const needed = [...entries.entries()].flatMap(([at, entry]) => {
+    const most = sample.has(entry) ? Infinity : partOf(entry);
+    return most > 0 ? [{ at, entry, most }] : [];
+  });
   let done = 0;
-  const pause = createPauses();
-  const work = async () => {
-    for (let at = next++; at < needed.length; at = next++) {
-      const { entry, size } = /** @type {{entry: Entry, size: number}} */ (needed[at]);
-      signal.throwIfAborted();
-      await pause();
-      if (size === 0) {
-        members[at] = headersOf(entry.path, 0);
-        continue;
-      }
-      const part = size === entry.size ? entry : { ...entry, blob: entry.blob.slice(0, size) };
-      members[at] = memberOf(entry.path, await contentOf(part));
-      if (++done % TELL_EVERY === 0) tell(done, of);
-    }
-  };
-  await Promise.all(Array.from({ length: AT_ONCE }, work));
+  await forEachOf(needed, signal, async ({ at, entry, most }) => {
+    members[at] = memberOf(entry.path, await contentOf(entry, most));
+    if (++done % TELL_EVERY === 0) tell(done, needed.length);
+  });
   const place = entries.findIndex(({ path }) => path === name);
   const description = place < 0 ? [] : members.splice(place, 1).flat();
   return { files: new Blob([...inPieces(members.flat())]), description: new Blob(description) };
+}
+
+/** @typedef {ReadonlyMap<Entry, number>} Sizes  in bytes */
+
+/** @param {readonly Entry[]} entries @param {AbortSignal} signal @returns {Promise<Sizes>} */
+export async function sizesOf(entries, signal) {
+  /** @type {Map<Entry, number>} */
+  const sizes = new Map();
+  await forEachOf(entries, signal, async (entry) => void sizes.set(entry, (await opened(entry)).size));
+  return sizes;
+}
+
+const AT_ONCE = 32;
+
+/**
+ * Work on some of these at a time, and let the browser draw meanwhile.
+ * @template T @param {readonly T[]} things @param {AbortSignal} signal @param {(thing: T) => Promise<void>} work
+ */
+async function forEachOf(things, signal, work) {
+  const left = things.values();
+  const pause = createPauses();
+  const workOn = async () => {
+    for (const thing of left) {
+      signal.throwIfAborted();
+      await pause();
+      await work(thing);
+    }
+  };
+  await Promise.all(Array.from({ length: AT_ONCE }, workOn));
 }
 
 /** @param {string} top */
@@ -189,11 +207,11 @@ function* inPieces(parts) {
   }
 }
 
-/** How much the server needs of a file that is not in the sample. @param {Entry} entry */
-function bytesOf({ path, size }) {
-  if (TEXT.test(path)) return size;
+/** How many bytes at most the server needs of a file that is not in the sample. @param {Entry} entry */
+function partOf({ path }) {
+  if (TEXT.test(path)) return Infinity;
   if (!SIZED.test(path)) return 0;
-  return Math.min(size, path.toLowerCase().endsWith(".png") ? PNG_SIZE_BYTES : JPEG_SIZE_BYTES);
+  return path.toLowerCase().endsWith(".png") ? PNG_SIZE_BYTES : JPEG_SIZE_BYTES;
 }
 
 /** @param {number} size */

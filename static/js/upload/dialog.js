@@ -7,9 +7,9 @@ import { useDatasets, useLoaded, useTask } from "../core/hooks.js";
 import { html, useEffect, useRef, useState } from "../core/html.js";
 import { countOf, sizeText } from "../core/numbers.js";
 import { Command, FailureLine, FileList, RecordingDownload } from "../core/parts.js";
-import { hasImages, pack } from "./archive.js";
+import { hasImages, pack, sizesOf } from "./archive.js";
 import { corrected, correctionOf, descriptionOf, streamsWith } from "./corrections.js";
-import { readFolder, topOf, visibleEntries } from "./folder.js";
+import { readFolder, topOf, visibleEntries, withSizes } from "./folder.js";
 import {
   Classes,
   Columns,
@@ -56,6 +56,7 @@ export function FoundFiles({ app, dropped, close }) {
  * @property {readonly Entry[] | null} entries
  * @property {string} top  the name of the one folder, or ""
  * @property {Plan | null} plan  while the files are read again, the one from before
+ * @property {import("./archive.js").Sizes | null} sizes  asked for once the files are understood, which need none
  * @property {readonly import("./corrections.js").Stream[]} streams
  * @property {boolean} isReading
  * @property {Reading | null} reading
@@ -89,10 +90,13 @@ function useFound(dropped) {
     },
     [entries, corrections],
   );
+  const isRead = read.value !== null;
+  const sizes = useLoaded(async (signal) => (isRead && entries ? sizesOf(entries, signal) : null), [entries, isRead]);
   return {
     entries,
     top,
-    plan: read.value,
+    plan: read.value && sizes.value ? withSizes(read.value, sizes.value) : read.value,
+    sizes: sizes.value,
     streams: streamsWith(base.current?.streams ?? [], read.value?.inspection.streams ?? [], corrections),
     isReading: read.state === "loading",
     reading,
@@ -167,7 +171,7 @@ const IMAGES_ONLY = { pairs: "images only" };
 
 /** @param {{app: App, found: Found, plan: Plan, close: () => void}} props */
 function Review({ app, found, plan, close }) {
-  const { entries, top, streams, isReading, error: notRead, corrections, correct, undo } = found;
+  const { entries, top, sizes, streams, isReading, error: notRead, corrections, correct, undo } = found;
   const datasets = useDatasets();
   const known = datasets.value?.items ?? [];
   // Until the list is loaded it is not known whether a dataset of this name exists.
@@ -211,7 +215,7 @@ function Review({ app, found, plan, close }) {
   const these = entries?.length === 1 ? "this file" : `these ${countOf(entries?.length ?? 0, "file")}`;
   const unreadable = plan.problems.map(({ key, why }) => ({ name: key, why: withoutName(why, key) }));
   const unmatched = plan.unmatched.map(({ path, why }) => ({ name: path, why }));
-  const readAgain = corrections.length > 0 ? `Read again: ${summary(plan)}` : "";
+  const readAgain = corrections.length > 0 ? `Read again: ${summary(plan, sizes)}` : "";
   const button = isReading ? "Reading again" : count === 0 ? "Nothing to upload" : `Upload ${countOf(count, "frame")}`;
 
   return html`<form class="upload understood" onSubmit=${submit} novalidate>
@@ -219,7 +223,7 @@ function Review({ app, found, plan, close }) {
       plan.layout === null
         ? html`<${FailureLine} error=${{ message: `No frames were recognised in ${these}.` }} />`
         : html`<header class="understood__head">
-          <p class="upload__sum"><b>${titleOf(plan)}</b> · ${summary(plan)}</p>
+          <p class="upload__sum"><b>${titleOf(plan)}</b> · ${summary(plan, sizes)}</p>
           <p class="faint">${inspection.why}</p>
           <${LayoutChoice} plan=${plan} correct=${correct} />
         </header>`
@@ -337,13 +341,17 @@ const boxesOf = ({ annotation }) => /** @type {unknown[] | undefined} */ (annota
 /** @param {Plan} plan */
 const titleOf = ({ layout, titles }) => titles[layout ?? ""] ?? layout;
 
-/** @param {Plan} plan */
-function summary({ frames, problems }) {
+/** @param {Plan} plan @param {Found["sizes"]} sizes */
+function summary({ frames, problems }, sizes) {
   if (frames.length === 0 && problems.length > 0)
     return `${countOf(problems.length, "frame")}, of which none can be uploaded as it is`;
   const boxes = frames.reduce((sum, frame) => sum + boxesOf(frame), 0);
-  const bytes = frames.flatMap((frame) => Object.values(frame.files)).reduce((sum, { size }) => sum + size, 0);
-  return [countOf(frames.length, "frame"), countOf(boxes, "box", "boxes"), sizeText(bytes)].join(" · ");
+  const texts = [countOf(frames.length, "frame"), countOf(boxes, "box", "boxes")];
+  if (sizes) {
+    const files = frames.flatMap((frame) => Object.values(frame.files));
+    texts.push(sizeText(files.reduce((sum, file) => sum + (sizes.get(file) ?? 0), 0)));
+  }
+  return texts.join(" · ");
 }
 
 /** A problem without the name of its frame, which the list shows already. @param {string} why @param {string} name */

@@ -20,8 +20,7 @@ import { createPauses } from "./uploader.js";
 /**
  * @typedef {object} Entry  a file that was dropped
  * @property {string} path  relative to what was dropped, with "/"
- * @property {number} size
- * @property {Blob} blob
+ * @property {() => Promise<Blob>} open  a question to another process, as its size is: asked for what needs it
  */
 
 /**
@@ -114,16 +113,29 @@ export async function planOf(lines, entries, tell) {
  * @param {ReadonlyMap<string, Entry>} byPath
  */
 function addFrame(plan, { key, annotation, annotation_text: text, files, fault }, byPath) {
-  const found = Object.entries(files).map(([kind, name]) => ({ kind, name, entry: byPath.get(name) }));
-  const missing = found.find(({ entry }) => !entry);
-  const empty = found.find(({ entry }) => entry?.size === 0);
-  const absent = missing ? `${missing.name} is not among these files` : empty ? `${empty.name} has 0 bytes` : "";
-  const why = fault?.detail ?? absent;
+  const named = Object.entries(files).map(([kind, name]) => ({ kind, name, entry: byPath.get(name) }));
+  const missing = named.find(({ entry }) => !entry);
+  const why = fault?.detail ?? (missing ? `${missing.name} is not among these files` : "");
   if (why || !annotation) plan.problems.push({ key, why });
   else {
-    const there = found.flatMap(({ kind, entry }) => (entry ? [[kind, entry]] : []));
+    const there = named.flatMap(({ kind, entry }) => (entry ? [[kind, entry]] : []));
     plan.frames.push({ key, annotation, text, files: Object.fromEntries(there) });
   }
+}
+
+/**
+ * The same plan once the sizes of the files are known: a frame with an empty file cannot be read.
+ * @param {Plan} plan @param {import("./archive.js").Sizes} sizes @returns {Plan}
+ */
+export function withSizes(plan, sizes) {
+  const emptyOf = (/** @type {ReadFrame} */ { files }) => Object.values(files).find((entry) => sizes.get(entry) === 0);
+  const problems = plan.frames.flatMap((frame) => {
+    const empty = emptyOf(frame);
+    return empty ? [{ key: frame.key, why: `${empty.path} has 0 bytes` }] : [];
+  });
+  if (problems.length === 0) return plan;
+  const frames = plan.frames.filter((frame) => !emptyOf(frame));
+  return { ...plan, frames, problems: [...plan.problems, ...problems] };
 }
 
 /**

@@ -158,9 +158,9 @@ export function Columns({ plan, entries, top, corrections, correct }) {
   useEffect(() => {
     const show = (/** @type {readonly string[]} */ names) => (setColumns(names), setChosen(likelyFields(names)));
     if (entry)
-      entry.blob
-        .slice(0, HEADER_BYTES)
-        .text()
+      entry
+        .open()
+        .then((blob) => blob.slice(0, HEADER_BYTES).text())
         .then(columnsOf)
         .then(show, () => show([]));
     else setColumns([]);
@@ -501,7 +501,9 @@ function Thumbnail({ entry, isPhoto }) {
       isWanted && canvas.current && paintThumbnail(canvas.current, bitmap, isPhoto);
     const resizeQuality = isPhoto ? "medium" : "pixelated";
     // What is no image has no thumbnail.
-    if (entry) createImageBitmap(entry.blob, { resizeWidth: THUMBNAIL_PX, resizeQuality }).then(paint, () => {});
+    const small = /** @type {const} */ ({ resizeWidth: THUMBNAIL_PX, resizeQuality });
+    const bitmap = entry?.open().then((blob) => createImageBitmap(blob, small));
+    bitmap?.then(paint, () => {});
     return () => void (isWanted = false);
   }, [entry, isPhoto]);
   return html`<canvas ref=${canvas} class="thumbnail" aria-hidden="true"

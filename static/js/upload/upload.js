@@ -8,7 +8,7 @@ import { countOf, countText } from "../core/numbers.js";
 import { createLazy } from "../core/observable.js";
 import { Dialog, FailureLine, FileList, useDialog } from "../core/parts.js";
 import { linkTo } from "../core/router.js";
-import { createPauses, doneOf, isOver } from "./uploader.js";
+import { doneOf, isOver } from "./uploader.js";
 
 /** @typedef {import("./uploader.js").UploadApp} App */
 /** @typedef {import("./folder.js").Entry} Entry */
@@ -144,10 +144,9 @@ function filesOfDrop(transfer) {
 async function allOf(found) {
   /** @type {Entry[]} */
   const entries = [];
-  const pause = createPauses();
   for (const one of found) {
-    if (one instanceof File) entries.push(entryOf(one, one.name));
-    else if (one) await collect(one, entries, pause);
+    if (one instanceof File) entries.push({ path: one.name, open: async () => one });
+    else if (one) await collect(one, entries);
   }
   return entries.sort((a, b) => (a.path < b.path ? -1 : 1));
 }
@@ -155,41 +154,24 @@ async function allOf(found) {
 /** @param {readonly File[]} files @returns {Promise<Entry[]>} */
 async function filesOfField(files) {
   if (files.length > MOST_FILES) throw new TooMany();
-  const pause = createPauses();
-  const entries = [];
-  for (const file of files) {
-    // The size of a file is a question to another process.
-    entries.push(entryOf(file, file.webkitRelativePath || file.name));
-    await pause();
-  }
-  return entries;
+  return files.map((file) => ({ path: file.webkitRelativePath || file.name, open: async () => file }));
 }
 
-/** @param {File} file @param {string} path @returns {Entry} */
-const entryOf = (file, path) => ({ path, size: file.size, blob: file });
-
-const AT_ONCE = 16;
-
-/** @param {FileSystemEntry} entry @param {Entry[]} entries @param {() => Promise<void>} pause */
-async function collect(entry, entries, pause) {
+/** @param {FileSystemEntry} entry @param {Entry[]} entries */
+async function collect(entry, entries) {
   if (entries.length >= MOST_FILES) throw new TooMany();
-  const path = entry.fullPath.replace(/^\//, "");
   if (entry.isFile) {
-    const file = await new Promise((resolve, reject) =>
-      /** @type {FileSystemFileEntry} */ (entry).file(resolve, reject),
-    );
-    entries.push(entryOf(file, path));
+    const { file } = /** @type {FileSystemFileEntry} */ (entry);
+    /** @type {Promise<File> | undefined} */
+    let asked;
+    const open = () => (asked ??= new Promise((resolve, reject) => file.call(entry, resolve, reject)));
+    entries.push({ path: entry.fullPath.replace(/^\//, ""), open });
     return;
   }
   const reader = /** @type {FileSystemDirectoryEntry} */ (entry).createReader();
   // A reader gives some entries at a time, and none at the end.
-  for (let some = await nextEntries(reader); some.length; some = await nextEntries(reader)) {
-    // Each file is a question to another process, so a few are asked for at once.
-    for (let at = 0; at < some.length; at += AT_ONCE) {
-      await Promise.all(some.slice(at, at + AT_ONCE).map((one) => collect(one, entries, pause)));
-      await pause();
-    }
-  }
+  for (let some = await nextEntries(reader); some.length; some = await nextEntries(reader))
+    for (const inside of some) await collect(inside, entries);
 }
 
 /** @param {FileSystemDirectoryReader} reader @returns {Promise<FileSystemEntry[]>} */

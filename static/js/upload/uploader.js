@@ -183,16 +183,24 @@ export function createPauses() {
 }
 
 /**
- * The content of a file. Throws if the file has been changed or removed since it was picked.
- * @param {import("./folder.js").Entry} entry
+ * A file whose size and content can be asked for. Throws if it has been removed since it was picked.
+ * @param {Entry} entry
  */
-export async function contentOf({ blob, path }) {
-  try {
-    return new Uint8Array(await blob.arrayBuffer());
-  } catch {
-    throw new Error(`${path} can no longer be read: it was changed or removed`);
-  }
+export const opened = ({ open, path }) => open().catch(() => Promise.reject(noLongerThere(path)));
+
+/**
+ * The content of a file. Throws if the file has been changed or removed since it was picked.
+ * @param {Entry} entry @param {number} [most]  bytes
+ */
+export async function contentOf(entry, most = Infinity) {
+  const blob = await opened(entry);
+  const part = most === Infinity ? blob : blob.slice(0, most);
+  const content = await part.arrayBuffer().catch(() => Promise.reject(noLongerThere(entry.path)));
+  return new Uint8Array(content);
 }
+
+/** @param {string} path */
+const noLongerThere = (path) => new Error(`${path} can no longer be read: it was changed or removed`);
 
 /** @param {ReadFrame} frame */
 async function formOf({ annotation, text, files }) {

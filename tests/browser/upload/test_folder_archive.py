@@ -22,7 +22,7 @@ PACK = """async (files) => {
   const { archiveOf, pack } = await import("/static/js/upload/archive.js");
   const entries = files.map(([path, text]) => {
     const blob = new Blob([Uint8Array.from(atob(text), (one) => one.charCodeAt(0))]);
-    return { path, size: blob.size, blob };
+    return { path, open: async () => blob };
   });
   const packed = await pack(entries, "", new AbortController().signal, () => {});
   const archive = archiveOf(packed, "", null);

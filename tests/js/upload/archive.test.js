@@ -6,6 +6,7 @@ import { join } from "node:path";
 import { test } from "node:test";
 
 import { archiveOf, pack, sampleOf } from "../../../static/js/upload/archive.js";
+import { contentOf } from "../../../static/js/upload/uploader.js";
 import { entriesOf } from "../../support/page/builders.js";
 
 const never = new AbortController().signal;
@@ -43,10 +44,10 @@ test("a corrected description takes the place of the dropped one, and leaves it 
   assert.deepEqual(read.map((of) => of("t/labels/recording.yaml")), ["x", "x"]);
 });
 
-test("the sample has the same frames of each kind, evenly spread, and words of folders are not looked at", () => {
+test("the sample has the same frames of each kind, evenly spread, and words of folders are not looked at", async () => {
   const files = { ...numbered("t/depth_16/", 100), ...numbered("t/rgb", 100, ".jpg"), ...numbered("t/7_", 60, "_semseg.png"), "t/map.png": "", "t/rf/beefcafe0123.png": "", "t/rf/0123456789ab.png": "" };
 
-  const sample = [...sampleOf(entriesOf(files))].map(({ path }) => path);
+  const sample = [...(await sampleOf(entriesOf(files)))].map(({ path }) => path);
 
   const frames = (/** @type {RegExp} */ kind) => sample.flatMap((path) => kind.exec(path)?.[1] ?? []);
   const spread = ["000", "014", "028", "042", "057", "071", "085", "099"];
@@ -55,12 +56,13 @@ test("the sample has the same frames of each kind, evenly spread, and words of f
   assert.deepEqual(sample.filter((path) => !/depth|rgb|semseg/.test(path)), ["t/rf/0123456789ab.png", "t/rf/beefcafe0123.png", "t/map.png"]);
 });
 
-test("a sample of large images has fewer of them, and one of images without a common name is bounded", () => {
-  const large = entriesOf(numbered("t/", 20)).map((entry) => ({ ...entry, size: 10 * 1024 * 1024 }));
+test("a sample of large images has fewer of them, and one of images without a common name is bounded", async () => {
+  const ofMiB = (/** @type {number} */ size) => entriesOf(numbered("t/", 20)).map(({ path }) => ({ path, open: async () => new Blob([new Uint8Array(size * 1024 * 1024)]) }));
   const words = entriesOf(Object.fromEntries(Array.from({ length: 200 }, (_, i) => [`t/${"x".repeat(i + 1)}.png`, ""])));
 
-  assert.deepEqual([sampleOf(large).size, sampleOf(words).size], [2, 8]);
-  assert.equal(sampleOf(large.map((entry) => ({ ...entry, size: 40 * 1024 * 1024 }))).size, 0);
+  const samples = await Promise.all([ofMiB(10), words, ofMiB(40)].map(sampleOf));
+
+  assert.deepEqual(samples.map(({ size }) => size), [2, 8, 0]);
 });
 
 test("collecting labels reports how many are done, and can be aborted", async () => {
@@ -69,7 +71,7 @@ test("collecting labels reports how many are done, and can be aborted", async ()
   /** @type {number[][]} */
   const told = [];
 
-  await pack(entriesOf({ ...files, "a.png": "" }), "", never, (...counts) => told.push(counts));
+  await pack(entriesOf({ ...files, "a.bin": "" }), "", never, (...counts) => told.push(counts));
   stop.abort();
 
   assert.deepEqual(told, [[100, 250], [200, 250]]);
@@ -79,5 +81,6 @@ test("collecting labels reports how many are done, and can be aborted", async ()
 test("an error names a label file that can no longer be read", async () => {
   const blob = Object.assign(new Blob(["x"]), { arrayBuffer: () => Promise.reject(new Error("NotFound")) });
 
-  await assert.rejects(pack([{ path: "labels/1.txt", size: 1, blob }], "", never, silent), /labels\/1.txt can no longer be read/);
+  await assert.rejects(pack([{ path: "labels/1.txt", open: () => Promise.reject(new Error("NotFound")) }], "", never, silent), /labels\/1.txt can no longer be read/);
+  await assert.rejects(contentOf({ path: "labels/1.txt", open: async () => blob }), /labels\/1.txt can no longer be read/);
 });

@@ -46,4 +46,4 @@ export function memoryStorage() {
 }
 
 /** Files as they are dropped, by path and content. @param {Record<string, string>} files */
-export const entriesOf = (files) => Object.entries(files).map(([path, text]) => ({ path, size: text.length, blob: new Blob([text]) }));
+export const entriesOf = (files) => Object.entries(files).map(([path, text]) => ({ path, open: async () => new Blob([text]) }));
