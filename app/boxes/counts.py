@@ -18,7 +18,7 @@ from app.boxes.current import TallyRepository
 from app.boxes.filter import BoxFilter, BoxProbes, TallyKey, selected
 from app.context import ServiceContext
 from app.db.tables import Dataset
-from app.measuring.active import active_version, config_of
+from app.measuring.active import active_config
 from app.measuring.columns import ColumnCache
 from app.measuring.plan import active_measurement
 from app.verdicts import REVIEW_STATES, effective_verdict, in_conflict
@@ -44,7 +44,7 @@ def count_boxes(
         return BoxProbes(session).count(wanted)
     measurement = active_measurement(session, dataset)
     numbers = context.one(ColumnCache).load(session, dataset.id, measurement.id)
-    config = config_of(active_version(session, dataset))
+    config = active_config(session, dataset)
     unreviewed = replace(wanted, review="")
     whole = numbers.counted(
         (config.digest, unreviewed),

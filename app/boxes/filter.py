@@ -28,7 +28,7 @@ from app.catalog.frames import current_in
 from app.db.bulk import chunks
 from app.db.tables import Box, Dataset, Decision, Frame, Review
 from app.errors import BadRequest
-from app.measuring.active import active_version, config_of
+from app.measuring.active import active_config
 from app.measuring.columns import DatasetColumns
 from app.verdicts import (
     REVIEW_STATES,
@@ -267,7 +267,7 @@ def to_filter(session: Session, dataset: Dataset, wanted: BoxSelection) -> BoxFi
         class_ids = (classes[name],)  # its name may have a comma
     elif name is not None:
         class_ids = tuple(classes[part] for part in name.split(",") if part in classes)
-    config = config_of(active_version(session, dataset))
+    config = active_config(session, dataset)
     names = {field.name for field in fields(BoxFilter)}
     same = wanted.model_dump(include=names - {"review", "effective", "bin"})
     return BoxFilter(

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from datetime import datetime
 from functools import lru_cache
-from typing import Final, NamedTuple
+from typing import Final, NamedTuple, TypeAlias
 
 import numpy as np
 from sqlalchemy import (
     ColumnElement,
     Executable,
     Row,
+    Select,
     Text,
     and_,
     bindparam,
@@ -105,7 +107,8 @@ class CurrentBoxes(NamedTuple):
     """Boxes of the newest revisions of frames with their latest answers, as columns.
 
     `source_ids` are the sender's own ids. An answer is None if there is none or it was
-    undone; `revisions` count undone answers as well.
+    undone; `revisions` count undone answers as well. `doubts` are those of
+    `filter_core.decisions.doubt`.
     """
 
     box_ids: Sequence[int] = ()
@@ -113,6 +116,7 @@ class CurrentBoxes(NamedTuple):
     source_ids: Sequence[str] = ()
     answers: Sequence[str | None] = ()
     revisions: Sequence[int] = ()
+    doubts: Sequence[int] = ()
 
 
 _CURRENT_BOXES: Final = select(
@@ -121,15 +125,46 @@ _CURRENT_BOXES: Final = select(
     Box.source_id,
     Decision.review,
     Decision.revision,
+    Decision.doubt,
 ).join(Box, Box.id == Decision.box_id)
 
+_NAMED_BOXES: Final = _CURRENT_BOXES.where(
+    Decision.box_id.in_(bindparam("boxes", expanding=True))
+)
 
-def _columns(rows: Iterable[Row[int, int, str, str | None, int]]) -> CurrentBoxes:
+
+# Statements of a filter are kept: to build one takes as long as to read its rows.
+@lru_cache
+def _frames_after(
+    wanted: BoxFilter,
+) -> Select[int, str, str | None, str | None, str | None, str | None, int]:
+    places = (Frame.map, Frame.camera, Frame.sequence, Frame.weather)
+    return (
+        select(Frame.id, Frame.key, *places, Frame.box_count)
+        .where(*wanted.frame_conditions(), Frame.id > bindparam("after"))
+        .order_by(Frame.id)
+        .limit(bindparam("most"))
+    )
+
+
+@lru_cache
+def _boxes_between(wanted: BoxFilter) -> Select[int, int, str, str | None, int, int]:
+    return _CURRENT_BOXES.where(
+        Decision.frame_id.between(bindparam("first"), bindparam("last")),
+        *wanted.conditions_by_id(),
+    ).order_by(Decision.frame_id, Decision.box_id)
+
+
+_BoxRow: TypeAlias = Row[int, int, str, str | None, int, int]
+
+
+def _columns(rows: Iterable[_BoxRow]) -> CurrentBoxes:
     box_ids: list[int] = []
     frame_ids: list[int] = []
     source_ids: list[str] = []
     answers: list[str | None] = []
     revisions: list[int] = []
+    doubts: list[int] = []
     # One row at a time: thousands of live rows keep the garbage collector busy.
     for row in rows:
         box_ids.append(row[0])
@@ -137,7 +172,8 @@ def _columns(rows: Iterable[Row[int, int, str, str | None, int]]) -> CurrentBoxe
         source_ids.append(row[2])
         answers.append(row[3])
         revisions.append(row[4])
-    return CurrentBoxes(box_ids, frame_ids, source_ids, answers, revisions)
+        doubts.append(row[5])
+    return CurrentBoxes(box_ids, frame_ids, source_ids, answers, revisions, doubts)
 
 
 class FrameOfPart(NamedTuple):
@@ -198,10 +234,10 @@ class FrameRepository:
 
     def current_boxes(self, box_ids: Sequence[int]) -> CurrentBoxes:
         """Boxes in the order of `box_ids`; those that no longer exist are left out."""
-        found: dict[int, Row[int, int, str, str | None, int]] = {}
+        found: dict[int, _BoxRow] = {}
         for chunk in chunks(box_ids):
-            rows = _CURRENT_BOXES.where(Decision.box_id.in_(chunk))
-            found |= {row[0]: row for row in self._session.execute(rows)}
+            rows = self._session.connection().execute(_NAMED_BOXES, {"boxes": chunk})
+            found |= {row[0]: row for row in rows}
         return _columns([found[box_id] for box_id in box_ids if box_id in found])
 
     def current_boxes_of(self, frame_ids: Iterable[int]) -> CurrentBoxes:
@@ -218,20 +254,15 @@ class FrameRepository:
 
         As many as have `boxes` boxes together, at least one.
         """
-        places = (Frame.map, Frame.camera, Frame.sequence, Frame.weather)
-        rows = (
-            select(Frame.id, Frame.key, *places, Frame.box_count)
-            .where(*wanted.frame_conditions(), Frame.id > after)
-            .order_by(Frame.id)
-            .limit(boxes)
-        )
         found: list[FramePlace] = []
         total = 0
-        for row in self._session.execute(rows):
-            total += row[-1]
-            if found and total > boxes:
-                return found, True
-            found.append(FramePlace(*row))
+        rows = run(self._session, _frames_after(wanted), after=after, most=boxes)
+        with closing(rows):
+            for row in rows:
+                total += row[-1]
+                if found and total > boxes:
+                    return found, True
+                found.append(FramePlace(*row))
         return found, len(found) == boxes
 
     def boxes_between(
@@ -240,11 +271,9 @@ class FrameRepository:
         """The boxes of a filter in consecutive frames, by frame and id."""
         if not frames:
             return CurrentBoxes()
-        rows = _CURRENT_BOXES.where(
-            Decision.frame_id.between(frames[0].id, frames[-1].id),
-            *wanted.conditions_by_id(),
-        ).order_by(Decision.frame_id, Decision.box_id)
-        return _columns(self._session.connection().execute(rows))
+        ends = {"first": frames[0].id, "last": frames[-1].id}
+        connection = self._session.connection()
+        return _columns(connection.execute(_boxes_between(wanted), ends))
 
     def source_ids(self, box_ids: Iterable[int]) -> dict[int, str]:
         """The senders' own ids of boxes."""

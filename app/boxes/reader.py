@@ -34,7 +34,7 @@ from app.db.base import filled, rfc3339
 from app.db.pages import id_of_cursor
 from app.db.tables import Dataset
 from app.errors import NotFound
-from app.measuring.active import active_version, config_of
+from app.measuring.active import active_config, active_digest
 from app.measuring.evidence import (
     Geometry,
     to_evidence,
@@ -253,7 +253,7 @@ def table_of_boxes(
         "sequence": lambda: [frame.sequence for frame in of_box],
         "weather": lambda: [frame.weather for frame in of_box],
         "revision": lambda: boxes.rows.revisions,
-        "bin": lambda: [_BINS[bin_] for bin_ in bins_of(boxes.doubts.doubt).tolist()],
+        "bin": lambda: [_BINS[min(doubt, Bin.ASK)] for doubt in boxes.rows.doubts],
     }
     if len(boxes):
         more = reader.columns(
@@ -297,8 +297,8 @@ class DecisionReader:
     def __init__(self, session: Session, dataset: Dataset) -> None:
         self._session = session
         self._dataset = dataset
-        self._version = active_version(session, dataset)
-        self._config = config_of(self._version)
+        self._digest = active_digest(session, dataset)
+        self._config = active_config(session, dataset)
         self._classes = DatasetRepository(session).classes(dataset.id)
 
     def read_boxes(self, box_ids: Sequence[int]) -> StoredBoxes:
@@ -348,7 +348,7 @@ class DecisionReader:
         reviews = self._reviews(boxes)
         run = filled(self._dataset.active_run_id)
         decided = {
-            key: DecidedFrame(key, run, self._version.digest, of_frame.family)
+            key: DecidedFrame(key, run, self._digest, of_frame.family)
             for key, of_frame in facts.items()
         }
         masks = boxes.evidence.accept_mask.tolist()
@@ -375,14 +375,14 @@ class DecisionReader:
             boxes.decisions,
         )
         if not answers:
-            return replace(found, config=self._version.digest)
+            return replace(found, config=self._digest)
         reviews = self._reviews(boxes)
         given_answers = [_in_force(reviews.get(box_id)) for box_id in rows.box_ids]
         return replace(
             found,
             reviewer=[answer and answer["reviewer"] for answer in given_answers],
             comment=[answer and answer["comment"] for answer in given_answers],
-            config=self._version.digest,
+            config=self._digest,
         )
 
     def _facts(self, boxes: StoredBoxes) -> dict[int, FrameFacts]:

@@ -14,6 +14,10 @@ from app.db.bulk import first_row, run
 from app.db.tables import ConfigVersion, Dataset, Frame, Measurement, Problem
 from app.errors import NotFound
 
+_DIGEST: Final = select(ConfigVersion.digest).where(
+    ConfigVersion.id == bindparam("config")
+)
+
 
 class ConfigRepository:
     """Rows of `config_versions`."""
@@ -32,6 +36,11 @@ class ConfigRepository:
         if version is None:
             raise NotFound("config", config_id)
         return version
+
+    def digest(self, config_id: int) -> str:
+        """The digest of a version with an id from another row."""
+        (digest,) = run(self._session, _DIGEST, config=config_id).scalars()
+        return digest
 
     def with_digest(self, digest: str) -> ConfigVersion:
         """A version with this digest, of any dataset, as all of them are equal."""

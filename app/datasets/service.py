@@ -20,7 +20,7 @@ from app.db.tables import Dataset, Run
 from app.errors import BadRequest
 from app.jobs.kind import all_open_jobs
 from app.jobs.service import end_all, interrupt
-from app.measuring.active import active_config, active_version, add_version
+from app.measuring.active import active_config, active_digest, add_version
 from app.measuring.plan import DatasetReading, measurement_of, plan_for
 from app.measuring.queries import EvidenceRepository
 from app.runs.queries import RunRepository
@@ -233,6 +233,6 @@ def statistics(session: Session, dataset: Dataset) -> wire.Stats:
         by_class={names[key]: of for key, of in counts.by_class.items()},
         reasons_by_class={names[key]: of for key, of in reasons.items()},
         **places,
-        config=active_version(session, dataset).digest,
+        config=active_digest(session, dataset),
         run=dataset.active_run_id,
     )

@@ -31,7 +31,7 @@ from app.db.tables import Dataset, Export
 from app.engine.children import PixelPool
 from app.exports.queries import VersionRepository
 from app.jobs.kind import Task
-from app.measuring.active import active_version
+from app.measuring.active import active_digest
 from app.measuring.queries import EvidenceRow
 from app.storage.base import BlobsUncertain
 from app.storage.room import DeletionSignal
@@ -136,7 +136,7 @@ def _stream(
         facts={
             "dataset": dataset.name,
             "run": dataset.active_run_id,
-            "config": active_version(session, dataset).digest,
+            "config": active_digest(session, dataset),
             "last_review": LatestAnswers(session).last_id(dataset.id),
             "frames": FrameRepository(session).count(dataset.id),
             **({"companions_absent": absent} if absent else {}),
@@ -209,7 +209,7 @@ class ExportFrames:
 
     def version(self) -> str:
         """Digest of the configuration and of all frames, after they were read."""
-        version = active_version(self._session, self._dataset).digest
+        version = active_digest(self._session, self._dataset)
         lines = [f"version 1 {version}"]
         lines += [f"{digest} {key}" for key, digest in self.digests.items()]
         return hashlib.sha256("\n".join(lines).encode()).hexdigest()

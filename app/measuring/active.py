@@ -152,9 +152,15 @@ def active_version(session: Session, dataset: Dataset) -> tables.ConfigVersion:
     return ConfigRepository(session).with_id(filled(dataset.active_config_id))
 
 
+def active_digest(session: Session, dataset: Dataset) -> str:
+    """The digest of that version."""
+    return ConfigRepository(session).digest(filled(dataset.active_config_id))
+
+
 def active_config(session: Session, dataset: Dataset) -> FilterConfig:
     """The configuration by which current verdicts were decided."""
-    return config_of(active_version(session, dataset))
+    config = _PARSED.get(active_digest(session, dataset))
+    return config_of(active_version(session, dataset)) if config is None else config
 
 
 _PARSED: Final[dict[str, FilterConfig]] = {}

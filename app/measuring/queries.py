@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
-from sqlalchemy import ColumnElement, Select, exists, func, select
+from sqlalchemy import ColumnElement, Select, bindparam, exists, func, select
 from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session
 
@@ -59,6 +59,17 @@ def _numbers(measurement_id: int) -> Select[int, int, int, bytes, bytes | None]:
     )
 
 
+_OF_FRAMES: Final = (
+    select(FrameEvidence.frame_id, Frame.first_box_id, Frame.box_count)
+    .add_columns(FrameEvidence.numbers, FrameEvidence.tag_counts)
+    .add_columns(FrameEvidence.geometry, FrameEvidence.segmentation)
+    .add_columns(FrameEvidence.channels, Frame.key)
+    .join(Frame, Frame.id == FrameEvidence.frame_id)
+    .where(FrameEvidence.measurement_id == bindparam("measurement"))
+    .where(FrameEvidence.frame_id.in_(bindparam("frames", expanding=True)))
+)
+
+
 class EvidenceRepository:
     """Rows of `evidence` and `measurements`."""
 
@@ -99,18 +110,10 @@ class EvidenceRepository:
     ) -> dict[int, EvidenceRow]:
         """Evidence by frame."""
         found: dict[int, EvidenceRow] = {}
-        of_frame = (Frame.first_box_id, Frame.box_count)
-        packed = (FrameEvidence.numbers, FrameEvidence.tag_counts)
-        more = (FrameEvidence.geometry, FrameEvidence.segmentation)
-        rows = (
-            select(FrameEvidence.frame_id, *of_frame, *packed, *more)
-            .add_columns(FrameEvidence.channels, Frame.key)
-            .join(Frame, Frame.id == FrameEvidence.frame_id)
-            .where(FrameEvidence.measurement_id == measurement_id)
-        )
+        connection = self._session.connection()
         for chunk in chunks(dict.fromkeys(frame_ids)):
-            of_chunk = rows.where(FrameEvidence.frame_id.in_(chunk))
-            for row in self._session.execute(of_chunk):
+            frames = {"measurement": measurement_id, "frames": chunk}
+            for row in connection.execute(_OF_FRAMES, frames):
                 found[row[0]] = EvidenceRow(*row)
         return found
 

@@ -35,7 +35,7 @@ from app.context import ServiceContext
 from app.db.base import filled
 from app.db.tables import Dataset, Run
 from app.jobs.kind import Task
-from app.measuring.active import active_version, config_of
+from app.measuring.active import active_config
 from app.measuring.columns import ColumnCache, DatasetColumns
 from app.measuring.queries import EvidenceRepository
 from app.runs.flips import FlipTable
@@ -97,7 +97,7 @@ def decide_all(task: Task[Run]) -> None:
             task.reset_attempts(session)
             return
         dataset = DatasetRepository(session).with_id(run.dataset_id)
-        active = config_of(active_version(session, dataset))
+        active = active_config(session, dataset)
         boxes = frames_state(session, dataset.id)[1]
         # The counts are stored, and in the table `flips` which boxes get another
         # reason. If the run activates, its verdicts become current.
@@ -125,7 +125,7 @@ def refresh_doubt(context: ServiceContext) -> None:
     for name in names:
         with context.database.write() as session:
             dataset = DatasetRepository(session).named(name)
-            config = config_of(active_version(session, dataset))
+            config = active_config(session, dataset)
             measurement = filled(dataset.active_measurement_id)
             cache = context.one(ColumnCache)
             for (numbers,) in cache.parts(session, dataset.id, measurement):

@@ -25,7 +25,7 @@ from app.db.pages import cursor_after, number_and_id_of_cursor
 from app.db.tables import Dataset, Run
 from app.errors import BadRequest, Conflict
 from app.jobs.queries import job_with_id
-from app.measuring.active import active_version, config_of
+from app.measuring.active import active_config, config_of
 from app.measuring.columns import (
     ColumnCache,
     DatasetColumns,
@@ -386,7 +386,7 @@ def preview(
     shares: IntArray = np.zeros((2, len(names), limits.bins), np.int64)
     pixels: FloatArray = np.zeros((2, len(names)))
     kinds: Counter[EvidenceName] = Counter()
-    active = config_of(active_version(session, dataset))
+    active = active_config(session, dataset)
     truth = limits.truth and KnownTruth.of(session, dataset, limits.truth)
     scores = [Confusion(), Confusion()]
     visible: dict[int, bool] = {}
@@ -458,7 +458,7 @@ def current_histogram(
     counts: IntArray = np.zeros((len(names), bins), np.int64)
     pixels: FloatArray = np.zeros((2, len(names)))
     cache = context.one(ColumnCache)
-    config = config_of(active_version(session, dataset))
+    config = active_config(session, dataset)
     for (numbers,) in cache.parts(session, dataset.id, measurement.id):
         counts += numbers.share_counts((), bins, config)[0]
         pixels += numbers.unknown_pixels()

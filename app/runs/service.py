@@ -24,7 +24,7 @@ from app.jobs.chunks import PlannedChunk
 from app.jobs.kind import Task
 from app.jobs.queries import job_of
 from app.jobs.service import queue_job
-from app.measuring.active import active_version, add_version, config_of
+from app.measuring.active import active_config, active_version, add_version, config_of
 from app.measuring.plan import (
     DatasetReading,
     active_measurement,
@@ -116,7 +116,7 @@ def coming_settings(
     reading = DatasetReading.of(dataset)
     run = RunRepository(session).last_to_activate(dataset.id)
     if run is None:
-        return reading, config_of(active_version(session, dataset))
+        return reading, active_config(session, dataset)
     measurement = _coming_measurement(session, dataset)
     config = config_of(ConfigRepository(session).with_id(run.config_id))
     return replace(reading, **measurement.options["dataset"]), config
