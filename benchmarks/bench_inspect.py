@@ -7,10 +7,10 @@ A YOLO folder of tiny pictures and label files, half of each, with two boxes a f
 is made and inspected by `inspect_recording`, as `unghost inspect` does, in a process of
 its own for each number of files.
 
-With `--dropped` such a folder, of which 12 frames have pictures and segmentations of
-1280 x 720 px and all others empty ones, is dropped on the page of a real server in a
-real Chromium. One time is from the drop until the page shows what was understood, the
-other that of the server's response.
+With `--dropped` such a folder, with pictures, segmentations and labels in equal parts,
+of 1280 x 720 px, is dropped on the page of a real server in a real Chromium. One time
+is from the drop until the page shows what was understood, the other that of the
+server's response.
 """
 
 from __future__ import annotations
@@ -42,7 +42,6 @@ from tests.support.page.windows import launched
 PER_FOLDER = 10_000
 LABEL = "0 0.5 0.5 0.1 0.2\n1 0.3 0.5 0.1 0.2\n"
 AIM_BYTES_PER_FILE = 400
-LOOKED_AT = 12
 REPEATS = 4
 WATCH = """() => {
   window.times = {};
@@ -142,22 +141,21 @@ def dropped(files: int) -> dict[str, float]:
 
 
 def write_recording(root: Path, frames: int) -> None:
-    """Pictures, segmentations and labels, of which few frames have pixels."""
-    segmentation = street().png
+    """Frames of one picture and one segmentation, to which all others are links."""
     noise = np.random.default_rng(1).integers(0, 255, (HEIGHT, WIDTH, 3), np.uint8)
     picture = cv2.imencode(".jpg", cv2.GaussianBlur(noise, (0, 0), 4))[1].tobytes()
-    for kind in ("images", "seg", "labels"):
+    contents = {
+        "images": (".jpg", picture),
+        "seg": (".png", street().png),
+        "labels": (".txt", LABEL.encode()),
+    }
+    for kind, (suffix, content) in contents.items():
         (root / kind).mkdir(parents=True)
+        first = root / kind / f"{0:06}{suffix}"
+        first.write_bytes(content)
+        for number in range(1, frames):
+            (root / kind / f"{number:06}{suffix}").hardlink_to(first)
     (root / "data.yaml").write_text("names: [car, walker]\n")
-    whole = {round(place) for place in np.linspace(0, frames - 1, LOOKED_AT)}
-    for number in range(frames):
-        # All others are not read, and only must not be empty.
-        is_whole = number in whole
-        content = picture if is_whole else picture[:100]
-        (root / f"images/{number:06}.jpg").write_bytes(content)
-        content = segmentation if is_whole else segmentation[:100]
-        (root / f"seg/{number:06}.png").write_bytes(content)
-        (root / f"labels/{number:06}.txt").write_text(LABEL)
 
 
 def inspected(folder: Path) -> dict[str, float]:
