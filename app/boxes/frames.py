@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import hashlib
+import io
 import json
 import math
+import tarfile
 import threading
 from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -18,7 +21,9 @@ from app.access.service import require_own
 from app.boxes.counts import count, summary
 from app.boxes.current import DecisionRepository, retire
 from app.boxes.drawing import (
+    PICTURES,
     PNG,
+    TAR,
     WEBP,
     Drawing,
     Layer,
@@ -50,13 +55,20 @@ from app.security import Principal
 from app.storage.base import BlobStore
 from app.verdicts import effective_verdict
 from filter_core.annotation.parsing import parse_annotation
+from filter_core.errors import FilterError
 from filter_core.evidence.depth import DepthSlice
 from filter_core.images.drawing import DrawnBox
 from filter_core.pipeline import SegmentationReport
 from filter_core.segmentation.reading import SegmentationOptions
 from filter_core.values import as_text
 from filter_core.verdicts import VERDICTS
-from unghost.wire.frames import CropQuery, FrameDetails, OverlayQuery, StoredFile
+from unghost.wire.frames import (
+    CropQuery,
+    CropsQuery,
+    FrameDetails,
+    OverlayQuery,
+    StoredFile,
+)
 from unghost.wire.words import FileKind, LayerName
 
 
@@ -378,6 +390,31 @@ def crop_of(
     if xyxy is None:
         raise NotFound("rectangle in the image of box", box_id)
     return pictures.crop(xyxy, wanted)
+
+
+def crops_of(context: ServiceContext, session: Session, wanted: CropsQuery) -> Drawing:
+    """Crops around several boxes, as a tar; without those that cannot be drawn."""
+    drawings: dict[str, Drawing] = {}
+    for words, (box_id, query) in wanted.parts().items():
+        with suppress(NotFound):
+            drawings[words] = crop_of(context.storage, session, box_id, query)
+    folder = context.settings.data / PICTURES
+
+    def draw(pool: PixelPool, cancelled: threading.Event) -> bytes:
+        content = io.BytesIO()
+        with tarfile.open(fileobj=content, mode="w") as archive:
+            for words, drawing in drawings.items():
+                with suppress(FilterError):
+                    picture = drawing.content(pool, cancelled, folder)
+                    member = tarfile.TarInfo(f"{words}.webp")
+                    member.size = len(picture)
+                    archive.addfile(member, io.BytesIO(picture))
+            end = archive.offset + 2 * tarfile.BLOCKSIZE
+        return content.getvalue()[:end]  # without the zeros that fill a tape's record
+
+    tags = [words + drawing.tag for words, drawing in drawings.items()]
+    tag = hashlib.sha256("\n".join(tags).encode()).hexdigest()[:32]
+    return Drawing(tag, TAR, draw)
 
 
 def slice_of(context: ServiceContext, session: Session, box_id: int) -> DepthSlice:

@@ -49,6 +49,7 @@ from app.http.files import (
     file_response,
     is_known,
     known_response,
+    picture_of,
 )
 from app.http.pages import json_response, page_response, page_with_link
 from app.http.routing import (
@@ -76,6 +77,7 @@ from unghost.wire.boxes import (
 )
 from unghost.wire.frames import (
     CropQuery,
+    CropsQuery,
     Frame,
     FrameSummary,
     OverlayQuery,
@@ -236,6 +238,33 @@ def _named(fields: str, known: Sequence[str]) -> tuple[str, ...]:
                 code="unknown_field",
             )
     return names
+
+
+def _crops(services: AppServices, query: Annotated[CropsQuery, Query()]) -> Drawing:
+    with services.database.read() as session:
+        return frames.crops_of(services, session, query)
+
+
+@router.get(
+    "/boxes/crops",
+    response_class=Response,
+    responses=picture_of("application/x-tar"),
+    openapi_extra=TAGGED,
+)
+async def get_crops(
+    caller: Viewer,
+    request: Request,
+    services: AppServices,
+    drawing: Annotated[Drawing, Depends(_crops)],
+) -> Response:
+    """The parts of frames around several boxes, as a tar of WebP files.
+
+    Each is named as the query names it, such as `7-0.25-256.webp`. Those that cannot be
+    drawn are missing; the route of the one crop says why. A page of small pictures
+    needs few requests with it.
+    """
+    version = request.query_params.get("v", "")
+    return await drawn_response(request, services, drawing, version)
 
 
 @router.get("/boxes/{box_id}", response_model=Box)

@@ -113,7 +113,7 @@ def _headers(**meanings: str) -> dict[str, object]:
 def picture_of(*types: str) -> dict[int | str, dict[str, object]]:
     """Responses of a route that draws, for the OpenAPI document."""
     content: dict[str, object] = {name: {} for name in types}
-    return {200: {"content": content, "description": "The image."}, **_UNCHANGED}
+    return {200: {"content": content, "description": "What is drawn."}, **_UNCHANGED}
 
 
 def file_of(*types: str) -> dict[int | str, dict[str, object]]:

@@ -44,7 +44,7 @@ _READING = {
     *(f"{DATASET}/parts", f"{DATASET}/experiment"),
     f"{DATASET}/versions",
     *(f"{V1}/frames/{{frame_id}}", f"{V1}/boxes", f"{V1}/boxes/{{box_id}}"),
-    f"{V1}/boxes/table",
+    *(f"{V1}/boxes/{what}" for what in ("table", "crops")),
     f"{V1}/runs",
     *(f"{V1}/boxes/{{box_id}}/{what}" for what in ("crop", "history")),
     *(f"{V1}/boxes/{{box_id}}/{what}" for what in ("alike", "track", "slice")),

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from datetime import datetime
 from typing import Annotated, Final, Literal, get_args
 
-from pydantic import AwareDatetime, Field, PrivateAttr
+from pydantic import AwareDatetime, Field, PrivateAttr, field_validator
 
 from unghost.wire.boxes import Decision
 from unghost.wire.datasets import FrameCounts, VerdictCounts
@@ -262,6 +262,11 @@ class ThumbnailQuery(RequestModel):
     v: _Version = ""
 
 
+MOST_PAD: Final = 10
+LEAST_ROWS: Final = 16
+MOST_ROWS: Final = 2048
+
+
 class CropQuery(RequestModel):
     """Options of the image crop around a box."""
 
@@ -269,7 +274,7 @@ class CropQuery(RequestModel):
     pad: float = Field(
         default=0.25,
         ge=0,
-        le=10,
+        le=MOST_PAD,
         allow_inf_nan=False,
         description="Added on every side, as a fraction of the longer side of the box.",
     )
@@ -280,9 +285,48 @@ class CropQuery(RequestModel):
         description="Least width and height of the part, in pixels of the frame.",
     )
     height: int = Field(
-        default=256, ge=16, le=2048, description="Maximum height in pixels."
+        default=256,
+        ge=LEAST_ROWS,
+        le=MOST_ROWS,
+        description="Maximum height in pixels.",
     )
     v: _Version = ""
+
+
+_CROP: Final = r"\d{1,18}-\d{1,2}(\.\d{1,4})?-\d{2,4}"
+
+
+class CropsQuery(RequestModel):
+    """Which crops of the image, around several boxes, a response holds."""
+
+    crops: str = Field(
+        pattern=rf"^{_CROP}(,{_CROP}){{0,31}}$",
+        description="Up to 32, separated by commas: the id of the box, `pad` and "
+        "`height`, as one crop has them, joined by hyphens.",
+        examples=["7-0.25-256,12-0.5-192"],
+    )
+    v: _Version = ""
+
+    @field_validator("crops")
+    @classmethod
+    def _check(cls, crops: str) -> str:
+        for words in crops.split(","):
+            _, pad, height = words.split("-")
+            if float(pad) > MOST_PAD or not LEAST_ROWS <= int(height) <= MOST_ROWS:
+                raise ValueError(
+                    f"expected a pad up to {MOST_PAD}, a height from {LEAST_ROWS} to "
+                    f"{MOST_ROWS}, found {words}"
+                )
+        return crops
+
+    def parts(self) -> dict[str, tuple[int, CropQuery]]:
+        """The box and the options of each crop, by its words in the query."""
+        parts: dict[str, tuple[int, CropQuery]] = {}
+        for words in self.crops.split(","):
+            box_id, pad, height = words.split("-")
+            query = CropQuery(pad=float(pad), height=int(height))
+            parts[words] = int(box_id), query
+        return parts
 
 
 _VERDICT: Final = f"({'|'.join(get_args(Verdict))})"

@@ -1,6 +1,6 @@
 // @ts-check
-// Crops of boxes: fetched a few at a time, cached, and drawn in a square. Used by the grid, the queue's strip and the
-// flips.
+// Crops of boxes: fetched several in one request, cached, and drawn in a square. Used by the grid, the queue's strip and
+// the flips.
 
 import { ApiError, blob, pictureUrl } from "../core/api.js";
 import { useRetries, useRetryOnline } from "../core/hooks.js";
@@ -13,7 +13,8 @@ import { Icon } from "../core/icons.js";
 /** @typedef {{state: "shown", crop: Crop} | {state: "none", crop: null} | NoCrop} CropAnswer */
 /** @typedef {{url: string, tell: (answer: CropAnswer) => void}} Wish */
 
-const PARALLEL = 6;
+/** More would not be on the screen. */
+const PARALLEL = 64;
 const KEPT = 800;
 
 /**
@@ -228,12 +229,92 @@ const shapeOf = ({ left, top, right, bottom }) => (right - left) / Math.max(1, b
  */
 const isLike = (a, b, { width, height }) => Math.abs(a / b - 1) <= 1.5 / Math.min(width, height);
 
+/** The address of a crop that can be asked for together with others: its box, `pad`, `height` and version. */
+const PLAIN = /\/boxes\/(\d+)\/crop\?pad=([\d.]+)&height=(\d+)&v=([^&]*)$/;
+
+/** A browser has six connections to a server. */
+const TOGETHER = 8;
+
+/** @typedef {{address: string, signal: AbortSignal, resolve: (file: Blob) => void, reject: (error: unknown) => void}} Ask */
+
+/**
+ * Fetches crops that are asked for in the same moment in few requests: of small pictures a line carries many more in the
+ * time of one answer. One that is missing in the answer is asked for alone, which tells why.
+ * @param {(address: string, signal: AbortSignal) => Promise<Blob>} fetchFile
+ */
+export function createBundles(fetchFile) {
+  /** @type {Ask[]} */
+  let asks = [];
+
+  function send() {
+    const now = asks.filter(({ signal }) => !signal.aborted);
+    asks = [];
+    for (let at = 0; at < now.length; at += TOGETHER) void sendTogether(now.slice(at, at + TOGETHER));
+  }
+
+  /** @param {readonly Ask[]} some */
+  async function sendTogether(some) {
+    const alone = ({ address, signal, resolve, reject } = /** @type {Ask} */ (some[0])) =>
+      void fetchFile(address, signal).then(resolve, reject);
+    if (some.length === 1) return alone();
+    const stop = new AbortController();
+    let left = some.length;
+    for (const { signal } of some) signal.addEventListener("abort", () => --left === 0 && stop.abort());
+    const parts = some.map(({ address }) => /** @type {RegExpExecArray} */ (PLAIN.exec(address)));
+    const names = parts.map(([, boxId, pad, height]) => `${boxId}-${pad}-${height}`);
+    const query = new URLSearchParams({ crops: names.join(), v: digestOf(parts.map(([, , , , version]) => version)) });
+    try {
+      const bundle = await fetchFile(`/api/v1/boxes/crops?${query}`, stop.signal);
+      const files = unpacked(await bundle.arrayBuffer());
+      for (const [at, ask] of some.entries()) {
+        const content = files.get(`${names[at]}.webp`);
+        if (content) ask.resolve(new Blob([content], { type: "image/webp" }));
+        else alone(ask);
+      }
+    } catch (error) {
+      for (const { reject } of some) reject(error);
+    }
+  }
+
+  /** @param {string} address @param {AbortSignal} signal @returns {Promise<Blob>} */
+  return (address, signal) =>
+    PLAIN.test(address)
+      ? new Promise((resolve, reject) => {
+          if (asks.push({ address, signal, resolve, reject }) === 1) setTimeout(send);
+        })
+      : fetchFile(address, signal);
+}
+
+/** A short word for some texts. @param {readonly (string | undefined)[]} texts */
+function digestOf(texts) {
+  let digest = 0n;
+  for (const letter of texts.join())
+    digest = (digest * 1099511628211n + BigInt(letter.charCodeAt(0))) & (2n ** 64n - 1n);
+  return digest.toString(36);
+}
+
+/** The files of a tar, by name. @param {ArrayBuffer} tar */
+function unpacked(tar) {
+  /** @type {Map<string, Uint8Array<ArrayBuffer>>} */
+  const files = new Map();
+  const text = (/** @type {number} */ at, /** @type {number} */ length) =>
+    new TextDecoder().decode(new Uint8Array(tar, at, length)).replace(/\0.*$/s, "");
+  for (let at = 0; at + 512 <= tar.byteLength && text(at, 100); ) {
+    const size = Number.parseInt(text(at + 124, 12), 8);
+    files.set(text(at, 100), new Uint8Array(tar, at + 512, size));
+    at += 512 * (1 + Math.ceil(size / 512));
+  }
+  return files;
+}
+
+const fetchCrop = createBundles(blob);
+
 /** Of the whole page. */
 const crops = createCrops(load, { discard: ({ src }) => URL.revokeObjectURL(src) });
 
 /** @param {string} address @param {AbortSignal} signal */
 async function load(address, signal) {
-  const src = URL.createObjectURL(await blob(address, signal));
+  const src = URL.createObjectURL(await fetchCrop(address, signal));
   const image = new Image();
   image.src = src;
   await image.decode();

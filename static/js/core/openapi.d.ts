@@ -92,6 +92,32 @@ export interface paths {
         patch?: never;
         trace?: never;
     };
+    "/api/v1/boxes/crops": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Get Crops
+         * @description The parts of frames around several boxes, as a tar of WebP files.
+         *
+         *     Each is named as the query names it, such as `7-0.25-256.webp`. Those that cannot be
+         *     drawn are missing; the route of the one crop says why. A page of small pictures
+         *     needs few requests with it.
+         *
+         *     Needs the role viewer.
+         */
+        get: operations["get_crops"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
     "/api/v1/boxes/{box_id}": {
         parameters: {
             query?: never;
@@ -9309,6 +9335,52 @@ export interface operations {
             503: components["responses"]["Problem503"];
         };
     };
+    get_crops: {
+        parameters: {
+            query: {
+                /** @description Up to 32, separated by commas: the id of the box, `pad` and `height`, as one crop has them, joined by hyphens. */
+                crops: string;
+                /** @description Any word. With it, a browser may keep the picture without asking again, so another picture needs another word. */
+                v?: string;
+            };
+            header?: {
+                /** @description Entity tags of the client's copies. */
+                "If-None-Match"?: string;
+            };
+            path?: never;
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description What is drawn. */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/x-tar": unknown;
+                };
+            };
+            /** @description Not modified: the client's copy is up to date. */
+            304: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content?: never;
+            };
+            400: components["responses"]["Problem400"];
+            401: components["responses"]["Problem401"];
+            403: components["responses"]["Problem403"];
+            404: components["responses"]["Problem404"];
+            408: components["responses"]["Problem408"];
+            421: components["responses"]["Problem421"];
+            422: components["responses"]["Problem422"];
+            429: components["responses"]["Problem429"];
+            431: components["responses"]["Problem431"];
+            500: components["responses"]["Problem500"];
+            503: components["responses"]["Problem503"];
+        };
+    };
     get_box: {
         parameters: {
             query?: never;
@@ -9537,7 +9609,7 @@ export interface operations {
         };
         requestBody?: never;
         responses: {
-            /** @description The image. */
+            /** @description What is drawn. */
             200: {
                 headers: {
                     [name: string]: unknown;
@@ -11254,7 +11326,7 @@ export interface operations {
         };
         requestBody?: never;
         responses: {
-            /** @description The image. */
+            /** @description What is drawn. */
             200: {
                 headers: {
                     [name: string]: unknown;
@@ -11314,7 +11386,7 @@ export interface operations {
         };
         requestBody?: never;
         responses: {
-            /** @description The image. */
+            /** @description What is drawn. */
             200: {
                 headers: {
                     [name: string]: unknown;

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import io
 import os
+import tarfile
 
 import cv2
 import numpy as np
@@ -209,6 +211,32 @@ def test_invalid_crop_parameters_are_refused(api, stored, path, status):
     box = stored["decisions"][0]["box_id"]
 
     assert api.http.get(f"{BASE}/boxes/{box}{path}").status_code == status
+
+
+@pytest.mark.parametrize("crops", ["", "1", "1-0.5", "1-0.5-8", "1-11-64", "1-.5-64,"])
+def test_invalid_crops_of_several_boxes_are_refused(api, crops):
+    response = api.http.get(f"{BASE}/boxes/crops", params={"crops": crops})
+
+    assert response.status_code == 422
+    assert response.json()["errors"][0]["pointer"] == "/query/crops"
+
+
+def test_crops_of_several_boxes_are_those_of_each(api, stored):
+    boxes = [decision["box_id"] for decision in stored["decisions"]]
+    words = [f"{boxes[0]}-0.5-64", f"{boxes[1]}-0-32", "999999-0.25-64"]
+
+    response = api.get("/boxes/crops", crops=",".join(words))
+
+    assert response.headers["content-type"] == "application/x-tar"
+    with tarfile.open(fileobj=io.BytesIO(response.content)) as archive:
+        names = archive.getnames()
+        files = [archive.extractfile(name) for name in names]
+        contents = [file.read() for file in files if file is not None]
+    assert names == [f"{word}.webp" for word in words[:2]]
+    assert contents == [
+        api.get(f"/boxes/{boxes[0]}/crop", pad=0.5, height=64).content,
+        api.get(f"/boxes/{boxes[1]}/crop", pad=0, height=32).content,
+    ]
 
 
 def test_crop_of_a_box_outside_is_404_and_without_image_is_grey(api):
