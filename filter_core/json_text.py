@@ -103,7 +103,6 @@ def read_json(
     Parameters
     ----------
     raw : bytes (UTF-8, with or without a mark at its beginning) or text
-    limits : JsonLimits
     object_pairs_hook : callable, optional
         Makes an object of its keys and values, as for `json.loads`.
     halves : bool

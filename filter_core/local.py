@@ -108,7 +108,6 @@ class ClassCount(NamedTuple):
 
     Attributes
     ----------
-    boxes, rejected : int
     unmapped : int
         Boxes of which nothing is known, because no class is known that the name means.
     pixels, unknown_pixels : int
@@ -159,7 +158,6 @@ class FrameOutcome:
 
     Attributes
     ----------
-    key : str
     palette : str or None
         The tag family of its segmentation; None if there was none.
     decisions : list of Decision, or None
@@ -204,7 +202,6 @@ def filter_source(
     ----------
     frames : iterable of FrameSource
         Only a few frames are read ahead, so it may be of any length.
-    config : FilterConfig
     workers : int, optional
         Threads; one more than there are cores. Pixel work runs outside Python's lock,
         and while one thread waits for the lock, another keeps its core at work.
@@ -279,7 +276,6 @@ class EvaluationTask:
 
     Attributes
     ----------
-    config : FilterConfig
     truth : Truth, or None
         None: an object is visible if its instance has a pixel.
     channels : tuple of EvidenceName
@@ -326,8 +322,6 @@ def evaluate_source(
 
     Parameters
     ----------
-    frames : iterable of FrameSource
-    task : EvaluationTask
     progress : callable
         Called after each frame, with its `MeasuredFrame.notes`.
     also : callable
@@ -451,7 +445,6 @@ class ArmsTask:
 
     Attributes
     ----------
-    arms : tuple of Arm
     config : FilterConfig
         What the arms have in common; see `Arm.config`.
     truth : TruthSource, or mapping of str to mapping of str to KnownBox
@@ -559,7 +552,6 @@ def export_sources(
     ----------
     frames : iterable of FrameSource
         Read only a few frames ahead.
-    config : FilterConfig
     measure : bool
         Read the segmentations, so that the filter decides; else all boxes that are in
         the image are ``unmeasured``.
@@ -704,7 +696,6 @@ def measure_source(
 
     Parameters
     ----------
-    source : FrameSource
     config : FilterConfig
         Its own channels are only measured if they are in `channels`, too.
     channels : collection of EvidenceName

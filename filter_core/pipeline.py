@@ -101,8 +101,6 @@ class MeasuredFrame:
 
     Attributes
     ----------
-    key : str
-    annotation : FrameAnnotation
     ids : tuple of str
         Of the N boxes, in the order of the annotation.
     wh : (width, height), px
@@ -224,12 +222,6 @@ def filter_frame(
     segmentation : bytes of a PNG, (H, W) uint8 tags, Segmentation, or None
         Tags are of the family that dataset, config or ``carla_version`` names. None:
         boxes that need pixels are ``unmeasured``.
-    config : FilterConfig, optional
-    options : FrameOptions, optional
-
-    Returns
-    -------
-    FrameResult
 
     Raises
     ------
@@ -279,7 +271,6 @@ def measure_frame(
 
     Parameters
     ----------
-    annotation : FrameAnnotation
     segmentation : Segmentation or None
         None: only what needs no segmentation is measured.
     config : MeasureConfig
@@ -287,10 +278,6 @@ def measure_frame(
         (`FilterConfig.measuring`).
     options : FrameOptions
         `dataset` is not read: `config` has those options.
-
-    Returns
-    -------
-    MeasuredFrame
 
     Raises
     ------

@@ -53,10 +53,6 @@ def child_context(preload: Sequence[str]) -> ForkServerContext | SpawnContext:
         Modules that are imported once for all processes, where the system can fork.
         Those of all calls before the first process is started are imported; later
         calls add nothing.
-
-    Returns
-    -------
-    ForkServerContext or SpawnContext
     """
     if _FORKING not in multiprocessing.get_all_start_methods():
         os.environ["PYTHONSAFEPATH"] = "1"  # Windows; Python 3.10 ignores it

@@ -85,7 +85,6 @@ class Reason(IntEnum):
     ----------
     label : ReasonLabel
         Its name on the wire, such as ``below_threshold``; two reasons can share one.
-    verdict : Verdict
     is_final : bool
         No channel overwrites it: it follows from the box and the configuration, and
         needs no pixels. (For NO_SEGMENTATION it is False: a channel, such as ``lidar``,

@@ -76,7 +76,6 @@ class BoxAnnotation:
     ----------
     id : str
         Unique in its frame; the index where none was given.
-    index : int
     class_name, type_id, base_type : str or None
         At least one of `class_name` and `type_id` is there.
     form : str
@@ -87,7 +86,6 @@ class BoxAnnotation:
         extent and rotation.
     distance : float or None, metres
         As given.
-    instance_id : int or None
     raw : mapping
         The box as given, with unknown keys.
     distance_range : (low, high) or None, metres
@@ -167,14 +165,9 @@ def frame_boxes_2d(
 
     Parameters
     ----------
-    annotation : FrameAnnotation
     wh : (width, height) of the image, px
     projection : ProjectionMode
         How a 3D box becomes a rectangle; see `project_boxes`.
-
-    Returns
-    -------
-    BoxGeometry
 
     Raises
     ------

@@ -63,7 +63,6 @@ def parse_annotation(
     ----------
     raw : mapping, or JSON as bytes (UTF-8) or text
         Never changed. A key that JSON repeats is an error, as is NaN or Infinity.
-    limits : AnnotationLimits
     frame : str
         The frame's key; errors name it.
 

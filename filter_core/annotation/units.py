@@ -46,9 +46,7 @@ def check_units(
 
     Parameters
     ----------
-    annotation : FrameAnnotation
     wh : (width, height) of the image, px
-    profile : Profile
     key : str
         The frame's; errors name it.
 

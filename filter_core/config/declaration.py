@@ -274,8 +274,6 @@ class Key(NamedTuple):
 
     Attributes
     ----------
-    allowed : Allowed
-    default : object
     sentence : str
         What it means, for people.
     evidence : tuple of str

@@ -72,7 +72,6 @@ class LoadedConfig:
 
     Attributes
     ----------
-    config : FilterConfig
     unused_keys : tuple of str
         The keys of its file that it does not use.
     keys : mapping

@@ -510,10 +510,6 @@ class ConfigChange(NamedTuple):
 def diff_configs(before: FilterConfig, after: FilterConfig) -> list[ConfigChange]:
     """The keys in which two configurations differ.
 
-    Parameters
-    ----------
-    before, after : FilterConfig
-
     Returns
     -------
     list of ConfigChange

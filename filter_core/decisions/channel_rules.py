@@ -37,7 +37,6 @@ def apply_channels(
     Parameters
     ----------
     evidence : Evidence of N boxes
-    config : DecideConfig
     decisions : Decisions of N boxes
         As decided by the segmentation; changed in place. What a channel decides has no
         threshold in percent: `threshold` and `margin` become NaN.
@@ -89,7 +88,6 @@ def compared_by_channels(
     Parameters
     ----------
     evidence : Evidence of N boxes
-    config : DecideConfig
     decisions : Decisions of N boxes
         What `decide` gives for this evidence and configuration.
 
@@ -196,7 +194,6 @@ class _Boxes(NamedTuple):
     Attributes
     ----------
     numbers : ChannelNumbers of N boxes
-    config : DecideConfig
     own_pixels_needed : (N,) int64
         The fewest pixels of its own that keep a box: `min_visible_pixels`, and
         `min_visible_percent` of its pixels.
@@ -236,7 +233,6 @@ class _Channel:
         at least this, or with `at_most`, if it is not more.
     rejected : callable
         The reason of boxes that are not kept, as (N,) or one for all.
-    at_most : bool
     """
 
     column: str

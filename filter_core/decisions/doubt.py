@@ -184,7 +184,6 @@ def doubts(evidence: Evidence, config: DecideConfig, decisions: Decisions) -> Do
     ----------
     evidence : Evidence of N boxes
         `xyxy` is read if it is there; else boxes count as squares.
-    config : DecideConfig
     decisions : Decisions of N boxes
         What `decide` gives for this evidence and configuration.
     """

@@ -37,13 +37,10 @@ class ExplainedBox(NamedTuple):
 
     Attributes
     ----------
-    reason : Reason
-    class_name : str
     limits : ClassLimits
         Of the box's class.
     match_percent, threshold, area_percent : float or None, percent
         Those of `Evidence` and `Decisions`; None: there is none.
-    large : bool
     matched_pixels, pixels_needed : int
         The pixels with an accepted tag, and the fewest that keep the box.
     unknown_pixels, box_pixels : int
@@ -341,8 +338,6 @@ class FrameFacts:
 
     Attributes
     ----------
-    key : str
-    config : FilterConfig
     family : str or None
         Which of CARLA's tables of tags the segmentation has: a key of `FAMILIES`. None
         if there was no segmentation.

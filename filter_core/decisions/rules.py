@@ -55,7 +55,6 @@ def decide(evidence: Evidence, config: DecideConfig) -> Decisions:
     evidence : Evidence of N boxes
         As measured with the profile of `config` and with the tags that it accepts for
         each class (`MeasureConfig.accept_masks`); `xyxy` and `tag_counts` are not read.
-    config : DecideConfig
 
     Returns
     -------

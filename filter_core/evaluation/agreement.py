@@ -81,10 +81,6 @@ def agreement(box: IntArray, person: IntArray, keep: BoolArray) -> Agreement:
     keep : (N,) bool
         Whether the answer is keep.
 
-    Returns
-    -------
-    Agreement
-
     Notes
     -----
     Answers are sorted by box; answers to the same box that are `step` rows apart are

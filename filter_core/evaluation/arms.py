@@ -80,7 +80,6 @@ class Arm(NamedTuple):
 
     Attributes
     ----------
-    kind : ArmKind
     pixels : int or None
         The key `min_visible_pixels` of its configuration; None: its default.
     """
@@ -156,7 +155,6 @@ class LabelledBoxes:
 
     Attributes
     ----------
-    class_names : tuple of str
     class_index : (N,) int32
     distance : (N,) float64, metres, NaN where unknown
     truth : (N,) int8
@@ -231,7 +229,6 @@ def label_boxes(
     exact, naive : ProjectedBoxes
         Measured under profile ``paper`` with all evidence that the arms need, and under
         ``carlasimu``.
-    known : BoxTruth
     configs : mapping of str to FilterConfig or None
         The arms by name, with what decides their boxes (`Arm.config`).
     """
@@ -375,12 +372,7 @@ def pixel_groups() -> list[str]:
 
 
 class LabelNoise:
-    """Counts what is wrong with the labels of each arm, frame by frame.
-
-    Parameters
-    ----------
-    arms : sequence of str
-    """
+    """Counts what is wrong with the labels of each arm, frame by frame."""
 
     def __init__(self, arms: Sequence[str]) -> None:
         self._arms = {name: _ArmNoise() for name in arms}

@@ -120,8 +120,6 @@ def match(
 
     Parameters
     ----------
-    objects : Objects
-    detections : Detections
     frames : int
         How many frames there are; `frame` numbers are below it.
     ious : (T,) float64, 0..1
@@ -320,13 +318,10 @@ def score_detections(
 
     Parameters
     ----------
-    objects : Objects
-    detections : Detections
     ghosts : Objects
         Raw labels of objects that are not visible.
     classes : sequence of str
         By number.
-    frames : int
     """
     matches = match(objects, detections, frames)
     every = np.ones((1, frames))

@@ -74,7 +74,6 @@ def count_answers(
         The filter's verdict.
     part : (N,) int64, `Part`
     said : (N,) int64, `Said`
-    groups : int
 
     Returns
     -------

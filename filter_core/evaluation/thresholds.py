@@ -134,11 +134,9 @@ def suggest(answers: Answers, current: float, goal: Goal) -> Suggestion | None:
 
     Parameters
     ----------
-    answers : Answers
     current : float, percent
         The threshold in use. It is kept if none is better; of several best thresholds,
         the nearest to it is taken.
-    goal : Goal
 
     Returns
     -------
@@ -365,7 +363,6 @@ class ClassSuggestion:
 
     Attributes
     ----------
-    class_name : str
     key : str
         The key of a configuration that it is for: ``threshold_small_box`` of boxes that
         tags decide, ``min_visible_percent`` of those that a channel decides.
@@ -373,7 +370,6 @@ class ClassSuggestion:
         The threshold in use.
     boxes : int
         Boxes of known truth that it was found from.
-    found : Suggestion
     """
 
     class_name: str
@@ -408,8 +404,6 @@ def suggest_per_class(
         Under `config`.
     classes : mapping of str to int
         The number of each class in `judged.class_key`, by its name.
-    config : FilterConfig
-    goal : Goal
 
     Returns
     -------

@@ -46,9 +46,6 @@ class EvaluationSet:
 
     Attributes
     ----------
-    name : str
-    classes : tuple of str
-    objects : Objects
     tight_xyxy : (M, 4) float64, px
         The rectangles around the visible pixels of the objects; NaN where unknown.
     ghosts : Objects
@@ -149,7 +146,6 @@ def compare(
 
     Parameters
     ----------
-    tests : sequence of EvaluationSet
     trials : iterable of Trial
         At least one. A trial is needed only while it is scored.
     progress : callable

@@ -103,8 +103,6 @@ def measure_evidence(
     Parameters
     ----------
     boxes : FrameBoxes of N boxes
-    sensors : Sensors
-    config : MeasureConfig
 
     Returns
     -------

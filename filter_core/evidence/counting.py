@@ -39,7 +39,6 @@ class Regions:
 
     Attributes
     ----------
-    codes : PixelCodes
     bounds : (N, 4) int64
         First column, first row, last column + 1, last row + 1; may be empty.
     keep : (H, W) bool or None
@@ -74,7 +73,6 @@ def count_codes_in(regions: Regions, wanted: Sequence[int]) -> IntArray:
 
     Parameters
     ----------
-    regions : Regions
     wanted : sequence of K different codes
 
     Returns

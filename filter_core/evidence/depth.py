@@ -128,13 +128,8 @@ def read_depth(
     content : bytes of a PNG, or (H, W, 3) uint8
         RGB or RGBA of 8 bits, as CARLA writes it, or grey of 16 bits. Pixels are blue,
         green and red.
-    encoding : DepthEncoding
     expected_wh : (width, height), px
     max_side : int, px
-
-    Returns
-    -------
-    DepthImage
 
     Raises
     ------
@@ -438,7 +433,6 @@ def fill_depth(
         Filled: `depth_pixels`, `depth_gap`, `nearer_percent`, and `tight_xyxy` where it
         is still NaN.
     accepted : those of the boxes that are in the image
-    depth : DepthImage
     interval : (N, 2) float64, metres
         Nearest and farthest depth of each 3D box, tolerance included; NaN: not 3D.
 
@@ -514,8 +508,6 @@ def center_gaps(vertices: FloatArray, camera: Camera, depth: DepthImage) -> Floa
     Parameters
     ----------
     vertices : (N, 8, 3) float64, metres; NaN rows for boxes that are not 3D
-    camera : Camera
-    depth : DepthImage
 
     Returns
     -------
@@ -571,7 +563,6 @@ def depth_slice(
 
     Parameters
     ----------
-    depth : DepthImage
     xyxy : rectangle that overlaps the image, px
     interval : (2,) float64, metres
         As `depth_interval` gives it; NaN: the box is not 3D.

@@ -250,7 +250,6 @@ def fill_instances(
     numbers : ChannelNumbers
         Filled: `instance_pixels` and `tight_xyxy`; 0 pixels for boxes outside the image
         and boxes without an instance.
-    image : InstanceImage
     boxes : FrameBoxes of N boxes, corrected
         With NaN rows in `xyxy` for boxes that are not in the image.
     silhouettes : those of the boxes that are in the image
@@ -356,8 +355,6 @@ def pair_weights(
 
     Parameters
     ----------
-    image : InstanceImage
-    pixels : InstancePixels
     boxes : FrameBoxes of N boxes, corrected
     silhouettes : those of the boxes that are in the image
 

@@ -58,7 +58,6 @@ def read_points(content: bytes, *, max_points: int = MAX_POINTS) -> LidarPoints:
     content : bytes
         PLY 1.0 with a vertex element, or a NumPy array: structured, or of six columns
         x, y, z, cosine, object and tag.
-    max_points : int
 
     Raises
     ------
@@ -109,7 +108,6 @@ def check_points(content: bytes, *, sensor: str, max_points: int = MAX_POINTS) -
         have any names.
     sensor : ``lidar`` or ``radar``
         Whose columns are expected, and what errors name.
-    max_points : int
 
     Returns
     -------
@@ -369,7 +367,6 @@ def points_inside(
 
     Parameters
     ----------
-    points : LidarPoints
     sensor : Transform
         The LiDAR's pose in the world, which is rarely the camera's.
     vertices : (N, 8, 3) float64, metres; NaN rows for boxes that are not 3D

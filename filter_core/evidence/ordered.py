@@ -120,7 +120,6 @@ def islands(
 
     Parameters
     ----------
-    box : AcceptedPixels
     behind : the boxes that are farther away
     bounds : (len(behind), 4) int64, as `silhouette_bounds` gives them
 

@@ -65,7 +65,6 @@ def measure(
     segmentation : Segmentation or None
         None: only numbers that need no pixels are measured.
     boxes : FrameBoxes of N boxes
-    options : MeasureOptions
     ignore : (H, W) bool, optional
         True: the pixel never counts, neither as matched nor as the box's.
 
@@ -277,7 +276,6 @@ def with_accept_sets(
     ----------
     evidence : Evidence of one frame
         With `tag_counts` and `xyxy` where the accept sets differ.
-    config : MeasureConfig
     family : tag family of the frame's segmentation, None if there was none
 
     Returns

@@ -292,7 +292,6 @@ class AcceptedPixels:
 
     Attributes
     ----------
-    silhouette : Silhouette
     mask : (h, w) bool
         Accepted pixels inside the silhouette; the shape is that of its region.
     around : (h, w) bool, or None

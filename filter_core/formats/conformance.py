@@ -75,7 +75,6 @@ def faults_of(candidate: Format, example: Path) -> Iterator[str]:
 
     Parameters
     ----------
-    candidate : Format
     example : Path
         A small recording in this format, a few frames with boxes.
     """

@@ -273,7 +273,6 @@ def _write(
         Read once, one at a time.
     sink : callable
         Gets ``decisions.SUFFIX``, then ``manifest.json``.
-    head : ExportHead
     pieces : callable
         Gives the content of the file; it may use the spool for it.
 

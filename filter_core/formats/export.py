@@ -72,9 +72,7 @@ class ExportFrame:
 
     Attributes
     ----------
-    key : str
     wh : (width, height) of the image, px
-    boxes : DecidedBoxes
     given : GivenAnnotation
         Of the same boxes in the same order.
     map, sequence, split : str or None
@@ -88,7 +86,6 @@ class ExportFrame:
         tags of a known family come in its colours.
     draw : callable or None
         Gives the image with boxes drawn on it, as PNG.
-    palette : str or None
     decisions : sequence of mapping
         The dictionary of each decision, as made by
         `filter_core.decisions.record.decision_dicts`; a server adds its own keys.

@@ -79,7 +79,6 @@ class Source:
 
     Attributes
     ----------
-    path : Path
     files : FilePatterns
         Of the description: the files that it ignores are not looked at.
     """

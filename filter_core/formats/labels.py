@@ -56,7 +56,6 @@ def described_labels(
 
     Parameters
     ----------
-    frames : FrameSet
     description : RecordingDescription
         Where it does not say the unit or the corners, they are those of the format.
     recognise : bool
@@ -146,7 +145,6 @@ def with_maps(
     frames : FrameSet
         What a path says counts only for frames whose annotations name no map; a note
         says which.
-    description : RecordingDescription
     source : Path
         Its name, and those of folders and files below, may be those of maps. Not
         looked at if a manifest or the list in an export names the maps.
@@ -193,7 +191,6 @@ class OtherNotation(NamedTuple):
         The key of a description that says it.
     value : str
         What they look like; several words with "or" if that is not clear.
-    error : LayoutError
     """
 
     key: str

@@ -41,9 +41,6 @@ class FrameFileNames:
 
     Attributes
     ----------
-    key : str
-    label : str
-    image : str or None
     map, part : str or None
         The town, and the part of the split, where a list of the frames' keys says so.
     files : mapping of str to Path
@@ -275,7 +272,6 @@ def named_images(
     names : sequence of (str or None, str)
         The key of each frame, if the file says it, and its image as `relative_path`
         gives it.
-    images : FileIndex
 
     Returns
     -------
@@ -306,7 +302,6 @@ def with_keys(
     ----------
     root : Path
         The folder that may have the list.
-    frames : FrameNames
     images : str
         The folder of the images, where the keys of `frames` are relative to it.
     ordered : bool

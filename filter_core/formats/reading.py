@@ -66,8 +66,6 @@ class GivenAnswer(NamedTuple):
     box : str
         The id of the box in its frame.
     verdict : ``keep``, ``reject`` or ``unsure``
-    reviewer : str
-    comment : str
     created_at : str
         When it was given (RFC 3339).
     """
@@ -80,13 +78,7 @@ class GivenAnswer(NamedTuple):
 
 
 class Labelled(NamedTuple):
-    """Who labelled a frame in another program, and when, as far as its file says.
-
-    Attributes
-    ----------
-    by : str or None
-    at : datetime or None
-    """
+    """Who labelled a frame in another program, and when, as far as its file says."""
 
     by: str | None = None
     at: datetime | None = None
@@ -149,7 +141,6 @@ class FrameSource:
         Names the frame; may contain ``/``.
     annotation : mapping or None
         As `parse_annotation` takes it; None if there is a `problem`.
-    image, segmentation : Path or None
     others : mapping of str to Path
         ``depth``, ``instances``, ``lidar``, ``radar``, ``ignore_mask`` where given.
     problem : FilterError or None
@@ -227,7 +218,6 @@ class Unmatched:
     ----------
     path : str
         Relative to the folder.
-    why : str
     """
 
     path: str
@@ -288,14 +278,12 @@ class FrameSet:
 
     Attributes
     ----------
-    layout : str
     frames : callable
         Begins to read, and gives each frame once.
     classes : tuple of str or None
         The layout's own list of classes, in its order.
     count : int or None
         Number of frames, None where only reading tells.
-    unmatched : tuple of Unmatched
     notes : callable
         Gives sentences for people: what was recognised, and what was read as something
         else. Complete when all frames have been read.
@@ -506,10 +494,6 @@ def annotated(
     read : callable
         Reads the frame's label file. A `FilterError` becomes the frame's problem, so
         that other frames are still read.
-
-    Returns
-    -------
-    FrameSource
     """
     try:
         annotation = {**(frame.annotation or {}), **read()}

@@ -248,10 +248,6 @@ def read_source(
     recognise : bool
         Whether boxes in another unit or notation than the layout's are refused.
 
-    Returns
-    -------
-    FrameSet
-
     Raises
     ------
     LayoutError
@@ -348,7 +344,6 @@ def detect_layout(source: Path, description: RecordingDescription | None = None)
 
     Parameters
     ----------
-    source : Path
     description : RecordingDescription, optional
         Files that it ignores are not looked at.
 
@@ -436,13 +431,10 @@ def write_export(
 
     Parameters
     ----------
-    name : str
     frames : iterable of ExportFrame
         Read once, one at a time.
     sink : callable
         Gets each file whole before the next begins; ``manifest.json`` last.
-    head : ExportHead
-    options : ExportOptions
 
     Returns
     -------

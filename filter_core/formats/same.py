@@ -247,7 +247,6 @@ class OwnLabels:
 
     Attributes
     ----------
-    content : bytes
     file : str
         Its name, without folders.
     spans : tuple of BoxSpan

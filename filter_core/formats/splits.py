@@ -399,7 +399,6 @@ def with_splits(frames: FrameSet, source: Path, told_by: SplitSource) -> FrameSe
         What a frame says itself stays.
     source : Path
         The folder, or the file that was read.
-    told_by : SplitSource
     """
     root = source if source.is_dir() else source.parent
     splits = RecordedSplits(root, frames, told_by)
@@ -490,8 +489,6 @@ def part_by_shares(
 
     Parameters
     ----------
-    key : str
-    map_name : str or None
     sequence : str or None
         Of the annotation; see `sequence_of`. All frames of one sequence get one part.
         Where no sequence is known, each frame is one, with those of other cameras at

@@ -195,15 +195,11 @@ class _Found:
 
     Attributes
     ----------
-    frames : list of _Frame
     folder : Path
         Where the labels are.
     tables : mapping of str to mapping
         The files with the labels of many frames, each with the values that all of its
         frames share.
-    unmatched : tuple of Unmatched
-    notes : tuple of str
-    streams : tuple of StreamFacts
     """
 
     frames: list[_Frame]

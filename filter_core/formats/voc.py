@@ -296,8 +296,6 @@ class _Tree:
 
     Attributes
     ----------
-    name : str
-    root : _Element
     lines : dict
         The line that each element starts on.
     tags : dict

@@ -144,7 +144,6 @@ class Part(NamedTuple):
 
     Attributes
     ----------
-    role : Role or None
     is_pure : bool
         Whether it consists of words of roles alone.
     picture, frame : str

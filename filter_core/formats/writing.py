@@ -200,7 +200,6 @@ class OutFrame:
 
     Attributes
     ----------
-    frame : ExportFrame
     number : int
         The frame's place in the export; the first is 0.
     part : str
@@ -242,7 +241,6 @@ class ExportContext:
         Called with the name of a file and its pieces, as bytes, to write the file.
     head : ExportHead
         The dataset, its classes and where temporary files may be written.
-    options : ExportOptions
     stack : ExitStack
         Closes what the writer opens.
     facts : dict
@@ -303,8 +301,6 @@ def write_labels(
         Read once, one at a time, and written in the same order.
     sink : callable
         Gets the files, each whole before the next begins; ``manifest.json`` last.
-    head : ExportHead
-    options : ExportOptions
     new_writer : callable
         Makes the format's writer.
 
@@ -616,8 +612,6 @@ class _BoxChooser:
 
     Parameters
     ----------
-    options : ExportOptions
-    tally : ExportTally
     traits : Traits
         Of the format.
     """

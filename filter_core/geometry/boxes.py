@@ -96,7 +96,6 @@ def correct_xyxy(
     xyxy : (N, 4), px
         As given: may reach out of the image, be inverted, or have no area.
     wh : (width, height) of the image, px
-    profile : Profile
     rounded_edges : bool
         Whether the rounding of edges is undone (see Notes); never in profile
         ``carlasimu``. False for numbers that were measured before this was done.

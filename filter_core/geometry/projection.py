@@ -77,7 +77,6 @@ class Projection:
         None where there is nothing.
     edges : (E, 4) float64, px
     distance : float, metres
-    status : DepthStatus
     """
 
     visible_xyxy: FloatArray | None
@@ -150,16 +149,11 @@ def project_boxes(
     ----------
     vertices : (N, 8, 3), metres
         World corners, in any order: the shape is their convex hull.
-    camera : Camera
     mode : ProjectionMode
         ``clipped``: the shape is clipped by the near plane and the image *before*
         minimum and maximum. ``naive``: the paper's minimum and maximum over the eight
         projected corners without a test of their depth; a corner behind the camera
         can stretch the rectangle across the image.
-
-    Returns
-    -------
-    Projections
 
     Raises
     ------
@@ -227,8 +221,6 @@ def project_box(
     Parameters
     ----------
     vertices : (8, 3), metres
-    camera : Camera
-    mode : ProjectionMode
 
     Returns
     -------
@@ -260,7 +252,6 @@ def hull_points(vertices: ArrayLike, camera: Camera) -> list[FloatArray]:
     Parameters
     ----------
     vertices : (N, 8, 3), metres
-    camera : Camera
 
     Returns
     -------

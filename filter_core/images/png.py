@@ -84,7 +84,6 @@ class PngHeader:
         Bits of one sample.
     color_type : int
         0, 2, 3, 4 or 6.
-    is_interlaced : bool
     """
 
     width: int

@@ -51,7 +51,6 @@ class Cameras(NamedTuple):
 
     Attributes
     ----------
-    folders : tuple of str
     frames : int
         Of the first of them.
     """
@@ -66,7 +65,6 @@ class FileUse:
 
     Attributes
     ----------
-    root : Path
     files : FilePatterns
         Of the description: those that it ignores are not read.
     outside : int
@@ -186,10 +184,8 @@ def unused_files(
 
     Parameters
     ----------
-    frames : FrameSet
     use : FileUse
         Of all frames.
-    splits : collection of Split
 
     Returns
     -------

@@ -71,10 +71,8 @@ class LabelSurvey:
 
     Attributes
     ----------
-    frames, boxes : int
     boxes_3d : int
         Those that are given by a 3D box.
-    by_class : Counter of str
     roles : Counter of str
         How many frames have a file of each role.
     examples : dict of str to str

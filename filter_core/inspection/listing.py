@@ -35,8 +35,6 @@ class Listed:
 
     Attributes
     ----------
-    kind : str
-    count : int
     examples : tuple of Example
         The first ten.
     """

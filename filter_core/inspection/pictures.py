@@ -87,12 +87,10 @@ class DrawnFrame:
 
     Attributes
     ----------
-    key : str
     wh : (width, height), px
     jpeg : bytes or None
         The picture, smaller; without one the segmentation in its colours. None: there
         is neither.
-    boxes : tuple of DrawnBox
     outside : int
         Boxes that cannot be drawn, because no part of them is in the image.
     """
@@ -110,7 +108,6 @@ class SegmentationFacts:
 
     Attributes
     ----------
-    looked_at : int
     readings : tuple of Reading
         The most frequent first.
     family : str or None
@@ -121,8 +118,6 @@ class SegmentationFacts:
         How many may have it, and how many of these can have no other.
     unknown_percent : float
         Of all their pixels.
-    refused : tuple of Listed
-    notes : tuple of Counted
     """
 
     looked_at: int
@@ -152,14 +147,12 @@ class DepthFacts:
 
     Attributes
     ----------
-    looked_at : int
     encoding : str or None
         That of all; None if they show none, or different ones.
     shown : tuple of Counted
         Encodings that images show for certain.
     unclear : int
         Images that are read, but do not show their encoding.
-    refused : tuple of Listed
     """
 
     looked_at: int
@@ -178,7 +171,6 @@ class PictureSurvey:
     frames : int
         How many were looked at.
     sizes : Counter of (width, height)
-    classes : dict of str to ClassCount
     verdicts : Counter of (class, verdict)
     unknown : Counter of (class, tag or colour)
         Pixels in boxes whose tag is unknown.
@@ -229,8 +221,6 @@ def look_at(
 
     Parameters
     ----------
-    frames : sequence of FrameSource
-    config : FilterConfig
     workers : int, optional
         Threads; one more than there are cores.
     """

@@ -63,7 +63,6 @@ class Problem:
 
     Attributes
     ----------
-    code : str
     detail : str
         What was found, and the remedy.
     """
@@ -78,7 +77,6 @@ class ClassFacts:
 
     Attributes
     ----------
-    name : str
     boxes : int
         In all labels.
     measured_as : str or None
@@ -136,7 +134,6 @@ class Inspection:
 
     Attributes
     ----------
-    name : str
     layout : str or None
         None if it cannot be read.
     layouts : tuple of str
@@ -146,13 +143,10 @@ class Inspection:
     described : RecordingDescription
         What was recognised, and what the given description says. To read a folder with
         it gives the same.
-    problems : tuple of Problem
     notes : tuple of str
         How the files were read.
-    frames : int
     with_role : mapping of str to int
         How many frames have a file of each role.
-    streams : tuple of StreamFacts
     refused : tuple of Listed
         Frames that cannot be used, by the code of the fault; `refused_pictures` those
         of `pictures` that cannot be measured.
@@ -160,18 +154,10 @@ class Inspection:
         Images and labels that belong to no frame.
     not_read : tuple of Listed
         Other files.
-    classes : tuple of ClassFacts
-    boxes : BoxFacts
     pictures : int
         How many frames were looked at.
-    segmentation : SegmentationFacts or None
-    depth : DepthFacts or None
     image_notes : tuple of Counted
         How other images of frames were read.
-    sizes : tuple of Size
-    splits : tuple of Split
-    cameras : tuple of Cameras
-    drawn : tuple of DrawnFrame
     """
 
     name: str
@@ -231,7 +217,6 @@ def inspect_recording(
 
     Parameters
     ----------
-    source : Path
     description : RecordingDescription, optional
         What is known about it. Default: that of ``recording.yaml`` beside the data.
     pictures : int
@@ -262,11 +247,8 @@ def inspect_opened(
 
     Parameters
     ----------
-    source : Path
     opened : OpenedRecording
         Its frames are read once.
-    sampling : Sampling
-    progress : callable
     """
     root = source if source.is_dir() else source.parent
     files = FileUse(root, opened.description.files)
@@ -330,12 +312,8 @@ class OpenedRecording:
     ----------
     frames : FrameSet
         With their boxes as they look like, whatever the format says.
-    layout : str or None
-    layouts : tuple of str
-    why : str
     description : RecordingDescription
         It says what the boxes look like.
-    problems : tuple of Problem
     others : tuple of OtherNotation
         What a person has to say about the boxes before they are used.
     """
@@ -354,7 +332,6 @@ def open_recording(source: Path, given: RecordingDescription) -> OpenedRecording
 
     Parameters
     ----------
-    source : Path
     given : RecordingDescription
         What it says is not recognised.
     """

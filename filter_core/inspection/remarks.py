@@ -131,7 +131,6 @@ class RecordingAdvice:
     ----------
     default_class : str or None
         The class of labels that carry none, if there may be such labels.
-    written : str
     """
 
     default_class: str | None = None
@@ -510,7 +509,6 @@ def recording_text(inspection: Inspection, folder: Path) -> str:
 
     Parameters
     ----------
-    inspection : Inspection
     folder : Path
         Where it is to be, to which paths in it are relative.
     """

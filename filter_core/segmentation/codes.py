@@ -239,7 +239,6 @@ class Segmentation:
 
     Attributes
     ----------
-    codes : PixelCodes
     family : key of `filter_core.segmentation.palettes.FAMILIES`
     encoding : ``palette`` or ``raw``
     channel_order : ``rgb`` or ``bgr``

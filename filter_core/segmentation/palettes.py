@@ -61,7 +61,6 @@ class Palette:
 
     Attributes
     ----------
-    name : str
     tags : tuple of Tag
         Tag t is at place t.
     """

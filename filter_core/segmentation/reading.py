@@ -269,10 +269,6 @@ def segmentation_from_tags(
     changed : ChangedTags
         Of a changed CARLA; the tags are numbers, not multiples of them.
 
-    Returns
-    -------
-    Segmentation
-
     Raises
     ------
     SegmentationError

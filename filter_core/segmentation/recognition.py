@@ -121,7 +121,6 @@ def recognise(occurring: Iterable[int], named: NamedReading) -> Recognition:
     Parameters
     ----------
     occurring : codes of the known colours that occur
-    named : NamedReading
 
     Raises
     ------

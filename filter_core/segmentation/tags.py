@@ -81,7 +81,6 @@ def read_exact_colors(
     ----------
     pixels : (H, W, 3) uint8: red, green, blue
     occurring : codes of the colours that occur, as `exact_codes` has them
-    named : NamedReading
 
     Raises
     ------
@@ -197,7 +196,6 @@ def read_nearest_colors(pixels: NDArray[np.uint8], named: NamedReading) -> Segme
     Parameters
     ----------
     pixels : (H, W, 3) uint8: red, green, blue
-    named : NamedReading
 
     Raises
     ------
@@ -315,7 +313,6 @@ def refuse_lost_tags(rgb: NDArray[np.uint8], *, is_jpeg: bool) -> None:
     ----------
     rgb : (H, W, 3) uint8
         An image whose colours are not exactly those of a palette.
-    is_jpeg : bool
 
     Raises
     ------
@@ -424,7 +421,6 @@ def read_raw_tags(
     ----------
     tags : (H, W) uint8
         Or multiples of `ChangedTags.scale`.
-    named : NamedReading
     order : for the answer's `channel_order`
 
     Raises

@@ -53,7 +53,6 @@ class CocoIndex:
     ----------
     name : str
         Its name in errors.
-    path : Path
     names : dict
         The class of each category id.
     ids : tuple

@@ -44,7 +44,6 @@ class Recorder(NamedTuple):
 
     Attributes
     ----------
-    name : str
     values : mapping of str to object
         The description of its recordings, by attribute of `RecordingDescription`.
     """

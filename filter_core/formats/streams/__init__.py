@@ -268,8 +268,6 @@ def listing_files(
 
     Parameters
     ----------
-    root : Path
-    options : RecordingDescription
     files_in : callable
         Those of this format in a folder, without the files that patterns ignore.
     expected : str
@@ -300,8 +298,6 @@ class ListedFrames(NamedTuple):
     ----------
     frames : list of FrameSource
         In the order of the file; a key that occurs twice is a problem of its frames.
-    unmatched : tuple of Unmatched
-    notes : tuple of str
     facts : tuple of StreamFacts
         Of the streams.
     """
@@ -324,7 +320,6 @@ def listed_frames(
     ----------
     folder : Path
         That of the images.
-    description : RecordingDescription
     names : sequence of (str or None, str)
         As for `named_images`.
     noun : str

@@ -54,7 +54,6 @@ class DescribedFiles:
         The folder of the recording.
     folder : Path
         That of the pictures, to which names of the files are relative.
-    files : FilePatterns
 
     Attributes
     ----------
@@ -111,7 +110,6 @@ class ImageIndex:
 
     Parameters
     ----------
-    images : sequence of Image
     frames : sequence of Image
         The pictures or labels of all frames.
     """
@@ -252,7 +250,6 @@ class DescribedIndex:
 
     Parameters
     ----------
-    files : sequence of Image
     frames : sequence of Image
         The pictures or labels of all frames.
     """

@@ -31,7 +31,6 @@ class BoxReader:
 
     Parameters
     ----------
-    fields : BoxFields
     classes : sequence of str
         The names of classes that rows have by number.
     default_class : str

@@ -203,7 +203,6 @@ class Cameras:
     Parameters
     ----------
     root : Path
-    places : CameraPlaces
     """
 
     def __init__(self, root: FilePath, places: CameraPlaces) -> None:

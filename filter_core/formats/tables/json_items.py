@@ -27,7 +27,6 @@ class JsonItem:
 
     Attributes
     ----------
-    key : str
     value : decoded JSON
         Letters beyond ASCII in it are wrong, since bytes were read as Latin-1;
         `decode_value` decodes the value's bytes correctly.

@@ -68,10 +68,6 @@ Values: TypeAlias = Mapping[str, str]
 class FilePattern:
     """The paths of the files of one role, relative to the folder.
 
-    Parameters
-    ----------
-    text : str
-
     Attributes
     ----------
     names : tuple of str
@@ -428,8 +424,6 @@ class PatternFiles:
 
     Parameters
     ----------
-    root : Path
-    files : FilePatterns
     paths : iterable of str, optional
         All files below the folder. Default: those that are there.
 

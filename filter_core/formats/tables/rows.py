@@ -86,7 +86,6 @@ class Lines:
     ----------
     name : str
         For errors.
-    content : bytes
     delimiter : str or None
         Between columns; None: each line is JSON.
     columns : tuple of str or None
