@@ -103,6 +103,8 @@ def accept_mask_of(
 ) -> int:
     """The tags whose pixels count for a class, as bits: bit t is set for tag t.
 
+    0 if the class is not mapped.
+
     Parameters
     ----------
     class_name : str
@@ -115,11 +117,6 @@ def accept_mask_of(
         ``carlasimu`` (as family ``paper-table1``): one colour per class.
     override : tag names and numbers, or None
         Replaces the class's own set.
-
-    Returns
-    -------
-    int
-        0 if the class is not mapped.
 
     Raises
     ------
@@ -179,17 +176,15 @@ def _mask_in_any_family(
 def accepts(accept_mask: int | IntArray, tags: NDArray[np.integer]) -> BoolArray:
     """Whether accept masks accept tags; no other code interprets these masks.
 
+    As bool, of the shape that both broadcast to. Always False for Unknown and for every
+    number beyond the last tag.
+
     Parameters
     ----------
     accept_mask : int, or an array of int64
         Bit t is set if tag t is accepted, as `accept_mask_of` gives it.
     tags : array of integers from 0
         In a shape to which `accept_mask` broadcasts.
-
-    Returns
-    -------
-    bool, of the shape that both broadcast to
-        Always False for Unknown and for every number beyond the last tag.
     """
     # No known tag has the bit of Unknown's column, so that all others may share it.
     bit = np.minimum(tags, UNKNOWN_COLUMN).astype(np.int64)

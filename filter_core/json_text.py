@@ -100,6 +100,9 @@ def read_json(
 ) -> object:
     """One value from a JSON document.
 
+    ``NaN``, ``Infinity`` and numbers beyond the range of a float are floats that are
+    not finite; the code that uses the number refuses it.
+
     Parameters
     ----------
     raw : bytes (UTF-8, with or without a mark at its beginning) or text
@@ -107,12 +110,6 @@ def read_json(
         Makes an object of its keys and values, as for `json.loads`.
     halves : bool
         Let halves of surrogate pairs pass, for a reader that names their field.
-
-    Returns
-    -------
-    dict, list, str, int, float, bool or None
-        ``NaN``, ``Infinity`` and numbers beyond the range of a float are floats that
-        are not finite; the code that uses the number refuses it.
 
     Raises
     ------

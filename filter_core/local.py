@@ -318,7 +318,8 @@ def evaluate_source(
     also: Callable[[KnownBoxes], None] = lambda _: None,
     workers: int | None = None,
 ) -> tuple[Evaluation, list[LeftOut]]:
-    """Measure every channel of many frames and count them.
+    """Measure every channel of many frames and count them; also those that were left
+    out.
 
     Parameters
     ----------
@@ -328,12 +329,6 @@ def evaluate_source(
         Called with the boxes of known truth of each frame, in the frames' order.
     workers : int, optional
         Threads; one more than there are cores.
-
-    Returns
-    -------
-    Evaluation
-    left_out : list of LeftOut
-        Frames that could not be used; the others were counted.
     """
     measured_too = () if task.truth is not None else ("instance",)
     wanted = tuple(dict.fromkeys((*task.channels, *measured_too)))

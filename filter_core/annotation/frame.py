@@ -221,18 +221,10 @@ def frame_vertices(annotation: FrameAnnotation) -> FloatArray:
 
 
 def given_rectangles(boxes: Sequence[JsonObject], wh: tuple[int, int]) -> BoxesXYXY:
-    """(N, 4) px: the rectangles of boxes as given, which may leave the image.
+    """(N, 4) float64, px: the rectangles of boxes as given, which may leave the image.
 
-    Parameters
-    ----------
-    boxes : sequence of mapping
-        As given, and checked before.
-    wh : (width, height) of the image, px
-
-    Returns
-    -------
-    (N, 4) float64, px
-        Of a 3D box a rectangle outside of the image.
+    Of a 3D box it is one outside of the image. `boxes` were checked before; `wh` is
+    (width, height) of the image, px.
     """
     found = np.full((len(boxes), 4), _OUTSIDE)
     rows: dict[str, list[int]] = {}

@@ -100,6 +100,9 @@ def load_config(
 ) -> LoadedConfig:
     """The configuration that a YAML or JSON text, or a mapping, describes.
 
+    Its `unused_keys` are those that concern only the capture, such as
+    ``sitting.cam_rgb.3D``: the first 100, long ones cut off.
+
     Parameters
     ----------
     source : str, bytes (UTF-8) or mapping
@@ -109,12 +112,6 @@ def load_config(
     below : mapping, optional
         Values of keys that `source` does not have; of ``classes``, entries of classes
         that it does not have.
-
-    Returns
-    -------
-    LoadedConfig
-        `unused_keys` are keys that concern only the capture, such as
-        ``sitting.cam_rgb.3D``: the first 100, long ones cut off.
 
     Raises
     ------

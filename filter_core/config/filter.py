@@ -508,13 +508,9 @@ class ConfigChange(NamedTuple):
 
 
 def diff_configs(before: FilterConfig, after: FilterConfig) -> list[ConfigChange]:
-    """The keys in which two configurations differ.
+    """The keys in which two configurations differ, in the order of the keys.
 
-    Returns
-    -------
-    list of ConfigChange
-        Every key whose value differs, in the order of the keys. An override that only
-        one of them has is shown as None on the other side.
+    An override that only one of them has is shown as None on the other side.
     """
     old, new = _flat(before), _flat(after)
     keys = list(dict.fromkeys([*old, *new]))

@@ -83,19 +83,16 @@ def with_more_pixels(
 def compared_by_channels(
     evidence: Evidence, config: DecideConfig, decisions: Decisions
 ) -> tuple[FloatArray, FloatArray]:
-    """The number that a channel has of each box, and the number that it needs.
+    """(N,) float64 each: the number that a channel has of each box, and what it needs.
+
+    As the channel `Decisions.channel` of each box compared them, see `_CHANNELS`; NaN
+    where no channel decided.
 
     Parameters
     ----------
     evidence : Evidence of N boxes
     decisions : Decisions of N boxes
         What `decide` gives for this evidence and configuration.
-
-    Returns
-    -------
-    number, needed : (N,) float64
-        What the channel `Decisions.channel` of each box compared, see `_CHANNELS`; NaN
-        where no channel decided.
     """
     count = len(evidence)
     number, needed = np.full(count, np.nan), np.full(count, np.nan)

@@ -92,14 +92,11 @@ class ExplainedBox(NamedTuple):
 
 
 def explain(box: ExplainedBox) -> str:
-    """Why a box was kept, rejected or not measured, in one sentence.
+    """Why a box was kept, rejected or not measured: the verdict, a colon and the
+    reason.
 
-    Returns
-    -------
-    str
-        The verdict, a colon and the reason. A number is never rounded to the one that
-        it is compared with, or past it: 9.96 % is never shown as the 10 % that are
-        needed.
+    A number is never rounded to the one that it is compared with, or past it: 9.96 % is
+    never shown as the 10 % that are needed.
     """
     if box.channel is not None:
         sentence = _CHANNEL_SENTENCES[box.channel](box)
@@ -456,20 +453,16 @@ def hidden_by(
 ) -> list[HiddenBy]:
     """The up to three commonest tags in a box that its class does not accept.
 
-    They are taken for what hides it: that they are nearer is not measured.
+    They are taken for what hides it: that they are nearer is not measured. The
+    commonest is the first, of several the lower tag. `HiddenBy.rgb` is white for
+    Unknown. Tags that surround objects without hiding them (Road, RoadLine, Sidewalk,
+    Ground, Terrain, Sky) are left out.
 
     Parameters
     ----------
     tag_counts : (N_TAGS,) pixels of each tag in the box; the last column is Unknown
     accept_mask : bit t is set if the class accepts tag t
     family : a key of `filter_core.segmentation.palettes.FAMILIES`
-
-    Returns
-    -------
-    list of {"tag", "name", "rgb", "percent"}, the commonest first (ties: the lower tag)
-        `rgb` is the tag's colour in the palette, white for Unknown; `percent` is of all
-        counted pixels. Tags that surround objects without hiding them
-        (Road, RoadLine, Sidewalk, Ground, Terrain, Sky) are left out.
     """
     total = sum(tag_counts)
     hiding = _hiding_tags(accept_mask, family)

@@ -303,17 +303,10 @@ def _rectangles(column: BoxesXYXY | None, count: int) -> _Rectangles:
 
 
 def occlusion_levels(nearer_percent: FloatArray) -> IntArray:
-    """KITTI's level of occlusion of N boxes.
+    """(N,) int64: KITTI's level of occlusion of N boxes.
 
-    Parameters
-    ----------
-    nearer_percent : (N,) float64, percent of the silhouette
-        The share that something nearer covers; NaN: unknown.
-
-    Returns
-    -------
-    (N,) int64
-        0 fully visible, 1 partly, 2 largely occluded, 3 unknown.
+    0 fully visible, 1 partly, 2 largely occluded, 3 unknown. `nearer_percent`, (N,)
+    float64, is the share of the silhouette that something nearer covers; NaN: unknown.
 
     References
     ----------

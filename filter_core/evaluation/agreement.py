@@ -113,18 +113,11 @@ def agreement(box: IntArray, person: IntArray, keep: BoolArray) -> Agreement:
 
 
 def cohen_kappa(table: IntArray) -> Measured | None:
-    """Agreement of two people beyond what chance would give.
+    """Agreement of two people beyond what chance would give, -1..1, with its 95 %
+    interval.
 
-    Parameters
-    ----------
-    table : (K, K) int64
-        Boxes by the answer of the one, then of the other.
-
-    Returns
-    -------
-    Measured or None
-        -1..1, with its 95 % interval. None if undefined: no boxes, or both always gave
-        the same one answer.
+    None if undefined: no boxes, or both always gave the same one answer. `table`, (K,
+    K) int64, counts boxes by the answer of the one, then of the other.
 
     References
     ----------

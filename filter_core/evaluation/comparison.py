@@ -284,12 +284,8 @@ class ChannelScore(PartCounts):
 def truth_from_instances(evidence: Evidence) -> tuple[IntArray, BoolArray]:
     """The truth from instance images: whether the objects of boxes are visible.
 
-    Returns
-    -------
-    rows : (M,) int64
-        The boxes that had an instance image.
-    visible : (M,) bool
-        Whether at least one pixel of its instance is visible.
+    (M,) int64: the rows of boxes that had an instance image; and (M,) bool: whether at
+    least one pixel of its instance is visible.
     """
     channels = evidence.channels
     if channels is None:

@@ -118,17 +118,14 @@ def match(
 ) -> dict[int, Matches]:
     """Assign detections to objects of their class and frame, as COCO does.
 
+    By class number, for each class with objects or detections.
+
     Parameters
     ----------
     frames : int
         How many frames there are; `frame` numbers are below it.
     ious : (T,) float64, 0..1
         From which overlap on a detection matches.
-
-    Returns
-    -------
-    dict of int to Matches
-        By class number, for each class with objects or detections.
 
     Notes
     -----
@@ -205,7 +202,8 @@ def _match_frame(
 
 
 def average_precision(matches: Matches, weights: FloatArray) -> FloatArray:
-    """The average precision of one class for each overlap and each weighting of frames.
+    """(R, T) float64, 0..1: the average precision of one class for each weighting of
+    frames and each overlap; NaN where there is no object.
 
     Parameters
     ----------
@@ -213,11 +211,6 @@ def average_precision(matches: Matches, weights: FloatArray) -> FloatArray:
         For T overlaps, in F frames.
     weights : (R, F) float64
         How often each frame counts; of a resample, how often it was drawn.
-
-    Returns
-    -------
-    (R, T) float64, 0..1
-        NaN where there is no object.
     """
     found = np.zeros((len(weights), len(matches.hit)))
     objects = weights @ matches.objects

@@ -64,7 +64,7 @@ class Said(IntEnum):
 def count_answers(
     group: IntArray, kept: BoolArray, part: IntArray, said: IntArray, groups: int
 ) -> IntArray:
-    """Count N boxes by group, verdict, part and answer.
+    """(groups, 2, 3, 4) int64: N boxes counted by group, verdict, part and answer.
 
     Parameters
     ----------
@@ -74,10 +74,6 @@ def count_answers(
         The filter's verdict.
     part : (N,) int64, `Part`
     said : (N,) int64, `Said`
-
-    Returns
-    -------
-    (groups, 2, 3, 4) int64
     """
     cell = ((group * 2 + kept) * len(Part) + part) * len(Said) + said
     counts = np.bincount(cell, minlength=groups * 2 * len(Part) * len(Said))
@@ -226,18 +222,15 @@ def _measured(scores: list[FloatArray]) -> Measured | None:
 def plan(table: IntArray, half_width: float) -> tuple[int, float]:
     """How many boxes a random sample of all needs for intervals that are narrow enough.
 
+    The first of some round numbers that is likely to suffice, and the half-width that
+    it is likely to give. If none suffices, all boxes.
+
     Parameters
     ----------
     table : (G, 2, 3, 4) int64
         See `estimate`.
     half_width : float, 0..1
         That the intervals of all scores should have at most.
-
-    Returns
-    -------
-    (boxes, half-width)
-        The first of some round numbers that is likely to suffice, and what it is likely
-        to give. If none suffices, all boxes.
     """
     merged = table.sum(axis=0)
     drawn = merged[:, Part.SAMPLE :].sum(axis=1)

@@ -132,16 +132,13 @@ class Suggestion:
 def suggest(answers: Answers, current: float, goal: Goal) -> Suggestion | None:
     """The best threshold for a goal, judged by what people answered.
 
+    None unless people both kept and rejected boxes that the threshold decides.
+
     Parameters
     ----------
     current : float, percent
         The threshold in use. It is kept if none is better; of several best thresholds,
         the nearest to it is taken.
-
-    Returns
-    -------
-    Suggestion or None
-        None unless people both kept and rejected boxes that the threshold decides.
 
     Notes
     -----
@@ -398,17 +395,8 @@ def suggest_per_class(
 ) -> list[ClassSuggestion]:
     """A threshold for each class that has boxes of both kinds.
 
-    Parameters
-    ----------
-    judged : Judged
-        Under `config`.
-    classes : mapping of str to int
-        The number of each class in `judged.class_key`, by its name.
-
-    Returns
-    -------
-    list of ClassSuggestion
-        Two of a class if tags decide some of its boxes, and a channel others.
+    Two of a class if tags decide some of its boxes, and a channel others. `judged` is
+    under `config`; `classes` gives the number of each class in `judged.class_key`.
     """
     suggestions = []
     for name, number in classes.items():

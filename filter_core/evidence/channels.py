@@ -98,18 +98,10 @@ class Sensors:
 def measure_evidence(
     boxes: FrameBoxes, sensors: Sensors, config: MeasureConfig
 ) -> tuple[Evidence, tuple[str, ...]]:
-    """All numbers of a frame's boxes that a configuration asks for.
+    """All numbers of a frame's N boxes that a configuration asks for, and notes.
 
-    Parameters
-    ----------
-    boxes : FrameBoxes of N boxes
-
-    Returns
-    -------
-    evidence : Evidence of N boxes
-        Its `channels` are None if no channel can be measured.
-    notes : tuple of str
-        What a person should know about how the sensors' files were read.
+    `channels` of the evidence are None if no channel can be measured. The notes say
+    what a person should know about how the sensors' files were read.
 
     Raises
     ------

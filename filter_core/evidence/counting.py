@@ -69,15 +69,8 @@ def count_pixels(regions: Regions) -> IntArray:
 
 
 def count_codes_in(regions: Regions, wanted: Sequence[int]) -> IntArray:
-    """How many pixels of each rectangle have each of the wanted codes.
-
-    Parameters
-    ----------
-    wanted : sequence of K different codes
-
-    Returns
-    -------
-    (N, K) int64, px
+    """(N, K) int64, px: how many pixels of each rectangle have each of K different
+    codes.
 
     Notes
     -----

@@ -503,17 +503,15 @@ def depth_interval(
 
 
 def center_gaps(vertices: FloatArray, camera: Camera, depth: DepthImage) -> FloatArray:
-    """How far the surface at each 3D box's projected centre is in front of the box.
+    """(N,) float64, metres: how far the surface at each 3D box's projected centre is in
+    front of it.
+
+    Above 0: the surface is nearer than the nearest point of the box. NaN where the
+    centre is not in the image, the box not 3D, or the image cannot tell.
 
     Parameters
     ----------
     vertices : (N, 8, 3) float64, metres; NaN rows for boxes that are not 3D
-
-    Returns
-    -------
-    (N,) float64, metres
-        Above 0: the surface is nearer than the nearest point of the box. NaN where the
-        centre is not in the image, the box not 3D, or the image cannot tell.
 
     Notes
     -----

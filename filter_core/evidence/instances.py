@@ -351,18 +351,15 @@ def pair_weights(
     boxes: FrameBoxes,
     silhouettes: list[Silhouette],
 ) -> FloatArray:
-    """How well each instance fits each box.
+    """(N, K) float64: how well each instance fits each box.
+
+    0 where less than half of an instance is inside the box's silhouette, and where the
+    box accepts none of its pixels.
 
     Parameters
     ----------
     boxes : FrameBoxes of N boxes, corrected
     silhouettes : those of the boxes that are in the image
-
-    Returns
-    -------
-    (N, K) float64
-        0 where less than half of an instance is inside the box's silhouette, and where
-        the box accepts none of its pixels.
 
     Notes
     -----
@@ -419,6 +416,8 @@ def overlap(xyxy: FloatArray, rectangles: FloatArray) -> FloatArray:
 def assign_instances(weight: FloatArray, given: IntArray) -> IntArray:
     """One instance per box and one box per instance, of the largest total weight.
 
+    (N,) int64: the column of each box's instance; `NOT_MEASURED` where it has none.
+
     Parameters
     ----------
     weight : (N, K) float64
@@ -426,11 +425,6 @@ def assign_instances(weight: FloatArray, given: IntArray) -> IntArray:
     given : (N,) int64
         Column of the instance that the annotation gives a box, which no other box can
         have then; `NOT_MEASURED` where it gives none.
-
-    Returns
-    -------
-    (N,) int64
-        Column of each box's instance; `NOT_MEASURED` where it has none.
 
     References
     ----------

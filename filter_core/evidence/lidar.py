@@ -99,7 +99,10 @@ def read_points(content: bytes, *, max_points: int = MAX_POINTS) -> LidarPoints:
 
 
 def check_points(content: bytes, *, sensor: str, max_points: int = MAX_POINTS) -> str:
-    """Check that a file of points is as long as its own header says.
+    """Check that a file of points is as long as its own header says; returns its media
+    type.
+
+    That is ``application/x-ply`` or ``application/x-npy``.
 
     Parameters
     ----------
@@ -108,11 +111,6 @@ def check_points(content: bytes, *, sensor: str, max_points: int = MAX_POINTS) -
         have any names.
     sensor : ``lidar`` or ``radar``
         Whose columns are expected, and what errors name.
-
-    Returns
-    -------
-    str
-        The media type, ``application/x-ply`` or ``application/x-npy``.
 
     Raises
     ------
@@ -363,7 +361,9 @@ def points_inside(
     vertices: FloatArray,
     accept_mask: IntArray,
 ) -> IntArray:
-    """How many points of an accepted tag lie inside each box.
+    """(N,) int64: how many points of an accepted tag lie inside each box.
+
+    `NOT_MEASURED` for boxes that are not 3D.
 
     Parameters
     ----------
@@ -371,11 +371,6 @@ def points_inside(
         The LiDAR's pose in the world, which is rarely the camera's.
     vertices : (N, 8, 3) float64, metres; NaN rows for boxes that are not 3D
     accept_mask : (N,) int64
-
-    Returns
-    -------
-    (N,) int64
-        `NOT_MEASURED` for boxes that are not 3D.
 
     Notes
     -----

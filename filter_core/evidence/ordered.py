@@ -27,6 +27,11 @@ def owned_pixels(
 ) -> tuple[IntArray, IntArray]:
     """Let boxes take their accepted pixels, from near to far.
 
+    (N,) int64, px: the accepted pixels of each box's silhouette that no nearer box has
+    taken; `NOT_MEASURED` for boxes of unknown distance or outside the image. And (N,)
+    int64: the row of the nearer box that has taken most of them (the nearest of
+    several); `NOT_MEASURED` if none has taken any.
+
     Parameters
     ----------
     accepted : those of the boxes that are in the image
@@ -35,15 +40,6 @@ def owned_pixels(
     ids : of the N boxes
         Break ties of distance.
     image_wh : (width, height), px
-
-    Returns
-    -------
-    owned : (N,) int64, px
-        The accepted pixels of each box's silhouette that no nearer box has taken;
-        `NOT_MEASURED` for boxes of unknown distance or outside the image.
-    explained_by : (N,) int64
-        The row of the nearer box that has taken most of the box's accepted pixels
-        (the nearest of several); `NOT_MEASURED` if none has taken any.
 
     Notes
     -----
@@ -116,16 +112,15 @@ def silhouette_bounds(boxes: Sequence[AcceptedPixels]) -> IntArray:
 def islands(
     box: AcceptedPixels, behind: Sequence[AcceptedPixels], bounds: IntArray
 ) -> Mask | None:
-    """The pixels in a box's region that more likely belong to boxes behind it.
+    """(h, w) bool: the pixels in a box's region that more likely belong to boxes behind
+    it.
+
+    None if there are none.
 
     Parameters
     ----------
     behind : the boxes that are farther away
     bounds : (len(behind), 4) int64, as `silhouette_bounds` gives them
-
-    Returns
-    -------
-    (h, w) bool of the box's region, or None if there is no island
 
     Notes
     -----

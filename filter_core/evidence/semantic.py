@@ -58,7 +58,10 @@ def measure(
     *,
     ignore: Mask | None = None,
 ) -> Evidence:
-    """Measure each box of a frame: numbers, no verdicts.
+    """Measure each of N boxes of a frame: numbers, no verdicts.
+
+    Boxes that are outside the image or degenerate have no pixels, a match of 0 % and no
+    crowding.
 
     Parameters
     ----------
@@ -67,12 +70,6 @@ def measure(
     boxes : FrameBoxes of N boxes
     ignore : (H, W) bool, optional
         True: the pixel never counts, neither as matched nor as the box's.
-
-    Returns
-    -------
-    Evidence of N boxes
-        Boxes that are outside the image or degenerate have no pixels, a match of 0 %
-        and no crowding.
 
     Raises
     ------
@@ -272,16 +269,8 @@ def with_accept_sets(
 ) -> Evidence:
     """The evidence of one frame as the config's accept sets would have measured it.
 
-    Parameters
-    ----------
-    evidence : Evidence of one frame
-        With `tag_counts` and `xyxy` where the accept sets differ.
-    family : tag family of the frame's segmentation, None if there was none
-
-    Returns
-    -------
-    Evidence
-        The same object if nothing differs.
+    The same object if nothing differs. It has `tag_counts` and `xyxy` where the accept
+    sets differ; `family` is that of the frame's segmentation, None if there was none.
 
     Raises
     ------

@@ -74,7 +74,8 @@ def frame_silhouettes(
     *,
     centres: bool = False,
 ) -> list[Silhouette]:
-    """The silhouettes of a frame's boxes.
+    """The silhouettes of a frame's boxes, in their order, without those that are not in
+    the image.
 
     Parameters
     ----------
@@ -87,11 +88,6 @@ def frame_silhouettes(
     image_wh : (width, height), px
     centres : bool
         Whether to compute `Silhouette.centred`.
-
-    Returns
-    -------
-    list of Silhouette
-        In the order of the boxes, without those that are not in the image.
 
     Notes
     -----
@@ -139,17 +135,14 @@ def _by_row(
 
 
 def touched_pixels(outlines: Sequence[FloatArray], bounds: IntArray) -> list[Mask]:
-    """The pixels that the convex hull of some points touches, for N sets of points.
+    """N of (rows, columns) bool: the pixels that the convex hull of some points
+    touches.
 
     Parameters
     ----------
     outlines : N of (P, 2) float64, px
     bounds : (N, 4) int64
         First column, first row, last column + 1, last row + 1 of each.
-
-    Returns
-    -------
-    N of (rows, columns) bool
 
     Notes
     -----

@@ -265,21 +265,10 @@ def _write(
     _options: ExportOptions,
     pieces: Callable[[Iterator[ExportFrame], Spool, ExportHead], Iterable[bytes]],
 ) -> Counts:
-    """Write every decision of every frame, and ``manifest.json``.
+    """Write every decision of every frame, and ``manifest.json``; returns its counts.
 
-    Parameters
-    ----------
-    frames : iterable of ExportFrame
-        Read once, one at a time.
-    sink : callable
-        Gets ``decisions.SUFFIX``, then ``manifest.json``.
-    pieces : callable
-        Gives the content of the file; it may use the spool for it.
-
-    Returns
-    -------
-    dict
-        The counts, as ``manifest.json`` has them.
+    Frames are read once, one at a time. `pieces` gives the content of the file; it may
+    use the spool for it.
     """
     with ExportTally(head) as tally, Spool(head.temporary, head.buffer_bytes) as spool:
         name = head.format.replace("-", ".")  # decisions.jsonl and so on

@@ -267,16 +267,8 @@ def named_images(
 ) -> FrameNames:
     """Frames of a file that lists many, with the images whose paths end most alike.
 
-    Parameters
-    ----------
-    names : sequence of (str or None, str)
-        The key of each frame, if the file says it, and its image as `relative_path`
-        gives it.
-
-    Returns
-    -------
-    FrameNames
-        In the same order. Without a key of its own a frame is called by its image.
+    `names` has the key of each frame, if the file says it, and its image as
+    `relative_path` gives it. Without a key of its own a frame is called by its image.
     """
     bases = Counter(last_name(path) for _, path in names)
 
@@ -298,6 +290,8 @@ def with_keys(
 ) -> FrameNames:
     """Frames under the keys that ``frames.jsonl`` gives them, with their maps.
 
+    As they were if `root` has no such list.
+
     Parameters
     ----------
     root : Path
@@ -306,11 +300,6 @@ def with_keys(
         The folder of the images, where the keys of `frames` are relative to it.
     ordered : bool
         Whether the frames are put into the order of their keys.
-
-    Returns
-    -------
-    FrameNames
-        As they were if there is no list.
 
     Raises
     ------

@@ -340,17 +340,9 @@ def describe_source(
 
 
 def detect_layout(source: Path, description: RecordingDescription | None = None) -> str:
-    """The name of the one layout that a folder or a file has.
+    """The name of the one layout that a folder or a file has, also that of a plug-in.
 
-    Parameters
-    ----------
-    description : RecordingDescription, optional
-        Files that it ignores are not looked at.
-
-    Returns
-    -------
-    str
-        One of `LAYOUTS`, or the name of a plug-in.
+    Files that the description ignores are not looked at.
 
     Raises
     ------
@@ -427,19 +419,10 @@ def write_export(
     head: ExportHead,
     options: ExportOptions,
 ) -> Counts:
-    """Write frames in one of `EXPORT_FORMATS`.
+    """Write frames in one of `EXPORT_FORMATS`; returns the counts of ``manifest.json``.
 
-    Parameters
-    ----------
-    frames : iterable of ExportFrame
-        Read once, one at a time.
-    sink : callable
-        Gets each file whole before the next begins; ``manifest.json`` last.
-
-    Returns
-    -------
-    dict
-        The counts, as ``manifest.json`` has them.
+    `frames` are read once, one at a time. `sink` gets each file whole before the next
+    begins; ``manifest.json`` last.
 
     Raises
     ------

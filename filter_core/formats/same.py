@@ -186,6 +186,8 @@ _MOST_FOLDERS: Final = 100
 def companions(source: Path, found: FrameSet, used: Counter[str]) -> dict[str, int]:
     """How many files of each folder of a recording are of no frame.
 
+    By path relative to `source`, sorted; of many folders, those above them.
+
     Parameters
     ----------
     source : Path
@@ -195,11 +197,6 @@ def companions(source: Path, found: FrameSet, used: Counter[str]) -> dict[str, i
     used : counter
         The number of files of frames, but for those of labels, by the paths of their
         folders (`folder_of`).
-
-    Returns
-    -------
-    dict
-        By path relative to `source`, sorted; of many folders, those above them.
     """
     if found.texts is None:
         return {}

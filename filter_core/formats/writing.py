@@ -293,21 +293,9 @@ def write_labels(
     options: ExportOptions,
     new_writer: NewWriter,
 ) -> Counts:
-    """Write frames in a label format.
+    """Write frames in a label format, with the writer that `new_writer` makes.
 
-    Parameters
-    ----------
-    frames : iterable of ExportFrame
-        Read once, one at a time, and written in the same order.
-    sink : callable
-        Gets the files, each whole before the next begins; ``manifest.json`` last.
-    new_writer : callable
-        Makes the format's writer.
-
-    Returns
-    -------
-    dict
-        The counts, as ``manifest.json`` has them.
+    Parameters and result are those of `filter_core.formats.registry.write_export`.
 
     Raises
     ------

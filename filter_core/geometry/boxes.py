@@ -41,7 +41,7 @@ FORMS: Final = tuple(_TO_XYXY)
 
 
 def to_xyxy(form: str, values: ArrayLike, wh: tuple[int, int]) -> BoxesXYXY:
-    """Rectangles of any form as half-open ``xyxy`` in pixels.
+    """(N, 4) float64, px: rectangles of any form as half-open ``xyxy``, in a new array.
 
     Parameters
     ----------
@@ -51,11 +51,6 @@ def to_xyxy(form: str, values: ArrayLike, wh: tuple[int, int]) -> BoxesXYXY:
         Anything numpy converts to float64. Inverted and non-finite boxes are not
         refused here but by `correct_xyxy`.
     wh : (width, height) of the image, px
-
-    Returns
-    -------
-    (N, 4) float64, px
-        Always a new array.
 
     Raises
     ------
@@ -91,6 +86,9 @@ def correct_xyxy(
 ) -> tuple[BoxesXYXY, NDArray[np.uint8]]:
     """Correct the coordinates of boxes (Algorithm 1), and return the state of each.
 
+    (N, 4) float64, px: clamped to the image; NaN rows for boxes outside the image or
+    degenerate. And (N,) uint8, `BoxState`.
+
     Parameters
     ----------
     xyxy : (N, 4), px
@@ -99,12 +97,6 @@ def correct_xyxy(
     rounded_edges : bool
         Whether the rounding of edges is undone (see Notes); never in profile
         ``carlasimu``. False for numbers that were measured before this was done.
-
-    Returns
-    -------
-    corrected : (N, 4) float64, px
-        Clamped to the image; NaN rows for boxes outside the image or degenerate.
-    state : (N,) uint8, `BoxState`
 
     Raises
     ------
@@ -185,19 +177,12 @@ def _refuse_non_finite(boxes: FloatArray) -> None:
 
 
 def pixel_bounds(xyxy: ArrayLike, wh: tuple[int, int]) -> IntArray:
-    """The pixels that boxes touch, as half-open ranges of columns and rows.
+    """(N, 4) int64: the pixels that boxes touch, as first column, first row, last
+    column + 1, last row + 1.
 
-    Parameters
-    ----------
-    xyxy : (N, 4), px
-        Corrected boxes; NaN rows are accepted.
-    wh : (width, height) of the image, px
-
-    Returns
-    -------
-    (N, 4) int64: first column, first row, last column + 1, last row + 1
-        Columns ``floor(x_min) .. ceil(x_max) - 1``, rows likewise, within the image. A
-        box thinner than a pixel still has one; a NaN row has none: ``0 0 0 0``.
+    Columns ``floor(x_min) .. ceil(x_max) - 1``, rows likewise, within the image. A box
+    thinner than a pixel still has one; a NaN row has none: ``0 0 0 0``. `xyxy` (N, 4)
+    are corrected boxes, px; `wh` is (width, height) of the image, px.
     """
     boxes = _as_boxes(xyxy)
     # A NaN cast to an integer is undefined, so those rows are replaced before.

@@ -74,16 +74,10 @@ TransformLike: TypeAlias = Transform | Mapping[str, object]
 
 
 def rotation_matrices(rotations: ArrayLike) -> FloatArray:
-    """CARLA's rotation matrices.
+    """(N, 3, 3) float64: CARLA's rotation matrices of (N, 3) pitch, yaw, roll in
+    degrees.
 
-    Parameters
-    ----------
-    rotations : (N, 3): pitch, yaw, roll in degrees
-
-    Returns
-    -------
-    (N, 3, 3) float64
-        Map local vectors to world vectors; determinant +1.
+    They map local vectors to world vectors; determinant +1.
 
     References
     ----------

@@ -180,19 +180,8 @@ def _count_lines(path: Path) -> int:
 def unused_files(
     frames: FrameSet, use: FileUse, splits: Collection[Split]
 ) -> tuple[tuple[Listed, ...], tuple[Listed, ...]]:
-    """The files of a folder that no frame has.
-
-    Parameters
-    ----------
-    use : FileUse
-        Of all frames.
-
-    Returns
-    -------
-    left_over : tuple of Listed
-        Images and labels that belong to no frame.
-    not_read : tuple of Listed
-        Other files, such as notes.
+    """Images and labels of a folder that belong to no frame; and its other files, such
+    as notes.
     """
     left_over, not_read = Listing(), Listing()
     for one in frames.unmatched:

@@ -100,16 +100,9 @@ class Palette:
         return table
 
     def paint(self, tags: TagImage) -> NDArray[np.uint8]:
-        """Colour every pixel by its tag.
+        """(H, W, 3) uint8, RGB: the colour of every pixel of (H, W) tags.
 
-        Parameters
-        ----------
-        tags : (H, W) uint8
-            Tags that the family does not have become white.
-
-        Returns
-        -------
-        (H, W, 3) uint8, RGB
+        Tags that the family does not have become white.
         """
         colors: NDArray[np.uint8] = self.rgb_table[tags]
         return colors
@@ -369,17 +362,9 @@ def _tags_of_numbers(changed: ChangedTags, family: str) -> NDArray[np.uint8]:
 
 
 def family_of_version(version: str) -> str:
-    """The tag family that a CARLA version renders.
+    """The key in `FAMILIES` of the tag family that a CARLA version renders.
 
-    Parameters
-    ----------
-    version : str
-        ``0.9.15``, ``v0.9.13``, ``0.9.14-12-g1a2b3c4-dirty``, ``0.10.0``.
-
-    Returns
-    -------
-    str
-        A key of `FAMILIES`.
+    Such as ``0.9.15``, ``v0.9.13``, ``0.9.14-12-g1a2b3c4-dirty``, ``0.10.0``.
 
     Raises
     ------

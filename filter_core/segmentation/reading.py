@@ -196,6 +196,8 @@ def read_segmentation(
 ) -> Segmentation:
     """Read a segmentation file of any form.
 
+    Its tags are computed lazily; a rotation in EXIF is not applied.
+
     Parameters
     ----------
     content : bytes
@@ -206,11 +208,6 @@ def read_segmentation(
         The RGB image's and the camera's size.
     max_side : int, px
         Checked against the header, before anything is decoded.
-
-    Returns
-    -------
-    Segmentation
-        Its tags are computed lazily; a rotation in EXIF is not applied.
 
     Raises
     ------
