@@ -176,15 +176,9 @@ def _mask_in_any_family(
 def accepts(accept_mask: int | IntArray, tags: NDArray[np.integer]) -> BoolArray:
     """Whether accept masks accept tags; no other code interprets these masks.
 
-    As bool, of the shape that both broadcast to. Always False for Unknown and for every
-    number beyond the last tag.
-
-    Parameters
-    ----------
-    accept_mask : int, or an array of int64
-        Bit t is set if tag t is accepted, as `accept_mask_of` gives it.
-    tags : array of integers from 0
-        In a shape to which `accept_mask` broadcasts.
+    Bit t of `accept_mask` is set if tag t is accepted, as `accept_mask_of` gives it; it
+    broadcasts to the shape of `tags`. As bool, of the shape that both broadcast to.
+    Always False for Unknown and for every number beyond the last tag.
     """
     # No known tag has the bit of Unknown's column, so that all others may share it.
     bit = np.minimum(tags, UNKNOWN_COLUMN).astype(np.int64)
@@ -216,12 +210,7 @@ _TAG_NAMES: Final = {
 def canonical_accept(value: object, *, at: str = "") -> tuple[str | int, ...]:
     """A config's accept set: tag names and numbers, sorted, each of them once.
 
-    Parameters
-    ----------
-    value : object
-        As a file or a request has it.
-    at : str
-        JSON pointer of the key.
+    `at` is the JSON pointer of the key.
 
     Raises
     ------

@@ -218,14 +218,10 @@ def filter_source(
 def outcomes(
     frames: Iterable[FrameSource], config: FilterConfig | None
 ) -> Generator[tuple[FrameSource, FrameOutcome], None, None]:
-    """Frames with their decisions, in their order.
+    """Frames with their decisions, in their order; only a few are read ahead.
 
-    Parameters
-    ----------
-    frames : iterable of FrameSource
-        Only a few frames are read ahead.
-    config : FilterConfig or None
-        None: nothing is decided; an outcome only says what is wrong with its frame.
+    Without a `config` nothing is decided; an outcome only says what is wrong with its
+    frame.
     """
 
     def outcome(source: FrameSource) -> tuple[FrameSource, FrameOutcome]:
@@ -274,12 +270,8 @@ class LeftOut:
 class EvaluationTask:
     """What is compared.
 
-    Attributes
-    ----------
-    truth : Truth, or None
-        None: an object is visible if its instance has a pixel.
-    channels : tuple of EvidenceName
-        The kinds of evidence that are compared.
+    Without a `truth`, an object is visible if its instance has a pixel. `channels` are
+    the kinds of evidence that are compared.
     """
 
     config: FilterConfig = field(default_factory=FilterConfig)
@@ -689,11 +681,7 @@ def measure_source(
 ) -> MeasuredFrame:
     """Measure one frame of a folder, and decide nothing.
 
-    Parameters
-    ----------
-    config : FilterConfig
-        Its own channels are only measured if they are in `channels`, too.
-    channels : collection of EvidenceName
+    The configuration's own channels are only measured if they are in `channels`, too.
 
     Raises
     ------

@@ -37,12 +37,9 @@ def module_command(module: str, *words: str) -> list[str]:
 def child_context(preload: Sequence[str]) -> ForkServerContext | SpawnContext:
     """How `multiprocessing` starts processes: forked from a clean one, else spawned.
 
-    Parameters
-    ----------
-    preload : sequence of str
-        Modules that are imported once for all processes, where the system can fork.
-        Those of all calls before the first process is started are imported; later
-        calls add nothing.
+    `preload` are modules that are imported once for all processes, where the system can
+    fork. Those of all calls before the first process is started are imported; later
+    calls add nothing.
     """
     if _FORKING not in multiprocessing.get_all_start_methods():
         os.environ["PYTHONSAFEPATH"] = "1"  # Windows; Python 3.10 ignores it

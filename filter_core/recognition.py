@@ -43,12 +43,8 @@ _MOST_TIMES: Final = 4
 class Shown(NamedTuple):
     """What the images of a recording show about how they are read.
 
-    Attributes
-    ----------
-    keys : mapping of str to str
-        Keys of a configuration with their values.
-    notes : tuple of str
-        Sentences for people: what was recognised, and how sure it is.
+    `keys` of a configuration with their values; and `notes`, sentences for people: what
+    was recognised, and how sure it is.
     """
 
     keys: Mapping[str, str] = MappingProxyType({})

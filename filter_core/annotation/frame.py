@@ -161,13 +161,9 @@ def frame_boxes_2d(
     wh: tuple[int, int],
     projection: ProjectionMode = "clipped",
 ) -> BoxGeometry:
-    """The rectangles of a frame's boxes in its image.
+    """The rectangles of a frame's boxes in its image of `wh` (width, height), px.
 
-    Parameters
-    ----------
-    wh : (width, height) of the image, px
-    projection : ProjectionMode
-        How a 3D box becomes a rectangle; see `project_boxes`.
+    `projection` is how a 3D box becomes a rectangle; see `project_boxes`.
 
     Raises
     ------

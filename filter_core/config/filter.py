@@ -492,15 +492,7 @@ def object_schema(properties: Mapping[str, object]) -> dict[str, object]:
 
 
 class ConfigChange(NamedTuple):
-    """One key in which two configurations differ.
-
-    Attributes
-    ----------
-    key : str
-        Such as ``classes.van.accept`` if it is nested.
-    before, after : object
-        Its values.
-    """
+    """One key in which two configurations differ, such as ``classes.van.accept``."""
 
     key: str
     before: object

@@ -162,12 +162,8 @@ class MeasureConfig:
         """The same, as a stored measurement was made.
 
         That is, with its reading, renamed classes, ignored pixels, channels, version.
-
-        Parameters
-        ----------
-        stored : JsonObject
-            `as_dict` of the measurement's `MeasureConfig`, and under ``sources`` the
-            `SegmentationOptions.sources` of its `reading`.
+        `stored` is `as_dict` of the measurement's `MeasureConfig`, and has under
+        ``sources`` the `SegmentationOptions.sources` of its `reading`.
         """
         channels, tolerance, encoding = _channels_of(stored)
         return replace(

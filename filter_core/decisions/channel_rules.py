@@ -30,16 +30,11 @@ IS_FINAL: Final = np.array([False, *(reason.is_final for reason in Reason)])
 def apply_channels(
     evidence: Evidence, config: DecideConfig, decisions: Decisions
 ) -> None:
-    """Overwrite the decisions of boxes that a channel has a number for.
+    """Overwrite the decisions of those of N boxes that a channel has a number for.
 
-    Decisions whose reason is final (`Reason.is_final`) stay.
-
-    Parameters
-    ----------
-    evidence : Evidence of N boxes
-    decisions : Decisions of N boxes
-        As decided by the segmentation; changed in place. What a channel decides has no
-        threshold in percent: `threshold` and `margin` become NaN.
+    `decisions` are those of the segmentation, and are changed in place; one whose
+    reason is final (`Reason.is_final`) stays. What a channel decides has no threshold
+    in percent: `threshold` and `margin` become NaN.
     """
     if evidence.channels is None or config.evidence == SEMANTIC:
         return
@@ -86,13 +81,7 @@ def compared_by_channels(
     """(N,) float64 each: the number that a channel has of each box, and what it needs.
 
     As the channel `Decisions.channel` of each box compared them, see `_CHANNELS`; NaN
-    where no channel decided.
-
-    Parameters
-    ----------
-    evidence : Evidence of N boxes
-    decisions : Decisions of N boxes
-        What `decide` gives for this evidence and configuration.
+    where no channel decided. `decisions` are what `decide` gives for `evidence`.
     """
     count = len(evidence)
     number, needed = np.full(count, np.nan), np.full(count, np.nan)

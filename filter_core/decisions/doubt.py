@@ -180,12 +180,8 @@ were ever right against it."""
 def doubts(evidence: Evidence, config: DecideConfig, decisions: Decisions) -> Doubts:
     """How much an answer on each of N boxes is worth, and why.
 
-    Parameters
-    ----------
-    evidence : Evidence of N boxes
-        `xyxy` is read if it is there; else boxes count as squares.
-    decisions : Decisions of N boxes
-        What `decide` gives for this evidence and configuration.
+    `decisions` are what `decide` gives for this evidence and configuration. Without
+    `Evidence.xyxy`, boxes count as squares.
     """
     verdict = VERDICT_OF_REASON.take(decisions.reason)
     count = len(evidence)

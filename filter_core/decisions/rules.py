@@ -44,18 +44,15 @@ _Rule: TypeAlias = tuple[Reason, BoolArray]
 
 
 def decide(evidence: Evidence, config: DecideConfig) -> Decisions:
-    """Decide each box: by the first rule whose condition holds, or by a channel.
+    """Decide each of N boxes: by the first rule whose condition holds, or by a channel.
 
-    Where a channel of the configuration has a number for a box, its rule replaces the
-    decision, unless the reason of that decision is final (`Reason.is_final`): no
-    measurement changes, for instance, that a box is outside the image. `threshold` and
-    `margin` are NaN and `toss_up` is False where no threshold decided.
-
-    Parameters
-    ----------
-    evidence : Evidence of N boxes
-        As measured with the profile of `config` and with the tags that it accepts for
-        each class (`MeasureConfig.accept_masks`); `xyxy` and `tag_counts` are not read.
+    `evidence` is measured with the profile of `config` and with the tags that it
+    accepts for each class (`MeasureConfig.accept_masks`); `xyxy` and `tag_counts` are
+    not read. Where a channel of the configuration has a number for a box, its rule
+    replaces the decision, unless the reason of that decision is final
+    (`Reason.is_final`): no measurement changes, for instance, that a box is outside the
+    image. `threshold` and `margin` are NaN and `toss_up` is False where no threshold
+    decided.
 
     Notes
     -----

@@ -78,10 +78,7 @@ _OVERLAP: Final = 0.5
 class Arm(NamedTuple):
     """An arm of an experiment.
 
-    Attributes
-    ----------
-    pixels : int or None
-        The key `min_visible_pixels` of its configuration; None: its default.
+    `pixels` is the key `min_visible_pixels` of its configuration; None: its default.
     """
 
     kind: ArmKind
@@ -117,10 +114,7 @@ class Arm(NamedTuple):
     def config(self, base: FilterConfig) -> FilterConfig | None:
         """What decides its boxes, None if no configuration does.
 
-        Parameters
-        ----------
-        base : FilterConfig
-            Its classes, palettes and all keys that an arm does not set are used.
+        Classes, palettes and all keys that an arm does not set are those of `base`.
         """
         if self.kind not in _EVIDENCE:
             return None

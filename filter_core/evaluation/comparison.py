@@ -78,12 +78,7 @@ class EvaluationObject(TypedDict):
 class Evaluation:
     """Decides boxes by several kinds of evidence and counts right and wrong verdicts.
 
-    Parameters
-    ----------
-    config : FilterConfig
-        Thresholds and ranges; its key ``evidence`` is not used.
-    channels : tuple of EvidenceName
-        The kinds of evidence that are compared.
+    Of `config`, the key ``evidence`` is not used: `channels` are compared.
     """
 
     def __init__(
@@ -256,14 +251,11 @@ class PartCounts:
 
 @dataclass
 class ChannelScore(PartCounts):
-    """The right and wrong verdicts of one kind of evidence so far.
+    """The right and wrong verdicts of one kind of evidence so far, and the largest
+    errors.
 
-    Attributes
-    ----------
-    judged : int
-        Boxes that it had a number for; the segmentation judged the others.
-    worst : LargestErrors
-        The largest errors.
+    `judged` counts the boxes that it had a number for; the segmentation judged the
+    others.
     """
 
     judged: int = 0

@@ -309,12 +309,7 @@ def score_detections(
 ) -> DetectionScore:
     """Score one detector against the truth of F frames.
 
-    Parameters
-    ----------
-    ghosts : Objects
-        Raw labels of objects that are not visible.
-    classes : sequence of str
-        By number.
+    `ghosts` are raw labels of objects that are not visible; `classes` are by number.
     """
     matches = match(objects, detections, frames)
     every = np.ones((1, frames))

@@ -83,12 +83,7 @@ def count_answers(
 
 @dataclass(frozen=True)
 class Estimate:
-    """Scores of the filter on all boxes; None where there is no box to score.
-
-    Attributes
-    ----------
-    precision, recall, f1 : Measured or None, 0..1
-    """
+    """Scores of the filter on all boxes, 0..1; None where there is no box to score."""
 
     precision: Measured | None
     recall: Measured | None
@@ -223,14 +218,8 @@ def plan(table: IntArray, half_width: float) -> tuple[int, float]:
     """How many boxes a random sample of all needs for intervals that are narrow enough.
 
     The first of some round numbers that is likely to suffice, and the half-width that
-    it is likely to give. If none suffices, all boxes.
-
-    Parameters
-    ----------
-    table : (G, 2, 3, 4) int64
-        See `estimate`.
-    half_width : float, 0..1
-        That the intervals of all scores should have at most.
+    it is likely to give. If none suffices, all boxes. `table` is as for `estimate`;
+    `half_width`, 0..1, is what the intervals of all scores should have at most.
     """
     merged = table.sum(axis=0)
     drawn = merged[:, Part.SAMPLE :].sum(axis=1)

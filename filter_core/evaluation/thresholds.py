@@ -132,13 +132,9 @@ class Suggestion:
 def suggest(answers: Answers, current: float, goal: Goal) -> Suggestion | None:
     """The best threshold for a goal, judged by what people answered.
 
-    None unless people both kept and rejected boxes that the threshold decides.
-
-    Parameters
-    ----------
-    current : float, percent
-        The threshold in use. It is kept if none is better; of several best thresholds,
-        the nearest to it is taken.
+    None unless people both kept and rejected boxes that the threshold decides. The
+    `current` threshold, percent, is kept if none is better; of several best ones, the
+    nearest to it is taken.
 
     Notes
     -----

@@ -144,12 +144,8 @@ def compare(
 ) -> ComparisonObject:
     """Score trials, and compare each arm with the first: the baseline.
 
-    Parameters
-    ----------
-    trials : iterable of Trial
-        At least one. A trial is needed only while it is scored.
-    progress : callable
-        Called with the number of trials that have been scored.
+    A trial is needed only while it is scored; `progress` is then called with the number
+    of those that have been scored.
 
     Notes
     -----

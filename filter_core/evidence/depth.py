@@ -332,11 +332,8 @@ def settled_depth(
 ) -> DepthImage:
     """The image, read as its boxes show where its content alone does not tell.
 
-    Parameters
-    ----------
-    depth : DepthImage
-        Returned as it is if it is certain.
-    accepted, interval : as for `fill_depth`
+    Returned as it is if it is certain. `accepted` and `interval` are as for
+    `fill_depth`.
 
     Raises
     ------
@@ -507,11 +504,8 @@ def center_gaps(vertices: FloatArray, camera: Camera, depth: DepthImage) -> Floa
     front of it.
 
     Above 0: the surface is nearer than the nearest point of the box. NaN where the
-    centre is not in the image, the box not 3D, or the image cannot tell.
-
-    Parameters
-    ----------
-    vertices : (N, 8, 3) float64, metres; NaN rows for boxes that are not 3D
+    centre is not in the image, the box not 3D (a NaN row of `vertices`, which are (N,
+    8, 3), metres), or the image cannot tell.
 
     Notes
     -----
@@ -557,13 +551,11 @@ _BANDS: Final = 32
 def depth_slice(
     depth: DepthImage, xyxy: Sequence[float], interval: FloatArray
 ) -> DepthSlice:
-    """The depths in a rectangle, with those that a 3D box takes up.
+    """The depths in a rectangle that overlaps the image, px, with those that a 3D box
+    takes up.
 
-    Parameters
-    ----------
-    xyxy : rectangle that overlaps the image, px
-    interval : (2,) float64, metres
-        As `depth_interval` gives it; NaN: the box is not 3D.
+    `interval`, (2,) float64, metres, is as `depth_interval` gives it; NaN: the box is
+    not 3D.
     """
     width, height = depth.wh
     left, top = (

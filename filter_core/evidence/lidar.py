@@ -35,13 +35,7 @@ class PointsError(FilterError):
 
 @dataclass(frozen=True, eq=False)
 class LidarPoints:
-    """Points of a semantic LiDAR, in the sensor's axes.
-
-    Attributes
-    ----------
-    xyz : (P, 3) float64, metres
-    tag : (P,) int64
-    """
+    """Points of a semantic LiDAR in its axes: (P, 3), metres, and (P,) tags."""
 
     xyz: FloatArray
     tag: IntArray
@@ -53,11 +47,8 @@ class LidarPoints:
 def read_points(content: bytes, *, max_points: int = MAX_POINTS) -> LidarPoints:
     """Read a semantic LiDAR file, recognised by its content.
 
-    Parameters
-    ----------
-    content : bytes
-        PLY 1.0 with a vertex element, or a NumPy array: structured, or of six columns
-        x, y, z, cosine, object and tag.
+    PLY 1.0 with a vertex element, or a NumPy array: structured, or of six columns x, y,
+    z, cosine, object and tag.
 
     Raises
     ------

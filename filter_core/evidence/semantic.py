@@ -289,13 +289,10 @@ def with_accept_sets(
 
 
 def with_accept_masks(evidence: Evidence, accept_mask: IntArray) -> Evidence:
-    """The same evidence with other accept sets; reads no pixel.
+    """The same evidence with other accept sets, (N,) int64; reads no pixel.
 
-    Parameters
-    ----------
-    evidence : Evidence of the N boxes of one frame, with `tag_counts` and `xyxy`
-        Measured with profile ``paper``.
-    accept_mask : (N,) int64
+    It is that of one frame, with `tag_counts` and `xyxy`, and measured with profile
+    ``paper``.
 
     Raises
     ------

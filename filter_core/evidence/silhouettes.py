@@ -138,11 +138,8 @@ def touched_pixels(outlines: Sequence[FloatArray], bounds: IntArray) -> list[Mas
     """N of (rows, columns) bool: the pixels that the convex hull of some points
     touches.
 
-    Parameters
-    ----------
-    outlines : N of (P, 2) float64, px
-    bounds : (N, 4) int64
-        First column, first row, last column + 1, last row + 1 of each.
+    `outlines` are N of (P, 2) float64, px; `bounds`, (N, 4) int64, are first column,
+    first row, last column + 1, last row + 1 of each.
 
     Notes
     -----

@@ -73,10 +73,7 @@ _DAMAGES: Final[dict[str, Callable[[bytes], bytes]]] = {
 def faults_of(candidate: Format, example: Path) -> Iterator[str]:
     """What is wrong with a format, as sentences; none if it conforms.
 
-    Parameters
-    ----------
-    example : Path
-        A small recording in this format, a few frames with boxes.
+    `example` is a small recording in this format, a few frames with boxes.
     """
     yield from _faults_of_declaration(candidate)
     if candidate.recognise is None or candidate.read is None:

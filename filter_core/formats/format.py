@@ -77,10 +77,7 @@ _FILES_LOOKED_AT: Final = 2000
 class Source:
     """A folder or a file whose format is to be recognised.
 
-    Attributes
-    ----------
-    files : FilePatterns
-        Of the description: the files that it ignores are not looked at.
+    Files that the description ignores (`files`) are not looked at.
     """
 
     path: Path

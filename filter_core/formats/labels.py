@@ -54,12 +54,8 @@ def described_labels(
 ) -> FrameSet:
     """The frames with their boxes as the description says.
 
-    Parameters
-    ----------
-    description : RecordingDescription
-        Where it does not say the unit or the corners, they are those of the format.
-    recognise : bool
-        Whether a recording that `other_notations` recognises is refused.
+    Where it does not say the unit or the corners, they are those of the format. With
+    `recognise`, a recording that `other_notations` recognises is refused.
 
     Raises
     ------

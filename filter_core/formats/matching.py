@@ -89,12 +89,8 @@ class FrameNames:
 class PlacesByKey:
     """Places in a sequence by keys that are not kept: 12 bytes for each.
 
-    Different keys of one hash are not told apart: who asks compares the keys.
-
-    Attributes
-    ----------
-    later : list of int
-        The places of keys that are at an earlier place, too.
+    Different keys of one hash are not told apart: who asks compares the keys. `later`
+    are the places of keys that are at an earlier place, too.
     """
 
     def __init__(self, keys: Iterable[str]) -> None:

@@ -212,13 +212,7 @@ def frame_size(frame: FrameSource) -> tuple[int, int] | None:
 
 @dataclass(frozen=True)
 class Unmatched:
-    """A file that belongs to no frame.
-
-    Attributes
-    ----------
-    path : str
-        Relative to the folder.
-    """
+    """A file that belongs to no frame, by its path relative to the folder, and why."""
 
     path: str
     why: str

@@ -90,13 +90,7 @@ _MAX_NAME: Final = 1000
 
 
 class AllowedName(NamedTuple):
-    """A text that is not empty.
-
-    Attributes
-    ----------
-    what : str
-        What it names, for people.
-    """
+    """A text that is not empty, such as ``a class name``."""
 
     what: str
 

@@ -227,11 +227,8 @@ Rectangles: TypeAlias = Mapping[str, Sequence[Sequence[float]]]
 class OwnReading(NamedTuple):
     """How label files of a format are compared with annotations, and cut.
 
-    Attributes
-    ----------
-    box_spans : callable
-    rectangles : callable
-        Gives those of each box; raises `LayoutError` if the file cannot be read.
+    `rectangles` gives those of each box; raises `LayoutError` if the file cannot be
+    read.
     """
 
     box_spans: BoxSpans
@@ -329,14 +326,9 @@ class LeftBehind:
 
 @dataclass
 class RecordingCopy:
-    """Writes a recording again, without some of its boxes.
+    """Writes the folder or the file that was read again, without some of its boxes.
 
-    Attributes
-    ----------
-    source : Path
-        The folder, or the file, that was read.
-    box_spans : callable
-        That of its format.
+    `box_spans` is that of its format.
     """
 
     source: Path

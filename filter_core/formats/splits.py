@@ -157,10 +157,7 @@ def folders_of_parts(names: Iterable[str]) -> frozenset[str]:
 class RecordedSplits:
     """What a recording says about the parts of its frames.
 
-    Attributes
-    ----------
-    counts : Counter of str
-        Frames by part, of those that were read last; ``None`` for those without one.
+    `counts` are those that were read last by part; ``None`` for those without one.
     """
 
     def __init__(self, root: Path, frames: FrameSet, told_by: SplitSource) -> None:
@@ -393,12 +390,7 @@ def lists_below(root: Path) -> Iterator[str]:
 def with_splits(frames: FrameSet, source: Path, told_by: SplitSource) -> FrameSet:
     """Frames with the parts of the recording as ``split`` of their annotations.
 
-    Parameters
-    ----------
-    frames : FrameSet
-        What a frame says itself stays.
-    source : Path
-        The folder, or the file that was read.
+    What a frame says itself stays. `source` is the folder, or the file that was read.
     """
     root = source if source.is_dir() else source.parent
     splits = RecordedSplits(root, frames, told_by)

@@ -342,10 +342,7 @@ class _FrameNames:
 class _Table:
     """A file with the labels of many frames, by frame.
 
-    Attributes
-    ----------
-    unmatched : list of Unmatched
-        Rows that belong to no frame.
+    `unmatched` are rows that belong to no frame.
     """
 
     def __init__(

@@ -292,14 +292,8 @@ class _Element(Protocol):
 
 @dataclass(frozen=True)
 class _Tree:
-    """A parsed file.
-
-    Attributes
-    ----------
-    lines : dict
-        The line that each element starts on.
-    tags : dict
-        The bytes at which each element's first and last tag begin.
+    """A parsed file, with the line that each element starts on, and the bytes at which
+    its first and last tag begin.
     """
 
     name: str

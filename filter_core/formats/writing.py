@@ -596,13 +596,7 @@ class Parts:
 
 
 class _BoxChooser:
-    """Chooses the boxes of each frame and counts the outcomes of all boxes.
-
-    Parameters
-    ----------
-    traits : Traits
-        Of the format.
-    """
+    """Chooses the boxes of each frame and counts the outcomes of all boxes."""
 
     def __init__(
         self, options: ExportOptions, tally: ExportTally, traits: Traits

@@ -375,10 +375,7 @@ _FEW_CORNERS: Final = 0.1
 class _Outlines:
     """The lines of a recording that may be outlines: polygons or rotated boxes.
 
-    Attributes
-    ----------
-    counts : Counter of str
-        How many were read, by label file.
+    `counts` says how many were read, by label file.
     """
 
     def __init__(self, folders: LabelFolders, frames: Iterable[FrameFileNames]) -> None:

@@ -34,13 +34,10 @@ _SHAPE_TOLERANCE: Final = 1e-3
 def boxes3d_vertices(rows: ArrayLike) -> FloatArray:
     """(N, 8, 3) float64, metres: world corners of many boxes at once.
 
-    Parameters
-    ----------
-    rows : (N, 15), metres and degrees
-        The actor's location and rotation (pitch, yaw, roll), zeros for a box that is
-        given in the world; then the box's location, extent (half sizes) and rotation
-        within the actor's frame. Extents of zero (CARLA's bikes) and mirrored boxes
-        are accepted.
+    `rows` (N, 15), metres and degrees, have the actor's location and rotation (pitch,
+    yaw, roll), zeros for a box that is given in the world; then the box's location,
+    extent (half sizes) and rotation within the actor's frame. Extents of zero (CARLA's
+    bikes) and mirrored boxes are accepted.
     """
     boxes = np.asarray(rows, dtype=np.float64).reshape(-1, 15)
     actor_location, actor_rotation, centre, extent, rotation = np.hsplit(

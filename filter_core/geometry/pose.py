@@ -37,13 +37,7 @@ _NOT_TURNED: Final[Mapping[str, float]] = dict.fromkeys(_ROTATION_KEYS, 0.0)
 
 @dataclass(frozen=True)
 class Transform:
-    """A location and a rotation.
-
-    Attributes
-    ----------
-    location : (x, y, z), metres
-    rotation : (pitch, yaw, roll), degrees
-    """
+    """A location (x, y, z), metres, and a rotation (pitch, yaw, roll), degrees."""
 
     location: Triple = _ZERO
     rotation: Triple = _ZERO

@@ -388,18 +388,10 @@ def _clip_segments(
 ) -> tuple[FloatArray, FloatArray, BoolArray]:
     """The part of segments that lies inside half-spaces.
 
-    Parameters
-    ----------
-    start, end : (..., H)
-        Signed distances of both ends from H planes, 0 and more inside. They must be
-        linear along the segment; any positive scale per plane will do.
-
-    Returns
-    -------
-    enter, leave : (...), 0..1
-        The part inside runs from ``start + enter (end - start)`` to ``leave``.
-    inside : (...), bool
-        False where nothing is inside.
+    `start` and `end` (..., H) are signed distances of both ends from H planes, 0 and
+    more inside. They must be linear along the segment; any positive scale per plane
+    will do. Returned are (...), 0..1: the part inside runs from ``start + enter (end -
+    start)`` to ``leave``; and (...), bool: whether anything is inside.
 
     References
     ----------

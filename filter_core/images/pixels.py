@@ -176,12 +176,7 @@ def _strips(pixels: NDArray[np.uint8]) -> Iterator[PixelValues]:
 
 
 def occurring_codes(rgb: NDArray[np.uint8], table: Codes) -> list[int]:
-    """Which codes occur in an image, in ascending order.
-
-    Parameters
-    ----------
-    rgb : (H, W, 3) uint8, contiguous
-    table : (2^24,) uint8
+    """Which codes of a (2^24,) table occur in a contiguous image, in ascending order.
 
     Notes
     -----

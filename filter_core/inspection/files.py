@@ -45,14 +45,9 @@ _MOST_FOLDERS: Final = 4096
 
 
 class Cameras(NamedTuple):
-    """Folders whose pictures have the same names.
+    """Folders whose pictures have the same names, and the frames of the first of them.
 
     They are those of cameras at the same instants, or of runs that count alike.
-
-    Attributes
-    ----------
-    frames : int
-        Of the first of them.
     """
 
     folders: tuple[str, ...]

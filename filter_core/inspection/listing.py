@@ -31,13 +31,7 @@ def counted(counts: Counter[str]) -> tuple[Counted, ...]:
 
 @dataclass(frozen=True)
 class Listed:
-    """Things of one kind.
-
-    Attributes
-    ----------
-    examples : tuple of Example
-        The first ten.
-    """
+    """Things of one kind, of which the first ten are examples."""
 
     kind: str
     count: int

@@ -219,10 +219,7 @@ def look_at(
 ) -> PictureSurvey:
     """Measure and decide some frames, as the filter does.
 
-    Parameters
-    ----------
-    workers : int, optional
-        Threads; one more than there are cores.
+    `workers` are threads; by default one more than there are cores.
     """
     survey = PictureSurvey(frames=len(frames))
     shown = Shown()

@@ -61,10 +61,7 @@ PICTURES: Final = 24
 class Problem:
     """Something that has to be said in a description before a folder can be used.
 
-    Attributes
-    ----------
-    detail : str
-        What was found, and the remedy.
+    `detail` is what was found, and the remedy.
     """
 
     code: str
@@ -245,10 +242,7 @@ def inspect_opened(
 ) -> Inspection:
     """How a recording that was opened is understood: see `inspect_recording`.
 
-    Parameters
-    ----------
-    opened : OpenedRecording
-        Its frames are read once.
+    Its frames are read once.
     """
     root = source if source.is_dir() else source.parent
     files = FileUse(root, opened.description.files)
@@ -330,10 +324,7 @@ class OpenedRecording:
 def open_recording(source: Path, given: RecordingDescription) -> OpenedRecording:
     """The frames, in the layout and notation that they are recognised to have.
 
-    Parameters
-    ----------
-    given : RecordingDescription
-        What it says is not recognised.
+    What the description that is `given` says is not recognised.
     """
     layout = given.own_layout
     layouts = (layout,) if layout != "auto" else possible_layouts(source, given)

@@ -127,10 +127,7 @@ class Advice(Protocol):
 class RecordingAdvice:
     """`Advice` by keys of ``recording.yaml``.
 
-    Attributes
-    ----------
-    default_class : str or None
-        The class of labels that carry none, if there may be such labels.
+    `default_class` is the class of labels that carry none, if there may be such labels.
     """
 
     default_class: str | None = None
@@ -505,12 +502,8 @@ def _first(words: Sequence[str]) -> str:
 def recording_text(inspection: Inspection, folder: Path) -> str:
     """The text of a ``recording.yaml`` with what was recognised.
 
-    What a person has to say about classes is in comments.
-
-    Parameters
-    ----------
-    folder : Path
-        Where it is to be, to which paths in it are relative.
+    What a person has to say about classes is in comments. Paths in it are relative to
+    the `folder` where it is to be.
     """
     name = inspection.name
     head = (

@@ -57,12 +57,8 @@ class Tag:
 
 @dataclass(frozen=True)
 class Palette:
-    """One tag family: tag, name and colour are a bijection inside it.
-
-    Attributes
-    ----------
-    tags : tuple of Tag
-        Tag t is at place t.
+    """One tag family: tag, name and colour are a bijection inside it; tag t is at place
+    t.
     """
 
     name: str

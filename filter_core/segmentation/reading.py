@@ -146,10 +146,7 @@ class SegmentationOptions:
     def agreed(cls, layers: Mapping[str, SegmentationOptions]) -> SegmentationOptions:
         """The options of several sources combined, the strongest first.
 
-        Parameters
-        ----------
-        layers : Mapping
-            Such as ``{"the dataset": ..., "the configuration": ...}``.
+        `layers` are such as ``{"the dataset": ..., "the configuration": ...}``.
 
         Raises
         ------

@@ -118,9 +118,7 @@ class Recognition:
 def recognise(occurring: Iterable[int], named: NamedReading) -> Recognition:
     """Choose the family and channel order of a palette-coloured image.
 
-    Parameters
-    ----------
-    occurring : codes of the known colours that occur
+    `occurring` are the codes of the known colours that occur.
 
     Raises
     ------

@@ -75,12 +75,10 @@ _RED, _GREEN, _BLUE = 0, 1, 2
 def read_exact_colors(
     pixels: NDArray[np.uint8], occurring: Sequence[int], named: NamedReading
 ) -> Segmentation:
-    """A segmentation whose colours are exactly those of a palette.
+    """A segmentation of (H, W, 3) red, green, blue that are exactly colours of a
+    palette.
 
-    Parameters
-    ----------
-    pixels : (H, W, 3) uint8: red, green, blue
-    occurring : codes of the colours that occur, as `exact_codes` has them
+    `occurring` are the codes of the colours that occur, as `exact_codes` has them.
 
     Raises
     ------
@@ -191,11 +189,9 @@ def _unknown_notes(
 
 
 def read_nearest_colors(pixels: NDArray[np.uint8], named: NamedReading) -> Segmentation:
-    """A segmentation whose colours a lossy format changed: by the nearest colour.
+    """A segmentation of (H, W, 3) red, green, blue that a lossy format changed.
 
-    Parameters
-    ----------
-    pixels : (H, W, 3) uint8: red, green, blue
+    Each pixel has the tag of the nearest colour.
 
     Raises
     ------
@@ -245,11 +241,8 @@ _MOST_GREY_PERCENT: Final = 95.0
 
 
 def refuse_unlike_palettes(pixels: NDArray[np.uint8]) -> None:
-    """Refuse an image whose colours are not those of a palette that a JPEG has changed.
-
-    Parameters
-    ----------
-    pixels : (H, W, 3) uint8: red, green, blue
+    """Refuse (H, W, 3) red, green, blue unlike colours of a palette that a JPEG has
+    changed.
 
     Raises
     ------
@@ -309,10 +302,7 @@ _RIPPLE_PIXELS: Final = 1 << 16
 def refuse_lost_tags(rgb: NDArray[np.uint8], *, is_jpeg: bool) -> None:
     """Refuse raw tags in a coloured JPEG, or in a PNG that was made of one.
 
-    Parameters
-    ----------
-    rgb : (H, W, 3) uint8
-        An image whose colours are not exactly those of a palette.
+    The colours of the (H, W, 3) image are not exactly those of a palette.
 
     Raises
     ------
@@ -417,11 +407,8 @@ def read_raw_tags(
 ) -> Segmentation:
     """Raw tags of a family that is named, or proved by tags from 23 on.
 
-    Parameters
-    ----------
-    tags : (H, W) uint8
-        Or multiples of `ChangedTags.scale`.
-    order : for the answer's `channel_order`
+    `tags` (H, W) may be multiples of `ChangedTags.scale`; `order` is the answer's
+    `channel_order`.
 
     Raises
     ------

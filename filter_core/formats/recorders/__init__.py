@@ -42,10 +42,7 @@ _ROWS_LOOKED_AT: Final = 64
 class Recorder(NamedTuple):
     """A public recorder.
 
-    Attributes
-    ----------
-    values : mapping of str to object
-        The description of its recordings, by attribute of `RecordingDescription`.
+    `values` describe its recordings, by attribute of `RecordingDescription`.
     """
 
     name: str

@@ -266,12 +266,8 @@ def listing_files(
 ) -> list[Path]:
     """The files that list many frames: the one that is described, or those of a folder.
 
-    Parameters
-    ----------
-    files_in : callable
-        Those of this format in a folder, without the files that patterns ignore.
-    expected : str
-        What such a file is, for errors.
+    `files_in` gives those of this format in a folder, without the files that patterns
+    ignore; `expected` says what such a file is, for errors.
 
     Raises
     ------
@@ -292,14 +288,10 @@ def listing_files(
 
 
 class ListedFrames(NamedTuple):
-    """The frames of a file that lists many, without their annotations.
+    """The frames of a file that lists many, in its order, without their annotations.
 
-    Attributes
-    ----------
-    frames : list of FrameSource
-        In the order of the file; a key that occurs twice is a problem of its frames.
-    facts : tuple of StreamFacts
-        Of the streams.
+    A key that occurs twice is a problem of its frames. `facts` are those of the
+    streams.
     """
 
     frames: list[FrameSource]

@@ -108,10 +108,7 @@ class DescribedFiles:
 class ImageIndex:
     """The images of one role, each for the frame that it belongs to.
 
-    Parameters
-    ----------
-    frames : sequence of Image
-        The pictures or labels of all frames.
+    `frames` are the pictures or labels of all frames.
     """
 
     def __init__(self, images: Sequence[Image], frames: Sequence[Image]) -> None:
@@ -248,10 +245,7 @@ class ImageIndex:
 class DescribedIndex:
     """The files of one role that a description names, each for its frame.
 
-    Parameters
-    ----------
-    frames : sequence of Image
-        The pictures or labels of all frames.
+    `frames` are the pictures or labels of all frames.
     """
 
     def __init__(

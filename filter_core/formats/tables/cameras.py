@@ -85,13 +85,7 @@ Where: TypeAlias = "InFile | Path | Mapping[str, object] | float"
 
 @dataclass(frozen=True)
 class CameraPlaces:
-    """``cameras`` of a description.
-
-    Attributes
-    ----------
-    places : mapping of str to Where
-        By `KEYS`.
-    """
+    """``cameras`` of a description: the place of each of `KEYS`."""
 
     places: Mapping[str, Where] = field(default_factory=dict)
 
@@ -198,12 +192,7 @@ def _file(key: str, file: str, at: str) -> FilePattern:
 
 
 class Cameras:
-    """The cameras of a recording's frames.
-
-    Parameters
-    ----------
-    root : Path
-    """
+    """The cameras of the frames of a recording, whose folder is `root`."""
 
     def __init__(self, root: FilePath, places: CameraPlaces) -> None:
         self._root, self._places = root, places.places

@@ -355,12 +355,7 @@ def _patterns(role: str, texts: object, at: str) -> list[FilePattern]:
 class PatternFrame(NamedTuple):
     """A frame whose files were matched by patterns.
 
-    Attributes
-    ----------
-    files : FrameFileNames
-        Its label is empty if it has none.
-    values : mapping of str to str
-        By the names in braces.
+    The label of `files` is empty if it has none; `values` are by the names in braces.
     """
 
     files: FrameFileNames
@@ -517,12 +512,8 @@ class PatternFiles:
 class NamedFiles(NamedTuple):
     """Files of one kind: they differ in the frame's part of their names, and by folder.
 
-    Attributes
-    ----------
-    paths : sequence of str
-        Below the folder.
-    before, behind : str
-        What the name of each has around the frame's part.
+    `paths` are below the folder; `before` and `behind` are what the name of each has
+    around the frame's part.
     """
 
     paths: Sequence[str]
