@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from filter_core.annotation.frame import FORMS_3D, GEOMETRIES
 from filter_core.arrays import counts_or_none, floats_or_none
-from filter_core.errors import JsonError, LayoutError, NotAvailable
+from filter_core.errors import LayoutError, NotAvailable
 from filter_core.formats.export import (
     ExportError,
     ExportFrame,
@@ -41,12 +41,12 @@ from filter_core.formats.reading import (
     FrameSource,
     GivenAnswer,
     counted_notes,
+    json_object,
     open_regular,
 )
 from filter_core.formats.recording import RecordingDescription
 from filter_core.formats.streams import listed_frames
 from filter_core.formats.tally import Counts, ExportTally
-from filter_core.json_text import read_json
 from filter_core.values import shown
 from filter_core.verdicts import (
     VERDICTS,
@@ -184,13 +184,7 @@ def _places(path: Path) -> Iterator[tuple[str, int, int]]:
 def _object(line: bytes, at: str) -> Mapping[str, object]:
     if len(line) > MAX_LABEL_BYTES:
         raise LayoutError(f"{at}: expected at most {MAX_LABEL_BYTES} bytes, found more")
-    try:
-        value = read_json(line, halves=True)
-    except JsonError as exc:
-        raise LayoutError(f"{at}: {exc.detail}") from exc
-    if not isinstance(value, dict):
-        raise LayoutError(f"{at}: expected one JSON object, found {shown(value)}")
-    return value
+    return json_object(line, at, halves=True)
 
 
 _OF_FRAME: Final = ("camera", "carla_version", "captured_at", "map")
@@ -400,22 +394,18 @@ def _groups(frames: Iterable[ExportFrame], size: int) -> Iterator[_Columns]:
     for frame in frames:
         if not len(frame.boxes):
             continue
-        for name, values in _columns_of(frame).items():
-            waiting[name].extend(values)
+        if frame.columns is None:
+            raise ExportError(f"{frame.key}: the columns of its decisions are missing")
+        count = len(frame.boxes)
+        waiting["frame"] += [frame.key] * count
+        waiting["map"] += [frame.map] * count
+        for name, column in table_columns(frame.boxes, frame.columns).items():
+            waiting[name].extend(column())
         while len(waiting["box"]) >= size:
             yield {name: values[:size] for name, values in waiting.items()}
             waiting = {name: values[size:] for name, values in waiting.items()}
     if waiting["box"]:
         yield dict(waiting)
-
-
-def _columns_of(frame: ExportFrame) -> _Columns:
-    if frame.columns is None:
-        raise ExportError(f"{frame.key}: the columns of its decisions are missing")
-    columns = table_columns(frame.boxes, frame.columns)
-    count = len(frame.boxes)
-    frames: _Columns = {"frame": [frame.key] * count, "map": [frame.map] * count}
-    return {**frames, **{name: column() for name, column in columns.items()}}
 
 
 def table_columns(
@@ -536,20 +526,18 @@ def _parquet(
     target = pyarrow.PythonFile(spool.file, mode="w")
     with pyarrow.parquet.ParquetWriter(target, schema, compression="zstd") as writer:
         for rows in _groups(frames, head.group_rows):
+            # Text that can be encoded: half a surrogate pair becomes ``?``.
             columns = {
-                name: _encodable(rows[name]) if kind is str else rows[name]
-                for name, kind in COLUMNS.items()
+                name: [
+                    one.encode("utf-8", "replace").decode()
+                    if isinstance(one, str)
+                    else one
+                    for one in values
+                ]
+                for name, values in rows.items()
             }
             writer.write_table(pyarrow.Table.from_pydict(columns, schema=schema))
     yield from spool.pieces()
 
 
 DECISIONS_PARQUET.writer(partial(_write, pieces=_parquet))
-
-
-def _encodable(column: Sequence[object]) -> list[object]:
-    """Text that can be encoded: half a surrogate pair becomes ``?``."""
-    return [
-        value.encode("utf-8", "replace").decode() if isinstance(value, str) else value
-        for value in column
-    ]

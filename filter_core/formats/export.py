@@ -247,13 +247,13 @@ class ExportOptions:
         names = [field.name for field in fields(cls)]
         for name in given.keys() - set(names):
             raise _bad("options", f"only {', '.join(names)}", repr(name)[:40])
-        several = {name: _several(given.get(name, ())) for name in ("split", "bands")}
-        made = cls(**{**given, **several})
+        several = {name: given.get(name, ()) for name in ("split", "bands")}
+        lists = {
+            name: tuple(value) if isinstance(value, list | tuple) else (value,)
+            for name, value in several.items()
+        }
+        made = cls(**{**given, **lists})
         return replace(made, bands=tuple(sorted(set(made.bands))))
-
-
-def _several(given: object) -> tuple[object, ...]:
-    return tuple(given) if isinstance(given, (list, tuple)) else (given,)
 
 
 def changed_options(options: Dataclass) -> frozenset[str]:

@@ -236,7 +236,12 @@ def _chosen(task: Mapping[str, object]) -> tuple[Mapping[str, object], bool] | N
     if annotations:
         best = max(
             enumerate(annotations),
-            key=lambda one: (one[1].get("ground_truth") is True, _time(one[1]), one[0]),
+            key=lambda one: (
+                one[1].get("ground_truth") is True,
+                # Texts in ISO 8601 have the order of their times.
+                str(one[1].get("updated_at") or one[1].get("created_at") or ""),
+                one[0],
+            ),
         )
         return best[1], True
     predictions = [one for one in map(_mapping, _list(task.get("predictions"))) if one]
@@ -273,11 +278,6 @@ _MOST_NAME: Final = 100
 """Letters of a reviewer's name."""
 
 
-def _time(annotation: Mapping[str, object]) -> str:
-    """When it was changed last; texts in ISO 8601 have the order of their times."""
-    return str(annotation.get("updated_at") or annotation.get("created_at") or "")
-
-
 def _classes(folder: Path) -> list[str]:
     """The labels of the project's interface in their order, if it is there."""
     try:
@@ -304,7 +304,13 @@ class _Reading:
         labelling, is_annotation = chosen or ({}, True)
         self.counts["prediction"] += not is_annotation
         regions = [_mapping(one) for one in _list(labelling.get("result"))]
-        labels = _labels(regions)
+        # By the id of the region, of which they may be a result of their own
+        labels = {
+            region["id"]: label
+            for region in regions
+            if isinstance(region.get("id"), str | int)
+            and (label := _label(_mapping(region.get("value"))))
+        }
         boxes = []
         size: dict[str, int] = {}
         for number, region in enumerate(regions):
@@ -361,16 +367,6 @@ def _label(value: Mapping[str, object]) -> str | None:
         if isinstance(names, list) and names and isinstance(names[0], str):
             return names[0]
     return None
-
-
-def _labels(regions: Sequence[Mapping[str, object]]) -> dict[object, str]:
-    """Labels by the id of the region, of which they may be a result of their own."""
-    return {
-        region["id"]: label
-        for region in regions
-        if isinstance(region.get("id"), str | int)
-        and (label := _label(_mapping(region.get("value"))))
-    }
 
 
 def _size(region: Mapping[str, object]) -> dict[str, int]:

@@ -158,7 +158,10 @@ def with_maps(
             annotation = frame.annotation
             name = named
             if annotation is not None and named is None and "map" not in annotation:
-                name = _map_of(frame, root)
+                path = frame.image or frame.segmentation
+                path = path or frame.others.get("instances") or Path()
+                below = str(path).removeprefix(str(root.parent))
+                name = map_in(below) or map_in(frame.key)
                 told.update([name] if name else [])
             if annotation is not None and name is not None:
                 frame = replace(frame, annotation={**annotation, "map": name})
@@ -170,12 +173,6 @@ def with_maps(
         return (*frames.notes(), *([f"{words}: {', '.join(counts)}"] if told else []))
 
     return replace(frames, frames=mapped, notes=notes)
-
-
-def _map_of(frame: FrameSource, root: Path) -> str | None:
-    """The map that the path of a frame's image names, or the frame's key."""
-    path = str(frame.image or frame.segmentation or frame.others.get("instances") or "")
-    return map_in(path.removeprefix(str(root.parent))) or map_in(frame.key)
 
 
 class OtherNotation(NamedTuple):

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import pairwise
 from pathlib import Path, PurePosixPath
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 
@@ -305,29 +305,29 @@ def with_keys(
     path = root / KEYS_NAME
     if not path.is_file():
         return frames
-    named: dict[str, _Named] = {}
+    named: dict[str, tuple[str, str | None, str | None]] = {}
     keys: set[str] = set()
     for at, line in _lines(path):
         file, key, town = line.get("file"), line.get("key"), line.get("map")
+        found, part = str(line)[:60], line.get("part")
         if not isinstance(file, str) or not isinstance(key, str):
-            raise LayoutError(f"{at}: expected file and key, found {str(line)[:60]}")
-        part = line.get("part")
-        is_known = isinstance(part, (str, type(None))) and 0 < len(key) <= MAX_KEY
-        if not is_known or not isinstance(town, (str, type(None))):
-            raise LayoutError(f"{at}: expected a key and a map, found {str(line)[:60]}")
+            raise LayoutError(f"{at}: expected file and key, found {found}")
+        is_known = isinstance(part, str | None) and 0 < len(key) <= MAX_KEY
+        if not is_known or not isinstance(town, str | None):
+            raise LayoutError(f"{at}: expected a key and a map, found {found}")
         name = frame_key(file)
         if name in named or key in keys:
             raise LayoutError(
-                f"{at}: expected each file and key once, found {str(line)[:60]} again"
+                f"{at}: expected each file and key once, found {found} again"
             )
         keys.add(key)
-        named[name] = _Named(key, town, part if isinstance(part, str) else None)
+        named[name] = key, town, part
     renamed = (
-        replace(one, key=found.key, map=found.map or one.map, part=found.part)
-        if found
-        else one
+        replace(one, key=key, map=town or one.map, part=part)
         for one in frames
-        for found in [named.get(f"{images}{one.key}")]
+        for key, town, part in [
+            named.get(f"{images}{one.key}", (one.key, one.map, one.part))
+        ]
     )
     return FrameNames(sorted(renamed, key=lambda one: one.key) if ordered else renamed)
 
@@ -351,14 +351,6 @@ def frame_of(
         label=files.label,
         origin=BoxOrigin(labels / files.label) if labels else None,
     )
-
-
-class _Named(NamedTuple):
-    """What the list of keys says about one file."""
-
-    key: str
-    map: str | None
-    part: str | None
 
 
 def _lines(path: Path) -> Iterator[tuple[str, dict[str, object]]]:

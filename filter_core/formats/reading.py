@@ -22,9 +22,11 @@ from pathlib import Path, PurePosixPath
 from typing import BinaryIO, Final, NamedTuple, TypeAlias
 from urllib.parse import unquote
 
-from filter_core.errors import FilterError, LayoutError
+from filter_core.errors import FilterError, JsonError, LayoutError
 from filter_core.formats.words import FOLDER_WORDS, holds_boxes, is_band
 from filter_core.images.header import read_image_size
+from filter_core.json_text import read_json
+from filter_core.values import shown
 
 MAX_LABEL_BYTES: Final = 16 * 1024 * 1024
 """Larger files are refused: ten thousand boxes take under a megabyte."""
@@ -610,6 +612,25 @@ def read_columns(words: Sequence[str], at: str) -> list[float]:
             raise LayoutError(f"{at}: expected a finite number, found {word[:40]!r}")
         numbers.append(number)
     return numbers
+
+
+def json_object(content: bytes, at: str, *, halves: bool = False) -> dict[str, object]:
+    """The JSON object that these bytes are; `at` is their place, for errors.
+
+    With `halves`, those of surrogate pairs pass (`read_json`).
+
+    Raises
+    ------
+    LayoutError
+        They are no JSON, or something else than an object.
+    """
+    try:
+        value = read_json(content, halves=halves)
+    except JsonError as exc:
+        raise LayoutError(f"{at}: {exc.detail}") from exc
+    if not isinstance(value, dict):
+        raise LayoutError(f"{at}: expected one JSON object, found {shown(value)}")
+    return value
 
 
 def is_hidden(name: str) -> bool:

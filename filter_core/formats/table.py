@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import compress, islice
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Final
 
 from filter_core.annotation.frame import FORMS_3D, GEOMETRIES
 from filter_core.errors import LayoutError
@@ -53,6 +53,7 @@ from filter_core.formats.tables.patterns import (
     LABELS,
     FilePatterns,
     PatternFiles,
+    PatternFrame,
     Values,
     plain,
 )
@@ -164,29 +165,20 @@ def read_table(source: Path, options: RecordingDescription) -> FrameSet:
             own = replace(frame_of(frame.files, root), label=None)
             yield annotated(own, partial(read, own))
 
+    def left_out() -> str:
+        return (
+            f"{reader.left_out} rows have no rectangle, or that of a box behind the "
+            "camera; they are left out"
+        )
+
     return FrameSet(
         layout="table",
         frames=frames,
         count=len(found.frames),
         unmatched=unmatched,
-        notes=lambda: (*found.notes, *_left_out(reader)),
+        notes=lambda: (*found.notes, *([left_out()] if reader.left_out else [])),
         streams=found.streams,
     )
-
-
-def _left_out(reader: BoxReader) -> Iterator[str]:
-    if reader.left_out:
-        yield (
-            f"{reader.left_out} rows have no rectangle, or that of a box behind the "
-            "camera; they are left out"
-        )
-
-
-class _Frame(NamedTuple):
-    """The files of a frame, and what the names in their patterns stand for."""
-
-    files: FrameFileNames
-    values: Values
 
 
 @dataclass(frozen=True)
@@ -202,7 +194,7 @@ class _Found:
         frames share.
     """
 
-    frames: list[_Frame]
+    frames: list[PatternFrame]
     folder: Path
     tables: Mapping[str, Values] = field(default_factory=dict)
     unmatched: tuple[Unmatched, ...] = ()
@@ -218,7 +210,7 @@ def _by_patterns(root: Path, options: RecordingDescription) -> _Found:
     files = FilePatterns(roles, (*ignored, *options.cameras.files))
     matched = PatternFiles(root, files)
     is_of_many = LABELS in roles and FRAME not in roles[LABELS].names
-    frames = [_Frame(*one) for one in matched.frames(options.key)]
+    frames = matched.frames(options.key)
     unmatched = [*matched.left_over(labels=not is_of_many)]
     tables = matched.labels if is_of_many else {}
     if LABELS in roles:
@@ -274,7 +266,9 @@ def _by_names(root: Path, source: Path, options: RecordingDescription) -> _Found
         )
     return _Found(
         [
-            _Frame(one, {FRAME: last_name(one.key), **streams.values_of(one.image)})
+            PatternFrame(
+                one, {FRAME: last_name(one.key), **streams.values_of(one.image)}
+            )
             for one in completed
         ],
         folder,
@@ -295,7 +289,7 @@ _NUMBER: Final = re.compile(r"[0-9]{1,18}")
 class _FrameNames:
     """Finds frames by what rows call them."""
 
-    def __init__(self, frames: Sequence[_Frame]) -> None:
+    def __init__(self, frames: Sequence[PatternFrame]) -> None:
         self._frames = frames
         self._exact: dict[str, list[int]] = {}
         self._plain: dict[str, list[int]] = {}
@@ -441,7 +435,7 @@ class _Labels:
     options: RecordingDescription
 
     def annotation(
-        self, index: int, frame: _Frame, folder: Path, source: FrameSource
+        self, index: int, frame: PatternFrame, folder: Path, source: FrameSource
     ) -> dict[str, object]:
         """The boxes of a frame and its camera."""
         labels: object = None
@@ -500,7 +494,7 @@ class _Labels:
     def _boxes(
         self,
         rows: Iterable[tuple[str, Row]],
-        frame: _Frame,
+        frame: PatternFrame,
         shares: int,
         regions: list[object],
     ) -> list[dict[str, object]]:

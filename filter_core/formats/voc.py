@@ -244,7 +244,11 @@ def read_voc(content: bytes, name: str, origin: int = 1) -> dict[str, object]:
         {
             "class": _text(tree, one, "name"),
             "xyxy": [x_min - origin, y_min - origin, x_max, y_max],
-            **dict(_kept(one)),
+            **{
+                key: int(text) if text in ("0", "1") else text
+                for key in _KEPT
+                if (text := (one.findtext(key) or "").strip())
+            },
         }
         for one, (x_min, y_min, x_max, y_max) in zip(objects, corners, strict=True)
     ]
@@ -410,14 +414,6 @@ def _text(tree: _Tree, parent: _Element, key: str) -> str:
 
 
 _KEPT: Final = ("pose", "truncated", "difficult", "occluded")
-
-
-def _kept(one: _Element) -> Iterator[tuple[str, object]]:
-    for key in _KEPT:
-        text = (one.findtext(key) or "").strip()
-        if text:
-            yield key, int(text) if text in ("0", "1") else text
-
 
 _MAX_SIDE: Final = 1 << 16
 

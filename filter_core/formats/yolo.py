@@ -139,8 +139,8 @@ def read_yolo(root: Path, options: RecordingDescription) -> FrameSet:
     LayoutError
         There is no list of classes, or it cannot be read.
     """
-    described = _described(root)
-    classes = tuple(options.classes or described.classes)
+    listed, keypoint_columns, beside = _described(root)
+    classes = tuple(options.classes or listed)
     if not classes:
         raise NoClassList(
             f"expected the class names in one of {', '.join(YAML_LISTS)} or "
@@ -152,8 +152,8 @@ def read_yolo(root: Path, options: RecordingDescription) -> FrameSet:
         labels=options.labels or root,
         classes=classes,
         default_class=options.default_class,
-        keypoint_columns=described.keypoint_columns,
-        beside=described.beside,
+        keypoint_columns=keypoint_columns,
+        beside=beside,
     )
     labels = (
         name
@@ -161,26 +161,6 @@ def read_yolo(root: Path, options: RecordingDescription) -> FrameSet:
         if holds_boxes(name)
     )
     return frame_set("yolo", folders, Streams(root, options, skip=skip), labels)
-
-
-@dataclass(frozen=True)
-class _Described:
-    """What a folder's list of classes says.
-
-    Attributes
-    ----------
-    classes : tuple of str
-        Empty if there is no list.
-    keypoint_columns : int or None
-        How many columns follow each rectangle, for the points of a pose; None if
-        nothing says it.
-    beside : dict
-        The other keys of ``data.yaml`` with values that JSON has.
-    """
-
-    classes: tuple[str, ...] = ()
-    keypoint_columns: int | None = None
-    beside: Mapping[str, object] = field(default_factory=dict)
 
 
 _COMPOSED: Final = ("path", "train", "val", "valid", "validation", "test", "names")
@@ -195,15 +175,19 @@ def _is_json(value: object) -> bool:
         return False
 
 
-def _described(root: Path) -> _Described:
-    """The content of ``data.yaml``, or of a text file with one name per line."""
+def _described(root: Path) -> tuple[tuple[str, ...], int | None, dict[str, object]]:
+    """What ``data.yaml`` says, or a text file with one name per line.
+
+    The classes, none if there is no list; `LabelFolders.keypoint_columns`; and the
+    other keys of ``data.yaml`` with values that JSON has.
+    """
     name = _class_list(root)
     if name is None:
-        return _Described()
+        return (), None, {}
     text = read_label_text(root / name, name)
     if name.endswith(TEXT_LISTS):
         lines = map(str.strip, text.splitlines())
-        return _Described(tuple(filter(None, lines)))
+        return tuple(filter(None, lines)), None, {}
     try:
         document = parse_yaml(text)
     except ConfigError as exc:
@@ -218,8 +202,7 @@ def _described(root: Path) -> _Described:
         for key, value in known.items()
         if key not in _COMPOSED and isinstance(key, str) and _is_json(value)
     }
-    names = ordered_names(known.get("names"), f"{name}, names")
-    return _Described(names, columns, beside)
+    return ordered_names(known.get("names"), f"{name}, names"), columns, beside
 
 
 def ordered_names(names: object, at: str) -> tuple[str, ...]:
@@ -457,7 +440,12 @@ def _annotation(
             boxes.append(_read_line(columns, at, folders))
             if _is_outline(len(columns), folders):
                 if not outlines.are_certain:
-                    raise LayoutError(_unclear(columns, at))
+                    raise LayoutError(
+                        f"{at}: expected 'class cx cy w h' (5 columns), found "
+                        f"{len(columns)} columns, which may be a rectangle with the "
+                        "points of a pose or other numbers behind it, or an outline: "
+                        f"all such lines of the recording are as long. {_REMEDY}"
+                    )
                 outlines.counts[files.label] += 1
     return {"boxes": boxes}
 
@@ -481,15 +469,6 @@ _BEYOND: Final = 0.01
 _SHARES: Final = (-0.5, 1.5)
 """Corners of outlines may lie beyond the image, but not far: a number behind a
 rectangle, such as a track's, is no corner."""
-
-
-def _unclear(columns: Sequence[str], at: str) -> str:
-    return (
-        f"{at}: expected 'class cx cy w h' (5 columns), found {len(columns)} columns, "
-        "which may be a rectangle with the points of a pose or other numbers behind "
-        "it, or an outline: all such lines of the recording are as long. "
-        f"{_REMEDY}"
-    )
 
 
 _REMEDY: Final = (

@@ -326,17 +326,13 @@ def listed_frames(
         replace(
             frame_of(one, folder),
             label=None,
-            problem=_listed_twice(one, seen[one.key], noun),
+            problem=LayoutError(
+                f"{one.key}: expected one {noun} for each image, found {seen[one.key]}"
+            )
+            if seen[one.key] > 1
+            else None,
         )
         for one in with_own
     ]
     unmatched = (*images.left_over(f"no {noun} lists this image"), *left_over)
     return ListedFrames(frames, unmatched, streams.notes, streams.facts)
-
-
-def _listed_twice(frame: FrameFileNames, times: int, noun: str) -> LayoutError | None:
-    if times == 1:
-        return None
-    return LayoutError(
-        f"{frame.key}: expected one {noun} for each image, found {times}"
-    )

@@ -79,15 +79,13 @@ def look_of(path: Path) -> Look | None:
     look = _look(pixels)
     if header.media_type == "image/png":
         return look
-    # The colours of a JPEG are not exact, so that only a photo can be told.
-    return "photo" if look == "photo" and not _is_almost_flat(pixels) else None
-
-
-def _is_almost_flat(pixels: NDArray[np.uint8]) -> bool:
-    """Whether it may be flat colours, which a lossy format changed."""
+    if look != "photo":
+        return None
+    # The colours of a JPEG are not exact, so that only a photo can be told; but it may
+    # be flat colours, which the lossy format changed.
     rows = pixels[:: max(1, len(pixels) // _ROWS)].astype(np.int16)
     steps = np.abs(rows[:, 1:] - rows[:, :-1]).max(axis=2)
-    return bool((steps <= _LOSSY_STEP).mean() >= _LOSSY_SHARE)
+    return None if (steps <= _LOSSY_STEP).mean() >= _LOSSY_SHARE else "photo"
 
 
 def _look(pixels: NDArray[np.uint8]) -> Look | None:

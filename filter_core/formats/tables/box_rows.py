@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain
 
 from filter_core.errors import LayoutError
 from filter_core.formats.tables.fields import (
@@ -412,8 +413,13 @@ class _Row:
         )
 
     def _rectangle(self, name: str, value: object) -> list[float]:
-        """Four numbers, or two points."""
-        items = _flat(value)
+        """Four numbers, or two points; also written as text."""
+        items: list[object] = []
+        if isinstance(value, str):
+            items += value.strip("[]() ").replace(",", " ").split()
+        elif isinstance(value, list):
+            lists = (item if isinstance(item, list) else [item] for item in value)
+            items += chain.from_iterable(lists)
         if len(items) != 4:
             raise self.error(name, value, "a list of four numbers")
         return [self._number(name, item) for item in items]
@@ -438,19 +444,6 @@ class _Row:
             return vector_of(value, keys)
         except ValueError as exc:
             raise self.error(name, value, str(exc)) from exc
-
-
-def _flat(value: object) -> list[object]:
-    """The items of a list, also of lists in it, or of one written as text."""
-    if isinstance(value, str):
-        return [*value.strip("[]() ").replace(",", " ").split()]
-    if not isinstance(value, list):
-        return []
-    return [
-        inner
-        for item in value
-        for inner in (item if isinstance(item, list) else [item])
-    ]
 
 
 def _keys_of(value: object) -> str:
