@@ -625,20 +625,16 @@ def _export_frame(
         files: dict[str, Path | None] = {**source.others}
         files["segmentation"] = source.segmentation
         files["lidar"] = source.plain_points or files.get("lidar")
-        readers = {k: partial(read_file, path, k) for k, path in files.items() if path}
-        if "segmentation" in readers:
+        readers: dict[str, Callable[[], bytes]] = {
+            kind: partial(read_file, path, kind) for kind, path in files.items() if path
+        }
+        if read_tags := readers.get("segmentation"):
             reading = SegmentationOptions(
                 measured.palette or "auto", carla_version=annotation.carla_version
             )
-            readers["segmentation"] = partial(
-                _in_colors, readers["segmentation"], reading
-            )
+            readers["segmentation"] = lambda: in_colors(read_tags(), reading)
         frame = replace(frame, read_files=readers)
     return frame, count_by_class(measured.evidence, verdicts), measured.notes
-
-
-def _in_colors(read: Callable[[], bytes], options: SegmentationOptions) -> bytes:
-    return in_colors(read(), options)
 
 
 def _drawn(image: Path, boxes: Sequence[DrawnBox]) -> bytes:
@@ -705,10 +701,11 @@ def measure_source(
         for kind in files_for(channels)
         if kind in source.others
     }
+    tags = None
+    if source.segmentation is not None:
+        tags = read_file(source.segmentation, "segmentation")
     options = FrameOptions(key=source.key, image_wh=wh, ignore=ignore, sensors=sensors)
-    return read_and_measure(
-        source.annotation or {}, _segmentation(source), measuring, options
-    )
+    return read_and_measure(source.annotation or {}, tags, measuring, options)
 
 
 def measuring_of(source: FrameSource, config: FilterConfig) -> MeasureConfig:
@@ -722,12 +719,6 @@ def measuring_of(source: FrameSource, config: FilterConfig) -> MeasureConfig:
     if config.depth_encoding != "auto":
         return measuring
     return replace(measuring, depth_encoding=shown.depth_encoding)
-
-
-def _segmentation(source: FrameSource) -> bytes | None:
-    if source.segmentation is None:
-        return None
-    return read_file(source.segmentation, "segmentation")
 
 
 def _size(image: Path, what: str) -> tuple[int, int]:

@@ -133,23 +133,14 @@ class MeasuredFrame:
 
     def facts(self, config: FilterConfig) -> FrameFacts:
         """The values that all decisions of this frame share."""
-        return FrameFacts(
-            key=self.key,
-            config=config,
-            family=self.palette,
-            lossy=self.lossy,
-            names=self._names(),
-        )
-
-    def _names(self) -> dict[int, BoxName]:
-        """Id and class by row, for channels, which explain boxes by other boxes."""
-        if self.evidence.channels is None:
-            return {}
-        classes, index = self.evidence.class_names, self.evidence.class_index.tolist()
-        return {
-            row: BoxName(box_id, classes[index[row]])
-            for row, box_id in enumerate(self.ids)
-        }
+        names: dict[int, BoxName] = {}
+        if self.evidence.channels is not None:  # which explain boxes by other boxes
+            classes = [
+                self.evidence.class_names[index]
+                for index in self.evidence.class_index.tolist()
+            ]
+            names = dict(enumerate(map(BoxName, self.ids, classes)))
+        return FrameFacts(self.key, config, self.palette, self.lossy, names)
 
 
 @dataclass(frozen=True, eq=False)
@@ -302,6 +293,16 @@ def measure_frame(
         forward = forward_distances(geometry.vertices, annotation.camera)
         boxes = replace(boxes, not_ahead=forward <= config.min_forward)
     evidence, notes = measure_evidence(boxes, sensors, config)
+    report: SegmentationReport | None = None
+    if segmentation is not None:
+        report = {
+            "palette": segmentation.family,
+            "encoding": segmentation.encoding,
+            "channel_order": segmentation.channel_order,
+            "lossy": segmentation.lossy,
+            "unknown_percent": segmentation.unknown_percent,
+            "notes": [*segmentation.notes, *notes],
+        }
     return MeasuredFrame(
         key=options.key,
         annotation=annotation,
@@ -309,7 +310,7 @@ def measure_frame(
         wh=wh,
         evidence=evidence,
         geometry=geometry,
-        segmentation=None if segmentation is None else _report(segmentation, notes),
+        segmentation=report,
         notes=notes,
     )
 
@@ -464,14 +465,3 @@ def _named_family(reading: SegmentationOptions) -> str | None:
     if reading.carla_version is None:
         return None
     return family_of_version(reading.carla_version)
-
-
-def _report(segmentation: Segmentation, notes: Sequence[str]) -> SegmentationReport:
-    return {
-        "palette": segmentation.family,
-        "encoding": segmentation.encoding,
-        "channel_order": segmentation.channel_order,
-        "lossy": segmentation.lossy,
-        "unknown_percent": segmentation.unknown_percent,
-        "notes": [*segmentation.notes, *notes],
-    }

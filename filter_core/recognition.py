@@ -21,11 +21,7 @@ from filter_core.evidence_kinds import files_for
 from filter_core.formats.reading import FrameSet, FrameSource, read_file
 from filter_core.images.pixels import ChannelOrder
 from filter_core.segmentation.codes import ORDERS
-from filter_core.segmentation.palettes import (
-    PAPER_TABLE,
-    UnknownVersion,
-    family_of_version,
-)
+from filter_core.segmentation.palettes import PAPER_TABLE, known_family
 from filter_core.segmentation.reading import read_segmentation
 
 _DEPTH_IMAGES: Final = 8
@@ -187,11 +183,7 @@ def _shown_family(
 
 def _family_by_version(frame: FrameSource) -> str | None:
     """The family of the version of CARLA that a frame names, if it is known."""
-    version = (frame.annotation or {}).get("carla_version")
-    try:
-        return family_of_version(version) if isinstance(version, str) else None
-    except UnknownVersion:
-        return None
+    return known_family((frame.annotation or {}).get("carla_version"))
 
 
 def _vote(key: str, image: Path, config: FilterConfig) -> _Vote | None:

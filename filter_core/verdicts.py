@@ -192,6 +192,20 @@ class Decisions:
         """Some of the boxes."""
         return rows_of(self, rows)
 
+    def overwrite(
+        self,
+        rows: IntArray,
+        reason: NDArray[np.uint8] | IntArray | Reason,
+        channel: int = 0,
+    ) -> None:
+        """Give some boxes another reason, without a threshold; changed in place."""
+        self.reason[rows] = reason
+        self.threshold[rows] = np.nan
+        self.margin[rows] = np.nan
+        self.toss_up[rows] = False
+        self.large[rows] = False
+        self.channel[rows] = channel
+
     def count(self, verdict: Verdict) -> int:
         """How many boxes have this verdict."""
         codes = [reason for reason in Reason if reason.verdict is verdict]

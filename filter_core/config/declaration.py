@@ -116,7 +116,6 @@ class NumberRange(NamedTuple):
         return int(value) if value == int(value) else value
 
     def schema(self) -> dict[str, object]:
-        """See `Allowed.schema`."""
         kind = "integer" if self.whole else "number"
         return {
             "type": kind if self.null is None else [kind, "null"],
@@ -177,7 +176,6 @@ class AllowedWords(NamedTuple):
         return value
 
     def schema(self) -> dict[str, object]:
-        """See `Allowed.schema`."""
         return {"type": "string", "enum": list(self.words)}
 
 
@@ -188,11 +186,9 @@ class TagList:
         return f"a list of 1 to {MAX_ACCEPT} tag names or numbers"
 
     def checked(self, name: str, value: object, at: str = "") -> tuple[str | int, ...]:
-        """See `Allowed.checked`."""
         return canonical_accept(value, at=f"{at}/{name}")
 
     def schema(self) -> dict[str, object]:
-        """See `Allowed.schema`."""
         number = {"type": "integer", "minimum": 0, "maximum": LAST_TAG}
         return {
             "type": "array",
@@ -209,11 +205,9 @@ class ChangedTagNames:
         return "names of tags by number (0 to 255) or colour"
 
     def checked(self, name: str, value: object, at: str = "") -> dict[str, str]:
-        """See `Allowed.checked`."""
         return canonical_tags(value, at=f"{at}/{name}")
 
     def schema(self) -> dict[str, object]:
-        """See `Allowed.schema`."""
         return {
             "type": "object",
             "additionalProperties": {"type": "string"},
@@ -228,7 +222,6 @@ class AllowedScale:
         return f"auto or {_SCALE}"
 
     def checked(self, name: str, value: object, at: str = "") -> int | str:
-        """See `Allowed.checked`."""
         if value == "auto":
             return "auto"
         if isinstance(value, bool) or not isinstance(value, int | float):
@@ -236,7 +229,6 @@ class AllowedScale:
         return int(_SCALE.checked(name, value, at) or 0)
 
     def schema(self) -> dict[str, object]:
-        """See `Allowed.schema`."""
         number = {"type": "integer", "minimum": _SCALE.low, "maximum": _SCALE.high}
         return {"anyOf": [{"const": "auto"}, number]}
 

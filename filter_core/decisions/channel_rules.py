@@ -47,12 +47,7 @@ def apply_channels(
         reasons = np.where(
             channel.keeps(boxes), Reason.VISIBLE, channel.rejected(boxes)
         )
-        decisions.reason[rows] = reasons[rows]
-        decisions.threshold[rows] = np.nan
-        decisions.margin[rows] = np.nan
-        decisions.toss_up[rows] = False
-        decisions.large[rows] = False
-        decisions.channel[rows] = 1 + CHANNELS.index(name)
+        decisions.overwrite(rows, reasons[rows], 1 + CHANNELS.index(name))
 
 
 def with_more_pixels(

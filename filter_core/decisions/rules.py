@@ -111,12 +111,7 @@ def _spare_unknown(
         channels=with_more_pixels(boxes.channels, boxes.unknown_pixels),
     )
     spared = rows[decide(as_matched, config).reason == Reason.VISIBLE]
-    decisions.reason[spared] = Reason.UNKNOWN_PIXELS
-    decisions.threshold[spared] = np.nan
-    decisions.margin[spared] = np.nan
-    decisions.toss_up[spared] = False
-    decisions.large[spared] = False
-    decisions.channel[spared] = 0
+    decisions.overwrite(spared, Reason.UNKNOWN_PIXELS)
 
 
 def _decide_block(

@@ -321,7 +321,7 @@ def with_keys(
                 f"{at}: expected each file and key once, found {found} again"
             )
         keys.add(key)
-        named[name] = key, town, part
+        named[name] = key, town, part if isinstance(part, str) else None
     renamed = (
         replace(one, key=key, map=town or one.map, part=part)
         for one in frames

@@ -98,13 +98,11 @@ class AllowedName(NamedTuple):
         return self.what
 
     def checked(self, name: str, value: object, at: str = "") -> str:
-        """See `Allowed.checked`."""
         if not isinstance(value, str) or not 0 < len(value) <= _MAX_NAME:
             raise wrong_value(name, value, self, at)
         return value
 
     def schema(self) -> dict[str, object]:
-        """See `Allowed.schema`."""
         return {"type": "string", "minLength": 1, "maxLength": _MAX_NAME}
 
 
@@ -133,7 +131,6 @@ class ClassNames:
         )
 
     def schema(self) -> dict[str, object]:
-        """See `Allowed.schema`."""
         text = {"type": "string"}
         named = {"type": "object", "additionalProperties": text, "minProperties": 1}
         return {"anyOf": [{"type": "array", "items": text, "minItems": 1}, named]}
@@ -164,7 +161,6 @@ class ClassMap:
         return "a mapping of class names, as a configuration has it"
 
     def checked(self, name: str, value: object, at: str = "") -> dict[str, object]:
-        """See `Allowed.checked`."""
         if not isinstance(value, Mapping):
             raise wrong_value(name, value, self, at)
         name_of_class = AllowedName("a class name")
@@ -178,7 +174,6 @@ class ClassMap:
         return dict(value)
 
     def schema(self) -> dict[str, object]:
-        """See `Allowed.schema`."""
         return {"type": "object"}
 
 
@@ -189,7 +184,6 @@ class AllowedCounts:
         return "numbers of files by the path of their folder"
 
     def checked(self, name: str, value: object, at: str = "") -> dict[str, int]:
-        """See `Allowed.checked`."""
         given = value.items() if isinstance(value, Mapping) else [("", value)]
         counts = {
             str(folder): count
@@ -203,7 +197,6 @@ class AllowedCounts:
         return counts
 
     def schema(self) -> dict[str, object]:
-        """See `Allowed.schema`."""
         number = {"type": "integer", "minimum": 1}
         return {"type": "object", "additionalProperties": number}
 
@@ -215,13 +208,11 @@ class AllowedOrigin:
         return "auto, 0 or 1"
 
     def checked(self, name: str, value: object, at: str = "") -> str:
-        """See `Allowed.checked`."""
         is_number = isinstance(value, int) and not isinstance(value, bool)
         word = str(value) if is_number else value
         return AllowedWords(get_args(Origin)).checked(name, word, at)
 
     def schema(self) -> dict[str, object]:
-        """See `Allowed.schema`."""
         # Not one `enum`: some generators of clients take only values of one type.
         return {"anyOf": [{"const": "auto"}, {"enum": [0, 1]}]}
 
@@ -238,11 +229,9 @@ class AllowedLayout:
         return str(AllowedWords((*LAYOUTS, *plugin_names())))
 
     def checked(self, name: str, value: object, at: str = "") -> str:
-        """See `Allowed.checked`."""
         return AllowedWords(known_layouts(value)).checked(name, value, at)
 
     def schema(self) -> dict[str, object]:
-        """See `Allowed.schema`."""
         return {"anyOf": [AllowedWords(LAYOUTS).schema(), {"type": "string"}]}
 
 

@@ -7,7 +7,7 @@ import zlib
 from array import array
 from bisect import bisect_left
 from collections import Counter
-from collections.abc import Callable, Collection, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -186,11 +186,15 @@ def unused_files(
     for path in frames.texts() if frames.texts else ():
         use.add_file(path)
     known = {RECORDING_NAME, KEYS_NAME, *(split.name for split in splits)}
-    ends = {one.path.rpartition("/")[2] for one in frames.unmatched}
-    unmatched = _Ends(one.path for one in frames.unmatched)
+    unmatched = {one.path for one in frames.unmatched}
+    lasts = {path.rpartition("/")[2] for path in unmatched}
     is_used = use.is_used()
     for name in _all_files(use.root):
-        is_listed = name.rpartition("/")[2] in ends and name in unmatched
+        # Some paths are relative to a folder of their own.
+        parts = name.split("/")
+        is_listed = parts[-1] in lasts and any(
+            "/".join(parts[start:]) in unmatched for start in range(len(parts))
+        )
         if is_listed or is_used(name) or name in known:
             continue
         why = _IGNORED if use.files.ignores(name) else _why_not_read(name, frames)
@@ -200,22 +204,6 @@ def unused_files(
 
 
 _IGNORED: Final = "`files.ignore` of the description leaves it out"
-
-
-class _Ends:
-    """Files that are named by the ends of their paths: some are relative to a folder
-    of their own."""
-
-    def __init__(self, names: Iterable[str]) -> None:
-        self._names = set(names)
-
-    def __contains__(self, name: object) -> bool:
-        path = str(name)
-        while path not in self._names:
-            _, slash, path = path.partition("/")
-            if not slash:
-                return False
-        return True
 
 
 def _all_files(root: Path) -> Iterator[str]:

@@ -270,13 +270,16 @@ def inspect_opened(
         key: value for key, value in found.items() if getattr(given, key) == "auto"
     }
     changed: Callable[..., RecordingDescription] = replace
+    problems, mixed = opened.problems, looked.problem
+    if mixed is not None:  # segmentations are of several families
+        problems = (*problems, Problem(mixed.kind, mixed.detail))
     return Inspection(
         name=name_of(source),
         layout=opened.layout,
         layouts=opened.layouts,
         why=opened.why,
         described=changed(given, **unsaid),
-        problems=(*opened.problems, *_several_families(looked)),
+        problems=problems,
         notes=opened.frames.notes(),
         frames=labels.frames,
         with_role=dict(labels.roles),
@@ -342,7 +345,9 @@ def open_recording(source: Path, given: RecordingDescription) -> OpenedRecording
         if isinstance(exc, NoClassList):
             remedy = _NAME_CLASSES
         problems.append(Problem(exc.kind, f"{exc.detail}{remedy}"))
-        streams = () if not source.is_dir() else _streams_of(source, given)
+        streams: tuple[StreamFacts, ...] = ()
+        with suppress(LayoutError):  # of a description that contradicts itself
+            streams = Streams(source, given).facts if source.is_dir() else ()
         frames = FrameSet("", lambda: iter(()), streams=streams)
         return OpenedRecording(frames, None, layouts, "", given, tuple(problems))
     problems += [Problem(other.error.kind, other.error.detail) for other in others]
@@ -354,12 +359,6 @@ def open_recording(source: Path, given: RecordingDescription) -> OpenedRecording
     return OpenedRecording(
         frames, frames.layout, layouts, why, described, tuple(problems), others
     )
-
-
-def _streams_of(source: Path, given: RecordingDescription) -> tuple[StreamFacts, ...]:
-    with suppress(LayoutError):  # of a description that contradicts itself
-        return Streams(source, given).facts
-    return ()
 
 
 def _read(
@@ -417,11 +416,6 @@ def _named_streams(
         told_by = "description" if role in patterns else str(opened.layout)
         pattern = patterns[role].text if role in patterns else None
         yield StreamFacts(role, count, labels.examples[role], (told_by,), pattern)
-
-
-def _several_families(looked: PictureSurvey) -> Iterator[Problem]:
-    if looked.problem is not None:
-        yield Problem(looked.problem.kind, looked.problem.detail)
 
 
 def _classes(

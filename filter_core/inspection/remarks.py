@@ -135,26 +135,22 @@ class RecordingAdvice:
 
     @property
     def general(self) -> str:
-        """See `Advice`."""
         return (
             "`classes: {NAME: CLASS}` says as what a class is measured, and "
             "`classes: {NAME: pass}` that it need not be"
         )
 
     def for_class(self, name: str, meant: str | None) -> str:
-        """See `Advice`."""
         if name == self.default_class:
             return "labels without a class; `boxes.default_class` names theirs"
         return f"`classes: {{{name}: {meant}}}`" if meant else ""
 
     def for_known(self, names: list[str]) -> str:
-        """See `Advice`."""
         return (
             f"; the tags of this version of CARLA have none for {listed_names(names)}"
         )
 
     def for_names(self, names: list[str]) -> str:
-        """See `Advice`."""
         other, name = names[:2]
         return f"; `classes: {{{other}: {{name: {name}}}}}` in recording.yaml joins two"
 

@@ -357,6 +357,14 @@ def _tags_of_numbers(changed: ChangedTags, family: str) -> NDArray[np.uint8]:
     return table
 
 
+def known_family(version: object) -> str | None:
+    """As `family_of_version`; None of anything that is no known version."""
+    try:
+        return family_of_version(version) if isinstance(version, str) else None
+    except UnknownVersion:
+        return None
+
+
 def family_of_version(version: str) -> str:
     """The key in `FAMILIES` of the tag family that a CARLA version renders.
 

@@ -129,7 +129,6 @@ class AllowedCameras:
         return f"an object with {', '.join(KEYS)}"
 
     def checked(self, name: str, value: object, at: str = "") -> CameraPlaces:
-        """See `Allowed.checked`."""
         if isinstance(value, CameraPlaces):
             return value
         if not isinstance(value, Mapping):
@@ -145,7 +144,6 @@ class AllowedCameras:
         )
 
     def schema(self) -> dict[str, object]:
-        """See `Allowed.schema`."""
         return {
             "type": "object",
             "properties": {key: {} for key in KEYS},

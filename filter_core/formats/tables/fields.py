@@ -203,7 +203,6 @@ class AllowedFields:
         return "names of columns or paths (JMESPath) by what they are"
 
     def checked(self, name: str, value: object, at: str = "") -> BoxFields:
-        """See `Allowed.checked`."""
         if isinstance(value, BoxFields):
             return value
         if not isinstance(value, Mapping):
@@ -231,7 +230,6 @@ class AllowedFields:
         return BoxFields(paths, by_class)
 
     def schema(self) -> dict[str, object]:
-        """See `Allowed.schema`."""
         path = {"type": ["string", "integer"]}
         return {
             "type": "object",

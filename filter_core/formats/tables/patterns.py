@@ -259,7 +259,6 @@ class AllowedFiles:
         return f"patterns of paths by role ({', '.join((*ROLES, IGNORE))})"
 
     def checked(self, name: str, value: object, at: str = "") -> FilePatterns:
-        """See `Allowed.checked`."""
         if isinstance(value, FilePatterns):
             return value
         if not isinstance(value, Mapping):
@@ -298,7 +297,6 @@ class AllowedFiles:
         return files
 
     def schema(self) -> dict[str, object]:
-        """See `Allowed.schema`."""
         text: dict[str, object] = {"type": "string", "minLength": 1}
         several = {"type": "array", "items": text, "minItems": 1}
         patterns = {role: {"anyOf": [text, several]} for role in ROLES}
@@ -316,7 +314,6 @@ class AllowedKeyPattern:
         return "a text with {frame} in it, such as {camera}/{frame}"
 
     def checked(self, name: str, value: object, at: str = "") -> FilePattern:
-        """See `Allowed.checked`."""
         if isinstance(value, FilePattern):
             return value
         pattern = _pattern(name, value, at)
@@ -325,7 +322,6 @@ class AllowedKeyPattern:
         return pattern
 
     def schema(self) -> dict[str, object]:
-        """See `Allowed.schema`."""
         return {"type": "string", "minLength": 1, "maxLength": _MAX_LENGTH}
 
 
