@@ -194,7 +194,26 @@ def frame_boxes_2d(
     for form in {box.form for box in boxes}.intersection(FORMS):
         rows = _rows_of(boxes, form)
         geometry.xyxy[rows] = to_xyxy(form, _values(boxes, rows), wh)
-    _fill_projections(geometry, annotation, projection)
+    rows = np.concatenate([_rows_of(boxes, form) for form in FORMS_3D])
+    if len(rows):
+        if annotation.camera is None:
+            box = boxes[rows[0]]
+            raise AnnotationError(
+                f'box {box.index} (id "{box.id}"), {box.form}: expected a camera to '
+                "project it with, found none",
+                pointer="/camera",
+                code="missing_camera",
+            )
+        seen = project_boxes(geometry.vertices[rows], annotation.camera, projection)
+        geometry.amodal_xyxy[rows] = seen.amodal_xyxy
+        geometry.visible_xyxy[rows] = seen.visible_xyxy
+        geometry.distance[rows] = seen.distance
+        # Algorithm 1 corrects the paper's rectangle itself, so it gets it unclamped.
+        xyxy = seen.amodal_xyxy if projection == "naive" else seen.visible_xyxy
+        nothing = np.isnan(xyxy).any(axis=1, keepdims=True)
+        geometry.xyxy[rows] = np.where(nothing, _OUTSIDE, xyxy)
+        for row, edges in zip(rows, seen.edges, strict=True):
+            geometry.edges[row] = edges
     for row, box in enumerate(annotation.boxes):
         if box.distance is not None:
             geometry.distance[row] = box.distance
@@ -230,34 +249,6 @@ def given_rectangles(boxes: Sequence[JsonObject], wh: tuple[int, int]) -> BoxesX
     for form, of_form in rows.items():
         found[of_form] = to_xyxy(form, [boxes[row][form] for row in of_form], wh)
     return found
-
-
-def _fill_projections(
-    geometry: BoxGeometry, annotation: FrameAnnotation, projection: ProjectionMode
-) -> None:
-    boxes = annotation.boxes
-    rows = np.concatenate([_rows_of(boxes, form) for form in FORMS_3D])
-    if len(rows) == 0:
-        return
-    if annotation.camera is None:
-        box = boxes[rows[0]]
-        raise AnnotationError(
-            f'box {box.index} (id "{box.id}"), {box.form}: expected a camera to '
-            "project it with, found none",
-            pointer="/camera",
-            code="missing_camera",
-        )
-    seen = project_boxes(geometry.vertices[rows], annotation.camera, projection)
-    geometry.amodal_xyxy[rows] = seen.amodal_xyxy
-    geometry.visible_xyxy[rows] = seen.visible_xyxy
-    geometry.distance[rows] = seen.distance
-    # Algorithm 1 corrects the paper's rectangle itself, so it gets it unclamped.
-    xyxy = seen.amodal_xyxy if projection == "naive" else seen.visible_xyxy
-    nothing = np.isnan(xyxy).any(axis=1, keepdims=True)
-    measured: BoxesXYXY = np.where(nothing, _OUTSIDE, xyxy)
-    geometry.xyxy[rows] = measured
-    for row, edges in zip(rows, seen.edges, strict=True):
-        geometry.edges[row] = edges
 
 
 def _rows_of(boxes: Sequence[BoxAnnotation], form: str) -> IntArray:

@@ -19,7 +19,7 @@ from filter_core.classes import MEASURED_CLASSES, PASS
 from filter_core.config.filter import FilterConfig
 from filter_core.errors import ConfigError, JsonError
 from filter_core.json_text import JsonLimits, read_json, repeated_key
-from filter_core.values import JsonObject, shown
+from filter_core.values import JsonObject, escape_text, shown
 
 _MAX_CHARACTERS: Final = 64 * 1024
 
@@ -220,7 +220,7 @@ class _StrictLoader(yaml.SafeLoader):
         if isinstance(node, yaml.MappingNode):
             node.value = [(_color_as_text(key), value) for key, value in node.value]
             _refuse_bad_keys(node)
-        if isinstance(node, yaml.ScalarNode) and not _is_encodable(node.value):
+        if isinstance(node, yaml.ScalarNode) and escape_text(node.value) != node.value:
             raise _refused("half of a surrogate pair is not text", node)
         return node
 
@@ -235,14 +235,6 @@ def _whole_number(loader: yaml.SafeLoader, node: yaml.ScalarNode) -> int:
 
 
 _StrictLoader.add_constructor(_WHOLE_NUMBER, _whole_number)
-
-
-def _is_encodable(text: str) -> bool:
-    try:
-        text.encode()
-    except UnicodeEncodeError:
-        return False
-    return True
 
 
 _CHANNELS: Final = 3

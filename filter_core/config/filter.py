@@ -199,7 +199,12 @@ class DecideConfig(DecidingKeys, ClassLimits):
 
     def as_dict(self) -> dict[str, object]:
         """Every key, defaults filled in, ready for JSON; `from_mapping` inverts it."""
-        plain = {key: _plain(getattr(self, key)) for key in keys_of(type(self))}
+        values = {key: getattr(self, key) for key in keys_of(type(self))}
+        # A mapping as JSON has it, which nobody else can change
+        plain = {
+            key: dict(value) if isinstance(value, Mapping) else value
+            for key, value in values.items()
+        }
         overrides = {name: one.as_dict() for name, one in self.classes.items()}
         return {**plain, "classes": overrides}
 
@@ -335,11 +340,6 @@ class FilterConfig(ReadingKeys, DecideConfig):
             depth_tolerance=float(self.depth_tolerance),
             depth_encoding=self.depth_encoding,
         )
-
-
-def _plain(value: object) -> object:
-    """A value of a key as JSON has it, which nobody else can change."""
-    return dict(value) if isinstance(value, Mapping) else value
 
 
 def _canonical_classes(raw: object) -> Mapping[str, ClassConfig]:

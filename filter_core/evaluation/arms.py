@@ -21,9 +21,9 @@ from filter_core.decisions.channel_rules import IS_FINAL
 from filter_core.decisions.rules import decide
 from filter_core.errors import ConfigError
 from filter_core.evaluation.comparison import PartCounts, PartsObject
-from filter_core.evaluation.detections import pairwise_iou
 from filter_core.evidence_kinds import AUTO, SEMANTIC, EvidenceChoice
 from filter_core.evidence_numbers import Evidence
+from filter_core.geometry.boxes import pairwise_iou
 from filter_core.verdicts import REJECTED, VERDICT_OF_REASON
 
 ArmKind: TypeAlias = Literal[

@@ -19,6 +19,7 @@ import numpy as np
 
 from filter_core.arrays import BoolArray, BoxesXYXY, FloatArray, IntArray, rows_of
 from filter_core.evaluation.scores import BANDS, band_index
+from filter_core.geometry.boxes import pairwise_iou
 
 IOUS: Final[FloatArray] = np.linspace(0.5, 0.95, 10)
 """The overlaps from which a detection can be right."""
@@ -91,26 +92,6 @@ class Matches:
     hit: BoolArray
     ignored: BoolArray
     objects: IntArray
-
-
-def pairwise_iou(first: BoxesXYXY, second: BoxesXYXY) -> FloatArray:
-    """(N, M) float64: intersection over union of (N, 4) and (M, 4) rectangles.
-
-    0 where they do not overlap, also for rectangles without area.
-    """
-    low = np.maximum(first[:, None, :2], second[None, :, :2])
-    high = np.minimum(first[:, None, 2:], second[None, :, 2:])
-    sides = np.maximum(high - low, 0.0)
-    shared = sides[..., 0] * sides[..., 1]
-    total = _area(first)[:, None] + _area(second)[None] - shared
-    share: FloatArray = np.zeros_like(shared)
-    np.divide(shared, total, out=share, where=shared > 0)
-    return share
-
-
-def _area(xyxy: BoxesXYXY) -> FloatArray:
-    area: FloatArray = (xyxy[:, 2] - xyxy[:, 0]) * (xyxy[:, 3] - xyxy[:, 1])
-    return area
 
 
 def match(

@@ -249,16 +249,19 @@ class _Cuts:
         """The scores of each threshold."""
         cuts = self.cuts_of(thresholds)
         counts = (column[0, cuts].tolist() for column in self._scores)
-        return list(map(_point, thresholds.tolist(), *counts))
-
-
-def _point(threshold: float, right: int, wrong: int, lost: int) -> Point:
-    return Point(
-        threshold,
-        right / (right + wrong) if right + wrong else None,
-        right / (right + lost) if right + lost else None,
-        2 * right / (2 * right + wrong + lost) if right + wrong + lost else None,
-    )
+        return [
+            Point(
+                threshold,
+                right / (right + wrong) if right + wrong else None,
+                right / (right + lost) if right + lost else None,
+                2 * right / (2 * right + wrong + lost)
+                if right + wrong + lost
+                else None,
+            )
+            for threshold, right, wrong, lost in zip(
+                thresholds.tolist(), *counts, strict=True
+            )
+        ]
 
 
 def _before(counts: IntArray) -> IntArray:

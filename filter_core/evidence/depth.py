@@ -359,7 +359,11 @@ def settled_depth(
         and pixels.mask.any()
     ]
     if depth.is_certain:
-        if len(boxes) > 1 and all(_is_behind(depth, one, high) for one in boxes):
+        are_behind = (
+            (depth.steps(one.silhouette.region)[one.mask] > high[one.silhouette.row])
+            for one in boxes
+        )
+        if len(boxes) > 1 and all(steps.all() for steps in are_behind):
             raise _unknown(
                 f"its pixels are behind each of the {len(boxes)} boxes that they "
                 "belong to: its numbers are not CARLA's, or the boxes of another frame"
@@ -392,12 +396,6 @@ def settled_depth(
         "boxes that pixels belong to; expected most of them. If it is in millimetres, "
         "name depth_encoding millimetres16"
     )
-
-
-def _is_behind(depth: DepthImage, pixels: AcceptedPixels, high: IntArray) -> bool:
-    """Whether all accepted pixels of a box are farther away than the box."""
-    steps = depth.steps(pixels.silhouette.region)[pixels.mask]
-    return bool((steps > high[pixels.silhouette.row]).all())
 
 
 def _boxes_that_fit(

@@ -21,6 +21,7 @@ from filter_core.errors import ImageError, file_context
 from filter_core.evidence.silhouettes import Silhouette
 from filter_core.evidence_numbers import ChannelNumbers
 from filter_core.frame_boxes import FrameBoxes
+from filter_core.geometry.boxes import pairwise_iou
 from filter_core.images.decoding import decode_color
 from filter_core.images.header import (
     MAX_SIDE,
@@ -391,26 +392,14 @@ def pair_weights(
         inside = dense[image.ids[silhouette.region][accepted]]
         counts = np.bincount(inside, minlength=len(pixels) + 1)[: len(pixels)]
         share = counts / total
-        fit = share * np.sqrt(overlap(boxes.xyxy[row], rectangles)) * nearness[row]
+        overlap = pairwise_iou(boxes.xyxy[row : row + 1], rectangles)
+        fit = share * np.sqrt(overlap[0]) * nearness[row]
         weight[row] = np.where(share >= _MOSTLY_INSIDE, fit, 0.0)
     return weight
 
 
 _NEAREST: Final = 1e-3
 """Smaller distances, in medians, count as this one: nearness stays finite."""
-
-
-def overlap(xyxy: FloatArray, rectangles: FloatArray) -> FloatArray:
-    """(K,) float64, 0..1: intersection over union of one rectangle with K others.
-
-    `xyxy` is (4,), `rectangles` (K, 4), both px.
-    """
-    low = np.maximum(xyxy[:2], rectangles[:, :2])
-    high = np.minimum(xyxy[2:], rectangles[:, 2:])
-    common = np.prod(np.maximum(high - low, 0.0), axis=1)
-    areas = np.prod(rectangles[:, 2:] - rectangles[:, :2], axis=1)
-    union = areas + np.prod(xyxy[2:] - xyxy[:2]) - common
-    return np.asarray(common / np.where(union > 0, union, 1.0), np.float64)
 
 
 def assign_instances(weight: FloatArray, given: IntArray) -> IntArray:

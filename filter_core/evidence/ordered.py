@@ -50,7 +50,11 @@ def owned_pixels(
     owned = np.full(len(distance), NOT_MEASURED, np.int64)
     explained_by = np.full(len(distance), NOT_MEASURED, np.int64)
     claims = np.full(image_wh[::-1], _UNCLAIMED, np.int32)
-    ranked = near_to_far(accepted, distance, ids)
+    # From near to far; ties are ordered by id
+    ranked = sorted(
+        (one for one in accepted if not np.isnan(distance[one.silhouette.row])),
+        key=lambda one: (distance[one.silhouette.row], ids[one.silhouette.row]),
+    )
     bounds = silhouette_bounds(ranked)
     for rank, pixels in enumerate(ranked):
         row = pixels.silhouette.row
@@ -68,20 +72,6 @@ def owned_pixels(
     known = explained_by != NOT_MEASURED
     explained_by[known] = row_of_rank[explained_by[known]]
     return owned, explained_by
-
-
-def near_to_far(
-    accepted: Sequence[AcceptedPixels], distance: FloatArray, ids: Sequence[str]
-) -> list[AcceptedPixels]:
-    """The boxes of known distance, nearest first; ties are ordered by id.
-
-    `distance` (N,), metres, and the N `ids` are those of all boxes of the frame.
-    """
-    known = [one for one in accepted if not np.isnan(distance[one.silhouette.row])]
-    return sorted(
-        known,
-        key=lambda one: (distance[one.silhouette.row], ids[one.silhouette.row]),
-    )
 
 
 _ISLAND: Final = 0.5

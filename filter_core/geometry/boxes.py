@@ -19,18 +19,14 @@ from filter_core.evidence_numbers import BoxState
 from filter_core.verdicts import Profile
 
 
-def _unchanged(boxes: FloatArray) -> FloatArray:
-    return boxes
-
-
 def _centre_size_to_corners(boxes: FloatArray) -> FloatArray:
     half = boxes[:, 2:] / 2
     return np.hstack([boxes[:, :2] - half, boxes[:, :2] + half])
 
 
 _TO_XYXY: Final[dict[str, Callable[[FloatArray], FloatArray]]] = {
-    "xyxy": _unchanged,
-    "xyxyn": _unchanged,
+    "xyxy": lambda boxes: boxes,
+    "xyxyn": lambda boxes: boxes,
     "xywh": lambda boxes: np.hstack([boxes[:, :2], boxes[:, :2] + boxes[:, 2:]]),
     "cxcywh": _centre_size_to_corners,
     "cxcywhn": _centre_size_to_corners,
@@ -129,7 +125,14 @@ def correct_xyxy(
             f"profile: expected {expected}, found {profile!r}", code="bad_profile"
         )
     boxes = _as_boxes(xyxy)
-    _refuse_non_finite(boxes)
+    finite = np.isfinite(boxes).all(axis=1)
+    if not finite.all():
+        index = int(np.argmin(finite))
+        raise AnnotationError(
+            f"box {index}: expected four finite numbers, found {boxes[index].tolist()}",
+            pointer=f"/boxes/{index}",
+            code="not_finite",
+        )
     limit = np.array([*wh, *wh], dtype=np.float64)
     if profile == "paper" and rounded_edges:
         # Edges that were rounded become the whole numbers that they were.
@@ -164,18 +167,6 @@ def correct_xyxy(
     return corrected, state
 
 
-def _refuse_non_finite(boxes: FloatArray) -> None:
-    finite = np.isfinite(boxes).all(axis=1)
-    if finite.all():
-        return
-    index = int(np.argmin(finite))
-    raise AnnotationError(
-        f"box {index}: expected four finite numbers, found {boxes[index].tolist()}",
-        pointer=f"/boxes/{index}",
-        code="not_finite",
-    )
-
-
 def pixel_bounds(xyxy: ArrayLike, wh: tuple[int, int]) -> IntArray:
     """(N, 4) int64: the pixels that boxes touch, as first column, first row, last
     column + 1, last row + 1.
@@ -195,6 +186,22 @@ def pixel_bounds(xyxy: ArrayLike, wh: tuple[int, int]) -> IntArray:
     bounds[:, 2:] = np.minimum(np.maximum(np.ceil(solid[:, 2:]), first + 1), size)
     bounds *= known
     return bounds
+
+
+def pairwise_iou(first: BoxesXYXY, second: BoxesXYXY) -> FloatArray:
+    """(N, M) float64: intersection over union of (N, 4) and (M, 4) rectangles.
+
+    0 where they do not overlap, also for rectangles without area.
+    """
+    low = np.maximum(first[:, None, :2], second[None, :, :2])
+    high = np.minimum(first[:, None, 2:], second[None, :, 2:])
+    sides = np.maximum(high - low, 0.0)
+    shared = sides[..., 0] * sides[..., 1]
+    areas = [np.prod(each[:, 2:] - each[:, :2], axis=1) for each in (first, second)]
+    total = areas[0][:, None] + areas[1][None] - shared
+    share: FloatArray = np.zeros_like(shared)
+    np.divide(shared, total, out=share, where=shared > 0)
+    return share
 
 
 def _as_boxes(values: ArrayLike) -> FloatArray:

@@ -169,13 +169,19 @@ def _recognise(codes: frozenset[int], named: NamedReading) -> Recognition:
     equals = [reading for reading in best if reading.order == chosen.order]
     if named.family is None:
         _refuse_mixture(chosen, equals, missing)
-    rivals = _rivals(chosen, equals, codes - missing[chosen])
+    explained = codes - missing[chosen]
+    rivals = tuple(
+        other.family
+        for other in equals
+        if other.family not in (chosen.family, PAPER_TABLE)
+        and any(other.name_of(code) != chosen.name_of(code) for code in explained)
+    )
     return Recognition(
         family=chosen.family,
         order=chosen.order,
         rivals=rivals,
         missing=missing[chosen],
-        notes=tuple(_notes(chosen, best, rivals, codes - missing[chosen])),
+        notes=tuple(_notes(chosen, best, rivals, explained)),
         readings=frozenset(best),
     )
 
@@ -208,17 +214,6 @@ def _refuse_mixture(
             f"{foreign}; name the palette",
             code="ambiguous_palette",
         )
-
-
-def _rivals(
-    chosen: Reading, equals: list[Reading], explained: frozenset[int]
-) -> tuple[str, ...]:
-    return tuple(
-        other.family
-        for other in equals
-        if other.family not in (chosen.family, PAPER_TABLE)
-        and any(other.name_of(code) != chosen.name_of(code) for code in explained)
-    )
 
 
 def _notes(

@@ -420,11 +420,19 @@ def read_raw_tags(
         ``family_not_named``: nothing names the family and nothing proves it.
     """
     changed = named.changed
-    counts = count_codes(tags, exact_codes())
+    counts = count_codes(tags, exact_codes(UNCHANGED))
     if changed.scale > 1:
-        _refuse_no_multiples(counts, changed.scale)
+        others = np.where(np.arange(256) % changed.scale, counts, 0)
+        share = 100.0 * float(others.sum()) / float(counts.sum())
+        if share > _MAX_SENSELESS_PERCENT:
+            raise SegmentationError(
+                f"tag_scale: expected multiples of {changed.scale}, found other "
+                f"numbers at {share:.1f} % of the pixels, most often "
+                f"{int(others.argmax())}",
+                code="foreign_tags",
+            )
         tags = cv2.LUT(tags, changed.levels).astype(np.uint8, copy=False)
-        counts = count_codes(tags, exact_codes())
+        counts = count_codes(tags, exact_codes(UNCHANGED))
     plain = counts.copy()
     plain[[number for number, _ in changed.numbers]] = 0
     # Refuse numbers of no family; `plain` are pixels of those that are not changed
@@ -442,17 +450,6 @@ def read_raw_tags(
     _refuse_contradiction(plain, family, named)
     segmentation = raw_segmentation(tags, counts, family, order, changed)
     return replace(segmentation, readings=frozenset({(family, order)}))
-
-
-def _refuse_no_multiples(counts: IntArray, scale: int) -> None:
-    others = np.where(np.arange(256) % scale, counts, 0)
-    share = 100.0 * float(others.sum()) / float(counts.sum())
-    if share > _MAX_SENSELESS_PERCENT:
-        raise SegmentationError(
-            f"tag_scale: expected multiples of {scale}, found other numbers at "
-            f"{share:.1f} % of the pixels, most often {int(others.argmax())}",
-            code="foreign_tags",
-        )
 
 
 _FEWEST_MULTIPLES: Final = 4

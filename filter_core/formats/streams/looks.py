@@ -19,6 +19,7 @@ from filter_core.formats.reading import open_regular
 from filter_core.images.decoding import decode_image
 from filter_core.images.header import read_image_header
 from filter_core.segmentation.codes import COLOR_BITS, exact_codes
+from filter_core.segmentation.palettes import UNCHANGED
 from filter_core.segmentation.tags import looks_raw
 
 Look: TypeAlias = Literal["photo", "segmentation", "instances", "depth", "grey"]
@@ -107,7 +108,7 @@ def _look(pixels: NDArray[np.uint8]) -> Look | None:
         return None
     if looks_raw(rgb):
         return "segmentation"
-    if (exact_codes()[packed & COLOR_BITS] > 0).mean() >= _KNOWN_SHARE:
+    if (exact_codes(UNCHANGED)[packed & COLOR_BITS] > 0).mean() >= _KNOWN_SHARE:
         return "segmentation"
     return _by_neighbours(packed, red, blue)
 
