@@ -210,12 +210,8 @@ _TAG_NAMES: Final = {
 def canonical_accept(value: object, *, at: str = "") -> tuple[str | int, ...]:
     """A config's accept set: tag names and numbers, sorted, each of them once.
 
-    `at` is the JSON pointer of the key.
-
-    Raises
-    ------
-    ConfigError
-        Not a list, or a tag that no palette has; names the nearest tag.
+    `at` is the JSON pointer of the key. Raises `ConfigError`: not a list, or a tag that
+    no palette has; names the nearest tag.
     """
     if not isinstance(value, list | tuple) or not 0 < len(value) <= MAX_ACCEPT:
         raise ConfigError(
@@ -258,13 +254,9 @@ _CHANNELS: Final = re.compile(r"[\[(]?\s*(\d+)\s*,\s*(\d+)\s*,\s*(\d+)\s*[\])]?"
 def canonical_tags(value: object, *, at: str = "") -> dict[str, str]:
     """The tags of a changed CARLA: names by number and by colour, as ``#dc143c``.
 
-    Parameters are those of `canonical_accept`.
-
-    Raises
-    ------
-    ConfigError
-        Not a mapping, neither a number up to 255 nor a colour, the same twice, or a
-        tag that no palette has.
+    Parameters are those of `canonical_accept`. Raises `ConfigError`: not a mapping,
+    neither a number up to 255 nor a colour, the same twice, or a tag that no palette
+    has.
     """
     if not isinstance(value, Mapping) or len(value) > MAX_CHANGED_TAGS:
         raise ConfigError(

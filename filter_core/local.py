@@ -355,10 +355,7 @@ def evaluate_source(
 def read_truth(path: Path) -> dict[str, dict[str, bool]]:
     """Reads lines of ``{"key", "id", "visible"}``; other keys are ignored.
 
-    Raises
-    ------
-    LayoutError
-        Names the line and its error.
+    Raises `LayoutError`: names the line and its error.
     """
     truth: dict[str, dict[str, bool]] = {}
     for key, box_id, visible, _ in _truth_lines(path):
@@ -678,11 +675,7 @@ def measure_source(
     """Measure one frame of a folder, and decide nothing.
 
     The configuration's own channels are only measured if they are in `channels`, too.
-
-    Raises
-    ------
-    FilterError
-        What is wrong with the frame.
+    Raises `FilterError`: what is wrong with the frame.
     """
     if problem := source.problem or missing_image(source):
         raise problem

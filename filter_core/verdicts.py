@@ -141,10 +141,7 @@ class Reason(IntEnum):
     def with_label(cls, label: str) -> tuple[Reason, ...]:
         """The reasons of this name, mostly one.
 
-        Raises
-        ------
-        ValueError
-            There is no reason of this name.
+        Raises `ValueError`: there is no reason of this name.
         """
         reasons = tuple(reason for reason in cls if reason.label == label)
         if not reasons:

@@ -153,12 +153,9 @@ def merged_classes(
 def parse_yaml(text: str | bytes) -> object:
     """Plain values from untrusted YAML or JSON.
 
-    Raises
-    ------
-    ConfigError
-        Not YAML, a key twice, an alias (a few bytes of them can stand for gigabytes),
-        text that UTF-8 cannot encode, more than 64 Ki characters, more than 10,000
-        values, or nested too deeply.
+    Raises `ConfigError`: not YAML, a key twice, an alias (a few bytes of them can stand
+    for gigabytes), text that UTF-8 cannot encode, more than 64 Ki characters, more than
+    10,000 values, or nested too deeply.
     """
     if len(text) > _MAX_CHARACTERS:
         raise ConfigError(

@@ -76,10 +76,7 @@ class ClassConfig(
     def from_mapping(cls, raw: object, *, at: str = "") -> ClassConfig:
         """One class's overrides, checked; `at` is their JSON pointer.
 
-        Raises
-        ------
-        ConfigError
-            Not a mapping, an unknown key, or a wrong value.
+        Raises `ConfigError`: not a mapping, an unknown key, or a wrong value.
         """
         if not isinstance(raw, Mapping):
             raise ConfigError(
@@ -182,10 +179,7 @@ class DecideConfig(DecidingKeys, ClassLimits):
     def from_mapping(cls: type[_Config], raw: object) -> _Config:
         """A configuration from a file or a request; missing keys take their defaults.
 
-        Raises
-        ------
-        ConfigError
-            Unknown key (names the nearest valid one) or wrong value.
+        Raises `ConfigError`: unknown key (names the nearest valid one) or wrong value.
         """
         if not isinstance(raw, Mapping):
             raise ConfigError(

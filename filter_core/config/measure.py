@@ -229,12 +229,8 @@ class MeasureConfig:
     def accept_masks(self, class_names: Iterable[str], family: str | None) -> IntArray:
         """(K,) int64: the tags each class accepts, bit t for tag t; 0 if not mapped.
 
-        `family` is the tag family of the segmentation, None if there is none.
-
-        Raises
-        ------
-        ConfigError
-            A class accepts a tag that the family does not have.
+        `family` is the tag family of the segmentation, None if there is none. Raises
+        `ConfigError`: a class accepts a tag that the family does not have.
         """
         masks = [self._accept_mask(name, family) for name in class_names]
         return np.array(masks, dtype=np.int64)

@@ -93,10 +93,7 @@ def compared_by_channels(
 def keeps(evidence: Evidence, config: DecideConfig, channel: ChannelName) -> BoolArray:
     """(N,) bool: which boxes a channel alone would keep, of those it has a number for.
 
-    Raises
-    ------
-    ValueError
-        No channel was measured.
+    Raises `ValueError`: no channel was measured.
     """
     if evidence.channels is None:
         raise ValueError(f"expected numbers of {channel}, found no channel's")

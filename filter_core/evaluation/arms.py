@@ -88,10 +88,7 @@ class Arm(NamedTuple):
     def named(cls, name: str) -> Arm:
         """The arm of a name: a kind, or ``ordered@3`` with `min_visible_pixels`.
 
-        Raises
-        ------
-        ConfigError
-            There is no such arm.
+        Raises `ConfigError`: there is no such arm.
         """
         found = _ARM.fullmatch(name)
         for kind in ARMS:

@@ -83,10 +83,7 @@ def crowding_percent(
 def most_covering(xyxy: BoxesXYXY, accept_mask: IntArray, row: int) -> int:
     """The row of the box that covers most of one box, as `crowding_percent` says.
 
-    Raises
-    ------
-    ValueError
-        No other box that is alike overlaps it.
+    Raises `ValueError`: no other box that is alike overlaps it.
     """
     common = np.nan_to_num(_common_areas(xyxy[row : row + 1].T, xyxy.T)[0])
     common[(accept_mask & accept_mask[row]) == 0] = 0.0

@@ -292,12 +292,8 @@ def with_accept_masks(evidence: Evidence, accept_mask: IntArray) -> Evidence:
     """The same evidence with other accept sets, (N,) int64; reads no pixel.
 
     It is that of one frame, with `tag_counts` and `xyxy`, and measured with profile
-    ``paper``.
-
-    Raises
-    ------
-    FilterError
-        ``no_histogram``: `tag_counts` or `xyxy` were not measured or not loaded.
+    ``paper``. Raises `FilterError` (``no_histogram``): `tag_counts` or `xyxy` were not
+    measured or not loaded.
     """
     if evidence.xyxy is None or (
         evidence.tag_counts is None and evidence.measured.any()

@@ -148,12 +148,8 @@ def read_carlasimu(root: Path, options: RecordingDescription) -> FrameSet:
 
     The bands are cumulative (``label200`` holds what ``label50`` does), so the others
     only say how far away a box is (``distance_range``); a frame that only a narrower
-    band has is listed as unmatched.
-
-    Raises
-    ------
-    LayoutError
-        There is neither ``labels/labelNN/`` nor ``label/``.
+    band has is listed as unmatched. Raises `LayoutError`: there is neither
+    ``labels/labelNN/`` nor ``label/``.
     """
     camera = _camera_folder(root)
     if camera is None:

@@ -190,11 +190,8 @@ def read_cvat(root: Path, options: RecordingDescription) -> FrameSet:
 
     Of other shapes than boxes, outlines are read as the rectangles around them, and
     others are left out; both are counted. The part of an image (``subset``) is kept.
-
-    Raises
-    ------
-    LayoutError
-        No such file, one that cannot be read, or one of CVAT for video.
+    Raises `LayoutError`: no such file, one that cannot be read, or one of CVAT for
+    video.
     """
     paths = listing_files(root, options, _cvat_files, "an .xml file of CVAT for images")
     folder = root.parent if root.is_file() else root

@@ -117,12 +117,8 @@ def read_decisions(source: Path, options: RecordingDescription) -> FrameSet:
 
     Images are those in the folder whose paths end like the keys of the frames. A box
     without a rectangle, as files of earlier versions have it of one outside of the
-    image, is left out, and counted.
-
-    Raises
-    ------
-    LayoutError
-        No such file, or a line without a key.
+    image, is left out, and counted. Raises `LayoutError`: no such file, or a line
+    without a key.
     """
     path = source / _NAME if source.is_dir() else source
     if not path.is_file():
@@ -495,10 +491,7 @@ def _drained(text: io.StringIO) -> bytes:
 def require_parquet() -> ModuleType:
     """The library that writes Parquet.
 
-    Raises
-    ------
-    NotAvailable
-        It is not installed; the message says how to get it.
+    Raises `NotAvailable`: it is not installed; the message says how to get it.
     """
     try:
         import pyarrow

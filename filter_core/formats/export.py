@@ -239,10 +239,7 @@ class ExportOptions:
     def from_mapping(cls, given: JsonObject) -> ExportOptions:
         """Options by name, as JSON or a command line gives them.
 
-        Raises
-        ------
-        ExportError
-            An unknown option, or a value that is not allowed.
+        Raises `ExportError`: an unknown option, or a value that is not allowed.
         """
         names = [field.name for field in fields(cls)]
         for name in given.keys() - set(names):

@@ -101,10 +101,7 @@ class FileNames:
 def folder_sink(folder: Path) -> Iterator[Sink]:
     """A sink that writes files into a `new_folder`.
 
-    Raises
-    ------
-    ExportError
-        As `new_folder`; or a file's path leads out of it.
+    Raises `ExportError`: as `new_folder`; or a file's path leads out of it.
     """
     with new_folder(folder) as partial:
         yield _Folder(partial).write
@@ -114,12 +111,8 @@ def folder_sink(folder: Path) -> Iterator[Sink]:
 def new_folder(folder: Path) -> Iterator[Path]:
     """A folder to be filled, which appears under its name when everything is written.
 
-    If anything fails, it does not appear.
-
-    Raises
-    ------
-    ExportError
-        The folder exists already.
+    If anything fails, it does not appear. Raises `ExportError`: the folder exists
+    already.
     """
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise ExportError(f"{name_of(folder)}: expected a new or an empty folder")

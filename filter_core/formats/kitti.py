@@ -125,10 +125,7 @@ def _kitti_folders(root: Path) -> list[Path]:
 def read_kitti(root: Path, options: RecordingDescription) -> FrameSet:
     """The frames of a KITTI folder; a bad file is its frame's problem.
 
-    Raises
-    ------
-    LayoutError
-        There is no ``label_2``.
+    Raises `LayoutError`: there is no ``label_2``.
     """
     homes = _kitti_folders(root)
     if not homes and options.labels is None:

@@ -139,12 +139,8 @@ def read_label_studio(root: Path, options: RecordingDescription) -> FrameSet:
 
     Of several annotations of a task the one that is marked as ground truth counts, else
     the one that was changed last. A task without an annotation has the boxes of its
-    last prediction; one with neither was not labelled yet, and is listed.
-
-    Raises
-    ------
-    LayoutError
-        No file of tasks, or one that cannot be read.
+    last prediction; one with neither was not labelled yet, and is listed. Raises
+    `LayoutError`: no file of tasks, or one that cannot be read.
     """
     expected = "a .json file with Label Studio's tasks"
     paths = listing_files(root, options, _task_files, expected)

@@ -55,13 +55,10 @@ def described_labels(
     """The frames with their boxes as the description says.
 
     Where it does not say the unit or the corners, they are those of the format. With
-    `recognise`, a recording that `other_notations` recognises is refused.
-
-    Raises
-    ------
-    LayoutError
-        ``wrong_unit``, ``wrong_corners``: the boxes together look like those of another
-        unit or notation than the format's, and the description does not say it.
+    `recognise`, a recording that `other_notations` recognises is refused. Raises
+    `LayoutError` (``wrong_unit``, ``wrong_corners``): the boxes together look like
+    those of another unit or notation than the format's, and the description does not
+    say it.
     """
     if recognise:
         for other in other_notations(frames, description):

@@ -90,10 +90,8 @@ def _folders_of_tables(root: Path) -> list[Path]:
 def read_nuscenes(root: Path, options: RecordingDescription) -> FrameSet:
     """A frame for each key frame of a camera, with the boxes of its moment.
 
-    Raises
-    ------
-    LayoutError
-        There are no tables, or several versions of them; or one cannot be read.
+    Raises `LayoutError`: there are no tables, or several versions of them; or one
+    cannot be read.
     """
     folders = _folders_of_tables(root)
     if len(folders) != 1:

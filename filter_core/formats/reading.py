@@ -397,12 +397,8 @@ def frame_key(name: str) -> str:
 
     The suffix goes (only the last: ``a.b.png`` is ``a.b``), and so do folders that say
     what kind of files they hold: ``train/images/7.png`` and ``train/labels/7.txt`` are
-    both ``train/7``. Accents are composed, since some systems store them apart.
-
-    Raises
-    ------
-    LayoutError
-        It is the path of a folder, such as ``/``.
+    both ``train/7``. Accents are composed, since some systems store them apart. Raises
+    `LayoutError`: it is the path of a folder, such as ``/``.
     """
     folders, _, last = unicodedata.normalize("NFC", name).rpartition("/")
     if last in ("", "."):
@@ -502,12 +498,8 @@ def open_regular(path: Path) -> BinaryIO:
     """Open a file of a folder to read it.
 
     A folder from somebody else may have a pipe in place of a file, for which reading
-    would wait without end, or a link to a device that never ends.
-
-    Raises
-    ------
-    OSError
-        It cannot be opened, or is not a regular file.
+    would wait without end, or a link to a device that never ends. Raises `OSError`: it
+    cannot be opened, or is not a regular file.
     """
     return os.fdopen(_descriptor(path)[0], "rb")
 
@@ -540,10 +532,7 @@ def opening_file(path: Path, what: str) -> Iterator[None]:
 def read_file(path: Path, what: str) -> bytes:
     """The content of a file of a frame; `what` is its role, for errors.
 
-    Raises
-    ------
-    LayoutError
-        It cannot be read; names the file, never its folder.
+    Raises `LayoutError`: it cannot be read; names the file, never its folder.
     """
     with opening_file(path, what), open_regular(path) as file:
         return file.read()
@@ -552,10 +541,8 @@ def read_file(path: Path, what: str) -> bytes:
 def read_label_text(path: Path, name: str) -> str:
     """A label file's text.
 
-    Raises
-    ------
-    LayoutError
-        Not there, too large, or not UTF-8; names the file, never its folder.
+    Raises `LayoutError`: not there, too large, or not UTF-8; names the file, never its
+    folder.
     """
     try:
         content = read_label_bytes(path, name)
@@ -570,10 +557,7 @@ def read_label_text(path: Path, name: str) -> str:
 def read_label_bytes(path: Path, name: str, limit: int = MAX_LABEL_BYTES) -> bytes:
     """A label file's bytes; `name` is its name in errors.
 
-    Raises
-    ------
-    LayoutError
-        It cannot be read, or is longer than `limit`.
+    Raises `LayoutError`: it cannot be read, or is longer than `limit`.
     """
     content = b""
     try:
@@ -597,10 +581,7 @@ def read_label_bytes(path: Path, name: str, limit: int = MAX_LABEL_BYTES) -> byt
 def read_columns(words: Sequence[str], at: str) -> list[float]:
     """The numbers in `words`; `at` is their place, for errors.
 
-    Raises
-    ------
-    LayoutError
-        A word is no finite number.
+    Raises `LayoutError`: a word is no finite number.
     """
     numbers = []
     for word in words:
@@ -617,12 +598,8 @@ def read_columns(words: Sequence[str], at: str) -> list[float]:
 def json_object(content: bytes, at: str, *, halves: bool = False) -> dict[str, object]:
     """The JSON object that these bytes are; `at` is their place, for errors.
 
-    With `halves`, those of surrogate pairs pass (`read_json`).
-
-    Raises
-    ------
-    LayoutError
-        They are no JSON, or something else than an object.
+    With `halves`, those of surrogate pairs pass (`read_json`). Raises `LayoutError`:
+    they are no JSON, or something else than an object.
     """
     try:
         value = read_json(content, halves=halves)

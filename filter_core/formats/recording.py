@@ -516,10 +516,8 @@ def describe(
 def values_of(document: object) -> dict[str, object]:
     """The values of a description by attribute, from what its YAML holds.
 
-    Raises
-    ------
-    ConfigError
-        An unknown key, one that is not supported yet, or a wrong value.
+    Raises `ConfigError`: an unknown key, one that is not supported yet, or a wrong
+    value.
     """
     declared = declared_keys(RecordingDescription)
     by_place = {one.place or name: name for name, one in declared.items()}

@@ -70,12 +70,8 @@ def spans_of_lines(
 ) -> Iterator[BoxSpan]:
     """The lines of a text file that are boxes, by their columns.
 
-    Lines end as `str.splitlines` ends them, since readers use it.
-
-    Raises
-    ------
-    LayoutError
-        It is not UTF-8.
+    Lines end as `str.splitlines` ends them, since readers use it. Raises `LayoutError`:
+    it is not UTF-8.
     """
     try:
         text = file.read().decode("utf-8")
@@ -346,10 +342,8 @@ class RecordingCopy:
     def add(self, frame: FrameSource, rejected: Iterable[int] = ()) -> None:
         """Note a frame, and the rows of its boxes that are to be removed.
 
-        Raises
-        ------
-        LayoutError
-            It is not known where its boxes are, or their file is not in the folder.
+        Raises `LayoutError`: it is not known where its boxes are, or their file is not
+        in the folder.
         """
         own = frame.origin.file if frame.origin else None
         files = (own, frame.image, frame.segmentation, *frame.others.values())

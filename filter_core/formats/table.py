@@ -125,11 +125,8 @@ def _first_rows(document: object, reader: BoxReader) -> Iterator[object]:
 def read_table(source: Path, options: RecordingDescription) -> FrameSet:
     """A frame for each image, with the boxes of the rows that belong to it.
 
-    Raises
-    ------
-    LayoutError
-        A file with the labels of many frames cannot be read, or has no column with the
-        frame's name.
+    Raises `LayoutError`: a file with the labels of many frames cannot be read, or has
+    no column with the frame's name.
     """
     root = source if source.is_dir() else source.parent
     reader = BoxReader(

@@ -109,10 +109,8 @@ class ExportTally:
     def count_boxes(self, frame: ExportFrame) -> IntArray:
         """Count the boxes of a frame. Returns (N,): the number of each box's class.
 
-        Raises
-        ------
-        ExportError
-            A class is not in the list of classes, whose order is frozen.
+        Raises `ExportError`: a class is not in the list of classes, whose order is
+        frozen.
         """
         boxes = frame.boxes
         places = [self._number.get(name, -1) for name in boxes.class_names]
@@ -172,10 +170,8 @@ class ExportTally:
     def counts(self) -> Counts:
         """All counts, after checking that nothing was lost on the way.
 
-        Raises
-        ------
-        ExportError
-            Boxes in are not boxes out plus boxes dropped, or not as many as expected.
+        Raises `ExportError`: boxes in are not boxes out plus boxes dropped, or not as
+        many as expected.
         """
         expected_boxes = self._head.expected_boxes
         total = int(self._count["in"].sum())

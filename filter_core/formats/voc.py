@@ -227,13 +227,9 @@ def read_voc(content: bytes, name: str, origin: int = 1) -> dict[str, object]:
 
     If the first pixel is number 1 (`origin`), as in Pascal VOC's own files, corners are
     inclusive, and become half-open; if it is 0, they are taken as they are. VOC's pose,
-    truncation, difficulty and occlusion are kept with the box.
-
-    Raises
-    ------
-    LayoutError
-        Not XML, XML with a DTD, with entities or beyond the limits, or not VOC; names
-        file, line, what was expected and what was found.
+    truncation, difficulty and occlusion are kept with the box. Raises `LayoutError`:
+    not XML, XML with a DTD, with entities or beyond the limits, or not VOC; names file,
+    line, what was expected and what was found.
     """
     tree = _parse(content, name)
     if tree.root.tag != "annotation":

@@ -296,11 +296,7 @@ def write_labels(
     """Write frames in a label format, with the writer that `new_writer` makes.
 
     Parameters and result are those of `filter_core.formats.registry.write_export`.
-
-    Raises
-    ------
-    ExportError
-        A class that is not in the list, or counts that do not add up.
+    Raises `ExportError`: a class that is not in the list, or counts that do not add up.
     """
     with ExitStack() as stack:
         tally = stack.enter_context(ExportTally(head))

@@ -134,10 +134,7 @@ def _class_list(root: Path) -> str | None:
 def read_yolo(root: Path, options: RecordingDescription) -> FrameSet:
     """The frames of a YOLO folder; a bad file is its frame's problem.
 
-    Raises
-    ------
-    LayoutError
-        There is no list of classes, or it cannot be read.
+    Raises `LayoutError`: there is no list of classes, or it cannot be read.
     """
     listed, keypoint_columns, beside = _described(root)
     classes = tuple(options.classes or listed)
@@ -209,11 +206,8 @@ def ordered_names(names: object, at: str) -> tuple[str, ...]:
     """Names in the order of their numbers, which must be 0, 1, 2 and so on.
 
     `names` is a list, or a mapping from number to name; `at` is its place, for errors.
-
-    Raises
-    ------
-    LayoutError
-        It is neither, it is empty, numbers are left out, or a name is no text.
+    Raises `LayoutError`: it is neither, it is empty, numbers are left out, or a name is
+    no text.
     """
     if isinstance(names, Mapping):
         numbered = list(names.items())

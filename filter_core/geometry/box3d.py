@@ -91,10 +91,7 @@ def in_carla_order(vertices: ArrayLike) -> FloatArray:
 def as_vertices(vertices: ArrayLike) -> FloatArray:
     """(N, 8, 3) float64 from N boxes or one.
 
-    Raises
-    ------
-    FilterError
-        ``bad_shape``: no eight points of three numbers for each box.
+    Raises `FilterError` (``bad_shape``): no eight points of three numbers for each box.
     """
     boxes = np.asarray(vertices, dtype=np.float64)
     if boxes.size == 0:

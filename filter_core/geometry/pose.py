@@ -103,10 +103,7 @@ def transform_matrices(locations: ArrayLike, rotations: ArrayLike) -> FloatArray
 def as_transform(value: TransformLike) -> Transform:
     """A `Transform` from itself or from an object that describes it.
 
-    Raises
-    ------
-    AnnotationErrors
-        Every fault of the object.
+    Raises `AnnotationErrors`: every fault of the object.
     """
     if isinstance(value, Transform):
         return value

@@ -219,12 +219,8 @@ def project_box(
     """One box of (8, 3) corners, metres, as the camera sees it; `project_boxes` for
     one.
 
-    Rectangles are (4,) float64 ``xyxy``, or None where there is nothing.
-
-    Raises
-    ------
-    FilterError
-        ``bad_shape``, ``bad_projection``.
+    Rectangles are (4,) float64 ``xyxy``, or None where there is nothing. Raises
+    `FilterError`: ``bad_shape``, ``bad_projection``.
     """
     many = project_boxes(vertices, camera, mode)
     return Projection(

@@ -61,12 +61,8 @@ def decode_color(
 ) -> NDArray[np.uint8] | None:
     """(H, W, 3) uint8 in the given order of channels; None if it is damaged.
 
-    Alpha is dropped; grey and indexed images become coloured ones.
-
-    Raises
-    ------
-    ImageError
-        A PNG whose pixels inflate to more than its header says.
+    Alpha is dropped; grey and indexed images become coloured ones. Raises `ImageError`:
+    a PNG whose pixels inflate to more than its header says.
     """
     png = InflatedPng.of(content, header)
     if png is None:

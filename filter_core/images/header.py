@@ -139,10 +139,7 @@ def _check_sides(wh: tuple[int, int], max_side: int) -> None:
 def header_of_pixels(pixels: NDArray[np.uint8]) -> ImageHeader:
     """The header that a PNG of (H, W, 3) uint8 would have.
 
-    Raises
-    ------
-    ImageError
-        They have another form.
+    Raises `ImageError`: they have another form.
     """
     if pixels.ndim != _COLOR_DIMENSIONS or pixels.shape[2] != len(_COLORS):
         raise ImageError(f"pixels: expected (H, W, 3), found {pixels.shape}")
@@ -162,11 +159,8 @@ def require_size(
     """Refuse an image whose size is not the expected one, (width, height) in px.
 
     `what` is the image and `than` what it is compared with, as the error names them.
-
-    Raises
-    ------
-    ImageSizeMismatch
-        Such as "the segmentation is 800 x 600, the image is 1280 x 720".
+    Raises `ImageSizeMismatch`: such as "the segmentation is 800 x 600, the image is
+    1280 x 720".
     """
     if header.wh != tuple(expected_wh):
         width, height = expected_wh

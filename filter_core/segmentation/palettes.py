@@ -76,10 +76,7 @@ class Palette:
     def tag_of(self, name: str) -> int:
         """The number of a tag given by name, in any case.
 
-        Raises
-        ------
-        UnknownTag
-            If the family has no tag of that name.
+        Raises `UnknownTag`: if the family has no tag of that name.
         """
         for tag in self.tags:
             if tag.name.casefold() == name.casefold():
@@ -258,10 +255,8 @@ _FIRST_VERSION: Final = (
 def palette_of(family: str) -> Palette:
     """The family's palette.
 
-    Raises
-    ------
-    UnknownPalette
-        If there is no such family; the text lists those that there are.
+    Raises `UnknownPalette`: if there is no such family; the text lists those that there
+    are.
     """
     try:
         return FAMILIES[family]
@@ -294,11 +289,7 @@ class ChangedTags:
         """The family whose numbers the tags get: this one, if it has all their names.
 
         Else the newest, which calls the tags of all others the same, but for Vehicle.
-
-        Raises
-        ------
-        UnknownTag
-            Neither of the two has all names.
+        Raises `UnknownTag`: neither of the two has all names.
         """
         names = {name for _, name in (*self.numbers, *self.colors)}
         lacking = [
@@ -368,12 +359,8 @@ def known_family(version: object) -> str | None:
 def family_of_version(version: str) -> str:
     """The key in `FAMILIES` of the tag family that a CARLA version renders.
 
-    Such as ``0.9.15``, ``v0.9.13``, ``0.9.14-12-g1a2b3c4-dirty``, ``0.10.0``.
-
-    Raises
-    ------
-    UnknownVersion
-        If it is no version number, or one before 0.9.0 or after 0.10.
+    Such as ``0.9.15``, ``v0.9.13``, ``0.9.14-12-g1a2b3c4-dirty``, ``0.10.0``. Raises
+    `UnknownVersion`: if it is no version number, or one before 0.9.0 or after 0.10.
     """
     match = re.match(r"\s*v?(\d+(?:\.\d+)+)", version, re.IGNORECASE)
     if match:

@@ -146,12 +146,9 @@ class SegmentationOptions:
     def agreed(cls, layers: Mapping[str, SegmentationOptions]) -> SegmentationOptions:
         """The options of several sources combined, the strongest first.
 
-        `layers` are such as ``{"the dataset": ..., "the configuration": ...}``.
-
-        Raises
-        ------
-        SegmentationError
-            ``segmentation_contradiction``, naming both, if two of them differ.
+        `layers` are such as ``{"the dataset": ..., "the configuration": ...}``. Raises
+        `SegmentationError`: ``segmentation_contradiction``, naming both, if two of them
+        differ.
         """
         unset = cls()
         by = dict.fromkeys(_FIELDS, unset)

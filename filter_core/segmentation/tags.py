@@ -244,11 +244,8 @@ def refuse_unlike_palettes(pixels: NDArray[np.uint8]) -> None:
     """Refuse (H, W, 3) red, green, blue unlike colours of a palette that a JPEG has
     changed.
 
-    Raises
-    ------
-    SegmentationError
-        ``foreign_colors``: it is a photo or another sensor's image, in which some
-        colours happen to be near a palette's.
+    Raises `SegmentationError` (``foreign_colors``): it is a photo or another sensor's
+    image, in which some colours happen to be near a palette's.
     """
     if why := _unlike_palettes(pixels):
         raise SegmentationError(

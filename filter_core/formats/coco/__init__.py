@@ -128,11 +128,7 @@ def read_coco(root: Path, options: RecordingDescription) -> FrameSet:
     If several images share an id, it is unknown to which of them a box belongs: they
     become one frame with an error, and all other frames are read. So does a frame with
     an annotation that cannot be read. Annotations of no image are listed as unmatched.
-
-    Raises
-    ------
-    LayoutError
-        No such file, or one that is not COCO.
+    Raises `LayoutError`: no such file, or one that is not COCO.
     """
     expected = (
         "a .json file with images, annotations and categories, here, in annotations/, "

@@ -27,12 +27,8 @@ from filter_core.values import shown
 def index_coco(path: Path, name: str) -> CocoIndex:
     """Read a file once, and store the position of each image and box.
 
-    `name` is the name of the file in errors.
-
-    Raises
-    ------
-    LayoutError
-        Not JSON, or without images, annotations and categories.
+    `name` is the name of the file in errors. Raises `LayoutError`: not JSON, or without
+    images, annotations and categories.
     """
     builder = _Builder(name)
     with open_regular(path) as file:

@@ -267,12 +267,8 @@ def listing_files(
     """The files that list many frames: the one that is described, or those of a folder.
 
     `files_in` gives those of this format in a folder, without the files that patterns
-    ignore; `expected` says what such a file is, for errors.
-
-    Raises
-    ------
-    LayoutError
-        There is none, or what ``boxes.labels`` names is no file.
+    ignore; `expected` says what such a file is, for errors. Raises `LayoutError`: there
+    is none, or what ``boxes.labels`` names is no file.
     """
     labels = options.labels
     if labels is None:

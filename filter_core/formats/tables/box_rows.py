@@ -59,10 +59,7 @@ class BoxReader:
     def check_columns(self, columns: Sequence[str], at: str) -> None:
         """Refuse a table that lacks columns which were named.
 
-        Raises
-        ------
-        LayoutError
-            Names all of them.
+        Raises `LayoutError`: names all of them.
         """
         row = dict.fromkeys(columns, "")
         lacking = [
@@ -88,12 +85,8 @@ class BoxReader:
         """What a value of JSON has of many frames, each with its name or None.
 
         They are the items of a list, or the values of an object by the frames' names,
-        or the rows of all their boxes.
-
-        Raises
-        ------
-        LayoutError
-            There is no list where one was expected.
+        or the rows of all their boxes. Raises `LayoutError`: there is no list where one
+        was expected.
         """
         path = self._fields.paths.get(FRAMES)
         frames = document if path is None else path.of(document)
@@ -127,10 +120,7 @@ class BoxReader:
     def boxes_in(self, document: object, at: str) -> Iterator[tuple[str, Row]]:
         """The rows of boxes in one value of JSON, each with the class of its list.
 
-        Raises
-        ------
-        LayoutError
-            There is no list of boxes where one was expected.
+        Raises `LayoutError`: there is no list of boxes where one was expected.
         """
         for class_name, rows in self._lists(document, at):
             for number, row in enumerate(rows):
@@ -222,10 +212,7 @@ class BoxReader:
     def box(self, row: Row, class_name: str = "") -> dict[str, object] | None:
         """The box of a row, as an annotation has it; None if it has no rectangle.
 
-        Raises
-        ------
-        LayoutError
-            A value cannot be read; names its place and column.
+        Raises `LayoutError`: a value cannot be read; names its place and column.
         """
         if row.problem is not None:
             raise row.problem

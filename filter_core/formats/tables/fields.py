@@ -149,10 +149,7 @@ def _compiled(text: str) -> jmespath.parser.ParsedResult:
 def checked_path(name: str, value: object, at: str) -> Path:
     """A path as a description has it; a number is that of a column without a name.
 
-    Raises
-    ------
-    ConfigError
-        It is no text, or no JMESPath.
+    Raises `ConfigError`: it is no text, or no JMESPath.
     """
     if isinstance(value, int) and not isinstance(value, bool) and value >= 0:
         return Path(f"[{value}]")
@@ -333,12 +330,8 @@ ROTATION: Final = ("pitch", "yaw", "roll")
 def vector_of(value: object, keys: Sequence[str]) -> dict[str, float]:
     """An object with these keys, in any case, or a list, as an object of numbers.
 
-    Of a rotation, keys may be missing, and a number alone is its yaw.
-
-    Raises
-    ------
-    ValueError
-        It is none; says what was expected.
+    Of a rotation, keys may be missing, and a number alone is its yaw. Raises
+    `ValueError`: it is none; says what was expected.
     """
     is_rotation = tuple(keys) == ROTATION
     expected = f"{{{', '.join(keys)}}} or a list of {len(keys)} numbers"
@@ -368,12 +361,8 @@ def transform_of(value: object) -> dict[str, float]:
     """Where something stands: x, y, z, pitch, yaw and roll.
 
     From an object with these keys, or with a location (``translation``, ``position``)
-    and a rotation, in any case.
-
-    Raises
-    ------
-    ValueError
-        It is none; says what was expected.
+    and a rotation, in any case. Raises `ValueError`: it is none; says what was
+    expected.
     """
     if not isinstance(value, Mapping):
         raise ValueError("an object with a location and a rotation")

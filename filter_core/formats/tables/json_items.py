@@ -73,10 +73,7 @@ def read_object(
 def read_list(file: BinaryIO, name: str) -> Iterator[JsonItem]:
     """The values of one JSON list, one by one, as `read_object` reads them.
 
-    Raises
-    ------
-    LayoutError
-        Not one JSON list; names the file and the byte.
+    Raises `LayoutError`: not one JSON list; names the file and the byte.
     """
     yield from _Reader(file, name, _PIECE).list_items()
 
@@ -226,10 +223,7 @@ class _Reader:
 def decode_value(content: bytes, name: str) -> object:
     """One value from its own bytes, as UTF-8; `name` is their name in errors.
 
-    Raises
-    ------
-    LayoutError
-        They are not JSON.
+    Raises `LayoutError`: they are not JSON.
     """
     try:
         return read_json(content)

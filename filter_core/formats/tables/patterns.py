@@ -458,11 +458,7 @@ class PatternFiles:
         """The frames in the order of their keys.
 
         `key` says how they are called; by default all names with ``/`` between them.
-
-        Raises
-        ------
-        LayoutError
-            The key has a name in braces that the frames do not have.
+        Raises `LayoutError`: the key has a name in braces that the frames do not have.
         """
         lead = self._files.roles[self._files.lead]
         if key is None:
