@@ -70,8 +70,7 @@ def rows_of(
         if spec.name not in shared
     }
     return replace(
-        table,
-        **{name: one[rows] for name, one in columns.items() if one is not None},
+        table, **{name: one[rows] for name, one in columns.items() if one is not None}
     )
 
 

@@ -56,11 +56,7 @@ from filter_core.evaluation.arms import (
     label_boxes,
     truth_of_pixels,
 )
-from filter_core.evaluation.comparison import (
-    COMPARED,
-    Evaluation,
-    truth_from_instances,
-)
+from filter_core.evaluation.comparison import COMPARED, Evaluation, truth_from_instances
 from filter_core.evidence_kinds import EvidenceName, files_for
 from filter_core.evidence_numbers import Evidence
 from filter_core.formats.export import ExportFrame, GivenAnnotation
@@ -191,10 +187,7 @@ class FrameOutcome:
 
 
 def filter_source(
-    frames: Iterable[FrameSource],
-    config: FilterConfig,
-    *,
-    workers: int | None = None,
+    frames: Iterable[FrameSource], config: FilterConfig, *, workers: int | None = None
 ) -> Generator[FrameOutcome, None, None]:
     """Decide the boxes of many frames.
 
@@ -570,11 +563,7 @@ def export_sources(
 
 
 def _export_frame(
-    source: FrameSource,
-    config: FilterConfig,
-    *,
-    measure: bool,
-    needs: Collection[Need],
+    source: FrameSource, config: FilterConfig, *, measure: bool, needs: Collection[Need]
 ) -> tuple[ExportFrame, Mapping[str, ClassCount], tuple[str, ...]]:
     """A frame for the writers, its boxes by class, and its notes."""
     # Neither masks nor depth nor LiDAR are needed, so they are not read.

@@ -15,11 +15,7 @@ from typing import Literal, TypedDict
 import numpy as np
 from numpy.typing import NDArray
 
-from filter_core.annotation.frame import (
-    BoxAnnotation,
-    FrameAnnotation,
-    frame_boxes_2d,
-)
+from filter_core.annotation.frame import BoxAnnotation, FrameAnnotation, frame_boxes_2d
 from filter_core.annotation.parsing import parse_annotation
 from filter_core.annotation.units import check_units
 from filter_core.arrays import NOT_MEASURED, Mask

@@ -59,9 +59,7 @@ class Shown(NamedTuple):
 
 
 def recognise_recording(
-    frames: Iterable[FrameSource],
-    config: FilterConfig,
-    channels: Collection[str] = (),
+    frames: Iterable[FrameSource], config: FilterConfig, channels: Collection[str] = ()
 ) -> Shown:
     """How the images of a recording are read, by some of them together.
 

@@ -315,11 +315,13 @@ def key(
     return field(default=INHERIT, metadata={_KEY: declared})
 
 
-def placed(place: str, declared: Key) -> _Field:
-    """A dataclass field that declares a key at another place than its name.
+def placed(place: str, allowed: Allowed, default: object, sentence: str) -> _Field:
+    """A dataclass field that declares a key at another place than its name."""
+    return moved(place, Key(allowed, default, sentence))
 
-    The key may be that of another class (`declared_keys`).
-    """
+
+def moved(place: str, declared: Key) -> _Field:
+    """A dataclass field that declares a key of another class (`declared_keys`)."""
     return field(default=INHERIT, metadata={_KEY: declared._replace(place=place)})
 
 

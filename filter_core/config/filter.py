@@ -52,8 +52,7 @@ from filter_core.verdicts import Profile
 
 @dataclass(frozen=True, kw_only=True)
 class ClassConfig(
-    OnlyClassKeys,
-    ClassKeys[Number | Inherit, int | Inherit, Number | Inherit | None],
+    OnlyClassKeys, ClassKeys[Number | Inherit, int | Inherit, Number | Inherit | None]
 ):
     """The values that a configuration overrides for one class, or `INHERIT`."""
 
@@ -478,11 +477,7 @@ def schema_of(config_class: type[DecideConfig]) -> dict[str, object]:
 
 def object_schema(properties: Mapping[str, object]) -> dict[str, object]:
     """The JSON schema of a mapping with these keys and no others."""
-    return {
-        "type": "object",
-        "properties": properties,
-        "additionalProperties": False,
-    }
+    return {"type": "object", "properties": properties, "additionalProperties": False}
 
 
 class ConfigChange(NamedTuple):

@@ -193,7 +193,7 @@ class MeasureConfig:
         channels, tolerance, encoding = _channels_of(stored)
         plain = self.as_dict()
         optional = {
-            *("class_map", "renamed", "version", "tags", "tag_scale", "min_forward"),
+            *("class_map", "renamed", "version", "tags", "tag_scale", "min_forward")
         }
         compared = {*plain, *optional} - {"channels"}
         return (

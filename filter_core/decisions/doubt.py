@@ -29,12 +29,7 @@ from filter_core.decisions.channel_rules import (
 )
 from filter_core.decisions.explain import rounded_percent
 from filter_core.decisions.rules import decide
-from filter_core.evidence_kinds import (
-    CHANNELS,
-    SEMANTIC,
-    ChannelName,
-    EvidenceName,
-)
+from filter_core.evidence_kinds import CHANNELS, SEMANTIC, ChannelName, EvidenceName
 from filter_core.evidence_numbers import Evidence
 from filter_core.verdicts import (
     KEPT,

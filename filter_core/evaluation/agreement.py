@@ -135,7 +135,6 @@ def cohen_kappa(table: IntArray) -> Measured | None:
     if by_chance == 1.0:
         return None
     value = (observed - by_chance) / (1.0 - by_chance)
-    row, column = share.sum(axis=1), share.sum(axis=0)
     agree = np.diagonal(share)
     same = (agree * (1 - by_chance - (row + column) * (1 - observed)) ** 2).sum()
     # p_ij (p_.i + p_j.)^2 wherever i is not j.

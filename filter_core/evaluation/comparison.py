@@ -19,12 +19,7 @@ from filter_core.arrays import NOT_MEASURED, BoolArray, FloatArray, IntArray
 from filter_core.config.filter import FilterConfig
 from filter_core.decisions.channel_rules import has_number
 from filter_core.decisions.rules import decide
-from filter_core.evaluation.scores import (
-    BANDS,
-    Confusion,
-    ConfusionObject,
-    band_index,
-)
+from filter_core.evaluation.scores import BANDS, Confusion, ConfusionObject, band_index
 from filter_core.evidence_kinds import CHANNELS, SEMANTIC, EvidenceName
 from filter_core.evidence_numbers import Evidence
 from filter_core.verdicts import UNMEASURED, VERDICT_OF_REASON, Reason

@@ -120,10 +120,7 @@ def measure_evidence(
         return evidence, ()
     # Equal to `evidence.xyxy`, whose type allows None for evidence that was loaded.
     xyxy, _ = correct_xyxy(
-        boxes.xyxy,
-        boxes.image_wh,
-        options.profile,
-        rounded_edges=options.version > 1,
+        boxes.xyxy, boxes.image_wh, options.profile, rounded_edges=options.version > 1
     )
     corrected = replace(boxes, xyxy=xyxy)
     numbers, notes = _measure_channels(corrected, sensors, config, channels)

@@ -146,9 +146,7 @@ _FEWEST_TAGS: Final = 64
 
 
 def _orders_of_tags(
-    bgr: NDArray[np.uint8],
-    segmentation: Segmentation | None,
-    table: NDArray[np.uint8],
+    bgr: NDArray[np.uint8], segmentation: Segmentation | None, table: NDArray[np.uint8]
 ) -> list[ChannelOrder]:
     """The orders of channels that an instance image can have, the likelier first.
 

@@ -314,9 +314,7 @@ def _ply_header(content: bytes) -> tuple[str, int, np.dtype[np.void], int]:
         raise _fault("properties of different names", "a name twice") from None
 
 
-def _ply_elements(
-    lines: list[list[str]],
-) -> tuple[str, int, list[tuple[str, str]]]:
+def _ply_elements(lines: list[list[str]]) -> tuple[str, int, list[tuple[str, str]]]:
     encoding, element, count = "", "", -1
     columns: list[tuple[str, str]] = []
     for words in lines:
@@ -347,10 +345,7 @@ _FLATTEST: Final = 1e-9
 
 
 def points_inside(
-    points: LidarPoints,
-    sensor: Transform,
-    vertices: FloatArray,
-    accept_mask: IntArray,
+    points: LidarPoints, sensor: Transform, vertices: FloatArray, accept_mask: IntArray
 ) -> IntArray:
     """(N,) int64: how many points of an accepted tag lie inside each box.
 

@@ -18,11 +18,7 @@ from filter_core.arrays import BoolArray, BoxesXYXY, FloatArray, IntArray, Mask
 from filter_core.classes import accept_mask_of, accepts
 from filter_core.config.measure import NEWEST_VERSION, MeasureConfig
 from filter_core.errors import FilterError, ImageSizeMismatch, SegmentationError
-from filter_core.evidence.counting import (
-    Regions,
-    count_codes_in,
-    count_pixels,
-)
+from filter_core.evidence.counting import Regions, count_codes_in, count_pixels
 from filter_core.evidence.crowding import crowding_percent
 from filter_core.evidence_numbers import N_TAGS, UNKNOWN_COLUMN, BoxState, Evidence
 from filter_core.frame_boxes import FrameBoxes
@@ -208,11 +204,7 @@ def _counts(
     known = tags < UNKNOWN_COLUMN
     tag_counts[:, tags[known]] = counts[:, known]
     tag_counts[:, UNKNOWN_COLUMN] = counts[:, ~known].sum(axis=1)
-    return _Counts(
-        box_pixels,
-        (counts * accepted).sum(axis=1),
-        tag_counts,
-    )
+    return _Counts(box_pixels, (counts * accepted).sum(axis=1), tag_counts)
 
 
 def _refuse_ambiguous_family(segmentation: Segmentation, boxes: FrameBoxes) -> None:

@@ -48,12 +48,7 @@ from filter_core.formats.recording import RecordingDescription
 from filter_core.formats.splits import completed_parts
 from filter_core.formats.streams import listed_frames, listing_files
 from filter_core.formats.tables.patterns import FilePatterns
-from filter_core.formats.writing import (
-    ExportContext,
-    LabelBox,
-    OutFrame,
-    Traits,
-)
+from filter_core.formats.writing import ExportContext, LabelBox, OutFrame, Traits
 from filter_core.verdicts import DecidedBoxes
 
 CVAT: Final = Format(

@@ -48,13 +48,7 @@ from filter_core.formats.recording import RecordingDescription
 from filter_core.formats.streams import listed_frames
 from filter_core.formats.tally import Counts, ExportTally
 from filter_core.values import shown
-from filter_core.verdicts import (
-    VERDICTS,
-    Answer,
-    DecidedBoxes,
-    DecisionColumns,
-    Reason,
-)
+from filter_core.verdicts import VERDICTS, Answer, DecidedBoxes, DecisionColumns, Reason
 
 DECISIONS_JSONL: Final = Format(
     name="decisions-jsonl",

@@ -104,7 +104,20 @@ def folder_sink(folder: Path) -> Iterator[Sink]:
     Raises `ExportError`: as `new_folder`; or a file's path leads out of it.
     """
     with new_folder(folder) as partial:
-        yield _Folder(partial).write
+
+        def write(name: str, pieces: Iterable[bytes]) -> None:
+            parts = PurePosixPath(name).parts
+            if not parts or parts[0] == "/" or ".." in parts or "\\" in name:
+                raise ExportError(
+                    f"{name[:80]!r} is not a valid file name in an export"
+                )
+            path = partial.joinpath(*parts)
+            path.parent.mkdir(parents=True, exist_ok=True)
+            # Exclusive: a name that the system considers equal is not overwritten.
+            with path.open("xb") as file:
+                file.writelines(pieces)
+
+        yield write
 
 
 @contextmanager
@@ -182,11 +195,6 @@ class Spool:
 
     def __exit__(self, *_: object) -> None:
         self._file.close()
-
-    @property
-    def count(self) -> int:
-        """How many items were added."""
-        return self._count
 
     @property
     def file(self) -> IO[bytes]:
@@ -274,28 +282,10 @@ def _safe_part(part: str) -> str:
     return text or "%"
 
 
-class _Folder:
-    def __init__(self, root: Path) -> None:
-        self._root = root
-
-    def write(self, name: str, pieces: Iterable[bytes]) -> None:
-        parts = PurePosixPath(name).parts
-        if not parts or parts[0] == "/" or ".." in parts or "\\" in name:
-            raise ExportError(f"{name[:80]!r} is not a valid file name in an export")
-        path = self._root.joinpath(*parts)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        # Exclusive: a name that the system considers equal must not be overwritten.
-        with path.open("xb") as file:
-            file.writelines(pieces)
-
-
 # Made once: json.dumps makes one for each value that is not written in its own way.
 _COMPACT_JSON, _SORTED_JSON = (
     json.JSONEncoder(
-        ensure_ascii=False,
-        separators=(",", ":"),
-        allow_nan=False,
-        sort_keys=sort_keys,
+        ensure_ascii=False, separators=(",", ":"), allow_nan=False, sort_keys=sort_keys
     )
     for sort_keys in (False, True)
 )

@@ -12,12 +12,7 @@ from itertools import islice
 from pathlib import Path
 from typing import Final, Literal, Protocol, TypeAlias, TypeVar
 
-from filter_core.formats.export import (
-    ExportFrame,
-    ExportHead,
-    ExportOptions,
-    Sink,
-)
+from filter_core.formats.export import ExportFrame, ExportHead, ExportOptions, Sink
 from filter_core.formats.reading import FrameSet
 from filter_core.formats.recording import RecordingDescription
 from filter_core.formats.same import BoxSpans

@@ -52,12 +52,7 @@ from filter_core.formats.recording import RecordingDescription
 from filter_core.formats.streams import listed_frames, listing_files
 from filter_core.formats.tables.json_items import decode_value, read_list
 from filter_core.formats.tables.patterns import FilePatterns
-from filter_core.formats.writing import (
-    ExportContext,
-    LabelBoxes,
-    OutFrame,
-    Traits,
-)
+from filter_core.formats.writing import ExportContext, LabelBoxes, OutFrame, Traits
 from filter_core.values import shown
 from filter_core.verdicts import REJECTED
 
@@ -510,7 +505,7 @@ def _region(row: int, xyxy: Sequence[float], frame: ExportFrame) -> dict[str, ob
         "value": value,
         **({} if score is None else {"score": score}),
         "meta": {
-            "text": [f"{boxes.effective_verdict(row)}: {boxes.reason_label(row)}"],
+            "text": [f"{boxes.effective_verdict(row)}: {boxes.reason_label(row)}"]
         },
     }
 

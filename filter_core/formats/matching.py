@@ -211,14 +211,12 @@ class FileIndex:
             places = alike or places
         return self._use(places[0]) if places else None
 
-    def take_named(
-        self, name: str, *, least: int = 1, same_suffix: bool = False
-    ) -> str | None:
+    def take_named(self, name: str, *, least: int = 1) -> str | None:
         """The file whose path has the longest end in common with `name`.
 
         None if several have, or none has at least its `least` last parts. Of files that
         differ in nothing but the suffix it is the one with that of `name`, or the first
-        if none has it; with `same_suffix` only the former.
+        if none has it.
         """
         key = frame_key(name)
         places = self._places(key)
@@ -233,8 +231,6 @@ class FileIndex:
             places = self._places(keys[0])
         suffix = PurePosixPath(name).suffix.lower()
         alike = [one for one in places if self._files[one].lower().endswith(suffix)]
-        if not alike and same_suffix:
-            return None
         return self._use((alike or places)[0])
 
     def _keys_of_base(self, base: str) -> list[str]:
@@ -278,11 +274,7 @@ def named_images(
 
 
 def with_keys(
-    root: Path,
-    frames: FrameNames,
-    images: str = "",
-    *,
-    ordered: bool = True,
+    root: Path, frames: FrameNames, images: str = "", *, ordered: bool = True
 ) -> FrameNames:
     """Frames under the keys that ``frames.jsonl`` gives them, with their maps.
 

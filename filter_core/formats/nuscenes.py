@@ -24,11 +24,7 @@ import numpy as np
 from filter_core.arrays import FloatArray
 from filter_core.errors import LayoutError
 from filter_core.formats.format import Format, Recognition, Source
-from filter_core.formats.matching import (
-    FileIndex,
-    FrameFileNames,
-    frame_of,
-)
+from filter_core.formats.matching import FileIndex, FrameFileNames, frame_of
 from filter_core.formats.reading import (
     IMAGE_SUFFIXES,
     FrameSet,

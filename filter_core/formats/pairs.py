@@ -15,11 +15,7 @@ from pathlib import Path
 from typing import BinaryIO, Final
 
 from filter_core.formats.format import FOLDER_OPTIONS, Format, Recognition, Source
-from filter_core.formats.matching import (
-    FileIndex,
-    FrameFileNames,
-    frame_of,
-)
+from filter_core.formats.matching import FileIndex, FrameFileNames, frame_of
 from filter_core.formats.reading import (
     IMAGE_SUFFIXES,
     BoxOrigin,

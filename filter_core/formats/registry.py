@@ -305,9 +305,7 @@ def _with_note(frames: FrameSet, note: str) -> FrameSet:
 
 
 def describe_source(
-    source: Path,
-    file: Path | None = None,
-    options: Mapping[str, object] | None = None,
+    source: Path, file: Path | None = None, options: Mapping[str, object] | None = None
 ) -> RecordingDescription:
     """The description of a recording, as `describe` makes it, or that of its recorder.
 

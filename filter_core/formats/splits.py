@@ -396,9 +396,7 @@ def with_splits(frames: FrameSet, source: Path, told_by: SplitSource) -> FrameSe
     splits = RecordedSplits(root, frames, told_by)
     notes = frames.notes
     return replace(
-        frames,
-        frames=lambda: iter(splits),
-        notes=lambda: (*notes(), *splits.notes()),
+        frames, frames=lambda: iter(splits), notes=lambda: (*notes(), *splits.notes())
     )
 
 

@@ -18,11 +18,7 @@ from typing import Final
 from filter_core.annotation.frame import FORMS_3D, GEOMETRIES
 from filter_core.errors import LayoutError
 from filter_core.formats.format import FOLDER_OPTIONS, Format, Recognition, Source
-from filter_core.formats.matching import (
-    FileIndex,
-    FrameFileNames,
-    frame_of,
-)
+from filter_core.formats.matching import FileIndex, FrameFileNames, frame_of
 from filter_core.formats.reading import (
     GZIP,
     IMAGE_SUFFIXES,
@@ -130,10 +126,7 @@ def read_table(source: Path, options: RecordingDescription) -> FrameSet:
     """
     root = source if source.is_dir() else source.parent
     reader = BoxReader(
-        options.fields,
-        options.classes or (),
-        options.default_class,
-        options.corners,
+        options.fields, options.classes or (), options.default_class, options.corners
     )
     if options.key or LABELS in options.files.roles:
         found = _by_patterns(root, options)

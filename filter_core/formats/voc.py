@@ -33,12 +33,7 @@ from filter_core.formats.format import (
     Recognition,
     Source,
 )
-from filter_core.formats.matching import (
-    FrameFileNames,
-    frame_of,
-    match,
-    with_keys,
-)
+from filter_core.formats.matching import FrameFileNames, frame_of, match, with_keys
 from filter_core.formats.reading import (
     FrameSet,
     annotated,
@@ -50,12 +45,7 @@ from filter_core.formats.recording import RecordingDescription
 from filter_core.formats.same import BoxSpan, OwnLabels, OwnReading, Rectangles
 from filter_core.formats.splits import completed_parts
 from filter_core.formats.streams import Streams
-from filter_core.formats.writing import (
-    RECTANGLE_KEYS,
-    ExportContext,
-    OutFrame,
-    Traits,
-)
+from filter_core.formats.writing import RECTANGLE_KEYS, ExportContext, OutFrame, Traits
 
 VOC: Final = Format(
     name="voc",

@@ -48,13 +48,7 @@ from filter_core.formats.splits import (
 from filter_core.formats.tally import Change, Counts, ExportTally
 from filter_core.geometry.boxes import FORMS
 from filter_core.images.drawing import DrawnBox, Picture, as_png, decoded
-from filter_core.images.sheet import (
-    MOST_TILES,
-    figure_of,
-    page_of,
-    sheet_of,
-    tile_of,
-)
+from filter_core.images.sheet import MOST_TILES, figure_of, page_of, sheet_of, tile_of
 from filter_core.verdicts import (
     KEPT,
     REJECTED,

@@ -34,12 +34,7 @@ from filter_core.formats.format import (
     Recognition,
     Source,
 )
-from filter_core.formats.matching import (
-    FrameFileNames,
-    frame_of,
-    match,
-    with_keys,
-)
+from filter_core.formats.matching import FrameFileNames, frame_of, match, with_keys
 from filter_core.formats.reading import (
     IMAGE_SUFFIXES,
     FrameSet,
@@ -69,12 +64,7 @@ from filter_core.formats.same import (
 from filter_core.formats.splits import completed_parts, role_of_part
 from filter_core.formats.streams import Streams
 from filter_core.formats.words import TEXT_LISTS, YAML_LISTS, holds_boxes
-from filter_core.formats.writing import (
-    ExportContext,
-    LabelBoxes,
-    OutFrame,
-    Traits,
-)
+from filter_core.formats.writing import ExportContext, LabelBoxes, OutFrame, Traits
 
 YOLO: Final = Format(
     name="yolo",

@@ -79,7 +79,10 @@ def decode_color(
 def decode_image(
     content: bytes, header: ImageHeader, flags: int
 ) -> NDArray[np.uint8] | None:
-    """The image as decoded by OpenCV, if its size is that of the header.
+    """(H, W) or (H, W, C) uint8, or uint16 if `flags` keep the depth: the image as
+    decoded by OpenCV.
+
+    None if it is damaged, or if OpenCV finds another size than the header says.
 
     Parameters
     ----------
@@ -89,11 +92,6 @@ def decode_image(
     flags : of `cv2.imdecode`
         With those that reduce the size to a half, a quarter or an eighth, the reduced
         size is expected. A rotation in EXIF is never applied.
-
-    Returns
-    -------
-    (H, W) or (H, W, C) uint8, or uint16 if `flags` keep the depth
-        None if it is damaged, or if OpenCV finds another size.
 
     Raises
     ------

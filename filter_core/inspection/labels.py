@@ -20,12 +20,7 @@ from filter_core.annotation.parsing import parse_annotation
 from filter_core.annotation.units import check_units
 from filter_core.arrays import BoolArray, FloatArray
 from filter_core.errors import FilterError, LayoutError, problem_of
-from filter_core.formats.reading import (
-    FrameSet,
-    FrameSource,
-    frame_size,
-    missing_image,
-)
+from filter_core.formats.reading import FrameSet, FrameSource, frame_size, missing_image
 from filter_core.geometry.boxes import FORMS, to_xyxy
 from filter_core.inspection.files import FileUse
 from filter_core.inspection.listing import Listing

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
@@ -51,11 +50,6 @@ class Listing:
         examples = self._examples.setdefault(kind, [])
         if len(examples) < MOST_EXAMPLES:
             examples.append(Example(name, why))
-
-    @property
-    def counts(self) -> Mapping[str, int]:
-        """How many things there are, by kind."""
-        return self._counts
 
     def listed(self) -> tuple[Listed, ...]:
         """All kinds, the most frequent first."""

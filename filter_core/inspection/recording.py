@@ -20,11 +20,7 @@ from filter_core.config.filter import FilterConfig
 from filter_core.errors import FilterError, LayoutError
 from filter_core.formats.carlasimu import CARLASIMU
 from filter_core.formats.labels import OtherNotation, other_notations
-from filter_core.formats.reading import (
-    FrameSet,
-    StreamFacts,
-    name_of,
-)
+from filter_core.formats.reading import FrameSet, StreamFacts, name_of
 from filter_core.formats.recording import RecordingDescription
 from filter_core.formats.registry import (
     describe_source,
@@ -35,12 +31,7 @@ from filter_core.formats.registry import (
 from filter_core.formats.splits import Split
 from filter_core.formats.streams import Streams
 from filter_core.formats.yolo import NoClassList
-from filter_core.inspection.files import (
-    Cameras,
-    FileUse,
-    found_splits,
-    unused_files,
-)
+from filter_core.inspection.files import Cameras, FileUse, found_splits, unused_files
 from filter_core.inspection.labels import LabelSurvey
 from filter_core.inspection.listing import Counted, Listed, counted
 from filter_core.inspection.pictures import (

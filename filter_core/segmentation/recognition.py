@@ -18,12 +18,7 @@ from typing import Final, NamedTuple
 from filter_core.arrays import UNKNOWN_TAG
 from filter_core.errors import SegmentationError
 from filter_core.images.pixels import ChannelOrder
-from filter_core.segmentation.codes import (
-    KNOWN_COLORS,
-    ORDERS,
-    tags_of_codes,
-    unpacked,
-)
+from filter_core.segmentation.codes import KNOWN_COLORS, ORDERS, tags_of_codes, unpacked
 from filter_core.segmentation.palettes import (
     FAMILIES,
     PAPER_TABLE,
@@ -198,9 +193,7 @@ def contradiction(text: str) -> SegmentationError:
 
 
 def _refuse_mixture(
-    chosen: Reading,
-    equals: list[Reading],
-    missing: Mapping[Reading, frozenset[int]],
+    chosen: Reading, equals: list[Reading], missing: Mapping[Reading, frozenset[int]]
 ) -> None:
     """Refuse colours of several families of which none has all."""
     for other in equals:

@@ -41,11 +41,7 @@ from filter_core.formats.format import (
     Recognition,
     Source,
 )
-from filter_core.formats.matching import (
-    FileIndex,
-    FrameFileNames,
-    frame_of,
-)
+from filter_core.formats.matching import FileIndex, FrameFileNames, frame_of
 from filter_core.formats.reading import (
     BoxOrigin,
     FrameSet,

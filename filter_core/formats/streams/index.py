@@ -248,11 +248,7 @@ class DescribedIndex:
     `frames` are the pictures or labels of all frames.
     """
 
-    def __init__(
-        self,
-        files: Sequence[Image],
-        frames: Sequence[Image],
-    ) -> None:
+    def __init__(self, files: Sequence[Image], frames: Sequence[Image]) -> None:
         self._files = {file.name: file for file in files}
         self._by_values = FilesByValues(tuple(files[0].values or ()))
         for file in files:

@@ -20,9 +20,7 @@ from typing import Final, NamedTuple, TypeAlias
 
 from filter_core.config.declaration import refuse_unknown_keys, wrong_value
 from filter_core.errors import LayoutError
-from filter_core.formats.matching import (
-    FrameFileNames,
-)
+from filter_core.formats.matching import FrameFileNames
 from filter_core.formats.reading import (
     IMAGE_SUFFIXES,
     MAX_KEY,
