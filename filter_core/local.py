@@ -189,21 +189,12 @@ class FrameOutcome:
 def filter_source(
     frames: Iterable[FrameSource], config: FilterConfig, *, workers: int | None = None
 ) -> Generator[FrameOutcome, None, None]:
-    """Decide the boxes of many frames.
+    """Decide the boxes of many frames, in their order.
 
-    Parameters
-    ----------
-    frames : iterable of FrameSource
-        Only a few frames are read ahead, so it may be of any length.
-    workers : int, optional
-        Threads; one more than there are cores. Pixel work runs outside Python's lock,
-        and while one thread waits for the lock, another keeps its core at work.
-
-    Yields
-    ------
-    FrameOutcome
-        In the order of the frames; a frame that cannot be used has an error, and the
-        others go on.
+    Only a few frames are read ahead, so there may be any number of them. One that
+    cannot be used has an error, and the others go on. `workers` are threads, by default
+    one more than there are cores: pixel work runs outside Python's lock, and while one
+    thread waits for the lock, another keeps its core at work.
     """
     return in_order(lambda one: filter_one(one, config), frames, workers)
 
@@ -274,16 +265,7 @@ class EvaluationTask:
 
 @dataclass(frozen=True, eq=False)
 class KnownBoxes:
-    """The N boxes of one frame whose truth is known.
-
-    Attributes
-    ----------
-    key : str
-        The frame's.
-    ids : tuple of N str
-    evidence : Evidence of N boxes
-    visible : (N,) bool
-    """
+    """The N boxes of one frame, by its key, whose truth is known: (N,) bool."""
 
     key: str
     ids: tuple[str, ...]
@@ -306,14 +288,9 @@ def evaluate_source(
     """Measure every channel of many frames and count them; also those that were left
     out.
 
-    Parameters
-    ----------
-    progress : callable
-        Called after each frame, with its `MeasuredFrame.notes`.
-    also : callable
-        Called with the boxes of known truth of each frame, in the frames' order.
-    workers : int, optional
-        Threads; one more than there are cores.
+    `progress` is called after each frame, with its `MeasuredFrame.notes`, and `also`
+    with the boxes of known truth of each, in the frames' order. `workers` are threads,
+    by default one more than there are cores.
     """
     measured_too = () if task.truth is not None else ("instance",)
     wanted = tuple(dict.fromkeys((*task.channels, *measured_too)))
@@ -449,14 +426,11 @@ class LabelledFrame:
 def label_sources(
     frames: Iterable[FrameSource], task: ArmsTask, *, workers: int | None = None
 ) -> Generator[LabelledFrame | LeftOut, None, None]:
-    """Measure frames and label their boxes as each arm does.
+    """Measure frames and label their boxes as each arm does, in the order of the
+    frames.
 
-    The parameters are those of `evaluate_source`.
-
-    Yields
-    ------
-    LabelledFrame or LeftOut
-        In the order of the frames; one that cannot be used does not stop the others.
+    One that cannot be used does not stop the others. `workers` are as for
+    `evaluate_source`.
     """
     configs = {arm.name: arm.config(task.config) for arm in task.arms}
     exact = replace(task.config, profile="paper", projection="clipped")
@@ -523,26 +497,13 @@ def export_sources(
         lambda _classes, _notes: None
     ),
 ) -> Generator[ExportFrame | LeftOut, None, None]:
-    """Frames of a folder, prepared for the writers of formats.
+    """Frames of a folder, prepared for the writers of formats, in their order.
 
-    Parameters
-    ----------
-    frames : iterable of FrameSource
-        Read only a few frames ahead.
-    measure : bool
-        Read the segmentations, so that the filter decides; else all boxes that are in
-        the image are ``unmeasured``.
-    needs : collection of `Need`
-        Of the format: decisions, and columns of them, are only made where it needs
-        them.
-    also : callable
-        Called with the boxes of each frame, counted by class, and its
-        `MeasuredFrame.notes`, in the frames' order.
-
-    Yields
-    ------
-    ExportFrame or LeftOut
-        In the order of the frames; one that cannot be read does not stop the others.
+    Only a few are read ahead; one that cannot be read does not stop the others. With
+    `measure`, segmentations are read, so that the filter decides; else all boxes that
+    are in the image are ``unmeasured``. Decisions, and columns of them, are only made
+    where the format `needs` them. `also` is called with the boxes of each frame,
+    counted by class, and its `MeasuredFrame.notes`, in the frames' order.
     """
 
     def export(

@@ -141,15 +141,7 @@ class MeasuredFrame:
 
 @dataclass(frozen=True, eq=False)
 class FrameResult:
-    """The result of the filter for one frame.
-
-    Attributes
-    ----------
-    measured : MeasuredFrame of N boxes
-    verdicts : Decisions of N boxes
-    config : FilterConfig
-        What they were decided by.
-    """
+    """The result of the filter for one frame of N boxes, and what decided them."""
 
     measured: MeasuredFrame
     verdicts: Decisions

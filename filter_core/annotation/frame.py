@@ -41,16 +41,8 @@ _OUTSIDE: Final = (-2.0, -2.0, -1.0, -1.0)
 
 @dataclass(frozen=True)
 class AnnotationLimits:
-    """How much one annotation may hold.
-
-    Attributes
-    ----------
-    max_boxes : int
-        Boxes per frame.
-    max_text : int
-        Characters of an id, a class, a type and of the frame's own texts.
-    max_bytes : int
-        Bytes of JSON.
+    """How many boxes and bytes of JSON one annotation may hold, and how many characters
+    an id, a class, a type and each of the frame's own texts.
     """
 
     max_boxes: int = 10_000

@@ -70,12 +70,8 @@ _UNFILTERED: Final = dict.fromkeys(MEASURED_CLASSES, PASS)
 class LoadedConfig:
     """A configuration as it was read from a file.
 
-    Attributes
-    ----------
-    unused_keys : tuple of str
-        The keys of its file that it does not use.
-    keys : mapping
-        The keys that were given; those of carlasimu's file by our names.
+    `keys` are those that were given, of carlasimu's file by our names; `unused_keys`
+    those of its file that it does not use.
     """
 
     config: FilterConfig

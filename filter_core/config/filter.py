@@ -113,14 +113,8 @@ class LimitsByClass(ClassKeys[FloatArray, IntArray, FloatArray]):
     Percent and metres are float64, pixels int64; no limit on the distance is ``-inf``
     or ``inf``. A box whose match is exactly the threshold passes under profile
     ``paper`` and fails under ``carlasimu``. A box of exactly `size_big_box` is large
-    only under ``carlasimu``. A box that is exactly at any other limit is within it.
-
-    Attributes
-    ----------
-    profile : ``paper`` or ``carlasimu``
-        Of the configuration.
-    passed : (K,) bool
-        The class map says ``pass``: boxes of the class are not measured.
+    only under ``carlasimu``. A box that is exactly at any other limit is within it. Of
+    a class that is `passed`, the class map says ``pass``: its boxes are not measured.
     """
 
     profile: Profile

@@ -169,12 +169,8 @@ _PIXEL_COLUMNS: Final = ("owned_pixels", "depth_pixels", "instance_pixels")
 class _Boxes(NamedTuple):
     """What the rules of channels read of N boxes.
 
-    Attributes
-    ----------
-    numbers : ChannelNumbers of N boxes
-    own_pixels_needed : (N,) int64
-        The fewest pixels of its own that keep a box: `min_visible_pixels`, and
-        `min_visible_percent` of its pixels.
+    `own_pixels_needed` (N,) are the fewest pixels of its own that keep a box:
+    `min_visible_pixels`, and `min_visible_percent` of its pixels.
     """
 
     numbers: ChannelNumbers

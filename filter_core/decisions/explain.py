@@ -360,15 +360,8 @@ def explanations(
 ) -> list[str]:
     """Why each of N > 0 boxes was kept, rejected or not measured: one sentence each.
 
-    Parameters
-    ----------
-    frames : one for each of N boxes
-        All have the same `config`.
-    evidence : Evidence of N boxes
-    decisions : Decisions of N boxes
-        What `decide` gives for this evidence and configuration.
-    hidden : (N,)
-        What `hidden_by_all` gives for this evidence.
+    There is one of `frames` for each box, all with the same `config`. `decisions` are
+    what `decide` gives for `evidence`, `hidden` what `hidden_by_all` does.
     """
     count, config = len(frames), frames[0].config
     limits = [config.limits_of(name) for name in evidence.class_names]
@@ -456,13 +449,8 @@ def hidden_by(
     They are taken for what hides it: that they are nearer is not measured. The
     commonest is the first, of several the lower tag. `HiddenBy.rgb` is white for
     Unknown. Tags that surround objects without hiding them (Road, RoadLine, Sidewalk,
-    Ground, Terrain, Sky) are left out.
-
-    Parameters
-    ----------
-    tag_counts : (N_TAGS,) pixels of each tag in the box; the last column is Unknown
-    accept_mask : bit t is set if the class accepts tag t
-    family : a key of `filter_core.segmentation.palettes.FAMILIES`
+    Ground, Terrain, Sky) are left out. `tag_counts` (N_TAGS,) are the pixels of each
+    tag in the box.
     """
     total = sum(tag_counts)
     hiding = _hiding_tags(accept_mask, family)

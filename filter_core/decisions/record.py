@@ -128,7 +128,13 @@ def decision_dicts(
         channels = ChannelNumbers.absent(count)
     reasons = [Reason(code) for code in decisions.reason.tolist()]
     hidden, nearer = hidden_by_all(frames, evidence), nearer_boxes(frames, evidence)
-    amodal, visible, edges = _projected(geometry, count)
+    # Whole rectangles, those inside the image, and edges
+    amodal = _rectangles(geometry.amodal_xyxy if geometry is not None else None, count)
+    visible = _rectangles(
+        geometry.visible_xyxy if geometry is not None else None, count
+    )
+    lines = geometry.edges if geometry is not None else [None] * count
+    edges = [None if one is None else np.asarray(one).tolist() for one in lines]
     measured = evidence.measured.tolist()
     # (N,): the pixels of a box's instance, else those at its distance
     by_instance = channels.instance_pixels != NOT_MEASURED
@@ -229,14 +235,10 @@ def decided_boxes(
 def decision_columns(
     frame: FrameFacts | Sequence[FrameFacts], evidence: Evidence, decisions: Decisions
 ) -> DecisionColumns:
-    """The columns of tables of decisions besides `decided_boxes`; no people's answers.
+    """The columns of tables of N decisions besides `decided_boxes`; no people's
+    answers.
 
-    Parameters
-    ----------
-    frame : FrameFacts, or one for each of N boxes
-        All frames have the same `config`.
-    evidence : Evidence of N boxes
-    decisions : Decisions of N boxes
+    `frame` is one for all boxes, or one for each; all frames have the same `config`.
     """
     count = len(evidence)
     frames = [frame] * count if isinstance(frame, FrameFacts) else frame
@@ -266,23 +268,6 @@ def _counted(pixels: IntArray, evidence: Evidence) -> IntArray:
 
 
 _Rectangles: TypeAlias = list[list[float] | None]
-
-
-def _projected(
-    geometry: BoxGeometry | None, count: int
-) -> tuple[_Rectangles, _Rectangles, list[list[list[float]] | None]]:
-    """Whole rectangles, those inside the image, and edges of N boxes."""
-    if geometry is None:
-        return [None] * count, [None] * count, [None] * count
-    edges = [
-        None if lines is None else np.asarray(lines).tolist()
-        for lines in geometry.edges
-    ]
-    return (
-        _rectangles(geometry.amodal_xyxy, count),
-        _rectangles(geometry.visible_xyxy, count),
-        edges,
-    )
 
 
 def _rectangles(column: BoxesXYXY | None, count: int) -> _Rectangles:

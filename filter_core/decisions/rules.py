@@ -131,7 +131,11 @@ def _decide_block(
     # From the last rule to the first, so that the first one that holds is written last.
     for name, holds in reversed(rules):
         np.putmask(reason, holds, np.uint8(name))  # `np.select` is slower
-    threshold = _look_up(thresholds, large, class_index, reason)
+    # `thresholds[large, class_index, reason]` by positions in the flattened table: with
+    # numpy's indexing, `decide` would take a third longer.
+    _, class_count, reason_count = thresholds.shape
+    places = (large * np.int32(class_count) + class_index) * np.int32(reason_count)
+    threshold: FloatArray = thresholds.take(places + reason)
     # Under carlasimu (see `_as_carlasimu`) the match can exceed 100: pixels are counted
     # between the box's corners without their decimals, but divided by the area of the
     # box as given. A box from x = 0.9 to 2.0 has 2 columns, but is 1.1 wide.
@@ -148,23 +152,6 @@ def _decide_block(
     decisions.toss_up[rows] = found <= allowed
     # Not every large box, only those that a threshold decided.
     decisions.large[rows] = large & ~np.isnan(threshold)
-
-
-def _look_up(
-    thresholds: FloatArray,
-    large: BoolArray,
-    class_index: NDArray[np.int32],
-    reason: NDArray[np.uint8],
-) -> FloatArray:
-    """(N,): `thresholds[large, class_index, reason]`, with `large` as 0 or 1.
-
-    This computes the positions in the flattened table itself: with numpy's indexing,
-    `decide` would take a third longer.
-    """
-    _, class_count, reason_count = thresholds.shape
-    rows = large * np.int32(class_count) + class_index
-    found: FloatArray = thresholds.take(rows * np.int32(reason_count) + reason)
-    return found
 
 
 def _as_carlasimu(limits: LimitsByClass) -> bool:

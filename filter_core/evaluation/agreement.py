@@ -14,14 +14,10 @@ from filter_core.evaluation.scores import Measured
 
 @dataclass(frozen=True)
 class Pair:
-    """Two people, by their numbers, and the boxes that both answered.
+    """Two people, by their numbers, ``a < b``, and the boxes that both answered.
 
-    Attributes
-    ----------
-    a, b : int
-        Numbers of the two, as `agreement` was given them; ``a < b``.
-    table : (2, 2) int64
-        Boxes by the answer of `a`, then of `b`; 0 is reject, 1 is keep.
+    `table`, (2, 2) int64, counts them by the answer of `a`, then of `b`; 0 is reject, 1
+    is keep.
     """
 
     a: int
@@ -48,14 +44,8 @@ class Pair:
 class Agreement:
     """The agreement of several people on the same boxes.
 
-    Attributes
-    ----------
-    boxes : int
-        Boxes with answers of two or more people.
-    agreed : int
-        Those of them for which all answers are the same.
-    pairs : list of Pair
-        Every two people who answered a common box, sorted by `a` and `b`.
+    `boxes` have answers of two or more people; those of `agreed` are all the same.
+    `pairs` are every two people who answered a common box, sorted by `a` and `b`.
     """
 
     boxes: int

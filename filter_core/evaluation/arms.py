@@ -129,11 +129,8 @@ class Arm(NamedTuple):
 class ProjectedBoxes:
     """The N boxes of a frame as one projection measures them.
 
-    Attributes
-    ----------
-    evidence : Evidence of N boxes
-    xyxy : (N, 4) float64, px
-        Inside the image; NaN rows for boxes that the projection does not see there.
+    `xyxy` (N, 4), px, is inside the image; NaN rows for boxes that the projection does
+    not see there.
     """
 
     evidence: Evidence

@@ -185,19 +185,14 @@ class LargestErrors:
 
 
 class WithClasses(Protocol):
-    """N boxes with classes and distances, such as `Evidence`."""
+    """N boxes with classes and distances, under the attributes of `Evidence`."""
 
     @property
-    def class_names(self) -> tuple[str, ...]:
-        """What `class_index` points into."""
-
+    def class_names(self) -> tuple[str, ...]: ...
     @property
-    def class_index(self) -> NDArray[np.int32]:
-        """(N,)."""
-
+    def class_index(self) -> NDArray[np.int32]: ...
     @property
-    def distance(self) -> FloatArray:
-        """(N,) metres, NaN where unknown."""
+    def distance(self) -> FloatArray: ...
 
 
 @dataclass

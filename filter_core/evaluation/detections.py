@@ -184,14 +184,10 @@ def _match_frame(
 
 def average_precision(matches: Matches, weights: FloatArray) -> FloatArray:
     """(R, T) float64, 0..1: the average precision of one class for each weighting of
-    frames and each overlap; NaN where there is no object.
+    frames and each of T overlaps; NaN where there is no object.
 
-    Parameters
-    ----------
-    matches : Matches
-        For T overlaps, in F frames.
-    weights : (R, F) float64
-        How often each frame counts; of a resample, how often it was drawn.
+    `weights`, (R, F) float64, say how often each of F frames counts; of a resample, how
+    often it was drawn.
     """
     found = np.zeros((len(weights), len(matches.hit)))
     objects = weights @ matches.objects

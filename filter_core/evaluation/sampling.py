@@ -66,14 +66,8 @@ def count_answers(
 ) -> IntArray:
     """(groups, 2, 3, 4) int64: N boxes counted by group, verdict, part and answer.
 
-    Parameters
-    ----------
-    group : (N,) int64
-        Numbers from 0, less than `groups`.
-    kept : (N,) bool
-        The filter's verdict.
-    part : (N,) int64, `Part`
-    said : (N,) int64, `Said`
+    All columns are (N,): numbers of `group` from 0, the filter's verdict (`kept`),
+    `Part` and `Said`.
     """
     cell = ((group * 2 + kept) * len(Part) + part) * len(Said) + said
     counts = np.bincount(cell, minlength=groups * 2 * len(Part) * len(Said))

@@ -78,12 +78,8 @@ class Answers:
 class Goal:
     """The goal for which a threshold is chosen.
 
-    Attributes
-    ----------
-    target : Target
-        ``f1``: the highest F1. ``recall``: the highest threshold that keeps at least
-        the share `recall` of what people keep.
-    recall : float, 0..1
+    ``f1`` is the highest F1, ``recall`` the highest threshold that keeps at least the
+    share `recall`, 0..1, of what people keep.
     """
 
     target: Target = "f1"
@@ -92,13 +88,9 @@ class Goal:
 
 @dataclass(frozen=True)
 class Point:
-    """The scores of one threshold.
+    """The scores, 0..1, of one threshold, percent.
 
-    Attributes
-    ----------
-    threshold : float, percent
-    precision, recall, f1 : float or None, 0..1
-        None where nothing is kept, or nothing is to be kept.
+    None where nothing is kept, or nothing is to be kept.
     """
 
     threshold: float
@@ -109,17 +101,11 @@ class Point:
 
 @dataclass(frozen=True)
 class Suggestion:
-    """The best threshold for a goal, and the scores of others.
+    """The best threshold for a goal, percent, with its 95 % interval; and scores of
+    others.
 
-    Attributes
-    ----------
-    threshold : float, percent
-    interval : (low, high), percent
-        Its 95 % interval.
-    at_current, at_suggested : Point
-        The scores of the threshold in use, and of the suggested one.
-    curve : list of Point
-        From the lowest threshold to the highest.
+    Those of the threshold in use and of the suggested one, and a curve from the lowest
+    threshold to the highest.
     """
 
     threshold: float

@@ -44,14 +44,9 @@ _FEWEST_DRIVES: Final = 8
 class EvaluationSet:
     """The truth that all arms are scored against.
 
-    Attributes
-    ----------
-    tight_xyxy : (M, 4) float64, px
-        The rectangles around the visible pixels of the objects; NaN where unknown.
-    ghosts : Objects
-        Raw labels of objects that are not visible.
-    drive : (F,) int64
-        A number for the drive of each frame.
+    `tight_xyxy` (M, 4), px, are the rectangles around the visible pixels of the
+    objects; NaN where unknown. `ghosts` are raw labels of objects that are not visible,
+    and `drive` (F,) has a number for the drive of each frame.
     """
 
     name: str

@@ -37,12 +37,8 @@ _CHUNK_PIXELS: Final = 1 << 20
 class Regions:
     """N rectangles of pixels of one image.
 
-    Attributes
-    ----------
-    bounds : (N, 4) int64
-        First column, first row, last column + 1, last row + 1; may be empty.
-    keep : (H, W) bool or None
-        Pixels that count; None: all do.
+    `bounds` (N, 4) are first column, first row, last column + 1, last row + 1; they may
+    be empty. Of the pixels those of `keep` (H, W) count; None: all do.
     """
 
     codes: PixelCodes

@@ -527,14 +527,9 @@ def center_gaps(vertices: FloatArray, camera: Camera, depth: DepthImage) -> Floa
 class DepthSlice(NamedTuple):
     """Where a box and the pixels in its rectangle are on the axis of depth, in metres.
 
-    Attributes
-    ----------
-    near, far : float or None
-        Nearest and farthest depth of a 3D box.
-    median : float or None
-        Of the pixels; None if all are sky.
-    bands : list of (from, to, percent of the rectangle's pixels)
-        From near to far; the sky is in none.
+    `near` and `far` are those of a 3D box; `median` is of the pixels, None if all are
+    sky. `bands` are from, to and percent of the rectangle's pixels, from near to far;
+    the sky is in none.
     """
 
     near: float | None

@@ -227,11 +227,11 @@ def json_bytes(value: object, *, by_key: bool = False) -> bytes:
     return encoder.encode(value).encode("utf-8", "backslashreplace")
 
 
-def number_text(value: float) -> str:
-    """The number with two decimals, as in KITTI, or up to four if it has more."""
+def number_text(value: float, *, most: int = 4) -> str:
+    """The number with two decimals, as in KITTI, or up to so many if it has more."""
     # Adding zero takes the sign from a zero that was rounded.
-    text = f"{round(value, 4) + 0.0:.4f}"
-    return text[:-2] if text.endswith("00") else text.removesuffix("0")
+    text = f"{round(value, most) + 0.0:.{most}f}"
+    return text.rstrip("0").ljust(text.index(".") + 3, "0")
 
 
 def element(name: str, value: object) -> str:

@@ -50,7 +50,7 @@ from filter_core.formats.reading import (
 )
 from filter_core.formats.recording import RecordingDescription
 from filter_core.formats.streams import listed_frames, listing_files
-from filter_core.formats.tables.json_items import decode_value, read_list
+from filter_core.formats.tables.json_items import JsonItem, decode_value, read_list
 from filter_core.formats.tables.patterns import FilePatterns
 from filter_core.formats.writing import ExportContext, LabelBoxes, OutFrame, Traits
 from filter_core.values import shown
@@ -103,8 +103,7 @@ class _Task:
     """The place of a task in its file, what names its frame, and who labelled it."""
 
     path: Path
-    start: int
-    end: int
+    item: JsonItem
     key: str | None
     image: str
     labelled: Labelled | None
@@ -113,8 +112,7 @@ class _Task:
         """The task."""
         try:
             with open_regular(self.path) as file:
-                file.seek(self.start)
-                content = file.read(self.end - self.start)
+                content = self.item.read(file)
         except OSError as exc:
             raise LayoutError(f"{self.path.name}: cannot be read: {exc}") from exc
         return _mapping(decode_value(content, self.path.name))
@@ -143,7 +141,7 @@ def read_label_studio(root: Path, options: RecordingDescription) -> FrameSet:
     tasks: list[_Task] = []
     without: list[Unmatched] = []
     for path in paths:
-        for number, (task, start, end) in enumerate(_tasks(path)):
+        for number, (task, item) in enumerate(_tasks(path)):
             at = f"task {shown(task.get('id', number))}"
             data = _mapping(task.get("data"))
             key, image = data.get("key"), _image_of(data)
@@ -155,7 +153,8 @@ def read_label_studio(root: Path, options: RecordingDescription) -> FrameSet:
             else:
                 own = key if isinstance(key, str) and key else None
                 labelled = _labelled(task)
-                tasks.append(_Task(path, start, end, own, image, labelled))
+                place = replace(item, value=None)
+                tasks.append(_Task(path, place, own, image, labelled))
     listed = listed_frames(
         folder, options, [(one.key, one.image) for one in tasks], "task"
     )
@@ -182,7 +181,7 @@ def read_label_studio(root: Path, options: RecordingDescription) -> FrameSet:
     )
 
 
-def _tasks(path: Path) -> Iterator[tuple[Mapping[str, object], int, int]]:
+def _tasks(path: Path) -> Iterator[tuple[Mapping[str, object], JsonItem]]:
     with open_regular(path) as file:
         for item in read_list(file, path.name):
             text = item.value if isinstance(item.value, dict) else {}
@@ -191,13 +190,12 @@ def _tasks(path: Path) -> Iterator[tuple[Mapping[str, object], int, int]]:
                 for value in _mapping(text.get("data")).values()
             ):  # the file was read as Latin-1
                 with open_regular(path) as again:
-                    again.seek(item.start)
-                    content = again.read(item.end - item.start)
+                    content = item.read(again)
                 text = {
                     **text,
                     "data": _mapping(decode_value(content, path.name)).get("data"),
                 }
-            yield text, item.start, item.end
+            yield text, item
 
 
 _UPLOADED: Final = re.compile(r"(?<=/)[0-9a-f]{8}-(?=[^/]+$)")

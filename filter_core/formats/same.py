@@ -23,7 +23,6 @@ from filter_core.formats.export import GivenAnnotation
 from filter_core.formats.reading import (
     RECORDING_NAME,
     TEXT_SUFFIXES,
-    BoxOrigin,
     FrameSet,
     FrameSource,
     Place,
@@ -120,7 +119,11 @@ def with_labels(frame: FrameSource, layout: str) -> dict[str, object]:
     stored: dict[str, object] = {"format": layout, "file": origin.file.name, **beside}
     if origin.image_id is not None:
         stored["image_id"] = origin.image_id
-        stored["categories"] = _categories(origin, annotation)
+        # Those of the frame's boxes; with what is beside, all of the file
+        boxes, every = annotation.get("boxes"), origin.categories or {}
+        own = {one.get("class") for one in boxes} if isinstance(boxes, list) else set()
+        names = every.keys() & (own if origin.beside is None else every.keys())
+        stored["categories"] = {name: every[name] for name in sorted(names)}
         return {**annotation, SOURCE_LABELS: stored}
     if origin.places is not None:
         return annotation
@@ -135,16 +138,6 @@ def with_labels(frame: FrameSource, layout: str) -> dict[str, object]:
     except (LayoutError, UnicodeDecodeError):
         return annotation
     return {**annotation, SOURCE_LABELS: stored}
-
-
-def _categories(
-    origin: BoxOrigin, annotation: Mapping[str, object]
-) -> dict[str, Mapping[str, object]]:
-    """The categories of a frame's boxes; with what is beside, all of the file."""
-    boxes, every = annotation.get("boxes"), origin.categories or {}
-    names = {one.get("class") for one in boxes} if isinstance(boxes, list) else set()
-    chosen = every.keys() if origin.beside is not None else every.keys() & names
-    return {name: every[name] for name in sorted(chosen)}
 
 
 def stored_labels(given: GivenAnnotation, name: str) -> Mapping[str, object]:
@@ -228,12 +221,8 @@ class OwnReading(NamedTuple):
 class OwnLabels:
     """The label file of a frame that came in the format in which it is written.
 
-    Attributes
-    ----------
-    file : str
-        Its name, without folders.
-    spans : tuple of BoxSpan
-        The bytes of the annotation's boxes, in their order.
+    Its name is without folders; `spans` are the bytes of the annotation's boxes, in
+    their order.
     """
 
     content: bytes
@@ -301,12 +290,8 @@ def own_labels(
 class LeftBehind:
     """What of a recording is not in its copy.
 
-    Attributes
-    ----------
-    outside : tuple of Path
-        Files of frames that lie outside the folder; labels name them as before.
-    special : tuple of str
-        Pipes, sockets and devices in the folder, relative to it.
+    Files of frames that lie `outside` the folder, which labels name as before; and
+    `special` ones: pipes, sockets and devices in the folder, relative to it.
     """
 
     outside: tuple[Path, ...] = ()

@@ -67,17 +67,10 @@ _FROM_YAML: Final = ("train", "val", "valid", "validation", "test")
 
 
 class Split(NamedTuple):
-    """A part of a recording.
+    """A part of a recording: its folder, or the file that lists it.
 
-    Attributes
-    ----------
-    name : str
-        Its folder, or the file that lists it.
-    told_by : ``folder``, ``list`` or ``labels``
-        Whether the name is that of a folder, of a list of names, or of a file of
-        labels such as COCO's.
-    frames : int
-        Of a list: its lines.
+    Its name is that of a ``folder``, of a ``list`` of names, whose lines are counted,
+    or of a file of ``labels`` such as COCO's.
     """
 
     name: str

@@ -173,15 +173,10 @@ def read_table(source: Path, options: RecordingDescription) -> FrameSet:
 
 @dataclass(frozen=True)
 class _Found:
-    """The frames of a folder, and its files of labels.
+    """The frames of a folder, and its files of labels, which may be in another folder.
 
-    Attributes
-    ----------
-    folder : Path
-        Where the labels are.
-    tables : mapping of str to mapping
-        The files with the labels of many frames, each with the values that all of its
-        frames share.
+    `tables` are files with the labels of many frames, each with the values that all of
+    its frames share.
     """
 
     frames: list[PatternFrame]

@@ -18,7 +18,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import BinaryIO, ClassVar, Final, Protocol
+from typing import TYPE_CHECKING, BinaryIO, ClassVar, Final
 
 from defusedxml.common import DefusedXmlException
 from defusedxml.ElementTree import DefusedXMLParser, ParseError
@@ -46,6 +46,9 @@ from filter_core.formats.same import BoxSpan, OwnLabels, OwnReading, Rectangles
 from filter_core.formats.splits import completed_parts
 from filter_core.formats.streams import Streams
 from filter_core.formats.writing import RECTANGLE_KEYS, ExportContext, OutFrame, Traits
+
+if TYPE_CHECKING:
+    from xml.etree.ElementTree import Element
 
 VOC: Final = Format(
     name="voc",
@@ -265,21 +268,6 @@ def _spans(file: BinaryIO) -> Iterator[BoxSpan]:
         yield BoxSpan(place, start, end)
 
 
-class _Element(Protocol):
-    """The used members of an XML element."""
-
-    tag: str
-
-    def find(self, path: str, /) -> _Element | None:
-        """The first child of this name."""
-
-    def findtext(self, path: str, /) -> str | None:
-        """The text of the first child of this name."""
-
-    def iter(self, tag: str, /) -> Iterator[_Element]:
-        """All elements of this name below this one."""
-
-
 @dataclass(frozen=True)
 class _Tree:
     """A parsed file, with the line that each element starts on, and the bytes at which
@@ -287,11 +275,11 @@ class _Tree:
     """
 
     name: str
-    root: _Element
-    lines: dict[_Element, int]
-    tags: dict[_Element, tuple[int, int]]
+    root: Element
+    lines: dict[Element, int]
+    tags: dict[Element, tuple[int, int]]
 
-    def error(self, at: _Element, expected: str, found: str) -> LayoutError:
+    def error(self, at: Element, expected: str, found: str) -> LayoutError:
         return LayoutError(
             f"{self.name}, line {self.lines[at]}: expected {expected}, found {found}"
         )
@@ -347,24 +335,24 @@ class _LineParser(DefusedXMLParser):
 
     def __init__(self) -> None:
         super().__init__(forbid_dtd=True)
-        self.lines: dict[_Element, int] = {}
-        self.tags: dict[_Element, tuple[int, int]] = {}
+        self.lines: dict[Element, int] = {}
+        self.tags: dict[Element, tuple[int, int]] = {}
         self._depth = 0
 
-    def _start(self, tag: str, attributes: list[str]) -> _Element:
+    def _start(self, tag: str, attributes: list[str]) -> Element:
         self._depth += 1
         if self._depth > _MAX_DEPTH or len(self.lines) == _MAX_ELEMENTS:
             raise _TooMuchXml(
                 f"at most {_MAX_ELEMENTS} elements in {_MAX_DEPTH} levels are read"
             )
-        started: _Element = super()._start(tag, attributes)  # type: ignore[misc]  # stubs
+        started: Element = super()._start(tag, attributes)  # type: ignore[misc]  # stubs
         self.lines[started] = self.parser.CurrentLineNumber
         self.tags[started] = self.parser.CurrentByteIndex, -1
         return started
 
-    def _end(self, tag: str) -> _Element:
+    def _end(self, tag: str) -> Element:
         self._depth -= 1
-        ended: _Element = super()._end(tag)  # type: ignore[misc]  # stubs
+        ended: Element = super()._end(tag)  # type: ignore[misc]  # stubs
         self.tags[ended] = self.tags[ended][0], self.parser.CurrentByteIndex
         return ended
 
@@ -372,14 +360,14 @@ class _LineParser(DefusedXMLParser):
 _CORNERS: Final = ("xmin", "ymin", "xmax", "ymax")
 
 
-def _corners(tree: _Tree, one: _Element) -> list[float]:
+def _corners(tree: _Tree, one: Element) -> list[float]:
     rectangle = one.find("bndbox")
     if rectangle is None:
         raise tree.error(one, "<bndbox> in the object", "none")
     return [_number(tree, rectangle, key) for key in _CORNERS]
 
 
-def _number(tree: _Tree, parent: _Element, key: str) -> float:
+def _number(tree: _Tree, parent: Element, key: str) -> float:
     text = _text(tree, parent, key)
     try:
         number = float(text)
@@ -392,7 +380,7 @@ def _number(tree: _Tree, parent: _Element, key: str) -> float:
     return number
 
 
-def _text(tree: _Tree, parent: _Element, key: str) -> str:
+def _text(tree: _Tree, parent: Element, key: str) -> str:
     text = (parent.findtext(key) or "").strip()
     if not text:
         raise tree.error(parent, f"<{key}> in <{parent.tag}>", "nothing")
@@ -404,7 +392,7 @@ _KEPT: Final = ("pose", "truncated", "difficult", "occluded")
 _MAX_SIDE: Final = 1 << 16
 
 
-def _side(tree: _Tree, size: _Element, key: str) -> int:
+def _side(tree: _Tree, size: Element, key: str) -> int:
     number = _number(tree, size, key)
     if not 0 <= number <= _MAX_SIDE or number != int(number):
         raise tree.error(size, f"a whole <{key}> up to {_MAX_SIDE}", f"{number:g}")

@@ -229,16 +229,8 @@ class OutFrame:
 class ExportContext:
     """What the writer of one export is given.
 
-    Attributes
-    ----------
-    sink : Sink
-        Called with the name of a file and its pieces, as bytes, to write the file.
-    head : ExportHead
-        The dataset, its classes and where temporary files may be written.
-    stack : ExitStack
-        Closes what the writer opens.
-    facts : dict
-        The writer's own keys in ``manifest.json``.
+    `sink` takes each file, and `stack` closes what the writer opens. `facts` are the
+    writer's own keys in ``manifest.json``.
     """
 
     sink: Sink
@@ -494,23 +486,16 @@ class _LabelExport:
 
 
 class PartOfFrame(Protocol):
-    """What tells the part of a frame."""
+    """What tells the part of a frame, with the attributes of `ExportFrame`."""
 
     @property
-    def key(self) -> str:
-        """Its key."""
-
+    def key(self) -> str: ...
     @property
-    def map(self) -> str | None:
-        """Of CARLA."""
-
+    def map(self) -> str | None: ...
     @property
-    def sequence(self) -> str | None:
-        """The drive that it is of."""
-
+    def sequence(self) -> str | None: ...
     @property
-    def split(self) -> str | None:
-        """The part that it has by itself."""
+    def split(self) -> str | None: ...
 
 
 class Parts:

@@ -475,7 +475,13 @@ def _read_line(columns: list[str], at: str, folders: LabelFolders) -> dict[str, 
             f"{at}: expected 'class cx cy w h' (5 columns) or 'cx cy w h' in pixels "
             f"(4 columns), found {count} columns"
         )
-    box: dict[str, object] = {"class": _class_name(columns[0], at, folders.classes)}
+    word, classes = columns[0], folders.classes
+    is_number = word.isascii() and word.isdigit() and len(word) < 10
+    if not is_number or int(word) >= len(classes):
+        raise LayoutError(
+            f"{at}: expected a class from 0 to {len(classes) - 1}, found {word[:40]!r}"
+        )
+    box: dict[str, object] = {"class": classes[int(word)]}
     numbers = read_columns(columns[1:], at)
     if _is_outline(count, folders):
         corners = len(numbers) // 2 * 2
@@ -504,16 +510,6 @@ def _around(corners: Sequence[float], at: str) -> list[float]:
         *((first + last) / 2 for first, last in axes),
         *(last - first for first, last in axes),
     ]
-
-
-def _class_name(word: str, at: str, classes: Sequence[str]) -> str:
-    if word.isascii() and word.isdigit() and len(word) < 10:
-        index = int(word)
-        if index < len(classes):
-            return classes[index]
-    raise LayoutError(
-        f"{at}: expected a class from 0 to {len(classes) - 1}, found {word[:40]!r}"
-    )
 
 
 def line_rectangles(own: OwnLabels) -> Iterator[Rectangles]:

@@ -71,12 +71,7 @@ class Projections:
 class Projection:
     """One box as the camera sees it; see `Projections`.
 
-    Attributes
-    ----------
-    visible_xyxy, amodal_xyxy : (4,) float64, px, or None
-        None where there is nothing.
-    edges : (E, 4) float64, px
-    distance : float, metres
+    Rectangles are (4,) float64, px, or None where there is nothing.
     """
 
     visible_xyxy: FloatArray | None

@@ -201,15 +201,11 @@ _IDAT: Final = b"IDAT"
 
 @dataclass(frozen=True)
 class InflatedPng:
-    """A PNG whose pixels are inflated, but whose filters are not undone yet.
+    """A PNG of (H, W, C) pixels that are inflated, but whose filters are not undone
+    yet.
 
-    Attributes
-    ----------
-    head : bytes
-        What it has before its pixels.
-    rows : (H, 1 + W C) uint8
-        Each row's filter and its bytes.
-    shape : (H, W, C)
+    `rows`, (H, 1 + W C) uint8, are each row's filter and its bytes; `head` is what it
+    has before its pixels.
     """
 
     head: bytes

@@ -54,15 +54,9 @@ _MARKER_IN_SCAN: Final = re.compile(rb"\xff[^\x00\xd0-\xd7\xff]")
 
 @dataclass(frozen=True)
 class JpegHeader:
-    """What the frame's header says.
+    """What the frame's header says: size, px, and 1, 3 or 4 channels of 8 bits each.
 
-    Attributes
-    ----------
-    width, height : int, px
-    channels : int
-        1, 3 or 4, of 8 bits each.
-    marker : int
-        The second byte of the marker, which says how the picture is coded.
+    `marker` is the second byte of the marker, which says how the picture is coded.
     """
 
     width: int

@@ -84,13 +84,8 @@ def gather(
     """(P,): the values of several rectangles, one after the other; and (N,) int64: how
     many each has.
 
-    Parameters
-    ----------
-    pixels : as for `values_of`
-    bounds : (N, 4) int64
-        First column, first row, last column + 1, last row + 1; may be empty.
-    keep : (H, W) bool, optional
-        The pixels that are wanted; None: all.
+    `bounds` (N, 4) are first column, first row, last column + 1, last row + 1, and may
+    be empty; of their pixels those of `keep` (H, W) are wanted, by default all.
     """
     regions = [np.s_[y0:y1, x0:x1] for x0, y0, x1, y1 in bounds.tolist()]
     if keep is None and pixels.ndim == 3:

@@ -58,14 +58,9 @@ class Cameras(NamedTuple):
 class FileUse:
     """The files that frames use, relative to the folder.
 
-    Attributes
-    ----------
-    files : FilePatterns
-        Of the description: those that it ignores are not read.
-    outside : int
-        Files of frames that are not in the folder.
-    splits : Counter of str
-        Frames by the folders whose names are those of parts.
+    Those that `files` of the description ignore are not read. `outside` counts files of
+    frames that are not in the folder, `splits` frames by the folders whose names are
+    those of parts.
     """
 
     root: Path

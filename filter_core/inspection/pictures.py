@@ -77,14 +77,8 @@ class DrawnBox(NamedTuple):
 class DrawnFrame:
     """A frame with the verdicts of its boxes.
 
-    Attributes
-    ----------
-    wh : (width, height), px
-    jpeg : bytes or None
-        The picture, smaller; without one the segmentation in its colours. None: there
-        is neither.
-    outside : int
-        Boxes that cannot be drawn, because no part of them is in the image.
+    `jpeg` is the picture, smaller, or without one the segmentation in its colours.
+    Boxes that cannot be drawn, because no part of them is in the image, are `outside`.
     """
 
     key: str
@@ -137,14 +131,8 @@ class SegmentationFacts:
 class DepthFacts:
     """What some depth images say about those of the recording.
 
-    Attributes
-    ----------
-    encoding : str or None
-        That of all; None if they show none, or different ones.
-    shown : tuple of Counted
-        Encodings that images show for certain.
-    unclear : int
-        Images that are read, but do not show their encoding.
+    `encoding` is that of all; None if they show none, or different ones. Some encodings
+    are `shown` for certain; images that are `unclear` are read, but do not show theirs.
     """
 
     looked_at: int

@@ -101,14 +101,9 @@ class ClassFacts:
 
 @dataclass(frozen=True)
 class BoxFacts:
-    """All boxes of the labels.
+    """All boxes of the labels, and how many of them are given as 3D boxes.
 
-    Attributes
-    ----------
-    count, in_3d : int
-        All, and those that are given as 3D boxes.
-    faults : tuple of Listed
-        Kinds of rectangles that can hardly be right: see `LabelSurvey.faults`.
+    `faults` are kinds of rectangles that can hardly be right: see `LabelSurvey.faults`.
     """
 
     count: int
@@ -261,6 +256,16 @@ def inspect_opened(
         key: value for key, value in found.items() if getattr(given, key) == "auto"
     }
     changed: Callable[..., RecordingDescription] = replace
+    # The files by role where the layout or the description names each
+    roles, layout = given.files.roles, str(opened.layout)
+    named_streams = tuple(
+        StreamFacts(
+            role, count, labels.examples[role], ("description",), roles[role].text
+        )
+        if role in roles
+        else StreamFacts(role, count, labels.examples[role], (layout,))
+        for role, count in labels.roles.items()
+    )
     problems, mixed = opened.problems, looked.problem
     if mixed is not None:  # segmentations are of several families
         problems = (*problems, Problem(mixed.kind, mixed.detail))
@@ -274,7 +279,7 @@ def inspect_opened(
         notes=opened.frames.notes(),
         frames=labels.frames,
         with_role=dict(labels.roles),
-        streams=opened.frames.streams or tuple(_named_streams(opened, labels)),
+        streams=opened.frames.streams or named_streams,
         refused=labels.refused.listed(),
         refused_pictures=looked.refused.listed(),
         left_over=left_over,
@@ -296,14 +301,9 @@ def inspect_opened(
 class OpenedRecording:
     """A folder with what was recognised; without frames if it cannot be read.
 
-    Attributes
-    ----------
-    frames : FrameSet
-        With their boxes as they look like, whatever the format says.
-    description : RecordingDescription
-        It says what the boxes look like.
-    others : tuple of OtherNotation
-        What a person has to say about the boxes before they are used.
+    Frames have their boxes as they look like, whatever the format says; the description
+    says what that is. `others` are what a person has to say about the boxes before they
+    are used.
     """
 
     frames: FrameSet
@@ -396,17 +396,6 @@ _NO_FRAMES: Final = (
     "no frames in layout {}: its files are not used; `layout` in recording.yaml names "
     "another one"
 )
-
-
-def _named_streams(
-    opened: OpenedRecording, labels: LabelSurvey
-) -> Iterator[StreamFacts]:
-    """The files by role where the layout or the description names each."""
-    patterns = opened.description.files.roles
-    for role, count in labels.roles.items():
-        told_by = "description" if role in patterns else str(opened.layout)
-        pattern = patterns[role].text if role in patterns else None
-        yield StreamFacts(role, count, labels.examples[role], (told_by,), pattern)
 
 
 def _classes(

@@ -101,8 +101,55 @@ class Palette:
         return colors
 
 
-def _palette(name: str, *rows: tuple[str, RGB]) -> Palette:
-    return Palette(name, tuple(Tag(tag, *row) for tag, row in enumerate(rows)))
+_COLORS: Final[Mapping[str, RGB]] = {
+    "Unlabeled": (0, 0, 0),
+    "Road": (128, 64, 128),
+    "Sidewalk": (244, 35, 232),
+    "Building": (70, 70, 70),
+    "Wall": (102, 102, 156),
+    "Fence": (190, 153, 153),
+    "Pole": (153, 153, 153),
+    "TrafficLight": (250, 170, 30),
+    "TrafficSign": (220, 220, 0),
+    "Vegetation": (107, 142, 35),
+    "Terrain": (152, 251, 152),
+    "Sky": (70, 130, 180),
+    "Pedestrian": (220, 20, 60),
+    "Rider": (255, 0, 0),
+    "Car": (0, 0, 142),
+    "Truck": (0, 0, 70),
+    "Bus": (0, 60, 100),
+    "Train": (0, 80, 100),
+    "Motorcycle": (0, 0, 230),
+    "Bicycle": (119, 11, 32),
+    "Static": (110, 190, 160),
+    "Dynamic": (170, 120, 50),
+    "Other": (55, 90, 80),
+    "Water": (45, 60, 150),
+    "RoadLine": (157, 234, 50),
+    "Ground": (81, 0, 81),
+    "Bridge": (150, 100, 100),
+    "RailTrack": (230, 150, 140),
+    "GuardRail": (180, 165, 180),
+    "Rock": (180, 130, 70),
+    "Vehicle": (0, 0, 142),
+    "Unlabelled": (0, 0, 0),
+    "Car and Truck": (0, 0, 142),
+    "Van": (0, 0, 70),
+}
+"""The colours of tags by their names; a family may have others (`_palette`)."""
+
+
+def _palette(
+    name: str, tags: str, others: Mapping[str, RGB] = MappingProxyType({})
+) -> Palette:
+    """A family of these tags, in the order of their numbers.
+
+    `others` are the colours that are not those of `_COLORS`.
+    """
+    colors = {**_COLORS, **others}
+    names = enumerate(tags.split(", "))
+    return Palette(name, tuple(Tag(tag, one, colors[one]) for tag, one in names))
 
 
 # 0.9.0: CARLA's documentation; 0.9.10 and 0.9.14: the CityScapesPalette table inside
@@ -111,108 +158,31 @@ def _palette(name: str, *rows: tuple[str, RGB]) -> Palette:
 _PALETTES: Final = (
     _palette(
         "carla-0.9.0",
-        ("Unlabeled", (0, 0, 0)),
-        ("Building", (70, 70, 70)),
-        ("Fence", (190, 153, 153)),
-        ("Other", (250, 170, 160)),
-        ("Pedestrian", (220, 20, 60)),
-        ("Pole", (153, 153, 153)),
-        ("RoadLine", (157, 234, 50)),
-        ("Road", (128, 64, 128)),
-        ("Sidewalk", (244, 35, 232)),
-        ("Vegetation", (107, 142, 35)),
-        ("Vehicle", (0, 0, 142)),
-        ("Wall", (102, 102, 156)),
-        ("TrafficSign", (220, 220, 0)),
+        "Unlabeled, Building, Fence, Other, Pedestrian, Pole, RoadLine, Road, "
+        "Sidewalk, Vegetation, Vehicle, Wall, TrafficSign",
+        {"Other": (250, 170, 160)},
     ),
     _palette(
         "carla-0.9.10",
-        ("Unlabeled", (0, 0, 0)),
-        ("Building", (70, 70, 70)),
-        ("Fence", (100, 40, 40)),
-        ("Other", (55, 90, 80)),
-        ("Pedestrian", (220, 20, 60)),
-        ("Pole", (153, 153, 153)),
-        ("RoadLine", (157, 234, 50)),
-        ("Road", (128, 64, 128)),
-        ("Sidewalk", (244, 35, 232)),
-        ("Vegetation", (107, 142, 35)),
-        ("Vehicle", (0, 0, 142)),
-        ("Wall", (102, 102, 156)),
-        ("TrafficSign", (220, 220, 0)),
-        ("Sky", (70, 130, 180)),
-        ("Ground", (81, 0, 81)),
-        ("Bridge", (150, 100, 100)),
-        ("RailTrack", (230, 150, 140)),
-        ("GuardRail", (180, 165, 180)),
-        ("TrafficLight", (250, 170, 30)),
-        ("Static", (110, 190, 160)),
-        ("Dynamic", (170, 120, 50)),
-        ("Water", (45, 60, 150)),
-        ("Terrain", (145, 170, 100)),
+        "Unlabeled, Building, Fence, Other, Pedestrian, Pole, RoadLine, Road, "
+        "Sidewalk, Vegetation, Vehicle, Wall, TrafficSign, Sky, Ground, Bridge, "
+        "RailTrack, GuardRail, TrafficLight, Static, Dynamic, Water, Terrain",
+        {"Fence": (100, 40, 40), "Terrain": (145, 170, 100)},
     ),
     _palette(
         "carla-0.9.14",
-        ("Unlabeled", (0, 0, 0)),
-        ("Road", (128, 64, 128)),
-        ("Sidewalk", (244, 35, 232)),
-        ("Building", (70, 70, 70)),
-        ("Wall", (102, 102, 156)),
-        ("Fence", (190, 153, 153)),
-        ("Pole", (153, 153, 153)),
-        ("TrafficLight", (250, 170, 30)),
-        ("TrafficSign", (220, 220, 0)),
-        ("Vegetation", (107, 142, 35)),
-        ("Terrain", (152, 251, 152)),
-        ("Sky", (70, 130, 180)),
-        ("Pedestrian", (220, 20, 60)),
-        ("Rider", (255, 0, 0)),
-        ("Car", (0, 0, 142)),
-        ("Truck", (0, 0, 70)),
-        ("Bus", (0, 60, 100)),
-        ("Train", (0, 80, 100)),
-        ("Motorcycle", (0, 0, 230)),
-        ("Bicycle", (119, 11, 32)),
-        ("Static", (110, 190, 160)),
-        ("Dynamic", (170, 120, 50)),
-        ("Other", (55, 90, 80)),
-        ("Water", (45, 60, 150)),
-        ("RoadLine", (157, 234, 50)),
-        ("Ground", (81, 0, 81)),
-        ("Bridge", (150, 100, 100)),
-        ("RailTrack", (230, 150, 140)),
-        ("GuardRail", (180, 165, 180)),
-        ("Rock", (180, 130, 70)),
+        "Unlabeled, Road, Sidewalk, Building, Wall, Fence, Pole, TrafficLight, "
+        "TrafficSign, Vegetation, Terrain, Sky, Pedestrian, Rider, Car, Truck, Bus, "
+        "Train, Motorcycle, Bicycle, Static, Dynamic, Other, Water, RoadLine, Ground, "
+        "Bridge, RailTrack, GuardRail, Rock",
     ),
     _palette(
         "paper-table1",
-        ("Unlabelled", (0, 0, 0)),
-        ("Car and Truck", (0, 0, 142)),
-        ("Bus", (0, 60, 100)),
-        ("Van", (0, 0, 70)),
-        ("Bicycle", (119, 11, 32)),
-        ("Motorcycle", (0, 0, 230)),
-        ("Building", (70, 70, 70)),
-        ("Fence", (100, 40, 40)),
-        ("Other", (55, 90, 80)),
-        ("Pedestrian", (220, 20, 60)),
-        ("Pole", (153, 153, 153)),
-        ("RoadLine", (157, 234, 50)),
-        ("Road", (128, 64, 128)),
-        ("Sidewalk", (244, 35, 232)),
-        ("Vegetation", (107, 142, 35)),
-        ("Wall", (102, 102, 156)),
-        ("TrafficSign", (220, 220, 0)),
-        ("Sky", (70, 130, 180)),
-        ("Ground", (81, 0, 81)),
-        ("Bridge", (150, 100, 100)),
-        ("RailTrack", (230, 150, 140)),
-        ("GuardRail", (180, 165, 180)),
-        ("TrafficLight", (250, 170, 30)),
-        ("Static", (110, 190, 160)),
-        ("Dynamic", (170, 120, 50)),
-        ("Water", (45, 60, 150)),
-        ("Terrain", (145, 170, 100)),
+        "Unlabelled, Car and Truck, Bus, Van, Bicycle, Motorcycle, Building, Fence, "
+        "Other, Pedestrian, Pole, RoadLine, Road, Sidewalk, Vegetation, Wall, "
+        "TrafficSign, Sky, Ground, Bridge, RailTrack, GuardRail, TrafficLight, "
+        "Static, Dynamic, Water, Terrain",
+        {"Fence": (100, 40, 40), "Terrain": (145, 170, 100)},
     ),
 )
 
@@ -271,14 +241,9 @@ def palette_of(family: str) -> Palette:
 class ChangedTags:
     """What a changed CARLA writes otherwise than the family that it was made of.
 
-    All other numbers and colours mean what they mean in that family.
-
-    Attributes
-    ----------
-    numbers, colors : tuple of (int or RGB, str)
-        Numbers and colours, each with the name of its tag.
-    scale : int
-        Raw images have multiples of this in the place of numbers.
+    All other numbers and colours mean what they mean in that family. `numbers` and
+    `colors` have the name of a tag each; raw images have multiples of `scale` in the
+    place of numbers.
     """
 
     numbers: tuple[tuple[int, str], ...] = ()

@@ -218,10 +218,8 @@ class _Builder:
         with open_regular(path) as file:
             for place, item in enumerate(self._categories):
                 number = _id(item, "id")
-                file.seek(item.start)
                 # Nothing but the name is used, so nothing else can be wrong.
-                content = file.read(item.end - item.start)
-                category = json.loads(content.decode("utf-8", "replace"))
+                category = json.loads(item.read(file).decode("utf-8", "replace"))
                 word = category.get("name")
                 if not isinstance(word, str) or not word:
                     why = f"expected a name, found {shown(word)}"
@@ -256,8 +254,7 @@ class _Builder:
             return values
         with open_regular(path) as file:
             for item in self._beside:
-                file.seek(item.start)
-                content = file.read(item.end - item.start)
+                content = item.read(file)
                 with suppress(LayoutError):  # NaN, say; nothing depends on it
                     if not item.in_list:
                         values[item.key] = decode_value(content, self._name)

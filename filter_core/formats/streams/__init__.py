@@ -302,16 +302,10 @@ def listed_frames(
     names: Sequence[tuple[str | None, str]],
     noun: str,
 ) -> ListedFrames:
-    """The frames that a file lists by the names of their images.
+    """The frames that a file lists by the names of their images in a folder.
 
-    Parameters
-    ----------
-    folder : Path
-        That of the images.
-    names : sequence of (str or None, str)
-        As for `named_images`.
-    noun : str
-        What lists the frames, for messages about images that are not listed.
+    `names` are as for `named_images`; `noun` is what lists the frames, for messages
+    about images that are not listed.
     """
     streams = Streams(folder, description)
     images = FileIndex(streams.images)

@@ -155,7 +155,17 @@ def _where(key: str, value: object, at: str) -> Where:
     if isinstance(value, Mapping):
         if "file" not in value:
             return dict(value)
-        return _checked_file(key, value, at)
+        place = f"{at}/{key}"
+        refuse_unknown_keys(value, _FILE_KEYS, at=place)
+        path = None if value.get("path") is None else str(value["path"])
+        if path is not None:
+            checked_path("path", _NAME.sub("0", path), place)
+        negated = value.get("negated") or []
+        if not isinstance(negated, list) or not {*map(str, negated)} <= {*_NUMBERS}:
+            expected = f"a list of {', '.join(_NUMBERS)}"
+            raise wrong_value("negated", negated, expected, place)
+        file = _file(key, str(value["file"]), at)
+        return InFile(file, path, tuple(map(str, negated)))
     if isinstance(value, str):
         if table_suffix(value):
             return InFile(_file(key, value, at))
@@ -165,18 +175,6 @@ def _where(key: str, value: object, at: str) -> Where:
         return float(value)
     expected = "a value, a path in the labels, or {file, path}"
     raise wrong_value(key, value, expected, at)
-
-
-def _checked_file(key: str, value: Mapping[str, object], at: str) -> InFile:
-    place = f"{at}/{key}"
-    refuse_unknown_keys(value, _FILE_KEYS, at=place)
-    path = None if value.get("path") is None else str(value["path"])
-    if path is not None:
-        checked_path("path", _NAME.sub("0", path), place)
-    negated = value.get("negated") or []
-    if not isinstance(negated, list) or not {*map(str, negated)} <= {*_NUMBERS}:
-        raise wrong_value("negated", negated, f"a list of {', '.join(_NUMBERS)}", place)
-    return InFile(_file(key, str(value["file"]), at), path, tuple(map(str, negated)))
 
 
 def _file(key: str, file: str, at: str) -> FilePattern:

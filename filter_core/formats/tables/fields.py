@@ -170,14 +170,9 @@ def checked_path(name: str, value: object, at: str) -> Path:
 
 @dataclass(frozen=True)
 class BoxFields:
-    """``boxes.fields`` of a description.
+    """``boxes.fields`` of a description: where each of `FIELDS` is.
 
-    Attributes
-    ----------
-    paths : mapping of str to Path
-        By `FIELDS`.
-    lists : mapping of str to Path, or None
-        The lists of boxes by the class of all boxes in them; "" if boxes say it.
+    `lists` are those of boxes by the class of all boxes in them; "" if boxes say it.
     """
 
     paths: Mapping[str, Path] = field(default_factory=dict)
@@ -211,7 +206,17 @@ class AllowedFields:
             for one, path in value.items()
             if path is not None and one != BOXES
         }
-        _check_geometry(paths, place)
+        # Fields of a geometry must be all that it needs; several geometries may be
+        # said, if boxes of one file have different ones.
+        named = GEOMETRY_FIELDS & paths.keys()
+        whole = {each for form in forms_of(named) for each in FORMS_BY_FIELDS[form]}
+        if not named <= {*whole, *(_OF_BOX3D if "centre" in whole else ())}:
+            forms = "; ".join(", ".join(of) for of in FORMS_BY_FIELDS.values())
+            raise ConfigError(
+                f"{place_of(place)}expected the fields of one form of boxes ({forms}), "
+                f"found {', '.join(each for each in _USUAL if each in named)}",
+                pointer=place,
+            )
         lists = value.get(BOXES)
         if lists is None:
             return BoxFields(paths)
@@ -236,22 +241,6 @@ class AllowedFields:
             },
             "additionalProperties": False,
         }
-
-
-def _check_geometry(paths: Mapping[str, Path], at: str) -> None:
-    """Fields of a geometry must be all that it needs; several geometries may be said,
-    if boxes of one file have different ones.
-    """
-    named = GEOMETRY_FIELDS & paths.keys()
-    whole = {one for form in forms_of(named) for one in FORMS_BY_FIELDS[form]}
-    if named <= {*whole, *(_OF_BOX3D if "centre" in whole else ())}:
-        return
-    raise ConfigError(
-        f"{place_of(at)}expected the fields of one form of boxes "
-        f"({'; '.join(', '.join(of) for of in FORMS_BY_FIELDS.values())}), found "
-        f"{', '.join(name for name in _USUAL if name in named)}",
-        pointer=at,
-    )
 
 
 Keys = tuple[str, ...]

@@ -45,6 +45,11 @@ class JsonItem:
     is_empty: bool = False
     in_list: bool = False
 
+    def read(self, file: BinaryIO) -> bytes:
+        """Its bytes, of the file that it was read from."""
+        file.seek(self.start)
+        return file.read(self.end - self.start)
+
 
 _PIECE: Final = 1 << 20
 """Bytes that are read at a time."""

@@ -143,16 +143,10 @@ def _expression(token: re.Match[str], names: list[str]) -> str:
 
 @dataclass(frozen=True)
 class FilePatterns:
-    """``files`` of a description.
+    """``files`` of a description: a pattern for each of `ROLES`.
 
-    Attributes
-    ----------
-    roles : mapping of str to FilePattern
-        By `ROLES`.
-    ignored : tuple of FilePattern
-        Files that belong to no frame.
-    more : mapping of str to tuple of FilePattern
-        Further patterns of a role, with the same names in braces as its first.
+    There may be `more` of a role, with the same names in braces as its first. Files
+    that are `ignored` belong to no frame.
     """
 
     roles: Mapping[str, FilePattern] = field(default_factory=dict)
@@ -198,16 +192,10 @@ class FilePatterns:
         suffixes: Collection[str] | None,
         skip: Collection[Path] = (),
     ) -> Iterator[str]:
-        """The files of a folder that are not ignored, relative to it.
+        """The files of a folder that are not ignored, relative to it; as `walk`.
 
-        Parameters
-        ----------
-        root : Path
-            The recording's folder, to which patterns are relative.
-        folder : Path
-            It, or one below it. Elsewhere, nothing is ignored.
-        suffixes, skip
-            As in `walk`.
+        Patterns are relative to the recording's folder, `root`. In a folder that is not
+        below it nothing is ignored.
         """
         names = walk(folder, suffixes, skip)
         prefix = prefix_of(root, folder) if self.ignored else None
@@ -514,15 +502,9 @@ class NamedFiles(NamedTuple):
 class PatternFinder:
     """Finds patterns that match the files of some kinds, and no others.
 
-    Of others it may match those whose own patterns are more specific.
-
-    Parameters
-    ----------
-    kinds : sequence of NamedFiles
-        All files of a folder.
-    frame_part : callable
-        Gives what the name of a folder has besides words that say what files are; it
-        is in braces where folders differ.
+    Of others it may match those whose own patterns are more specific. `kinds` are all
+    files of a folder. `frame_part` gives what the name of a folder has besides words
+    that say what files are; it is in braces where folders differ.
     """
 
     def __init__(
