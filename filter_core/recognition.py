@@ -84,24 +84,17 @@ def recognise_recording(
     an image of depth is too flat. What none of the images shows is left to each frame.
     """
     several = list(frames)
-    depth = _shown_depth(several, config, channels)
     keys, notes = _shown_family(several, config)
-    return Shown({**keys, **depth}, notes)
-
-
-def _shown_depth(
-    frames: Iterable[FrameSource], config: FilterConfig, channels: Collection[str]
-) -> dict[str, str]:
-    """The encoding of depth, if images show one and no other."""
-    if config.depth_encoding != "auto" or "depth" not in files_for(channels):
-        return {}
-    shown = {
-        depth.encoding
-        for _, depth in depth_images(frames)
-        # A fault is said when the frame is used.
-        if isinstance(depth, DepthImage) and depth.is_certain
-    }
-    return {"depth_encoding": shown.pop()} if len(shown) == 1 else {}
+    if config.depth_encoding == "auto" and "depth" in files_for(channels):
+        shown = {
+            depth.encoding
+            for _, depth in depth_images(several)
+            # A fault is said when the frame is used.
+            if isinstance(depth, DepthImage) and depth.is_certain
+        }
+        if len(shown) == 1:
+            keys["depth_encoding"] = shown.pop()
+    return Shown(keys, notes)
 
 
 def depth_images(

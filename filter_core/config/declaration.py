@@ -345,8 +345,10 @@ def refuse_unknown_keys(
                 if close
                 else f"expected one of {', '.join(known)}"
             )
+            text = repr(name)
+            quoted = text if len(text) <= 60 else f"{text[:57]}..."
             raise ConfigError(
-                f"{place_of(at)}unknown key {_quoted(name)}; {hint}",
+                f"{place_of(at)}unknown key {quoted}; {hint}",
                 pointer=f"{at}/{pointer_token(name)}",
                 code="unknown_key",
             )
@@ -360,8 +362,3 @@ def wrong_value(
         f"{place_of(at)}{name}: expected {expected}, found {shown(value)}{hint}",
         pointer=f"{at}/{name}",
     )
-
-
-def _quoted(name: object) -> str:
-    text = repr(name)
-    return text if len(text) <= 60 else f"{text[:57]}..."

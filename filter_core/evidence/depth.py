@@ -449,8 +449,13 @@ def fill_depth(
         numbers.depth_pixels[row] = np.count_nonzero(seen)
         covered = np.count_nonzero(outline.of(nearer))
         numbers.nearer_percent[row] = 100.0 * covered / outline.pixels
-        if not numbers.depth_pixels[row]:
-            numbers.depth_gap[row] = _gap(steps[pixels.mask], low[row], high[row])
+        own = steps[pixels.mask]
+        if not numbers.depth_pixels[row] and len(own):
+            # Metres from the median of the accepted pixels to the interval: 0 inside
+            middle = float(np.median(own))
+            gap = min(high[row] - middle, 0.0)
+            gap = low[row] - middle if middle < low[row] else gap
+            numbers.depth_gap[row] = gap * DEPTH_RANGE / DEPTH_STEPS
         if np.isnan(numbers.tight_xyxy[row, 0]):
             numbers.tight_xyxy[row] = tight_rectangle(seen, outline.x0, outline.y0)
 
@@ -462,15 +467,6 @@ def step_interval(interval: FloatArray) -> tuple[IntArray, IntArray]:
     return np.ceil(bounded[:, 0]).astype(np.int64), np.floor(bounded[:, 1]).astype(
         np.int64
     )
-
-
-def _gap(steps: NDArray[np.int32], low: int, high: int) -> float:
-    """Metres from the median of `steps` to the interval: 0 inside, NaN if empty."""
-    if not len(steps):
-        return float("nan")
-    middle = float(np.median(steps))
-    gap = low - middle if middle < low else min(high - middle, 0.0)
-    return gap * DEPTH_RANGE / DEPTH_STEPS
 
 
 def tight_rectangle(mask: Mask, x0: int, y0: int) -> FloatArray:

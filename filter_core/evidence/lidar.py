@@ -17,7 +17,7 @@ from typing import Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from filter_core.arrays import NOT_MEASURED, BoolArray, FloatArray, IntArray
+from filter_core.arrays import NOT_MEASURED, FloatArray, IntArray
 from filter_core.classes import accepts
 from filter_core.errors import FilterError
 from filter_core.geometry.box3d import in_carla_order
@@ -375,14 +375,11 @@ def points_inside(
         begin, end = np.searchsorted(world[:, 0], [box[:, 0].min(), box[:, 0].max()])
         near = slice(int(begin), int(end) + 1)
         accepted = accepts(int(accept_mask[row]), tags[near])
-        counts[row] = np.count_nonzero(_inside(world[near][accepted], box))
+        axes = np.stack([box[4] - box[0], box[2] - box[0], box[1] - box[0]], axis=1)
+        counts[row] = 0
+        if abs(np.linalg.det(axes)) >= _FLATTEST:
+            # Inside, each coordinate along the box's own axes is within 0..1.
+            local = np.linalg.solve(axes, (world[near][accepted] - box[0]).T)
+            inside = ((local >= 0) & (local <= 1)).all(axis=0)
+            counts[row] = np.count_nonzero(inside)
     return counts
-
-
-def _inside(points: FloatArray, box: FloatArray) -> BoolArray:
-    """(P,) bool: whether each coordinate along the box's own axes is within 0..1."""
-    axes = np.stack([box[4] - box[0], box[2] - box[0], box[1] - box[0]], axis=1)
-    if abs(np.linalg.det(axes)) < _FLATTEST:
-        return np.zeros(len(points), np.bool_)
-    local = np.linalg.solve(axes, (points - box[0]).T)
-    return np.asarray(((local >= 0) & (local <= 1)).all(axis=0))

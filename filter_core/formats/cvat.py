@@ -184,7 +184,7 @@ def read_cvat(root: Path, options: RecordingDescription) -> FrameSet:
 
     def frames() -> Iterator[FrameSource]:
         reading.counts.clear()
-        coming = iter(listed.frames)
+        coming = iter(listed)
         for path in paths:
             labelled = Labelled()
             for one in _elements(path):
@@ -195,14 +195,12 @@ def read_cvat(root: Path, options: RecordingDescription) -> FrameSet:
                     read = partial(reading.annotation, one, path.name)
                     yield frame if frame.problem else annotated(frame, read)
 
-    return FrameSet(
+    return replace(
+        listed,
         layout="cvat",
         frames=frames,
         classes=tuple(options.classes or classes) or None,
-        count=len(names),
-        unmatched=listed.unmatched,
-        notes=lambda: (*listed.notes, *counted_notes(reading.counts, _NOTES)),
-        streams=listed.facts,
+        notes=lambda: (*listed.notes(), *counted_notes(reading.counts, _NOTES)),
         texts=lambda: paths,
     )
 

@@ -128,7 +128,7 @@ def read_decisions(source: Path, options: RecordingDescription) -> FrameSet:
 
     def frames() -> Iterator[FrameSource]:
         without.clear()
-        for frame, (_, start, number) in zip(listed.frames, places, strict=True):
+        for frame, (_, start, number) in zip(listed, places, strict=True):
             if frame.problem:
                 yield frame
                 continue
@@ -142,13 +142,11 @@ def read_decisions(source: Path, options: RecordingDescription) -> FrameSet:
             except LayoutError as problem:
                 yield replace(frame, problem=problem)
 
-    return FrameSet(
+    return replace(
+        listed,
         layout=DECISIONS_JSONL.name,
         frames=frames,
-        count=len(places),
-        unmatched=listed.unmatched,
-        notes=lambda: (*listed.notes, *counted_notes(without, _NOTES)),
-        streams=listed.facts,
+        notes=lambda: (*listed.notes(), *counted_notes(without, _NOTES)),
         texts=lambda: [path],
     )
 

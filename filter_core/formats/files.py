@@ -59,8 +59,12 @@ def file_stem(key: str) -> str:
     Keys come from users: characters with a special meaning for a file system or an
     unpacking tool are written as ``%`` and their code. Sub-folders stay.
     """
-    *folders, name = key.split("/")
-    return "/".join([*map(_safe_folder, folders), _safe_part(name)])
+    parts = [_safe_part(part) for part in key.split("/")]
+    for place, folder in enumerate(parts[:-1]):
+        if folder.lower().endswith(_FILE_SUFFIXES):
+            head, _, suffix = folder.rpartition(".")
+            parts[place] = f"{head}%2E{suffix}"
+    return "/".join(parts)
 
 
 class FileNames:
@@ -252,14 +256,6 @@ def attributes(**values: object) -> str:
     return "".join(
         f" {name}={quoteattr(_possible(value))}" for name, value in values.items()
     )
-
-
-def _safe_folder(part: str) -> str:
-    text = _safe_part(part)
-    if text.lower().endswith(_FILE_SUFFIXES):
-        head, _, suffix = text.rpartition(".")
-        return f"{head}%2E{suffix}"
-    return text
 
 
 def _safe_part(part: str) -> str:

@@ -28,7 +28,7 @@ from filter_core.annotation.frame import FORMS_3D
 from filter_core.arrays import FloatArray
 from filter_core.errors import FilterError, LayoutError
 from filter_core.formats.export import ExportFrame
-from filter_core.formats.files import Spool, number_text
+from filter_core.formats.files import number_text
 from filter_core.formats.format import (
     LABEL_NEEDS,
     LABEL_OPTIONS,
@@ -62,7 +62,7 @@ from filter_core.formats.same import (
     spans_of_lines,
     stored_labels,
 )
-from filter_core.formats.splits import completed_parts, part_of_folder
+from filter_core.formats.splits import part_of_folder
 from filter_core.formats.streams import Streams, auxiliary_folders
 from filter_core.formats.writing import (
     RECTANGLE_KEYS,
@@ -407,7 +407,6 @@ class KittiWriter:
     def __init__(self, context: ExportContext) -> None:
         self._context = context
         self._types = kitti_types(context.head.classes)
-        self._parts: dict[str, Spool] = {}
         changed = {name: word for name, word in self._types.items() if name != word}
         if changed:
             context.facts["kitti_types"] = changed
@@ -420,9 +419,7 @@ class KittiWriter:
         self._context.sink(labels, [text.encode()])
         if band:
             return
-        if out.part not in self._parts:
-            self._parts[out.part] = self._context.spool()
-        self._parts[out.part].write(f"{out.numbered}\n".encode())
+        self._context.list_frame(out.part, out.numbered)
         camera = out.frame.given.camera
         if camera is not None:
             text = _own_calibration(out.frame, camera) or _calibration(camera)
@@ -461,10 +458,7 @@ class KittiWriter:
 
     def finish(self) -> None:
         """Which frames are for training."""
-        for part in completed_parts(self._parts):
-            spool = self._parts.get(part)
-            names = spool.pieces() if spool else []
-            self._context.sink(f"ImageSets/{part}.txt", names)
+        self._context.write_lists("ImageSets")
 
     def _line(self, one: LabelBox, frame: ExportFrame) -> str:
         if one.ignored:

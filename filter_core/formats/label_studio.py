@@ -159,24 +159,22 @@ def read_label_studio(root: Path, options: RecordingDescription) -> FrameSet:
         folder, options, [(one.key, one.image) for one in tasks], "task"
     )
     reading = _Reading(options.default_class)
-    pairs = list(zip(listed.frames, tasks, strict=True))
 
     def frames() -> Iterator[FrameSource]:
         reading.counts.clear()
-        for frame, task in pairs:
+        for frame, task in zip(listed, tasks, strict=True):
             if not frame.problem:
                 frame = replace(frame, labelled=task.labelled)
                 frame = annotated(frame, partial(reading.annotation, task))
             yield frame
 
-    return FrameSet(
+    return replace(
+        listed,
         layout="label-studio",
         frames=frames,
         classes=tuple(options.classes or _classes(folder)) or None,
-        count=len(pairs),
         unmatched=(*listed.unmatched, *without),
-        notes=lambda: (*listed.notes, *counted_notes(reading.counts, _NOTES)),
-        streams=listed.facts,
+        notes=lambda: (*listed.notes(), *counted_notes(reading.counts, _NOTES)),
         texts=lambda: [*paths, folder / _CONFIG_NAME],
     )
 
@@ -476,36 +474,34 @@ class LabelStudioWriter:
 
 
 def _regions(chosen: LabelBoxes, frame: ExportFrame) -> list[dict[str, object]]:
-    return [_region(one.row, one.xyxy, frame) for one in chosen]
-
-
-def _region(row: int, xyxy: Sequence[float], frame: ExportFrame) -> dict[str, object]:
-    boxes = frame.boxes
-    (x_min, y_min, x_max, y_max), (width, height) = xyxy, frame.wh
-    value = {
-        "x": _percent(x_min, width),
-        "y": _percent(y_min, height),
-        "width": _percent(x_max - x_min, width),
-        "height": _percent(y_max - y_min, height),
-        "rotation": 0,
-        "rectanglelabels": [boxes.class_name(row)],
-    }
-    score = _score(row, frame)
-    return {
-        "id": boxes.ids[row],
-        "type": "rectanglelabels",
-        "from_name": "label",
-        "to_name": "image",
-        "original_width": width,
-        "original_height": height,
-        "image_rotation": 0,
-        "origin": "manual" if boxes.is_reviewed(row) else "prediction",
-        "value": value,
-        **({} if score is None else {"score": score}),
-        "meta": {
-            "text": [f"{boxes.effective_verdict(row)}: {boxes.reason_label(row)}"]
-        },
-    }
+    boxes, (width, height) = frame.boxes, frame.wh
+    regions = []
+    for one in chosen:
+        row, (x_min, y_min, x_max, y_max) = one.row, one.xyxy
+        score = _score(row, frame)
+        verdict, reason = boxes.effective_verdict(row), boxes.reason_label(row)
+        region: dict[str, object] = {
+            "id": boxes.ids[row],
+            "type": "rectanglelabels",
+            "from_name": "label",
+            "to_name": "image",
+            "original_width": width,
+            "original_height": height,
+            "image_rotation": 0,
+            "origin": "manual" if boxes.is_reviewed(row) else "prediction",
+            "value": {
+                "x": _percent(x_min, width),
+                "y": _percent(y_min, height),
+                "width": _percent(x_max - x_min, width),
+                "height": _percent(y_max - y_min, height),
+                "rotation": 0,
+                "rectanglelabels": [boxes.class_name(row)],
+            },
+            **({} if score is None else {"score": score}),
+            "meta": {"text": [f"{verdict}: {reason}"]},
+        }
+        regions.append(region)
+    return regions
 
 
 _DECIMALS: Final = 12

@@ -24,7 +24,7 @@ from defusedxml.common import DefusedXmlException
 from defusedxml.ElementTree import DefusedXMLParser, ParseError
 
 from filter_core.errors import LayoutError
-from filter_core.formats.files import Spool, element
+from filter_core.formats.files import element
 from filter_core.formats.format import (
     FOLDER_OPTIONS,
     LABEL_NEEDS,
@@ -43,7 +43,6 @@ from filter_core.formats.reading import (
 )
 from filter_core.formats.recording import RecordingDescription
 from filter_core.formats.same import BoxSpan, OwnLabels, OwnReading, Rectangles
-from filter_core.formats.splits import completed_parts
 from filter_core.formats.streams import Streams
 from filter_core.formats.writing import RECTANGLE_KEYS, ExportContext, OutFrame, Traits
 
@@ -458,7 +457,6 @@ class VocWriter:
 
     def __init__(self, context: ExportContext) -> None:
         self._context = context
-        self._parts: dict[str, Spool] = {}
 
     def labels(self, band: str, out: OutFrame) -> None:
         """One XML file."""
@@ -469,16 +467,11 @@ class VocWriter:
             content = ("\n".join(_lines(out)) + "\n").encode("utf-8", "replace")
         self._context.sink(f"{band or 'Annotations'}/{out.stem}.xml", [content])
         if not band:
-            if out.part not in self._parts:
-                self._parts[out.part] = self._context.spool()
-            self._parts[out.part].write(f"{out.stem}\n".encode())
+            self._context.list_frame(out.part, out.stem)
 
     def finish(self) -> None:
         """Which frames are for training, and which classes there are."""
-        for part in completed_parts(self._parts):
-            spool = self._parts.get(part)
-            names = spool.pieces() if spool else []
-            self._context.sink(f"ImageSets/Main/{part}.txt", names)
+        self._context.write_lists("ImageSets/Main")
         # For CVAT and Datumaro, which otherwise know VOC's own twenty classes
         classes = (f"{name}:::\n" for name in self._context.head.classes)
         text = "".join(["# label:color_rgb:parts:actions\n", *classes])

@@ -39,6 +39,7 @@ from filter_core.formats.same import (
     stored_labels,
 )
 from filter_core.formats.splits import (
+    completed_parts,
     next_part,
     part_by_shares,
     sequence_of,
@@ -230,7 +231,8 @@ class ExportContext:
     """What the writer of one export is given.
 
     `sink` takes each file, and `stack` closes what the writer opens. `facts` are the
-    writer's own keys in ``manifest.json``.
+    writer's own keys in ``manifest.json``, `lists` the names of the frames of each
+    part.
     """
 
     sink: Sink
@@ -238,6 +240,7 @@ class ExportContext:
     options: ExportOptions
     stack: ExitStack
     facts: dict[str, object] = field(default_factory=dict)
+    lists: dict[str, Spool] = field(default_factory=dict)
 
     def note_own(self, band: str) -> None:
         """Count a frame whose labels of all distances are written as they came."""
@@ -250,6 +253,18 @@ class ExportContext:
         """A place for pieces that are written at the end."""
         spool = Spool(self.head.temporary, self.head.buffer_bytes)
         return self.stack.enter_context(spool)
+
+    def list_frame(self, part: str, name: str) -> None:
+        """Put a frame into the list of its part, for `write_lists`."""
+        if part not in self.lists:
+            self.lists[part] = self.spool()
+        self.lists[part].write(f"{name}\n".encode())
+
+    def write_lists(self, folder: str) -> None:
+        """Write a file for each part, with the name of a frame in each line."""
+        for part in completed_parts(self.lists):
+            spool = self.lists.get(part)
+            self.sink(f"{folder}/{part}.txt", spool.pieces() if spool else [])
 
 
 class LabelWriter(Protocol):

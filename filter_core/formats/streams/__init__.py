@@ -16,7 +16,7 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, S
 from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import Final, NamedTuple
+from typing import Final
 
 from filter_core.errors import LayoutError
 from filter_core.formats.matching import (
@@ -29,7 +29,7 @@ from filter_core.formats.matching import (
 )
 from filter_core.formats.reading import (
     IMAGE_SUFFIXES,
-    FrameSource,
+    FrameSet,
     StreamFacts,
     Unmatched,
     frame_key,
@@ -283,26 +283,16 @@ def listing_files(
     return [labels]
 
 
-class ListedFrames(NamedTuple):
-    """The frames of a file that lists many, in its order, without their annotations.
-
-    A key that occurs twice is a problem of its frames. `facts` are those of the
-    streams.
-    """
-
-    frames: list[FrameSource]
-    unmatched: tuple[Unmatched, ...]
-    notes: tuple[str, ...]
-    facts: tuple[StreamFacts, ...]
-
-
 def listed_frames(
     folder: Path,
     description: RecordingDescription,
     names: Sequence[tuple[str | None, str]],
     noun: str,
-) -> ListedFrames:
+) -> FrameSet:
     """The frames that a file lists by the names of their images in a folder.
+
+    They are in its order, and without their annotations; a key that occurs twice is a
+    problem of its frames. The layout has no name yet.
 
     `names` are as for `named_images`; `noun` is what lists the frames, for messages
     about images that are not listed.
@@ -325,4 +315,11 @@ def listed_frames(
         for one in with_own
     ]
     unmatched = (*images.left_over(f"no {noun} lists this image"), *left_over)
-    return ListedFrames(frames, unmatched, streams.notes, streams.facts)
+    return FrameSet(
+        layout="",
+        frames=lambda: iter(frames),
+        count=len(frames),
+        unmatched=unmatched,
+        notes=lambda: streams.notes,
+        streams=streams.facts,
+    )
