@@ -27,8 +27,7 @@ from filter_core.images.decoding import decode_color, decode_image
 from filter_core.images.header import (
     MAX_SIDE,
     ImageHeader,
-    header_of_pixels,
-    read_image_header,
+    header_of,
     require_size,
 )
 from filter_core.images.pixels import values_of
@@ -151,11 +150,7 @@ def read_depth(
     .. [1] CARLA documentation, "Sensors reference", depth camera.
     """
     with file_context("depth"):
-        header = (
-            header_of_pixels(content)
-            if isinstance(content, np.ndarray)
-            else read_image_header(content, max_side=max_side)
-        )
+        header = header_of(content, max_side)
     if expected_wh is not None:
         require_size(header, expected_wh, what="the depth image", than="the image")
     _refuse_form(header, encoding)

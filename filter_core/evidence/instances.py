@@ -25,8 +25,7 @@ from filter_core.geometry.boxes import pairwise_iou
 from filter_core.images.decoding import decode_color
 from filter_core.images.header import (
     MAX_SIDE,
-    header_of_pixels,
-    read_image_header,
+    header_of,
     require_size,
 )
 from filter_core.images.pixels import ChannelOrder, sampled
@@ -106,11 +105,7 @@ def read_instances(
     .. [1] CARLA documentation, "Sensors reference", instance segmentation camera.
     """
     with file_context("instances"):
-        header = (
-            header_of_pixels(content)
-            if isinstance(content, np.ndarray)
-            else read_image_header(content, max_side=max_side)
-        )
+        header = header_of(content, max_side)
     if expected_wh is not None:
         require_size(header, expected_wh, what="the instance image", than="the image")
     if header.media_type != "image/png":

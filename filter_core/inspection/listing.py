@@ -6,6 +6,8 @@ from collections import Counter
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
+from filter_core.errors import FilterError, problem_of
+
 MOST_EXAMPLES: Final = 10
 
 
@@ -50,6 +52,11 @@ class Listing:
         examples = self._examples.setdefault(kind, [])
         if len(examples) < MOST_EXAMPLES:
             examples.append(Example(name, why))
+
+    def refuse(self, key: str, problem: FilterError) -> None:
+        """One more frame that cannot be used, by the code of its first fault."""
+        code = problem_of(problem)["errors"][0]["code"]
+        self.add(code, key, problem.detail)
 
     def listed(self) -> tuple[Listed, ...]:
         """All kinds, the most frequent first."""

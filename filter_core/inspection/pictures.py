@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from filter_core.arrays import UNKNOWN_TAG
 from filter_core.config.filter import FilterConfig
 from filter_core.decisions.rules import decide
-from filter_core.errors import FilterError, LayoutError, problem_of
+from filter_core.errors import FilterError, LayoutError
 from filter_core.formats.reading import FrameSource, frame_size, read_file
 from filter_core.geometry.boxes import pixel_bounds
 from filter_core.images.decoding import decode_as_seen
@@ -214,8 +214,7 @@ def look_at(
         if size is not None:
             survey.sizes[size] += 1
         if look.problem is not None:
-            code = problem_of(look.problem)["errors"][0]["code"]
-            survey.refused.add(code, look.source.key, look.problem.detail)
+            survey.refused.refuse(look.source.key, look.problem)
         if look.result is None:
             continue
         measured, verdicts = look.result.measured, look.result.verdicts
@@ -334,8 +333,7 @@ def _segmentations(
     for look in with_one:
         notes.update(look.notes)
         if look.problem is not None:
-            code = problem_of(look.problem)["errors"][0]["code"]
-            refused.add(code, look.source.key, look.problem.detail)
+            refused.refuse(look.source.key, look.problem)
     votes = Counter(family for look in read for family in look.families)
     most = max(votes, key=lambda name: votes[name], default=None)
     family = shown.keys.get("palette", most)

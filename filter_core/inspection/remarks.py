@@ -295,10 +295,10 @@ def named_classes(boxes: Mapping[str, int], advice: Advice) -> str:
     return listed_names(named)
 
 
-def listed_names(parts: Iterable[str]) -> str:
+def listed_names(parts: Iterable[str], most: int = _LISTED) -> str:
     listed = list(parts)
-    more = len(listed) - _LISTED
-    return ", ".join(listed[:_LISTED] + ([f"and {more} more"] if more > 0 else []))
+    more = len(listed) - most
+    return ", ".join(listed[:most] + ([f"and {more} more"] if more > 0 else []))
 
 
 def remarks_on(inspection: Inspection) -> Iterator[Remark]:
@@ -435,7 +435,7 @@ def facts(inspection: Inspection) -> Iterator[tuple[str, str]]:
         sizes = [
             f"{one.width} x {one.height} px ({one.images})" for one in inspection.sizes
         ]
-        yield "sizes of images", _first(sizes)
+        yield "sizes of images", listed_names(sizes, MOST_IN_A_LINE)
     if inspection.segmentation is not None:
         yield "segmentation", segmentation_text(inspection)
     if inspection.depth is not None:
@@ -484,15 +484,11 @@ def depth_text(inspection: Inspection) -> str:
 
 def camera_text(folders: Sequence[str], frames: int) -> str:
     """Folders that may be those of cameras."""
+    names = listed_names(folders, MOST_IN_A_LINE)
     return (
         f"{len(folders)} folders with pictures of the same names ({frames} in the "
-        f"first), of cameras or of runs that count alike: {_first(folders)}"
+        f"first), of cameras or of runs that count alike: {names}"
     )
-
-
-def _first(words: Sequence[str]) -> str:
-    more = len(words) - MOST_IN_A_LINE
-    return ", ".join([*words[:MOST_IN_A_LINE], *([f"and {more} more"] * (more > 0))])
 
 
 def recording_text(inspection: Inspection, folder: Path) -> str:
