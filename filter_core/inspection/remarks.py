@@ -67,13 +67,6 @@ _OF_ONE_CLASS: Final = re.compile(r"(\(\d+); [^()]*\)")
 """What helps for a class, behind its number of boxes."""
 
 
-class Remedy(NamedTuple):
-    """A value of a key of ``recording.yaml``, such as ``("boxes", "unit")``."""
-
-    place: tuple[str, ...]
-    value: str
-
-
 class Remark(NamedTuple):
     """A sentence, and whether it must be looked at before the recording is used.
 
@@ -85,13 +78,16 @@ class Remark(NamedTuple):
     unknown_classes: tuple[str, ...] = ()
 
     @property
-    def remedies(self) -> list[Remedy]:
-        """The values that the sentence recommends, each for a key."""
+    def remedies(self) -> list[tuple[tuple[str, ...], str]]:
+        """The keys of ``recording.yaml`` that the sentence recommends, with values.
+
+        A key is such as ``("boxes", "unit")``.
+        """
         remedies = []
         for section, key, inner, plain in _REMEDY.findall(self.text):
             if _BLANKS.isdisjoint((key, inner)):
                 place = (section, key) if key else (section,)
-                remedies.append(Remedy(place, inner or plain))
+                remedies.append((place, inner or plain))
         return remedies
 
     @property
