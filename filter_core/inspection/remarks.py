@@ -83,7 +83,7 @@ class Remark(NamedTuple):
 
         A key is such as ``("boxes", "unit")``.
         """
-        remedies = []
+        remedies: list[tuple[tuple[str, ...], str]] = []
         for section, key, inner, plain in _REMEDY.findall(self.text):
             if _BLANKS.isdisjoint((key, inner)):
                 place = (section, key) if key else (section,)
