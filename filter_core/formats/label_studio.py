@@ -18,6 +18,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import timedelta
 from functools import partial
+from itertools import chain
 from pathlib import Path
 from typing import ClassVar, Final
 from urllib.parse import quote
@@ -445,7 +446,8 @@ class LabelStudioWriter:
 
     def finish(self) -> None:
         """The tasks, and the labelling interface that shows them."""
-        self._context.sink("tasks.json", self._pieces())
+        tasks = chain([b"["], self._tasks.pieces(), [b"\n]\n"])
+        self._context.sink("tasks.json", tasks)
         labels = "".join(
             f"    <Label{attributes(value=name)}/>\n"
             for name in self._context.head.classes
@@ -466,11 +468,6 @@ class LabelStudioWriter:
             "score": min(scores, default=None),
             "result": _regions(chosen, frame),
         }
-
-    def _pieces(self) -> Iterator[bytes]:
-        yield b"["
-        yield from self._tasks.pieces()
-        yield b"\n]\n"
 
 
 def _regions(chosen: LabelBoxes, frame: ExportFrame) -> list[dict[str, object]]:

@@ -299,7 +299,8 @@ class _FrameNames:
         found = found or self._plain.get(plain(stem), [])
         if not found and _NUMBER.fullmatch(stem):
             found = self._numbers.get(int(stem), [])
-        same = [one for one in found if self._fits(one, values)]
+        frames = self._frames
+        same = [one for one in found if values.items() <= frames[one].values.items()]
         if len(same) > 1 and path != last:
             same = [one for one in same if self._ends_in(one, path)] or same
         return [one for one in same if self.is_of(one, camera)] if camera else same
@@ -307,10 +308,6 @@ class _FrameNames:
     def _ends_in(self, index: int, path: str) -> bool:
         files = self._frames[index].files
         return any(f"/{one}".endswith(f"/{path}") for one in (files.image, files.key))
-
-    def _fits(self, index: int, values: Values) -> bool:
-        own = self._frames[index].values
-        return all(own.get(name) == value for name, value in values.items())
 
     def is_of(self, index: int, camera: str) -> bool:
         """Whether a frame is of a camera, as far as its name says one."""

@@ -12,7 +12,7 @@ import numpy as np
 from filter_core.arrays import IntArray
 from filter_core.formats.export import ExportError, ExportFrame, ExportHead
 from filter_core.formats.files import Spool
-from filter_core.verdicts import VERDICTS, Answer, DecidedBoxes
+from filter_core.verdicts import VERDICTS, Answer
 
 Counts: TypeAlias = dict[str, dict[str, int] | dict[str, dict[str, int]]]
 """Frames and boxes in and out, as ``manifest.json`` has them."""
@@ -116,7 +116,12 @@ class ExportTally:
         places = [self._number.get(name, -1) for name in boxes.class_names]
         number = np.array(places, np.int64)[boxes.class_index]
         if (number < 0).any():
-            raise self._unknown_class(boxes, int(np.argmin(number)))
+            row = int(np.argmin(number))
+            raise ExportError(
+                f"box {boxes.ids[row]!r}: class {boxes.class_name(row)!r} is not among "
+                f"the classes of the export: {', '.join(self._classes)}"[:300],
+                code="unknown_class",
+            )
         self._add("in", number)
         verdict = boxes.effective
         for code, name in enumerate(VERDICTS):
@@ -124,13 +129,6 @@ class ExportTally:
         self._add("unsure", number[boxes.answer == Answer.UNSURE])
         self._add("lossy", number[boxes.lossy])
         return number
-
-    def _unknown_class(self, boxes: DecidedBoxes, row: int) -> ExportError:
-        return ExportError(
-            f"box {boxes.ids[row]!r}: class {boxes.class_name(row)!r} is not among the "
-            f"classes of the export: {', '.join(self._classes)}"[:300],
-            code="unknown_class",
-        )
 
     def _add(self, name: str, number: IntArray) -> None:
         self._count[name] += np.bincount(number, minlength=len(self._classes))

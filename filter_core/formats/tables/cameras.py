@@ -8,7 +8,7 @@ the labels, or in a file of its own.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path as FilePath
@@ -350,15 +350,13 @@ class _File:
 
     @cached_property
     def _rows(self) -> dict[tuple[str, str], object]:
-        return dict(self._by_names())
-
-    def _by_names(self) -> Iterator[tuple[tuple[str, str], object]]:
         fields = BoxReader(BoxFields())
+        rows: dict[tuple[str, str], object] = {}
         for row in self.document if isinstance(self.document, list) else ():
-            frame, camera = (fields.cell(name, row) for name in (FRAME, CAMERA))
-            names = (one for one in (frame, camera))
-            first, second = ("" if one is None else str(one).strip() for one in names)
-            yield (plain(first), second), row
+            cells = (fields.cell(name, row) for name in (FRAME, CAMERA))
+            frame, camera = ("" if one is None else str(one).strip() for one in cells)
+            rows[plain(frame), camera] = row
+        return rows
 
 
 def _key_in(found: Mapping[str, object], value: str) -> str | None:
