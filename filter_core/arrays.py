@@ -55,14 +55,8 @@ def rows_of(
 ) -> _Table:
     """Some rows of a table, that is, of a dataclass whose fields are columns.
 
-    Parameters
-    ----------
-    table : dataclass
-        Columns that are None stay None.
-    rows : slice, (M,) int64 or bool
-        A slice gives views of the same arrays.
-    shared : names of fields
-        Those that are no columns, and stay as they are.
+    A slice gives views of the same arrays. Columns that are None stay None, and so do
+    the fields that are `shared`, which are no columns.
     """
     columns = {
         spec.name: getattr(table, spec.name)
@@ -70,8 +64,7 @@ def rows_of(
         if spec.name not in shared
     }
     return replace(
-        table,
-        **{name: one[rows] for name, one in columns.items() if one is not None},
+        table, **{name: one[rows] for name, one in columns.items() if one is not None}
     )
 
 

@@ -199,19 +199,11 @@ _MEANING: Final = {
 
 @lru_cache(maxsize=4096)
 def class_meant_by(name: str) -> str | None:
-    """The class that a name means.
+    """The class that a name of labels means, such as ``traffic light`` or
+    ``vehicle.tesla.model3``.
 
-    Parameters
-    ----------
-    name : str
-        As labels have it, such as ``Pedestrian``, ``traffic light`` or
-        ``vehicle.tesla.model3``.
-
-    Returns
-    -------
-    str or None
-        One of `filter_core.classes.MEASURED_CLASSES`; None if the vocabulary does not
-        have the name.
+    One of `filter_core.classes.MEASURED_CLASSES`; None if the vocabulary does not have
+    the name.
     """
     if blueprint := class_of(name, None):
         return blueprint

@@ -103,6 +103,8 @@ def accept_mask_of(
 ) -> int:
     """The tags whose pixels count for a class, as bits: bit t is set for tag t.
 
+    0 if the class is not mapped.
+
     Parameters
     ----------
     class_name : str
@@ -115,11 +117,6 @@ def accept_mask_of(
         ``carlasimu`` (as family ``paper-table1``): one colour per class.
     override : tag names and numbers, or None
         Replaces the class's own set.
-
-    Returns
-    -------
-    int
-        0 if the class is not mapped.
 
     Raises
     ------
@@ -179,17 +176,9 @@ def _mask_in_any_family(
 def accepts(accept_mask: int | IntArray, tags: NDArray[np.integer]) -> BoolArray:
     """Whether accept masks accept tags; no other code interprets these masks.
 
-    Parameters
-    ----------
-    accept_mask : int, or an array of int64
-        Bit t is set if tag t is accepted, as `accept_mask_of` gives it.
-    tags : array of integers from 0
-        In a shape to which `accept_mask` broadcasts.
-
-    Returns
-    -------
-    bool, of the shape that both broadcast to
-        Always False for Unknown and for every number beyond the last tag.
+    Bit t of `accept_mask` is set if tag t is accepted, as `accept_mask_of` gives it; it
+    broadcasts to the shape of `tags`. As bool, of the shape that both broadcast to.
+    Always False for Unknown and for every number beyond the last tag.
     """
     # No known tag has the bit of Unknown's column, so that all others may share it.
     bit = np.minimum(tags, UNKNOWN_COLUMN).astype(np.int64)
@@ -221,17 +210,8 @@ _TAG_NAMES: Final = {
 def canonical_accept(value: object, *, at: str = "") -> tuple[str | int, ...]:
     """A config's accept set: tag names and numbers, sorted, each of them once.
 
-    Parameters
-    ----------
-    value : object
-        As a file or a request has it.
-    at : str
-        JSON pointer of the key.
-
-    Raises
-    ------
-    ConfigError
-        Not a list, or a tag that no palette has; names the nearest tag.
+    `at` is the JSON pointer of the key. Raises `ConfigError`: not a list, or a tag that
+    no palette has; names the nearest tag.
     """
     if not isinstance(value, list | tuple) or not 0 < len(value) <= MAX_ACCEPT:
         raise ConfigError(
@@ -274,13 +254,9 @@ _CHANNELS: Final = re.compile(r"[\[(]?\s*(\d+)\s*,\s*(\d+)\s*,\s*(\d+)\s*[\])]?"
 def canonical_tags(value: object, *, at: str = "") -> dict[str, str]:
     """The tags of a changed CARLA: names by number and by colour, as ``#dc143c``.
 
-    Parameters are those of `canonical_accept`.
-
-    Raises
-    ------
-    ConfigError
-        Not a mapping, neither a number up to 255 nor a colour, the same twice, or a
-        tag that no palette has.
+    Parameters are those of `canonical_accept`. Raises `ConfigError`: not a mapping,
+    neither a number up to 255 nor a colour, the same twice, or a tag that no palette
+    has.
     """
     if not isinstance(value, Mapping) or len(value) > MAX_CHANGED_TAGS:
         raise ConfigError(

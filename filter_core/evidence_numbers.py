@@ -23,13 +23,7 @@ from filter_core.arrays import (
 )
 
 DepthEncoding: TypeAlias = Literal[
-    "auto",
-    "carla",
-    "carla-bgr",
-    "millimetres16",
-    "metres16",
-    "log8",
-    "linear8",
+    "auto", "carla", "carla-bgr", "millimetres16", "metres16", "log8", "linear8"
 ]
 """How a depth image holds metres; ``auto`` leaves it to recognition."""
 
@@ -95,16 +89,17 @@ def number_columns(table: type[Evidence | ChannelNumbers]) -> dict[str, NumberCo
     return {name: column for name, column in declared.items() if column is not None}
 
 
-def _count_column(meaning: str, *, unit: str = "px") -> dict[str, NumberColumn]:
-    return {"column": NumberColumn(meaning, unit, "i8", 0)}
+def _count_column(
+    meaning: str, *, unit: str = "px", since: int = 1
+) -> dict[str, NumberColumn]:
+    return {"column": NumberColumn(meaning, unit, "i8", 0, since=since)}
 
 
 def _channel_count_column(
-    meaning: str, *, unit: str = "px", stored: str = "", since: int = 1
+    meaning: str, *, unit: str = "px", stored: str = ""
 ) -> dict[str, NumberColumn]:
     """A column of counts that has `NOT_MEASURED` where its channel has none."""
-    column = NumberColumn(meaning, unit, "i8", NOT_MEASURED, stored=stored, since=since)
-    return {"column": column}
+    return {"column": NumberColumn(meaning, unit, "i8", NOT_MEASURED, stored=stored)}
 
 
 def _float_column(
@@ -188,15 +183,9 @@ class Evidence:
         )
     )
     unknown_pixels: IntArray = field(
-        metadata={
-            "column": NumberColumn(
-                "those of box_pixels whose tag or colour the family does not have",
-                "px",
-                "i8",
-                0,
-                since=2,
-            )
-        }
+        metadata=_count_column(
+            "those of box_pixels whose tag or colour the family does not have", since=2
+        )
     )
     xyxy: BoxesXYXY | None = field(
         default=None,

@@ -100,20 +100,16 @@ def read_json(
 ) -> object:
     """One value from a JSON document.
 
+    ``NaN``, ``Infinity`` and numbers beyond the range of a float are floats that are
+    not finite; the code that uses the number refuses it.
+
     Parameters
     ----------
     raw : bytes (UTF-8, with or without a mark at its beginning) or text
-    limits : JsonLimits
     object_pairs_hook : callable, optional
         Makes an object of its keys and values, as for `json.loads`.
     halves : bool
         Let halves of surrogate pairs pass, for a reader that names their field.
-
-    Returns
-    -------
-    dict, list, str, int, float, bool or None
-        ``NaN``, ``Infinity`` and numbers beyond the range of a float are floats that
-        are not finite; the code that uses the number refuses it.
 
     Raises
     ------

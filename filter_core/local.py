@@ -56,11 +56,7 @@ from filter_core.evaluation.arms import (
     label_boxes,
     truth_of_pixels,
 )
-from filter_core.evaluation.comparison import (
-    COMPARED,
-    Evaluation,
-    truth_from_instances,
-)
+from filter_core.evaluation.comparison import COMPARED, Evaluation, truth_from_instances
 from filter_core.evidence_kinds import EvidenceName, files_for
 from filter_core.evidence_numbers import Evidence
 from filter_core.formats.export import ExportFrame, GivenAnnotation
@@ -108,7 +104,6 @@ class ClassCount(NamedTuple):
 
     Attributes
     ----------
-    boxes, rejected : int
     unmapped : int
         Boxes of which nothing is known, because no class is known that the name means.
     pixels, unknown_pixels : int
@@ -159,7 +154,6 @@ class FrameOutcome:
 
     Attributes
     ----------
-    key : str
     palette : str or None
         The tag family of its segmentation; None if there was none.
     decisions : list of Decision, or None
@@ -193,27 +187,14 @@ class FrameOutcome:
 
 
 def filter_source(
-    frames: Iterable[FrameSource],
-    config: FilterConfig,
-    *,
-    workers: int | None = None,
+    frames: Iterable[FrameSource], config: FilterConfig, *, workers: int | None = None
 ) -> Generator[FrameOutcome, None, None]:
-    """Decide the boxes of many frames.
+    """Decide the boxes of many frames, in their order.
 
-    Parameters
-    ----------
-    frames : iterable of FrameSource
-        Only a few frames are read ahead, so it may be of any length.
-    config : FilterConfig
-    workers : int, optional
-        Threads; one more than there are cores. Pixel work runs outside Python's lock,
-        and while one thread waits for the lock, another keeps its core at work.
-
-    Yields
-    ------
-    FrameOutcome
-        In the order of the frames; a frame that cannot be used has an error, and the
-        others go on.
+    Only a few frames are read ahead, so there may be any number of them. One that
+    cannot be used has an error, and the others go on. `workers` are threads, by default
+    one more than there are cores: pixel work runs outside Python's lock, and while one
+    thread waits for the lock, another keeps its core at work.
     """
     return in_order(lambda one: filter_one(one, config), frames, workers)
 
@@ -221,14 +202,10 @@ def filter_source(
 def outcomes(
     frames: Iterable[FrameSource], config: FilterConfig | None
 ) -> Generator[tuple[FrameSource, FrameOutcome], None, None]:
-    """Frames with their decisions, in their order.
+    """Frames with their decisions, in their order; only a few are read ahead.
 
-    Parameters
-    ----------
-    frames : iterable of FrameSource
-        Only a few frames are read ahead.
-    config : FilterConfig or None
-        None: nothing is decided; an outcome only says what is wrong with its frame.
+    Without a `config` nothing is decided; an outcome only says what is wrong with its
+    frame.
     """
 
     def outcome(source: FrameSource) -> tuple[FrameSource, FrameOutcome]:
@@ -277,13 +254,8 @@ class LeftOut:
 class EvaluationTask:
     """What is compared.
 
-    Attributes
-    ----------
-    config : FilterConfig
-    truth : Truth, or None
-        None: an object is visible if its instance has a pixel.
-    channels : tuple of EvidenceName
-        The kinds of evidence that are compared.
+    Without a `truth`, an object is visible if its instance has a pixel. `channels` are
+    the kinds of evidence that are compared.
     """
 
     config: FilterConfig = field(default_factory=FilterConfig)
@@ -293,16 +265,7 @@ class EvaluationTask:
 
 @dataclass(frozen=True, eq=False)
 class KnownBoxes:
-    """The N boxes of one frame whose truth is known.
-
-    Attributes
-    ----------
-    key : str
-        The frame's.
-    ids : tuple of N str
-    evidence : Evidence of N boxes
-    visible : (N,) bool
-    """
+    """The N boxes of one frame, by its key, whose truth is known: (N,) bool."""
 
     key: str
     ids: tuple[str, ...]
@@ -322,24 +285,12 @@ def evaluate_source(
     also: Callable[[KnownBoxes], None] = lambda _: None,
     workers: int | None = None,
 ) -> tuple[Evaluation, list[LeftOut]]:
-    """Measure every channel of many frames and count them.
+    """Measure every channel of many frames and count them; also those that were left
+    out.
 
-    Parameters
-    ----------
-    frames : iterable of FrameSource
-    task : EvaluationTask
-    progress : callable
-        Called after each frame, with its `MeasuredFrame.notes`.
-    also : callable
-        Called with the boxes of known truth of each frame, in the frames' order.
-    workers : int, optional
-        Threads; one more than there are cores.
-
-    Returns
-    -------
-    Evaluation
-    left_out : list of LeftOut
-        Frames that could not be used; the others were counted.
+    `progress` is called after each frame, with its `MeasuredFrame.notes`, and `also`
+    with the boxes of known truth of each, in the frames' order. `workers` are threads,
+    by default one more than there are cores.
     """
     measured_too = () if task.truth is not None else ("instance",)
     wanted = tuple(dict.fromkeys((*task.channels, *measured_too)))
@@ -374,10 +325,7 @@ def evaluate_source(
 def read_truth(path: Path) -> dict[str, dict[str, bool]]:
     """Reads lines of ``{"key", "id", "visible"}``; other keys are ignored.
 
-    Raises
-    ------
-    LayoutError
-        Names the line and its error.
+    Raises `LayoutError`: names the line and its error.
     """
     truth: dict[str, dict[str, bool]] = {}
     for key, box_id, visible, _ in _truth_lines(path):
@@ -451,7 +399,6 @@ class ArmsTask:
 
     Attributes
     ----------
-    arms : tuple of Arm
     config : FilterConfig
         What the arms have in common; see `Arm.config`.
     truth : TruthSource, or mapping of str to mapping of str to KnownBox
@@ -479,14 +426,11 @@ class LabelledFrame:
 def label_sources(
     frames: Iterable[FrameSource], task: ArmsTask, *, workers: int | None = None
 ) -> Generator[LabelledFrame | LeftOut, None, None]:
-    """Measure frames and label their boxes as each arm does.
+    """Measure frames and label their boxes as each arm does, in the order of the
+    frames.
 
-    The parameters are those of `evaluate_source`.
-
-    Yields
-    ------
-    LabelledFrame or LeftOut
-        In the order of the frames; one that cannot be used does not stop the others.
+    One that cannot be used does not stop the others. `workers` are as for
+    `evaluate_source`.
     """
     configs = {arm.name: arm.config(task.config) for arm in task.arms}
     exact = replace(task.config, profile="paper", projection="clipped")
@@ -553,27 +497,13 @@ def export_sources(
         lambda _classes, _notes: None
     ),
 ) -> Generator[ExportFrame | LeftOut, None, None]:
-    """Frames of a folder, prepared for the writers of formats.
+    """Frames of a folder, prepared for the writers of formats, in their order.
 
-    Parameters
-    ----------
-    frames : iterable of FrameSource
-        Read only a few frames ahead.
-    config : FilterConfig
-    measure : bool
-        Read the segmentations, so that the filter decides; else all boxes that are in
-        the image are ``unmeasured``.
-    needs : collection of `Need`
-        Of the format: decisions, and columns of them, are only made where it needs
-        them.
-    also : callable
-        Called with the boxes of each frame, counted by class, and its
-        `MeasuredFrame.notes`, in the frames' order.
-
-    Yields
-    ------
-    ExportFrame or LeftOut
-        In the order of the frames; one that cannot be read does not stop the others.
+    Only a few are read ahead; one that cannot be read does not stop the others. With
+    `measure`, segmentations are read, so that the filter decides; else all boxes that
+    are in the image are ``unmeasured``. Decisions, and columns of them, are only made
+    where the format `needs` them. `also` is called with the boxes of each frame,
+    counted by class, and its `MeasuredFrame.notes`, in the frames' order.
     """
 
     def export(
@@ -594,11 +524,7 @@ def export_sources(
 
 
 def _export_frame(
-    source: FrameSource,
-    config: FilterConfig,
-    *,
-    measure: bool,
-    needs: Collection[Need],
+    source: FrameSource, config: FilterConfig, *, measure: bool, needs: Collection[Need]
 ) -> tuple[ExportFrame, Mapping[str, ClassCount], tuple[str, ...]]:
     """A frame for the writers, its boxes by class, and its notes."""
     # Neither masks nor depth nor LiDAR are needed, so they are not read.
@@ -646,20 +572,16 @@ def _export_frame(
         files: dict[str, Path | None] = {**source.others}
         files["segmentation"] = source.segmentation
         files["lidar"] = source.plain_points or files.get("lidar")
-        readers = {k: partial(read_file, path, k) for k, path in files.items() if path}
-        if "segmentation" in readers:
+        readers: dict[str, Callable[[], bytes]] = {
+            kind: partial(read_file, path, kind) for kind, path in files.items() if path
+        }
+        if read_tags := readers.get("segmentation"):
             reading = SegmentationOptions(
                 measured.palette or "auto", carla_version=annotation.carla_version
             )
-            readers["segmentation"] = partial(
-                _in_colors, readers["segmentation"], reading
-            )
+            readers["segmentation"] = lambda: in_colors(read_tags(), reading)
         frame = replace(frame, read_files=readers)
     return frame, count_by_class(measured.evidence, verdicts), measured.notes
-
-
-def _in_colors(read: Callable[[], bytes], options: SegmentationOptions) -> bytes:
-    return in_colors(read(), options)
 
 
 def _drawn(image: Path, boxes: Sequence[DrawnBox]) -> bytes:
@@ -702,17 +624,8 @@ def measure_source(
 ) -> MeasuredFrame:
     """Measure one frame of a folder, and decide nothing.
 
-    Parameters
-    ----------
-    source : FrameSource
-    config : FilterConfig
-        Its own channels are only measured if they are in `channels`, too.
-    channels : collection of EvidenceName
-
-    Raises
-    ------
-    FilterError
-        What is wrong with the frame.
+    The configuration's own channels are only measured if they are in `channels`, too.
+    Raises `FilterError`: what is wrong with the frame.
     """
     if problem := source.problem or missing_image(source):
         raise problem
@@ -731,10 +644,11 @@ def measure_source(
         for kind in files_for(channels)
         if kind in source.others
     }
+    tags = None
+    if source.segmentation is not None:
+        tags = read_file(source.segmentation, "segmentation")
     options = FrameOptions(key=source.key, image_wh=wh, ignore=ignore, sensors=sensors)
-    return read_and_measure(
-        source.annotation or {}, _segmentation(source), measuring, options
-    )
+    return read_and_measure(source.annotation or {}, tags, measuring, options)
 
 
 def measuring_of(source: FrameSource, config: FilterConfig) -> MeasureConfig:
@@ -748,12 +662,6 @@ def measuring_of(source: FrameSource, config: FilterConfig) -> MeasureConfig:
     if config.depth_encoding != "auto":
         return measuring
     return replace(measuring, depth_encoding=shown.depth_encoding)
-
-
-def _segmentation(source: FrameSource) -> bytes | None:
-    if source.segmentation is None:
-        return None
-    return read_file(source.segmentation, "segmentation")
 
 
 def _size(image: Path, what: str) -> tuple[int, int]:

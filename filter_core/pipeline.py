@@ -15,11 +15,7 @@ from typing import Literal, TypedDict
 import numpy as np
 from numpy.typing import NDArray
 
-from filter_core.annotation.frame import (
-    BoxAnnotation,
-    FrameAnnotation,
-    frame_boxes_2d,
-)
+from filter_core.annotation.frame import BoxAnnotation, FrameAnnotation, frame_boxes_2d
 from filter_core.annotation.parsing import parse_annotation
 from filter_core.annotation.units import check_units
 from filter_core.arrays import NOT_MEASURED, Mask
@@ -101,8 +97,6 @@ class MeasuredFrame:
 
     Attributes
     ----------
-    key : str
-    annotation : FrameAnnotation
     ids : tuple of str
         Of the N boxes, in the order of the annotation.
     wh : (width, height), px
@@ -135,36 +129,19 @@ class MeasuredFrame:
 
     def facts(self, config: FilterConfig) -> FrameFacts:
         """The values that all decisions of this frame share."""
-        return FrameFacts(
-            key=self.key,
-            config=config,
-            family=self.palette,
-            lossy=self.lossy,
-            names=self._names(),
-        )
-
-    def _names(self) -> dict[int, BoxName]:
-        """Id and class by row, for channels, which explain boxes by other boxes."""
-        if self.evidence.channels is None:
-            return {}
-        classes, index = self.evidence.class_names, self.evidence.class_index.tolist()
-        return {
-            row: BoxName(box_id, classes[index[row]])
-            for row, box_id in enumerate(self.ids)
-        }
+        names: dict[int, BoxName] = {}
+        if self.evidence.channels is not None:  # which explain boxes by other boxes
+            classes = [
+                self.evidence.class_names[index]
+                for index in self.evidence.class_index.tolist()
+            ]
+            names = dict(enumerate(map(BoxName, self.ids, classes)))
+        return FrameFacts(self.key, config, self.palette, self.lossy, names)
 
 
 @dataclass(frozen=True, eq=False)
 class FrameResult:
-    """The result of the filter for one frame.
-
-    Attributes
-    ----------
-    measured : MeasuredFrame of N boxes
-    verdicts : Decisions of N boxes
-    config : FilterConfig
-        What they were decided by.
-    """
+    """The result of the filter for one frame of N boxes, and what decided them."""
 
     measured: MeasuredFrame
     verdicts: Decisions
@@ -224,12 +201,6 @@ def filter_frame(
     segmentation : bytes of a PNG, (H, W) uint8 tags, Segmentation, or None
         Tags are of the family that dataset, config or ``carla_version`` names. None:
         boxes that need pixels are ``unmeasured``.
-    config : FilterConfig, optional
-    options : FrameOptions, optional
-
-    Returns
-    -------
-    FrameResult
 
     Raises
     ------
@@ -279,7 +250,6 @@ def measure_frame(
 
     Parameters
     ----------
-    annotation : FrameAnnotation
     segmentation : Segmentation or None
         None: only what needs no segmentation is measured.
     config : MeasureConfig
@@ -287,10 +257,6 @@ def measure_frame(
         (`FilterConfig.measuring`).
     options : FrameOptions
         `dataset` is not read: `config` has those options.
-
-    Returns
-    -------
-    MeasuredFrame
 
     Raises
     ------
@@ -315,6 +281,16 @@ def measure_frame(
         forward = forward_distances(geometry.vertices, annotation.camera)
         boxes = replace(boxes, not_ahead=forward <= config.min_forward)
     evidence, notes = measure_evidence(boxes, sensors, config)
+    report: SegmentationReport | None = None
+    if segmentation is not None:
+        report = {
+            "palette": segmentation.family,
+            "encoding": segmentation.encoding,
+            "channel_order": segmentation.channel_order,
+            "lossy": segmentation.lossy,
+            "unknown_percent": segmentation.unknown_percent,
+            "notes": [*segmentation.notes, *notes],
+        }
     return MeasuredFrame(
         key=options.key,
         annotation=annotation,
@@ -322,7 +298,7 @@ def measure_frame(
         wh=wh,
         evidence=evidence,
         geometry=geometry,
-        segmentation=None if segmentation is None else _report(segmentation, notes),
+        segmentation=report,
         notes=notes,
     )
 
@@ -477,14 +453,3 @@ def _named_family(reading: SegmentationOptions) -> str | None:
     if reading.carla_version is None:
         return None
     return family_of_version(reading.carla_version)
-
-
-def _report(segmentation: Segmentation, notes: Sequence[str]) -> SegmentationReport:
-    return {
-        "palette": segmentation.family,
-        "encoding": segmentation.encoding,
-        "channel_order": segmentation.channel_order,
-        "lossy": segmentation.lossy,
-        "unknown_percent": segmentation.unknown_percent,
-        "notes": [*segmentation.notes, *notes],
-    }

@@ -25,19 +25,9 @@ _preloaded: Final[dict[str, None]] = {}
 
 
 def module_command(module: str, *words: str) -> list[str]:
-    """The command that runs a module as ``python -m`` does.
+    """The command that runs a module, by its full name, as ``python -m`` does.
 
-    Parameters
-    ----------
-    module : str
-        Its full name.
-    *words : str
-        Its arguments.
-
-    Returns
-    -------
-    list of str
-        The program and its arguments, as `subprocess` takes them.
+    The program and its arguments `words`, as `subprocess` takes them.
     """
     # Not ``-m``: before Python 3.11 it searches for `runpy` in the current folder.
     run = f"runpy.run_module({module!r}, run_name='__main__', alter_sys=True)"
@@ -47,16 +37,9 @@ def module_command(module: str, *words: str) -> list[str]:
 def child_context(preload: Sequence[str]) -> ForkServerContext | SpawnContext:
     """How `multiprocessing` starts processes: forked from a clean one, else spawned.
 
-    Parameters
-    ----------
-    preload : sequence of str
-        Modules that are imported once for all processes, where the system can fork.
-        Those of all calls before the first process is started are imported; later
-        calls add nothing.
-
-    Returns
-    -------
-    ForkServerContext or SpawnContext
+    `preload` are modules that are imported once for all processes, where the system can
+    fork. Those of all calls before the first process is started are imported; later
+    calls add nothing.
     """
     if _FORKING not in multiprocessing.get_all_start_methods():
         os.environ["PYTHONSAFEPATH"] = "1"  # Windows; Python 3.10 ignores it

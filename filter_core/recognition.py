@@ -21,11 +21,7 @@ from filter_core.evidence_kinds import files_for
 from filter_core.formats.reading import FrameSet, FrameSource, read_file
 from filter_core.images.pixels import ChannelOrder
 from filter_core.segmentation.codes import ORDERS
-from filter_core.segmentation.palettes import (
-    PAPER_TABLE,
-    UnknownVersion,
-    family_of_version,
-)
+from filter_core.segmentation.palettes import PAPER_TABLE, known_family
 from filter_core.segmentation.reading import read_segmentation
 
 _DEPTH_IMAGES: Final = 8
@@ -43,12 +39,8 @@ _MOST_TIMES: Final = 4
 class Shown(NamedTuple):
     """What the images of a recording show about how they are read.
 
-    Attributes
-    ----------
-    keys : mapping of str to str
-        Keys of a configuration with their values.
-    notes : tuple of str
-        Sentences for people: what was recognised, and how sure it is.
+    `keys` of a configuration with their values; and `notes`, sentences for people: what
+    was recognised, and how sure it is.
     """
 
     keys: Mapping[str, str] = MappingProxyType({})
@@ -67,9 +59,7 @@ class Shown(NamedTuple):
 
 
 def recognise_recording(
-    frames: Iterable[FrameSource],
-    config: FilterConfig,
-    channels: Collection[str] = (),
+    frames: Iterable[FrameSource], config: FilterConfig, channels: Collection[str] = ()
 ) -> Shown:
     """How the images of a recording are read, by some of them together.
 
@@ -94,24 +84,17 @@ def recognise_recording(
     an image of depth is too flat. What none of the images shows is left to each frame.
     """
     several = list(frames)
-    depth = _shown_depth(several, config, channels)
     keys, notes = _shown_family(several, config)
-    return Shown({**keys, **depth}, notes)
-
-
-def _shown_depth(
-    frames: Iterable[FrameSource], config: FilterConfig, channels: Collection[str]
-) -> dict[str, str]:
-    """The encoding of depth, if images show one and no other."""
-    if config.depth_encoding != "auto" or "depth" not in files_for(channels):
-        return {}
-    shown = {
-        depth.encoding
-        for _, depth in depth_images(frames)
-        # A fault is said when the frame is used.
-        if isinstance(depth, DepthImage) and depth.is_certain
-    }
-    return {"depth_encoding": shown.pop()} if len(shown) == 1 else {}
+    if config.depth_encoding == "auto" and "depth" in files_for(channels):
+        shown = {
+            depth.encoding
+            for _, depth in depth_images(several)
+            # A fault is said when the frame is used.
+            if isinstance(depth, DepthImage) and depth.is_certain
+        }
+        if len(shown) == 1:
+            keys["depth_encoding"] = shown.pop()
+    return Shown(keys, notes)
 
 
 def depth_images(
@@ -191,11 +174,7 @@ def _shown_family(
 
 def _family_by_version(frame: FrameSource) -> str | None:
     """The family of the version of CARLA that a frame names, if it is known."""
-    version = (frame.annotation or {}).get("carla_version")
-    try:
-        return family_of_version(version) if isinstance(version, str) else None
-    except UnknownVersion:
-        return None
+    return known_family((frame.annotation or {}).get("carla_version"))
 
 
 def _vote(key: str, image: Path, config: FilterConfig) -> _Vote | None:

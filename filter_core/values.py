@@ -287,8 +287,14 @@ def read_time(value: object, at: Place, faults: Faults, limit: int) -> str | Non
     text = read_text(value, at, faults, limit)
     if text is None:
         return None
+    # Python 3.10 reads neither "Z" nor fractions other than 3 or 6 digits.
+    utc = text[:-1] + "+00:00" if text[-1:] in "Zz" else text
+    head, dot, tail = utc.partition(".")
+    digits = len(tail) - len(tail.lstrip("0123456789"))
+    if dot and digits:
+        utc = f"{head}.{tail[:digits][:6]:0<6}{tail[digits:]}"
     try:
-        moment = datetime.fromisoformat(_python_iso(text))
+        moment = datetime.fromisoformat(utc)
     except ValueError:
         moment = None
     if moment is None or moment.tzinfo is None:
@@ -296,14 +302,6 @@ def read_time(value: object, at: Place, faults: Faults, limit: int) -> str | Non
         faults.add(at, "bad_time", expected, shown(text))
         return None
     return text
-
-
-def _python_iso(text: str) -> str:
-    # Python 3.10 reads neither "Z" nor fractions other than 3 or 6 digits.
-    utc = text[:-1] + "+00:00" if text[-1:] in "Zz" else text
-    head, dot, tail = utc.partition(".")
-    digits = len(tail) - len(tail.lstrip("0123456789"))
-    return f"{head}.{tail[:digits][:6]:0<6}{tail[digits:]}" if dot and digits else utc
 
 
 _MAX_DEPTH: Final = 32

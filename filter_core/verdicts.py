@@ -85,7 +85,6 @@ class Reason(IntEnum):
     ----------
     label : ReasonLabel
         Its name on the wire, such as ``below_threshold``; two reasons can share one.
-    verdict : Verdict
     is_final : bool
         No channel overwrites it: it follows from the box and the configuration, and
         needs no pixels. (For NO_SEGMENTATION it is False: a channel, such as ``lidar``,
@@ -142,10 +141,7 @@ class Reason(IntEnum):
     def with_label(cls, label: str) -> tuple[Reason, ...]:
         """The reasons of this name, mostly one.
 
-        Raises
-        ------
-        ValueError
-            There is no reason of this name.
+        Raises `ValueError`: there is no reason of this name.
         """
         reasons = tuple(reason for reason in cls if reason.label == label)
         if not reasons:
@@ -192,6 +188,20 @@ class Decisions:
     def __getitem__(self, rows: IntArray | BoolArray) -> Decisions:
         """Some of the boxes."""
         return rows_of(self, rows)
+
+    def overwrite(
+        self,
+        rows: IntArray,
+        reason: NDArray[np.uint8] | IntArray | Reason,
+        channel: int = 0,
+    ) -> None:
+        """Give some boxes another reason, without a threshold; changed in place."""
+        self.reason[rows] = reason
+        self.threshold[rows] = np.nan
+        self.margin[rows] = np.nan
+        self.toss_up[rows] = False
+        self.large[rows] = False
+        self.channel[rows] = channel
 
     def count(self, verdict: Verdict) -> int:
         """How many boxes have this verdict."""

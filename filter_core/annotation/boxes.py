@@ -107,6 +107,10 @@ def _read_box(
         if distance is not None and distance < 0:
             found = shown(given_distance)
             faults.add(place, "negative_distance", "metres from 0", found)
+    instance_id = None
+    if raw.get("instance_id") is not None:
+        place = at / "instance_id"
+        instance_id = read_instance_id(raw["instance_id"], place, faults)
     box = BoxAnnotation(
         id=box_id,
         index=index,
@@ -116,7 +120,7 @@ def _read_box(
         form=form,
         values=values,
         distance=distance,
-        instance_id=_read_instance(raw, at, faults),
+        instance_id=instance_id,
         raw=raw,
         distance_range=_read_distance_range(raw, at, faults),
     )
@@ -139,13 +143,6 @@ def _read_distance_range(
         expected = "two distances, from 0, the nearer one first"
         faults.add(place, "bad_distance_range", expected, shown(value))
     return low, high
-
-
-def _read_instance(raw: Mapping[str, object], at: Place, faults: Faults) -> int | None:
-    value = raw.get("instance_id")
-    if value is None:
-        return None
-    return read_instance_id(value, at / "instance_id", faults)
 
 
 def check_extra(
@@ -207,21 +204,19 @@ def _read_box3d(value: object, at: Place, faults: Faults) -> tuple[float, ...]:
     given = value.get("transform")
     read = None if given is None else read_transform(given, at / "transform", faults)
     actor = read or Transform()
+    extent: Triple = (0.0, 0.0, 0.0)
+    if "extent" in value:
+        extent = read_vector(value["extent"], at / "extent", faults) or extent
+    else:
+        faults.add(at / "extent", "missing", "half sizes {x, y, z}", "nothing")
     parts = [
         actor.location,
         actor.rotation,
         _read_optional(value, "location", at, faults),
-        _read_extent(value, at / "extent", faults),
+        extent,
         _read_optional(value, "rotation", at, faults),
     ]
     return tuple(number for part in parts for number in part)
-
-
-def _read_extent(value: Mapping[str, object], at: Place, faults: Faults) -> Triple:
-    if "extent" not in value:
-        faults.add(at, "missing", "half sizes {x, y, z}", "nothing")
-        return (0.0, 0.0, 0.0)
-    return read_vector(value["extent"], at, faults) or (0.0, 0.0, 0.0)
 
 
 def _read_optional(

@@ -138,24 +138,20 @@ def require_camera(raw: Mapping[str, object], faults: Faults) -> None:
 
     Only for a camera without faults of its own, because those say more.
     """
-    box = _first_3d_box(raw.get("boxes"))
-    if box is None:
+    boxes = raw.get("boxes")
+    places = (
+        box_place(index, box)
+        for index, box in enumerate(boxes if isinstance(boxes, list | tuple) else ())
+        if isinstance(box, Mapping) and not box.keys().isdisjoint(FORMS_3D)
+    )
+    if (first := next(places, None)) is None:
         return
     value = raw.get("camera")
     given = _KNOWN_KEYS & value.keys() if isinstance(value, Mapping) else set()
     needed = "width, height, fov and transform (or intrinsic and world_to_camera)"
     found = ", ".join(sorted(given)) or "nothing"
-    expected = f"{needed} because {box.words} is 3D"
+    expected = f"{needed} because {first.words} is 3D"
     faults.add(Place() / "camera", "missing_camera", expected, found)
-
-
-def _first_3d_box(boxes: object) -> Place | None:
-    if not isinstance(boxes, (list, tuple)):
-        return None
-    for index, box in enumerate(boxes):
-        if isinstance(box, Mapping) and not box.keys().isdisjoint(FORMS_3D):
-            return box_place(index, box)
-    return None
 
 
 def read_sensors(value: object, faults: Faults) -> dict[str, Transform | None]:

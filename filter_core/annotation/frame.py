@@ -41,16 +41,8 @@ _OUTSIDE: Final = (-2.0, -2.0, -1.0, -1.0)
 
 @dataclass(frozen=True)
 class AnnotationLimits:
-    """How much one annotation may hold.
-
-    Attributes
-    ----------
-    max_boxes : int
-        Boxes per frame.
-    max_text : int
-        Characters of an id, a class, a type and of the frame's own texts.
-    max_bytes : int
-        Bytes of JSON.
+    """How many boxes and bytes of JSON one annotation may hold, and how many characters
+    an id, a class, a type and each of the frame's own texts.
     """
 
     max_boxes: int = 10_000
@@ -76,7 +68,6 @@ class BoxAnnotation:
     ----------
     id : str
         Unique in its frame; the index where none was given.
-    index : int
     class_name, type_id, base_type : str or None
         At least one of `class_name` and `type_id` is there.
     form : str
@@ -87,7 +78,6 @@ class BoxAnnotation:
         extent and rotation.
     distance : float or None, metres
         As given.
-    instance_id : int or None
     raw : mapping
         The box as given, with unknown keys.
     distance_range : (low, high) or None, metres
@@ -163,18 +153,9 @@ def frame_boxes_2d(
     wh: tuple[int, int],
     projection: ProjectionMode = "clipped",
 ) -> BoxGeometry:
-    """The rectangles of a frame's boxes in its image.
+    """The rectangles of a frame's boxes in its image of `wh` (width, height), px.
 
-    Parameters
-    ----------
-    annotation : FrameAnnotation
-    wh : (width, height) of the image, px
-    projection : ProjectionMode
-        How a 3D box becomes a rectangle; see `project_boxes`.
-
-    Returns
-    -------
-    BoxGeometry
+    `projection` is how a 3D box becomes a rectangle; see `project_boxes`.
 
     Raises
     ------
@@ -205,7 +186,26 @@ def frame_boxes_2d(
     for form in {box.form for box in boxes}.intersection(FORMS):
         rows = _rows_of(boxes, form)
         geometry.xyxy[rows] = to_xyxy(form, _values(boxes, rows), wh)
-    _fill_projections(geometry, annotation, projection)
+    rows = np.concatenate([_rows_of(boxes, form) for form in FORMS_3D])
+    if len(rows):
+        if annotation.camera is None:
+            box = boxes[rows[0]]
+            raise AnnotationError(
+                f'box {box.index} (id "{box.id}"), {box.form}: expected a camera to '
+                "project it with, found none",
+                pointer="/camera",
+                code="missing_camera",
+            )
+        seen = project_boxes(geometry.vertices[rows], annotation.camera, projection)
+        geometry.amodal_xyxy[rows] = seen.amodal_xyxy
+        geometry.visible_xyxy[rows] = seen.visible_xyxy
+        geometry.distance[rows] = seen.distance
+        # Algorithm 1 corrects the paper's rectangle itself, so it gets it unclamped.
+        xyxy = seen.amodal_xyxy if projection == "naive" else seen.visible_xyxy
+        nothing = np.isnan(xyxy).any(axis=1, keepdims=True)
+        geometry.xyxy[rows] = np.where(nothing, _OUTSIDE, xyxy)
+        for row, edges in zip(rows, seen.edges, strict=True):
+            geometry.edges[row] = edges
     for row, box in enumerate(annotation.boxes):
         if box.distance is not None:
             geometry.distance[row] = box.distance
@@ -228,18 +228,10 @@ def frame_vertices(annotation: FrameAnnotation) -> FloatArray:
 
 
 def given_rectangles(boxes: Sequence[JsonObject], wh: tuple[int, int]) -> BoxesXYXY:
-    """(N, 4) px: the rectangles of boxes as given, which may leave the image.
+    """(N, 4) float64, px: the rectangles of boxes as given, which may leave the image.
 
-    Parameters
-    ----------
-    boxes : sequence of mapping
-        As given, and checked before.
-    wh : (width, height) of the image, px
-
-    Returns
-    -------
-    (N, 4) float64, px
-        Of a 3D box a rectangle outside of the image.
+    Of a 3D box it is one outside of the image. `boxes` were checked before; `wh` is
+    (width, height) of the image, px.
     """
     found = np.full((len(boxes), 4), _OUTSIDE)
     rows: dict[str, list[int]] = {}
@@ -249,34 +241,6 @@ def given_rectangles(boxes: Sequence[JsonObject], wh: tuple[int, int]) -> BoxesX
     for form, of_form in rows.items():
         found[of_form] = to_xyxy(form, [boxes[row][form] for row in of_form], wh)
     return found
-
-
-def _fill_projections(
-    geometry: BoxGeometry, annotation: FrameAnnotation, projection: ProjectionMode
-) -> None:
-    boxes = annotation.boxes
-    rows = np.concatenate([_rows_of(boxes, form) for form in FORMS_3D])
-    if len(rows) == 0:
-        return
-    if annotation.camera is None:
-        box = boxes[rows[0]]
-        raise AnnotationError(
-            f'box {box.index} (id "{box.id}"), {box.form}: expected a camera to '
-            "project it with, found none",
-            pointer="/camera",
-            code="missing_camera",
-        )
-    seen = project_boxes(geometry.vertices[rows], annotation.camera, projection)
-    geometry.amodal_xyxy[rows] = seen.amodal_xyxy
-    geometry.visible_xyxy[rows] = seen.visible_xyxy
-    geometry.distance[rows] = seen.distance
-    # Algorithm 1 corrects the paper's rectangle itself, so it gets it unclamped.
-    xyxy = seen.amodal_xyxy if projection == "naive" else seen.visible_xyxy
-    nothing = np.isnan(xyxy).any(axis=1, keepdims=True)
-    measured: BoxesXYXY = np.where(nothing, _OUTSIDE, xyxy)
-    geometry.xyxy[rows] = measured
-    for row, edges in zip(rows, seen.edges, strict=True):
-        geometry.edges[row] = edges
 
 
 def _rows_of(boxes: Sequence[BoxAnnotation], form: str) -> IntArray:

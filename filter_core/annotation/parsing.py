@@ -59,19 +59,15 @@ def parse_annotation(
 ) -> FrameAnnotation:
     """The annotation of one frame, read and checked.
 
+    Null is the same as an absent key, except in a geometry. Unknown keys are checked,
+    too, and are in `raw`, of the frame and of each box.
+
     Parameters
     ----------
     raw : mapping, or JSON as bytes (UTF-8) or text
         Never changed. A key that JSON repeats is an error, as is NaN or Infinity.
-    limits : AnnotationLimits
     frame : str
         The frame's key; errors name it.
-
-    Returns
-    -------
-    FrameAnnotation
-        Null is the same as an absent key, except in a geometry. Unknown keys are
-        checked, too, and are in `raw`, of the frame and of each box.
 
     Raises
     ------

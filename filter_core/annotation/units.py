@@ -41,16 +41,9 @@ def check_units(
 ) -> None:
     """Refuse rectangles in another unit than their form has, or with exchanged corners.
 
-    Called for frames that come in. Frames that are stored are not checked again. No
-    effect in profile ``carlasimu``, whose code takes every number as it is.
-
-    Parameters
-    ----------
-    annotation : FrameAnnotation
-    wh : (width, height) of the image, px
-    profile : Profile
-    key : str
-        The frame's; errors name it.
+    `wh` is (width, height) of the image, px; errors name the frame by `key`. Called for
+    frames that come in. Frames that are stored are not checked again. No effect in
+    profile ``carlasimu``, whose code takes every number as it is.
 
     Raises
     ------

@@ -116,7 +116,6 @@ class NumberRange(NamedTuple):
         return int(value) if value == int(value) else value
 
     def schema(self) -> dict[str, object]:
-        """See `Allowed.schema`."""
         kind = "integer" if self.whole else "number"
         return {
             "type": kind if self.null is None else [kind, "null"],
@@ -177,7 +176,6 @@ class AllowedWords(NamedTuple):
         return value
 
     def schema(self) -> dict[str, object]:
-        """See `Allowed.schema`."""
         return {"type": "string", "enum": list(self.words)}
 
 
@@ -188,11 +186,9 @@ class TagList:
         return f"a list of 1 to {MAX_ACCEPT} tag names or numbers"
 
     def checked(self, name: str, value: object, at: str = "") -> tuple[str | int, ...]:
-        """See `Allowed.checked`."""
         return canonical_accept(value, at=f"{at}/{name}")
 
     def schema(self) -> dict[str, object]:
-        """See `Allowed.schema`."""
         number = {"type": "integer", "minimum": 0, "maximum": LAST_TAG}
         return {
             "type": "array",
@@ -209,11 +205,9 @@ class ChangedTagNames:
         return "names of tags by number (0 to 255) or colour"
 
     def checked(self, name: str, value: object, at: str = "") -> dict[str, str]:
-        """See `Allowed.checked`."""
         return canonical_tags(value, at=f"{at}/{name}")
 
     def schema(self) -> dict[str, object]:
-        """See `Allowed.schema`."""
         return {
             "type": "object",
             "additionalProperties": {"type": "string"},
@@ -228,7 +222,6 @@ class AllowedScale:
         return f"auto or {_SCALE}"
 
     def checked(self, name: str, value: object, at: str = "") -> int | str:
-        """See `Allowed.checked`."""
         if value == "auto":
             return "auto"
         if isinstance(value, bool) or not isinstance(value, int | float):
@@ -236,7 +229,6 @@ class AllowedScale:
         return int(_SCALE.checked(name, value, at) or 0)
 
     def schema(self) -> dict[str, object]:
-        """See `Allowed.schema`."""
         number = {"type": "integer", "minimum": _SCALE.low, "maximum": _SCALE.high}
         return {"anyOf": [{"const": "auto"}, number]}
 
@@ -274,8 +266,6 @@ class Key(NamedTuple):
 
     Attributes
     ----------
-    allowed : Allowed
-    default : object
     sentence : str
         What it means, for people.
     evidence : tuple of str
@@ -325,11 +315,13 @@ def key(
     return field(default=INHERIT, metadata={_KEY: declared})
 
 
-def placed(place: str, declared: Key) -> _Field:
-    """A dataclass field that declares a key at another place than its name.
+def placed(place: str, allowed: Allowed, default: object, sentence: str) -> _Field:
+    """A dataclass field that declares a key at another place than its name."""
+    return moved(place, Key(allowed, default, sentence))
 
-    The key may be that of another class (`declared_keys`).
-    """
+
+def moved(place: str, declared: Key) -> _Field:
+    """A dataclass field that declares a key of another class (`declared_keys`)."""
     return field(default=INHERIT, metadata={_KEY: declared._replace(place=place)})
 
 
@@ -353,8 +345,10 @@ def refuse_unknown_keys(
                 if close
                 else f"expected one of {', '.join(known)}"
             )
+            text = repr(name)
+            quoted = text if len(text) <= 60 else f"{text[:57]}..."
             raise ConfigError(
-                f"{place_of(at)}unknown key {_quoted(name)}; {hint}",
+                f"{place_of(at)}unknown key {quoted}; {hint}",
                 pointer=f"{at}/{pointer_token(name)}",
                 code="unknown_key",
             )
@@ -368,8 +362,3 @@ def wrong_value(
         f"{place_of(at)}{name}: expected {expected}, found {shown(value)}{hint}",
         pointer=f"{at}/{name}",
     )
-
-
-def _quoted(name: object) -> str:
-    text = repr(name)
-    return text if len(text) <= 60 else f"{text[:57]}..."

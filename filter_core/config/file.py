@@ -19,7 +19,7 @@ from filter_core.classes import MEASURED_CLASSES, PASS
 from filter_core.config.filter import FilterConfig
 from filter_core.errors import ConfigError, JsonError
 from filter_core.json_text import JsonLimits, read_json, repeated_key
-from filter_core.values import JsonObject, shown
+from filter_core.values import JsonObject, escape_text, shown
 
 _MAX_CHARACTERS: Final = 64 * 1024
 
@@ -70,13 +70,8 @@ _UNFILTERED: Final = dict.fromkeys(MEASURED_CLASSES, PASS)
 class LoadedConfig:
     """A configuration as it was read from a file.
 
-    Attributes
-    ----------
-    config : FilterConfig
-    unused_keys : tuple of str
-        The keys of its file that it does not use.
-    keys : mapping
-        The keys that were given; those of carlasimu's file by our names.
+    `keys` are those that were given, of carlasimu's file by our names; `unused_keys`
+    those of its file that it does not use.
     """
 
     config: FilterConfig
@@ -101,6 +96,9 @@ def load_config(
 ) -> LoadedConfig:
     """The configuration that a YAML or JSON text, or a mapping, describes.
 
+    Its `unused_keys` are those that concern only the capture, such as
+    ``sitting.cam_rgb.3D``: the first 100, long ones cut off.
+
     Parameters
     ----------
     source : str, bytes (UTF-8) or mapping
@@ -110,12 +108,6 @@ def load_config(
     below : mapping, optional
         Values of keys that `source` does not have; of ``classes``, entries of classes
         that it does not have.
-
-    Returns
-    -------
-    LoadedConfig
-        `unused_keys` are keys that concern only the capture, such as
-        ``sitting.cam_rgb.3D``: the first 100, long ones cut off.
 
     Raises
     ------
@@ -157,12 +149,9 @@ def merged_classes(
 def parse_yaml(text: str | bytes) -> object:
     """Plain values from untrusted YAML or JSON.
 
-    Raises
-    ------
-    ConfigError
-        Not YAML, a key twice, an alias (a few bytes of them can stand for gigabytes),
-        text that UTF-8 cannot encode, more than 64 Ki characters, more than 10,000
-        values, or nested too deeply.
+    Raises `ConfigError`: not YAML, a key twice, an alias (a few bytes of them can stand
+    for gigabytes), text that UTF-8 cannot encode, more than 64 Ki characters, more than
+    10,000 values, or nested too deeply.
     """
     if len(text) > _MAX_CHARACTERS:
         raise ConfigError(
@@ -224,7 +213,7 @@ class _StrictLoader(yaml.SafeLoader):
         if isinstance(node, yaml.MappingNode):
             node.value = [(_color_as_text(key), value) for key, value in node.value]
             _refuse_bad_keys(node)
-        if isinstance(node, yaml.ScalarNode) and not _is_encodable(node.value):
+        if isinstance(node, yaml.ScalarNode) and escape_text(node.value) != node.value:
             raise _refused("half of a surrogate pair is not text", node)
         return node
 
@@ -239,14 +228,6 @@ def _whole_number(loader: yaml.SafeLoader, node: yaml.ScalarNode) -> int:
 
 
 _StrictLoader.add_constructor(_WHOLE_NUMBER, _whole_number)
-
-
-def _is_encodable(text: str) -> bool:
-    try:
-        text.encode()
-    except UnicodeEncodeError:
-        return False
-    return True
 
 
 _CHANNELS: Final = 3

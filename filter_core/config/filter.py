@@ -52,8 +52,7 @@ from filter_core.verdicts import Profile
 
 @dataclass(frozen=True, kw_only=True)
 class ClassConfig(
-    OnlyClassKeys,
-    ClassKeys[Number | Inherit, int | Inherit, Number | Inherit | None],
+    OnlyClassKeys, ClassKeys[Number | Inherit, int | Inherit, Number | Inherit | None]
 ):
     """The values that a configuration overrides for one class, or `INHERIT`."""
 
@@ -76,10 +75,7 @@ class ClassConfig(
     def from_mapping(cls, raw: object, *, at: str = "") -> ClassConfig:
         """One class's overrides, checked; `at` is their JSON pointer.
 
-        Raises
-        ------
-        ConfigError
-            Not a mapping, an unknown key, or a wrong value.
+        Raises `ConfigError`: not a mapping, an unknown key, or a wrong value.
         """
         if not isinstance(raw, Mapping):
             raise ConfigError(
@@ -117,14 +113,8 @@ class LimitsByClass(ClassKeys[FloatArray, IntArray, FloatArray]):
     Percent and metres are float64, pixels int64; no limit on the distance is ``-inf``
     or ``inf``. A box whose match is exactly the threshold passes under profile
     ``paper`` and fails under ``carlasimu``. A box of exactly `size_big_box` is large
-    only under ``carlasimu``. A box that is exactly at any other limit is within it.
-
-    Attributes
-    ----------
-    profile : ``paper`` or ``carlasimu``
-        Of the configuration.
-    passed : (K,) bool
-        The class map says ``pass``: boxes of the class are not measured.
+    only under ``carlasimu``. A box that is exactly at any other limit is within it. Of
+    a class that is `passed`, the class map says ``pass``: its boxes are not measured.
     """
 
     profile: Profile
@@ -182,10 +172,7 @@ class DecideConfig(DecidingKeys, ClassLimits):
     def from_mapping(cls: type[_Config], raw: object) -> _Config:
         """A configuration from a file or a request; missing keys take their defaults.
 
-        Raises
-        ------
-        ConfigError
-            Unknown key (names the nearest valid one) or wrong value.
+        Raises `ConfigError`: unknown key (names the nearest valid one) or wrong value.
         """
         if not isinstance(raw, Mapping):
             raise ConfigError(
@@ -199,7 +186,12 @@ class DecideConfig(DecidingKeys, ClassLimits):
 
     def as_dict(self) -> dict[str, object]:
         """Every key, defaults filled in, ready for JSON; `from_mapping` inverts it."""
-        plain = {key: _plain(getattr(self, key)) for key in keys_of(type(self))}
+        values = {key: getattr(self, key) for key in keys_of(type(self))}
+        # A mapping as JSON has it, which nobody else can change
+        plain = {
+            key: dict(value) if isinstance(value, Mapping) else value
+            for key, value in values.items()
+        }
         overrides = {name: one.as_dict() for name, one in self.classes.items()}
         return {**plain, "classes": overrides}
 
@@ -335,11 +327,6 @@ class FilterConfig(ReadingKeys, DecideConfig):
             depth_tolerance=float(self.depth_tolerance),
             depth_encoding=self.depth_encoding,
         )
-
-
-def _plain(value: object) -> object:
-    """A value of a key as JSON has it, which nobody else can change."""
-    return dict(value) if isinstance(value, Mapping) else value
 
 
 def _canonical_classes(raw: object) -> Mapping[str, ClassConfig]:
@@ -484,23 +471,11 @@ def schema_of(config_class: type[DecideConfig]) -> dict[str, object]:
 
 def object_schema(properties: Mapping[str, object]) -> dict[str, object]:
     """The JSON schema of a mapping with these keys and no others."""
-    return {
-        "type": "object",
-        "properties": properties,
-        "additionalProperties": False,
-    }
+    return {"type": "object", "properties": properties, "additionalProperties": False}
 
 
 class ConfigChange(NamedTuple):
-    """One key in which two configurations differ.
-
-    Attributes
-    ----------
-    key : str
-        Such as ``classes.van.accept`` if it is nested.
-    before, after : object
-        Its values.
-    """
+    """One key in which two configurations differ, such as ``classes.van.accept``."""
 
     key: str
     before: object
@@ -508,17 +483,9 @@ class ConfigChange(NamedTuple):
 
 
 def diff_configs(before: FilterConfig, after: FilterConfig) -> list[ConfigChange]:
-    """The keys in which two configurations differ.
+    """The keys in which two configurations differ, in the order of the keys.
 
-    Parameters
-    ----------
-    before, after : FilterConfig
-
-    Returns
-    -------
-    list of ConfigChange
-        Every key whose value differs, in the order of the keys. An override that only
-        one of them has is shown as None on the other side.
+    An override that only one of them has is shown as None on the other side.
     """
     old, new = _flat(before), _flat(after)
     keys = list(dict.fromkeys([*old, *new]))

@@ -284,12 +284,7 @@ class ReadingKeys:
     )
 
 
-_LISTED_FIRST: Final = (
-    "profile",
-    *declared_keys(ClassKeys),
-    "evidence",
-    "projection",
-)
+_LISTED_FIRST: Final = ("profile", *declared_keys(ClassKeys), "evidence", "projection")
 """Lists of keys begin with these; the others follow as they are declared."""
 
 

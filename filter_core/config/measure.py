@@ -162,12 +162,8 @@ class MeasureConfig:
         """The same, as a stored measurement was made.
 
         That is, with its reading, renamed classes, ignored pixels, channels, version.
-
-        Parameters
-        ----------
-        stored : JsonObject
-            `as_dict` of the measurement's `MeasureConfig`, and under ``sources`` the
-            `SegmentationOptions.sources` of its `reading`.
+        `stored` is `as_dict` of the measurement's `MeasureConfig`, and has under
+        ``sources`` the `SegmentationOptions.sources` of its `reading`.
         """
         channels, tolerance, encoding = _channels_of(stored)
         return replace(
@@ -197,7 +193,7 @@ class MeasureConfig:
         channels, tolerance, encoding = _channels_of(stored)
         plain = self.as_dict()
         optional = {
-            *("class_map", "renamed", "version", "tags", "tag_scale", "min_forward"),
+            *("class_map", "renamed", "version", "tags", "tag_scale", "min_forward")
         }
         compared = {*plain, *optional} - {"channels"}
         return (
@@ -233,12 +229,8 @@ class MeasureConfig:
     def accept_masks(self, class_names: Iterable[str], family: str | None) -> IntArray:
         """(K,) int64: the tags each class accepts, bit t for tag t; 0 if not mapped.
 
-        `family` is the tag family of the segmentation, None if there is none.
-
-        Raises
-        ------
-        ConfigError
-            A class accepts a tag that the family does not have.
+        `family` is the tag family of the segmentation, None if there is none. Raises
+        `ConfigError`: a class accepts a tag that the family does not have.
         """
         masks = [self._accept_mask(name, family) for name in class_names]
         return np.array(masks, dtype=np.int64)

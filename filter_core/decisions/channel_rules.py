@@ -30,17 +30,11 @@ IS_FINAL: Final = np.array([False, *(reason.is_final for reason in Reason)])
 def apply_channels(
     evidence: Evidence, config: DecideConfig, decisions: Decisions
 ) -> None:
-    """Overwrite the decisions of boxes that a channel has a number for.
+    """Overwrite the decisions of those of N boxes that a channel has a number for.
 
-    Decisions whose reason is final (`Reason.is_final`) stay.
-
-    Parameters
-    ----------
-    evidence : Evidence of N boxes
-    config : DecideConfig
-    decisions : Decisions of N boxes
-        As decided by the segmentation; changed in place. What a channel decides has no
-        threshold in percent: `threshold` and `margin` become NaN.
+    `decisions` are those of the segmentation, and are changed in place; one whose
+    reason is final (`Reason.is_final`) stays. What a channel decides has no threshold
+    in percent: `threshold` and `margin` become NaN.
     """
     if evidence.channels is None or config.evidence == SEMANTIC:
         return
@@ -53,12 +47,7 @@ def apply_channels(
         reasons = np.where(
             channel.keeps(boxes), Reason.VISIBLE, channel.rejected(boxes)
         )
-        decisions.reason[rows] = reasons[rows]
-        decisions.threshold[rows] = np.nan
-        decisions.margin[rows] = np.nan
-        decisions.toss_up[rows] = False
-        decisions.large[rows] = False
-        decisions.channel[rows] = 1 + CHANNELS.index(name)
+        decisions.overwrite(rows, reasons[rows], 1 + CHANNELS.index(name))
 
 
 def with_more_pixels(
@@ -84,20 +73,10 @@ def with_more_pixels(
 def compared_by_channels(
     evidence: Evidence, config: DecideConfig, decisions: Decisions
 ) -> tuple[FloatArray, FloatArray]:
-    """The number that a channel has of each box, and the number that it needs.
+    """(N,) float64 each: the number that a channel has of each box, and what it needs.
 
-    Parameters
-    ----------
-    evidence : Evidence of N boxes
-    config : DecideConfig
-    decisions : Decisions of N boxes
-        What `decide` gives for this evidence and configuration.
-
-    Returns
-    -------
-    number, needed : (N,) float64
-        What the channel `Decisions.channel` of each box compared, see `_CHANNELS`; NaN
-        where no channel decided.
+    As the channel `Decisions.channel` of each box compared them, see `_CHANNELS`; NaN
+    where no channel decided. `decisions` are what `decide` gives for `evidence`.
     """
     count = len(evidence)
     number, needed = np.full(count, np.nan), np.full(count, np.nan)
@@ -114,10 +93,7 @@ def compared_by_channels(
 def keeps(evidence: Evidence, config: DecideConfig, channel: ChannelName) -> BoolArray:
     """(N,) bool: which boxes a channel alone would keep, of those it has a number for.
 
-    Raises
-    ------
-    ValueError
-        No channel was measured.
+    Raises `ValueError`: no channel was measured.
     """
     if evidence.channels is None:
         raise ValueError(f"expected numbers of {channel}, found no channel's")
@@ -193,13 +169,8 @@ _PIXEL_COLUMNS: Final = ("owned_pixels", "depth_pixels", "instance_pixels")
 class _Boxes(NamedTuple):
     """What the rules of channels read of N boxes.
 
-    Attributes
-    ----------
-    numbers : ChannelNumbers of N boxes
-    config : DecideConfig
-    own_pixels_needed : (N,) int64
-        The fewest pixels of its own that keep a box: `min_visible_pixels`, and
-        `min_visible_percent` of its pixels.
+    `own_pixels_needed` (N,) are the fewest pixels of its own that keep a box:
+    `min_visible_pixels`, and `min_visible_percent` of its pixels.
     """
 
     numbers: ChannelNumbers
@@ -236,7 +207,6 @@ class _Channel:
         at least this, or with `at_most`, if it is not more.
     rejected : callable
         The reason of boxes that are not kept, as (N,) or one for all.
-    at_most : bool
     """
 
     column: str

@@ -29,12 +29,7 @@ from filter_core.decisions.channel_rules import (
 )
 from filter_core.decisions.explain import rounded_percent
 from filter_core.decisions.rules import decide
-from filter_core.evidence_kinds import (
-    CHANNELS,
-    SEMANTIC,
-    ChannelName,
-    EvidenceName,
-)
+from filter_core.evidence_kinds import CHANNELS, SEMANTIC, ChannelName, EvidenceName
 from filter_core.evidence_numbers import Evidence
 from filter_core.verdicts import (
     KEPT,
@@ -180,13 +175,8 @@ were ever right against it."""
 def doubts(evidence: Evidence, config: DecideConfig, decisions: Decisions) -> Doubts:
     """How much an answer on each of N boxes is worth, and why.
 
-    Parameters
-    ----------
-    evidence : Evidence of N boxes
-        `xyxy` is read if it is there; else boxes count as squares.
-    config : DecideConfig
-    decisions : Decisions of N boxes
-        What `decide` gives for this evidence and configuration.
+    `decisions` are what `decide` gives for this evidence and configuration. Without
+    `Evidence.xyxy`, boxes count as squares.
     """
     verdict = VERDICT_OF_REASON.take(decisions.reason)
     count = len(evidence)

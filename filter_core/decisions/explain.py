@@ -37,13 +37,10 @@ class ExplainedBox(NamedTuple):
 
     Attributes
     ----------
-    reason : Reason
-    class_name : str
     limits : ClassLimits
         Of the box's class.
     match_percent, threshold, area_percent : float or None, percent
         Those of `Evidence` and `Decisions`; None: there is none.
-    large : bool
     matched_pixels, pixels_needed : int
         The pixels with an accepted tag, and the fewest that keep the box.
     unknown_pixels, box_pixels : int
@@ -95,14 +92,11 @@ class ExplainedBox(NamedTuple):
 
 
 def explain(box: ExplainedBox) -> str:
-    """Why a box was kept, rejected or not measured, in one sentence.
+    """Why a box was kept, rejected or not measured: the verdict, a colon and the
+    reason.
 
-    Returns
-    -------
-    str
-        The verdict, a colon and the reason. A number is never rounded to the one that
-        it is compared with, or past it: 9.96 % is never shown as the 10 % that are
-        needed.
+    A number is never rounded to the one that it is compared with, or past it: 9.96 % is
+    never shown as the 10 % that are needed.
     """
     if box.channel is not None:
         sentence = _CHANNEL_SENTENCES[box.channel](box)
@@ -341,8 +335,6 @@ class FrameFacts:
 
     Attributes
     ----------
-    key : str
-    config : FilterConfig
     family : str or None
         Which of CARLA's tables of tags the segmentation has: a key of `FAMILIES`. None
         if there was no segmentation.
@@ -368,15 +360,8 @@ def explanations(
 ) -> list[str]:
     """Why each of N > 0 boxes was kept, rejected or not measured: one sentence each.
 
-    Parameters
-    ----------
-    frames : one for each of N boxes
-        All have the same `config`.
-    evidence : Evidence of N boxes
-    decisions : Decisions of N boxes
-        What `decide` gives for this evidence and configuration.
-    hidden : (N,)
-        What `hidden_by_all` gives for this evidence.
+    There is one of `frames` for each box, all with the same `config`. `decisions` are
+    what `decide` gives for `evidence`, `hidden` what `hidden_by_all` does.
     """
     count, config = len(frames), frames[0].config
     limits = [config.limits_of(name) for name in evidence.class_names]
@@ -461,20 +446,11 @@ def hidden_by(
 ) -> list[HiddenBy]:
     """The up to three commonest tags in a box that its class does not accept.
 
-    They are taken for what hides it: that they are nearer is not measured.
-
-    Parameters
-    ----------
-    tag_counts : (N_TAGS,) pixels of each tag in the box; the last column is Unknown
-    accept_mask : bit t is set if the class accepts tag t
-    family : a key of `filter_core.segmentation.palettes.FAMILIES`
-
-    Returns
-    -------
-    list of {"tag", "name", "rgb", "percent"}, the commonest first (ties: the lower tag)
-        `rgb` is the tag's colour in the palette, white for Unknown; `percent` is of all
-        counted pixels. Tags that surround objects without hiding them
-        (Road, RoadLine, Sidewalk, Ground, Terrain, Sky) are left out.
+    They are taken for what hides it: that they are nearer is not measured. The
+    commonest is the first, of several the lower tag. `HiddenBy.rgb` is white for
+    Unknown. Tags that surround objects without hiding them (Road, RoadLine, Sidewalk,
+    Ground, Terrain, Sky) are left out. `tag_counts` (N_TAGS,) are the pixels of each
+    tag in the box.
     """
     total = sum(tag_counts)
     hiding = _hiding_tags(accept_mask, family)

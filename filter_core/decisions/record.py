@@ -113,12 +113,74 @@ def decision_dicts(
     evidence : Evidence of N boxes
     decisions : Decisions of N boxes
     geometry : BoxGeometry of N boxes, optional
+
+    Notes
+    -----
+    The service replaces `config`. The history of a box (`app/review/history.py`) has
+    four of these keys, with the same values; no other code defines one of them.
     """
     count = len(ids)
     if not count:
         return []
     frames = [frame] * count if isinstance(frame, FrameFacts) else frame
-    columns = _composed(frames, ids, evidence, decisions, geometry)
+    channels = evidence.channels
+    if channels is None:
+        channels = ChannelNumbers.absent(count)
+    reasons = [Reason(code) for code in decisions.reason.tolist()]
+    hidden, nearer = hidden_by_all(frames, evidence), nearer_boxes(frames, evidence)
+    # Whole rectangles, those inside the image, and edges
+    amodal = _rectangles(geometry.amodal_xyxy if geometry is not None else None, count)
+    visible = _rectangles(
+        geometry.visible_xyxy if geometry is not None else None, count
+    )
+    lines = geometry.edges if geometry is not None else [None] * count
+    edges = [None if one is None else np.asarray(one).tolist() for one in lines]
+    measured = evidence.measured.tolist()
+    # (N,): the pixels of a box's instance, else those at its distance
+    by_instance = channels.instance_pixels != NOT_MEASURED
+    columns: dict[str, Sequence[object]] = {
+        "id": ids,
+        "frame": [frame.key for frame in frames],
+        "class": [
+            evidence.class_names[index] for index in evidence.class_index.tolist()
+        ],
+        "verdict": [reason.verdict.value for reason in reasons],
+        "reason": [reason.label for reason in reasons],
+        "explanation": explanations(frames, evidence, decisions, hidden),
+        # The kind of evidence that decided, as the key `evidence` names it.
+        "evidence": [
+            channel or (SEMANTIC if has_tags else None)
+            for channel, has_tags in zip(
+                channel_names(decisions), measured, strict=True
+            )
+        ],
+        "match_percent": floats_or_none(evidence.shown_match()),
+        "threshold": floats_or_none(decisions.threshold),
+        "margin": floats_or_none(decisions.margin),
+        "toss_up": decisions.toss_up.tolist(),
+        "large": decisions.large.tolist(),
+        "matched_pixels": counts_or_none(_counted(evidence.matched_pixels, evidence)),
+        "box_pixels": evidence.box_pixels.tolist(),
+        "unknown_pixels": counts_or_none(_counted(evidence.unknown_pixels, evidence)),
+        "area_percent": floats_or_none(evidence.area_percent),
+        "crowding": floats_or_none(evidence.crowding),
+        "explained_by": [box and box.box_id for box in nearer],
+        "hidden_by": hidden,
+        "lossy": [frame.lossy for frame in frames],
+        "distance": floats_or_none(evidence.distance),
+        "distance_range": _rectangles(evidence.distance_range, count),
+        "xyxy": _rectangles(evidence.xyxy, count),
+        "amodal_xyxy": amodal,
+        "visible_xyxy": visible,
+        "tight_xyxy": _rectangles(channels.tight_xyxy, count),
+        "visible_pixels": counts_or_none(
+            np.where(by_instance, channels.instance_pixels, channels.depth_pixels)
+        ),
+        "occluded": occlusion_levels(channels.nearer_percent).tolist(),
+        "truncated": list(map(truncation, amodal, visible)),
+        "edges": edges,
+        "config": [frames[0].config.digest] * count,
+    }
     rows = zip(*columns.values(), strict=True)
     return [cast(Decision, dict(zip(columns, row, strict=True))) for row in rows]
 
@@ -173,14 +235,10 @@ def decided_boxes(
 def decision_columns(
     frame: FrameFacts | Sequence[FrameFacts], evidence: Evidence, decisions: Decisions
 ) -> DecisionColumns:
-    """The columns of tables of decisions besides `decided_boxes`; no people's answers.
+    """The columns of tables of N decisions besides `decided_boxes`; no people's
+    answers.
 
-    Parameters
-    ----------
-    frame : FrameFacts, or one for each of N boxes
-        All frames have the same `config`.
-    evidence : Evidence of N boxes
-    decisions : Decisions of N boxes
+    `frame` is one for all boxes, or one for each; all frames have the same `config`.
     """
     count = len(evidence)
     frames = [frame] * count if isinstance(frame, FrameFacts) else frame
@@ -204,96 +262,12 @@ def decision_columns(
     )
 
 
-def _composed(
-    frames: Sequence[FrameFacts],
-    ids: Sequence[str],
-    evidence: Evidence,
-    decisions: Decisions,
-    geometry: BoxGeometry | None,
-) -> dict[str, Sequence[object]]:
-    """The values of N > 0 decisions for each key of `Decision`, in the keys' order.
-
-    The service replaces `config`. The history of a box (`app/review/history.py`) has
-    four of these keys, with the same values; no other code defines one of them.
-    """
-    count, config = len(ids), frames[0].config
-    channels = evidence.channels
-    if channels is None:
-        channels = ChannelNumbers.absent(count)
-    reasons = [Reason(code) for code in decisions.reason.tolist()]
-    hidden, nearer = hidden_by_all(frames, evidence), nearer_boxes(frames, evidence)
-    amodal, visible, edges = _projected(geometry, count)
-    measured = evidence.measured.tolist()
-    # (N,): the pixels of a box's instance, else those at its distance
-    by_instance = channels.instance_pixels != NOT_MEASURED
-    return {
-        "id": ids,
-        "frame": [frame.key for frame in frames],
-        "class": [
-            evidence.class_names[index] for index in evidence.class_index.tolist()
-        ],
-        "verdict": [reason.verdict.value for reason in reasons],
-        "reason": [reason.label for reason in reasons],
-        "explanation": explanations(frames, evidence, decisions, hidden),
-        # The kind of evidence that decided, as the key `evidence` names it.
-        "evidence": [
-            channel or (SEMANTIC if has_tags else None)
-            for channel, has_tags in zip(
-                channel_names(decisions), measured, strict=True
-            )
-        ],
-        "match_percent": floats_or_none(evidence.shown_match()),
-        "threshold": floats_or_none(decisions.threshold),
-        "margin": floats_or_none(decisions.margin),
-        "toss_up": decisions.toss_up.tolist(),
-        "large": decisions.large.tolist(),
-        "matched_pixels": counts_or_none(_counted(evidence.matched_pixels, evidence)),
-        "box_pixels": evidence.box_pixels.tolist(),
-        "unknown_pixels": counts_or_none(_counted(evidence.unknown_pixels, evidence)),
-        "area_percent": floats_or_none(evidence.area_percent),
-        "crowding": floats_or_none(evidence.crowding),
-        "explained_by": [box and box.box_id for box in nearer],
-        "hidden_by": hidden,
-        "lossy": [frame.lossy for frame in frames],
-        "distance": floats_or_none(evidence.distance),
-        "distance_range": _rectangles(evidence.distance_range, count),
-        "xyxy": _rectangles(evidence.xyxy, count),
-        "amodal_xyxy": amodal,
-        "visible_xyxy": visible,
-        "tight_xyxy": _rectangles(channels.tight_xyxy, count),
-        "visible_pixels": counts_or_none(
-            np.where(by_instance, channels.instance_pixels, channels.depth_pixels)
-        ),
-        "occluded": occlusion_levels(channels.nearer_percent).tolist(),
-        "truncated": list(map(truncation, amodal, visible)),
-        "edges": edges,
-        "config": [config.digest] * count,
-    }
-
-
 def _counted(pixels: IntArray, evidence: Evidence) -> IntArray:
     """(N,): counts of pixels, `NOT_MEASURED` where there was no segmentation."""
     return np.where(evidence.measured, pixels, NOT_MEASURED)
 
 
 _Rectangles: TypeAlias = list[list[float] | None]
-
-
-def _projected(
-    geometry: BoxGeometry | None, count: int
-) -> tuple[_Rectangles, _Rectangles, list[list[list[float]] | None]]:
-    """Whole rectangles, those inside the image, and edges of N boxes."""
-    if geometry is None:
-        return [None] * count, [None] * count, [None] * count
-    edges = [
-        None if lines is None else np.asarray(lines).tolist()
-        for lines in geometry.edges
-    ]
-    return (
-        _rectangles(geometry.amodal_xyxy, count),
-        _rectangles(geometry.visible_xyxy, count),
-        edges,
-    )
 
 
 def _rectangles(column: BoxesXYXY | None, count: int) -> _Rectangles:
@@ -303,17 +277,10 @@ def _rectangles(column: BoxesXYXY | None, count: int) -> _Rectangles:
 
 
 def occlusion_levels(nearer_percent: FloatArray) -> IntArray:
-    """KITTI's level of occlusion of N boxes.
+    """(N,) int64: KITTI's level of occlusion of N boxes.
 
-    Parameters
-    ----------
-    nearer_percent : (N,) float64, percent of the silhouette
-        The share that something nearer covers; NaN: unknown.
-
-    Returns
-    -------
-    (N,) int64
-        0 fully visible, 1 partly, 2 largely occluded, 3 unknown.
+    0 fully visible, 1 partly, 2 largely occluded, 3 unknown. `nearer_percent`, (N,)
+    float64, is the share of the silhouette that something nearer covers; NaN: unknown.
 
     References
     ----------

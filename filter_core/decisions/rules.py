@@ -44,24 +44,15 @@ _Rule: TypeAlias = tuple[Reason, BoolArray]
 
 
 def decide(evidence: Evidence, config: DecideConfig) -> Decisions:
-    """Decide each box: by the first rule whose condition holds, or by a channel.
+    """Decide each of N boxes: by the first rule whose condition holds, or by a channel.
 
-    Where a channel of the configuration has a number for a box, its rule replaces the
-    decision, unless the reason of that decision is final (`Reason.is_final`): no
-    measurement changes, for instance, that a box is outside the image.
-
-    Parameters
-    ----------
-    evidence : Evidence of N boxes
-        As measured with the profile of `config` and with the tags that it accepts for
-        each class (`MeasureConfig.accept_masks`); `xyxy` and `tag_counts` are not read.
-    config : DecideConfig
-
-    Returns
-    -------
-    Decisions of N boxes
-        `threshold` and `margin` are NaN and `toss_up` is False where no threshold
-        decided.
+    `evidence` is measured with the profile of `config` and with the tags that it
+    accepts for each class (`MeasureConfig.accept_masks`); `xyxy` and `tag_counts` are
+    not read. Where a channel of the configuration has a number for a box, its rule
+    replaces the decision, unless the reason of that decision is final
+    (`Reason.is_final`): no measurement changes, for instance, that a box is outside the
+    image. `threshold` and `margin` are NaN and `toss_up` is False where no threshold
+    decided.
 
     Notes
     -----
@@ -120,12 +111,7 @@ def _spare_unknown(
         channels=with_more_pixels(boxes.channels, boxes.unknown_pixels),
     )
     spared = rows[decide(as_matched, config).reason == Reason.VISIBLE]
-    decisions.reason[spared] = Reason.UNKNOWN_PIXELS
-    decisions.threshold[spared] = np.nan
-    decisions.margin[spared] = np.nan
-    decisions.toss_up[spared] = False
-    decisions.large[spared] = False
-    decisions.channel[spared] = 0
+    decisions.overwrite(spared, Reason.UNKNOWN_PIXELS)
 
 
 def _decide_block(
@@ -145,7 +131,11 @@ def _decide_block(
     # From the last rule to the first, so that the first one that holds is written last.
     for name, holds in reversed(rules):
         np.putmask(reason, holds, np.uint8(name))  # `np.select` is slower
-    threshold = _look_up(thresholds, large, class_index, reason)
+    # `thresholds[large, class_index, reason]` by positions in the flattened table: with
+    # numpy's indexing, `decide` would take a third longer.
+    _, class_count, reason_count = thresholds.shape
+    places = (large * np.int32(class_count) + class_index) * np.int32(reason_count)
+    threshold: FloatArray = thresholds.take(places + reason)
     # Under carlasimu (see `_as_carlasimu`) the match can exceed 100: pixels are counted
     # between the box's corners without their decimals, but divided by the area of the
     # box as given. A box from x = 0.9 to 2.0 has 2 columns, but is 1.1 wide.
@@ -162,23 +152,6 @@ def _decide_block(
     decisions.toss_up[rows] = found <= allowed
     # Not every large box, only those that a threshold decided.
     decisions.large[rows] = large & ~np.isnan(threshold)
-
-
-def _look_up(
-    thresholds: FloatArray,
-    large: BoolArray,
-    class_index: NDArray[np.int32],
-    reason: NDArray[np.uint8],
-) -> FloatArray:
-    """(N,): `thresholds[large, class_index, reason]`, with `large` as 0 or 1.
-
-    This computes the positions in the flattened table itself: with numpy's indexing,
-    `decide` would take a third longer.
-    """
-    _, class_count, reason_count = thresholds.shape
-    rows = large * np.int32(class_count) + class_index
-    found: FloatArray = thresholds.take(rows * np.int32(reason_count) + reason)
-    return found
 
 
 def _as_carlasimu(limits: LimitsByClass) -> bool:

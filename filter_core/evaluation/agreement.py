@@ -14,14 +14,10 @@ from filter_core.evaluation.scores import Measured
 
 @dataclass(frozen=True)
 class Pair:
-    """Two people, by their numbers, and the boxes that both answered.
+    """Two people, by their numbers, ``a < b``, and the boxes that both answered.
 
-    Attributes
-    ----------
-    a, b : int
-        Numbers of the two, as `agreement` was given them; ``a < b``.
-    table : (2, 2) int64
-        Boxes by the answer of `a`, then of `b`; 0 is reject, 1 is keep.
+    `table`, (2, 2) int64, counts them by the answer of `a`, then of `b`; 0 is reject, 1
+    is keep.
     """
 
     a: int
@@ -48,14 +44,8 @@ class Pair:
 class Agreement:
     """The agreement of several people on the same boxes.
 
-    Attributes
-    ----------
-    boxes : int
-        Boxes with answers of two or more people.
-    agreed : int
-        Those of them for which all answers are the same.
-    pairs : list of Pair
-        Every two people who answered a common box, sorted by `a` and `b`.
+    `boxes` have answers of two or more people; those of `agreed` are all the same.
+    `pairs` are every two people who answered a common box, sorted by `a` and `b`.
     """
 
     boxes: int
@@ -80,10 +70,6 @@ def agreement(box: IntArray, person: IntArray, keep: BoolArray) -> Agreement:
         Who gave it; a box and a person occur together once at most.
     keep : (N,) bool
         Whether the answer is keep.
-
-    Returns
-    -------
-    Agreement
 
     Notes
     -----
@@ -117,18 +103,11 @@ def agreement(box: IntArray, person: IntArray, keep: BoolArray) -> Agreement:
 
 
 def cohen_kappa(table: IntArray) -> Measured | None:
-    """Agreement of two people beyond what chance would give.
+    """Agreement of two people beyond what chance would give, -1..1, with its 95 %
+    interval.
 
-    Parameters
-    ----------
-    table : (K, K) int64
-        Boxes by the answer of the one, then of the other.
-
-    Returns
-    -------
-    Measured or None
-        -1..1, with its 95 % interval. None if undefined: no boxes, or both always gave
-        the same one answer.
+    None if undefined: no boxes, or both always gave the same one answer. `table`, (K,
+    K) int64, counts boxes by the answer of the one, then of the other.
 
     References
     ----------
@@ -146,7 +125,6 @@ def cohen_kappa(table: IntArray) -> Measured | None:
     if by_chance == 1.0:
         return None
     value = (observed - by_chance) / (1.0 - by_chance)
-    row, column = share.sum(axis=1), share.sum(axis=0)
     agree = np.diagonal(share)
     same = (agree * (1 - by_chance - (row + column) * (1 - observed)) ** 2).sum()
     # p_ij (p_.i + p_j.)^2 wherever i is not j.

@@ -21,9 +21,9 @@ from filter_core.decisions.channel_rules import IS_FINAL
 from filter_core.decisions.rules import decide
 from filter_core.errors import ConfigError
 from filter_core.evaluation.comparison import PartCounts, PartsObject
-from filter_core.evaluation.detections import pairwise_iou
 from filter_core.evidence_kinds import AUTO, SEMANTIC, EvidenceChoice
 from filter_core.evidence_numbers import Evidence
+from filter_core.geometry.boxes import pairwise_iou
 from filter_core.verdicts import REJECTED, VERDICT_OF_REASON
 
 ArmKind: TypeAlias = Literal[
@@ -78,11 +78,7 @@ _OVERLAP: Final = 0.5
 class Arm(NamedTuple):
     """An arm of an experiment.
 
-    Attributes
-    ----------
-    kind : ArmKind
-    pixels : int or None
-        The key `min_visible_pixels` of its configuration; None: its default.
+    `pixels` is the key `min_visible_pixels` of its configuration; None: its default.
     """
 
     kind: ArmKind
@@ -92,10 +88,7 @@ class Arm(NamedTuple):
     def named(cls, name: str) -> Arm:
         """The arm of a name: a kind, or ``ordered@3`` with `min_visible_pixels`.
 
-        Raises
-        ------
-        ConfigError
-            There is no such arm.
+        Raises `ConfigError`: there is no such arm.
         """
         found = _ARM.fullmatch(name)
         for kind in ARMS:
@@ -118,10 +111,7 @@ class Arm(NamedTuple):
     def config(self, base: FilterConfig) -> FilterConfig | None:
         """What decides its boxes, None if no configuration does.
 
-        Parameters
-        ----------
-        base : FilterConfig
-            Its classes, palettes and all keys that an arm does not set are used.
+        Classes, palettes and all keys that an arm does not set are those of `base`.
         """
         if self.kind not in _EVIDENCE:
             return None
@@ -139,11 +129,8 @@ class Arm(NamedTuple):
 class ProjectedBoxes:
     """The N boxes of a frame as one projection measures them.
 
-    Attributes
-    ----------
-    evidence : Evidence of N boxes
-    xyxy : (N, 4) float64, px
-        Inside the image; NaN rows for boxes that the projection does not see there.
+    `xyxy` (N, 4), px, is inside the image; NaN rows for boxes that the projection does
+    not see there.
     """
 
     evidence: Evidence
@@ -156,7 +143,6 @@ class LabelledBoxes:
 
     Attributes
     ----------
-    class_names : tuple of str
     class_index : (N,) int32
     distance : (N,) float64, metres, NaN where unknown
     truth : (N,) int8
@@ -231,7 +217,6 @@ def label_boxes(
     exact, naive : ProjectedBoxes
         Measured under profile ``paper`` with all evidence that the arms need, and under
         ``carlasimu``.
-    known : BoxTruth
     configs : mapping of str to FilterConfig or None
         The arms by name, with what decides their boxes (`Arm.config`).
     """
@@ -375,12 +360,7 @@ def pixel_groups() -> list[str]:
 
 
 class LabelNoise:
-    """Counts what is wrong with the labels of each arm, frame by frame.
-
-    Parameters
-    ----------
-    arms : sequence of str
-    """
+    """Counts what is wrong with the labels of each arm, frame by frame."""
 
     def __init__(self, arms: Sequence[str]) -> None:
         self._arms = {name: _ArmNoise() for name in arms}

@@ -19,12 +19,7 @@ from filter_core.arrays import NOT_MEASURED, BoolArray, FloatArray, IntArray
 from filter_core.config.filter import FilterConfig
 from filter_core.decisions.channel_rules import has_number
 from filter_core.decisions.rules import decide
-from filter_core.evaluation.scores import (
-    BANDS,
-    Confusion,
-    ConfusionObject,
-    band_index,
-)
+from filter_core.evaluation.scores import BANDS, Confusion, ConfusionObject, band_index
 from filter_core.evidence_kinds import CHANNELS, SEMANTIC, EvidenceName
 from filter_core.evidence_numbers import Evidence
 from filter_core.verdicts import UNMEASURED, VERDICT_OF_REASON, Reason
@@ -78,12 +73,7 @@ class EvaluationObject(TypedDict):
 class Evaluation:
     """Decides boxes by several kinds of evidence and counts right and wrong verdicts.
 
-    Parameters
-    ----------
-    config : FilterConfig
-        Thresholds and ranges; its key ``evidence`` is not used.
-    channels : tuple of EvidenceName
-        The kinds of evidence that are compared.
+    Of `config`, the key ``evidence`` is not used: `channels` are compared.
     """
 
     def __init__(
@@ -195,19 +185,14 @@ class LargestErrors:
 
 
 class WithClasses(Protocol):
-    """N boxes with classes and distances, such as `Evidence`."""
+    """N boxes with classes and distances, under the attributes of `Evidence`."""
 
     @property
-    def class_names(self) -> tuple[str, ...]:
-        """What `class_index` points into."""
-
+    def class_names(self) -> tuple[str, ...]: ...
     @property
-    def class_index(self) -> NDArray[np.int32]:
-        """(N,)."""
-
+    def class_index(self) -> NDArray[np.int32]: ...
     @property
-    def distance(self) -> FloatArray:
-        """(N,) metres, NaN where unknown."""
+    def distance(self) -> FloatArray: ...
 
 
 @dataclass
@@ -256,14 +241,11 @@ class PartCounts:
 
 @dataclass
 class ChannelScore(PartCounts):
-    """The right and wrong verdicts of one kind of evidence so far.
+    """The right and wrong verdicts of one kind of evidence so far, and the largest
+    errors.
 
-    Attributes
-    ----------
-    judged : int
-        Boxes that it had a number for; the segmentation judged the others.
-    worst : LargestErrors
-        The largest errors.
+    `judged` counts the boxes that it had a number for; the segmentation judged the
+    others.
     """
 
     judged: int = 0
@@ -284,12 +266,8 @@ class ChannelScore(PartCounts):
 def truth_from_instances(evidence: Evidence) -> tuple[IntArray, BoolArray]:
     """The truth from instance images: whether the objects of boxes are visible.
 
-    Returns
-    -------
-    rows : (M,) int64
-        The boxes that had an instance image.
-    visible : (M,) bool
-        Whether at least one pixel of its instance is visible.
+    (M,) int64: the rows of boxes that had an instance image; and (M,) bool: whether at
+    least one pixel of its instance is visible.
     """
     channels = evidence.channels
     if channels is None:

@@ -19,6 +19,7 @@ import numpy as np
 
 from filter_core.arrays import BoolArray, BoxesXYXY, FloatArray, IntArray, rows_of
 from filter_core.evaluation.scores import BANDS, band_index
+from filter_core.geometry.boxes import pairwise_iou
 
 IOUS: Final[FloatArray] = np.linspace(0.5, 0.95, 10)
 """The overlaps from which a detection can be right."""
@@ -93,44 +94,19 @@ class Matches:
     objects: IntArray
 
 
-def pairwise_iou(first: BoxesXYXY, second: BoxesXYXY) -> FloatArray:
-    """(N, M) float64: intersection over union of (N, 4) and (M, 4) rectangles.
-
-    0 where they do not overlap, also for rectangles without area.
-    """
-    low = np.maximum(first[:, None, :2], second[None, :, :2])
-    high = np.minimum(first[:, None, 2:], second[None, :, 2:])
-    sides = np.maximum(high - low, 0.0)
-    shared = sides[..., 0] * sides[..., 1]
-    total = _area(first)[:, None] + _area(second)[None] - shared
-    share: FloatArray = np.zeros_like(shared)
-    np.divide(shared, total, out=share, where=shared > 0)
-    return share
-
-
-def _area(xyxy: BoxesXYXY) -> FloatArray:
-    area: FloatArray = (xyxy[:, 2] - xyxy[:, 0]) * (xyxy[:, 3] - xyxy[:, 1])
-    return area
-
-
 def match(
     objects: Objects, detections: Detections, frames: int, ious: FloatArray = IOUS
 ) -> dict[int, Matches]:
     """Assign detections to objects of their class and frame, as COCO does.
 
+    By class number, for each class with objects or detections.
+
     Parameters
     ----------
-    objects : Objects
-    detections : Detections
     frames : int
         How many frames there are; `frame` numbers are below it.
     ious : (T,) float64, 0..1
         From which overlap on a detection matches.
-
-    Returns
-    -------
-    dict of int to Matches
-        By class number, for each class with objects or detections.
 
     Notes
     -----
@@ -207,19 +183,11 @@ def _match_frame(
 
 
 def average_precision(matches: Matches, weights: FloatArray) -> FloatArray:
-    """The average precision of one class for each overlap and each weighting of frames.
+    """(R, T) float64, 0..1: the average precision of one class for each weighting of
+    frames and each of T overlaps; NaN where there is no object.
 
-    Parameters
-    ----------
-    matches : Matches
-        For T overlaps, in F frames.
-    weights : (R, F) float64
-        How often each frame counts; of a resample, how often it was drawn.
-
-    Returns
-    -------
-    (R, T) float64, 0..1
-        NaN where there is no object.
+    `weights`, (R, F) float64, say how often each of F frames counts; of a resample, how
+    often it was drawn.
     """
     found = np.zeros((len(weights), len(matches.hit)))
     objects = weights @ matches.objects
@@ -318,15 +286,7 @@ def score_detections(
 ) -> DetectionScore:
     """Score one detector against the truth of F frames.
 
-    Parameters
-    ----------
-    objects : Objects
-    detections : Detections
-    ghosts : Objects
-        Raw labels of objects that are not visible.
-    classes : sequence of str
-        By number.
-    frames : int
+    `ghosts` are raw labels of objects that are not visible; `classes` are by number.
     """
     matches = match(objects, detections, frames)
     every = np.ones((1, frames))

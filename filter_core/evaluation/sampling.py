@@ -64,21 +64,10 @@ class Said(IntEnum):
 def count_answers(
     group: IntArray, kept: BoolArray, part: IntArray, said: IntArray, groups: int
 ) -> IntArray:
-    """Count N boxes by group, verdict, part and answer.
+    """(groups, 2, 3, 4) int64: N boxes counted by group, verdict, part and answer.
 
-    Parameters
-    ----------
-    group : (N,) int64
-        Numbers from 0, less than `groups`.
-    kept : (N,) bool
-        The filter's verdict.
-    part : (N,) int64, `Part`
-    said : (N,) int64, `Said`
-    groups : int
-
-    Returns
-    -------
-    (groups, 2, 3, 4) int64
+    All columns are (N,): numbers of `group` from 0, the filter's verdict (`kept`),
+    `Part` and `Said`.
     """
     cell = ((group * 2 + kept) * len(Part) + part) * len(Said) + said
     counts = np.bincount(cell, minlength=groups * 2 * len(Part) * len(Said))
@@ -88,12 +77,7 @@ def count_answers(
 
 @dataclass(frozen=True)
 class Estimate:
-    """Scores of the filter on all boxes; None where there is no box to score.
-
-    Attributes
-    ----------
-    precision, recall, f1 : Measured or None, 0..1
-    """
+    """Scores of the filter on all boxes, 0..1; None where there is no box to score."""
 
     precision: Measured | None
     recall: Measured | None
@@ -227,18 +211,9 @@ def _measured(scores: list[FloatArray]) -> Measured | None:
 def plan(table: IntArray, half_width: float) -> tuple[int, float]:
     """How many boxes a random sample of all needs for intervals that are narrow enough.
 
-    Parameters
-    ----------
-    table : (G, 2, 3, 4) int64
-        See `estimate`.
-    half_width : float, 0..1
-        That the intervals of all scores should have at most.
-
-    Returns
-    -------
-    (boxes, half-width)
-        The first of some round numbers that is likely to suffice, and what it is likely
-        to give. If none suffices, all boxes.
+    The first of some round numbers that is likely to suffice, and the half-width that
+    it is likely to give. If none suffices, all boxes. `table` is as for `estimate`;
+    `half_width`, 0..1, is what the intervals of all scores should have at most.
     """
     merged = table.sum(axis=0)
     drawn = merged[:, Part.SAMPLE :].sum(axis=1)

@@ -55,16 +55,8 @@ class ConfusionObject(TypedDict):
 class Confusion:
     """Verdicts compared with the truth; ``kept`` is the positive class.
 
-    Attributes
-    ----------
-    kept_visible : int
-        Rightly kept.
-    kept_hidden : int
-        Ghosts that were kept.
-    rejected_visible : int
-        Visible objects that were lost.
-    rejected_hidden : int
-        Rightly rejected.
+    ``kept_hidden`` are ghosts that were kept, ``rejected_visible`` visible objects that
+    were lost.
     """
 
     kept_visible: int = 0

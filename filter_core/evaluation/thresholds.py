@@ -78,12 +78,8 @@ class Answers:
 class Goal:
     """The goal for which a threshold is chosen.
 
-    Attributes
-    ----------
-    target : Target
-        ``f1``: the highest F1. ``recall``: the highest threshold that keeps at least
-        the share `recall` of what people keep.
-    recall : float, 0..1
+    ``f1`` is the highest F1, ``recall`` the highest threshold that keeps at least the
+    share `recall`, 0..1, of what people keep.
     """
 
     target: Target = "f1"
@@ -92,13 +88,9 @@ class Goal:
 
 @dataclass(frozen=True)
 class Point:
-    """The scores of one threshold.
+    """The scores, 0..1, of one threshold, percent.
 
-    Attributes
-    ----------
-    threshold : float, percent
-    precision, recall, f1 : float or None, 0..1
-        None where nothing is kept, or nothing is to be kept.
+    None where nothing is kept, or nothing is to be kept.
     """
 
     threshold: float
@@ -109,17 +101,11 @@ class Point:
 
 @dataclass(frozen=True)
 class Suggestion:
-    """The best threshold for a goal, and the scores of others.
+    """The best threshold for a goal, percent, with its 95 % interval; and scores of
+    others.
 
-    Attributes
-    ----------
-    threshold : float, percent
-    interval : (low, high), percent
-        Its 95 % interval.
-    at_current, at_suggested : Point
-        The scores of the threshold in use, and of the suggested one.
-    curve : list of Point
-        From the lowest threshold to the highest.
+    Those of the threshold in use and of the suggested one, and a curve from the lowest
+    threshold to the highest.
     """
 
     threshold: float
@@ -132,18 +118,9 @@ class Suggestion:
 def suggest(answers: Answers, current: float, goal: Goal) -> Suggestion | None:
     """The best threshold for a goal, judged by what people answered.
 
-    Parameters
-    ----------
-    answers : Answers
-    current : float, percent
-        The threshold in use. It is kept if none is better; of several best thresholds,
-        the nearest to it is taken.
-    goal : Goal
-
-    Returns
-    -------
-    Suggestion or None
-        None unless people both kept and rejected boxes that the threshold decides.
+    None unless people both kept and rejected boxes that the threshold decides. The
+    `current` threshold, percent, is kept if none is better; of several best ones, the
+    nearest to it is taken.
 
     Notes
     -----
@@ -258,16 +235,19 @@ class _Cuts:
         """The scores of each threshold."""
         cuts = self.cuts_of(thresholds)
         counts = (column[0, cuts].tolist() for column in self._scores)
-        return list(map(_point, thresholds.tolist(), *counts))
-
-
-def _point(threshold: float, right: int, wrong: int, lost: int) -> Point:
-    return Point(
-        threshold,
-        right / (right + wrong) if right + wrong else None,
-        right / (right + lost) if right + lost else None,
-        2 * right / (2 * right + wrong + lost) if right + wrong + lost else None,
-    )
+        return [
+            Point(
+                threshold,
+                right / (right + wrong) if right + wrong else None,
+                right / (right + lost) if right + lost else None,
+                2 * right / (2 * right + wrong + lost)
+                if right + wrong + lost
+                else None,
+            )
+            for threshold, right, wrong, lost in zip(
+                thresholds.tolist(), *counts, strict=True
+            )
+        ]
 
 
 def _before(counts: IntArray) -> IntArray:
@@ -365,7 +345,6 @@ class ClassSuggestion:
 
     Attributes
     ----------
-    class_name : str
     key : str
         The key of a configuration that it is for: ``threshold_small_box`` of boxes that
         tags decide, ``min_visible_percent`` of those that a channel decides.
@@ -373,7 +352,6 @@ class ClassSuggestion:
         The threshold in use.
     boxes : int
         Boxes of known truth that it was found from.
-    found : Suggestion
     """
 
     class_name: str
@@ -402,19 +380,8 @@ def suggest_per_class(
 ) -> list[ClassSuggestion]:
     """A threshold for each class that has boxes of both kinds.
 
-    Parameters
-    ----------
-    judged : Judged
-        Under `config`.
-    classes : mapping of str to int
-        The number of each class in `judged.class_key`, by its name.
-    config : FilterConfig
-    goal : Goal
-
-    Returns
-    -------
-    list of ClassSuggestion
-        Two of a class if tags decide some of its boxes, and a channel others.
+    Two of a class if tags decide some of its boxes, and a channel others. `judged` is
+    under `config`; `classes` gives the number of each class in `judged.class_key`.
     """
     suggestions = []
     for name, number in classes.items():

@@ -44,17 +44,9 @@ _FEWEST_DRIVES: Final = 8
 class EvaluationSet:
     """The truth that all arms are scored against.
 
-    Attributes
-    ----------
-    name : str
-    classes : tuple of str
-    objects : Objects
-    tight_xyxy : (M, 4) float64, px
-        The rectangles around the visible pixels of the objects; NaN where unknown.
-    ghosts : Objects
-        Raw labels of objects that are not visible.
-    drive : (F,) int64
-        A number for the drive of each frame.
+    `tight_xyxy` (M, 4), px, are the rectangles around the visible pixels of the
+    objects; NaN where unknown. `ghosts` are raw labels of objects that are not visible,
+    and `drive` (F,) has a number for the drive of each frame.
     """
 
     name: str
@@ -147,13 +139,8 @@ def compare(
 ) -> ComparisonObject:
     """Score trials, and compare each arm with the first: the baseline.
 
-    Parameters
-    ----------
-    tests : sequence of EvaluationSet
-    trials : iterable of Trial
-        At least one. A trial is needed only while it is scored.
-    progress : callable
-        Called with the number of trials that have been scored.
+    A trial is needed only while it is scored; `progress` is then called with the number
+    of those that have been scored.
 
     Notes
     -----

@@ -98,20 +98,10 @@ class Sensors:
 def measure_evidence(
     boxes: FrameBoxes, sensors: Sensors, config: MeasureConfig
 ) -> tuple[Evidence, tuple[str, ...]]:
-    """All numbers of a frame's boxes that a configuration asks for.
+    """All numbers of a frame's N boxes that a configuration asks for, and notes.
 
-    Parameters
-    ----------
-    boxes : FrameBoxes of N boxes
-    sensors : Sensors
-    config : MeasureConfig
-
-    Returns
-    -------
-    evidence : Evidence of N boxes
-        Its `channels` are None if no channel can be measured.
-    notes : tuple of str
-        What a person should know about how the sensors' files were read.
+    `channels` of the evidence are None if no channel can be measured. The notes say
+    what a person should know about how the sensors' files were read.
 
     Raises
     ------
@@ -130,10 +120,7 @@ def measure_evidence(
         return evidence, ()
     # Equal to `evidence.xyxy`, whose type allows None for evidence that was loaded.
     xyxy, _ = correct_xyxy(
-        boxes.xyxy,
-        boxes.image_wh,
-        options.profile,
-        rounded_edges=options.version > 1,
+        boxes.xyxy, boxes.image_wh, options.profile, rounded_edges=options.version > 1
     )
     corrected = replace(boxes, xyxy=xyxy)
     numbers, notes = _measure_channels(corrected, sensors, config, channels)

@@ -7,7 +7,7 @@ cheaper depends on how much of the image the boxes cover.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Final
 
@@ -37,13 +37,8 @@ _CHUNK_PIXELS: Final = 1 << 20
 class Regions:
     """N rectangles of pixels of one image.
 
-    Attributes
-    ----------
-    codes : PixelCodes
-    bounds : (N, 4) int64
-        First column, first row, last column + 1, last row + 1; may be empty.
-    keep : (H, W) bool or None
-        Pixels that count; None: all do.
+    `bounds` (N, 4) are first column, first row, last column + 1, last row + 1; they may
+    be empty. Of the pixels those of `keep` (H, W) count; None: all do.
     """
 
     codes: PixelCodes
@@ -70,16 +65,8 @@ def count_pixels(regions: Regions) -> IntArray:
 
 
 def count_codes_in(regions: Regions, wanted: Sequence[int]) -> IntArray:
-    """How many pixels of each rectangle have each of the wanted codes.
-
-    Parameters
-    ----------
-    regions : Regions
-    wanted : sequence of K different codes
-
-    Returns
-    -------
-    (N, K) int64, px
+    """(N, K) int64, px: how many pixels of each rectangle have each of K different
+    codes.
 
     Notes
     -----
@@ -106,9 +93,20 @@ def count_by_pixels(regions: Regions, wanted: Sequence[int]) -> IntArray:
     counts = np.zeros((len(regions), len(wanted)), dtype=np.int64)
     column = np.full(256, len(wanted), dtype=np.int64)
     column[list(wanted)] = np.arange(len(wanted))
+    width = len(wanted) + 1
     for chunk in _chunks(regions.areas):
-        some = replace(regions, bounds=regions.bounds[chunk])
-        counts[chunk] = _count_chunk(some, column, len(wanted) + 1)[:, :-1]
+        bounds = regions.bounds[chunk]
+        values, sizes = gather(regions.codes.pixels, bounds, regions.keep)
+        stops = np.cumsum(sizes)
+        ends = run_ends(values, stops)
+        box = np.searchsorted(stops, ends, side="right")
+        found = np.bincount(
+            box * width + column[regions.codes.codes_of(values[ends])],
+            # Weights are float64: exact for whole numbers of pixels.
+            weights=run_lengths(ends),
+            minlength=len(bounds) * width,
+        )
+        counts[chunk] = found.reshape(-1, width)[:, :-1]
     return counts
 
 
@@ -141,18 +139,3 @@ def _chunks(areas: IntArray) -> Iterator[slice]:
     for start, stop in zip(starts, [*starts[1:], len(areas)], strict=True):
         if start < stop:
             yield slice(start, stop)
-
-
-def _count_chunk(regions: Regions, column: IntArray, width: int) -> IntArray:
-    codes = regions.codes
-    values, sizes = gather(codes.pixels, regions.bounds, regions.keep)
-    stops = np.cumsum(sizes)
-    ends = run_ends(values, stops)
-    box = np.searchsorted(stops, ends, side="right")
-    counts = np.bincount(
-        box * width + column[codes.codes_of(values[ends])],
-        # Weights are float64: exact for whole numbers of pixels.
-        weights=run_lengths(ends),
-        minlength=len(regions) * width,
-    )
-    return counts.reshape(-1, width).astype(np.int64)

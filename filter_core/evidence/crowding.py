@@ -35,7 +35,8 @@ _CHUNK: Final = 1 << 15
 def crowding_percent(
     xyxy: BoxesXYXY, accept_mask: IntArray, *, most_pairs: int = _MOST_PAIRS
 ) -> FloatArray:
-    """The largest share of each box that one other box of an alike class covers.
+    """(N,) float64, percent: the largest share of each box that one other box of an
+    alike class covers; 0 where no box that is alike overlaps.
 
     Parameters
     ----------
@@ -46,11 +47,6 @@ def crowding_percent(
     most_pairs : int
         Up to this many pairs, all are compared at once. It changes the time that this
         takes, never the result.
-
-    Returns
-    -------
-    (N,) float64, percent
-        0 where no box that is alike overlaps.
 
     Notes
     -----
@@ -87,10 +83,7 @@ def crowding_percent(
 def most_covering(xyxy: BoxesXYXY, accept_mask: IntArray, row: int) -> int:
     """The row of the box that covers most of one box, as `crowding_percent` says.
 
-    Raises
-    ------
-    ValueError
-        No other box that is alike overlaps it.
+    Raises `ValueError`: no other box that is alike overlaps it.
     """
     common = np.nan_to_num(_common_areas(xyxy[row : row + 1].T, xyxy.T)[0])
     common[(accept_mask & accept_mask[row]) == 0] = 0.0

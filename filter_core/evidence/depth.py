@@ -27,8 +27,7 @@ from filter_core.images.decoding import decode_color, decode_image
 from filter_core.images.header import (
     MAX_SIDE,
     ImageHeader,
-    header_of_pixels,
-    read_image_header,
+    header_of,
     require_size,
 )
 from filter_core.images.pixels import values_of
@@ -128,13 +127,8 @@ def read_depth(
     content : bytes of a PNG, or (H, W, 3) uint8
         RGB or RGBA of 8 bits, as CARLA writes it, or grey of 16 bits. Pixels are blue,
         green and red.
-    encoding : DepthEncoding
     expected_wh : (width, height), px
     max_side : int, px
-
-    Returns
-    -------
-    DepthImage
 
     Raises
     ------
@@ -156,11 +150,7 @@ def read_depth(
     .. [1] CARLA documentation, "Sensors reference", depth camera.
     """
     with file_context("depth"):
-        header = (
-            header_of_pixels(content)
-            if isinstance(content, np.ndarray)
-            else read_image_header(content, max_side=max_side)
-        )
+        header = header_of(content, max_side)
     if expected_wh is not None:
         require_size(header, expected_wh, what="the depth image", than="the image")
     _refuse_form(header, encoding)
@@ -337,11 +327,8 @@ def settled_depth(
 ) -> DepthImage:
     """The image, read as its boxes show where its content alone does not tell.
 
-    Parameters
-    ----------
-    depth : DepthImage
-        Returned as it is if it is certain.
-    accepted, interval : as for `fill_depth`
+    Returned as it is if it is certain. `accepted` and `interval` are as for
+    `fill_depth`.
 
     Raises
     ------
@@ -367,7 +354,11 @@ def settled_depth(
         and pixels.mask.any()
     ]
     if depth.is_certain:
-        if len(boxes) > 1 and all(_is_behind(depth, one, high) for one in boxes):
+        are_behind = (
+            (depth.steps(one.silhouette.region)[one.mask] > high[one.silhouette.row])
+            for one in boxes
+        )
+        if len(boxes) > 1 and all(steps.all() for steps in are_behind):
             raise _unknown(
                 f"its pixels are behind each of the {len(boxes)} boxes that they "
                 "belong to: its numbers are not CARLA's, or the boxes of another frame"
@@ -402,12 +393,6 @@ def settled_depth(
     )
 
 
-def _is_behind(depth: DepthImage, pixels: AcceptedPixels, high: IntArray) -> bool:
-    """Whether all accepted pixels of a box are farther away than the box."""
-    steps = depth.steps(pixels.silhouette.region)[pixels.mask]
-    return bool((steps > high[pixels.silhouette.row]).all())
-
-
 def _boxes_that_fit(
     depth: DepthImage,
     boxes: Sequence[AcceptedPixels],
@@ -438,7 +423,6 @@ def fill_depth(
         Filled: `depth_pixels`, `depth_gap`, `nearer_percent`, and `tight_xyxy` where it
         is still NaN.
     accepted : those of the boxes that are in the image
-    depth : DepthImage
     interval : (N, 2) float64, metres
         Nearest and farthest depth of each 3D box, tolerance included; NaN: not 3D.
 
@@ -460,8 +444,13 @@ def fill_depth(
         numbers.depth_pixels[row] = np.count_nonzero(seen)
         covered = np.count_nonzero(outline.of(nearer))
         numbers.nearer_percent[row] = 100.0 * covered / outline.pixels
-        if not numbers.depth_pixels[row]:
-            numbers.depth_gap[row] = _gap(steps[pixels.mask], low[row], high[row])
+        own = steps[pixels.mask]
+        if not numbers.depth_pixels[row] and len(own):
+            # Metres from the median of the accepted pixels to the interval: 0 inside
+            middle = float(np.median(own))
+            gap = min(high[row] - middle, 0.0)
+            gap = low[row] - middle if middle < low[row] else gap
+            numbers.depth_gap[row] = gap * DEPTH_RANGE / DEPTH_STEPS
         if np.isnan(numbers.tight_xyxy[row, 0]):
             numbers.tight_xyxy[row] = tight_rectangle(seen, outline.x0, outline.y0)
 
@@ -473,15 +462,6 @@ def step_interval(interval: FloatArray) -> tuple[IntArray, IntArray]:
     return np.ceil(bounded[:, 0]).astype(np.int64), np.floor(bounded[:, 1]).astype(
         np.int64
     )
-
-
-def _gap(steps: NDArray[np.int32], low: int, high: int) -> float:
-    """Metres from the median of `steps` to the interval: 0 inside, NaN if empty."""
-    if not len(steps):
-        return float("nan")
-    middle = float(np.median(steps))
-    gap = low - middle if middle < low else min(high - middle, 0.0)
-    return gap * DEPTH_RANGE / DEPTH_STEPS
 
 
 def tight_rectangle(mask: Mask, x0: int, y0: int) -> FloatArray:
@@ -509,19 +489,12 @@ def depth_interval(
 
 
 def center_gaps(vertices: FloatArray, camera: Camera, depth: DepthImage) -> FloatArray:
-    """How far the surface at each 3D box's projected centre is in front of the box.
+    """(N,) float64, metres: how far the surface at each 3D box's projected centre is in
+    front of it.
 
-    Parameters
-    ----------
-    vertices : (N, 8, 3) float64, metres; NaN rows for boxes that are not 3D
-    camera : Camera
-    depth : DepthImage
-
-    Returns
-    -------
-    (N,) float64, metres
-        Above 0: the surface is nearer than the nearest point of the box. NaN where the
-        centre is not in the image, the box not 3D, or the image cannot tell.
+    Above 0: the surface is nearer than the nearest point of the box. NaN where the
+    centre is not in the image, the box not 3D (a NaN row of `vertices`, which are (N,
+    8, 3), metres), or the image cannot tell.
 
     Notes
     -----
@@ -545,14 +518,9 @@ def center_gaps(vertices: FloatArray, camera: Camera, depth: DepthImage) -> Floa
 class DepthSlice(NamedTuple):
     """Where a box and the pixels in its rectangle are on the axis of depth, in metres.
 
-    Attributes
-    ----------
-    near, far : float or None
-        Nearest and farthest depth of a 3D box.
-    median : float or None
-        Of the pixels; None if all are sky.
-    bands : list of (from, to, percent of the rectangle's pixels)
-        From near to far; the sky is in none.
+    `near` and `far` are those of a 3D box; `median` is of the pixels, None if all are
+    sky. `bands` are from, to and percent of the rectangle's pixels, from near to far;
+    the sky is in none.
     """
 
     near: float | None
@@ -567,14 +535,11 @@ _BANDS: Final = 32
 def depth_slice(
     depth: DepthImage, xyxy: Sequence[float], interval: FloatArray
 ) -> DepthSlice:
-    """The depths in a rectangle, with those that a 3D box takes up.
+    """The depths in a rectangle that overlaps the image, px, with those that a 3D box
+    takes up.
 
-    Parameters
-    ----------
-    depth : DepthImage
-    xyxy : rectangle that overlaps the image, px
-    interval : (2,) float64, metres
-        As `depth_interval` gives it; NaN: the box is not 3D.
+    `interval`, (2,) float64, metres, is as `depth_interval` gives it; NaN: the box is
+    not 3D.
     """
     width, height = depth.wh
     left, top = (

@@ -21,11 +21,11 @@ from filter_core.errors import ImageError, file_context
 from filter_core.evidence.silhouettes import Silhouette
 from filter_core.evidence_numbers import ChannelNumbers
 from filter_core.frame_boxes import FrameBoxes
+from filter_core.geometry.boxes import pairwise_iou
 from filter_core.images.decoding import decode_color
 from filter_core.images.header import (
     MAX_SIDE,
-    header_of_pixels,
-    read_image_header,
+    header_of,
     require_size,
 )
 from filter_core.images.pixels import ChannelOrder, sampled
@@ -105,11 +105,7 @@ def read_instances(
     .. [1] CARLA documentation, "Sensors reference", instance segmentation camera.
     """
     with file_context("instances"):
-        header = (
-            header_of_pixels(content)
-            if isinstance(content, np.ndarray)
-            else read_image_header(content, max_side=max_side)
-        )
+        header = header_of(content, max_side)
     if expected_wh is not None:
         require_size(header, expected_wh, what="the instance image", than="the image")
     if header.media_type != "image/png":
@@ -145,9 +141,7 @@ _FEWEST_TAGS: Final = 64
 
 
 def _orders_of_tags(
-    bgr: NDArray[np.uint8],
-    segmentation: Segmentation | None,
-    table: NDArray[np.uint8],
+    bgr: NDArray[np.uint8], segmentation: Segmentation | None, table: NDArray[np.uint8]
 ) -> list[ChannelOrder]:
     """The orders of channels that an instance image can have, the likelier first.
 
@@ -250,7 +244,6 @@ def fill_instances(
     numbers : ChannelNumbers
         Filled: `instance_pixels` and `tight_xyxy`; 0 pixels for boxes outside the image
         and boxes without an instance.
-    image : InstanceImage
     boxes : FrameBoxes of N boxes, corrected
         With NaN rows in `xyxy` for boxes that are not in the image.
     silhouettes : those of the boxes that are in the image
@@ -352,20 +345,15 @@ def pair_weights(
     boxes: FrameBoxes,
     silhouettes: list[Silhouette],
 ) -> FloatArray:
-    """How well each instance fits each box.
+    """(N, K) float64: how well each instance fits each box.
+
+    0 where less than half of an instance is inside the box's silhouette, and where the
+    box accepts none of its pixels.
 
     Parameters
     ----------
-    image : InstanceImage
-    pixels : InstancePixels
     boxes : FrameBoxes of N boxes, corrected
     silhouettes : those of the boxes that are in the image
-
-    Returns
-    -------
-    (N, K) float64
-        0 where less than half of an instance is inside the box's silhouette, and where
-        the box accepts none of its pixels.
 
     Notes
     -----
@@ -397,7 +385,8 @@ def pair_weights(
         inside = dense[image.ids[silhouette.region][accepted]]
         counts = np.bincount(inside, minlength=len(pixels) + 1)[: len(pixels)]
         share = counts / total
-        fit = share * np.sqrt(overlap(boxes.xyxy[row], rectangles)) * nearness[row]
+        overlap = pairwise_iou(boxes.xyxy[row : row + 1], rectangles)
+        fit = share * np.sqrt(overlap[0]) * nearness[row]
         weight[row] = np.where(share >= _MOSTLY_INSIDE, fit, 0.0)
     return weight
 
@@ -406,21 +395,10 @@ _NEAREST: Final = 1e-3
 """Smaller distances, in medians, count as this one: nearness stays finite."""
 
 
-def overlap(xyxy: FloatArray, rectangles: FloatArray) -> FloatArray:
-    """(K,) float64, 0..1: intersection over union of one rectangle with K others.
-
-    `xyxy` is (4,), `rectangles` (K, 4), both px.
-    """
-    low = np.maximum(xyxy[:2], rectangles[:, :2])
-    high = np.minimum(xyxy[2:], rectangles[:, 2:])
-    common = np.prod(np.maximum(high - low, 0.0), axis=1)
-    areas = np.prod(rectangles[:, 2:] - rectangles[:, :2], axis=1)
-    union = areas + np.prod(xyxy[2:] - xyxy[:2]) - common
-    return np.asarray(common / np.where(union > 0, union, 1.0), np.float64)
-
-
 def assign_instances(weight: FloatArray, given: IntArray) -> IntArray:
     """One instance per box and one box per instance, of the largest total weight.
+
+    (N,) int64: the column of each box's instance; `NOT_MEASURED` where it has none.
 
     Parameters
     ----------
@@ -429,11 +407,6 @@ def assign_instances(weight: FloatArray, given: IntArray) -> IntArray:
     given : (N,) int64
         Column of the instance that the annotation gives a box, which no other box can
         have then; `NOT_MEASURED` where it gives none.
-
-    Returns
-    -------
-    (N,) int64
-        Column of each box's instance; `NOT_MEASURED` where it has none.
 
     References
     ----------

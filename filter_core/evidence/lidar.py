@@ -17,7 +17,7 @@ from typing import Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from filter_core.arrays import NOT_MEASURED, BoolArray, FloatArray, IntArray
+from filter_core.arrays import NOT_MEASURED, FloatArray, IntArray
 from filter_core.classes import accepts
 from filter_core.errors import FilterError
 from filter_core.geometry.box3d import in_carla_order
@@ -35,13 +35,7 @@ class PointsError(FilterError):
 
 @dataclass(frozen=True, eq=False)
 class LidarPoints:
-    """Points of a semantic LiDAR, in the sensor's axes.
-
-    Attributes
-    ----------
-    xyz : (P, 3) float64, metres
-    tag : (P,) int64
-    """
+    """Points of a semantic LiDAR in its axes: (P, 3), metres, and (P,) tags."""
 
     xyz: FloatArray
     tag: IntArray
@@ -53,12 +47,8 @@ class LidarPoints:
 def read_points(content: bytes, *, max_points: int = MAX_POINTS) -> LidarPoints:
     """Read a semantic LiDAR file, recognised by its content.
 
-    Parameters
-    ----------
-    content : bytes
-        PLY 1.0 with a vertex element, or a NumPy array: structured, or of six columns
-        x, y, z, cosine, object and tag.
-    max_points : int
+    PLY 1.0 with a vertex element, or a NumPy array: structured, or of six columns x, y,
+    z, cosine, object and tag.
 
     Raises
     ------
@@ -100,7 +90,10 @@ def read_points(content: bytes, *, max_points: int = MAX_POINTS) -> LidarPoints:
 
 
 def check_points(content: bytes, *, sensor: str, max_points: int = MAX_POINTS) -> str:
-    """Check that a file of points is as long as its own header says.
+    """Check that a file of points is as long as its own header says; returns its media
+    type.
+
+    That is ``application/x-ply`` or ``application/x-npy``.
 
     Parameters
     ----------
@@ -109,12 +102,6 @@ def check_points(content: bytes, *, sensor: str, max_points: int = MAX_POINTS) -
         have any names.
     sensor : ``lidar`` or ``radar``
         Whose columns are expected, and what errors name.
-    max_points : int
-
-    Returns
-    -------
-    str
-        The media type, ``application/x-ply`` or ``application/x-npy``.
 
     Raises
     ------
@@ -327,9 +314,7 @@ def _ply_header(content: bytes) -> tuple[str, int, np.dtype[np.void], int]:
         raise _fault("properties of different names", "a name twice") from None
 
 
-def _ply_elements(
-    lines: list[list[str]],
-) -> tuple[str, int, list[tuple[str, str]]]:
+def _ply_elements(lines: list[list[str]]) -> tuple[str, int, list[tuple[str, str]]]:
     encoding, element, count = "", "", -1
     columns: list[tuple[str, str]] = []
     for words in lines:
@@ -360,25 +345,18 @@ _FLATTEST: Final = 1e-9
 
 
 def points_inside(
-    points: LidarPoints,
-    sensor: Transform,
-    vertices: FloatArray,
-    accept_mask: IntArray,
+    points: LidarPoints, sensor: Transform, vertices: FloatArray, accept_mask: IntArray
 ) -> IntArray:
-    """How many points of an accepted tag lie inside each box.
+    """(N,) int64: how many points of an accepted tag lie inside each box.
+
+    `NOT_MEASURED` for boxes that are not 3D.
 
     Parameters
     ----------
-    points : LidarPoints
     sensor : Transform
         The LiDAR's pose in the world, which is rarely the camera's.
     vertices : (N, 8, 3) float64, metres; NaN rows for boxes that are not 3D
     accept_mask : (N,) int64
-
-    Returns
-    -------
-    (N,) int64
-        `NOT_MEASURED` for boxes that are not 3D.
 
     Notes
     -----
@@ -397,14 +375,11 @@ def points_inside(
         begin, end = np.searchsorted(world[:, 0], [box[:, 0].min(), box[:, 0].max()])
         near = slice(int(begin), int(end) + 1)
         accepted = accepts(int(accept_mask[row]), tags[near])
-        counts[row] = np.count_nonzero(_inside(world[near][accepted], box))
+        axes = np.stack([box[4] - box[0], box[2] - box[0], box[1] - box[0]], axis=1)
+        counts[row] = 0
+        if abs(np.linalg.det(axes)) >= _FLATTEST:
+            # Inside, each coordinate along the box's own axes is within 0..1.
+            local = np.linalg.solve(axes, (world[near][accepted] - box[0]).T)
+            inside = ((local >= 0) & (local <= 1)).all(axis=0)
+            counts[row] = np.count_nonzero(inside)
     return counts
-
-
-def _inside(points: FloatArray, box: FloatArray) -> BoolArray:
-    """(P,) bool: whether each coordinate along the box's own axes is within 0..1."""
-    axes = np.stack([box[4] - box[0], box[2] - box[0], box[1] - box[0]], axis=1)
-    if abs(np.linalg.det(axes)) < _FLATTEST:
-        return np.zeros(len(points), np.bool_)
-    local = np.linalg.solve(axes, (points - box[0]).T)
-    return np.asarray(((local >= 0) & (local <= 1)).all(axis=0))

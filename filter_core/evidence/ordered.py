@@ -27,6 +27,11 @@ def owned_pixels(
 ) -> tuple[IntArray, IntArray]:
     """Let boxes take their accepted pixels, from near to far.
 
+    (N,) int64, px: the accepted pixels of each box's silhouette that no nearer box has
+    taken; `NOT_MEASURED` for boxes of unknown distance or outside the image. And (N,)
+    int64: the row of the nearer box that has taken most of them (the nearest of
+    several); `NOT_MEASURED` if none has taken any.
+
     Parameters
     ----------
     accepted : those of the boxes that are in the image
@@ -35,15 +40,6 @@ def owned_pixels(
     ids : of the N boxes
         Break ties of distance.
     image_wh : (width, height), px
-
-    Returns
-    -------
-    owned : (N,) int64, px
-        The accepted pixels of each box's silhouette that no nearer box has taken;
-        `NOT_MEASURED` for boxes of unknown distance or outside the image.
-    explained_by : (N,) int64
-        The row of the nearer box that has taken most of the box's accepted pixels
-        (the nearest of several); `NOT_MEASURED` if none has taken any.
 
     Notes
     -----
@@ -54,7 +50,11 @@ def owned_pixels(
     owned = np.full(len(distance), NOT_MEASURED, np.int64)
     explained_by = np.full(len(distance), NOT_MEASURED, np.int64)
     claims = np.full(image_wh[::-1], _UNCLAIMED, np.int32)
-    ranked = near_to_far(accepted, distance, ids)
+    # From near to far; ties are ordered by id
+    ranked = sorted(
+        (one for one in accepted if not np.isnan(distance[one.silhouette.row])),
+        key=lambda one: (distance[one.silhouette.row], ids[one.silhouette.row]),
+    )
     bounds = silhouette_bounds(ranked)
     for rank, pixels in enumerate(ranked):
         row = pixels.silhouette.row
@@ -72,20 +72,6 @@ def owned_pixels(
     known = explained_by != NOT_MEASURED
     explained_by[known] = row_of_rank[explained_by[known]]
     return owned, explained_by
-
-
-def near_to_far(
-    accepted: Sequence[AcceptedPixels], distance: FloatArray, ids: Sequence[str]
-) -> list[AcceptedPixels]:
-    """The boxes of known distance, nearest first; ties are ordered by id.
-
-    `distance` (N,), metres, and the N `ids` are those of all boxes of the frame.
-    """
-    known = [one for one in accepted if not np.isnan(distance[one.silhouette.row])]
-    return sorted(
-        known,
-        key=lambda one: (distance[one.silhouette.row], ids[one.silhouette.row]),
-    )
 
 
 _ISLAND: Final = 0.5
@@ -116,17 +102,15 @@ def silhouette_bounds(boxes: Sequence[AcceptedPixels]) -> IntArray:
 def islands(
     box: AcceptedPixels, behind: Sequence[AcceptedPixels], bounds: IntArray
 ) -> Mask | None:
-    """The pixels in a box's region that more likely belong to boxes behind it.
+    """(h, w) bool: the pixels in a box's region that more likely belong to boxes behind
+    it.
+
+    None if there are none.
 
     Parameters
     ----------
-    box : AcceptedPixels
     behind : the boxes that are farther away
     bounds : (len(behind), 4) int64, as `silhouette_bounds` gives them
-
-    Returns
-    -------
-    (h, w) bool of the box's region, or None if there is no island
 
     Notes
     -----

@@ -18,11 +18,7 @@ from filter_core.arrays import BoolArray, BoxesXYXY, FloatArray, IntArray, Mask
 from filter_core.classes import accept_mask_of, accepts
 from filter_core.config.measure import NEWEST_VERSION, MeasureConfig
 from filter_core.errors import FilterError, ImageSizeMismatch, SegmentationError
-from filter_core.evidence.counting import (
-    Regions,
-    count_codes_in,
-    count_pixels,
-)
+from filter_core.evidence.counting import Regions, count_codes_in, count_pixels
 from filter_core.evidence.crowding import crowding_percent
 from filter_core.evidence_numbers import N_TAGS, UNKNOWN_COLUMN, BoxState, Evidence
 from filter_core.frame_boxes import FrameBoxes
@@ -58,22 +54,18 @@ def measure(
     *,
     ignore: Mask | None = None,
 ) -> Evidence:
-    """Measure each box of a frame: numbers, no verdicts.
+    """Measure each of N boxes of a frame: numbers, no verdicts.
+
+    Boxes that are outside the image or degenerate have no pixels, a match of 0 % and no
+    crowding.
 
     Parameters
     ----------
     segmentation : Segmentation or None
         None: only numbers that need no pixels are measured.
     boxes : FrameBoxes of N boxes
-    options : MeasureOptions
     ignore : (H, W) bool, optional
         True: the pixel never counts, neither as matched nor as the box's.
-
-    Returns
-    -------
-    Evidence of N boxes
-        Boxes that are outside the image or degenerate have no pixels, a match of 0 %
-        and no crowding.
 
     Raises
     ------
@@ -212,11 +204,7 @@ def _counts(
     known = tags < UNKNOWN_COLUMN
     tag_counts[:, tags[known]] = counts[:, known]
     tag_counts[:, UNKNOWN_COLUMN] = counts[:, ~known].sum(axis=1)
-    return _Counts(
-        box_pixels,
-        (counts * accepted).sum(axis=1),
-        tag_counts,
-    )
+    return _Counts(box_pixels, (counts * accepted).sum(axis=1), tag_counts)
 
 
 def _refuse_ambiguous_family(segmentation: Segmentation, boxes: FrameBoxes) -> None:
@@ -273,17 +261,8 @@ def with_accept_sets(
 ) -> Evidence:
     """The evidence of one frame as the config's accept sets would have measured it.
 
-    Parameters
-    ----------
-    evidence : Evidence of one frame
-        With `tag_counts` and `xyxy` where the accept sets differ.
-    config : MeasureConfig
-    family : tag family of the frame's segmentation, None if there was none
-
-    Returns
-    -------
-    Evidence
-        The same object if nothing differs.
+    The same object if nothing differs. It has `tag_counts` and `xyxy` where the accept
+    sets differ; `family` is that of the frame's segmentation, None if there was none.
 
     Raises
     ------
@@ -302,18 +281,11 @@ def with_accept_sets(
 
 
 def with_accept_masks(evidence: Evidence, accept_mask: IntArray) -> Evidence:
-    """The same evidence with other accept sets; reads no pixel.
+    """The same evidence with other accept sets, (N,) int64; reads no pixel.
 
-    Parameters
-    ----------
-    evidence : Evidence of the N boxes of one frame, with `tag_counts` and `xyxy`
-        Measured with profile ``paper``.
-    accept_mask : (N,) int64
-
-    Raises
-    ------
-    FilterError
-        ``no_histogram``: `tag_counts` or `xyxy` were not measured or not loaded.
+    It is that of one frame, with `tag_counts` and `xyxy`, and measured with profile
+    ``paper``. Raises `FilterError` (``no_histogram``): `tag_counts` or `xyxy` were not
+    measured or not loaded.
     """
     if evidence.xyxy is None or (
         evidence.tag_counts is None and evidence.measured.any()

@@ -74,7 +74,8 @@ def frame_silhouettes(
     *,
     centres: bool = False,
 ) -> list[Silhouette]:
-    """The silhouettes of a frame's boxes.
+    """The silhouettes of a frame's boxes, in their order, without those that are not in
+    the image.
 
     Parameters
     ----------
@@ -87,11 +88,6 @@ def frame_silhouettes(
     image_wh : (width, height), px
     centres : bool
         Whether to compute `Silhouette.centred`.
-
-    Returns
-    -------
-    list of Silhouette
-        In the order of the boxes, without those that are not in the image.
 
     Notes
     -----
@@ -139,17 +135,11 @@ def _by_row(
 
 
 def touched_pixels(outlines: Sequence[FloatArray], bounds: IntArray) -> list[Mask]:
-    """The pixels that the convex hull of some points touches, for N sets of points.
+    """N of (rows, columns) bool: the pixels that the convex hull of some points
+    touches.
 
-    Parameters
-    ----------
-    outlines : N of (P, 2) float64, px
-    bounds : (N, 4) int64
-        First column, first row, last column + 1, last row + 1 of each.
-
-    Returns
-    -------
-    N of (rows, columns) bool
+    `outlines` are N of (P, 2) float64, px; `bounds`, (N, 4) int64, are first column,
+    first row, last column + 1, last row + 1 of each.
 
     Notes
     -----
@@ -191,7 +181,12 @@ def _filled(
     for row, hull in enumerate(found):
         padded[row, : len(hull)] = hull
         padded[row, len(hull) :] = hull[-1]
-    left, right = _spans(spans_of, padded, owner, top.astype(np.float64))
+    # The columns that a hull covers in each row of pixels, a block of rows at a time
+    left, right = np.empty(len(owner)), np.empty(len(owner))
+    edges, top = _Edges.of(padded), top.astype(np.float64)
+    for start in range(0, len(owner), _ROWS_AT_ONCE):
+        part = np.s_[start : start + _ROWS_AT_ONCE]
+        left[part], right[part] = spans_of(edges.of_hulls(owner[part]), top[part, None])
     masks: list[Mask] = []
     for (x0, _, x1, _), end, height in zip(
         bounds.tolist(), ends.tolist(), heights.tolist(), strict=True
@@ -205,22 +200,6 @@ def _filled(
 
 _ROWS_AT_ONCE: Final = 1 << 13
 """Rows of pixels per block: keeps temporary arrays at a few hundred KiB."""
-
-
-def _spans(
-    spans_of: _SpansOf, hulls: FloatArray, owner: IntArray, top: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """The columns that a hull covers in each of R rows of pixels.
-
-    `owner` (R,) says which of the N hulls a row belongs to, `top` (R,) px is the row's
-    upper edge. Returns the first column of each row and the last one + 1, (R,) px.
-    """
-    left, right = np.empty(len(top)), np.empty(len(top))
-    edges = _Edges.of(hulls)
-    for start in range(0, len(top), _ROWS_AT_ONCE):
-        part = np.s_[start : start + _ROWS_AT_ONCE]
-        left[part], right[part] = spans_of(edges.of_hulls(owner[part]), top[part, None])
-    return left, right
 
 
 def _touched(edges: _Edges, top: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -292,7 +271,6 @@ class AcceptedPixels:
 
     Attributes
     ----------
-    silhouette : Silhouette
     mask : (h, w) bool
         Accepted pixels inside the silhouette; the shape is that of its region.
     around : (h, w) bool, or None

@@ -14,9 +14,10 @@ from __future__ import annotations
 import json
 import re
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from itertools import compress
 from numbers import Real
 from pathlib import Path
 from typing import ClassVar, Final
@@ -93,7 +94,12 @@ CARLASIMU: Final = Format(
 @CARLASIMU.recogniser
 def _recognise(source: Source) -> Recognition:
     camera = _camera_folder(source.path)
-    return "certain" if camera and _is_carlasimus(camera) else "none"
+    if camera is None:
+        return "none"
+    # A ``label/`` alone may be anybody's.
+    has_bands = any(is_band(path.name) for path in _bands(camera))
+    is_theirs = (camera / "img").is_dir() or (camera / _README).is_file()
+    return "certain" if has_bands or is_theirs else "none"
 
 
 def _camera_folder(root: Path) -> Path | None:
@@ -122,15 +128,6 @@ def _metres(band: Path) -> int:
     return int(band.name[len("label") :])
 
 
-def _is_carlasimus(folder: Path) -> bool:
-    """Whether carlasimu wrote a folder: a ``label/`` alone may be anybody's."""
-    has_bands = any(is_band(path.name) for path in _bands(folder))
-    has_list = (folder / _README).is_file()
-    return has_bands or (
-        bool(_bands(folder)) and ((folder / "img").is_dir() or has_list)
-    )
-
-
 _IMAGES: Final = ("images", "img")
 
 _README: Final = "Readme.txt"
@@ -151,12 +148,8 @@ def read_carlasimu(root: Path, options: RecordingDescription) -> FrameSet:
 
     The bands are cumulative (``label200`` holds what ``label50`` does), so the others
     only say how far away a box is (``distance_range``); a frame that only a narrower
-    band has is listed as unmatched.
-
-    Raises
-    ------
-    LayoutError
-        There is neither ``labels/labelNN/`` nor ``label/``.
+    band has is listed as unmatched. Raises `LayoutError`: there is neither
+    ``labels/labelNN/`` nor ``label/``.
     """
     camera = _camera_folder(root)
     if camera is None:
@@ -169,21 +162,27 @@ def read_carlasimu(root: Path, options: RecordingDescription) -> FrameSet:
     beside = auxiliary_folders(camera, camera.parent, of=above)
     radar = next(filter(Path.is_dir, _beside(camera, "radar")), None)
     lidar = next(filter(Path.is_dir, _beside(camera, "lidar")), None)
+    document = _read_readme(camera)
     folders = LabelFolders(
         images=images,
         labels=labels,
         classes=tuple(options.classes or _carlasimu_classes(camera)),
         default_class=options.default_class,
-        beside=_read_readme(camera),
+        beside=document,
         export=root if (root / KEYS_NAME).is_file() else None,
     )
     names = partial(options.files.walk, root, suffixes=(".txt",))
     streams = Streams(images, options, root=root, beside=beside)
     frames = frame_set("carlasimu", folders, streams, names(labels))
-    narrower = [] if options.labels else list(_only_narrower(bands, names))
+    widest = {frame_key(name) for name in names(bands[-1])}
+    narrower = [
+        Unmatched(f"{band.name}/{name}", f"not in the widest band, {bands[-1].name}")
+        for band in (() if options.labels else bands[:-1])
+        for name in names(band)
+        if frame_key(name) not in widest
+    ]
     texts, notes = frames.texts, frames.notes
     # Map and weather from carlasimu's ``Readme.txt``, as keys of an annotation
-    document = _read_readme(camera)
     of_all: dict[str, object] = {}
     if isinstance(town := document.get("map"), str):
         of_all["map"] = town
@@ -391,7 +390,10 @@ class CarlaSimuWriter:
         for kind, folder in _FOLDERS.items():
             if read := out.frame.read_files.get(kind):
                 content = read()
-                name = f"out/{folder}/{out.stem}{_suffix_of(content)}"
+                begins = map(content.startswith, _CLOUDS)
+                suffix = next(compress(_CLOUDS.values(), begins), "")
+                suffix = suffix or IMAGE_SUFFIX[read_image_header(content).media_type]
+                name = f"out/{folder}/{out.stem}{suffix}"
                 self._context.sink(name, [content])
 
     def finish(self) -> None:
@@ -440,23 +442,4 @@ _FOLDERS: Final = {
 """The folders of the tool by the files of a frame."""
 
 _CLOUDS: Final = {b"ply": ".ply", b"\x93NUMPY": ".npy"}
-
-
-def _suffix_of(content: bytes) -> str:
-    """The suffix of a picture or a point cloud, as its first bytes tell."""
-    for start, suffix in _CLOUDS.items():
-        if content.startswith(start):
-            return suffix
-    return IMAGE_SUFFIX[read_image_header(content).media_type]
-
-
-def _only_narrower(
-    bands: list[Path], names: Callable[[Path], Iterable[str]]
-) -> Iterator[Unmatched]:
-    widest = {frame_key(name) for name in names(bands[-1])}
-    for band in bands[:-1]:
-        for name in names(band):
-            if frame_key(name) not in widest:
-                yield Unmatched(
-                    f"{band.name}/{name}", f"not in the widest band, {bands[-1].name}"
-                )
+"""The suffixes of point clouds by the first bytes of their files."""

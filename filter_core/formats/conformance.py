@@ -73,11 +73,7 @@ _DAMAGES: Final[dict[str, Callable[[bytes], bytes]]] = {
 def faults_of(candidate: Format, example: Path) -> Iterator[str]:
     """What is wrong with a format, as sentences; none if it conforms.
 
-    Parameters
-    ----------
-    candidate : Format
-    example : Path
-        A small recording in this format, a few frames with boxes.
+    `example` is a small recording in this format, a few frames with boxes.
     """
     yield from _faults_of_declaration(candidate)
     if candidate.recognise is None or candidate.read is None:
@@ -163,7 +159,11 @@ def _faults_of_recogniser(candidate: Format, example: Path) -> Iterator[str]:
         if (answer := _recognition(candidate, note)) != "none":
             yield f"The recogniser answers {answer!r} for a note in a file; {_NONE}."
         for owner, files in _FOREIGN.items():
-            answer = _recognition(candidate, _folder(Path(name, owner), files))
+            for file, text in files.items():
+                path = Path(name, owner, file)
+                path.parent.mkdir(parents=True, exist_ok=True)
+                path.write_text(text, encoding="utf-8")
+            answer = _recognition(candidate, Path(name, owner))
             if owner != candidate.name and answer not in ("none", "fallback"):
                 yield (
                     f"The recogniser answers {answer!r} for a folder of {owner}, with "
@@ -182,14 +182,6 @@ def _recognition(candidate: Format, source: Path) -> str:
         return candidate.recognise(Source(source))
     except Exception as error:  # of a foreign recogniser
         return f"with the error {_in_words(error)}"
-
-
-def _folder(root: Path, files: dict[str, str]) -> Path:
-    for name, text in files.items():
-        path = root / name
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(text, encoding="utf-8")
-    return root
 
 
 def _description(example: Path) -> RecordingDescription:

@@ -17,13 +17,13 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import ClassVar, Final, Protocol
+from typing import TYPE_CHECKING, ClassVar, Final
 
 from defusedxml.common import DefusedXmlException
 from defusedxml.ElementTree import ParseError, iterparse
 
 from filter_core.errors import LayoutError
-from filter_core.formats.files import attributes, element, escaped
+from filter_core.formats.files import attributes, element, escaped, number_text
 from filter_core.formats.format import (
     FOLDER_OPTIONS,
     LABEL_NEEDS,
@@ -48,13 +48,11 @@ from filter_core.formats.recording import RecordingDescription
 from filter_core.formats.splits import completed_parts
 from filter_core.formats.streams import listed_frames, listing_files
 from filter_core.formats.tables.patterns import FilePatterns
-from filter_core.formats.writing import (
-    ExportContext,
-    LabelBox,
-    OutFrame,
-    Traits,
-)
+from filter_core.formats.writing import ExportContext, LabelBox, OutFrame, Traits
 from filter_core.verdicts import DecidedBoxes
+
+if TYPE_CHECKING:
+    from xml.etree.ElementTree import Element
 
 CVAT: Final = Format(
     name="cvat",
@@ -94,30 +92,13 @@ def _is_cvat(path: Path) -> bool:
     )
 
 
-class _Element(Protocol):
-    """The used members of an XML element."""
-
-    tag: str
-    attrib: dict[str, str]
-    text: str | None
-
-    def findtext(self, path: str, /) -> str | None:
-        """The text of the first child of this name."""
-
-    def iter(self, tag: str, /) -> Iterator[_Element]:
-        """All elements of this name below this one."""
-
-    def clear(self) -> None:
-        """Remove what is in it."""
-
-
 _MAX_ELEMENTS: Final = 500_000
 """Of one image."""
 
 _OUTSIDE_IMAGES: Final = ("label", "track", "meta")
 
 
-def _elements(path: Path) -> Iterator[_Element]:
+def _elements(path: Path) -> Iterator[Element]:
     """Images, declared labels, tracks and the head of a file, one by one."""
     try:
         with opening_file(path, "labels"), open_regular(path) as file:
@@ -190,11 +171,8 @@ def read_cvat(root: Path, options: RecordingDescription) -> FrameSet:
 
     Of other shapes than boxes, outlines are read as the rectangles around them, and
     others are left out; both are counted. The part of an image (``subset``) is kept.
-
-    Raises
-    ------
-    LayoutError
-        No such file, one that cannot be read, or one of CVAT for video.
+    Raises `LayoutError`: no such file, one that cannot be read, or one of CVAT for
+    video.
     """
     paths = listing_files(root, options, _cvat_files, "an .xml file of CVAT for images")
     folder = root.parent if root.is_file() else root
@@ -206,7 +184,7 @@ def read_cvat(root: Path, options: RecordingDescription) -> FrameSet:
 
     def frames() -> Iterator[FrameSource]:
         reading.counts.clear()
-        coming = iter(listed.frames)
+        coming = iter(listed)
         for path in paths:
             labelled = Labelled()
             for one in _elements(path):
@@ -217,19 +195,17 @@ def read_cvat(root: Path, options: RecordingDescription) -> FrameSet:
                     read = partial(reading.annotation, one, path.name)
                     yield frame if frame.problem else annotated(frame, read)
 
-    return FrameSet(
+    return replace(
+        listed,
         layout="cvat",
         frames=frames,
         classes=tuple(options.classes or classes) or None,
-        count=len(names),
-        unmatched=listed.unmatched,
-        notes=lambda: (*listed.notes, *counted_notes(reading.counts, _NOTES)),
-        streams=listed.facts,
+        notes=lambda: (*listed.notes(), *counted_notes(reading.counts, _NOTES)),
         texts=lambda: paths,
     )
 
 
-def _labelled(meta: _Element) -> Labelled:
+def _labelled(meta: Element) -> Labelled:
     """Whom a task was given to, or else who owns it, and when it was changed last."""
     people = (
         name.strip()
@@ -260,7 +236,7 @@ class _Reading:
 
     counts: Counter[str] = field(default_factory=Counter)
 
-    def annotation(self, image: _Element, name: str) -> dict[str, object]:
+    def annotation(self, image: Element, name: str) -> dict[str, object]:
         """The boxes of one image; `name` is that of the file."""
         at = f"{name}, image {image.attrib.get('name', '')[:80]!r}"
         boxes = [self._box(one, at) for one in image.iter("box")]
@@ -276,7 +252,7 @@ class _Reading:
             annotation["split"] = subset
         return annotation
 
-    def _box(self, one: _Element, at: str) -> dict[str, object]:
+    def _box(self, one: Element, at: str) -> dict[str, object]:
         keys = ("xtl", "ytl", "xbr", "ybr", "rotation")
         words = [one.attrib.get(key, "" if key != "rotation" else "0") for key in keys]
         *corners, angle = read_columns(words, at)
@@ -295,7 +271,7 @@ class _Reading:
             ]
         return _described(one, corners, at)
 
-    def _outline(self, one: _Element, at: str) -> dict[str, object]:
+    def _outline(self, one: Element, at: str) -> dict[str, object]:
         points = one.attrib.get("points", "").replace(",", ";").split(";")
         numbers = read_columns(points, at)
         if len(numbers) % 2:
@@ -314,7 +290,7 @@ _NOTES: Final = {
 }
 
 
-def _described(one: _Element, xyxy: Sequence[float], at: str) -> dict[str, object]:
+def _described(one: Element, xyxy: Sequence[float], at: str) -> dict[str, object]:
     """A box with what its element says; other attributes are kept as they are."""
     label = one.attrib.get("label", "")
     if not label:
@@ -410,7 +386,7 @@ def _box(one: LabelBox, boxes: DecidedBoxes) -> str:
         label=boxes.class_name(one.row),
         source="auto",
         occluded=int(verdict == "rejected"),
-        **{key: _number_text(value) for key, value in corners},
+        **{key: number_text(value, most=_DECIMALS) for key, value in corners},
         z_order=0,
     )
     details = {
@@ -426,12 +402,3 @@ def _box(one: LabelBox, boxes: DecidedBoxes) -> str:
 
 
 _DECIMALS: Final = 9
-
-_FEWEST_DECIMALS: Final = 2
-
-
-def _number_text(value: float) -> str:
-    """A number with two decimals, as CVAT has it, or as many as it needs up to nine."""
-    text = f"{round(value, _DECIMALS) + 0.0:.{_DECIMALS}f}"
-    point = text.index(".")
-    return text.rstrip("0").ljust(point + 1 + _FEWEST_DECIMALS, "0")

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from filter_core.annotation.frame import FORMS_3D, GEOMETRIES
 from filter_core.arrays import counts_or_none, floats_or_none
-from filter_core.errors import JsonError, LayoutError, NotAvailable
+from filter_core.errors import LayoutError, NotAvailable
 from filter_core.formats.export import (
     ExportError,
     ExportFrame,
@@ -41,20 +41,14 @@ from filter_core.formats.reading import (
     FrameSource,
     GivenAnswer,
     counted_notes,
+    json_object,
     open_regular,
 )
 from filter_core.formats.recording import RecordingDescription
 from filter_core.formats.streams import listed_frames
 from filter_core.formats.tally import Counts, ExportTally
-from filter_core.json_text import read_json
 from filter_core.values import shown
-from filter_core.verdicts import (
-    VERDICTS,
-    Answer,
-    DecidedBoxes,
-    DecisionColumns,
-    Reason,
-)
+from filter_core.verdicts import VERDICTS, Answer, DecidedBoxes, DecisionColumns, Reason
 
 DECISIONS_JSONL: Final = Format(
     name="decisions-jsonl",
@@ -117,12 +111,8 @@ def read_decisions(source: Path, options: RecordingDescription) -> FrameSet:
 
     Images are those in the folder whose paths end like the keys of the frames. A box
     without a rectangle, as files of earlier versions have it of one outside of the
-    image, is left out, and counted.
-
-    Raises
-    ------
-    LayoutError
-        No such file, or a line without a key.
+    image, is left out, and counted. Raises `LayoutError`: no such file, or a line
+    without a key.
     """
     path = source / _NAME if source.is_dir() else source
     if not path.is_file():
@@ -138,7 +128,7 @@ def read_decisions(source: Path, options: RecordingDescription) -> FrameSet:
 
     def frames() -> Iterator[FrameSource]:
         without.clear()
-        for frame, (_, start, number) in zip(listed.frames, places, strict=True):
+        for frame, (_, start, number) in zip(listed, places, strict=True):
             if frame.problem:
                 yield frame
                 continue
@@ -152,13 +142,11 @@ def read_decisions(source: Path, options: RecordingDescription) -> FrameSet:
             except LayoutError as problem:
                 yield replace(frame, problem=problem)
 
-    return FrameSet(
+    return replace(
+        listed,
         layout=DECISIONS_JSONL.name,
         frames=frames,
-        count=len(places),
-        unmatched=listed.unmatched,
-        notes=lambda: (*listed.notes, *counted_notes(without, _NOTES)),
-        streams=listed.facts,
+        notes=lambda: (*listed.notes(), *counted_notes(without, _NOTES)),
         texts=lambda: [path],
     )
 
@@ -184,13 +172,7 @@ def _places(path: Path) -> Iterator[tuple[str, int, int]]:
 def _object(line: bytes, at: str) -> Mapping[str, object]:
     if len(line) > MAX_LABEL_BYTES:
         raise LayoutError(f"{at}: expected at most {MAX_LABEL_BYTES} bytes, found more")
-    try:
-        value = read_json(line, halves=True)
-    except JsonError as exc:
-        raise LayoutError(f"{at}: {exc.detail}") from exc
-    if not isinstance(value, dict):
-        raise LayoutError(f"{at}: expected one JSON object, found {shown(value)}")
-    return value
+    return json_object(line, at, halves=True)
 
 
 _OF_FRAME: Final = ("camera", "carla_version", "captured_at", "map")
@@ -265,22 +247,10 @@ def _write(
     _options: ExportOptions,
     pieces: Callable[[Iterator[ExportFrame], Spool, ExportHead], Iterable[bytes]],
 ) -> Counts:
-    """Write every decision of every frame, and ``manifest.json``.
+    """Write every decision of every frame, and ``manifest.json``; returns its counts.
 
-    Parameters
-    ----------
-    frames : iterable of ExportFrame
-        Read once, one at a time.
-    sink : callable
-        Gets ``decisions.SUFFIX``, then ``manifest.json``.
-    head : ExportHead
-    pieces : callable
-        Gives the content of the file; it may use the spool for it.
-
-    Returns
-    -------
-    dict
-        The counts, as ``manifest.json`` has them.
+    Frames are read once, one at a time. `pieces` gives the content of the file; it may
+    use the spool for it.
     """
     with ExportTally(head) as tally, Spool(head.temporary, head.buffer_bytes) as spool:
         name = head.format.replace("-", ".")  # decisions.jsonl and so on
@@ -412,22 +382,18 @@ def _groups(frames: Iterable[ExportFrame], size: int) -> Iterator[_Columns]:
     for frame in frames:
         if not len(frame.boxes):
             continue
-        for name, values in _columns_of(frame).items():
-            waiting[name].extend(values)
+        if frame.columns is None:
+            raise ExportError(f"{frame.key}: the columns of its decisions are missing")
+        count = len(frame.boxes)
+        waiting["frame"] += [frame.key] * count
+        waiting["map"] += [frame.map] * count
+        for name, column in table_columns(frame.boxes, frame.columns).items():
+            waiting[name].extend(column())
         while len(waiting["box"]) >= size:
             yield {name: values[:size] for name, values in waiting.items()}
             waiting = {name: values[size:] for name, values in waiting.items()}
     if waiting["box"]:
         yield dict(waiting)
-
-
-def _columns_of(frame: ExportFrame) -> _Columns:
-    if frame.columns is None:
-        raise ExportError(f"{frame.key}: the columns of its decisions are missing")
-    columns = table_columns(frame.boxes, frame.columns)
-    count = len(frame.boxes)
-    frames: _Columns = {"frame": [frame.key] * count, "map": [frame.map] * count}
-    return {**frames, **{name: column() for name, column in columns.items()}}
 
 
 def table_columns(
@@ -517,10 +483,7 @@ def _drained(text: io.StringIO) -> bytes:
 def require_parquet() -> ModuleType:
     """The library that writes Parquet.
 
-    Raises
-    ------
-    NotAvailable
-        It is not installed; the message says how to get it.
+    Raises `NotAvailable`: it is not installed; the message says how to get it.
     """
     try:
         import pyarrow
@@ -548,20 +511,18 @@ def _parquet(
     target = pyarrow.PythonFile(spool.file, mode="w")
     with pyarrow.parquet.ParquetWriter(target, schema, compression="zstd") as writer:
         for rows in _groups(frames, head.group_rows):
+            # Text that can be encoded: half a surrogate pair becomes ``?``.
             columns = {
-                name: _encodable(rows[name]) if kind is str else rows[name]
-                for name, kind in COLUMNS.items()
+                name: [
+                    one.encode("utf-8", "replace").decode()
+                    if isinstance(one, str)
+                    else one
+                    for one in values
+                ]
+                for name, values in rows.items()
             }
             writer.write_table(pyarrow.Table.from_pydict(columns, schema=schema))
     yield from spool.pieces()
 
 
 DECISIONS_PARQUET.writer(partial(_write, pieces=_parquet))
-
-
-def _encodable(column: Sequence[object]) -> list[object]:
-    """Text that can be encoded: half a surrogate pair becomes ``?``."""
-    return [
-        value.encode("utf-8", "replace").decode() if isinstance(value, str) else value
-        for value in column
-    ]

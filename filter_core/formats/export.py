@@ -72,9 +72,7 @@ class ExportFrame:
 
     Attributes
     ----------
-    key : str
     wh : (width, height) of the image, px
-    boxes : DecidedBoxes
     given : GivenAnnotation
         Of the same boxes in the same order.
     map, sequence, split : str or None
@@ -88,7 +86,6 @@ class ExportFrame:
         tags of a known family come in its colours.
     draw : callable or None
         Gives the image with boxes drawn on it, as PNG.
-    palette : str or None
     decisions : sequence of mapping
         The dictionary of each decision, as made by
         `filter_core.decisions.record.decision_dicts`; a server adds its own keys.
@@ -242,21 +239,18 @@ class ExportOptions:
     def from_mapping(cls, given: JsonObject) -> ExportOptions:
         """Options by name, as JSON or a command line gives them.
 
-        Raises
-        ------
-        ExportError
-            An unknown option, or a value that is not allowed.
+        Raises `ExportError`: an unknown option, or a value that is not allowed.
         """
         names = [field.name for field in fields(cls)]
         for name in given.keys() - set(names):
             raise _bad("options", f"only {', '.join(names)}", repr(name)[:40])
-        several = {name: _several(given.get(name, ())) for name in ("split", "bands")}
-        made = cls(**{**given, **several})
+        several = {name: given.get(name, ()) for name in ("split", "bands")}
+        lists = {
+            name: tuple(value) if isinstance(value, list | tuple) else (value,)
+            for name, value in several.items()
+        }
+        made = cls(**{**given, **lists})
         return replace(made, bands=tuple(sorted(set(made.bands))))
-
-
-def _several(given: object) -> tuple[object, ...]:
-    return tuple(given) if isinstance(given, (list, tuple)) else (given,)
 
 
 def changed_options(options: Dataclass) -> frozenset[str]:

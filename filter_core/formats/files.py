@@ -59,8 +59,12 @@ def file_stem(key: str) -> str:
     Keys come from users: characters with a special meaning for a file system or an
     unpacking tool are written as ``%`` and their code. Sub-folders stay.
     """
-    *folders, name = key.split("/")
-    return "/".join([*map(_safe_folder, folders), _safe_part(name)])
+    parts = [_safe_part(part) for part in key.split("/")]
+    for place, folder in enumerate(parts[:-1]):
+        if folder.lower().endswith(_FILE_SUFFIXES):
+            head, _, suffix = folder.rpartition(".")
+            parts[place] = f"{head}%2E{suffix}"
+    return "/".join(parts)
 
 
 class FileNames:
@@ -101,25 +105,31 @@ class FileNames:
 def folder_sink(folder: Path) -> Iterator[Sink]:
     """A sink that writes files into a `new_folder`.
 
-    Raises
-    ------
-    ExportError
-        As `new_folder`; or a file's path leads out of it.
+    Raises `ExportError`: as `new_folder`; or a file's path leads out of it.
     """
     with new_folder(folder) as partial:
-        yield _Folder(partial).write
+
+        def write(name: str, pieces: Iterable[bytes]) -> None:
+            parts = PurePosixPath(name).parts
+            if not parts or parts[0] == "/" or ".." in parts or "\\" in name:
+                raise ExportError(
+                    f"{name[:80]!r} is not a valid file name in an export"
+                )
+            path = partial.joinpath(*parts)
+            path.parent.mkdir(parents=True, exist_ok=True)
+            # Exclusive: a name that the system considers equal is not overwritten.
+            with path.open("xb") as file:
+                file.writelines(pieces)
+
+        yield write
 
 
 @contextmanager
 def new_folder(folder: Path) -> Iterator[Path]:
     """A folder to be filled, which appears under its name when everything is written.
 
-    If anything fails, it does not appear.
-
-    Raises
-    ------
-    ExportError
-        The folder exists already.
+    If anything fails, it does not appear. Raises `ExportError`: the folder exists
+    already.
     """
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise ExportError(f"{name_of(folder)}: expected a new or an empty folder")
@@ -191,11 +201,6 @@ class Spool:
         self._file.close()
 
     @property
-    def count(self) -> int:
-        """How many items were added."""
-        return self._count
-
-    @property
     def file(self) -> IO[bytes]:
         """The underlying file, for libraries that need one."""
         return self._file
@@ -226,11 +231,11 @@ def json_bytes(value: object, *, by_key: bool = False) -> bytes:
     return encoder.encode(value).encode("utf-8", "backslashreplace")
 
 
-def number_text(value: float) -> str:
-    """The number with two decimals, as in KITTI, or up to four if it has more."""
+def number_text(value: float, *, most: int = 4) -> str:
+    """The number with two decimals, as in KITTI, or up to so many if it has more."""
     # Adding zero takes the sign from a zero that was rounded.
-    text = f"{round(value, 4) + 0.0:.4f}"
-    return text[:-2] if text.endswith("00") else text.removesuffix("0")
+    text = f"{round(value, most) + 0.0:.{most}f}"
+    return text.rstrip("0").ljust(text.index(".") + 3, "0")
 
 
 def element(name: str, value: object) -> str:
@@ -253,14 +258,6 @@ def attributes(**values: object) -> str:
     )
 
 
-def _safe_folder(part: str) -> str:
-    text = _safe_part(part)
-    if text.lower().endswith(_FILE_SUFFIXES):
-        head, _, suffix = text.rpartition(".")
-        return f"{head}%2E{suffix}"
-    return text
-
-
 def _safe_part(part: str) -> str:
     letters = [
         letter
@@ -281,28 +278,10 @@ def _safe_part(part: str) -> str:
     return text or "%"
 
 
-class _Folder:
-    def __init__(self, root: Path) -> None:
-        self._root = root
-
-    def write(self, name: str, pieces: Iterable[bytes]) -> None:
-        parts = PurePosixPath(name).parts
-        if not parts or parts[0] == "/" or ".." in parts or "\\" in name:
-            raise ExportError(f"{name[:80]!r} is not a valid file name in an export")
-        path = self._root.joinpath(*parts)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        # Exclusive: a name that the system considers equal must not be overwritten.
-        with path.open("xb") as file:
-            file.writelines(pieces)
-
-
 # Made once: json.dumps makes one for each value that is not written in its own way.
 _COMPACT_JSON, _SORTED_JSON = (
     json.JSONEncoder(
-        ensure_ascii=False,
-        separators=(",", ":"),
-        allow_nan=False,
-        sort_keys=sort_keys,
+        ensure_ascii=False, separators=(",", ":"), allow_nan=False, sort_keys=sort_keys
     )
     for sort_keys in (False, True)
 )

@@ -12,12 +12,7 @@ from itertools import islice
 from pathlib import Path
 from typing import Final, Literal, Protocol, TypeAlias, TypeVar
 
-from filter_core.formats.export import (
-    ExportFrame,
-    ExportHead,
-    ExportOptions,
-    Sink,
-)
+from filter_core.formats.export import ExportFrame, ExportHead, ExportOptions, Sink
 from filter_core.formats.reading import FrameSet
 from filter_core.formats.recording import RecordingDescription
 from filter_core.formats.same import BoxSpans
@@ -77,11 +72,7 @@ _FILES_LOOKED_AT: Final = 2000
 class Source:
     """A folder or a file whose format is to be recognised.
 
-    Attributes
-    ----------
-    path : Path
-    files : FilePatterns
-        Of the description: the files that it ignores are not looked at.
+    Files that the description ignores (`files`) are not looked at.
     """
 
     path: Path

@@ -15,7 +15,7 @@ References
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain
@@ -28,7 +28,7 @@ from filter_core.annotation.frame import FORMS_3D
 from filter_core.arrays import FloatArray
 from filter_core.errors import FilterError, LayoutError
 from filter_core.formats.export import ExportFrame
-from filter_core.formats.files import Spool, number_text
+from filter_core.formats.files import number_text
 from filter_core.formats.format import (
     LABEL_NEEDS,
     LABEL_OPTIONS,
@@ -62,7 +62,7 @@ from filter_core.formats.same import (
     spans_of_lines,
     stored_labels,
 )
-from filter_core.formats.splits import completed_parts, part_of_folder
+from filter_core.formats.splits import part_of_folder
 from filter_core.formats.streams import Streams, auxiliary_folders
 from filter_core.formats.writing import (
     RECTANGLE_KEYS,
@@ -125,10 +125,7 @@ def _kitti_folders(root: Path) -> list[Path]:
 def read_kitti(root: Path, options: RecordingDescription) -> FrameSet:
     """The frames of a KITTI folder; a bad file is its frame's problem.
 
-    Raises
-    ------
-    LayoutError
-        There is no ``label_2``.
+    Raises `LayoutError`: there is no ``label_2``.
     """
     homes = _kitti_folders(root)
     if not homes and options.labels is None:
@@ -153,79 +150,60 @@ def read_kitti(root: Path, options: RecordingDescription) -> FrameSet:
 
 
 def _read_folder(root: Path, home: Path, options: RecordingDescription) -> FrameSet:
-    folders = _KittiFolders(
-        images=home / _IMAGES,
-        labels=options.labels or home / _LABELS,
-        calibrations=home / _CALIBRATIONS,
-    )
+    images, labels = home / _IMAGES, options.labels or home / _LABELS
     beside = auxiliary_folders(home, root)
-    streams = Streams(folders.images, options, root=root, beside=beside)
-    labels = options.files.walk(root, folders.labels, (".txt",))
-    frames, unmatched = match(labels, streams.images)
+    streams = Streams(images, options, root=root, beside=beside)
+    names = options.files.walk(root, labels, (".txt",))
+    frames, unmatched = match(names, streams.images)
     frames, left_over = streams.complete(frames, "label file")
-    calibrations = FileIndex(options.files.walk(root, folders.calibrations, (".txt",)))
+    folder = home / _CALIBRATIONS
+    calibrations = FileIndex(options.files.walk(root, folder, (".txt",)))
     taken = {files.label: calibrations.take(files.key) for files in frames}
     named = with_keys(root, frames, f"{home.relative_to(root).as_posix()}/{_IMAGES}/")
     left = calibrations.left_over("no label file for this calibration")
+
+    def read() -> Iterator[FrameSource]:
+        for files in named:
+            calibration = taken[files.label]
+            origin = BoxOrigin(
+                labels / files.label,
+                calibration=folder / calibration if calibration else None,
+            )
+            frame = replace(frame_of(files, images), origin=origin)
+            yield annotated(frame, partial(_annotation, frame, files, calibration))
+
     return FrameSet(
         layout="kitti",
-        frames=lambda: _read_frames(folders, named, taken),
+        frames=read,
         count=len(frames),
         unmatched=(*unmatched, *left_over, *left),
         notes=partial(tuple, streams.notes),
         streams=streams.facts,
         texts=lambda: chain(
-            (folders.labels / files.label for files in named),
-            (folders.calibrations / name for name in taken.values() if name),
+            (labels / files.label for files in named),
+            (folder / name for name in taken.values() if name),
         ),
     )
 
 
-@dataclass(frozen=True)
-class _KittiFolders:
-    images: Path
-    labels: Path
-    calibrations: Path
-
-
-def _read_frames(
-    folders: _KittiFolders,
-    frames: Iterable[FrameFileNames],
-    calibrations: dict[str, str | None],
-) -> Iterator[FrameSource]:
-    for files in frames:
-        read = partial(_annotation, folders, files, calibrations[files.label])
-        frame = frame_of(files, folders.images)
-        calibration = calibrations[files.label]
-        origin = BoxOrigin(
-            folders.labels / files.label,
-            calibration=folders.calibrations / calibration if calibration else None,
-        )
-        yield annotated(replace(frame, origin=origin), read)
-
-
 def _annotation(
-    folders: _KittiFolders, files: FrameFileNames, calibration: str | None
+    frame: FrameSource, files: FrameFileNames, calibration: str | None
 ) -> dict[str, object]:
-    text = read_label_text(folders.labels / files.label, files.label)
+    origin = frame.origin
+    assert origin is not None, "each frame has a label file"
+    text = read_label_text(origin.file, files.label)
     lines = _read_kitti_lines(text, files.label)
     # The frame's camera, with the size of its images; None if either is missing
-    others = (files.files.get(kind) for kind in ("segmentation", "instances"))
-    path = (
-        folders.images / files.image
-        if files.image
-        else next(filter(None, others), None)
-    )
-    if calibration is None or path is None:
-        camera = None
-    else:
+    path = frame.image or frame.segmentation or frame.others.get("instances")
+    camera = None
+    if origin.calibration and calibration and path:
         try:
             with open_regular(path) as image:
                 wh = read_image_size(image.read())
         except OSError as exc:
             name = files.image or path.name
             raise LayoutError(f"{name}: cannot be read: {exc.strerror}") from exc
-        text = read_label_text(folders.calibrations / calibration, calibration)
+        text = read_label_text(origin.calibration, calibration)
         camera = _read_calibration(text, calibration, wh)
     boxes = [_box_of(line, camera) for line in lines if not line.is_region]
     annotation: dict[str, object] = {"boxes": boxes}
@@ -429,7 +407,6 @@ class KittiWriter:
     def __init__(self, context: ExportContext) -> None:
         self._context = context
         self._types = kitti_types(context.head.classes)
-        self._parts: dict[str, Spool] = {}
         changed = {name: word for name, word in self._types.items() if name != word}
         if changed:
             context.facts["kitti_types"] = changed
@@ -442,9 +419,7 @@ class KittiWriter:
         self._context.sink(labels, [text.encode()])
         if band:
             return
-        if out.part not in self._parts:
-            self._parts[out.part] = self._context.spool()
-        self._parts[out.part].write(f"{out.numbered}\n".encode())
+        self._context.list_frame(out.part, out.numbered)
         camera = out.frame.given.camera
         if camera is not None:
             text = _own_calibration(out.frame, camera) or _calibration(camera)
@@ -483,10 +458,7 @@ class KittiWriter:
 
     def finish(self) -> None:
         """Which frames are for training."""
-        for part in completed_parts(self._parts):
-            spool = self._parts.get(part)
-            names = spool.pieces() if spool else []
-            self._context.sink(f"ImageSets/{part}.txt", names)
+        self._context.write_lists("ImageSets")
 
     def _line(self, one: LabelBox, frame: ExportFrame) -> str:
         if one.ignored:
@@ -498,7 +470,13 @@ class KittiWriter:
         if not isinstance(truncated, (int, float)):
             truncated = one.cut
         measured = int(frame.boxes.occlusion[one.row])
-        occluded = _first_level(original.get("occluded"), box.get("occluded"), measured)
+        levels = (original.get("occluded"), box.get("occluded"), measured)
+        known = (
+            int(level)
+            for level in levels
+            if isinstance(level, int) and 0 <= level <= _UNKNOWN_OCCLUSION
+        )
+        occluded = next(known, _UNKNOWN_OCCLUSION)
         alpha, box3d = _columns_3d(one, frame, original)
         columns = (alpha, *one.xyxy, *box3d)
         first = (
@@ -555,14 +533,7 @@ def _ignored(xyxy: Sequence[float]) -> str:
 
 
 _UNKNOWN_OCCLUSION: Final = 3
-
-
-def _first_level(*levels: object) -> int:
-    """The first of them that is one of KITTI's levels, 0 to 3; 3 if none is."""
-    for value in levels:
-        if isinstance(value, int) and 0 <= value <= _UNKNOWN_OCCLUSION:
-            return int(value)
-    return _UNKNOWN_OCCLUSION
+"""The largest of KITTI's levels."""
 
 
 def _columns_3d(

@@ -18,6 +18,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import timedelta
 from functools import partial
+from itertools import chain
 from pathlib import Path
 from typing import ClassVar, Final
 from urllib.parse import quote
@@ -50,14 +51,9 @@ from filter_core.formats.reading import (
 )
 from filter_core.formats.recording import RecordingDescription
 from filter_core.formats.streams import listed_frames, listing_files
-from filter_core.formats.tables.json_items import decode_value, read_list
+from filter_core.formats.tables.json_items import JsonItem, decode_value, read_list
 from filter_core.formats.tables.patterns import FilePatterns
-from filter_core.formats.writing import (
-    ExportContext,
-    LabelBoxes,
-    OutFrame,
-    Traits,
-)
+from filter_core.formats.writing import ExportContext, LabelBoxes, OutFrame, Traits
 from filter_core.values import shown
 from filter_core.verdicts import REJECTED
 
@@ -108,8 +104,7 @@ class _Task:
     """The place of a task in its file, what names its frame, and who labelled it."""
 
     path: Path
-    start: int
-    end: int
+    item: JsonItem
     key: str | None
     image: str
     labelled: Labelled | None
@@ -118,8 +113,7 @@ class _Task:
         """The task."""
         try:
             with open_regular(self.path) as file:
-                file.seek(self.start)
-                content = file.read(self.end - self.start)
+                content = self.item.read(file)
         except OSError as exc:
             raise LayoutError(f"{self.path.name}: cannot be read: {exc}") from exc
         return _mapping(decode_value(content, self.path.name))
@@ -139,12 +133,8 @@ def read_label_studio(root: Path, options: RecordingDescription) -> FrameSet:
 
     Of several annotations of a task the one that is marked as ground truth counts, else
     the one that was changed last. A task without an annotation has the boxes of its
-    last prediction; one with neither was not labelled yet, and is listed.
-
-    Raises
-    ------
-    LayoutError
-        No file of tasks, or one that cannot be read.
+    last prediction; one with neither was not labelled yet, and is listed. Raises
+    `LayoutError`: no file of tasks, or one that cannot be read.
     """
     expected = "a .json file with Label Studio's tasks"
     paths = listing_files(root, options, _task_files, expected)
@@ -152,7 +142,7 @@ def read_label_studio(root: Path, options: RecordingDescription) -> FrameSet:
     tasks: list[_Task] = []
     without: list[Unmatched] = []
     for path in paths:
-        for number, (task, start, end) in enumerate(_tasks(path)):
+        for number, (task, item) in enumerate(_tasks(path)):
             at = f"task {shown(task.get('id', number))}"
             data = _mapping(task.get("data"))
             key, image = data.get("key"), _image_of(data)
@@ -164,34 +154,33 @@ def read_label_studio(root: Path, options: RecordingDescription) -> FrameSet:
             else:
                 own = key if isinstance(key, str) and key else None
                 labelled = _labelled(task)
-                tasks.append(_Task(path, start, end, own, image, labelled))
+                place = replace(item, value=None)
+                tasks.append(_Task(path, place, own, image, labelled))
     listed = listed_frames(
         folder, options, [(one.key, one.image) for one in tasks], "task"
     )
     reading = _Reading(options.default_class)
-    pairs = list(zip(listed.frames, tasks, strict=True))
 
     def frames() -> Iterator[FrameSource]:
         reading.counts.clear()
-        for frame, task in pairs:
+        for frame, task in zip(listed, tasks, strict=True):
             if not frame.problem:
                 frame = replace(frame, labelled=task.labelled)
                 frame = annotated(frame, partial(reading.annotation, task))
             yield frame
 
-    return FrameSet(
+    return replace(
+        listed,
         layout="label-studio",
         frames=frames,
         classes=tuple(options.classes or _classes(folder)) or None,
-        count=len(pairs),
         unmatched=(*listed.unmatched, *without),
-        notes=lambda: (*listed.notes, *counted_notes(reading.counts, _NOTES)),
-        streams=listed.facts,
+        notes=lambda: (*listed.notes(), *counted_notes(reading.counts, _NOTES)),
         texts=lambda: [*paths, folder / _CONFIG_NAME],
     )
 
 
-def _tasks(path: Path) -> Iterator[tuple[Mapping[str, object], int, int]]:
+def _tasks(path: Path) -> Iterator[tuple[Mapping[str, object], JsonItem]]:
     with open_regular(path) as file:
         for item in read_list(file, path.name):
             text = item.value if isinstance(item.value, dict) else {}
@@ -200,13 +189,12 @@ def _tasks(path: Path) -> Iterator[tuple[Mapping[str, object], int, int]]:
                 for value in _mapping(text.get("data")).values()
             ):  # the file was read as Latin-1
                 with open_regular(path) as again:
-                    again.seek(item.start)
-                    content = again.read(item.end - item.start)
+                    content = item.read(again)
                 text = {
                     **text,
                     "data": _mapping(decode_value(content, path.name)).get("data"),
                 }
-            yield text, item.start, item.end
+            yield text, item
 
 
 _UPLOADED: Final = re.compile(r"(?<=/)[0-9a-f]{8}-(?=[^/]+$)")
@@ -236,7 +224,12 @@ def _chosen(task: Mapping[str, object]) -> tuple[Mapping[str, object], bool] | N
     if annotations:
         best = max(
             enumerate(annotations),
-            key=lambda one: (one[1].get("ground_truth") is True, _time(one[1]), one[0]),
+            key=lambda one: (
+                one[1].get("ground_truth") is True,
+                # Texts in ISO 8601 have the order of their times.
+                str(one[1].get("updated_at") or one[1].get("created_at") or ""),
+                one[0],
+            ),
         )
         return best[1], True
     predictions = [one for one in map(_mapping, _list(task.get("predictions"))) if one]
@@ -273,11 +266,6 @@ _MOST_NAME: Final = 100
 """Letters of a reviewer's name."""
 
 
-def _time(annotation: Mapping[str, object]) -> str:
-    """When it was changed last; texts in ISO 8601 have the order of their times."""
-    return str(annotation.get("updated_at") or annotation.get("created_at") or "")
-
-
 def _classes(folder: Path) -> list[str]:
     """The labels of the project's interface in their order, if it is there."""
     try:
@@ -304,7 +292,13 @@ class _Reading:
         labelling, is_annotation = chosen or ({}, True)
         self.counts["prediction"] += not is_annotation
         regions = [_mapping(one) for one in _list(labelling.get("result"))]
-        labels = _labels(regions)
+        # By the id of the region, of which they may be a result of their own
+        labels = {
+            region["id"]: label
+            for region in regions
+            if isinstance(region.get("id"), str | int)
+            and (label := _label(_mapping(region.get("value"))))
+        }
         boxes = []
         size: dict[str, int] = {}
         for number, region in enumerate(regions):
@@ -361,16 +355,6 @@ def _label(value: Mapping[str, object]) -> str | None:
         if isinstance(names, list) and names and isinstance(names[0], str):
             return names[0]
     return None
-
-
-def _labels(regions: Sequence[Mapping[str, object]]) -> dict[object, str]:
-    """Labels by the id of the region, of which they may be a result of their own."""
-    return {
-        region["id"]: label
-        for region in regions
-        if isinstance(region.get("id"), str | int)
-        and (label := _label(_mapping(region.get("value"))))
-    }
 
 
 def _size(region: Mapping[str, object]) -> dict[str, int]:
@@ -462,7 +446,8 @@ class LabelStudioWriter:
 
     def finish(self) -> None:
         """The tasks, and the labelling interface that shows them."""
-        self._context.sink("tasks.json", self._pieces())
+        tasks = chain([b"["], self._tasks.pieces(), [b"\n]\n"])
+        self._context.sink("tasks.json", tasks)
         labels = "".join(
             f"    <Label{attributes(value=name)}/>\n"
             for name in self._context.head.classes
@@ -484,43 +469,36 @@ class LabelStudioWriter:
             "result": _regions(chosen, frame),
         }
 
-    def _pieces(self) -> Iterator[bytes]:
-        yield b"["
-        yield from self._tasks.pieces()
-        yield b"\n]\n"
-
 
 def _regions(chosen: LabelBoxes, frame: ExportFrame) -> list[dict[str, object]]:
-    return [_region(one.row, one.xyxy, frame) for one in chosen]
-
-
-def _region(row: int, xyxy: Sequence[float], frame: ExportFrame) -> dict[str, object]:
-    boxes = frame.boxes
-    (x_min, y_min, x_max, y_max), (width, height) = xyxy, frame.wh
-    value = {
-        "x": _percent(x_min, width),
-        "y": _percent(y_min, height),
-        "width": _percent(x_max - x_min, width),
-        "height": _percent(y_max - y_min, height),
-        "rotation": 0,
-        "rectanglelabels": [boxes.class_name(row)],
-    }
-    score = _score(row, frame)
-    return {
-        "id": boxes.ids[row],
-        "type": "rectanglelabels",
-        "from_name": "label",
-        "to_name": "image",
-        "original_width": width,
-        "original_height": height,
-        "image_rotation": 0,
-        "origin": "manual" if boxes.is_reviewed(row) else "prediction",
-        "value": value,
-        **({} if score is None else {"score": score}),
-        "meta": {
-            "text": [f"{boxes.effective_verdict(row)}: {boxes.reason_label(row)}"],
-        },
-    }
+    boxes, (width, height) = frame.boxes, frame.wh
+    regions = []
+    for one in chosen:
+        row, (x_min, y_min, x_max, y_max) = one.row, one.xyxy
+        score = _score(row, frame)
+        verdict, reason = boxes.effective_verdict(row), boxes.reason_label(row)
+        region: dict[str, object] = {
+            "id": boxes.ids[row],
+            "type": "rectanglelabels",
+            "from_name": "label",
+            "to_name": "image",
+            "original_width": width,
+            "original_height": height,
+            "image_rotation": 0,
+            "origin": "manual" if boxes.is_reviewed(row) else "prediction",
+            "value": {
+                "x": _percent(x_min, width),
+                "y": _percent(y_min, height),
+                "width": _percent(x_max - x_min, width),
+                "height": _percent(y_max - y_min, height),
+                "rotation": 0,
+                "rectanglelabels": [boxes.class_name(row)],
+            },
+            **({} if score is None else {"score": score}),
+            "meta": {"text": [f"{verdict}: {reason}"]},
+        }
+        regions.append(region)
+    return regions
 
 
 _DECIMALS: Final = 12

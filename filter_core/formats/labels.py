@@ -54,19 +54,11 @@ def described_labels(
 ) -> FrameSet:
     """The frames with their boxes as the description says.
 
-    Parameters
-    ----------
-    frames : FrameSet
-    description : RecordingDescription
-        Where it does not say the unit or the corners, they are those of the format.
-    recognise : bool
-        Whether a recording that `other_notations` recognises is refused.
-
-    Raises
-    ------
-    LayoutError
-        ``wrong_unit``, ``wrong_corners``: the boxes together look like those of another
-        unit or notation than the format's, and the description does not say it.
+    Where it does not say the unit or the corners, they are those of the format. With
+    `recognise`, a recording that `other_notations` recognises is refused. Raises
+    `LayoutError` (``wrong_unit``, ``wrong_corners``): the boxes together look like
+    those of another unit or notation than the format's, and the description does not
+    say it.
     """
     if recognise:
         for other in other_notations(frames, description):
@@ -146,7 +138,6 @@ def with_maps(
     frames : FrameSet
         What a path says counts only for frames whose annotations name no map; a note
         says which.
-    description : RecordingDescription
     source : Path
         Its name, and those of folders and files below, may be those of maps. Not
         looked at if a manifest or the list in an export names the maps.
@@ -164,7 +155,10 @@ def with_maps(
             annotation = frame.annotation
             name = named
             if annotation is not None and named is None and "map" not in annotation:
-                name = _map_of(frame, root)
+                path = frame.image or frame.segmentation
+                path = path or frame.others.get("instances") or Path()
+                below = str(path).removeprefix(str(root.parent))
+                name = map_in(below) or map_in(frame.key)
                 told.update([name] if name else [])
             if annotation is not None and name is not None:
                 frame = replace(frame, annotation={**annotation, "map": name})
@@ -178,12 +172,6 @@ def with_maps(
     return replace(frames, frames=mapped, notes=notes)
 
 
-def _map_of(frame: FrameSource, root: Path) -> str | None:
-    """The map that the path of a frame's image names, or the frame's key."""
-    path = str(frame.image or frame.segmentation or frame.others.get("instances") or "")
-    return map_in(path.removeprefix(str(root.parent))) or map_in(frame.key)
-
-
 class OtherNotation(NamedTuple):
     """What rectangles look like which are in another unit or notation than expected.
 
@@ -193,7 +181,6 @@ class OtherNotation(NamedTuple):
         The key of a description that says it.
     value : str
         What they look like; several words with "or" if that is not clear.
-    error : LayoutError
     """
 
     key: str

@@ -117,11 +117,8 @@ def read_manifest(source: Path, options: RecordingDescription) -> FrameSet:
     Paths are relative to the manifest's folder, or absolute. With
     ``options.segmentation``, relative segmentations are looked for in that folder. A
     file outside these folders is its frame's problem, unless the options allow it.
-
-    Raises
-    ------
-    LayoutError
-        There is no such file, or it is a link to one outside the folder.
+    Raises `LayoutError`: there is no such file, or it is a link to one outside the
+    folder.
     """
     path = manifest_of(source)
     if path is None:

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import pairwise
 from pathlib import Path, PurePosixPath
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 
@@ -41,9 +41,6 @@ class FrameFileNames:
 
     Attributes
     ----------
-    key : str
-    label : str
-    image : str or None
     map, part : str or None
         The town, and the part of the split, where a list of the frames' keys says so.
     files : mapping of str to Path
@@ -92,12 +89,8 @@ class FrameNames:
 class PlacesByKey:
     """Places in a sequence by keys that are not kept: 12 bytes for each.
 
-    Different keys of one hash are not told apart: who asks compares the keys.
-
-    Attributes
-    ----------
-    later : list of int
-        The places of keys that are at an earlier place, too.
+    Different keys of one hash are not told apart: who asks compares the keys. `later`
+    are the places of keys that are at an earlier place, too.
     """
 
     def __init__(self, keys: Iterable[str]) -> None:
@@ -218,14 +211,12 @@ class FileIndex:
             places = alike or places
         return self._use(places[0]) if places else None
 
-    def take_named(
-        self, name: str, *, least: int = 1, same_suffix: bool = False
-    ) -> str | None:
+    def take_named(self, name: str, *, least: int = 1) -> str | None:
         """The file whose path has the longest end in common with `name`.
 
         None if several have, or none has at least its `least` last parts. Of files that
         differ in nothing but the suffix it is the one with that of `name`, or the first
-        if none has it; with `same_suffix` only the former.
+        if none has it.
         """
         key = frame_key(name)
         places = self._places(key)
@@ -240,8 +231,6 @@ class FileIndex:
             places = self._places(keys[0])
         suffix = PurePosixPath(name).suffix.lower()
         alike = [one for one in places if self._files[one].lower().endswith(suffix)]
-        if not alike and same_suffix:
-            return None
         return self._use((alike or places)[0])
 
     def _keys_of_base(self, base: str) -> list[str]:
@@ -270,17 +259,8 @@ def named_images(
 ) -> FrameNames:
     """Frames of a file that lists many, with the images whose paths end most alike.
 
-    Parameters
-    ----------
-    names : sequence of (str or None, str)
-        The key of each frame, if the file says it, and its image as `relative_path`
-        gives it.
-    images : FileIndex
-
-    Returns
-    -------
-    FrameNames
-        In the same order. Without a key of its own a frame is called by its image.
+    `names` has the key of each frame, if the file says it, and its image as
+    `relative_path` gives it. Without a key of its own a frame is called by its image.
     """
     bases = Counter(last_name(path) for _, path in names)
 
@@ -294,28 +274,20 @@ def named_images(
 
 
 def with_keys(
-    root: Path,
-    frames: FrameNames,
-    images: str = "",
-    *,
-    ordered: bool = True,
+    root: Path, frames: FrameNames, images: str = "", *, ordered: bool = True
 ) -> FrameNames:
     """Frames under the keys that ``frames.jsonl`` gives them, with their maps.
+
+    As they were if `root` has no such list.
 
     Parameters
     ----------
     root : Path
         The folder that may have the list.
-    frames : FrameNames
     images : str
         The folder of the images, where the keys of `frames` are relative to it.
     ordered : bool
         Whether the frames are put into the order of their keys.
-
-    Returns
-    -------
-    FrameNames
-        As they were if there is no list.
 
     Raises
     ------
@@ -325,29 +297,29 @@ def with_keys(
     path = root / KEYS_NAME
     if not path.is_file():
         return frames
-    named: dict[str, _Named] = {}
+    named: dict[str, tuple[str, str | None, str | None]] = {}
     keys: set[str] = set()
     for at, line in _lines(path):
         file, key, town = line.get("file"), line.get("key"), line.get("map")
+        found, part = str(line)[:60], line.get("part")
         if not isinstance(file, str) or not isinstance(key, str):
-            raise LayoutError(f"{at}: expected file and key, found {str(line)[:60]}")
-        part = line.get("part")
-        is_known = isinstance(part, (str, type(None))) and 0 < len(key) <= MAX_KEY
-        if not is_known or not isinstance(town, (str, type(None))):
-            raise LayoutError(f"{at}: expected a key and a map, found {str(line)[:60]}")
+            raise LayoutError(f"{at}: expected file and key, found {found}")
+        is_known = isinstance(part, str | None) and 0 < len(key) <= MAX_KEY
+        if not is_known or not isinstance(town, str | None):
+            raise LayoutError(f"{at}: expected a key and a map, found {found}")
         name = frame_key(file)
         if name in named or key in keys:
             raise LayoutError(
-                f"{at}: expected each file and key once, found {str(line)[:60]} again"
+                f"{at}: expected each file and key once, found {found} again"
             )
         keys.add(key)
-        named[name] = _Named(key, town, part if isinstance(part, str) else None)
+        named[name] = key, town, part if isinstance(part, str) else None
     renamed = (
-        replace(one, key=found.key, map=found.map or one.map, part=found.part)
-        if found
-        else one
+        replace(one, key=key, map=town or one.map, part=part)
         for one in frames
-        for found in [named.get(f"{images}{one.key}")]
+        for key, town, part in [
+            named.get(f"{images}{one.key}", (one.key, one.map, one.part))
+        ]
     )
     return FrameNames(sorted(renamed, key=lambda one: one.key) if ordered else renamed)
 
@@ -371,14 +343,6 @@ def frame_of(
         label=files.label,
         origin=BoxOrigin(labels / files.label) if labels else None,
     )
-
-
-class _Named(NamedTuple):
-    """What the list of keys says about one file."""
-
-    key: str
-    map: str | None
-    part: str | None
 
 
 def _lines(path: Path) -> Iterator[tuple[str, dict[str, object]]]:

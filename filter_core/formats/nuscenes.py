@@ -24,11 +24,7 @@ import numpy as np
 from filter_core.arrays import FloatArray
 from filter_core.errors import LayoutError
 from filter_core.formats.format import Format, Recognition, Source
-from filter_core.formats.matching import (
-    FileIndex,
-    FrameFileNames,
-    frame_of,
-)
+from filter_core.formats.matching import FileIndex, FrameFileNames, frame_of
 from filter_core.formats.reading import (
     IMAGE_SUFFIXES,
     FrameSet,
@@ -90,10 +86,8 @@ def _folders_of_tables(root: Path) -> list[Path]:
 def read_nuscenes(root: Path, options: RecordingDescription) -> FrameSet:
     """A frame for each key frame of a camera, with the boxes of its moment.
 
-    Raises
-    ------
-    LayoutError
-        There are no tables, or several versions of them; or one cannot be read.
+    Raises `LayoutError`: there are no tables, or several versions of them; or one
+    cannot be read.
     """
     folders = _folders_of_tables(root)
     if len(folders) != 1:

@@ -14,13 +14,8 @@ from functools import partial
 from pathlib import Path
 from typing import BinaryIO, Final
 
-from filter_core.errors import JsonError, LayoutError
 from filter_core.formats.format import FOLDER_OPTIONS, Format, Recognition, Source
-from filter_core.formats.matching import (
-    FileIndex,
-    FrameFileNames,
-    frame_of,
-)
+from filter_core.formats.matching import FileIndex, FrameFileNames, frame_of
 from filter_core.formats.reading import (
     IMAGE_SUFFIXES,
     BoxOrigin,
@@ -30,6 +25,7 @@ from filter_core.formats.reading import (
     annotated,
     frame_key,
     is_label,
+    json_object,
     manifests_below,
     read_label_bytes,
 )
@@ -37,8 +33,6 @@ from filter_core.formats.recording import RecordingDescription
 from filter_core.formats.same import BoxSpan, spans_of_items
 from filter_core.formats.streams import Streams
 from filter_core.formats.tables.patterns import LABELS, described_frames
-from filter_core.json_text import read_json
-from filter_core.values import shown
 
 PAIRS: Final = Format(
     name="pairs",
@@ -147,17 +141,11 @@ def _read_frames(
             yield annotated(frame, partial(_annotation, labels / name, name))
 
 
+def _annotation(path: Path, name: str) -> dict[str, object]:
+    return json_object(read_label_bytes(path, name), name, halves=True)
+
+
 @PAIRS.spans
 def _spans(file: BinaryIO) -> Iterator[BoxSpan]:
     """The boxes of an annotation."""
     return spans_of_items(file, "boxes")
-
-
-def _annotation(path: Path, name: str) -> dict[str, object]:
-    try:
-        value = read_json(read_label_bytes(path, name), halves=True)
-    except JsonError as exc:
-        raise LayoutError(f"{name}: {exc.detail}") from exc
-    if not isinstance(value, dict):
-        raise LayoutError(f"{name}: expected one JSON object, found {shown(value)}")
-    return value

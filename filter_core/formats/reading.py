@@ -22,9 +22,11 @@ from pathlib import Path, PurePosixPath
 from typing import BinaryIO, Final, NamedTuple, TypeAlias
 from urllib.parse import unquote
 
-from filter_core.errors import FilterError, LayoutError
+from filter_core.errors import FilterError, JsonError, LayoutError
 from filter_core.formats.words import FOLDER_WORDS, holds_boxes, is_band
 from filter_core.images.header import read_image_size
+from filter_core.json_text import read_json
+from filter_core.values import shown
 
 MAX_LABEL_BYTES: Final = 16 * 1024 * 1024
 """Larger files are refused: ten thousand boxes take under a megabyte."""
@@ -66,8 +68,6 @@ class GivenAnswer(NamedTuple):
     box : str
         The id of the box in its frame.
     verdict : ``keep``, ``reject`` or ``unsure``
-    reviewer : str
-    comment : str
     created_at : str
         When it was given (RFC 3339).
     """
@@ -80,13 +80,7 @@ class GivenAnswer(NamedTuple):
 
 
 class Labelled(NamedTuple):
-    """Who labelled a frame in another program, and when, as far as its file says.
-
-    Attributes
-    ----------
-    by : str or None
-    at : datetime or None
-    """
+    """Who labelled a frame in another program, and when, as far as its file says."""
 
     by: str | None = None
     at: datetime | None = None
@@ -149,7 +143,6 @@ class FrameSource:
         Names the frame; may contain ``/``.
     annotation : mapping or None
         As `parse_annotation` takes it; None if there is a `problem`.
-    image, segmentation : Path or None
     others : mapping of str to Path
         ``depth``, ``instances``, ``lidar``, ``radar``, ``ignore_mask`` where given.
     problem : FilterError or None
@@ -221,14 +214,7 @@ def frame_size(frame: FrameSource) -> tuple[int, int] | None:
 
 @dataclass(frozen=True)
 class Unmatched:
-    """A file that belongs to no frame.
-
-    Attributes
-    ----------
-    path : str
-        Relative to the folder.
-    why : str
-    """
+    """A file that belongs to no frame, by its path relative to the folder, and why."""
 
     path: str
     why: str
@@ -288,14 +274,12 @@ class FrameSet:
 
     Attributes
     ----------
-    layout : str
     frames : callable
         Begins to read, and gives each frame once.
     classes : tuple of str or None
         The layout's own list of classes, in its order.
     count : int or None
         Number of frames, None where only reading tells.
-    unmatched : tuple of Unmatched
     notes : callable
         Gives sentences for people: what was recognised, and what was read as something
         else. Complete when all frames have been read.
@@ -413,12 +397,8 @@ def frame_key(name: str) -> str:
 
     The suffix goes (only the last: ``a.b.png`` is ``a.b``), and so do folders that say
     what kind of files they hold: ``train/images/7.png`` and ``train/labels/7.txt`` are
-    both ``train/7``. Accents are composed, since some systems store them apart.
-
-    Raises
-    ------
-    LayoutError
-        It is the path of a folder, such as ``/``.
+    both ``train/7``. Accents are composed, since some systems store them apart. Raises
+    `LayoutError`: it is the path of a folder, such as ``/``.
     """
     folders, _, last = unicodedata.normalize("NFC", name).rpartition("/")
     if last in ("", "."):
@@ -506,10 +486,6 @@ def annotated(
     read : callable
         Reads the frame's label file. A `FilterError` becomes the frame's problem, so
         that other frames are still read.
-
-    Returns
-    -------
-    FrameSource
     """
     try:
         annotation = {**(frame.annotation or {}), **read()}
@@ -522,12 +498,8 @@ def open_regular(path: Path) -> BinaryIO:
     """Open a file of a folder to read it.
 
     A folder from somebody else may have a pipe in place of a file, for which reading
-    would wait without end, or a link to a device that never ends.
-
-    Raises
-    ------
-    OSError
-        It cannot be opened, or is not a regular file.
+    would wait without end, or a link to a device that never ends. Raises `OSError`: it
+    cannot be opened, or is not a regular file.
     """
     return os.fdopen(_descriptor(path)[0], "rb")
 
@@ -560,10 +532,7 @@ def opening_file(path: Path, what: str) -> Iterator[None]:
 def read_file(path: Path, what: str) -> bytes:
     """The content of a file of a frame; `what` is its role, for errors.
 
-    Raises
-    ------
-    LayoutError
-        It cannot be read; names the file, never its folder.
+    Raises `LayoutError`: it cannot be read; names the file, never its folder.
     """
     with opening_file(path, what), open_regular(path) as file:
         return file.read()
@@ -572,10 +541,8 @@ def read_file(path: Path, what: str) -> bytes:
 def read_label_text(path: Path, name: str) -> str:
     """A label file's text.
 
-    Raises
-    ------
-    LayoutError
-        Not there, too large, or not UTF-8; names the file, never its folder.
+    Raises `LayoutError`: not there, too large, or not UTF-8; names the file, never its
+    folder.
     """
     try:
         content = read_label_bytes(path, name)
@@ -590,10 +557,7 @@ def read_label_text(path: Path, name: str) -> str:
 def read_label_bytes(path: Path, name: str, limit: int = MAX_LABEL_BYTES) -> bytes:
     """A label file's bytes; `name` is its name in errors.
 
-    Raises
-    ------
-    LayoutError
-        It cannot be read, or is longer than `limit`.
+    Raises `LayoutError`: it cannot be read, or is longer than `limit`.
     """
     content = b""
     try:
@@ -617,10 +581,7 @@ def read_label_bytes(path: Path, name: str, limit: int = MAX_LABEL_BYTES) -> byt
 def read_columns(words: Sequence[str], at: str) -> list[float]:
     """The numbers in `words`; `at` is their place, for errors.
 
-    Raises
-    ------
-    LayoutError
-        A word is no finite number.
+    Raises `LayoutError`: a word is no finite number.
     """
     numbers = []
     for word in words:
@@ -632,6 +593,21 @@ def read_columns(words: Sequence[str], at: str) -> list[float]:
             raise LayoutError(f"{at}: expected a finite number, found {word[:40]!r}")
         numbers.append(number)
     return numbers
+
+
+def json_object(content: bytes, at: str, *, halves: bool = False) -> dict[str, object]:
+    """The JSON object that these bytes are; `at` is their place, for errors.
+
+    With `halves`, those of surrogate pairs pass (`read_json`). Raises `LayoutError`:
+    they are no JSON, or something else than an object.
+    """
+    try:
+        value = read_json(content, halves=halves)
+    except JsonError as exc:
+        raise LayoutError(f"{at}: {exc.detail}") from exc
+    if not isinstance(value, dict):
+        raise LayoutError(f"{at}: expected one JSON object, found {shown(value)}")
+    return value
 
 
 def is_hidden(name: str) -> bool:

@@ -21,9 +21,9 @@ import yaml
 from filter_core.config.declaration import (
     INHERIT,
     AllowedWords,
-    Key,
     declared_keys,
     key,
+    moved,
     placed,
     refuse_unknown_keys,
     wrong_value,
@@ -50,12 +50,7 @@ from filter_core.formats.tables.patterns import (
     FilePattern,
     FilePatterns,
 )
-from filter_core.segmentation.reading import (
-    Encoding,
-    Lossy,
-    OrderOfChannels,
-    TagScale,
-)
+from filter_core.segmentation.reading import Encoding, Lossy, OrderOfChannels, TagScale
 from filter_core.values import place_of, pointer_token, shown
 
 LAYOUTS: Final = (
@@ -90,13 +85,7 @@ _MAX_NAME: Final = 1000
 
 
 class AllowedName(NamedTuple):
-    """A text that is not empty.
-
-    Attributes
-    ----------
-    what : str
-        What it names, for people.
-    """
+    """A text that is not empty, such as ``a class name``."""
 
     what: str
 
@@ -104,13 +93,11 @@ class AllowedName(NamedTuple):
         return self.what
 
     def checked(self, name: str, value: object, at: str = "") -> str:
-        """See `Allowed.checked`."""
         if not isinstance(value, str) or not 0 < len(value) <= _MAX_NAME:
             raise wrong_value(name, value, self, at)
         return value
 
     def schema(self) -> dict[str, object]:
-        """See `Allowed.schema`."""
         return {"type": "string", "minLength": 1, "maxLength": _MAX_NAME}
 
 
@@ -139,7 +126,6 @@ class ClassNames:
         )
 
     def schema(self) -> dict[str, object]:
-        """See `Allowed.schema`."""
         text = {"type": "string"}
         named = {"type": "object", "additionalProperties": text, "minProperties": 1}
         return {"anyOf": [{"type": "array", "items": text, "minItems": 1}, named]}
@@ -170,7 +156,6 @@ class ClassMap:
         return "a mapping of class names, as a configuration has it"
 
     def checked(self, name: str, value: object, at: str = "") -> dict[str, object]:
-        """See `Allowed.checked`."""
         if not isinstance(value, Mapping):
             raise wrong_value(name, value, self, at)
         name_of_class = AllowedName("a class name")
@@ -184,7 +169,6 @@ class ClassMap:
         return dict(value)
 
     def schema(self) -> dict[str, object]:
-        """See `Allowed.schema`."""
         return {"type": "object"}
 
 
@@ -195,7 +179,6 @@ class AllowedCounts:
         return "numbers of files by the path of their folder"
 
     def checked(self, name: str, value: object, at: str = "") -> dict[str, int]:
-        """See `Allowed.checked`."""
         given = value.items() if isinstance(value, Mapping) else [("", value)]
         counts = {
             str(folder): count
@@ -209,7 +192,6 @@ class AllowedCounts:
         return counts
 
     def schema(self) -> dict[str, object]:
-        """See `Allowed.schema`."""
         number = {"type": "integer", "minimum": 1}
         return {"type": "object", "additionalProperties": number}
 
@@ -221,13 +203,11 @@ class AllowedOrigin:
         return "auto, 0 or 1"
 
     def checked(self, name: str, value: object, at: str = "") -> str:
-        """See `Allowed.checked`."""
         is_number = isinstance(value, int) and not isinstance(value, bool)
         word = str(value) if is_number else value
         return AllowedWords(get_args(Origin)).checked(name, word, at)
 
     def schema(self) -> dict[str, object]:
-        """See `Allowed.schema`."""
         # Not one `enum`: some generators of clients take only values of one type.
         return {"anyOf": [{"const": "auto"}, {"enum": [0, 1]}]}
 
@@ -244,11 +224,9 @@ class AllowedLayout:
         return str(AllowedWords((*LAYOUTS, *plugin_names())))
 
     def checked(self, name: str, value: object, at: str = "") -> str:
-        """See `Allowed.checked`."""
         return AllowedWords(known_layouts(value)).checked(name, value, at)
 
     def schema(self) -> dict[str, object]:
-        """See `Allowed.schema`."""
         return {"anyOf": [AllowedWords(LAYOUTS).schema(), {"type": "string"}]}
 
 
@@ -282,76 +260,61 @@ class RecordingDescription:
     )
     segmentation: Path | None = placed(
         "segmentation.folder",
-        Key(
-            AllowedName("the path of a folder"),
-            None,
-            "The folder of the segmentations, if it is not one of the usual ones.",
-        ),
+        AllowedName("the path of a folder"),
+        None,
+        "The folder of the segmentations, if it is not one of the usual ones.",
     )
-    palette: str = placed("segmentation.palette", _OF_READING["palette"])
-    encoding: Encoding = placed("segmentation.encoding", _OF_READING["encoding"])
-    channel_order: OrderOfChannels = placed(
+    palette: str = moved("segmentation.palette", _OF_READING["palette"])
+    encoding: Encoding = moved("segmentation.encoding", _OF_READING["encoding"])
+    channel_order: OrderOfChannels = moved(
         "segmentation.channel_order", _OF_READING["channel_order"]
     )
-    lossy_segmentation: Lossy = placed(
+    lossy_segmentation: Lossy = moved(
         "segmentation.lossy", _OF_READING["lossy_segmentation"]
     )
-    tags: Mapping[str, str] = placed("segmentation.tags", _OF_READING["tags"])
-    tag_scale: TagScale = placed("segmentation.scale", _OF_READING["tag_scale"])
-    depth_encoding: DepthEncoding = placed(
+    tags: Mapping[str, str] = moved("segmentation.tags", _OF_READING["tags"])
+    tag_scale: TagScale = moved("segmentation.scale", _OF_READING["tag_scale"])
+    depth_encoding: DepthEncoding = moved(
         "depth.encoding", _OF_READING["depth_encoding"]
     )
     labels: Path | None = placed(
         "boxes.labels",
-        Key(
-            AllowedName("the path of a folder"),
-            None,
-            "The folder of the labels (for COCO the file), if it is not the layout's "
-            "own.",
-        ),
+        AllowedName("the path of a folder"),
+        None,
+        "The folder of the labels (for COCO the file), if it is not the layout's own.",
     )
     classes: tuple[str, ...] | None = placed(
         "boxes.classes",
-        Key(
-            ClassNames(),
-            None,
-            "The names of the classes in the order of their numbers.",
-        ),
+        ClassNames(),
+        None,
+        "The names of the classes in the order of their numbers.",
     )
     default_class: str = placed(
         "boxes.default_class",
-        Key(
-            AllowedName("a class name"),
-            "unknown",
-            "The class of labels that carry none.",
-        ),
+        AllowedName("a class name"),
+        "unknown",
+        "The class of labels that carry none.",
     )
     origin: Origin = placed(
         "boxes.origin",
-        Key(
-            AllowedOrigin(),
-            "auto",
-            "Whether rectangles in whole pixels are counted from 0 or from 1.",
-        ),
+        AllowedOrigin(),
+        "auto",
+        "Whether rectangles in whole pixels are counted from 0 or from 1.",
     )
     unit: Unit = placed(
         "boxes.unit",
-        Key(
-            AllowedWords(get_args(Unit)),
-            "auto",
-            "The unit of rectangles, if it is not the format's own; shares and percent "
-            "are those of the image's width and height.",
-        ),
+        AllowedWords(get_args(Unit)),
+        "auto",
+        "The unit of rectangles, if it is not the format's own; shares and percent "
+        "are those of the image's width and height.",
     )
     corners: Corners = placed(
         "boxes.corners",
-        Key(
-            AllowedWords(get_args(Corners)),
-            "auto",
-            "What the four numbers of a rectangle are, if not what the format says: "
-            "two corners, two corners of which the last is a pixel of the box, a "
-            "corner and the size, or the centre and the size.",
-        ),
+        AllowedWords(get_args(Corners)),
+        "auto",
+        "What the four numbers of a rectangle are, if not what the format says: "
+        "two corners, two corners of which the last is a pixel of the box, a "
+        "corner and the size, or the centre and the size.",
     )
     files: FilePatterns = key(
         AllowedFiles(),
@@ -360,60 +323,50 @@ class RecordingDescription:
     )
     key: FilePattern | None = placed(
         "key",
-        Key(AllowedKeyPattern(), None, "How frames are called, if `files` says where."),
+        AllowedKeyPattern(),
+        None,
+        "How frames are called, if `files` says where.",
     )
     fields: BoxFields = placed(
         "boxes.fields",
-        Key(
-            AllowedFields(),
-            BoxFields(),
-            "Which column or which path (JMESPath) of a table is what of a box.",
-        ),
+        AllowedFields(),
+        BoxFields(),
+        "Which column or which path (JMESPath) of a table is what of a box.",
     )
     cameras: CameraPlaces = placed(
         "cameras",
-        Key(
-            AllowedCameras(),
-            CameraPlaces(),
-            "Where the cameras of 3D boxes stand, and how they see.",
-        ),
+        AllowedCameras(),
+        CameraPlaces(),
+        "Where the cameras of 3D boxes stand, and how they see.",
     )
     class_map: Mapping[str, object] = placed(
         "classes",
-        Key(
-            ClassMap(),
-            MappingProxyType({}),
-            "What the filter measures a class as: the name of another class, `pass` "
-            "for boxes that are passed on unmeasured, or options as in `classes` of a "
-            "configuration; `name` among them joins it to a class of that name.",
-        ),
+        ClassMap(),
+        MappingProxyType({}),
+        "What the filter measures a class as: the name of another class, `pass` "
+        "for boxes that are passed on unmeasured, or options as in `classes` of a "
+        "configuration; `name` among them joins it to a class of that name.",
     )
     map: str = placed(
         "map",
-        Key(
-            AllowedName("the name of a map, auto or none"),
-            "auto",
-            "The map of CARLA that frames were recorded in; by default what labels, or "
-            "names of folders and files, say.",
-        ),
+        AllowedName("the name of a map, auto or none"),
+        "auto",
+        "The map of CARLA that frames were recorded in; by default what labels, or "
+        "names of folders and files, say.",
     )
     split: SplitSource = placed(
         "split",
-        Key(
-            AllowedWords(get_args(SplitSource)),
-            "auto",
-            "What tells the parts of the recording, such as train and val: lists of "
-            "names, the names of COCO's files, names of folders; `none`: nothing.",
-        ),
+        AllowedWords(get_args(SplitSource)),
+        "auto",
+        "What tells the parts of the recording, such as train and val: lists of "
+        "names, the names of COCO's files, names of folders; `none`: nothing.",
     )
     companions: Mapping[str, int] = placed(
         COMPANIONS,
-        Key(
-            AllowedCounts(),
-            MappingProxyType({}),
-            "How many files of no frame each folder has, which a server does not get; "
-            "counted by an upload.",
-        ),
+        AllowedCounts(),
+        MappingProxyType({}),
+        "How many files of no frame each folder has, which a server does not get; "
+        "counted by an upload.",
     )
     outside_files: bool | None = False
     roots: tuple[Path, ...] = ()
@@ -494,9 +447,7 @@ def place_in_file(name: str) -> str:
 
 
 def describe(
-    source: Path,
-    file: Path | None = None,
-    options: Mapping[str, object] | None = None,
+    source: Path, file: Path | None = None, options: Mapping[str, object] | None = None
 ) -> RecordingDescription:
     """The description of a recording, from a file and from options.
 
@@ -533,10 +484,8 @@ def describe(
 def values_of(document: object) -> dict[str, object]:
     """The values of a description by attribute, from what its YAML holds.
 
-    Raises
-    ------
-    ConfigError
-        An unknown key, one that is not supported yet, or a wrong value.
+    Raises `ConfigError`: an unknown key, one that is not supported yet, or a wrong
+    value.
     """
     declared = declared_keys(RecordingDescription)
     by_place = {one.place or name: name for name, one in declared.items()}

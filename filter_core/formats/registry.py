@@ -164,10 +164,7 @@ def plugins() -> Plugins:
 def declared_format(declared: object) -> Format:
     """The format that an entry point names: a `Format`, or the only one of a module.
 
-    Raises
-    ------
-    LayoutError
-        There is none, or several.
+    Raises `LayoutError`: there is none, or several.
     """
     if isinstance(declared, ModuleType):
         named = vars(declared).values()
@@ -186,10 +183,7 @@ def declared_format(declared: object) -> Format:
 def layout_format(name: str) -> Format:
     """The format of this name that a folder can be read in, also that of a plug-in.
 
-    Raises
-    ------
-    LayoutError
-        There is none, or its plug-in cannot be used.
+    Raises `LayoutError`: there is none, or its plug-in cannot be used.
     """
     layout = FORMATS.get(name) or plugins().formats.get(name)
     if layout is not None and layout.read is not None:
@@ -247,10 +241,6 @@ def read_source(
         (`describe_source`).
     recognise : bool
         Whether boxes in another unit or notation than the layout's are refused.
-
-    Returns
-    -------
-    FrameSet
 
     Raises
     ------
@@ -315,19 +305,13 @@ def _with_note(frames: FrameSet, note: str) -> FrameSet:
 
 
 def describe_source(
-    source: Path,
-    file: Path | None = None,
-    options: Mapping[str, object] | None = None,
+    source: Path, file: Path | None = None, options: Mapping[str, object] | None = None
 ) -> RecordingDescription:
     """The description of a recording, as `describe` makes it, or that of its recorder.
 
     A folder without a description, whose layout is neither named nor recognised, may be
-    a recording of a public recorder, whose description came with the product.
-
-    Raises
-    ------
-    LayoutError, ConfigError
-        As `describe`.
+    a recording of a public recorder, whose description came with the product. Raises
+    `LayoutError` or `ConfigError`: as `describe`.
     """
     description = describe(source, file, options)
     is_described = file or (source / RECORDING_NAME).is_file()
@@ -344,23 +328,10 @@ def describe_source(
 
 
 def detect_layout(source: Path, description: RecordingDescription | None = None) -> str:
-    """The name of the one layout that a folder or a file has.
+    """The name of the one layout that a folder or a file has, also that of a plug-in.
 
-    Parameters
-    ----------
-    source : Path
-    description : RecordingDescription, optional
-        Files that it ignores are not looked at.
-
-    Returns
-    -------
-    str
-        One of `LAYOUTS`, or the name of a plug-in.
-
-    Raises
-    ------
-    LayoutError
-        None or several; names what was looked for or found.
+    Files that the description ignores are not looked at. Raises `LayoutError`: none or
+    several; names what was looked for or found.
     """
     candidates = possible_layouts(source, description)
     if len(candidates) == 1:
@@ -432,22 +403,10 @@ def write_export(
     head: ExportHead,
     options: ExportOptions,
 ) -> Counts:
-    """Write frames in one of `EXPORT_FORMATS`.
+    """Write frames in one of `EXPORT_FORMATS`; returns the counts of ``manifest.json``.
 
-    Parameters
-    ----------
-    name : str
-    frames : iterable of ExportFrame
-        Read once, one at a time.
-    sink : callable
-        Gets each file whole before the next begins; ``manifest.json`` last.
-    head : ExportHead
-    options : ExportOptions
-
-    Returns
-    -------
-    dict
-        The counts, as ``manifest.json`` has them.
+    `frames` are read once, one at a time. `sink` gets each file whole before the next
+    begins; ``manifest.json`` last.
 
     Raises
     ------

@@ -11,14 +11,7 @@ from __future__ import annotations
 import os
 import shutil
 from collections import Counter
-from collections.abc import (
-    Callable,
-    Collection,
-    Iterable,
-    Iterator,
-    Mapping,
-    Sequence,
-)
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from io import BytesIO
@@ -30,7 +23,6 @@ from filter_core.formats.export import GivenAnnotation
 from filter_core.formats.reading import (
     RECORDING_NAME,
     TEXT_SUFFIXES,
-    BoxOrigin,
     FrameSet,
     FrameSource,
     Place,
@@ -70,12 +62,8 @@ def spans_of_lines(
 ) -> Iterator[BoxSpan]:
     """The lines of a text file that are boxes, by their columns.
 
-    Lines end as `str.splitlines` ends them, since readers use it.
-
-    Raises
-    ------
-    LayoutError
-        It is not UTF-8.
+    Lines end as `str.splitlines` ends them, since readers use it. Raises `LayoutError`:
+    it is not UTF-8.
     """
     try:
         text = file.read().decode("utf-8")
@@ -131,7 +119,11 @@ def with_labels(frame: FrameSource, layout: str) -> dict[str, object]:
     stored: dict[str, object] = {"format": layout, "file": origin.file.name, **beside}
     if origin.image_id is not None:
         stored["image_id"] = origin.image_id
-        stored["categories"] = _categories(origin, annotation)
+        # Those of the frame's boxes; with what is beside, all of the file
+        boxes, every = annotation.get("boxes"), origin.categories or {}
+        own = {one.get("class") for one in boxes} if isinstance(boxes, list) else set()
+        names = every.keys() & (own if origin.beside is None else every.keys())
+        stored["categories"] = {name: every[name] for name in sorted(names)}
         return {**annotation, SOURCE_LABELS: stored}
     if origin.places is not None:
         return annotation
@@ -146,16 +138,6 @@ def with_labels(frame: FrameSource, layout: str) -> dict[str, object]:
     except (LayoutError, UnicodeDecodeError):
         return annotation
     return {**annotation, SOURCE_LABELS: stored}
-
-
-def _categories(
-    origin: BoxOrigin, annotation: Mapping[str, object]
-) -> dict[str, Mapping[str, object]]:
-    """The categories of a frame's boxes; with what is beside, all of the file."""
-    boxes, every = annotation.get("boxes"), origin.categories or {}
-    names = {one.get("class") for one in boxes} if isinstance(boxes, list) else set()
-    chosen = every.keys() if origin.beside is not None else every.keys() & names
-    return {name: every[name] for name in sorted(chosen)}
 
 
 def stored_labels(given: GivenAnnotation, name: str) -> Mapping[str, object]:
@@ -186,6 +168,8 @@ _MOST_FOLDERS: Final = 100
 def companions(source: Path, found: FrameSet, used: Counter[str]) -> dict[str, int]:
     """How many files of each folder of a recording are of no frame.
 
+    By path relative to `source`, sorted; of many folders, those above them.
+
     Parameters
     ----------
     source : Path
@@ -195,11 +179,6 @@ def companions(source: Path, found: FrameSet, used: Counter[str]) -> dict[str, i
     used : counter
         The number of files of frames, but for those of labels, by the paths of their
         folders (`folder_of`).
-
-    Returns
-    -------
-    dict
-        By path relative to `source`, sorted; of many folders, those above them.
     """
     if found.texts is None:
         return {}
@@ -230,11 +209,8 @@ Rectangles: TypeAlias = Mapping[str, Sequence[Sequence[float]]]
 class OwnReading(NamedTuple):
     """How label files of a format are compared with annotations, and cut.
 
-    Attributes
-    ----------
-    box_spans : callable
-    rectangles : callable
-        Gives those of each box; raises `LayoutError` if the file cannot be read.
+    `rectangles` gives those of each box; raises `LayoutError` if the file cannot be
+    read.
     """
 
     box_spans: BoxSpans
@@ -245,13 +221,8 @@ class OwnReading(NamedTuple):
 class OwnLabels:
     """The label file of a frame that came in the format in which it is written.
 
-    Attributes
-    ----------
-    content : bytes
-    file : str
-        Its name, without folders.
-    spans : tuple of BoxSpan
-        The bytes of the annotation's boxes, in their order.
+    Its name is without folders; `spans` are the bytes of the annotation's boxes, in
+    their order.
     """
 
     content: bytes
@@ -319,12 +290,8 @@ def own_labels(
 class LeftBehind:
     """What of a recording is not in its copy.
 
-    Attributes
-    ----------
-    outside : tuple of Path
-        Files of frames that lie outside the folder; labels name them as before.
-    special : tuple of str
-        Pipes, sockets and devices in the folder, relative to it.
+    Files of frames that lie `outside` the folder, which labels name as before; and
+    `special` ones: pipes, sockets and devices in the folder, relative to it.
     """
 
     outside: tuple[Path, ...] = ()
@@ -333,14 +300,9 @@ class LeftBehind:
 
 @dataclass
 class RecordingCopy:
-    """Writes a recording again, without some of its boxes.
+    """Writes the folder or the file that was read again, without some of its boxes.
 
-    Attributes
-    ----------
-    source : Path
-        The folder, or the file, that was read.
-    box_spans : callable
-        That of its format.
+    `box_spans` is that of its format.
     """
 
     source: Path
@@ -358,10 +320,8 @@ class RecordingCopy:
     def add(self, frame: FrameSource, rejected: Iterable[int] = ()) -> None:
         """Note a frame, and the rows of its boxes that are to be removed.
 
-        Raises
-        ------
-        LayoutError
-            It is not known where its boxes are, or their file is not in the folder.
+        Raises `LayoutError`: it is not known where its boxes are, or their file is not
+        in the folder.
         """
         own = frame.origin.file if frame.origin else None
         files = (own, frame.image, frame.segmentation, *frame.others.values())

@@ -67,17 +67,10 @@ _FROM_YAML: Final = ("train", "val", "valid", "validation", "test")
 
 
 class Split(NamedTuple):
-    """A part of a recording.
+    """A part of a recording: its folder, or the file that lists it.
 
-    Attributes
-    ----------
-    name : str
-        Its folder, or the file that lists it.
-    told_by : ``folder``, ``list`` or ``labels``
-        Whether the name is that of a folder, of a list of names, or of a file of
-        labels such as COCO's.
-    frames : int
-        Of a list: its lines.
+    Its name is that of a ``folder``, of a ``list`` of names, whose lines are counted,
+    or of a file of ``labels`` such as COCO's.
     """
 
     name: str
@@ -157,10 +150,7 @@ def folders_of_parts(names: Iterable[str]) -> frozenset[str]:
 class RecordedSplits:
     """What a recording says about the parts of its frames.
 
-    Attributes
-    ----------
-    counts : Counter of str
-        Frames by part, of those that were read last; ``None`` for those without one.
+    `counts` are those that were read last by part; ``None`` for those without one.
     """
 
     def __init__(self, root: Path, frames: FrameSet, told_by: SplitSource) -> None:
@@ -393,21 +383,13 @@ def lists_below(root: Path) -> Iterator[str]:
 def with_splits(frames: FrameSet, source: Path, told_by: SplitSource) -> FrameSet:
     """Frames with the parts of the recording as ``split`` of their annotations.
 
-    Parameters
-    ----------
-    frames : FrameSet
-        What a frame says itself stays.
-    source : Path
-        The folder, or the file that was read.
-    told_by : SplitSource
+    What a frame says itself stays. `source` is the folder, or the file that was read.
     """
     root = source if source.is_dir() else source.parent
     splits = RecordedSplits(root, frames, told_by)
     notes = frames.notes
     return replace(
-        frames,
-        frames=lambda: iter(splits),
-        notes=lambda: (*notes(), *splits.notes()),
+        frames, frames=lambda: iter(splits), notes=lambda: (*notes(), *splits.notes())
     )
 
 
@@ -490,8 +472,6 @@ def part_by_shares(
 
     Parameters
     ----------
-    key : str
-    map_name : str or None
     sequence : str or None
         Of the annotation; see `sequence_of`. All frames of one sequence get one part.
         Where no sequence is known, each frame is one, with those of other cameras at

@@ -13,16 +13,12 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import compress, islice
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Final
 
 from filter_core.annotation.frame import FORMS_3D, GEOMETRIES
 from filter_core.errors import LayoutError
 from filter_core.formats.format import FOLDER_OPTIONS, Format, Recognition, Source
-from filter_core.formats.matching import (
-    FileIndex,
-    FrameFileNames,
-    frame_of,
-)
+from filter_core.formats.matching import FileIndex, FrameFileNames, frame_of
 from filter_core.formats.reading import (
     GZIP,
     IMAGE_SUFFIXES,
@@ -53,6 +49,7 @@ from filter_core.formats.tables.patterns import (
     LABELS,
     FilePatterns,
     PatternFiles,
+    PatternFrame,
     Values,
     plain,
 )
@@ -124,18 +121,12 @@ def _first_rows(document: object, reader: BoxReader) -> Iterator[object]:
 def read_table(source: Path, options: RecordingDescription) -> FrameSet:
     """A frame for each image, with the boxes of the rows that belong to it.
 
-    Raises
-    ------
-    LayoutError
-        A file with the labels of many frames cannot be read, or has no column with the
-        frame's name.
+    Raises `LayoutError`: a file with the labels of many frames cannot be read, or has
+    no column with the frame's name.
     """
     root = source if source.is_dir() else source.parent
     reader = BoxReader(
-        options.fields,
-        options.classes or (),
-        options.default_class,
-        options.corners,
+        options.fields, options.classes or (), options.default_class, options.corners
     )
     if options.key or LABELS in options.files.roles:
         found = _by_patterns(root, options)
@@ -164,49 +155,31 @@ def read_table(source: Path, options: RecordingDescription) -> FrameSet:
             own = replace(frame_of(frame.files, root), label=None)
             yield annotated(own, partial(read, own))
 
+    def left_out() -> str:
+        return (
+            f"{reader.left_out} rows have no rectangle, or that of a box behind the "
+            "camera; they are left out"
+        )
+
     return FrameSet(
         layout="table",
         frames=frames,
         count=len(found.frames),
         unmatched=unmatched,
-        notes=lambda: (*found.notes, *_left_out(reader)),
+        notes=lambda: (*found.notes, *([left_out()] if reader.left_out else [])),
         streams=found.streams,
     )
 
 
-def _left_out(reader: BoxReader) -> Iterator[str]:
-    if reader.left_out:
-        yield (
-            f"{reader.left_out} rows have no rectangle, or that of a box behind the "
-            "camera; they are left out"
-        )
-
-
-class _Frame(NamedTuple):
-    """The files of a frame, and what the names in their patterns stand for."""
-
-    files: FrameFileNames
-    values: Values
-
-
 @dataclass(frozen=True)
 class _Found:
-    """The frames of a folder, and its files of labels.
+    """The frames of a folder, and its files of labels, which may be in another folder.
 
-    Attributes
-    ----------
-    frames : list of _Frame
-    folder : Path
-        Where the labels are.
-    tables : mapping of str to mapping
-        The files with the labels of many frames, each with the values that all of its
-        frames share.
-    unmatched : tuple of Unmatched
-    notes : tuple of str
-    streams : tuple of StreamFacts
+    `tables` are files with the labels of many frames, each with the values that all of
+    its frames share.
     """
 
-    frames: list[_Frame]
+    frames: list[PatternFrame]
     folder: Path
     tables: Mapping[str, Values] = field(default_factory=dict)
     unmatched: tuple[Unmatched, ...] = ()
@@ -222,7 +195,7 @@ def _by_patterns(root: Path, options: RecordingDescription) -> _Found:
     files = FilePatterns(roles, (*ignored, *options.cameras.files))
     matched = PatternFiles(root, files)
     is_of_many = LABELS in roles and FRAME not in roles[LABELS].names
-    frames = [_Frame(*one) for one in matched.frames(options.key)]
+    frames = matched.frames(options.key)
     unmatched = [*matched.left_over(labels=not is_of_many)]
     tables = matched.labels if is_of_many else {}
     if LABELS in roles:
@@ -278,7 +251,9 @@ def _by_names(root: Path, source: Path, options: RecordingDescription) -> _Found
         )
     return _Found(
         [
-            _Frame(one, {FRAME: last_name(one.key), **streams.values_of(one.image)})
+            PatternFrame(
+                one, {FRAME: last_name(one.key), **streams.values_of(one.image)}
+            )
             for one in completed
         ],
         folder,
@@ -299,7 +274,7 @@ _NUMBER: Final = re.compile(r"[0-9]{1,18}")
 class _FrameNames:
     """Finds frames by what rows call them."""
 
-    def __init__(self, frames: Sequence[_Frame]) -> None:
+    def __init__(self, frames: Sequence[PatternFrame]) -> None:
         self._frames = frames
         self._exact: dict[str, list[int]] = {}
         self._plain: dict[str, list[int]] = {}
@@ -324,7 +299,8 @@ class _FrameNames:
         found = found or self._plain.get(plain(stem), [])
         if not found and _NUMBER.fullmatch(stem):
             found = self._numbers.get(int(stem), [])
-        same = [one for one in found if self._fits(one, values)]
+        frames = self._frames
+        same = [one for one in found if values.items() <= frames[one].values.items()]
         if len(same) > 1 and path != last:
             same = [one for one in same if self._ends_in(one, path)] or same
         return [one for one in same if self.is_of(one, camera)] if camera else same
@@ -332,10 +308,6 @@ class _FrameNames:
     def _ends_in(self, index: int, path: str) -> bool:
         files = self._frames[index].files
         return any(f"/{one}".endswith(f"/{path}") for one in (files.image, files.key))
-
-    def _fits(self, index: int, values: Values) -> bool:
-        own = self._frames[index].values
-        return all(own.get(name) == value for name, value in values.items())
 
     def is_of(self, index: int, camera: str) -> bool:
         """Whether a frame is of a camera, as far as its name says one."""
@@ -346,10 +318,7 @@ class _FrameNames:
 class _Table:
     """A file with the labels of many frames, by frame.
 
-    Attributes
-    ----------
-    unmatched : list of Unmatched
-        Rows that belong to no frame.
+    `unmatched` are rows that belong to no frame.
     """
 
     def __init__(
@@ -448,7 +417,7 @@ class _Labels:
     options: RecordingDescription
 
     def annotation(
-        self, index: int, frame: _Frame, folder: Path, source: FrameSource
+        self, index: int, frame: PatternFrame, folder: Path, source: FrameSource
     ) -> dict[str, object]:
         """The boxes of a frame and its camera."""
         labels: object = None
@@ -507,7 +476,7 @@ class _Labels:
     def _boxes(
         self,
         rows: Iterable[tuple[str, Row]],
-        frame: _Frame,
+        frame: PatternFrame,
         shares: int,
         regions: list[object],
     ) -> list[dict[str, object]]:

@@ -12,7 +12,7 @@ import numpy as np
 from filter_core.arrays import IntArray
 from filter_core.formats.export import ExportError, ExportFrame, ExportHead
 from filter_core.formats.files import Spool
-from filter_core.verdicts import VERDICTS, Answer, DecidedBoxes
+from filter_core.verdicts import VERDICTS, Answer
 
 Counts: TypeAlias = dict[str, dict[str, int] | dict[str, dict[str, int]]]
 """Frames and boxes in and out, as ``manifest.json`` has them."""
@@ -109,16 +109,19 @@ class ExportTally:
     def count_boxes(self, frame: ExportFrame) -> IntArray:
         """Count the boxes of a frame. Returns (N,): the number of each box's class.
 
-        Raises
-        ------
-        ExportError
-            A class is not in the list of classes, whose order is frozen.
+        Raises `ExportError`: a class is not in the list of classes, whose order is
+        frozen.
         """
         boxes = frame.boxes
         places = [self._number.get(name, -1) for name in boxes.class_names]
         number = np.array(places, np.int64)[boxes.class_index]
         if (number < 0).any():
-            raise self._unknown_class(boxes, int(np.argmin(number)))
+            row = int(np.argmin(number))
+            raise ExportError(
+                f"box {boxes.ids[row]!r}: class {boxes.class_name(row)!r} is not among "
+                f"the classes of the export: {', '.join(self._classes)}"[:300],
+                code="unknown_class",
+            )
         self._add("in", number)
         verdict = boxes.effective
         for code, name in enumerate(VERDICTS):
@@ -126,13 +129,6 @@ class ExportTally:
         self._add("unsure", number[boxes.answer == Answer.UNSURE])
         self._add("lossy", number[boxes.lossy])
         return number
-
-    def _unknown_class(self, boxes: DecidedBoxes, row: int) -> ExportError:
-        return ExportError(
-            f"box {boxes.ids[row]!r}: class {boxes.class_name(row)!r} is not among the "
-            f"classes of the export: {', '.join(self._classes)}"[:300],
-            code="unknown_class",
-        )
 
     def _add(self, name: str, number: IntArray) -> None:
         self._count[name] += np.bincount(number, minlength=len(self._classes))
@@ -172,10 +168,8 @@ class ExportTally:
     def counts(self) -> Counts:
         """All counts, after checking that nothing was lost on the way.
 
-        Raises
-        ------
-        ExportError
-            Boxes in are not boxes out plus boxes dropped, or not as many as expected.
+        Raises `ExportError`: boxes in are not boxes out plus boxes dropped, or not as
+        many as expected.
         """
         expected_boxes = self._head.expected_boxes
         total = int(self._count["in"].sum())

@@ -18,13 +18,13 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import BinaryIO, ClassVar, Final, Protocol
+from typing import TYPE_CHECKING, BinaryIO, ClassVar, Final
 
 from defusedxml.common import DefusedXmlException
 from defusedxml.ElementTree import DefusedXMLParser, ParseError
 
 from filter_core.errors import LayoutError
-from filter_core.formats.files import Spool, element
+from filter_core.formats.files import element
 from filter_core.formats.format import (
     FOLDER_OPTIONS,
     LABEL_NEEDS,
@@ -33,12 +33,7 @@ from filter_core.formats.format import (
     Recognition,
     Source,
 )
-from filter_core.formats.matching import (
-    FrameFileNames,
-    frame_of,
-    match,
-    with_keys,
-)
+from filter_core.formats.matching import FrameFileNames, frame_of, match, with_keys
 from filter_core.formats.reading import (
     FrameSet,
     annotated,
@@ -48,14 +43,11 @@ from filter_core.formats.reading import (
 )
 from filter_core.formats.recording import RecordingDescription
 from filter_core.formats.same import BoxSpan, OwnLabels, OwnReading, Rectangles
-from filter_core.formats.splits import completed_parts
 from filter_core.formats.streams import Streams
-from filter_core.formats.writing import (
-    RECTANGLE_KEYS,
-    ExportContext,
-    OutFrame,
-    Traits,
-)
+from filter_core.formats.writing import RECTANGLE_KEYS, ExportContext, OutFrame, Traits
+
+if TYPE_CHECKING:
+    from xml.etree.ElementTree import Element
 
 VOC: Final = Format(
     name="voc",
@@ -227,13 +219,9 @@ def read_voc(content: bytes, name: str, origin: int = 1) -> dict[str, object]:
 
     If the first pixel is number 1 (`origin`), as in Pascal VOC's own files, corners are
     inclusive, and become half-open; if it is 0, they are taken as they are. VOC's pose,
-    truncation, difficulty and occlusion are kept with the box.
-
-    Raises
-    ------
-    LayoutError
-        Not XML, XML with a DTD, with entities or beyond the limits, or not VOC; names
-        file, line, what was expected and what was found.
+    truncation, difficulty and occlusion are kept with the box. Raises `LayoutError`:
+    not XML, XML with a DTD, with entities or beyond the limits, or not VOC; names file,
+    line, what was expected and what was found.
     """
     tree = _parse(content, name)
     if tree.root.tag != "annotation":
@@ -244,7 +232,11 @@ def read_voc(content: bytes, name: str, origin: int = 1) -> dict[str, object]:
         {
             "class": _text(tree, one, "name"),
             "xyxy": [x_min - origin, y_min - origin, x_max, y_max],
-            **dict(_kept(one)),
+            **{
+                key: int(text) if text in ("0", "1") else text
+                for key in _KEPT
+                if (text := (one.findtext(key) or "").strip())
+            },
         }
         for one, (x_min, y_min, x_max, y_max) in zip(objects, corners, strict=True)
     ]
@@ -275,41 +267,18 @@ def _spans(file: BinaryIO) -> Iterator[BoxSpan]:
         yield BoxSpan(place, start, end)
 
 
-class _Element(Protocol):
-    """The used members of an XML element."""
-
-    tag: str
-
-    def find(self, path: str, /) -> _Element | None:
-        """The first child of this name."""
-
-    def findtext(self, path: str, /) -> str | None:
-        """The text of the first child of this name."""
-
-    def iter(self, tag: str, /) -> Iterator[_Element]:
-        """All elements of this name below this one."""
-
-
 @dataclass(frozen=True)
 class _Tree:
-    """A parsed file.
-
-    Attributes
-    ----------
-    name : str
-    root : _Element
-    lines : dict
-        The line that each element starts on.
-    tags : dict
-        The bytes at which each element's first and last tag begin.
+    """A parsed file, with the line that each element starts on, and the bytes at which
+    its first and last tag begin.
     """
 
     name: str
-    root: _Element
-    lines: dict[_Element, int]
-    tags: dict[_Element, tuple[int, int]]
+    root: Element
+    lines: dict[Element, int]
+    tags: dict[Element, tuple[int, int]]
 
-    def error(self, at: _Element, expected: str, found: str) -> LayoutError:
+    def error(self, at: Element, expected: str, found: str) -> LayoutError:
         return LayoutError(
             f"{self.name}, line {self.lines[at]}: expected {expected}, found {found}"
         )
@@ -365,24 +334,24 @@ class _LineParser(DefusedXMLParser):
 
     def __init__(self) -> None:
         super().__init__(forbid_dtd=True)
-        self.lines: dict[_Element, int] = {}
-        self.tags: dict[_Element, tuple[int, int]] = {}
+        self.lines: dict[Element, int] = {}
+        self.tags: dict[Element, tuple[int, int]] = {}
         self._depth = 0
 
-    def _start(self, tag: str, attributes: list[str]) -> _Element:
+    def _start(self, tag: str, attributes: list[str]) -> Element:
         self._depth += 1
         if self._depth > _MAX_DEPTH or len(self.lines) == _MAX_ELEMENTS:
             raise _TooMuchXml(
                 f"at most {_MAX_ELEMENTS} elements in {_MAX_DEPTH} levels are read"
             )
-        started: _Element = super()._start(tag, attributes)  # type: ignore[misc]  # stubs
+        started: Element = super()._start(tag, attributes)  # type: ignore[misc]  # stubs
         self.lines[started] = self.parser.CurrentLineNumber
         self.tags[started] = self.parser.CurrentByteIndex, -1
         return started
 
-    def _end(self, tag: str) -> _Element:
+    def _end(self, tag: str) -> Element:
         self._depth -= 1
-        ended: _Element = super()._end(tag)  # type: ignore[misc]  # stubs
+        ended: Element = super()._end(tag)  # type: ignore[misc]  # stubs
         self.tags[ended] = self.tags[ended][0], self.parser.CurrentByteIndex
         return ended
 
@@ -390,14 +359,14 @@ class _LineParser(DefusedXMLParser):
 _CORNERS: Final = ("xmin", "ymin", "xmax", "ymax")
 
 
-def _corners(tree: _Tree, one: _Element) -> list[float]:
+def _corners(tree: _Tree, one: Element) -> list[float]:
     rectangle = one.find("bndbox")
     if rectangle is None:
         raise tree.error(one, "<bndbox> in the object", "none")
     return [_number(tree, rectangle, key) for key in _CORNERS]
 
 
-def _number(tree: _Tree, parent: _Element, key: str) -> float:
+def _number(tree: _Tree, parent: Element, key: str) -> float:
     text = _text(tree, parent, key)
     try:
         number = float(text)
@@ -410,7 +379,7 @@ def _number(tree: _Tree, parent: _Element, key: str) -> float:
     return number
 
 
-def _text(tree: _Tree, parent: _Element, key: str) -> str:
+def _text(tree: _Tree, parent: Element, key: str) -> str:
     text = (parent.findtext(key) or "").strip()
     if not text:
         raise tree.error(parent, f"<{key}> in <{parent.tag}>", "nothing")
@@ -419,18 +388,10 @@ def _text(tree: _Tree, parent: _Element, key: str) -> str:
 
 _KEPT: Final = ("pose", "truncated", "difficult", "occluded")
 
-
-def _kept(one: _Element) -> Iterator[tuple[str, object]]:
-    for key in _KEPT:
-        text = (one.findtext(key) or "").strip()
-        if text:
-            yield key, int(text) if text in ("0", "1") else text
-
-
 _MAX_SIDE: Final = 1 << 16
 
 
-def _side(tree: _Tree, size: _Element, key: str) -> int:
+def _side(tree: _Tree, size: Element, key: str) -> int:
     number = _number(tree, size, key)
     if not 0 <= number <= _MAX_SIDE or number != int(number):
         raise tree.error(size, f"a whole <{key}> up to {_MAX_SIDE}", f"{number:g}")
@@ -496,7 +457,6 @@ class VocWriter:
 
     def __init__(self, context: ExportContext) -> None:
         self._context = context
-        self._parts: dict[str, Spool] = {}
 
     def labels(self, band: str, out: OutFrame) -> None:
         """One XML file."""
@@ -507,16 +467,11 @@ class VocWriter:
             content = ("\n".join(_lines(out)) + "\n").encode("utf-8", "replace")
         self._context.sink(f"{band or 'Annotations'}/{out.stem}.xml", [content])
         if not band:
-            if out.part not in self._parts:
-                self._parts[out.part] = self._context.spool()
-            self._parts[out.part].write(f"{out.stem}\n".encode())
+            self._context.list_frame(out.part, out.stem)
 
     def finish(self) -> None:
         """Which frames are for training, and which classes there are."""
-        for part in completed_parts(self._parts):
-            spool = self._parts.get(part)
-            names = spool.pieces() if spool else []
-            self._context.sink(f"ImageSets/Main/{part}.txt", names)
+        self._context.write_lists("ImageSets/Main")
         # For CVAT and Datumaro, which otherwise know VOC's own twenty classes
         classes = (f"{name}:::\n" for name in self._context.head.classes)
         text = "".join(["# label:color_rgb:parts:actions\n", *classes])

@@ -142,13 +142,8 @@ _SEPARATORS: Final = " _-."
 class Part(NamedTuple):
     """One name of a path, and what its words say.
 
-    Attributes
-    ----------
-    role : Role or None
-    is_pure : bool
-        Whether it consists of words of roles alone.
-    picture, frame : str
-        Without the words of auxiliary roles; without those of all roles.
+    It `is_pure` if it consists of words of roles alone; `picture` is it without the
+    words of auxiliary roles, `frame` without those of all.
     """
 
     role: Role | None

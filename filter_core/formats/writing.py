@@ -39,6 +39,7 @@ from filter_core.formats.same import (
     stored_labels,
 )
 from filter_core.formats.splits import (
+    completed_parts,
     next_part,
     part_by_shares,
     sequence_of,
@@ -48,13 +49,7 @@ from filter_core.formats.splits import (
 from filter_core.formats.tally import Change, Counts, ExportTally
 from filter_core.geometry.boxes import FORMS
 from filter_core.images.drawing import DrawnBox, Picture, as_png, decoded
-from filter_core.images.sheet import (
-    MOST_TILES,
-    figure_of,
-    page_of,
-    sheet_of,
-    tile_of,
-)
+from filter_core.images.sheet import MOST_TILES, figure_of, page_of, sheet_of, tile_of
 from filter_core.verdicts import (
     KEPT,
     REJECTED,
@@ -200,7 +195,6 @@ class OutFrame:
 
     Attributes
     ----------
-    frame : ExportFrame
     number : int
         The frame's place in the export; the first is 0.
     part : str
@@ -236,17 +230,9 @@ class OutFrame:
 class ExportContext:
     """What the writer of one export is given.
 
-    Attributes
-    ----------
-    sink : Sink
-        Called with the name of a file and its pieces, as bytes, to write the file.
-    head : ExportHead
-        The dataset, its classes and where temporary files may be written.
-    options : ExportOptions
-    stack : ExitStack
-        Closes what the writer opens.
-    facts : dict
-        The writer's own keys in ``manifest.json``.
+    `sink` takes each file, and `stack` closes what the writer opens. `facts` are the
+    writer's own keys in ``manifest.json``, `lists` the names of the frames of each
+    part.
     """
 
     sink: Sink
@@ -254,6 +240,7 @@ class ExportContext:
     options: ExportOptions
     stack: ExitStack
     facts: dict[str, object] = field(default_factory=dict)
+    lists: dict[str, Spool] = field(default_factory=dict)
 
     def note_own(self, band: str) -> None:
         """Count a frame whose labels of all distances are written as they came."""
@@ -266,6 +253,18 @@ class ExportContext:
         """A place for pieces that are written at the end."""
         spool = Spool(self.head.temporary, self.head.buffer_bytes)
         return self.stack.enter_context(spool)
+
+    def list_frame(self, part: str, name: str) -> None:
+        """Put a frame into the list of its part, for `write_lists`."""
+        if part not in self.lists:
+            self.lists[part] = self.spool()
+        self.lists[part].write(f"{name}\n".encode())
+
+    def write_lists(self, folder: str) -> None:
+        """Write a file for each part, with the name of a frame in each line."""
+        for part in completed_parts(self.lists):
+            spool = self.lists.get(part)
+            self.sink(f"{folder}/{part}.txt", spool.pieces() if spool else [])
 
 
 class LabelWriter(Protocol):
@@ -295,28 +294,10 @@ def write_labels(
     options: ExportOptions,
     new_writer: NewWriter,
 ) -> Counts:
-    """Write frames in a label format.
+    """Write frames in a label format, with the writer that `new_writer` makes.
 
-    Parameters
-    ----------
-    frames : iterable of ExportFrame
-        Read once, one at a time, and written in the same order.
-    sink : callable
-        Gets the files, each whole before the next begins; ``manifest.json`` last.
-    head : ExportHead
-    options : ExportOptions
-    new_writer : callable
-        Makes the format's writer.
-
-    Returns
-    -------
-    dict
-        The counts, as ``manifest.json`` has them.
-
-    Raises
-    ------
-    ExportError
-        A class that is not in the list, or counts that do not add up.
+    Parameters and result are those of `filter_core.formats.registry.write_export`.
+    Raises `ExportError`: a class that is not in the list, or counts that do not add up.
     """
     with ExitStack() as stack:
         tally = stack.enter_context(ExportTally(head))
@@ -520,23 +501,16 @@ class _LabelExport:
 
 
 class PartOfFrame(Protocol):
-    """What tells the part of a frame."""
+    """What tells the part of a frame, with the attributes of `ExportFrame`."""
 
     @property
-    def key(self) -> str:
-        """Its key."""
-
+    def key(self) -> str: ...
     @property
-    def map(self) -> str | None:
-        """Of CARLA."""
-
+    def map(self) -> str | None: ...
     @property
-    def sequence(self) -> str | None:
-        """The drive that it is of."""
-
+    def sequence(self) -> str | None: ...
     @property
-    def split(self) -> str | None:
-        """The part that it has by itself."""
+    def split(self) -> str | None: ...
 
 
 class Parts:
@@ -612,15 +586,7 @@ class Parts:
 
 
 class _BoxChooser:
-    """Chooses the boxes of each frame and counts the outcomes of all boxes.
-
-    Parameters
-    ----------
-    options : ExportOptions
-    tally : ExportTally
-    traits : Traits
-        Of the format.
-    """
+    """Chooses the boxes of each frame and counts the outcomes of all boxes."""
 
     def __init__(
         self, options: ExportOptions, tally: ExportTally, traits: Traits

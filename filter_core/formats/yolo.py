@@ -34,12 +34,7 @@ from filter_core.formats.format import (
     Recognition,
     Source,
 )
-from filter_core.formats.matching import (
-    FrameFileNames,
-    frame_of,
-    match,
-    with_keys,
-)
+from filter_core.formats.matching import FrameFileNames, frame_of, match, with_keys
 from filter_core.formats.reading import (
     IMAGE_SUFFIXES,
     FrameSet,
@@ -69,12 +64,7 @@ from filter_core.formats.same import (
 from filter_core.formats.splits import completed_parts, role_of_part
 from filter_core.formats.streams import Streams
 from filter_core.formats.words import TEXT_LISTS, YAML_LISTS, holds_boxes
-from filter_core.formats.writing import (
-    ExportContext,
-    LabelBoxes,
-    OutFrame,
-    Traits,
-)
+from filter_core.formats.writing import ExportContext, LabelBoxes, OutFrame, Traits
 
 YOLO: Final = Format(
     name="yolo",
@@ -134,13 +124,10 @@ def _class_list(root: Path) -> str | None:
 def read_yolo(root: Path, options: RecordingDescription) -> FrameSet:
     """The frames of a YOLO folder; a bad file is its frame's problem.
 
-    Raises
-    ------
-    LayoutError
-        There is no list of classes, or it cannot be read.
+    Raises `LayoutError`: there is no list of classes, or it cannot be read.
     """
-    described = _described(root)
-    classes = tuple(options.classes or described.classes)
+    listed, keypoint_columns, beside = _described(root)
+    classes = tuple(options.classes or listed)
     if not classes:
         raise NoClassList(
             f"expected the class names in one of {', '.join(YAML_LISTS)} or "
@@ -152,8 +139,8 @@ def read_yolo(root: Path, options: RecordingDescription) -> FrameSet:
         labels=options.labels or root,
         classes=classes,
         default_class=options.default_class,
-        keypoint_columns=described.keypoint_columns,
-        beside=described.beside,
+        keypoint_columns=keypoint_columns,
+        beside=beside,
     )
     labels = (
         name
@@ -161,26 +148,6 @@ def read_yolo(root: Path, options: RecordingDescription) -> FrameSet:
         if holds_boxes(name)
     )
     return frame_set("yolo", folders, Streams(root, options, skip=skip), labels)
-
-
-@dataclass(frozen=True)
-class _Described:
-    """What a folder's list of classes says.
-
-    Attributes
-    ----------
-    classes : tuple of str
-        Empty if there is no list.
-    keypoint_columns : int or None
-        How many columns follow each rectangle, for the points of a pose; None if
-        nothing says it.
-    beside : dict
-        The other keys of ``data.yaml`` with values that JSON has.
-    """
-
-    classes: tuple[str, ...] = ()
-    keypoint_columns: int | None = None
-    beside: Mapping[str, object] = field(default_factory=dict)
 
 
 _COMPOSED: Final = ("path", "train", "val", "valid", "validation", "test", "names")
@@ -195,15 +162,19 @@ def _is_json(value: object) -> bool:
         return False
 
 
-def _described(root: Path) -> _Described:
-    """The content of ``data.yaml``, or of a text file with one name per line."""
+def _described(root: Path) -> tuple[tuple[str, ...], int | None, dict[str, object]]:
+    """What ``data.yaml`` says, or a text file with one name per line.
+
+    The classes, none if there is no list; `LabelFolders.keypoint_columns`; and the
+    other keys of ``data.yaml`` with values that JSON has.
+    """
     name = _class_list(root)
     if name is None:
-        return _Described()
+        return (), None, {}
     text = read_label_text(root / name, name)
     if name.endswith(TEXT_LISTS):
         lines = map(str.strip, text.splitlines())
-        return _Described(tuple(filter(None, lines)))
+        return tuple(filter(None, lines)), None, {}
     try:
         document = parse_yaml(text)
     except ConfigError as exc:
@@ -218,19 +189,15 @@ def _described(root: Path) -> _Described:
         for key, value in known.items()
         if key not in _COMPOSED and isinstance(key, str) and _is_json(value)
     }
-    names = ordered_names(known.get("names"), f"{name}, names")
-    return _Described(names, columns, beside)
+    return ordered_names(known.get("names"), f"{name}, names"), columns, beside
 
 
 def ordered_names(names: object, at: str) -> tuple[str, ...]:
     """Names in the order of their numbers, which must be 0, 1, 2 and so on.
 
     `names` is a list, or a mapping from number to name; `at` is its place, for errors.
-
-    Raises
-    ------
-    LayoutError
-        It is neither, it is empty, numbers are left out, or a name is no text.
+    Raises `LayoutError`: it is neither, it is empty, numbers are left out, or a name is
+    no text.
     """
     if isinstance(names, Mapping):
         numbered = list(names.items())
@@ -375,10 +342,7 @@ _FEW_CORNERS: Final = 0.1
 class _Outlines:
     """The lines of a recording that may be outlines: polygons or rotated boxes.
 
-    Attributes
-    ----------
-    counts : Counter of str
-        How many were read, by label file.
+    `counts` says how many were read, by label file.
     """
 
     def __init__(self, folders: LabelFolders, frames: Iterable[FrameFileNames]) -> None:
@@ -460,7 +424,12 @@ def _annotation(
             boxes.append(_read_line(columns, at, folders))
             if _is_outline(len(columns), folders):
                 if not outlines.are_certain:
-                    raise LayoutError(_unclear(columns, at))
+                    raise LayoutError(
+                        f"{at}: expected 'class cx cy w h' (5 columns), found "
+                        f"{len(columns)} columns, which may be a rectangle with the "
+                        "points of a pose or other numbers behind it, or an outline: "
+                        f"all such lines of the recording are as long. {_REMEDY}"
+                    )
                 outlines.counts[files.label] += 1
     return {"boxes": boxes}
 
@@ -486,15 +455,6 @@ _SHARES: Final = (-0.5, 1.5)
 rectangle, such as a track's, is no corner."""
 
 
-def _unclear(columns: Sequence[str], at: str) -> str:
-    return (
-        f"{at}: expected 'class cx cy w h' (5 columns), found {len(columns)} columns, "
-        "which may be a rectangle with the points of a pose or other numbers behind "
-        "it, or an outline: all such lines of the recording are as long. "
-        f"{_REMEDY}"
-    )
-
-
 _REMEDY: Final = (
     "Say in data.yaml how many points follow, and of how many numbers, as kpt_shape: "
     "[17, 3]; kpt_shape: [0, 2] says that the lines are outlines"
@@ -515,7 +475,13 @@ def _read_line(columns: list[str], at: str, folders: LabelFolders) -> dict[str, 
             f"{at}: expected 'class cx cy w h' (5 columns) or 'cx cy w h' in pixels "
             f"(4 columns), found {count} columns"
         )
-    box: dict[str, object] = {"class": _class_name(columns[0], at, folders.classes)}
+    word, classes = columns[0], folders.classes
+    is_number = word.isascii() and word.isdigit() and len(word) < 10
+    if not is_number or int(word) >= len(classes):
+        raise LayoutError(
+            f"{at}: expected a class from 0 to {len(classes) - 1}, found {word[:40]!r}"
+        )
+    box: dict[str, object] = {"class": classes[int(word)]}
     numbers = read_columns(columns[1:], at)
     if _is_outline(count, folders):
         corners = len(numbers) // 2 * 2
@@ -544,16 +510,6 @@ def _around(corners: Sequence[float], at: str) -> list[float]:
         *((first + last) / 2 for first, last in axes),
         *(last - first for first, last in axes),
     ]
-
-
-def _class_name(word: str, at: str, classes: Sequence[str]) -> str:
-    if word.isascii() and word.isdigit() and len(word) < 10:
-        index = int(word)
-        if index < len(classes):
-            return classes[index]
-    raise LayoutError(
-        f"{at}: expected a class from 0 to {len(classes) - 1}, found {word[:40]!r}"
-    )
 
 
 def line_rectangles(own: OwnLabels) -> Iterator[Rectangles]:

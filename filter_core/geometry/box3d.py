@@ -32,19 +32,12 @@ _SHAPE_TOLERANCE: Final = 1e-3
 
 
 def boxes3d_vertices(rows: ArrayLike) -> FloatArray:
-    """World corners of many boxes at once.
+    """(N, 8, 3) float64, metres: world corners of many boxes at once.
 
-    Parameters
-    ----------
-    rows : (N, 15), metres and degrees
-        The actor's location and rotation (pitch, yaw, roll), zeros for a box that is
-        given in the world; then the box's location, extent (half sizes) and rotation
-        within the actor's frame. Extents of zero (CARLA's bikes) and mirrored boxes
-        are accepted.
-
-    Returns
-    -------
-    (N, 8, 3) float64, metres
+    `rows` (N, 15), metres and degrees, have the actor's location and rotation (pitch,
+    yaw, roll), zeros for a box that is given in the world; then the box's location,
+    extent (half sizes) and rotation within the actor's frame. Extents of zero (CARLA's
+    bikes) and mirrored boxes are accepted.
     """
     boxes = np.asarray(rows, dtype=np.float64).reshape(-1, 15)
     actor_location, actor_rotation, centre, extent, rotation = np.hsplit(
@@ -58,18 +51,11 @@ def boxes3d_vertices(rows: ArrayLike) -> FloatArray:
 
 
 def in_carla_order(vertices: ArrayLike) -> FloatArray:
-    """Corners in CARLA's order, from corners in any order.
+    """(N, 8, 3) float64, metres: corners in CARLA's order, from corners in any order.
 
-    Parameters
-    ----------
-    vertices : (N, 8, 3), metres
-
-    Returns
-    -------
-    (N, 8, 3) float64
-        Always a new array. Which edge of the box becomes which axis is arbitrary, so
-        only the *edges* can be relied on. Eight points that are no box in any order
-        stay as they are.
+    Always a new array. Which edge of the box becomes which axis is arbitrary, so only
+    the *edges* can be relied on. Eight points that are no box in any order stay as they
+    are.
 
     Notes
     -----
@@ -105,10 +91,7 @@ def in_carla_order(vertices: ArrayLike) -> FloatArray:
 def as_vertices(vertices: ArrayLike) -> FloatArray:
     """(N, 8, 3) float64 from N boxes or one.
 
-    Raises
-    ------
-    FilterError
-        ``bad_shape``: no eight points of three numbers for each box.
+    Raises `FilterError` (``bad_shape``): no eight points of three numbers for each box.
     """
     boxes = np.asarray(vertices, dtype=np.float64)
     if boxes.size == 0:

@@ -19,18 +19,14 @@ from filter_core.evidence_numbers import BoxState
 from filter_core.verdicts import Profile
 
 
-def _unchanged(boxes: FloatArray) -> FloatArray:
-    return boxes
-
-
 def _centre_size_to_corners(boxes: FloatArray) -> FloatArray:
     half = boxes[:, 2:] / 2
     return np.hstack([boxes[:, :2] - half, boxes[:, :2] + half])
 
 
 _TO_XYXY: Final[dict[str, Callable[[FloatArray], FloatArray]]] = {
-    "xyxy": _unchanged,
-    "xyxyn": _unchanged,
+    "xyxy": lambda boxes: boxes,
+    "xyxyn": lambda boxes: boxes,
     "xywh": lambda boxes: np.hstack([boxes[:, :2], boxes[:, :2] + boxes[:, 2:]]),
     "cxcywh": _centre_size_to_corners,
     "cxcywhn": _centre_size_to_corners,
@@ -41,7 +37,7 @@ FORMS: Final = tuple(_TO_XYXY)
 
 
 def to_xyxy(form: str, values: ArrayLike, wh: tuple[int, int]) -> BoxesXYXY:
-    """Rectangles of any form as half-open ``xyxy`` in pixels.
+    """(N, 4) float64, px: rectangles of any form as half-open ``xyxy``, in a new array.
 
     Parameters
     ----------
@@ -51,11 +47,6 @@ def to_xyxy(form: str, values: ArrayLike, wh: tuple[int, int]) -> BoxesXYXY:
         Anything numpy converts to float64. Inverted and non-finite boxes are not
         refused here but by `correct_xyxy`.
     wh : (width, height) of the image, px
-
-    Returns
-    -------
-    (N, 4) float64, px
-        Always a new array.
 
     Raises
     ------
@@ -91,21 +82,17 @@ def correct_xyxy(
 ) -> tuple[BoxesXYXY, NDArray[np.uint8]]:
     """Correct the coordinates of boxes (Algorithm 1), and return the state of each.
 
+    (N, 4) float64, px: clamped to the image; NaN rows for boxes outside the image or
+    degenerate. And (N,) uint8, `BoxState`.
+
     Parameters
     ----------
     xyxy : (N, 4), px
         As given: may reach out of the image, be inverted, or have no area.
     wh : (width, height) of the image, px
-    profile : Profile
     rounded_edges : bool
         Whether the rounding of edges is undone (see Notes); never in profile
         ``carlasimu``. False for numbers that were measured before this was done.
-
-    Returns
-    -------
-    corrected : (N, 4) float64, px
-        Clamped to the image; NaN rows for boxes outside the image or degenerate.
-    state : (N,) uint8, `BoxState`
 
     Raises
     ------
@@ -138,7 +125,14 @@ def correct_xyxy(
             f"profile: expected {expected}, found {profile!r}", code="bad_profile"
         )
     boxes = _as_boxes(xyxy)
-    _refuse_non_finite(boxes)
+    finite = np.isfinite(boxes).all(axis=1)
+    if not finite.all():
+        index = int(np.argmin(finite))
+        raise AnnotationError(
+            f"box {index}: expected four finite numbers, found {boxes[index].tolist()}",
+            pointer=f"/boxes/{index}",
+            code="not_finite",
+        )
     limit = np.array([*wh, *wh], dtype=np.float64)
     if profile == "paper" and rounded_edges:
         # Edges that were rounded become the whole numbers that they were.
@@ -173,32 +167,13 @@ def correct_xyxy(
     return corrected, state
 
 
-def _refuse_non_finite(boxes: FloatArray) -> None:
-    finite = np.isfinite(boxes).all(axis=1)
-    if finite.all():
-        return
-    index = int(np.argmin(finite))
-    raise AnnotationError(
-        f"box {index}: expected four finite numbers, found {boxes[index].tolist()}",
-        pointer=f"/boxes/{index}",
-        code="not_finite",
-    )
-
-
 def pixel_bounds(xyxy: ArrayLike, wh: tuple[int, int]) -> IntArray:
-    """The pixels that boxes touch, as half-open ranges of columns and rows.
+    """(N, 4) int64: the pixels that boxes touch, as first column, first row, last
+    column + 1, last row + 1.
 
-    Parameters
-    ----------
-    xyxy : (N, 4), px
-        Corrected boxes; NaN rows are accepted.
-    wh : (width, height) of the image, px
-
-    Returns
-    -------
-    (N, 4) int64: first column, first row, last column + 1, last row + 1
-        Columns ``floor(x_min) .. ceil(x_max) - 1``, rows likewise, within the image. A
-        box thinner than a pixel still has one; a NaN row has none: ``0 0 0 0``.
+    Columns ``floor(x_min) .. ceil(x_max) - 1``, rows likewise, within the image. A box
+    thinner than a pixel still has one; a NaN row has none: ``0 0 0 0``. `xyxy` (N, 4)
+    are corrected boxes, px; `wh` is (width, height) of the image, px.
     """
     boxes = _as_boxes(xyxy)
     # A NaN cast to an integer is undefined, so those rows are replaced before.
@@ -211,6 +186,22 @@ def pixel_bounds(xyxy: ArrayLike, wh: tuple[int, int]) -> IntArray:
     bounds[:, 2:] = np.minimum(np.maximum(np.ceil(solid[:, 2:]), first + 1), size)
     bounds *= known
     return bounds
+
+
+def pairwise_iou(first: BoxesXYXY, second: BoxesXYXY) -> FloatArray:
+    """(N, M) float64: intersection over union of (N, 4) and (M, 4) rectangles.
+
+    0 where they do not overlap, also for rectangles without area.
+    """
+    low = np.maximum(first[:, None, :2], second[None, :, :2])
+    high = np.minimum(first[:, None, 2:], second[None, :, 2:])
+    sides = np.maximum(high - low, 0.0)
+    shared = sides[..., 0] * sides[..., 1]
+    areas = [np.prod(each[:, 2:] - each[:, :2], axis=1) for each in (first, second)]
+    total = areas[0][:, None] + areas[1][None] - shared
+    share: FloatArray = np.zeros_like(shared)
+    np.divide(shared, total, out=share, where=shared > 0)
+    return share
 
 
 def _as_boxes(values: ArrayLike) -> FloatArray:

@@ -99,7 +99,16 @@ class Camera:
             raise _fault("intrinsic", "two focal lengths above 0", found)
         if projection[1, 0] != 0 or not np.array_equal(projection[2], [0, 0, 1]):
             raise _fault("intrinsic", "[fx s cx; 0 fy cy; 0 0 1]", projection.tolist())
-        _check_rigid(motion)
+        rotation = motion[:3, :3]
+        skew = np.abs(rotation @ rotation.T - np.eye(3)).max()
+        last_row_off = np.abs(motion[3] - [0, 0, 0, 1]).max()
+        if skew > _RIGID_TOLERANCE or last_row_off > _RIGID_TOLERANCE:
+            raise _fault("world_to_camera", "a rotation and a shift", motion.tolist())
+        if np.linalg.det(rotation) < 0:
+            # OpenCV's right-handed axes mirror CARLA's: the determinant is -1.
+            expected = "CARLA's axes (x forward, y right, z up)"
+            found = "a mirrored matrix (OpenCV's axes?)"
+            raise _fault("world_to_camera", expected, found)
         return cls(width, height, projection, motion)
 
     @cached_property
@@ -137,15 +146,3 @@ def _matrix(field: str, value: ArrayLike, side: int) -> FloatArray:
     if not np.isfinite(matrix).all():
         raise _fault(field, "finite numbers", "NaN or an infinity")
     return matrix
-
-
-def _check_rigid(matrix: FloatArray) -> None:
-    rotation = matrix[:3, :3]
-    skew = np.abs(rotation @ rotation.T - np.eye(3)).max()
-    last_row_off = np.abs(matrix[3] - [0, 0, 0, 1]).max()
-    if skew > _RIGID_TOLERANCE or last_row_off > _RIGID_TOLERANCE:
-        raise _fault("world_to_camera", "a rotation and a shift", matrix.tolist())
-    if np.linalg.det(rotation) < 0:
-        # OpenCV's right-handed axes mirror CARLA's, which shows as a determinant of -1.
-        expected = "CARLA's axes (x forward, y right, z up)"
-        raise _fault("world_to_camera", expected, "a mirrored matrix (OpenCV's axes?)")

@@ -37,13 +37,7 @@ _NOT_TURNED: Final[Mapping[str, float]] = dict.fromkeys(_ROTATION_KEYS, 0.0)
 
 @dataclass(frozen=True)
 class Transform:
-    """A location and a rotation.
-
-    Attributes
-    ----------
-    location : (x, y, z), metres
-    rotation : (pitch, yaw, roll), degrees
-    """
+    """A location (x, y, z), metres, and a rotation (pitch, yaw, roll), degrees."""
 
     location: Triple = _ZERO
     rotation: Triple = _ZERO
@@ -74,16 +68,10 @@ TransformLike: TypeAlias = Transform | Mapping[str, object]
 
 
 def rotation_matrices(rotations: ArrayLike) -> FloatArray:
-    """CARLA's rotation matrices.
+    """(N, 3, 3) float64: CARLA's rotation matrices of (N, 3) pitch, yaw, roll in
+    degrees.
 
-    Parameters
-    ----------
-    rotations : (N, 3): pitch, yaw, roll in degrees
-
-    Returns
-    -------
-    (N, 3, 3) float64
-        Map local vectors to world vectors; determinant +1.
+    They map local vectors to world vectors; determinant +1.
 
     References
     ----------
@@ -115,10 +103,7 @@ def transform_matrices(locations: ArrayLike, rotations: ArrayLike) -> FloatArray
 def as_transform(value: TransformLike) -> Transform:
     """A `Transform` from itself or from an object that describes it.
 
-    Raises
-    ------
-    AnnotationErrors
-        Every fault of the object.
+    Raises `AnnotationErrors`: every fault of the object.
     """
     if isinstance(value, Transform):
         return value

@@ -71,13 +71,7 @@ class Projections:
 class Projection:
     """One box as the camera sees it; see `Projections`.
 
-    Attributes
-    ----------
-    visible_xyxy, amodal_xyxy : (4,) float64, px, or None
-        None where there is nothing.
-    edges : (E, 4) float64, px
-    distance : float, metres
-    status : DepthStatus
+    Rectangles are (4,) float64, px, or None where there is nothing.
     """
 
     visible_xyxy: FloatArray | None
@@ -150,16 +144,11 @@ def project_boxes(
     ----------
     vertices : (N, 8, 3), metres
         World corners, in any order: the shape is their convex hull.
-    camera : Camera
     mode : ProjectionMode
         ``clipped``: the shape is clipped by the near plane and the image *before*
         minimum and maximum. ``naive``: the paper's minimum and maximum over the eight
         projected corners without a test of their depth; a corner behind the camera
         can stretch the rectangle across the image.
-
-    Returns
-    -------
-    Projections
 
     Raises
     ------
@@ -222,23 +211,11 @@ def project_boxes(
 def project_box(
     vertices: ArrayLike, camera: Camera, mode: ProjectionMode = "clipped"
 ) -> Projection:
-    """One box as the camera sees it; `project_boxes` for one.
+    """One box of (8, 3) corners, metres, as the camera sees it; `project_boxes` for
+    one.
 
-    Parameters
-    ----------
-    vertices : (8, 3), metres
-    camera : Camera
-    mode : ProjectionMode
-
-    Returns
-    -------
-    Projection
-        Rectangles are (4,) float64 ``xyxy``, or None where there is nothing.
-
-    Raises
-    ------
-    FilterError
-        ``bad_shape``, ``bad_projection``.
+    Rectangles are (4,) float64 ``xyxy``, or None where there is nothing. Raises
+    `FilterError`: ``bad_shape``, ``bad_projection``.
     """
     many = project_boxes(vertices, camera, mode)
     return Projection(
@@ -255,17 +232,10 @@ def _row_or_none(row: FloatArray) -> FloatArray | None:
 
 
 def hull_points(vertices: ArrayLike, camera: Camera) -> list[FloatArray]:
-    """Points whose convex hull is each box in the image plane, beyond the image too.
+    """N of (P, 2) float64, px: points whose convex hull is each box in the image plane.
 
-    Parameters
-    ----------
-    vertices : (N, 8, 3), metres
-    camera : Camera
-
-    Returns
-    -------
-    list of N (P, 2) float64 arrays, px
-        Clipped by the near plane, not by the image; empty for boxes behind it.
+    `vertices` are (N, 8, 3), metres. Clipped by the near plane, not by the image; empty
+    for boxes behind it.
     """
     boxes = as_vertices(vertices)
     image_points = to_image_points(boxes, camera)
@@ -282,18 +252,11 @@ def hull_points(vertices: ArrayLike, camera: Camera) -> list[FloatArray]:
 
 
 def image_corners_xyxy(corners: ArrayLike) -> BoxesXYXY:
-    """Rectangles around boxes whose corners were projected before.
+    """(N, 4) float64, px: rectangles around boxes whose corners were projected before.
 
-    Parameters
-    ----------
-    corners : (N, 8, 3)
-        x and y in px, and the depth in metres, in any order of the corners.
-
-    Returns
-    -------
-    (N, 4) float64, px
-        Not clipped by the image, but by the near plane, as `Projections.amodal_xyxy`;
-        NaN rows for boxes behind it.
+    `corners` (N, 8, 3) are x and y in px, and the depth in metres, in any order. Not
+    clipped by the image, but by the near plane, as `Projections.amodal_xyxy`; NaN rows
+    for boxes behind it.
     """
     boxes = as_vertices(corners)
     depth = boxes[..., 2:]
@@ -369,18 +332,11 @@ _PAIRS: Final = {
 
 
 def _cut_hull(points: FloatArray, distance: FloatArray) -> FloatArray:
-    """Corners of the hull of 8 points after a cut by one plane.
+    """(N, `_MAX_CORNERS`, D): points whose hull is that of (N, 8, D) points after a cut
+    by one plane.
 
-    Parameters
-    ----------
-    points : (N, 8, D)
-    distance : (N, 8)
-        From the plane, 0 and more is kept; at least one point of each row must be.
-
-    Returns
-    -------
-    (N, `_MAX_CORNERS`, D)
-        Points whose hull is the kept part; padded by repeating a kept point.
+    `distance` (N, 8) is from the plane, 0 and more is kept; at least one point of each
+    row must be. Padded by repeating a kept point.
 
     Notes
     -----
@@ -423,18 +379,10 @@ def _clip_segments(
 ) -> tuple[FloatArray, FloatArray, BoolArray]:
     """The part of segments that lies inside half-spaces.
 
-    Parameters
-    ----------
-    start, end : (..., H)
-        Signed distances of both ends from H planes, 0 and more inside. They must be
-        linear along the segment; any positive scale per plane will do.
-
-    Returns
-    -------
-    enter, leave : (...), 0..1
-        The part inside runs from ``start + enter (end - start)`` to ``leave``.
-    inside : (...), bool
-        False where nothing is inside.
+    `start` and `end` (..., H) are signed distances of both ends from H planes, 0 and
+    more inside. They must be linear along the segment; any positive scale per plane
+    will do. Returned are (...), 0..1: the part inside runs from ``start + enter (end -
+    start)`` to ``leave``; and (...), bool: whether anything is inside.
 
     References
     ----------

@@ -61,12 +61,8 @@ def decode_color(
 ) -> NDArray[np.uint8] | None:
     """(H, W, 3) uint8 in the given order of channels; None if it is damaged.
 
-    Alpha is dropped; grey and indexed images become coloured ones.
-
-    Raises
-    ------
-    ImageError
-        A PNG whose pixels inflate to more than its header says.
+    Alpha is dropped; grey and indexed images become coloured ones. Raises `ImageError`:
+    a PNG whose pixels inflate to more than its header says.
     """
     png = InflatedPng.of(content, header)
     if png is None:
@@ -83,7 +79,10 @@ def decode_color(
 def decode_image(
     content: bytes, header: ImageHeader, flags: int
 ) -> NDArray[np.uint8] | None:
-    """The image as decoded by OpenCV, if its size is that of the header.
+    """(H, W) or (H, W, C) uint8, or uint16 if `flags` keep the depth: the image as
+    decoded by OpenCV.
+
+    None if it is damaged, or if OpenCV finds another size than the header says.
 
     Parameters
     ----------
@@ -93,11 +92,6 @@ def decode_image(
     flags : of `cv2.imdecode`
         With those that reduce the size to a half, a quarter or an eighth, the reduced
         size is expected. A rotation in EXIF is never applied.
-
-    Returns
-    -------
-    (H, W) or (H, W, C) uint8, or uint16 if `flags` keep the depth
-        None if it is damaged, or if OpenCV finds another size.
 
     Raises
     ------
@@ -207,15 +201,11 @@ _IDAT: Final = b"IDAT"
 
 @dataclass(frozen=True)
 class InflatedPng:
-    """A PNG whose pixels are inflated, but whose filters are not undone yet.
+    """A PNG of (H, W, C) pixels that are inflated, but whose filters are not undone
+    yet.
 
-    Attributes
-    ----------
-    head : bytes
-        What it has before its pixels.
-    rows : (H, 1 + W C) uint8
-        Each row's filter and its bytes.
-    shape : (H, W, C)
+    `rows`, (H, 1 + W C) uint8, are each row's filter and its bytes; `head` is what it
+    has before its pixels.
     """
 
     head: bytes

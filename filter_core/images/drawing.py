@@ -214,10 +214,8 @@ def _pixel(point: NDArray[np.float64]) -> tuple[int, int]:
 def decoded(image: bytes, flags: int = cv2.IMREAD_COLOR) -> Picture:
     """An image file in the frame of reference of its boxes, and opaque.
 
-    Raises
-    ------
-    ImageError
-        It cannot be decoded, or the decoded picture does not match its header.
+    Raises `ImageError`: it cannot be decoded, or the decoded picture does not match its
+    header.
     """
     picture = decode_as_seen(image, read_image_header(image), flags)
     if picture is None:
@@ -242,10 +240,7 @@ def as_webp(picture: Picture | cv2.typing.MatLike) -> bytes:
 def png_with_boxes(image: bytes, boxes: Sequence[DrawnBox]) -> bytes:
     """An image file with boxes drawn on it, as PNG.
 
-    Raises
-    ------
-    ImageError
-        As `decoded`.
+    Raises `ImageError`: as `decoded`.
     """
     canvas = decoded(image)
     draw_boxes(canvas, boxes, edges=False)

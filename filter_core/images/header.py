@@ -136,24 +136,19 @@ def _check_sides(wh: tuple[int, int], max_side: int) -> None:
         )
 
 
-def header_of_pixels(pixels: NDArray[np.uint8]) -> ImageHeader:
-    """The header that a PNG of (H, W, 3) uint8 would have.
+def header_of(content: bytes | NDArray[np.uint8], max_side: int) -> ImageHeader:
+    """The header of a file, or that which a PNG of (H, W, 3) uint8 would have.
 
-    Raises
-    ------
-    ImageError
-        They have another form.
+    Raises `ImageError`: pixels have another form; and what `read_image_header` raises.
     """
-    if pixels.ndim != _COLOR_DIMENSIONS or pixels.shape[2] != len(_COLORS):
-        raise ImageError(f"pixels: expected (H, W, 3), found {pixels.shape}")
-    if pixels.dtype != np.uint8:
-        raise ImageError(f"pixels: expected uint8, found {pixels.dtype}")
-    height, width, _ = pixels.shape
+    if not isinstance(content, np.ndarray):
+        return read_image_header(content, max_side=max_side)
+    if content.shape[2:] != (3,):
+        raise ImageError(f"pixels: expected (H, W, 3), found {content.shape}")
+    if content.dtype != np.uint8:
+        raise ImageError(f"pixels: expected uint8, found {content.dtype}")
+    height, width, _ = content.shape
     return ImageHeader("image/png", width, height, 8, "rgb")
-
-
-_COLORS: Final = "rgb"
-_COLOR_DIMENSIONS: Final = 3
 
 
 def require_size(
@@ -162,11 +157,8 @@ def require_size(
     """Refuse an image whose size is not the expected one, (width, height) in px.
 
     `what` is the image and `than` what it is compared with, as the error names them.
-
-    Raises
-    ------
-    ImageSizeMismatch
-        Such as "the segmentation is 800 x 600, the image is 1280 x 720".
+    Raises `ImageSizeMismatch`: such as "the segmentation is 800 x 600, the image is
+    1280 x 720".
     """
     if header.wh != tuple(expected_wh):
         width, height = expected_wh

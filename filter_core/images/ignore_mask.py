@@ -28,7 +28,7 @@ class IgnoreMaskError(FilterError):
 
 
 def read_ignore_mask(source: bytes | Sequence[Polygon], wh: tuple[int, int]) -> Mask:
-    """The pixels that never count.
+    """(H, W) bool: the pixels that never count.
 
     Parameters
     ----------
@@ -36,11 +36,6 @@ def read_ignore_mask(source: bytes | Sequence[Polygon], wh: tuple[int, int]) -> 
         An image file of the frame's size, in which a pixel that is not black is
         ignored (alpha is not looked at); or polygons, of which any may contain it.
     wh : (width, height) of the image, px
-
-    Returns
-    -------
-    (H, W) bool
-        True: never counts.
 
     Raises
     ------

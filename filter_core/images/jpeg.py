@@ -54,15 +54,9 @@ _MARKER_IN_SCAN: Final = re.compile(rb"\xff[^\x00\xd0-\xd7\xff]")
 
 @dataclass(frozen=True)
 class JpegHeader:
-    """What the frame's header says.
+    """What the frame's header says: size, px, and 1, 3 or 4 channels of 8 bits each.
 
-    Attributes
-    ----------
-    width, height : int, px
-    channels : int
-        1, 3 or 4, of 8 bits each.
-    marker : int
-        The second byte of the marker, which says how the picture is coded.
+    `marker` is the second byte of the marker, which says how the picture is coded.
     """
 
     width: int
@@ -130,7 +124,11 @@ class _Walk:
     def passed(self, marker: int, position: int) -> int:
         """Where the segment ends whose marker ends here."""
         if marker not in _FRAMES | _TABLES | _NOTES and marker != _SOS:
-            raise _unexpected(marker, position - 2)
+            found = _OTHER_FRAMES.get(marker, f"the bytes FF {marker:02X}")
+            raise ImageError(
+                "JPEG: expected a baseline or progressive image and nothing between "
+                f"its segments, found {found} at byte {position - 2}"
+            )
         # Where a segment's content begins and ends
         content = self.content
         if position + 2 > len(content):
@@ -198,14 +196,6 @@ def _end_of_scan(content: bytes | mmap, position: int) -> int:
             return found.start()
         position += _WINDOW
     raise _ends_too_early(content)
-
-
-def _unexpected(marker: int, position: int) -> ImageError:
-    found = _OTHER_FRAMES.get(marker, f"the bytes FF {marker:02X}")
-    return ImageError(
-        "JPEG: expected a baseline or progressive image and nothing between its "
-        f"segments, found {found} at byte {position}"
-    )
 
 
 def _ends_too_early(content: bytes | mmap) -> ImageError:

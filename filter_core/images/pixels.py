@@ -32,16 +32,10 @@ PixelValues: TypeAlias = NDArray[np.int32] | NDArray[np.uint8]
 
 
 def values_of(pixels: NDArray[np.uint8]) -> PixelValues:
-    """One number per pixel.
+    """(H, W) uint8 or int32: one number per pixel.
 
-    Parameters
-    ----------
-    pixels : (H, W) uint8: codes; or (H, W, 3) uint8: red, green, blue
-
-    Returns
-    -------
-    (H, W) uint8 or int32
-        Codes are not copied, colours are converted.
+    `pixels` are (H, W) uint8, codes, which are not copied; or (H, W, 3) uint8: red,
+    green, blue.
     """
     if pixels.ndim == 2:
         return pixels
@@ -87,21 +81,11 @@ _SAMPLED_PIXELS: Final = 4096
 def gather(
     pixels: NDArray[np.uint8], bounds: IntArray, keep: Mask | None = None
 ) -> tuple[PixelValues, IntArray]:
-    """The values of several rectangles, one after the other.
+    """(P,): the values of several rectangles, one after the other; and (N,) int64: how
+    many each has.
 
-    Parameters
-    ----------
-    pixels : as for `values_of`
-    bounds : (N, 4) int64
-        First column, first row, last column + 1, last row + 1; may be empty.
-    keep : (H, W) bool, optional
-        The pixels that are wanted; None: all.
-
-    Returns
-    -------
-    values : (P,)
-    sizes : (N,) int64
-        How many values each rectangle has.
+    `bounds` (N, 4) are first column, first row, last column + 1, last row + 1, and may
+    be empty; of their pixels those of `keep` (H, W) are wanted, by default all.
     """
     regions = [np.s_[y0:y1, x0:x1] for x0, y0, x1, y1 in bounds.tolist()]
     if keep is None and pixels.ndim == 3:
@@ -141,17 +125,10 @@ def codes_of(values: PixelValues, table: Codes) -> Codes:
 
 
 def count_codes(pixels: NDArray[np.uint8], table: Codes) -> IntArray:
-    """How many pixels of an image have each code.
+    """(256,) int64, px: how many pixels of an image have each code.
 
-    Parameters
-    ----------
-    pixels : as for `values_of`
-    table : (2^24,) uint8
-        The code of each packed colour; not looked at if `pixels` are codes.
-
-    Returns
-    -------
-    (256,) int64, px
+    `pixels` are as for `values_of`; `table`, (2^24,) uint8, has the code of each packed
+    colour, and is not looked at if `pixels` are codes.
 
     Notes
     -----
@@ -194,12 +171,7 @@ def _strips(pixels: NDArray[np.uint8]) -> Iterator[PixelValues]:
 
 
 def occurring_codes(rgb: NDArray[np.uint8], table: Codes) -> list[int]:
-    """Which codes occur in an image, in ascending order.
-
-    Parameters
-    ----------
-    rgb : (H, W, 3) uint8, contiguous
-    table : (2^24,) uint8
+    """Which codes of a (2^24,) table occur in a contiguous image, in ascending order.
 
     Notes
     -----
@@ -229,17 +201,9 @@ def _codes_counted(counts: IntArray) -> list[int]:
 
 
 def run_ends(flat: PixelValues, stops: IntArray | None = None) -> IntArray:
-    """The index of the last element of each run of equal elements.
+    """(R,) int64, ascending: the index of the last of each run of equal elements.
 
-    Parameters
-    ----------
-    flat : (N,) of values
-    stops : ascending indexes, optional
-        A run also ends before each of these; 0 is none.
-
-    Returns
-    -------
-    (R,) int64, ascending; its last is N - 1
+    A run also ends before each of `stops`, ascending indexes; 0 is none.
     """
     size = len(flat)
     if not size:

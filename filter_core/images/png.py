@@ -75,16 +75,8 @@ _BIT_DEPTHS: Final = {
 
 @dataclass(frozen=True)
 class PngHeader:
-    """What the first chunk says.
-
-    Attributes
-    ----------
-    width, height : int, px
-    bit_depth : int
-        Bits of one sample.
-    color_type : int
-        0, 2, 3, 4 or 6.
-    is_interlaced : bool
+    """What the first chunk says: the size, px, the bits of one sample, and the colour
+    type: 0, 2, 3, 4 or 6.
     """
 
     width: int

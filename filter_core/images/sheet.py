@@ -61,12 +61,7 @@ def sheet_of(tiles: Sequence[Picture]) -> Picture | None:
 
 
 def figure_of(
-    key: str,
-    name: str,
-    words: str,
-    rows: Iterable[tuple[str, str]],
-    *,
-    side: str = "",
+    key: str, name: str, words: str, rows: Iterable[tuple[str, str]], *, side: str = ""
 ) -> str:
     """The part of a page about one frame.
 

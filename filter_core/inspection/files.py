@@ -7,7 +7,7 @@ import zlib
 from array import array
 from bisect import bisect_left
 from collections import Counter
-from collections.abc import Callable, Collection, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -45,15 +45,9 @@ _MOST_FOLDERS: Final = 4096
 
 
 class Cameras(NamedTuple):
-    """Folders whose pictures have the same names.
+    """Folders whose pictures have the same names, and the frames of the first of them.
 
     They are those of cameras at the same instants, or of runs that count alike.
-
-    Attributes
-    ----------
-    folders : tuple of str
-    frames : int
-        Of the first of them.
     """
 
     folders: tuple[str, ...]
@@ -64,15 +58,9 @@ class Cameras(NamedTuple):
 class FileUse:
     """The files that frames use, relative to the folder.
 
-    Attributes
-    ----------
-    root : Path
-    files : FilePatterns
-        Of the description: those that it ignores are not read.
-    outside : int
-        Files of frames that are not in the folder.
-    splits : Counter of str
-        Frames by the folders whose names are those of parts.
+    Those that `files` of the description ignore are not read. `outside` counts files of
+    frames that are not in the folder, `splits` frames by the folders whose names are
+    those of parts.
     """
 
     root: Path
@@ -182,21 +170,8 @@ def _count_lines(path: Path) -> int:
 def unused_files(
     frames: FrameSet, use: FileUse, splits: Collection[Split]
 ) -> tuple[tuple[Listed, ...], tuple[Listed, ...]]:
-    """The files of a folder that no frame has.
-
-    Parameters
-    ----------
-    frames : FrameSet
-    use : FileUse
-        Of all frames.
-    splits : collection of Split
-
-    Returns
-    -------
-    left_over : tuple of Listed
-        Images and labels that belong to no frame.
-    not_read : tuple of Listed
-        Other files, such as notes.
+    """Images and labels of a folder that belong to no frame; and its other files, such
+    as notes.
     """
     left_over, not_read = Listing(), Listing()
     for one in frames.unmatched:
@@ -206,11 +181,15 @@ def unused_files(
     for path in frames.texts() if frames.texts else ():
         use.add_file(path)
     known = {RECORDING_NAME, KEYS_NAME, *(split.name for split in splits)}
-    ends = {one.path.rpartition("/")[2] for one in frames.unmatched}
-    unmatched = _Ends(one.path for one in frames.unmatched)
+    unmatched = {one.path for one in frames.unmatched}
+    lasts = {path.rpartition("/")[2] for path in unmatched}
     is_used = use.is_used()
     for name in _all_files(use.root):
-        is_listed = name.rpartition("/")[2] in ends and name in unmatched
+        # Some paths are relative to a folder of their own.
+        parts = name.split("/")
+        is_listed = parts[-1] in lasts and any(
+            "/".join(parts[start:]) in unmatched for start in range(len(parts))
+        )
         if is_listed or is_used(name) or name in known:
             continue
         why = _IGNORED if use.files.ignores(name) else _why_not_read(name, frames)
@@ -220,22 +199,6 @@ def unused_files(
 
 
 _IGNORED: Final = "`files.ignore` of the description leaves it out"
-
-
-class _Ends:
-    """Files that are named by the ends of their paths: some are relative to a folder
-    of their own."""
-
-    def __init__(self, names: Iterable[str]) -> None:
-        self._names = set(names)
-
-    def __contains__(self, name: object) -> bool:
-        path = str(name)
-        while path not in self._names:
-            _, slash, path = path.partition("/")
-            if not slash:
-                return False
-        return True
 
 
 def _all_files(root: Path) -> Iterator[str]:

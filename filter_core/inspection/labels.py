@@ -19,13 +19,8 @@ from filter_core.annotation.frame import BoxAnnotation, FrameAnnotation
 from filter_core.annotation.parsing import parse_annotation
 from filter_core.annotation.units import check_units
 from filter_core.arrays import BoolArray, FloatArray
-from filter_core.errors import FilterError, LayoutError, problem_of
-from filter_core.formats.reading import (
-    FrameSet,
-    FrameSource,
-    frame_size,
-    missing_image,
-)
+from filter_core.errors import FilterError, LayoutError
+from filter_core.formats.reading import FrameSet, FrameSource, frame_size, missing_image
 from filter_core.geometry.boxes import FORMS, to_xyxy
 from filter_core.inspection.files import FileUse
 from filter_core.inspection.listing import Listing
@@ -71,10 +66,8 @@ class LabelSurvey:
 
     Attributes
     ----------
-    frames, boxes : int
     boxes_3d : int
         Those that are given by a 3D box.
-    by_class : Counter of str
     roles : Counter of str
         How many frames have a file of each role.
     examples : dict of str to str
@@ -150,8 +143,7 @@ class LabelSurvey:
             annotation = parse_annotation(frame.annotation or {}, frame=frame.key)
             self._check(frame, annotation)
         except FilterError as problem:
-            code = problem_of(problem)["errors"][0]["code"]
-            self.refused.add(code, frame.key, problem.detail)
+            self.refused.refuse(frame.key, problem)
             return
         names = [box_class(box) for box in annotation.boxes]
         self.by_class.update(names)

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final, NamedTuple
+
+from filter_core.errors import FilterError, problem_of
 
 MOST_EXAMPLES: Final = 10
 
@@ -31,15 +32,7 @@ def counted(counts: Counter[str]) -> tuple[Counted, ...]:
 
 @dataclass(frozen=True)
 class Listed:
-    """Things of one kind.
-
-    Attributes
-    ----------
-    kind : str
-    count : int
-    examples : tuple of Example
-        The first ten.
-    """
+    """Things of one kind, of which the first ten are examples."""
 
     kind: str
     count: int
@@ -60,10 +53,10 @@ class Listing:
         if len(examples) < MOST_EXAMPLES:
             examples.append(Example(name, why))
 
-    @property
-    def counts(self) -> Mapping[str, int]:
-        """How many things there are, by kind."""
-        return self._counts
+    def refuse(self, key: str, problem: FilterError) -> None:
+        """One more frame that cannot be used, by the code of its first fault."""
+        code = problem_of(problem)["errors"][0]["code"]
+        self.add(code, key, problem.detail)
 
     def listed(self) -> tuple[Listed, ...]:
         """All kinds, the most frequent first."""

@@ -8,7 +8,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import Final, NamedTuple, TypeAlias
+from typing import Final, NamedTuple
 
 import cv2
 import numpy as np
@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from filter_core.arrays import UNKNOWN_TAG
 from filter_core.config.filter import FilterConfig
 from filter_core.decisions.rules import decide
-from filter_core.errors import FilterError, LayoutError, problem_of
-from filter_core.formats.reading import FrameSource, frame_size, open_regular
+from filter_core.errors import FilterError, LayoutError
+from filter_core.formats.reading import FrameSource, frame_size, read_file
 from filter_core.geometry.boxes import pixel_bounds
 from filter_core.images.decoding import decode_as_seen
 from filter_core.images.header import read_image_header
@@ -33,18 +33,10 @@ from filter_core.local import (
 from filter_core.pipeline import FrameResult, MeasuredFrame
 from filter_core.recognition import Shown, depth_images, recognise_recording
 from filter_core.segmentation.codes import Segmentation
-from filter_core.segmentation.palettes import (
-    FAMILIES,
-    PAPER_TABLE,
-    UnknownVersion,
-    family_of_version,
-)
+from filter_core.segmentation.palettes import FAMILIES, PAPER_TABLE, known_family
 from filter_core.segmentation.reading import SegmentationOptions, read_segmentation
 from filter_core.segmentation.recognition import Reading as Candidate
 from filter_core.verdicts import VerdictName
-
-Picture: TypeAlias = NDArray[np.uint8]
-"""(H, W, 3), B, G, R."""
 
 _WIDEST: Final = 960
 """px; of a painted frame."""
@@ -85,16 +77,8 @@ class DrawnBox(NamedTuple):
 class DrawnFrame:
     """A frame with the verdicts of its boxes.
 
-    Attributes
-    ----------
-    key : str
-    wh : (width, height), px
-    jpeg : bytes or None
-        The picture, smaller; without one the segmentation in its colours. None: there
-        is neither.
-    boxes : tuple of DrawnBox
-    outside : int
-        Boxes that cannot be drawn, because no part of them is in the image.
+    `jpeg` is the picture, smaller, or without one the segmentation in its colours.
+    Boxes that cannot be drawn, because no part of them is in the image, are `outside`.
     """
 
     key: str
@@ -110,7 +94,6 @@ class SegmentationFacts:
 
     Attributes
     ----------
-    looked_at : int
     readings : tuple of Reading
         The most frequent first.
     family : str or None
@@ -121,8 +104,6 @@ class SegmentationFacts:
         How many may have it, and how many of these can have no other.
     unknown_percent : float
         Of all their pixels.
-    refused : tuple of Listed
-    notes : tuple of Counted
     """
 
     looked_at: int
@@ -150,16 +131,8 @@ class SegmentationFacts:
 class DepthFacts:
     """What some depth images say about those of the recording.
 
-    Attributes
-    ----------
-    looked_at : int
-    encoding : str or None
-        That of all; None if they show none, or different ones.
-    shown : tuple of Counted
-        Encodings that images show for certain.
-    unclear : int
-        Images that are read, but do not show their encoding.
-    refused : tuple of Listed
+    `encoding` is that of all; None if they show none, or different ones. Some encodings
+    are `shown` for certain; images that are `unclear` are read, but do not show theirs.
     """
 
     looked_at: int
@@ -178,7 +151,6 @@ class PictureSurvey:
     frames : int
         How many were looked at.
     sizes : Counter of (width, height)
-    classes : dict of str to ClassCount
     verdicts : Counter of (class, verdict)
     unknown : Counter of (class, tag or colour)
         Pixels in boxes whose tag is unknown.
@@ -227,12 +199,7 @@ def look_at(
 ) -> PictureSurvey:
     """Measure and decide some frames, as the filter does.
 
-    Parameters
-    ----------
-    frames : sequence of FrameSource
-    config : FilterConfig
-    workers : int, optional
-        Threads; one more than there are cores.
+    `workers` are threads; by default one more than there are cores.
     """
     survey = PictureSurvey(frames=len(frames))
     shown = Shown()
@@ -247,10 +214,16 @@ def look_at(
         if size is not None:
             survey.sizes[size] += 1
         if look.problem is not None:
-            code = problem_of(look.problem)["errors"][0]["code"]
-            survey.refused.add(code, look.source.key, look.problem.detail)
-        if look.result is not None:
-            _count(survey, look, look.result)
+            survey.refused.refuse(look.source.key, look.problem)
+        if look.result is None:
+            continue
+        measured, verdicts = look.result.measured, look.result.verdicts
+        for name, count in count_by_class(measured.evidence, verdicts).items():
+            survey.classes[name] = survey.classes.get(name, ClassCount()).plus(count)
+        names = ((each["class"], each["verdict"]) for each in look.result.decisions)
+        survey.verdicts.update(names)
+        survey.unknown.update(look.unknown)
+        survey.notes.update(measured.notes)
     survey.segmentation = _segmentations(looks, config, shown)
     survey.depth = _depth(frames, config, shown)
     survey.drawn = tuple(map(_drawn, _chosen(looks)))
@@ -306,7 +279,8 @@ def _read_again(
 ) -> Segmentation:
     """The segmentation of a frame that was measured, whose tags are looked at, too."""
     reading = measuring_of(source, config).reading
-    return read_segmentation(_content(path), _options(measured, reading))
+    content = read_file(path, "segmentation")
+    return read_segmentation(content, _options(measured, reading))
 
 
 def _families(
@@ -314,7 +288,7 @@ def _families(
 ) -> tuple[str, ...]:
     """The families that an image may have: the one that is named, or by its colours."""
     own, order = segmentation.family, segmentation.channel_order
-    is_named = options.palette != "auto" or own == _family_of(options.carla_version)
+    is_named = options.palette != "auto" or own == known_family(options.carla_version)
     if is_named or segmentation.encoding == "raw":  # raw tags prove theirs
         return (own,)
     codes = frozenset(segmentation.codes.occurring)
@@ -323,21 +297,6 @@ def _families(
     return own, *(
         name for name in others if len(Candidate(name, order).missing(codes)) == fewest
     )
-
-
-def _family_of(version: str | None) -> str | None:
-    try:
-        return None if version is None else family_of_version(version)
-    except UnknownVersion:
-        return None
-
-
-def _content(path: Path) -> bytes:
-    try:
-        with open_regular(path) as file:
-            return file.read()
-    except OSError as exc:
-        raise LayoutError(f"{path.name} cannot be read: {exc.strerror}") from exc
 
 
 def _unknown_values(
@@ -356,26 +315,10 @@ def _unknown_values(
         name = evidence.class_names[evidence.class_index[row]]
         values, numbers = np.unique(pixels, axis=0, return_counts=True)
         for value, number in zip(values.tolist(), numbers.tolist(), strict=True):
-            counts[name, _value_name(value)] += number
+            is_tag = isinstance(value, int)
+            words = f"tag {value}" if is_tag else f"#{bytes(value).hex()}"
+            counts[name, words] += number
     return dict(counts)
-
-
-def _value_name(value: int | list[int]) -> str:
-    """A raw tag or a colour, for people."""
-    if isinstance(value, int):
-        return f"tag {value}"
-    return "#" + "".join(f"{level:02x}" for level in value)
-
-
-def _count(survey: PictureSurvey, look: _Look, result: FrameResult) -> None:
-    measured = result.measured
-    for name, count in count_by_class(measured.evidence, result.verdicts).items():
-        known = survey.classes.get(name)
-        survey.classes[name] = count if known is None else known.plus(count)
-    for each in result.decisions:
-        survey.verdicts[each["class"], each["verdict"]] += 1
-    survey.unknown.update(look.unknown)
-    survey.notes.update(measured.notes)
 
 
 def _segmentations(
@@ -390,8 +333,7 @@ def _segmentations(
     for look in with_one:
         notes.update(look.notes)
         if look.problem is not None:
-            code = problem_of(look.problem)["errors"][0]["code"]
-            refused.add(code, look.source.key, look.problem.detail)
+            refused.refuse(look.source.key, look.problem)
     votes = Counter(family for look in read for family in look.families)
     most = max(votes, key=lambda name: votes[name], default=None)
     family = shown.keys.get("palette", most)
@@ -481,32 +423,31 @@ def _drawn(look: _Look) -> DrawnFrame:
         if each["xyxy"] is not None
     )
     try:
-        jpeg = _jpeg(_background(look.source, result.measured, result.config))
+        jpeg = _jpeg(look.source, result.measured, result.config)
     except FilterError:  # a damaged picture; its frame is shown without it
         jpeg = None
     outside = len(result.decisions) - len(boxes)
     return DrawnFrame(look.source.key, result.measured.wh, jpeg, boxes, outside)
 
 
-def _background(
+def _jpeg(
     source: FrameSource, measured: MeasuredFrame, config: FilterConfig
-) -> Picture | None:
+) -> bytes | None:
+    """The picture of a frame, or else its segmentation in colours; None: neither."""
+    picture: NDArray[np.uint8] | None = None
     if source.image is not None:
-        content = _content(source.image)
-        return decode_as_seen(content, read_image_header(content), cv2.IMREAD_COLOR)
-    if source.segmentation is None:
-        return None
-    read = _read_again(source, source.segmentation, measured, config)
-    painted = FAMILIES[read.family].paint(read.tags)
-    return np.ascontiguousarray(painted[:, :, ::-1])
-
-
-def _jpeg(picture: Picture | None) -> bytes | None:
+        content = read_file(source.image, "image")
+        header = read_image_header(content)
+        picture = decode_as_seen(content, header, cv2.IMREAD_COLOR)
+    elif source.segmentation is not None:
+        read = _read_again(source, source.segmentation, measured, config)
+        painted = FAMILIES[read.family].paint(read.tags)
+        picture = np.ascontiguousarray(painted[:, :, ::-1])
     if picture is None:
         return None
     height, width = picture.shape[:2]
     scale = min(1.0, _WIDEST / width)
     size = max(1, round(width * scale)), max(1, round(height * scale))
     small = cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
-    _, content = cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])
-    return content.tobytes()
+    _, jpeg = cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])
+    return jpeg.tobytes()

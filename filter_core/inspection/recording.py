@@ -20,11 +20,7 @@ from filter_core.config.filter import FilterConfig
 from filter_core.errors import FilterError, LayoutError
 from filter_core.formats.carlasimu import CARLASIMU
 from filter_core.formats.labels import OtherNotation, other_notations
-from filter_core.formats.reading import (
-    FrameSet,
-    StreamFacts,
-    name_of,
-)
+from filter_core.formats.reading import FrameSet, StreamFacts, name_of
 from filter_core.formats.recording import RecordingDescription
 from filter_core.formats.registry import (
     describe_source,
@@ -35,12 +31,7 @@ from filter_core.formats.registry import (
 from filter_core.formats.splits import Split
 from filter_core.formats.streams import Streams
 from filter_core.formats.yolo import NoClassList
-from filter_core.inspection.files import (
-    Cameras,
-    FileUse,
-    found_splits,
-    unused_files,
-)
+from filter_core.inspection.files import Cameras, FileUse, found_splits, unused_files
 from filter_core.inspection.labels import LabelSurvey
 from filter_core.inspection.listing import Counted, Listed, counted
 from filter_core.inspection.pictures import (
@@ -61,11 +52,7 @@ PICTURES: Final = 24
 class Problem:
     """Something that has to be said in a description before a folder can be used.
 
-    Attributes
-    ----------
-    code : str
-    detail : str
-        What was found, and the remedy.
+    `detail` is what was found, and the remedy.
     """
 
     code: str
@@ -78,7 +65,6 @@ class ClassFacts:
 
     Attributes
     ----------
-    name : str
     boxes : int
         In all labels.
     measured_as : str or None
@@ -115,14 +101,9 @@ class ClassFacts:
 
 @dataclass(frozen=True)
 class BoxFacts:
-    """All boxes of the labels.
+    """All boxes of the labels, and how many of them are given as 3D boxes.
 
-    Attributes
-    ----------
-    count, in_3d : int
-        All, and those that are given as 3D boxes.
-    faults : tuple of Listed
-        Kinds of rectangles that can hardly be right: see `LabelSurvey.faults`.
+    `faults` are kinds of rectangles that can hardly be right: see `LabelSurvey.faults`.
     """
 
     count: int
@@ -136,7 +117,6 @@ class Inspection:
 
     Attributes
     ----------
-    name : str
     layout : str or None
         None if it cannot be read.
     layouts : tuple of str
@@ -146,13 +126,10 @@ class Inspection:
     described : RecordingDescription
         What was recognised, and what the given description says. To read a folder with
         it gives the same.
-    problems : tuple of Problem
     notes : tuple of str
         How the files were read.
-    frames : int
     with_role : mapping of str to int
         How many frames have a file of each role.
-    streams : tuple of StreamFacts
     refused : tuple of Listed
         Frames that cannot be used, by the code of the fault; `refused_pictures` those
         of `pictures` that cannot be measured.
@@ -160,18 +137,10 @@ class Inspection:
         Images and labels that belong to no frame.
     not_read : tuple of Listed
         Other files.
-    classes : tuple of ClassFacts
-    boxes : BoxFacts
     pictures : int
         How many frames were looked at.
-    segmentation : SegmentationFacts or None
-    depth : DepthFacts or None
     image_notes : tuple of Counted
         How other images of frames were read.
-    sizes : tuple of Size
-    splits : tuple of Split
-    cameras : tuple of Cameras
-    drawn : tuple of DrawnFrame
     """
 
     name: str
@@ -231,7 +200,6 @@ def inspect_recording(
 
     Parameters
     ----------
-    source : Path
     description : RecordingDescription, optional
         What is known about it. Default: that of ``recording.yaml`` beside the data.
     pictures : int
@@ -260,13 +228,7 @@ def inspect_opened(
 ) -> Inspection:
     """How a recording that was opened is understood: see `inspect_recording`.
 
-    Parameters
-    ----------
-    source : Path
-    opened : OpenedRecording
-        Its frames are read once.
-    sampling : Sampling
-    progress : callable
+    Its frames are read once.
     """
     root = source if source.is_dir() else source.parent
     files = FileUse(root, opened.description.files)
@@ -294,17 +256,30 @@ def inspect_opened(
         key: value for key, value in found.items() if getattr(given, key) == "auto"
     }
     changed: Callable[..., RecordingDescription] = replace
+    # The files by role where the layout or the description names each
+    roles, layout = given.files.roles, str(opened.layout)
+    named_streams = tuple(
+        StreamFacts(
+            role, count, labels.examples[role], ("description",), roles[role].text
+        )
+        if role in roles
+        else StreamFacts(role, count, labels.examples[role], (layout,))
+        for role, count in labels.roles.items()
+    )
+    problems, mixed = opened.problems, looked.problem
+    if mixed is not None:  # segmentations are of several families
+        problems = (*problems, Problem(mixed.kind, mixed.detail))
     return Inspection(
         name=name_of(source),
         layout=opened.layout,
         layouts=opened.layouts,
         why=opened.why,
         described=changed(given, **unsaid),
-        problems=(*opened.problems, *_several_families(looked)),
+        problems=problems,
         notes=opened.frames.notes(),
         frames=labels.frames,
         with_role=dict(labels.roles),
-        streams=opened.frames.streams or tuple(_named_streams(opened, labels)),
+        streams=opened.frames.streams or named_streams,
         refused=labels.refused.listed(),
         refused_pictures=looked.refused.listed(),
         left_over=left_over,
@@ -326,18 +301,9 @@ def inspect_opened(
 class OpenedRecording:
     """A folder with what was recognised; without frames if it cannot be read.
 
-    Attributes
-    ----------
-    frames : FrameSet
-        With their boxes as they look like, whatever the format says.
-    layout : str or None
-    layouts : tuple of str
-    why : str
-    description : RecordingDescription
-        It says what the boxes look like.
-    problems : tuple of Problem
-    others : tuple of OtherNotation
-        What a person has to say about the boxes before they are used.
+    Frames have their boxes as they look like, whatever the format says; the description
+    says what that is. `others` are what a person has to say about the boxes before they
+    are used.
     """
 
     frames: FrameSet
@@ -352,11 +318,7 @@ class OpenedRecording:
 def open_recording(source: Path, given: RecordingDescription) -> OpenedRecording:
     """The frames, in the layout and notation that they are recognised to have.
 
-    Parameters
-    ----------
-    source : Path
-    given : RecordingDescription
-        What it says is not recognised.
+    What the description that is `given` says is not recognised.
     """
     layout = given.own_layout
     layouts = (layout,) if layout != "auto" else possible_layouts(source, given)
@@ -374,7 +336,9 @@ def open_recording(source: Path, given: RecordingDescription) -> OpenedRecording
         if isinstance(exc, NoClassList):
             remedy = _NAME_CLASSES
         problems.append(Problem(exc.kind, f"{exc.detail}{remedy}"))
-        streams = () if not source.is_dir() else _streams_of(source, given)
+        streams: tuple[StreamFacts, ...] = ()
+        with suppress(LayoutError):  # of a description that contradicts itself
+            streams = Streams(source, given).facts if source.is_dir() else ()
         frames = FrameSet("", lambda: iter(()), streams=streams)
         return OpenedRecording(frames, None, layouts, "", given, tuple(problems))
     problems += [Problem(other.error.kind, other.error.detail) for other in others]
@@ -386,12 +350,6 @@ def open_recording(source: Path, given: RecordingDescription) -> OpenedRecording
     return OpenedRecording(
         frames, frames.layout, layouts, why, described, tuple(problems), others
     )
-
-
-def _streams_of(source: Path, given: RecordingDescription) -> tuple[StreamFacts, ...]:
-    with suppress(LayoutError):  # of a description that contradicts itself
-        return Streams(source, given).facts
-    return ()
 
 
 def _read(
@@ -438,22 +396,6 @@ _NO_FRAMES: Final = (
     "no frames in layout {}: its files are not used; `layout` in recording.yaml names "
     "another one"
 )
-
-
-def _named_streams(
-    opened: OpenedRecording, labels: LabelSurvey
-) -> Iterator[StreamFacts]:
-    """The files by role where the layout or the description names each."""
-    patterns = opened.description.files.roles
-    for role, count in labels.roles.items():
-        told_by = "description" if role in patterns else str(opened.layout)
-        pattern = patterns[role].text if role in patterns else None
-        yield StreamFacts(role, count, labels.examples[role], (told_by,), pattern)
-
-
-def _several_families(looked: PictureSurvey) -> Iterator[Problem]:
-    if looked.problem is not None:
-        yield Problem(looked.problem.kind, looked.problem.detail)
 
 
 def _classes(

@@ -67,13 +67,6 @@ _OF_ONE_CLASS: Final = re.compile(r"(\(\d+); [^()]*\)")
 """What helps for a class, behind its number of boxes."""
 
 
-class Remedy(NamedTuple):
-    """A value of a key of ``recording.yaml``, such as ``("boxes", "unit")``."""
-
-    place: tuple[str, ...]
-    value: str
-
-
 class Remark(NamedTuple):
     """A sentence, and whether it must be looked at before the recording is used.
 
@@ -85,13 +78,16 @@ class Remark(NamedTuple):
     unknown_classes: tuple[str, ...] = ()
 
     @property
-    def remedies(self) -> list[Remedy]:
-        """The values that the sentence recommends, each for a key."""
-        remedies = []
+    def remedies(self) -> list[tuple[tuple[str, ...], str]]:
+        """The keys of ``recording.yaml`` that the sentence recommends, with values.
+
+        A key is such as ``("boxes", "unit")``.
+        """
+        remedies: list[tuple[tuple[str, ...], str]] = []
         for section, key, inner, plain in _REMEDY.findall(self.text):
             if _BLANKS.isdisjoint((key, inner)):
                 place = (section, key) if key else (section,)
-                remedies.append(Remedy(place, inner or plain))
+                remedies.append((place, inner or plain))
         return remedies
 
     @property
@@ -127,11 +123,7 @@ class Advice(Protocol):
 class RecordingAdvice:
     """`Advice` by keys of ``recording.yaml``.
 
-    Attributes
-    ----------
-    default_class : str or None
-        The class of labels that carry none, if there may be such labels.
-    written : str
+    `default_class` is the class of labels that carry none, if there may be such labels.
     """
 
     default_class: str | None = None
@@ -139,26 +131,22 @@ class RecordingAdvice:
 
     @property
     def general(self) -> str:
-        """See `Advice`."""
         return (
             "`classes: {NAME: CLASS}` says as what a class is measured, and "
             "`classes: {NAME: pass}` that it need not be"
         )
 
     def for_class(self, name: str, meant: str | None) -> str:
-        """See `Advice`."""
         if name == self.default_class:
             return "labels without a class; `boxes.default_class` names theirs"
         return f"`classes: {{{name}: {meant}}}`" if meant else ""
 
     def for_known(self, names: list[str]) -> str:
-        """See `Advice`."""
         return (
             f"; the tags of this version of CARLA have none for {listed_names(names)}"
         )
 
     def for_names(self, names: list[str]) -> str:
-        """See `Advice`."""
         other, name = names[:2]
         return f"; `classes: {{{other}: {{name: {name}}}}}` in recording.yaml joins two"
 
@@ -303,10 +291,10 @@ def named_classes(boxes: Mapping[str, int], advice: Advice) -> str:
     return listed_names(named)
 
 
-def listed_names(parts: Iterable[str]) -> str:
+def listed_names(parts: Iterable[str], most: int = _LISTED) -> str:
     listed = list(parts)
-    more = len(listed) - _LISTED
-    return ", ".join(listed[:_LISTED] + ([f"and {more} more"] if more > 0 else []))
+    more = len(listed) - most
+    return ", ".join(listed[:most] + ([f"and {more} more"] if more > 0 else []))
 
 
 def remarks_on(inspection: Inspection) -> Iterator[Remark]:
@@ -443,7 +431,7 @@ def facts(inspection: Inspection) -> Iterator[tuple[str, str]]:
         sizes = [
             f"{one.width} x {one.height} px ({one.images})" for one in inspection.sizes
         ]
-        yield "sizes of images", _first(sizes)
+        yield "sizes of images", listed_names(sizes, MOST_IN_A_LINE)
     if inspection.segmentation is not None:
         yield "segmentation", segmentation_text(inspection)
     if inspection.depth is not None:
@@ -492,27 +480,18 @@ def depth_text(inspection: Inspection) -> str:
 
 def camera_text(folders: Sequence[str], frames: int) -> str:
     """Folders that may be those of cameras."""
+    names = listed_names(folders, MOST_IN_A_LINE)
     return (
         f"{len(folders)} folders with pictures of the same names ({frames} in the "
-        f"first), of cameras or of runs that count alike: {_first(folders)}"
+        f"first), of cameras or of runs that count alike: {names}"
     )
-
-
-def _first(words: Sequence[str]) -> str:
-    more = len(words) - MOST_IN_A_LINE
-    return ", ".join([*words[:MOST_IN_A_LINE], *([f"and {more} more"] * (more > 0))])
 
 
 def recording_text(inspection: Inspection, folder: Path) -> str:
     """The text of a ``recording.yaml`` with what was recognised.
 
-    What a person has to say about classes is in comments.
-
-    Parameters
-    ----------
-    inspection : Inspection
-    folder : Path
-        Where it is to be, to which paths in it are relative.
+    What a person has to say about classes is in comments. Paths in it are relative to
+    the `folder` where it is to be.
     """
     name = inspection.name
     head = (

@@ -60,17 +60,14 @@ def unpacked(color: int) -> RGB:
     return color >> 16 & 255, color >> 8 & 255, color & 255
 
 
-def _all_packed_colors() -> tuple[int, ...]:
-    seen = {
-        packed(tag.rgb, order): None
+KNOWN_COLORS: Final = tuple(
+    dict.fromkeys(
+        packed(tag.rgb, order)
         for order in ORDERS
         for palette in FAMILIES.values()
         for tag in palette.tags
-    }
-    return tuple(seen)
-
-
-KNOWN_COLORS: Final = _all_packed_colors()
+    )
+)
 """Every colour of every family, in both channel orders; code = index + 1."""
 
 CODE_OF: Final = {color: code for code, color in enumerate(KNOWN_COLORS, start=1)}
@@ -89,17 +86,13 @@ def codes_with(changed: ChangedTags) -> Mapping[int, int]:
     }
 
 
-def exact_codes(changed: ChangedTags = UNCHANGED) -> Codes:
+@lru_cache(maxsize=4)
+def exact_codes(changed: ChangedTags) -> Codes:
     """(2^24,) uint8: the code of every packed colour.
 
     Almost all of it is zeros that were never written, so it takes 16 MiB of addresses
     and a few pages of memory.
     """
-    return _exact_codes(changed)
-
-
-@lru_cache(maxsize=4)
-def _exact_codes(changed: ChangedTags) -> Codes:
     codes = codes_with(changed)
     table = np.zeros(_N_COLORS, dtype=np.uint8)
     table[list(codes)] = list(codes.values())
@@ -239,7 +232,6 @@ class Segmentation:
 
     Attributes
     ----------
-    codes : PixelCodes
     family : key of `filter_core.segmentation.palettes.FAMILIES`
     encoding : ``palette`` or ``raw``
     channel_order : ``rgb`` or ``bgr``

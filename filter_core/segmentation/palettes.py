@@ -57,13 +57,8 @@ class Tag:
 
 @dataclass(frozen=True)
 class Palette:
-    """One tag family: tag, name and colour are a bijection inside it.
-
-    Attributes
-    ----------
-    name : str
-    tags : tuple of Tag
-        Tag t is at place t.
+    """One tag family: tag, name and colour are a bijection inside it; tag t is at place
+    t.
     """
 
     name: str
@@ -81,10 +76,7 @@ class Palette:
     def tag_of(self, name: str) -> int:
         """The number of a tag given by name, in any case.
 
-        Raises
-        ------
-        UnknownTag
-            If the family has no tag of that name.
+        Raises `UnknownTag`: if the family has no tag of that name.
         """
         for tag in self.tags:
             if tag.name.casefold() == name.casefold():
@@ -101,23 +93,63 @@ class Palette:
         return table
 
     def paint(self, tags: TagImage) -> NDArray[np.uint8]:
-        """Colour every pixel by its tag.
+        """(H, W, 3) uint8, RGB: the colour of every pixel of (H, W) tags.
 
-        Parameters
-        ----------
-        tags : (H, W) uint8
-            Tags that the family does not have become white.
-
-        Returns
-        -------
-        (H, W, 3) uint8, RGB
+        Tags that the family does not have become white.
         """
         colors: NDArray[np.uint8] = self.rgb_table[tags]
         return colors
 
 
-def _palette(name: str, *rows: tuple[str, RGB]) -> Palette:
-    return Palette(name, tuple(Tag(tag, *row) for tag, row in enumerate(rows)))
+_COLORS: Final[Mapping[str, RGB]] = {
+    "Unlabeled": (0, 0, 0),
+    "Road": (128, 64, 128),
+    "Sidewalk": (244, 35, 232),
+    "Building": (70, 70, 70),
+    "Wall": (102, 102, 156),
+    "Fence": (190, 153, 153),
+    "Pole": (153, 153, 153),
+    "TrafficLight": (250, 170, 30),
+    "TrafficSign": (220, 220, 0),
+    "Vegetation": (107, 142, 35),
+    "Terrain": (152, 251, 152),
+    "Sky": (70, 130, 180),
+    "Pedestrian": (220, 20, 60),
+    "Rider": (255, 0, 0),
+    "Car": (0, 0, 142),
+    "Truck": (0, 0, 70),
+    "Bus": (0, 60, 100),
+    "Train": (0, 80, 100),
+    "Motorcycle": (0, 0, 230),
+    "Bicycle": (119, 11, 32),
+    "Static": (110, 190, 160),
+    "Dynamic": (170, 120, 50),
+    "Other": (55, 90, 80),
+    "Water": (45, 60, 150),
+    "RoadLine": (157, 234, 50),
+    "Ground": (81, 0, 81),
+    "Bridge": (150, 100, 100),
+    "RailTrack": (230, 150, 140),
+    "GuardRail": (180, 165, 180),
+    "Rock": (180, 130, 70),
+    "Vehicle": (0, 0, 142),
+    "Unlabelled": (0, 0, 0),
+    "Car and Truck": (0, 0, 142),
+    "Van": (0, 0, 70),
+}
+"""The colours of tags by their names; a family may have others (`_palette`)."""
+
+
+def _palette(
+    name: str, tags: str, others: Mapping[str, RGB] = MappingProxyType({})
+) -> Palette:
+    """A family of these tags, in the order of their numbers.
+
+    `others` are the colours that are not those of `_COLORS`.
+    """
+    colors = {**_COLORS, **others}
+    names = enumerate(tags.split(", "))
+    return Palette(name, tuple(Tag(tag, one, colors[one]) for tag, one in names))
 
 
 # 0.9.0: CARLA's documentation; 0.9.10 and 0.9.14: the CityScapesPalette table inside
@@ -126,108 +158,31 @@ def _palette(name: str, *rows: tuple[str, RGB]) -> Palette:
 _PALETTES: Final = (
     _palette(
         "carla-0.9.0",
-        ("Unlabeled", (0, 0, 0)),
-        ("Building", (70, 70, 70)),
-        ("Fence", (190, 153, 153)),
-        ("Other", (250, 170, 160)),
-        ("Pedestrian", (220, 20, 60)),
-        ("Pole", (153, 153, 153)),
-        ("RoadLine", (157, 234, 50)),
-        ("Road", (128, 64, 128)),
-        ("Sidewalk", (244, 35, 232)),
-        ("Vegetation", (107, 142, 35)),
-        ("Vehicle", (0, 0, 142)),
-        ("Wall", (102, 102, 156)),
-        ("TrafficSign", (220, 220, 0)),
+        "Unlabeled, Building, Fence, Other, Pedestrian, Pole, RoadLine, Road, "
+        "Sidewalk, Vegetation, Vehicle, Wall, TrafficSign",
+        {"Other": (250, 170, 160)},
     ),
     _palette(
         "carla-0.9.10",
-        ("Unlabeled", (0, 0, 0)),
-        ("Building", (70, 70, 70)),
-        ("Fence", (100, 40, 40)),
-        ("Other", (55, 90, 80)),
-        ("Pedestrian", (220, 20, 60)),
-        ("Pole", (153, 153, 153)),
-        ("RoadLine", (157, 234, 50)),
-        ("Road", (128, 64, 128)),
-        ("Sidewalk", (244, 35, 232)),
-        ("Vegetation", (107, 142, 35)),
-        ("Vehicle", (0, 0, 142)),
-        ("Wall", (102, 102, 156)),
-        ("TrafficSign", (220, 220, 0)),
-        ("Sky", (70, 130, 180)),
-        ("Ground", (81, 0, 81)),
-        ("Bridge", (150, 100, 100)),
-        ("RailTrack", (230, 150, 140)),
-        ("GuardRail", (180, 165, 180)),
-        ("TrafficLight", (250, 170, 30)),
-        ("Static", (110, 190, 160)),
-        ("Dynamic", (170, 120, 50)),
-        ("Water", (45, 60, 150)),
-        ("Terrain", (145, 170, 100)),
+        "Unlabeled, Building, Fence, Other, Pedestrian, Pole, RoadLine, Road, "
+        "Sidewalk, Vegetation, Vehicle, Wall, TrafficSign, Sky, Ground, Bridge, "
+        "RailTrack, GuardRail, TrafficLight, Static, Dynamic, Water, Terrain",
+        {"Fence": (100, 40, 40), "Terrain": (145, 170, 100)},
     ),
     _palette(
         "carla-0.9.14",
-        ("Unlabeled", (0, 0, 0)),
-        ("Road", (128, 64, 128)),
-        ("Sidewalk", (244, 35, 232)),
-        ("Building", (70, 70, 70)),
-        ("Wall", (102, 102, 156)),
-        ("Fence", (190, 153, 153)),
-        ("Pole", (153, 153, 153)),
-        ("TrafficLight", (250, 170, 30)),
-        ("TrafficSign", (220, 220, 0)),
-        ("Vegetation", (107, 142, 35)),
-        ("Terrain", (152, 251, 152)),
-        ("Sky", (70, 130, 180)),
-        ("Pedestrian", (220, 20, 60)),
-        ("Rider", (255, 0, 0)),
-        ("Car", (0, 0, 142)),
-        ("Truck", (0, 0, 70)),
-        ("Bus", (0, 60, 100)),
-        ("Train", (0, 80, 100)),
-        ("Motorcycle", (0, 0, 230)),
-        ("Bicycle", (119, 11, 32)),
-        ("Static", (110, 190, 160)),
-        ("Dynamic", (170, 120, 50)),
-        ("Other", (55, 90, 80)),
-        ("Water", (45, 60, 150)),
-        ("RoadLine", (157, 234, 50)),
-        ("Ground", (81, 0, 81)),
-        ("Bridge", (150, 100, 100)),
-        ("RailTrack", (230, 150, 140)),
-        ("GuardRail", (180, 165, 180)),
-        ("Rock", (180, 130, 70)),
+        "Unlabeled, Road, Sidewalk, Building, Wall, Fence, Pole, TrafficLight, "
+        "TrafficSign, Vegetation, Terrain, Sky, Pedestrian, Rider, Car, Truck, Bus, "
+        "Train, Motorcycle, Bicycle, Static, Dynamic, Other, Water, RoadLine, Ground, "
+        "Bridge, RailTrack, GuardRail, Rock",
     ),
     _palette(
         "paper-table1",
-        ("Unlabelled", (0, 0, 0)),
-        ("Car and Truck", (0, 0, 142)),
-        ("Bus", (0, 60, 100)),
-        ("Van", (0, 0, 70)),
-        ("Bicycle", (119, 11, 32)),
-        ("Motorcycle", (0, 0, 230)),
-        ("Building", (70, 70, 70)),
-        ("Fence", (100, 40, 40)),
-        ("Other", (55, 90, 80)),
-        ("Pedestrian", (220, 20, 60)),
-        ("Pole", (153, 153, 153)),
-        ("RoadLine", (157, 234, 50)),
-        ("Road", (128, 64, 128)),
-        ("Sidewalk", (244, 35, 232)),
-        ("Vegetation", (107, 142, 35)),
-        ("Wall", (102, 102, 156)),
-        ("TrafficSign", (220, 220, 0)),
-        ("Sky", (70, 130, 180)),
-        ("Ground", (81, 0, 81)),
-        ("Bridge", (150, 100, 100)),
-        ("RailTrack", (230, 150, 140)),
-        ("GuardRail", (180, 165, 180)),
-        ("TrafficLight", (250, 170, 30)),
-        ("Static", (110, 190, 160)),
-        ("Dynamic", (170, 120, 50)),
-        ("Water", (45, 60, 150)),
-        ("Terrain", (145, 170, 100)),
+        "Unlabelled, Car and Truck, Bus, Van, Bicycle, Motorcycle, Building, Fence, "
+        "Other, Pedestrian, Pole, RoadLine, Road, Sidewalk, Vegetation, Wall, "
+        "TrafficSign, Sky, Ground, Bridge, RailTrack, GuardRail, TrafficLight, "
+        "Static, Dynamic, Water, Terrain",
+        {"Fence": (100, 40, 40), "Terrain": (145, 170, 100)},
     ),
 )
 
@@ -270,10 +225,8 @@ _FIRST_VERSION: Final = (
 def palette_of(family: str) -> Palette:
     """The family's palette.
 
-    Raises
-    ------
-    UnknownPalette
-        If there is no such family; the text lists those that there are.
+    Raises `UnknownPalette`: if there is no such family; the text lists those that there
+    are.
     """
     try:
         return FAMILIES[family]
@@ -288,14 +241,9 @@ def palette_of(family: str) -> Palette:
 class ChangedTags:
     """What a changed CARLA writes otherwise than the family that it was made of.
 
-    All other numbers and colours mean what they mean in that family.
-
-    Attributes
-    ----------
-    numbers, colors : tuple of (int or RGB, str)
-        Numbers and colours, each with the name of its tag.
-    scale : int
-        Raw images have multiples of this in the place of numbers.
+    All other numbers and colours mean what they mean in that family. `numbers` and
+    `colors` have the name of a tag each; raw images have multiples of `scale` in the
+    place of numbers.
     """
 
     numbers: tuple[tuple[int, str], ...] = ()
@@ -306,11 +254,7 @@ class ChangedTags:
         """The family whose numbers the tags get: this one, if it has all their names.
 
         Else the newest, which calls the tags of all others the same, but for Vehicle.
-
-        Raises
-        ------
-        UnknownTag
-            Neither of the two has all names.
+        Raises `UnknownTag`: neither of the two has all names.
         """
         names = {name for _, name in (*self.numbers, *self.colors)}
         lacking = [
@@ -369,23 +313,19 @@ def _tags_of_numbers(changed: ChangedTags, family: str) -> NDArray[np.uint8]:
     return table
 
 
+def known_family(version: object) -> str | None:
+    """As `family_of_version`; None of anything that is no known version."""
+    try:
+        return family_of_version(version) if isinstance(version, str) else None
+    except UnknownVersion:
+        return None
+
+
 def family_of_version(version: str) -> str:
-    """The tag family that a CARLA version renders.
+    """The key in `FAMILIES` of the tag family that a CARLA version renders.
 
-    Parameters
-    ----------
-    version : str
-        ``0.9.15``, ``v0.9.13``, ``0.9.14-12-g1a2b3c4-dirty``, ``0.10.0``.
-
-    Returns
-    -------
-    str
-        A key of `FAMILIES`.
-
-    Raises
-    ------
-    UnknownVersion
-        If it is no version number, or one before 0.9.0 or after 0.10.
+    Such as ``0.9.15``, ``v0.9.13``, ``0.9.14-12-g1a2b3c4-dirty``, ``0.10.0``. Raises
+    `UnknownVersion`: if it is no version number, or one before 0.9.0 or after 0.10.
     """
     match = re.match(r"\s*v?(\d+(?:\.\d+)+)", version, re.IGNORECASE)
     if match:

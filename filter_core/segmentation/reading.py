@@ -146,15 +146,9 @@ class SegmentationOptions:
     def agreed(cls, layers: Mapping[str, SegmentationOptions]) -> SegmentationOptions:
         """The options of several sources combined, the strongest first.
 
-        Parameters
-        ----------
-        layers : Mapping
-            Such as ``{"the dataset": ..., "the configuration": ...}``.
-
-        Raises
-        ------
-        SegmentationError
-            ``segmentation_contradiction``, naming both, if two of them differ.
+        `layers` are such as ``{"the dataset": ..., "the configuration": ...}``. Raises
+        `SegmentationError`: ``segmentation_contradiction``, naming both, if two of them
+        differ.
         """
         unset = cls()
         by = dict.fromkeys(_FIELDS, unset)
@@ -196,6 +190,8 @@ def read_segmentation(
 ) -> Segmentation:
     """Read a segmentation file of any form.
 
+    Its tags are computed lazily; a rotation in EXIF is not applied.
+
     Parameters
     ----------
     content : bytes
@@ -206,11 +202,6 @@ def read_segmentation(
         The RGB image's and the camera's size.
     max_side : int, px
         Checked against the header, before anything is decoded.
-
-    Returns
-    -------
-    Segmentation
-        Its tags are computed lazily; a rotation in EXIF is not applied.
 
     Raises
     ------
@@ -245,15 +236,18 @@ def read_segmentation(
     with file_context("segmentation"):
         pixels = _decode(content, header)
     try:
-        if header.color_model in ("grey", "grey_alpha"):
-            return _noted(read_raw_tags(_first_channel(pixels), named), notes)
-        return _noted(_read_channels(pixels, header, options, named), notes)
+        if grey:
+            tags = pixels if pixels.ndim == 2 else cv2.extractChannel(pixels, 0)
+            read = read_raw_tags(tags.astype(np.uint8, copy=False), named)
+        else:
+            read = _read_channels(pixels, header, options, named)
     except SegmentationError as error:
         if not notes or error.kind not in _NEEDS_A_FAMILY:
             raise
         # A version was given, but an unknown one.
         text = "; ".join((str(error), *notes))
         raise SegmentationError(text, code=error.kind) from None
+    return replace(read, notes=(*read.notes, *notes)) if notes else read
 
 
 def segmentation_from_tags(
@@ -269,10 +263,6 @@ def segmentation_from_tags(
     changed : ChangedTags
         Of a changed CARLA; the tags are numbers, not multiples of them.
 
-    Returns
-    -------
-    Segmentation
-
     Raises
     ------
     SegmentationError
@@ -285,7 +275,7 @@ def segmentation_from_tags(
         raise SegmentationError(
             f"tags: expected an array (H, W) of uint8, found {tags.shape} {tags.dtype}"
         )
-    counts = count_codes(tags, exact_codes())
+    counts = count_codes(tags, exact_codes(UNCHANGED))
     return raw_segmentation(tags, counts, family, "rgb", changed)
 
 
@@ -299,7 +289,15 @@ def _read_channels(
     if options.encoding == "raw" or is_scaled:
         return read_raw_channel(rgb, named)
     if header.media_type == "image/jpeg":
-        _refuse_jpeg(rgb, options)
+        refuse_lost_tags(rgb, is_jpeg=True)
+        if options.lossy != "nearest":
+            refuse_unlike_palettes(rgb)
+            raise SegmentationError(
+                "the segmentation is a JPEG, whose colours are no longer those that "
+                "CARLA wrote; expected a PNG. lossy_segmentation: nearest reads it by "
+                "the nearest colour and marks every decision as lossy",
+                code="lossy_segmentation",
+            )
         return read_nearest_colors(rgb, named)
     occurring = occurring_codes(rgb, exact_codes(named.changed))
     no_family = NO_FAMILY in occurring
@@ -311,19 +309,6 @@ def _read_channels(
     if no_family and options.lossy == "nearest":
         return read_nearest_colors(rgb, named)
     return read_exact_colors(rgb, occurring, named)
-
-
-def _refuse_jpeg(rgb: NDArray[np.uint8], options: SegmentationOptions) -> None:
-    """Refuse lost tags; and any other JPEG, unless it is to be read all the same."""
-    refuse_lost_tags(rgb, is_jpeg=True)
-    if options.lossy != "nearest":
-        refuse_unlike_palettes(rgb)
-        raise SegmentationError(
-            "the segmentation is a JPEG, whose colours are no longer those that CARLA "
-            "wrote; expected a PNG. lossy_segmentation: nearest reads it by the "
-            "nearest colour and marks every decision as lossy",
-            code="lossy_segmentation",
-        )
 
 
 def _named(options: SegmentationOptions) -> tuple[NamedReading, tuple[str, ...]]:
@@ -369,18 +354,6 @@ def _decode(content: bytes, header: ImageHeader) -> NDArray[np.uint8]:
             "cannot be decoded: it is damaged"
         )
     return pixels
-
-
-def _first_channel(pixels: NDArray[np.uint8]) -> TagImage:
-    if pixels.ndim == 2:
-        return pixels
-    return cv2.extractChannel(pixels, 0).astype(np.uint8, copy=False)
-
-
-def _noted(segmentation: Segmentation, notes: tuple[str, ...]) -> Segmentation:
-    if not notes:
-        return segmentation
-    return replace(segmentation, notes=(*segmentation.notes, *notes))
 
 
 def in_colors(content: bytes, options: SegmentationOptions) -> bytes:

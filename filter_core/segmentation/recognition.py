@@ -18,12 +18,7 @@ from typing import Final, NamedTuple
 from filter_core.arrays import UNKNOWN_TAG
 from filter_core.errors import SegmentationError
 from filter_core.images.pixels import ChannelOrder
-from filter_core.segmentation.codes import (
-    KNOWN_COLORS,
-    ORDERS,
-    tags_of_codes,
-    unpacked,
-)
+from filter_core.segmentation.codes import KNOWN_COLORS, ORDERS, tags_of_codes, unpacked
 from filter_core.segmentation.palettes import (
     FAMILIES,
     PAPER_TABLE,
@@ -118,10 +113,7 @@ class Recognition:
 def recognise(occurring: Iterable[int], named: NamedReading) -> Recognition:
     """Choose the family and channel order of a palette-coloured image.
 
-    Parameters
-    ----------
-    occurring : codes of the known colours that occur
-    named : NamedReading
+    `occurring` are the codes of the known colours that occur.
 
     Raises
     ------
@@ -172,13 +164,19 @@ def _recognise(codes: frozenset[int], named: NamedReading) -> Recognition:
     equals = [reading for reading in best if reading.order == chosen.order]
     if named.family is None:
         _refuse_mixture(chosen, equals, missing)
-    rivals = _rivals(chosen, equals, codes - missing[chosen])
+    explained = codes - missing[chosen]
+    rivals = tuple(
+        other.family
+        for other in equals
+        if other.family not in (chosen.family, PAPER_TABLE)
+        and any(other.name_of(code) != chosen.name_of(code) for code in explained)
+    )
     return Recognition(
         family=chosen.family,
         order=chosen.order,
         rivals=rivals,
         missing=missing[chosen],
-        notes=tuple(_notes(chosen, best, rivals, codes - missing[chosen])),
+        notes=tuple(_notes(chosen, best, rivals, explained)),
         readings=frozenset(best),
     )
 
@@ -195,9 +193,7 @@ def contradiction(text: str) -> SegmentationError:
 
 
 def _refuse_mixture(
-    chosen: Reading,
-    equals: list[Reading],
-    missing: Mapping[Reading, frozenset[int]],
+    chosen: Reading, equals: list[Reading], missing: Mapping[Reading, frozenset[int]]
 ) -> None:
     """Refuse colours of several families of which none has all."""
     for other in equals:
@@ -211,17 +207,6 @@ def _refuse_mixture(
             f"{foreign}; name the palette",
             code="ambiguous_palette",
         )
-
-
-def _rivals(
-    chosen: Reading, equals: list[Reading], explained: frozenset[int]
-) -> tuple[str, ...]:
-    return tuple(
-        other.family
-        for other in equals
-        if other.family not in (chosen.family, PAPER_TABLE)
-        and any(other.name_of(code) != chosen.name_of(code) for code in explained)
-    )
 
 
 def _notes(

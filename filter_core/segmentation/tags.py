@@ -75,13 +75,10 @@ _RED, _GREEN, _BLUE = 0, 1, 2
 def read_exact_colors(
     pixels: NDArray[np.uint8], occurring: Sequence[int], named: NamedReading
 ) -> Segmentation:
-    """A segmentation whose colours are exactly those of a palette.
+    """A segmentation of (H, W, 3) red, green, blue that are exactly colours of a
+    palette.
 
-    Parameters
-    ----------
-    pixels : (H, W, 3) uint8: red, green, blue
-    occurring : codes of the colours that occur, as `exact_codes` has them
-    named : NamedReading
+    `occurring` are the codes of the colours that occur, as `exact_codes` has them.
 
     Raises
     ------
@@ -192,12 +189,9 @@ def _unknown_notes(
 
 
 def read_nearest_colors(pixels: NDArray[np.uint8], named: NamedReading) -> Segmentation:
-    """A segmentation whose colours a lossy format changed: by the nearest colour.
+    """A segmentation of (H, W, 3) red, green, blue that a lossy format changed.
 
-    Parameters
-    ----------
-    pixels : (H, W, 3) uint8: red, green, blue
-    named : NamedReading
+    Each pixel has the tag of the nearest colour.
 
     Raises
     ------
@@ -247,17 +241,11 @@ _MOST_GREY_PERCENT: Final = 95.0
 
 
 def refuse_unlike_palettes(pixels: NDArray[np.uint8]) -> None:
-    """Refuse an image whose colours are not those of a palette that a JPEG has changed.
+    """Refuse (H, W, 3) red, green, blue unlike colours of a palette that a JPEG has
+    changed.
 
-    Parameters
-    ----------
-    pixels : (H, W, 3) uint8: red, green, blue
-
-    Raises
-    ------
-    SegmentationError
-        ``foreign_colors``: it is a photo or another sensor's image, in which some
-        colours happen to be near a palette's.
+    Raises `SegmentationError` (``foreign_colors``): it is a photo or another sensor's
+    image, in which some colours happen to be near a palette's.
     """
     if why := _unlike_palettes(pixels):
         raise SegmentationError(
@@ -311,11 +299,7 @@ _RIPPLE_PIXELS: Final = 1 << 16
 def refuse_lost_tags(rgb: NDArray[np.uint8], *, is_jpeg: bool) -> None:
     """Refuse raw tags in a coloured JPEG, or in a PNG that was made of one.
 
-    Parameters
-    ----------
-    rgb : (H, W, 3) uint8
-        An image whose colours are not exactly those of a palette.
-    is_jpeg : bool
+    The colours of the (H, W, 3) image are not exactly those of a palette.
 
     Raises
     ------
@@ -420,12 +404,8 @@ def read_raw_tags(
 ) -> Segmentation:
     """Raw tags of a family that is named, or proved by tags from 23 on.
 
-    Parameters
-    ----------
-    tags : (H, W) uint8
-        Or multiples of `ChangedTags.scale`.
-    named : NamedReading
-    order : for the answer's `channel_order`
+    `tags` (H, W) may be multiples of `ChangedTags.scale`; `order` is the answer's
+    `channel_order`.
 
     Raises
     ------
@@ -437,11 +417,19 @@ def read_raw_tags(
         ``family_not_named``: nothing names the family and nothing proves it.
     """
     changed = named.changed
-    counts = count_codes(tags, exact_codes())
+    counts = count_codes(tags, exact_codes(UNCHANGED))
     if changed.scale > 1:
-        _refuse_no_multiples(counts, changed.scale)
+        others = np.where(np.arange(256) % changed.scale, counts, 0)
+        share = 100.0 * float(others.sum()) / float(counts.sum())
+        if share > _MAX_SENSELESS_PERCENT:
+            raise SegmentationError(
+                f"tag_scale: expected multiples of {changed.scale}, found other "
+                f"numbers at {share:.1f} % of the pixels, most often "
+                f"{int(others.argmax())}",
+                code="foreign_tags",
+            )
         tags = cv2.LUT(tags, changed.levels).astype(np.uint8, copy=False)
-        counts = count_codes(tags, exact_codes())
+        counts = count_codes(tags, exact_codes(UNCHANGED))
     plain = counts.copy()
     plain[[number for number, _ in changed.numbers]] = 0
     # Refuse numbers of no family; `plain` are pixels of those that are not changed
@@ -459,17 +447,6 @@ def read_raw_tags(
     _refuse_contradiction(plain, family, named)
     segmentation = raw_segmentation(tags, counts, family, order, changed)
     return replace(segmentation, readings=frozenset({(family, order)}))
-
-
-def _refuse_no_multiples(counts: IntArray, scale: int) -> None:
-    others = np.where(np.arange(256) % scale, counts, 0)
-    share = 100.0 * float(others.sum()) / float(counts.sum())
-    if share > _MAX_SENSELESS_PERCENT:
-        raise SegmentationError(
-            f"tag_scale: expected multiples of {scale}, found other numbers at "
-            f"{share:.1f} % of the pixels, most often {int(others.argmax())}",
-            code="foreign_tags",
-        )
 
 
 _FEWEST_MULTIPLES: Final = 4

@@ -41,11 +41,7 @@ from filter_core.formats.format import (
     Recognition,
     Source,
 )
-from filter_core.formats.matching import (
-    FileIndex,
-    FrameFileNames,
-    frame_of,
-)
+from filter_core.formats.matching import FileIndex, FrameFileNames, frame_of
 from filter_core.formats.reading import (
     BoxOrigin,
     FrameSet,
@@ -121,17 +117,6 @@ _OTHER_TASKS: Final = ("person_keypoints", "stuff", "panoptic", "captions")
 """How COCO's own files begin that list the images of ``instances_...`` once more."""
 
 
-def _without_picture(rows: Sequence[tuple[FrameSource, _Name]]) -> Iterator[str]:
-    """Says how many of the images that COCO files list are not there."""
-    images = (name for frame, name in rows if not frame.image and not frame.problem)
-    missing = list(images)
-    if missing:
-        yield (
-            f"{len(missing)} of {len(rows)} images that are listed were not found, the "
-            f"first is {shown(missing[0].path)}"
-        )
-
-
 @COCO.reader
 def read_coco(root: Path, options: RecordingDescription) -> FrameSet:
     """The frames of one or several COCO files.
@@ -139,11 +124,7 @@ def read_coco(root: Path, options: RecordingDescription) -> FrameSet:
     If several images share an id, it is unknown to which of them a box belongs: they
     become one frame with an error, and all other frames are read. So does a frame with
     an annotation that cannot be read. Annotations of no image are listed as unmatched.
-
-    Raises
-    ------
-    LayoutError
-        No such file, or one that is not COCO.
+    Raises `LayoutError`: no such file, or one that is not COCO.
     """
     expected = (
         "a .json file with images, annotations and categories, here, in annotations/, "
@@ -170,11 +151,19 @@ def read_coco(root: Path, options: RecordingDescription) -> FrameSet:
     rows = [
         (_with_outside_image(frame, one, folder, options), one) for frame, one in rows
     ]
-    repeated = (
-        f"{path.name} was not read: {boxes.name} has the boxes of its images"
-        for path, boxes in repeating.items()
-    )
-    notes = (*streams.notes, *repeated, *_without_picture(rows))
+    notes = [
+        *streams.notes,
+        *(
+            f"{path.name} was not read: {boxes.name} has the boxes of its images"
+            for path, boxes in repeating.items()
+        ),
+    ]
+    missing = [one for frame, one in rows if not frame.image and not frame.problem]
+    if missing:
+        notes.append(
+            f"{len(missing)} of {len(rows)} images that are listed were not found, the "
+            f"first is {shown(missing[0].path)}"
+        )
     tell_parts = options.split in ("auto", "labels")
     parts = {one.name: part_of_labels(one.name) for one in indices if tell_parts}
     return FrameSet(
@@ -183,7 +172,7 @@ def read_coco(root: Path, options: RecordingDescription) -> FrameSet:
         classes=tuple(options.classes or _classes(indices)),
         count=len(rows),
         unmatched=(*unmatched, *_unused(indices)),
-        notes=lambda: notes,
+        notes=lambda: tuple(notes),
         streams=streams.facts,
         texts=lambda: [path for path in paths if path not in repeating],
         parts=Counter(one.index.name for _, one in rows),
@@ -226,7 +215,9 @@ def _match(
     listed: list[_Name] = []
     nameless: list[Unmatched] = []
     for index in indices:
-        for row in _rows(index):
+        # Of images with one id only the first
+        later = {row for rows in index.repeated.values() for row in rows[1:]}
+        for row in sorted({*range(len(index.places))} - later):
             try:
                 listed.append(_name(index, row))
             except LayoutError as exc:
@@ -269,13 +260,20 @@ def _match(
         for file, one in zip(files, named, strict=True)
         for problem in [_problem(one, seen[one.key])]
     ]
+    more = len(nameless) - _MOST_NAMELESS
+    why = f"{more:,} more images without a file_name"
     unmatched = (
         *images.left_over("no COCO file lists this image"),
         *left_over,
         *shared,
-        *_first(nameless),
+        *nameless[:_MOST_NAMELESS],
+        *([Unmatched(nameless[0].path, why)] if more > 0 else ()),
     )
     return sorted(rows, key=lambda row: row[0].key), unmatched
+
+
+_MOST_NAMELESS: Final = 10
+"""Images without a name that are listed; further ones are counted."""
 
 
 @dataclass(frozen=True)
@@ -308,12 +306,6 @@ class _Name:
     is_ours: bool
     is_elsewhere: bool
     image: str | None = None
-
-
-def _rows(index: CocoIndex) -> Iterator[int]:
-    """All images; of images with one id only the first."""
-    later = {row for rows in index.repeated.values() for row in rows[1:]}
-    return (row for row in range(len(index.places)) if row not in later)
 
 
 def _name(index: CocoIndex, row: int) -> _Name:
@@ -429,49 +421,32 @@ def _unused(indices: Sequence[CocoIndex]) -> Iterator[Unmatched]:
             )
 
 
-_MOST_NAMELESS: Final = 10
-
-
-def _first(nameless: Sequence[Unmatched]) -> Iterator[Unmatched]:
-    """The first images without a name; the others are counted."""
-    yield from nameless[:_MOST_NAMELESS]
-    if len(nameless) > _MOST_NAMELESS:
-        more = len(nameless) - _MOST_NAMELESS
-        yield Unmatched(nameless[0].path, f"{more:,} more images without a file_name")
-
-
 def _frames(
     rows: Sequence[tuple[FrameSource, _Name]], parts: Mapping[str, str | None]
 ) -> Iterator[FrameSource]:
     """The frames; the first of each file says what the file says of them all."""
     told: set[Path] = set()
-    for row, image in rows:
-        frame, path = _read(row, image, parts), image.index.path
-        can_tell = not (image.is_ours or frame.problem or path in told)
-        if can_tell and frame.origin and not missing_image(frame):
-            told.add(path)
-            origin = frame.origin._replace(beside=image.index.beside)
-            frame = replace(frame, origin=origin)
+    for frame, image in rows:
+        if frame.problem:  # it is not known to which image boxes belong
+            yield frame
+            continue
+        index, kept = image.index, dict(frame.annotation or {})
+        if part := parts.get(index.name):
+            kept["split"] = part
+        origin = BoxOrigin(
+            index.path,
+            index.places_of_boxes(image.row),
+            # Boxes of our own files are called by other ids than their annotations.
+            image_id=None if image.is_ours else index.ids[image.row],
+            categories=index.categories,
+        )
+        frame = replace(frame, annotation=kept or None, origin=origin)
+        frame = annotated(frame, partial(_annotation, image))
+        can_tell = not (image.is_ours or frame.problem or index.path in told)
+        if can_tell and not missing_image(frame):
+            told.add(index.path)
+            frame = replace(frame, origin=origin._replace(beside=index.beside))
         yield frame
-
-
-def _read(
-    frame: FrameSource, image: _Name, parts: Mapping[str, str | None]
-) -> FrameSource:
-    # Boxes are not read if it is not known to which image they belong.
-    if frame.problem:
-        return frame
-    if part := parts.get(image.index.name):
-        frame = replace(frame, annotation={**(frame.annotation or {}), "split": part})
-    index = image.index
-    origin = BoxOrigin(
-        index.path,
-        index.places_of_boxes(image.row),
-        # Boxes of our own files are called by other ids than their annotations.
-        image_id=None if image.is_ours else index.ids[image.row],
-        categories=index.categories,
-    )
-    return annotated(replace(frame, origin=origin), partial(_annotation, image))
 
 
 @COCO.spans

@@ -27,12 +27,8 @@ from filter_core.values import shown
 def index_coco(path: Path, name: str) -> CocoIndex:
     """Read a file once, and store the position of each image and box.
 
-    `name` is the name of the file in errors.
-
-    Raises
-    ------
-    LayoutError
-        Not JSON, or without images, annotations and categories.
+    `name` is the name of the file in errors. Raises `LayoutError`: not JSON, or without
+    images, annotations and categories.
     """
     builder = _Builder(name)
     with open_regular(path) as file:
@@ -53,7 +49,6 @@ class CocoIndex:
     ----------
     name : str
         Its name in errors.
-    path : Path
     names : dict
         The class of each category id.
     ids : tuple
@@ -223,10 +218,8 @@ class _Builder:
         with open_regular(path) as file:
             for place, item in enumerate(self._categories):
                 number = _id(item, "id")
-                file.seek(item.start)
                 # Nothing but the name is used, so nothing else can be wrong.
-                content = file.read(item.end - item.start)
-                category = json.loads(content.decode("utf-8", "replace"))
+                category = json.loads(item.read(file).decode("utf-8", "replace"))
                 word = category.get("name")
                 if not isinstance(word, str) or not word:
                     why = f"expected a name, found {shown(word)}"
@@ -261,8 +254,7 @@ class _Builder:
             return values
         with open_regular(path) as file:
             for item in self._beside:
-                file.seek(item.start)
-                content = file.read(item.end - item.start)
+                content = item.read(file)
                 with suppress(LayoutError):  # NaN, say; nothing depends on it
                     if not item.in_list:
                         values[item.key] = decode_value(content, self._name)

@@ -42,11 +42,7 @@ _ROWS_LOOKED_AT: Final = 64
 class Recorder(NamedTuple):
     """A public recorder.
 
-    Attributes
-    ----------
-    name : str
-    values : mapping of str to object
-        The description of its recordings, by attribute of `RecordingDescription`.
+    `values` describe its recordings, by attribute of `RecordingDescription`.
     """
 
     name: str
@@ -71,16 +67,13 @@ class Recorder(NamedTuple):
 @cache
 def recorders() -> tuple[Recorder, ...]:
     """The recorders that are known, in the order of their names."""
-    return tuple(_loaded())
-
-
-def _loaded() -> Iterator[Recorder]:
-    folder = files(__package__)
-    for file in sorted(folder.iterdir(), key=lambda one: one.name):
+    known = []
+    for file in sorted(files(__package__).iterdir(), key=lambda one: one.name):
         if file.name.endswith(".yaml"):
             document = parse_yaml(file.read_bytes())
             assert isinstance(document, dict), file.name
-            yield Recorder(document.pop("recorder"), values_of(document))
+            known.append(Recorder(document.pop("recorder"), values_of(document)))
+    return tuple(known)
 
 
 def recorder_of(folder: Path) -> Recorder | None:

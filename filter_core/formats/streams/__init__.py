@@ -16,7 +16,7 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, S
 from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import Final, NamedTuple
+from typing import Final
 
 from filter_core.errors import LayoutError
 from filter_core.formats.matching import (
@@ -29,7 +29,7 @@ from filter_core.formats.matching import (
 )
 from filter_core.formats.reading import (
     IMAGE_SUFFIXES,
-    FrameSource,
+    FrameSet,
     StreamFacts,
     Unmatched,
     frame_key,
@@ -266,19 +266,9 @@ def listing_files(
 ) -> list[Path]:
     """The files that list many frames: the one that is described, or those of a folder.
 
-    Parameters
-    ----------
-    root : Path
-    options : RecordingDescription
-    files_in : callable
-        Those of this format in a folder, without the files that patterns ignore.
-    expected : str
-        What such a file is, for errors.
-
-    Raises
-    ------
-    LayoutError
-        There is none, or what ``boxes.labels`` names is no file.
+    `files_in` gives those of this format in a folder, without the files that patterns
+    ignore; `expected` says what such a file is, for errors. Raises `LayoutError`: there
+    is none, or what ``boxes.labels`` names is no file.
     """
     labels = options.labels
     if labels is None:
@@ -293,42 +283,19 @@ def listing_files(
     return [labels]
 
 
-class ListedFrames(NamedTuple):
-    """The frames of a file that lists many, without their annotations.
-
-    Attributes
-    ----------
-    frames : list of FrameSource
-        In the order of the file; a key that occurs twice is a problem of its frames.
-    unmatched : tuple of Unmatched
-    notes : tuple of str
-    facts : tuple of StreamFacts
-        Of the streams.
-    """
-
-    frames: list[FrameSource]
-    unmatched: tuple[Unmatched, ...]
-    notes: tuple[str, ...]
-    facts: tuple[StreamFacts, ...]
-
-
 def listed_frames(
     folder: Path,
     description: RecordingDescription,
     names: Sequence[tuple[str | None, str]],
     noun: str,
-) -> ListedFrames:
-    """The frames that a file lists by the names of their images.
+) -> FrameSet:
+    """The frames that a file lists by the names of their images in a folder.
 
-    Parameters
-    ----------
-    folder : Path
-        That of the images.
-    description : RecordingDescription
-    names : sequence of (str or None, str)
-        As for `named_images`.
-    noun : str
-        What lists the frames, for messages about images that are not listed.
+    They are in its order, and without their annotations; a key that occurs twice is a
+    problem of its frames. The layout has no name yet.
+
+    `names` are as for `named_images`; `noun` is what lists the frames, for messages
+    about images that are not listed.
     """
     streams = Streams(folder, description)
     images = FileIndex(streams.images)
@@ -339,17 +306,20 @@ def listed_frames(
         replace(
             frame_of(one, folder),
             label=None,
-            problem=_listed_twice(one, seen[one.key], noun),
+            problem=LayoutError(
+                f"{one.key}: expected one {noun} for each image, found {seen[one.key]}"
+            )
+            if seen[one.key] > 1
+            else None,
         )
         for one in with_own
     ]
     unmatched = (*images.left_over(f"no {noun} lists this image"), *left_over)
-    return ListedFrames(frames, unmatched, streams.notes, streams.facts)
-
-
-def _listed_twice(frame: FrameFileNames, times: int, noun: str) -> LayoutError | None:
-    if times == 1:
-        return None
-    return LayoutError(
-        f"{frame.key}: expected one {noun} for each image, found {times}"
+    return FrameSet(
+        layout="",
+        frames=lambda: iter(frames),
+        count=len(frames),
+        unmatched=unmatched,
+        notes=lambda: streams.notes,
+        streams=streams.facts,
     )

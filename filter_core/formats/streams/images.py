@@ -26,8 +26,6 @@ class Image(NamedTuple):
     ----------
     name : str
         Relative to the folder in which it was found.
-    folder : Path
-    role : Role or None
     in_folder, in_pictures : bool
         Whether a folder of its own says the role, and not an ending of the name;
         whether it is in a folder of pictures.

@@ -54,7 +54,6 @@ class DescribedFiles:
         The folder of the recording.
     folder : Path
         That of the pictures, to which names of the files are relative.
-    files : FilePatterns
 
     Attributes
     ----------
@@ -109,11 +108,7 @@ class DescribedFiles:
 class ImageIndex:
     """The images of one role, each for the frame that it belongs to.
 
-    Parameters
-    ----------
-    images : sequence of Image
-    frames : sequence of Image
-        The pictures or labels of all frames.
+    `frames` are the pictures or labels of all frames.
     """
 
     def __init__(self, images: Sequence[Image], frames: Sequence[Image]) -> None:
@@ -250,18 +245,10 @@ class ImageIndex:
 class DescribedIndex:
     """The files of one role that a description names, each for its frame.
 
-    Parameters
-    ----------
-    files : sequence of Image
-    frames : sequence of Image
-        The pictures or labels of all frames.
+    `frames` are the pictures or labels of all frames.
     """
 
-    def __init__(
-        self,
-        files: Sequence[Image],
-        frames: Sequence[Image],
-    ) -> None:
+    def __init__(self, files: Sequence[Image], frames: Sequence[Image]) -> None:
         self._files = {file.name: file for file in files}
         self._by_values = FilesByValues(tuple(files[0].values or ()))
         for file in files:

@@ -19,6 +19,7 @@ from filter_core.formats.reading import open_regular
 from filter_core.images.decoding import decode_image
 from filter_core.images.header import read_image_header
 from filter_core.segmentation.codes import COLOR_BITS, exact_codes
+from filter_core.segmentation.palettes import UNCHANGED
 from filter_core.segmentation.tags import looks_raw
 
 Look: TypeAlias = Literal["photo", "segmentation", "instances", "depth", "grey"]
@@ -79,15 +80,13 @@ def look_of(path: Path) -> Look | None:
     look = _look(pixels)
     if header.media_type == "image/png":
         return look
-    # The colours of a JPEG are not exact, so that only a photo can be told.
-    return "photo" if look == "photo" and not _is_almost_flat(pixels) else None
-
-
-def _is_almost_flat(pixels: NDArray[np.uint8]) -> bool:
-    """Whether it may be flat colours, which a lossy format changed."""
+    if look != "photo":
+        return None
+    # The colours of a JPEG are not exact, so that only a photo can be told; but it may
+    # be flat colours, which the lossy format changed.
     rows = pixels[:: max(1, len(pixels) // _ROWS)].astype(np.int16)
     steps = np.abs(rows[:, 1:] - rows[:, :-1]).max(axis=2)
-    return bool((steps <= _LOSSY_STEP).mean() >= _LOSSY_SHARE)
+    return None if (steps <= _LOSSY_STEP).mean() >= _LOSSY_SHARE else "photo"
 
 
 def _look(pixels: NDArray[np.uint8]) -> Look | None:
@@ -109,7 +108,7 @@ def _look(pixels: NDArray[np.uint8]) -> Look | None:
         return None
     if looks_raw(rgb):
         return "segmentation"
-    if (exact_codes()[packed & COLOR_BITS] > 0).mean() >= _KNOWN_SHARE:
+    if (exact_codes(UNCHANGED)[packed & COLOR_BITS] > 0).mean() >= _KNOWN_SHARE:
         return "segmentation"
     return _by_neighbours(packed, red, blue)
 

@@ -52,12 +52,8 @@ def check_links(source: Path, description: RecordingDescription) -> None:
     """Refuse a folder with a symbolic link that leads out of it.
 
     A link may lead to what was named: the source itself and the folders that the
-    description names. Links to files that no reader opens are not looked at.
-
-    Raises
-    ------
-    LayoutError
-        There is such a link; names the first one.
+    description names. Links to files that no reader opens are not looked at. Raises
+    `LayoutError`: there is such a link; names the first one.
     """
     allowed = allowed_folders(description, source)
     if allowed is None:

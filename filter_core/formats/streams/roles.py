@@ -182,13 +182,8 @@ def _kinds(streams: Iterable[_Key]) -> dict[_Key, _Key]:
 class Roles:
     """What each image of a folder is.
 
-    Attributes
-    ----------
-    images : list of Image
-        In their order; the keys of those that differ from a picture by a constant
-        ending are without it.
-    parts : list of StreamPart
-    notes : list of str
+    `images` are in their order; the keys of those that differ from a picture by a
+    constant ending are without it.
     """
 
     def __init__(self, images: Sequence[Image]) -> None:
@@ -380,16 +375,9 @@ def _sum(streams: Sequence[Sequence[Image]]) -> str:
 
 
 class _Beside(NamedTuple):
-    """What is beside an image.
-
-    Attributes
-    ----------
-    partner : bool
-        A picture that it could belong to, if it is none itself.
-    in_color : bool
-        A picture of the same name that is not grey.
-    named : bool
-        A picture of the same name whose path says that it is one.
+    """What is beside an image: a picture that it could belong to, if it is none itself
+    (`partner`); one of the same name that is not grey (`in_color`); and one of the same
+    name whose path says that it is a picture (`named`).
     """
 
     partner: bool

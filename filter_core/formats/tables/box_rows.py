@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain
 
 from filter_core.errors import LayoutError
 from filter_core.formats.tables.fields import (
@@ -31,7 +32,6 @@ class BoxReader:
 
     Parameters
     ----------
-    fields : BoxFields
     classes : sequence of str
         The names of classes that rows have by number.
     default_class : str
@@ -59,10 +59,7 @@ class BoxReader:
     def check_columns(self, columns: Sequence[str], at: str) -> None:
         """Refuse a table that lacks columns which were named.
 
-        Raises
-        ------
-        LayoutError
-            Names all of them.
+        Raises `LayoutError`: names all of them.
         """
         row = dict.fromkeys(columns, "")
         lacking = [
@@ -88,12 +85,8 @@ class BoxReader:
         """What a value of JSON has of many frames, each with its name or None.
 
         They are the items of a list, or the values of an object by the frames' names,
-        or the rows of all their boxes.
-
-        Raises
-        ------
-        LayoutError
-            There is no list where one was expected.
+        or the rows of all their boxes. Raises `LayoutError`: there is no list where one
+        was expected.
         """
         path = self._fields.paths.get(FRAMES)
         frames = document if path is None else path.of(document)
@@ -127,10 +120,7 @@ class BoxReader:
     def boxes_in(self, document: object, at: str) -> Iterator[tuple[str, Row]]:
         """The rows of boxes in one value of JSON, each with the class of its list.
 
-        Raises
-        ------
-        LayoutError
-            There is no list of boxes where one was expected.
+        Raises `LayoutError`: there is no list of boxes where one was expected.
         """
         for class_name, rows in self._lists(document, at):
             for number, row in enumerate(rows):
@@ -222,10 +212,7 @@ class BoxReader:
     def box(self, row: Row, class_name: str = "") -> dict[str, object] | None:
         """The box of a row, as an annotation has it; None if it has no rectangle.
 
-        Raises
-        ------
-        LayoutError
-            A value cannot be read; names its place and column.
+        Raises `LayoutError`: a value cannot be read; names its place and column.
         """
         if row.problem is not None:
             raise row.problem
@@ -413,8 +400,13 @@ class _Row:
         )
 
     def _rectangle(self, name: str, value: object) -> list[float]:
-        """Four numbers, or two points."""
-        items = _flat(value)
+        """Four numbers, or two points; also written as text."""
+        items: list[object] = []
+        if isinstance(value, str):
+            items += value.strip("[]() ").replace(",", " ").split()
+        elif isinstance(value, list):
+            lists = (item if isinstance(item, list) else [item] for item in value)
+            items += chain.from_iterable(lists)
         if len(items) != 4:
             raise self.error(name, value, "a list of four numbers")
         return [self._number(name, item) for item in items]
@@ -439,19 +431,6 @@ class _Row:
             return vector_of(value, keys)
         except ValueError as exc:
             raise self.error(name, value, str(exc)) from exc
-
-
-def _flat(value: object) -> list[object]:
-    """The items of a list, also of lists in it, or of one written as text."""
-    if isinstance(value, str):
-        return [*value.strip("[]() ").replace(",", " ").split()]
-    if not isinstance(value, list):
-        return []
-    return [
-        inner
-        for item in value
-        for inner in (item if isinstance(item, list) else [item])
-    ]
 
 
 def _keys_of(value: object) -> str:

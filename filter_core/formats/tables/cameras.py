@@ -8,7 +8,7 @@ the labels, or in a file of its own.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path as FilePath
@@ -85,13 +85,7 @@ Where: TypeAlias = "InFile | Path | Mapping[str, object] | float"
 
 @dataclass(frozen=True)
 class CameraPlaces:
-    """``cameras`` of a description.
-
-    Attributes
-    ----------
-    places : mapping of str to Where
-        By `KEYS`.
-    """
+    """``cameras`` of a description: the place of each of `KEYS`."""
 
     places: Mapping[str, Where] = field(default_factory=dict)
 
@@ -135,7 +129,6 @@ class AllowedCameras:
         return f"an object with {', '.join(KEYS)}"
 
     def checked(self, name: str, value: object, at: str = "") -> CameraPlaces:
-        """See `Allowed.checked`."""
         if isinstance(value, CameraPlaces):
             return value
         if not isinstance(value, Mapping):
@@ -151,7 +144,6 @@ class AllowedCameras:
         )
 
     def schema(self) -> dict[str, object]:
-        """See `Allowed.schema`."""
         return {
             "type": "object",
             "properties": {key: {} for key in KEYS},
@@ -163,7 +155,17 @@ def _where(key: str, value: object, at: str) -> Where:
     if isinstance(value, Mapping):
         if "file" not in value:
             return dict(value)
-        return _checked_file(key, value, at)
+        place = f"{at}/{key}"
+        refuse_unknown_keys(value, _FILE_KEYS, at=place)
+        path = None if value.get("path") is None else str(value["path"])
+        if path is not None:
+            checked_path("path", _NAME.sub("0", path), place)
+        negated = value.get("negated") or []
+        if not isinstance(negated, list) or not {*map(str, negated)} <= {*_NUMBERS}:
+            expected = f"a list of {', '.join(_NUMBERS)}"
+            raise wrong_value("negated", negated, expected, place)
+        file = _file(key, str(value["file"]), at)
+        return InFile(file, path, tuple(map(str, negated)))
     if isinstance(value, str):
         if table_suffix(value):
             return InFile(_file(key, value, at))
@@ -173,18 +175,6 @@ def _where(key: str, value: object, at: str) -> Where:
         return float(value)
     expected = "a value, a path in the labels, or {file, path}"
     raise wrong_value(key, value, expected, at)
-
-
-def _checked_file(key: str, value: Mapping[str, object], at: str) -> InFile:
-    place = f"{at}/{key}"
-    refuse_unknown_keys(value, _FILE_KEYS, at=place)
-    path = None if value.get("path") is None else str(value["path"])
-    if path is not None:
-        checked_path("path", _NAME.sub("0", path), place)
-    negated = value.get("negated") or []
-    if not isinstance(negated, list) or not {*map(str, negated)} <= {*_NUMBERS}:
-        raise wrong_value("negated", negated, f"a list of {', '.join(_NUMBERS)}", place)
-    return InFile(_file(key, str(value["file"]), at), path, tuple(map(str, negated)))
 
 
 def _file(key: str, file: str, at: str) -> FilePattern:
@@ -198,13 +188,7 @@ def _file(key: str, file: str, at: str) -> FilePattern:
 
 
 class Cameras:
-    """The cameras of a recording's frames.
-
-    Parameters
-    ----------
-    root : Path
-    places : CameraPlaces
-    """
+    """The cameras of the frames of a recording, whose folder is `root`."""
 
     def __init__(self, root: FilePath, places: CameraPlaces) -> None:
         self._root, self._places = root, places.places
@@ -366,15 +350,13 @@ class _File:
 
     @cached_property
     def _rows(self) -> dict[tuple[str, str], object]:
-        return dict(self._by_names())
-
-    def _by_names(self) -> Iterator[tuple[tuple[str, str], object]]:
         fields = BoxReader(BoxFields())
+        rows: dict[tuple[str, str], object] = {}
         for row in self.document if isinstance(self.document, list) else ():
-            frame, camera = (fields.cell(name, row) for name in (FRAME, CAMERA))
-            names = (one for one in (frame, camera))
-            first, second = ("" if one is None else str(one).strip() for one in names)
-            yield (plain(first), second), row
+            cells = (fields.cell(name, row) for name in (FRAME, CAMERA))
+            frame, camera = ("" if one is None else str(one).strip() for one in cells)
+            rows[plain(frame), camera] = row
+        return rows
 
 
 def _key_in(found: Mapping[str, object], value: str) -> str | None:

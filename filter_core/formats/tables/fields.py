@@ -149,10 +149,7 @@ def _compiled(text: str) -> jmespath.parser.ParsedResult:
 def checked_path(name: str, value: object, at: str) -> Path:
     """A path as a description has it; a number is that of a column without a name.
 
-    Raises
-    ------
-    ConfigError
-        It is no text, or no JMESPath.
+    Raises `ConfigError`: it is no text, or no JMESPath.
     """
     if isinstance(value, int) and not isinstance(value, bool) and value >= 0:
         return Path(f"[{value}]")
@@ -173,14 +170,9 @@ def checked_path(name: str, value: object, at: str) -> Path:
 
 @dataclass(frozen=True)
 class BoxFields:
-    """``boxes.fields`` of a description.
+    """``boxes.fields`` of a description: where each of `FIELDS` is.
 
-    Attributes
-    ----------
-    paths : mapping of str to Path
-        By `FIELDS`.
-    lists : mapping of str to Path, or None
-        The lists of boxes by the class of all boxes in them; "" if boxes say it.
+    `lists` are those of boxes by the class of all boxes in them; "" if boxes say it.
     """
 
     paths: Mapping[str, Path] = field(default_factory=dict)
@@ -203,7 +195,6 @@ class AllowedFields:
         return "names of columns or paths (JMESPath) by what they are"
 
     def checked(self, name: str, value: object, at: str = "") -> BoxFields:
-        """See `Allowed.checked`."""
         if isinstance(value, BoxFields):
             return value
         if not isinstance(value, Mapping):
@@ -215,7 +206,17 @@ class AllowedFields:
             for one, path in value.items()
             if path is not None and one != BOXES
         }
-        _check_geometry(paths, place)
+        # Fields of a geometry must be all that it needs; several geometries may be
+        # said, if boxes of one file have different ones.
+        named = GEOMETRY_FIELDS & paths.keys()
+        whole = {each for form in forms_of(named) for each in FORMS_BY_FIELDS[form]}
+        if not named <= {*whole, *(_OF_BOX3D if "centre" in whole else ())}:
+            forms = "; ".join(", ".join(of) for of in FORMS_BY_FIELDS.values())
+            raise ConfigError(
+                f"{place_of(place)}expected the fields of one form of boxes ({forms}), "
+                f"found {', '.join(each for each in _USUAL if each in named)}",
+                pointer=place,
+            )
         lists = value.get(BOXES)
         if lists is None:
             return BoxFields(paths)
@@ -231,7 +232,6 @@ class AllowedFields:
         return BoxFields(paths, by_class)
 
     def schema(self) -> dict[str, object]:
-        """See `Allowed.schema`."""
         path = {"type": ["string", "integer"]}
         return {
             "type": "object",
@@ -241,22 +241,6 @@ class AllowedFields:
             },
             "additionalProperties": False,
         }
-
-
-def _check_geometry(paths: Mapping[str, Path], at: str) -> None:
-    """Fields of a geometry must be all that it needs; several geometries may be said,
-    if boxes of one file have different ones.
-    """
-    named = GEOMETRY_FIELDS & paths.keys()
-    whole = {one for form in forms_of(named) for one in FORMS_BY_FIELDS[form]}
-    if named <= {*whole, *(_OF_BOX3D if "centre" in whole else ())}:
-        return
-    raise ConfigError(
-        f"{place_of(at)}expected the fields of one form of boxes "
-        f"({'; '.join(', '.join(of) for of in FORMS_BY_FIELDS.values())}), found "
-        f"{', '.join(name for name in _USUAL if name in named)}",
-        pointer=at,
-    )
 
 
 Keys = tuple[str, ...]
@@ -335,12 +319,8 @@ ROTATION: Final = ("pitch", "yaw", "roll")
 def vector_of(value: object, keys: Sequence[str]) -> dict[str, float]:
     """An object with these keys, in any case, or a list, as an object of numbers.
 
-    Of a rotation, keys may be missing, and a number alone is its yaw.
-
-    Raises
-    ------
-    ValueError
-        It is none; says what was expected.
+    Of a rotation, keys may be missing, and a number alone is its yaw. Raises
+    `ValueError`: it is none; says what was expected.
     """
     is_rotation = tuple(keys) == ROTATION
     expected = f"{{{', '.join(keys)}}} or a list of {len(keys)} numbers"
@@ -370,12 +350,8 @@ def transform_of(value: object) -> dict[str, float]:
     """Where something stands: x, y, z, pitch, yaw and roll.
 
     From an object with these keys, or with a location (``translation``, ``position``)
-    and a rotation, in any case.
-
-    Raises
-    ------
-    ValueError
-        It is none; says what was expected.
+    and a rotation, in any case. Raises `ValueError`: it is none; says what was
+    expected.
     """
     if not isinstance(value, Mapping):
         raise ValueError("an object with a location and a rotation")

@@ -27,7 +27,6 @@ class JsonItem:
 
     Attributes
     ----------
-    key : str
     value : decoded JSON
         Letters beyond ASCII in it are wrong, since bytes were read as Latin-1;
         `decode_value` decodes the value's bytes correctly.
@@ -45,6 +44,11 @@ class JsonItem:
     end: int
     is_empty: bool = False
     in_list: bool = False
+
+    def read(self, file: BinaryIO) -> bytes:
+        """Its bytes, of the file that it was read from."""
+        file.seek(self.start)
+        return file.read(self.end - self.start)
 
 
 _PIECE: Final = 1 << 20
@@ -74,10 +78,7 @@ def read_object(
 def read_list(file: BinaryIO, name: str) -> Iterator[JsonItem]:
     """The values of one JSON list, one by one, as `read_object` reads them.
 
-    Raises
-    ------
-    LayoutError
-        Not one JSON list; names the file and the byte.
+    Raises `LayoutError`: not one JSON list; names the file and the byte.
     """
     yield from _Reader(file, name, _PIECE).list_items()
 
@@ -227,10 +228,7 @@ class _Reader:
 def decode_value(content: bytes, name: str) -> object:
     """One value from its own bytes, as UTF-8; `name` is their name in errors.
 
-    Raises
-    ------
-    LayoutError
-        They are not JSON.
+    Raises `LayoutError`: they are not JSON.
     """
     try:
         return read_json(content)

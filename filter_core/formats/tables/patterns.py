@@ -20,9 +20,7 @@ from typing import Final, NamedTuple, TypeAlias
 
 from filter_core.config.declaration import refuse_unknown_keys, wrong_value
 from filter_core.errors import LayoutError
-from filter_core.formats.matching import (
-    FrameFileNames,
-)
+from filter_core.formats.matching import FrameFileNames
 from filter_core.formats.reading import (
     IMAGE_SUFFIXES,
     MAX_KEY,
@@ -67,10 +65,6 @@ Values: TypeAlias = Mapping[str, str]
 
 class FilePattern:
     """The paths of the files of one role, relative to the folder.
-
-    Parameters
-    ----------
-    text : str
 
     Attributes
     ----------
@@ -149,16 +143,10 @@ def _expression(token: re.Match[str], names: list[str]) -> str:
 
 @dataclass(frozen=True)
 class FilePatterns:
-    """``files`` of a description.
+    """``files`` of a description: a pattern for each of `ROLES`.
 
-    Attributes
-    ----------
-    roles : mapping of str to FilePattern
-        By `ROLES`.
-    ignored : tuple of FilePattern
-        Files that belong to no frame.
-    more : mapping of str to tuple of FilePattern
-        Further patterns of a role, with the same names in braces as its first.
+    There may be `more` of a role, with the same names in braces as its first. Files
+    that are `ignored` belong to no frame.
     """
 
     roles: Mapping[str, FilePattern] = field(default_factory=dict)
@@ -204,16 +192,10 @@ class FilePatterns:
         suffixes: Collection[str] | None,
         skip: Collection[Path] = (),
     ) -> Iterator[str]:
-        """The files of a folder that are not ignored, relative to it.
+        """The files of a folder that are not ignored, relative to it; as `walk`.
 
-        Parameters
-        ----------
-        root : Path
-            The recording's folder, to which patterns are relative.
-        folder : Path
-            It, or one below it. Elsewhere, nothing is ignored.
-        suffixes, skip
-            As in `walk`.
+        Patterns are relative to the recording's folder, `root`. In a folder that is not
+        below it nothing is ignored.
         """
         names = walk(folder, suffixes, skip)
         prefix = prefix_of(root, folder) if self.ignored else None
@@ -263,7 +245,6 @@ class AllowedFiles:
         return f"patterns of paths by role ({', '.join((*ROLES, IGNORE))})"
 
     def checked(self, name: str, value: object, at: str = "") -> FilePatterns:
-        """See `Allowed.checked`."""
         if isinstance(value, FilePatterns):
             return value
         if not isinstance(value, Mapping):
@@ -302,7 +283,6 @@ class AllowedFiles:
         return files
 
     def schema(self) -> dict[str, object]:
-        """See `Allowed.schema`."""
         text: dict[str, object] = {"type": "string", "minLength": 1}
         several = {"type": "array", "items": text, "minItems": 1}
         patterns = {role: {"anyOf": [text, several]} for role in ROLES}
@@ -320,7 +300,6 @@ class AllowedKeyPattern:
         return "a text with {frame} in it, such as {camera}/{frame}"
 
     def checked(self, name: str, value: object, at: str = "") -> FilePattern:
-        """See `Allowed.checked`."""
         if isinstance(value, FilePattern):
             return value
         pattern = _pattern(name, value, at)
@@ -329,7 +308,6 @@ class AllowedKeyPattern:
         return pattern
 
     def schema(self) -> dict[str, object]:
-        """See `Allowed.schema`."""
         return {"type": "string", "minLength": 1, "maxLength": _MAX_LENGTH}
 
 
@@ -359,12 +337,7 @@ def _patterns(role: str, texts: object, at: str) -> list[FilePattern]:
 class PatternFrame(NamedTuple):
     """A frame whose files were matched by patterns.
 
-    Attributes
-    ----------
-    files : FrameFileNames
-        Its label is empty if it has none.
-    values : mapping of str to str
-        By the names in braces.
+    The label of `files` is empty if it has none; `values` are by the names in braces.
     """
 
     files: FrameFileNames
@@ -428,8 +401,6 @@ class PatternFiles:
 
     Parameters
     ----------
-    root : Path
-    files : FilePatterns
     paths : iterable of str, optional
         All files below the folder. Default: those that are there.
 
@@ -473,11 +444,7 @@ class PatternFiles:
         """The frames in the order of their keys.
 
         `key` says how they are called; by default all names with ``/`` between them.
-
-        Raises
-        ------
-        LayoutError
-            The key has a name in braces that the frames do not have.
+        Raises `LayoutError`: the key has a name in braces that the frames do not have.
         """
         lead = self._files.roles[self._files.lead]
         if key is None:
@@ -523,12 +490,8 @@ class PatternFiles:
 class NamedFiles(NamedTuple):
     """Files of one kind: they differ in the frame's part of their names, and by folder.
 
-    Attributes
-    ----------
-    paths : sequence of str
-        Below the folder.
-    before, behind : str
-        What the name of each has around the frame's part.
+    `paths` are below the folder; `before` and `behind` are what the name of each has
+    around the frame's part.
     """
 
     paths: Sequence[str]
@@ -539,15 +502,9 @@ class NamedFiles(NamedTuple):
 class PatternFinder:
     """Finds patterns that match the files of some kinds, and no others.
 
-    Of others it may match those whose own patterns are more specific.
-
-    Parameters
-    ----------
-    kinds : sequence of NamedFiles
-        All files of a folder.
-    frame_part : callable
-        Gives what the name of a folder has besides words that say what files are; it
-        is in braces where folders differ.
+    Of others it may match those whose own patterns are more specific. `kinds` are all
+    files of a folder. `frame_part` gives what the name of a folder has besides words
+    that say what files are; it is in braces where folders differ.
     """
 
     def __init__(

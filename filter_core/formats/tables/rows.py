@@ -80,19 +80,11 @@ class Span(NamedTuple):
 
 @dataclass(frozen=True)
 class Lines:
-    """A file of rows, each on lines of its own.
+    """A file of rows, each on lines of its own, with the names of their columns, if
+    any.
 
-    Attributes
-    ----------
-    name : str
-        For errors.
-    content : bytes
-    delimiter : str or None
-        Between columns; None: each line is JSON.
-    columns : tuple of str or None
-        Their names, if the first row has them.
-    first : Span
-        All rows but that of the names.
+    Without a delimiter each line is JSON. `first` are all rows but that of the names;
+    errors name the file by `name`.
     """
 
     name: str

@@ -14,6 +14,7 @@ from filter_core.images.pixels import (
     run_lengths,
 )
 from filter_core.segmentation.codes import exact_codes
+from filter_core.segmentation.palettes import UNCHANGED
 from filter_core.segmentation.reading import segmentation_from_tags
 from tests.support.pictures import FAMILY, painted
 
@@ -37,20 +38,20 @@ def pictures(draw):
 def test_occurring_codes_are_those_of_the_pixels(picture):
     rgb = painted(picture)
 
-    occurring = occurring_codes(rgb, exact_codes())
+    occurring = occurring_codes(rgb, exact_codes(UNCHANGED))
 
     packed = rgb.astype(np.int64) @ [1 << 16, 1 << 8, 1]
-    assert occurring == np.unique(exact_codes()[packed]).tolist()
+    assert occurring == np.unique(exact_codes(UNCHANGED)[packed]).tolist()
 
 
 @given(pictures())
 def test_count_codes_counts_every_pixel(picture):
     rgb = painted(picture)
 
-    counts = count_codes(rgb, exact_codes())
+    counts = count_codes(rgb, exact_codes(UNCHANGED))
 
     packed = rgb.astype(np.int64) @ [1 << 16, 1 << 8, 1]
-    every = np.bincount(exact_codes()[packed].ravel(), minlength=256)
+    every = np.bincount(exact_codes(UNCHANGED)[packed].ravel(), minlength=256)
     np.testing.assert_array_equal(counts, every)
 
 
