@@ -14,7 +14,7 @@ from zipfile import ZipFile
 import typer
 
 from unghost.cli.options import DatasetOptions, OutputOptions, listed
-from unghost.cli.runs import cancel_interrupted
+from unghost.cli.remote.runs import cancel_interrupted
 from unghost.cli.screen import (
     PARTLY,
     ImageNotes,

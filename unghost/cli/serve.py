@@ -19,12 +19,12 @@ from typing import TYPE_CHECKING, Annotated, Final, TypeAlias
 
 import typer
 
-from unghost.cli.access import remove_login_pages, show_login_page
 from unghost.cli.options import DataFolder, OutputOptions, settings_of
-from unghost.cli.push import PushReport
+from unghost.cli.remote.access import remove_login_pages, show_login_page
+from unghost.cli.remote.push import PushReport
+from unghost.cli.remote.target import NewDataset, ensure_dataset
 from unghost.cli.screen import PARTLY, Screen, most_first, refused_on
 from unghost.cli.sources import SourceOptions, open_source, outgoing
-from unghost.cli.target import NewDataset, ensure_dataset
 
 if TYPE_CHECKING:
     from app import serve as startup

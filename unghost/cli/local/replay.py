@@ -18,8 +18,8 @@ from typing import TYPE_CHECKING, Annotated, Final, NamedTuple
 
 import typer
 
-from unghost.cli.draw import Judge, Judged, draw_frames
-from unghost.cli.filter_local import line_output
+from unghost.cli.local.draw import Judge, Judged, draw_frames
+from unghost.cli.local.filter import line_output
 from unghost.cli.options import OutputOptions
 from unghost.cli.screen import Screen, partly_done
 from unghost.cli.sources import (

@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING, Annotated, Final
 import typer
 
 from unghost.cli.options import ServerOptions, error_context
-from unghost.cli.push import PushOptions, PushReport, send
+from unghost.cli.remote.push import PushOptions, PushReport, send
+from unghost.cli.remote.target import NewDataset, ensure_dataset
 from unghost.cli.screen import Screen, partly_done
-from unghost.cli.target import NewDataset, ensure_dataset
 
 if TYPE_CHECKING:
     from unghost.capture.recording import Recorded, StoredTick

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Final, TypeAlias
 import typer
 
 from unghost.cli.options import DatasetOptions
-from unghost.cli.runs import run_line, wait_for_run
+from unghost.cli.remote.runs import run_line, wait_for_run
 
 if TYPE_CHECKING:
     from unghost.client.client import Client

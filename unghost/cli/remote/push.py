@@ -13,9 +13,15 @@ from typing import TYPE_CHECKING, Annotated, Final, get_args
 
 import typer
 
-from unghost.cli.datasets import gate_counts
 from unghost.cli.gates import GateOptions
 from unghost.cli.options import ServerOptions, dataset_names, note_unknown_classes
+from unghost.cli.remote.datasets import gate_counts
+from unghost.cli.remote.target import (
+    GivenConfig,
+    NewDataset,
+    coming_config,
+    ensure_dataset,
+)
 from unghost.cli.screen import (
     MOST_OF_A_KIND,
     ImageNotes,
@@ -40,7 +46,6 @@ from unghost.cli.sources import (
     unmatched_lines,
 )
 from unghost.cli.summary import LOOKED_AT, UnmappedOptions, note_boxes, summary_of
-from unghost.cli.target import GivenConfig, NewDataset, coming_config, ensure_dataset
 from unghost.wire.boxes import MOST_IMPORTED
 from unghost.wire.frames import MOST_BOXES_SET_ASIDE
 from unghost.wire.words import UploadWord, Verdict

@@ -143,7 +143,7 @@ class CreateOptions(SettingsOptions):
 
 def create(options: CreateOptions) -> None:
     """Create a dataset. `unghost push` does so too, from what a folder shows."""
-    from unghost.cli.target import GivenConfig
+    from unghost.cli.remote.target import GivenConfig
 
     config = GivenConfig.of(options.config, {}).whole
     classes = options.classes.split(",") if options.classes else None
@@ -178,7 +178,7 @@ _SHOWN: Final = (
 
 def edit(options: SettingsOptions) -> None:
     """Change settings of a dataset; waits if images have to be measured again."""
-    from unghost.cli.runs import wait_for_run
+    from unghost.cli.remote.runs import wait_for_run
     from unghost.wire.runs import Run
 
     if not options.settings:
@@ -272,8 +272,7 @@ def report(options: ReportOptions) -> None:
     """
     from filter_core.formats.files import write_whole
     from unghost.cli.inspect_page import document, section
-    from unghost.cli.worth_page import table_section
-    from unghost.cli.worth_tables import Table
+    from unghost.cli.worth_page import Table, table_section
 
     with options.connect() as client:
         dataset = client.dataset(options.dataset)

@@ -33,14 +33,14 @@ from unghost.cli.sources import (
     unmatched_lines,
 )
 from unghost.cli.summary import LOOKED_AT
-from unghost.cli.worth_tables import Table, noise_tables, score_tables, text_of
 
 if TYPE_CHECKING:
-    from filter_core.evaluation.arms import Arm, NoiseObject
+    from filter_core.evaluation.arms import NoiseObject
     from filter_core.evaluation.scores import MeasuredObject
     from filter_core.evaluation.trials import ComparisonObject
     from filter_core.formats.recording import RecordingDescription
     from filter_core.local import ArmsTask, KnownBox, LabelledFrame, TruthSource
+    from unghost.cli.worth_page import Table
     from unghost.experiment.trials import Experiment
 
 _CEILING: Final = (
@@ -52,6 +52,12 @@ _TRAINED: Final = "raw,paper,auto"
 
 _HERE: Final = "local"
 """The engine that trains on this machine."""
+
+_WITHOUT_TRUTH: Final = {
+    "instances": "record instance images, or choose --truth reviews or FILE",
+    "reviews": "SOURCE must be an export as decisions-jsonl with answers of people",
+}
+"""What helps where no box is known to be an object."""
 
 _Trial: TypeAlias = tuple[str, int]
 """An arm and a seed."""
@@ -189,6 +195,8 @@ def worth_it(options: WorthOptions) -> None:
     on one truth. The same command continues what was interrupted. With --no-train, exit
     code 3 if some frames could not be read, or some files could not be matched.
     """
+    from unghost.cli.worth_page import noise_tables
+
     if options.dataset is not None:
         with options.connect() as client:
             client.dataset(options.dataset)
@@ -227,7 +235,8 @@ def _count_labels(
 
     screen = options.screen
     found = open_source(options.source, options.layout, description)
-    channels = {name for arm in task.arms for name in _channels(arm, task)}
+    configs = (arm.config(task.config) for arm in task.arms)
+    channels = {name for config in configs if config for name in config.channels}
     if task.truth == "instances":
         channels.add("instance")
     first = islice(found, LOOKED_AT)
@@ -250,7 +259,9 @@ def _count_labels(
         screen.note(line)
     noise = counted.as_dict()
     if not noise["objects"]:
-        raise Refused(_without_truth(options.truth))
+        other = f"no key and id of {options.truth} are those of a box"
+        remedy = _WITHOUT_TRUTH.get(options.truth, other)
+        raise Refused(f"no box is known to be an object: {remedy}")
     _note_evidence(noise, screen)
     return noise, left_out
 
@@ -286,7 +297,12 @@ def _train_and_compare(options: WorthOptions) -> None:
         noise = _prepare(options, description, task, experiment)
         experiment.require_trainer(options.trainer)
         trials = [(arm.name, seed) for seed in seeds for arm in task.arms]
-        _run(options.screen, experiment, trials, run)
+        pending = [one for one in trials if not experiment.is_finished(*one)]
+        done = len(trials) - len(pending)
+        with options.screen.progress("train", "trials") as advance:
+            advance(done, len(trials))
+            for number, _ in enumerate(run(pending), start=done + 1):
+                advance(number, len(trials))
         _report(options, experiment, noise)
 
 
@@ -344,19 +360,6 @@ def _prepare(
     return noise
 
 
-def _run(
-    screen: Screen, experiment: Experiment, trials: Sequence[_Trial], run: _Runner
-) -> None:
-    """Run the trials that are not finished."""
-    pending = [one for one in trials if not experiment.is_finished(*one)]
-    with screen.progress("train", "trials") as advance:
-        done = len(trials) - len(pending)
-        advance(done, len(trials))
-        for _ in run(pending):
-            done += 1
-            advance(done, len(trials))
-
-
 def _seeds(text: str) -> list[int]:
     """``3`` is 0, 1, 2; ``3-5`` is 3, 4, 5."""
     first, dash, last = text.partition("-")
@@ -374,7 +377,7 @@ def _report(options: WorthOptions, experiment: Experiment, noise: NoiseObject) -
     """Compare all finished trials, those of joined experiments too, and write it."""
     from filter_core.evaluation.trials import compare
     from filter_core.formats.files import json_bytes, write_whole
-    from unghost.cli.worth_page import worth_page
+    from unghost.cli.worth_page import noise_tables, score_tables, text_of, worth_page
     from unghost.experiment.trials import joined
 
     tests, keys, trials = joined([experiment.folder, *(options.join or ())])
@@ -498,19 +501,6 @@ def _truth_text(options: WorthOptions) -> str:
         "doubtful: they do not count."
         f"{_CEILING if options.truth == 'instances' else ''}"
     )
-
-
-def _without_truth(truth: str) -> str:
-    remedy = {
-        "instances": "record instance images, or choose --truth reviews or FILE",
-        "reviews": "SOURCE must be an export as decisions-jsonl with answers of people",
-    }.get(truth, f"no key and id of {truth} are those of a box")
-    return f"no box is known to be an object: {remedy}"
-
-
-def _channels(arm: Arm, task: ArmsTask) -> tuple[str, ...]:
-    config = arm.config(task.config)
-    return () if config is None else config.channels
 
 
 def _print_tables(tables: Iterable[Table], screen: Screen) -> None:
