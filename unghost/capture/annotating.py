@@ -43,7 +43,6 @@ class Moment:
 
     Attributes
     ----------
-    snapshot : WorldSnapshot
     measured : mapping
         The measurement of each sensor, by its name.
     before, after : WorldSnapshot or None
@@ -62,9 +61,6 @@ class Annotator:
 
     Attributes
     ----------
-    session : Scene
-    ego : Actor
-    sensors : sequence of RunningSensor
     left_out : Counter
         Objects without a box, by reason, summed over all frames.
     poses_differ : int
@@ -98,7 +94,6 @@ class Annotator:
 
         Parameters
         ----------
-        moment : Moment
         captured_at : str
             ISO 8601, UTC.
         missed_before : int
@@ -154,10 +149,7 @@ class Annotator:
             },
             "boxes": found,
             "extra": {
-                "capture": {
-                    **self._story(moment, main),
-                    "missed_before": missed_before,
-                }
+                "capture": {**self._story(moment, main), "missed_before": missed_before}
             },
             "captured_at": captured_at,
         }

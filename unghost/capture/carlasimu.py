@@ -108,7 +108,6 @@ class Conversion:
     ----------
     scenario : dict
         Valid; keys that were not set, or that have their default, are left out.
-    notes : list of str
     """
 
     scenario: dict[str, object] = field(default_factory=dict)

@@ -85,7 +85,6 @@ class CaptureFolder:
 
     Attributes
     ----------
-    path : Path
     keys : list of str
         Of the recorded frames, in the manifest's order.
     """
@@ -168,10 +167,8 @@ class CaptureFolder:
 
         Parameters
         ----------
-        key : str
         files : mapping
             Suffix and content by the sensor's name, as `encode` gives them.
-        frame : FrameRecord
         """
         stem = f"{len(self.keys):06d}"
         paths = {}

@@ -28,12 +28,7 @@ from filter_core.decisions.record import Decision
 from filter_core.pipeline import FrameOptions, FrameResult, filter_frame
 from filter_core.values import nearest
 from unghost.capture.annotating import Annotator, Moment
-from unghost.capture.folder import (
-    MANIFEST_KEYS,
-    FrameRecord,
-    encode,
-    pixels_of,
-)
+from unghost.capture.folder import MANIFEST_KEYS, FrameRecord, encode, pixels_of
 from unghost.capture.rig import (
     BLUEPRINTS,
     CAMERAS,
@@ -107,7 +102,6 @@ class LiveFrame:
         Of the camera ``rgb``; blue, green, red, as OpenCV has them.
     record : mapping
         The annotation of the frame: camera, map, weather and all boxes.
-    result : FrameResult
     """
 
     tick: int
@@ -140,10 +134,8 @@ def decide_tick(
 
     Parameters
     ----------
-    config : FilterConfig
     key : str
         The frame's name in explanations and errors.
-    record : FrameRecord
     measured : mapping
         The measurements by the sensors' names. Pixels are read from them.
     points : bytes or None

@@ -76,7 +76,6 @@ class LocalBox:
     ----------
     location, extent : (x, y, z), metres
     rotation : (pitch, yaw, roll), degrees
-    flags : tuple of str
     given : pair of (x, y, z), or None
         Centre and half sizes as CARLA gave them, where they were changed.
     """

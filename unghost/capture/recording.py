@@ -65,7 +65,6 @@ class Recorded:
     ----------
     frames : int
         In the folder, those of earlier captures included.
-    added : int
     missed : Counter
         Ticks that could not be recorded, by reason.
     left_out : Counter
@@ -107,8 +106,6 @@ class StoredTick(NamedTuple):
 
     Attributes
     ----------
-    key : str
-    record : FrameRecord
     files : mapping of str to Path
         By their kind: ``image``, ``segmentation`` and so on.
     result : FrameResult or None

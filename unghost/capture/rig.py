@@ -163,7 +163,6 @@ def collect(
 
     Parameters
     ----------
-    sensors : sequence of RunningSensor
     frame : int
         The tick, as `carla.World.tick` counts.
     wait_s : float

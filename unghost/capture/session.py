@@ -96,7 +96,6 @@ class Scene:
         Of CARLA's client library.
     scenario : Scenario
         Which sensors there are, and which objects get boxes.
-    server_version, client_version : str
     map_name : str
         Without folders: ``Town10HD``.
     """

@@ -40,7 +40,6 @@ class TrafficKinds:
 
     Attributes
     ----------
-    ego : Blueprint
     vehicles, walkers : sequence of Blueprint
         Those to choose from; may be empty.
     spawn_points : sequence of Pose
@@ -207,11 +206,7 @@ def _spawn_walkers(
         seed = plan.seed + session.seed - session.scenario.seed
     world.set_pedestrians_seed(seed)
     world.set_pedestrians_cross_factor(plan.cross_percent / 100)
-    gaits = (
-        *[0] * plan.standing,
-        *[1] * plan.walking,
-        *[2] * plan.running,
-    )
+    gaits = (*[0] * plan.standing, *[1] * plan.walking, *[2] * plan.running)
     count, walking = 0, []
     for gait in gaits:
         stop.check()

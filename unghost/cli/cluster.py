@@ -11,19 +11,18 @@ from typing import TYPE_CHECKING, Annotated, Final, TypeAlias
 
 import typer
 
-from unghost.cli.options import DataFolder, OutputOptions, settings_of
+from unghost.cli.options import DataFolder, OutputOptions, settings_of, written_file
 from unghost.cli.screen import DONE, REFUSED, UNAVAILABLE, Refused, refused_on
 
 if TYPE_CHECKING:
     from distributed import Client
 
 Port: TypeAlias = Annotated[
-    int,
-    typer.Option(help="Port to listen on; 0 for any free one.", min=0, max=65535),
+    int, typer.Option(help="Port to listen on; 0 for any free one.", min=0, max=65535)
 ]
 
 
-_file: Final = partial(typer.Option, metavar="FILE", dir_okay=False)
+_file: Final = partial(written_file, metavar="FILE")
 """An option for a file, with this `help`."""
 
 

@@ -13,7 +13,13 @@ from zipfile import ZipFile
 
 import typer
 
-from unghost.cli.options import DatasetOptions, OutputOptions, listed
+from unghost.cli.options import (
+    DatasetOptions,
+    OutputOptions,
+    listed,
+    read_file,
+    written_file,
+)
 from unghost.cli.remote.runs import cancel_interrupted
 from unghost.cli.screen import (
     PARTLY,
@@ -189,12 +195,11 @@ class ExportOptions(DatasetOptions, FormatOptions):
     ] = None
     output: Annotated[
         Path,
-        typer.Option(
+        written_file(
             "--output",
             "-o",
             help="The file to write: a ZIP archive. Decisions are written as one file "
             "(CSV, JSON lines, Parquet), unless the name ends in .zip.",
-            dir_okay=False,
         ),
     ]
 
@@ -496,11 +501,9 @@ class ConvertOptions(OutputOptions, SourceOptions, FormatOptions, UnmappedOption
     ] = False
     config: Annotated[
         Path | None,
-        typer.Option(
+        read_file(
             help="A filter configuration (YAML) for --filter; default: the built-in "
-            "one.",
-            exists=True,
-            dir_okay=False,
+            "one."
         ),
     ] = None
 

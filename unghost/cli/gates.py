@@ -12,6 +12,7 @@ from xml.sax.saxutils import quoteattr
 
 import typer
 
+from unghost.cli.options import written_file
 from unghost.cli.screen import GATE, Screen
 
 _OPERATORS: Final = {">": gt, ">=": ge, "<": lt, "<=": le, "=": eq}
@@ -57,12 +58,11 @@ class GateOptions:
     ] = None
     gate_report: Annotated[
         Path | None,
-        typer.Option(
+        written_file(
             "--gate-report",
             metavar="FILE",
             help="Write the conditions and their figures: as JUnit's XML (.xml) or as "
             "Markdown (.md).",
-            dir_okay=False,
         ),
     ] = None
 

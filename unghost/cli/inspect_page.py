@@ -67,7 +67,6 @@ def page(inspection: Inspection, remarks: Sequence[Remark], description: str) ->
 
     Parameters
     ----------
-    inspection : Inspection
     remarks : sequence of Remark
         What is to be said about it.
     description : str

@@ -19,7 +19,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import MISSING, dataclass, fields
 from enum import Enum, EnumMeta
-from functools import reduce
+from functools import partial, reduce
 from operator import getitem, or_
 from pathlib import Path
 from types import GenericAlias, UnionType
@@ -27,6 +27,7 @@ from typing import (
     TYPE_CHECKING,
     Annotated,
     Any,
+    Final,
     Literal,
     TypeAlias,
     Union,
@@ -46,15 +47,15 @@ if TYPE_CHECKING:
 Action: TypeAlias = Callable[[Any], None]
 """The function of a command; its parameter is the dataclass of options."""
 
+read_file: Final = partial(typer.Option, exists=True, dir_okay=False)
+"""An option for a file that is read, with this `help`."""
+read_folder: Final = partial(typer.Option, exists=True, file_okay=False)
+"""An option for a folder that is read."""
+written_file: Final = partial(typer.Option, dir_okay=False)
+"""An option for a file that is written, or may not exist."""
+
 ConfigFile: TypeAlias = Annotated[
-    Path,
-    typer.Option(
-        "--config",
-        help="A filter configuration (YAML).",
-        exists=True,
-        dir_okay=False,
-        readable=True,
-    ),
+    Path, read_file("--config", help="A filter configuration (YAML).")
 ]
 DataFolder: TypeAlias = Annotated[
     Path | None,
@@ -231,7 +232,6 @@ def note_unknown_classes(
 
     Parameters
     ----------
-    screen : Screen
     config : mapping
         A configuration's keys and values.
     boxes : mapping of str to int
@@ -268,7 +268,6 @@ def build_command(name: str, action: Action) -> typer.core.TyperCommand:
 
     Parameters
     ----------
-    name : str
     action : callable
         Its docstring is the help.
     """

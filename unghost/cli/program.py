@@ -196,10 +196,7 @@ def _lazily(functions: Mapping[str, str]) -> list[LazyCommand]:
 
 _GROUPS: Final = {
     "dataset": ("Create, list, show, edit and delete datasets.", DATASET_COMMANDS),
-    "config": (
-        "Show, set or compare a dataset's configuration.",
-        CONFIG_COMMANDS,
-    ),
+    "config": ("Show, set or compare a dataset's configuration.", CONFIG_COMMANDS),
     "classes": (
         "Show, rename, merge or remove the classes of a dataset.",
         CLASSES_COMMANDS,
@@ -401,11 +398,7 @@ def _origin(address: str) -> str:
     """Which setting an address is from: the beginning of a sentence."""
     import httpx
 
-    from unghost.client.discovery import (
-        DEFAULT_URL,
-        SERVER_VARIABLE,
-        stored_servers,
-    )
+    from unghost.client.discovery import DEFAULT_URL, SERVER_VARIABLE, stored_servers
     from unghost.client.transport import address_of
 
     variable = os.environ.get(SERVER_VARIABLE)

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Annotated, Final, TypeAlias
 
 import typer
 
-from unghost.cli.options import DataFolder, OutputOptions, settings_of
+from unghost.cli.options import DataFolder, OutputOptions, settings_of, written_file
 from unghost.cli.remote.access import remove_login_pages, show_login_page
 from unghost.cli.remote.push import PushReport
 from unghost.cli.remote.target import NewDataset, ensure_dataset
@@ -54,11 +54,10 @@ class ServeOptions(OutputOptions):
     data: DataFolder = None
     config: Annotated[
         Path | None,
-        typer.Option(
+        written_file(
             "--config",
             metavar="FILE",
             help="A filter configuration (YAML): the first one of every new dataset.",
-            dir_okay=False,
         ),
     ] = None
     host: Annotated[

@@ -20,7 +20,7 @@ from typing import (
 
 import typer
 
-from unghost.cli.options import error_context, listed
+from unghost.cli.options import error_context, listed, read_file
 from unghost.cli.screen import Kinds, Refused, Screen, one_line
 from unghost.wire.words import ChannelOrder, Encoding, Layout, LossyPolicy, Palette
 
@@ -132,8 +132,7 @@ class SourceOptions:
         ),
     ] = None
     encoding: Annotated[
-        Encoding | None,
-        typer.Option(help="How the segmentations encode tags."),
+        Encoding | None, typer.Option(help="How the segmentations encode tags.")
     ] = None
     channel_order: Annotated[
         ChannelOrder | None,
@@ -196,12 +195,10 @@ class SourceOptions:
     ] = False
     recording: Annotated[
         Path | None,
-        typer.Option(
+        read_file(
             metavar="FILE",
             help="The description of the recording (YAML); default: recording.yaml "
             "beside the data, if there is one.",
-            exists=True,
-            dir_okay=False,
         ),
     ] = None
 
@@ -303,11 +300,7 @@ class LocalFilterOptions(SourceOptions):
     source: SourceFolder
     config: Annotated[
         Path | None,
-        typer.Option(
-            help="A filter configuration (YAML); default: the built-in one.",
-            exists=True,
-            dir_okay=False,
-        ),
+        read_file(help="A filter configuration (YAML); default: the built-in one."),
     ] = None
     workers: Annotated[
         int | None,

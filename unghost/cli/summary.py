@@ -49,10 +49,7 @@ class UnmappedOptions:
     ] = False
 
     def require_known(
-        self,
-        boxes: Mapping[str, int],
-        config: FilterConfig,
-        advice: Advice,
+        self, boxes: Mapping[str, int], config: FilterConfig, advice: Advice
     ) -> None:
         """Stop if most boxes cannot be measured, before anything is written.
 
@@ -60,8 +57,6 @@ class UnmappedOptions:
         ----------
         boxes : mapping of str to int
             The number of boxes of each class.
-        config : FilterConfig
-        advice : Advice
 
         Raises
         ------
@@ -113,7 +108,6 @@ class DatasetAdvice:
 
     Attributes
     ----------
-    dataset : str
     default_class : str or None
         The class of labels that carry none, if there may be such labels.
     classes : tuple of str

@@ -367,12 +367,7 @@ class Api:
 
     @endpoint
     def review(
-        self,
-        box_id: int,
-        verdict: Answer,
-        *,
-        seen_revision: int,
-        comment: str = "",
+        self, box_id: int, verdict: Answer, *, seen_revision: int, comment: str = ""
     ) -> Call[wire.Review]:
         """Answer on one box; `StaleReview` if someone answered since.
 

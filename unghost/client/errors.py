@@ -43,10 +43,7 @@ class ApiError(Exception):
     """
 
     def __init__(
-        self,
-        status: int,
-        problem: Json,
-        retry_after_s: float | None = None,
+        self, status: int, problem: Json, retry_after_s: float | None = None
     ) -> None:
         self.status = status
         self.problem = dict(problem)

@@ -23,12 +23,7 @@ from urllib.request import getproxies, proxy_bypass
 import httpx
 
 from unghost.client.call import Call, Params, query_of
-from unghost.client.discovery import (
-    Server,
-    found_again,
-    is_local,
-    refuse_foreign,
-)
+from unghost.client.discovery import Server, found_again, is_local, refuse_foreign
 from unghost.client.errors import (
     NoResponse,
     NotFound,
@@ -269,11 +264,7 @@ class Transport:
     """An HTTP connection pool to one server; safe to use from many threads."""
 
     def __init__(
-        self,
-        server: Server,
-        *,
-        timeout: float | httpx.Timeout,
-        retry: RetryPolicy,
+        self, server: Server, *, timeout: float | httpx.Timeout, retry: RetryPolicy
     ) -> None:
         self._server = server
         address = httpx.URL(server.url)

@@ -56,8 +56,6 @@ class ClusterTrials:
 
     Attributes
     ----------
-    client : distributed.Client
-    experiment : Experiment
     trainer : str
         As for `trainer_command`, which each worker calls.
     parallel : int

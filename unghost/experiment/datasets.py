@@ -100,10 +100,7 @@ class _Coco:
     annotations: list[AnnotationObject] = field(default_factory=list)
 
     def add(
-        self,
-        xyxy: BoxesXYXY,
-        labels: Sequence[int],
-        facts: Sequence[FactsObject] = (),
+        self, xyxy: BoxesXYXY, labels: Sequence[int], facts: Sequence[FactsObject] = ()
     ) -> None:
         """Add boxes to the last image, with `facts` about each, if there are any."""
         more = facts or [FactsObject() for _ in labels]
@@ -138,8 +135,6 @@ class DatasetsWriter:
 
     Parameters
     ----------
-    folder : Path
-    arms : sequence of str
     classes : sequence of str
         By number: YOLO counts them from 0, COCO from 1.
     share : float

@@ -122,12 +122,7 @@ def trainer_command(trainer: str, *, is_here: bool = True) -> list[str]:
 
 @dataclass(frozen=True)
 class Experiment:
-    """The folder of an experiment: the arms' data sets, and its trials.
-
-    Attributes
-    ----------
-    folder : Path
-    """
+    """The folder of an experiment: the arms' data sets, and its trials."""
 
     folder: Path
 
@@ -186,8 +181,6 @@ class Experiment:
 
         Parameters
         ----------
-        arm : str
-        seed : int
         command : sequence of str
             Of `trainer_command`.
         parallel : int

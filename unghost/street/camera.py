@@ -100,7 +100,6 @@ class VisibleTriangles:
 
     Attributes
     ----------
-    camera : Camera
     mesh : Mesh of T triangles
     owner : (T,) int32, index into the town's things
     screen : (S, 3, 3), per corner u px, v px, 1 / depth
@@ -226,10 +225,7 @@ def pixel_corners(visible: VisibleTriangles) -> Samples:
 
 def _sampled(visible: VisibleTriangles, offset: float) -> Samples:
     camera = visible.camera
-    rows, columns = (
-        camera.height + (offset == 0),
-        camera.width + (offset == 0),
-    )
+    rows, columns = (camera.height + (offset == 0), camera.width + (offset == 0))
     u, v = np.arange(columns) + offset, np.arange(rows) + offset
     rays = _rays(camera, u, v)
     canvas = Canvas.blank(columns, rows)

@@ -259,7 +259,6 @@ def loft(
         S sections with K points each.
     paints : rows for the S - 1 stretches, columns for the K strips
         The last row and the last column are repeated as needed.
-    tag : int
     caps : bool
         Close the first and the last ring.
     """

@@ -150,7 +150,6 @@ class Figure:
 
     Attributes
     ----------
-    pose : BodyPose
     tag : of all of it
     sides : of its round parts; fewer from afar
     """

@@ -205,7 +205,6 @@ def to_screen(
     Parameters
     ----------
     corners, normals : (T, 3, 3) world
-    camera : Camera
     two_sided : (T,) bool
         Triangles that are also seen from behind.
 

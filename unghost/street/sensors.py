@@ -197,8 +197,6 @@ def scan(planes: Planes, camera: Camera, ids: IntArray) -> NDArray[np.void]:
 
     Parameters
     ----------
-    planes : Planes
-    camera : Camera
     ids : (things + 1,)
         The actor of each thing; the last one is that of sky and ground.
     """

@@ -144,9 +144,7 @@ class AnnotatedBox(_Open):
         examples=[[50, 80]],
     )
     instance_id: int | None = Field(
-        default=None,
-        description="Its id in the instance image.",
-        examples=[217],
+        default=None, description="Its id in the instance image.", examples=[217]
     )
     extra: dict[str, object] | None = Field(
         default=None, description="Anything else; it is kept."

@@ -398,8 +398,7 @@ class ExportIn(RequestModel):
     """A request for an export."""
 
     format: Annotated[
-        ExportFormat,
-        Field(description="The format to write; see docs/formats.md."),
+        ExportFormat, Field(description="The format to write; see docs/formats.md.")
     ]
     options: ExportOptions = ExportOptions()
     name: VersionName | None = Field(

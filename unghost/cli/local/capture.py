@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
-from unghost.cli.options import ServerOptions, error_context
+from unghost.cli.options import ServerOptions, error_context, read_file, read_folder
 from unghost.cli.remote.push import PushOptions, PushReport, send
 from unghost.cli.remote.target import NewDataset, ensure_dataset
 from unghost.cli.screen import Screen, partly_done
@@ -63,18 +63,15 @@ class CaptureOptions(ServerOptions):
     ] = None
     config: Annotated[
         Path | None,
-        typer.Option(
+        read_file(
             help="The configuration (YAML) by which boxes are decided while recording; "
-            "default: the built-in one.",
-            exists=True,
-            dir_okay=False,
+            "default: the built-in one."
         ),
     ] = None
     show: Annotated[
         bool,
         typer.Option(
-            "--show",
-            help="With --push: open the page, which follows the newest frame.",
+            "--show", help="With --push: open the page, which follows the newest frame."
         ),
     ] = False
     dry_run: Annotated[
@@ -82,12 +79,10 @@ class CaptureOptions(ServerOptions):
     ] = False
     from_carlasimu: Annotated[
         Path | None,
-        typer.Option(
+        read_folder(
             "--from-carlasimu",
             metavar="DIR",
             help="Print carlasimu's YAML files as a scenario, instead of capturing.",
-            exists=True,
-            file_okay=False,
         ),
     ] = None
 

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, NamedTuple
 
 import typer
 
-from unghost.cli.options import OutputOptions
+from unghost.cli.options import OutputOptions, read_file
 from unghost.cli.screen import Kinds, Screen, partly_done, refusal
 from unghost.cli.sources import (
     LocalFilterOptions,
@@ -50,12 +50,10 @@ class DrawOptions(OutputOptions, LocalFilterOptions):
     ]
     against: Annotated[
         Path | None,
-        typer.Option(
+        read_file(
             metavar="FILE",
             help="A rival's configuration (YAML), whose verdicts are drawn beside; "
             "with --only flips, default: the paper's filter.",
-            exists=True,
-            dir_okay=False,
         ),
     ] = None
     only: Annotated[

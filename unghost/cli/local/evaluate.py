@@ -16,15 +16,8 @@ from xml.sax.saxutils import escape
 
 import typer
 
-from unghost.cli.options import OutputOptions
-from unghost.cli.screen import (
-    ImageNotes,
-    Kinds,
-    Refused,
-    Screen,
-    partly_done,
-    refusal,
-)
+from unghost.cli.options import OutputOptions, read_file, written_file
+from unghost.cli.screen import ImageNotes, Kinds, Refused, Screen, partly_done, refusal
 from unghost.cli.sources import (
     LocalFilterOptions,
     kind_of,
@@ -78,13 +71,11 @@ class EvaluateOptions(OutputOptions, LocalFilterOptions):
 
     truth: Annotated[
         Path | None,
-        typer.Option(
+        read_file(
             metavar="FILE",
             help="The ground truth: a line of JSON with key, id and visible for each "
             "box. Default: the frames' instance images, in which objects with a pixel "
             "are visible.",
-            exists=True,
-            dir_okay=False,
         ),
     ] = None
     channel: Annotated[
@@ -95,10 +86,9 @@ class EvaluateOptions(OutputOptions, LocalFilterOptions):
     ] = None
     plot: Annotated[
         Path | None,
-        typer.Option(
+        written_file(
             metavar="FILE.svg",
             help="Draw the F1 of each kind of evidence with its interval (SVG).",
-            dir_okay=False,
         ),
     ] = None
     suggest: Annotated[
@@ -119,10 +109,9 @@ class EvaluateOptions(OutputOptions, LocalFilterOptions):
     ] = None
     config_out: Annotated[
         Path | None,
-        typer.Option(
+        written_file(
             metavar="FILE.yaml",
             help="With --suggest: write the configuration with the new thresholds.",
-            dir_okay=False,
         ),
     ] = None
 
@@ -162,11 +151,7 @@ def evaluate(options: EvaluateOptions) -> None:
             advance(done, found.count)
 
         evaluation, unusable = evaluate_source(
-            found,
-            task,
-            progress=step,
-            also=collect,
-            workers=options.workers,
+            found, task, progress=step, also=collect, workers=options.workers
         )
     refusals = Kinds()
     left_out = [

@@ -7,14 +7,7 @@ import signal
 import sys
 import threading
 from collections import Counter, deque
-from collections.abc import (
-    Callable,
-    Generator,
-    Iterable,
-    Iterator,
-    Mapping,
-    Sequence,
-)
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cache, partial
@@ -286,16 +279,10 @@ def decided_lines(
 
     Parameters
     ----------
-    found : FrameSet
-    config : FilterConfig
     workers : int or None
         Threads or processes; None: one for each core.
     fewest_frames : int
         From so many frames on, processes are started.
-
-    Yields
-    ------
-    FrameLine
 
     Raises
     ------

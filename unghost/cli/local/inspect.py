@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
-from unghost.cli.options import OutputOptions
+from unghost.cli.options import OutputOptions, written_file
 from unghost.cli.screen import PARTLY, Refused, Screen, one_line
 from unghost.cli.sources import (
     SourceFolder,
@@ -31,21 +31,19 @@ class InspectOptions(OutputOptions, SourceOptions):
     source: SourceFolder
     html: Annotated[
         Path | None,
-        typer.Option(
+        written_file(
             metavar="FILE.html",
             help="Write a page that shows it all, with three frames and the verdicts "
             "of their boxes.",
-            dir_okay=False,
         ),
     ] = None
     write: Annotated[
         Path | None,
-        typer.Option(
+        written_file(
             metavar="FILE.yaml",
             help="Write what was recognised as a description of the recording, which "
             "is found by itself as recording.yaml in the folder; a file that exists "
             "is not replaced.",
-            dir_okay=False,
         ),
     ] = None
 

@@ -12,15 +12,8 @@ from typing import TYPE_CHECKING, Annotated, Final, TypeAlias, get_args
 import typer
 
 from unghost.cli.cluster import NodeOptions, connected
-from unghost.cli.options import ServerOptions
-from unghost.cli.screen import (
-    Kinds,
-    Refused,
-    Screen,
-    partly_done,
-    refusal,
-    refused_on,
-)
+from unghost.cli.options import ServerOptions, read_folder, written_file
+from unghost.cli.screen import Kinds, Refused, Screen, partly_done, refusal, refused_on
 from unghost.cli.sources import (
     LocalFilterOptions,
     kind_of,
@@ -166,21 +159,18 @@ class WorthOptions(ServerOptions, LocalFilterOptions, NodeOptions):
     ] = _HERE
     join: Annotated[
         list[Path] | None,
-        typer.Option(
+        read_folder(
             metavar="DIR",
             help="Another experiment's folder, whose trials are reported together with "
             "these: more seeds or arms of the same truth, or another test set. May be "
             "repeated.",
-            exists=True,
-            file_okay=False,
         ),
     ] = None
     html: Annotated[
         Path | None,
-        typer.Option(
+        written_file(
             metavar="FILE.html",
             help="With --no-train: write the tables as a page, drawn.",
-            dir_okay=False,
         ),
     ] = None
 
@@ -471,9 +461,7 @@ def _task(
     )
 
 
-def _truth(
-    options: WorthOptions,
-) -> TruthSource | Mapping[str, Mapping[str, KnownBox]]:
+def _truth(options: WorthOptions) -> TruthSource | Mapping[str, Mapping[str, KnownBox]]:
     from filter_core.local import TruthSource, read_box_truth
 
     for source in get_args(TruthSource):

@@ -18,12 +18,7 @@ from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
-from unghost.cli.options import (
-    DataFolder,
-    OutputOptions,
-    ServerOptions,
-    settings_of,
-)
+from unghost.cli.options import DataFolder, OutputOptions, ServerOptions, settings_of
 from unghost.cli.screen import (
     Refused,
     naming_options,
@@ -205,7 +200,6 @@ def show_login_page(
 
     Parameters
     ----------
-    link : str
     folder : Path
         For the file, which is removed at the end; created if it does not exist.
     is_over : callable

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Final
 import typer
 
 from unghost.cli.gates import GateOptions
-from unghost.cli.options import DatasetOptions, ServerOptions
+from unghost.cli.options import DatasetOptions, ServerOptions, read_file, written_file
 from unghost.cli.screen import Refused, most_first
 from unghost.wire.words import ChannelOrder, Encoding, LossyPolicy, Palette
 
@@ -129,15 +129,10 @@ class CreateOptions(SettingsOptions):
     ] = None
     config: Annotated[
         Path | None,
-        typer.Option(
-            help="The first filter configuration (YAML); default: the server's.",
-            exists=True,
-            dir_okay=False,
-        ),
+        read_file(help="The first filter configuration (YAML); default: the server's."),
     ] = None
     exist_ok: Annotated[
-        bool,
-        typer.Option("--exist-ok", help="Leave a dataset of this name as it is."),
+        bool, typer.Option("--exist-ok", help="Leave a dataset of this name as it is.")
     ] = False
 
 
@@ -258,10 +253,7 @@ class ReportOptions(DatasetOptions):
     """Options of `unghost report`."""
 
     output: Annotated[
-        Path,
-        typer.Option(
-            "--output", "-o", metavar="FILE", help="The HTML file.", dir_okay=False
-        ),
+        Path, written_file("--output", "-o", metavar="FILE", help="The HTML file.")
     ]
 
 

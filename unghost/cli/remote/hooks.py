@@ -90,8 +90,7 @@ class DeliveriesOptions(HookOptions):
     """Options of `unghost hook deliveries`."""
 
     limit: Annotated[
-        int,
-        typer.Option(min=0, help="Maximum number, newest first; 0 for all."),
+        int, typer.Option(min=0, help="Maximum number, newest first; 0 for all.")
     ] = 20
 
 

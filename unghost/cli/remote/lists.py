@@ -19,6 +19,7 @@ from unghost.cli.options import (
     OutputOptions,
     ServerOptions,
     dataset_names,
+    written_file,
 )
 from unghost.cli.screen import Refused
 from unghost.wire.words import Bin, JobState, ReviewState, Verdict
@@ -58,12 +59,11 @@ class BoxesOptions(DatasetOptions, ListOptions):
     ] = None
     output: Annotated[
         Path | None,
-        typer.Option(
+        written_file(
             "--output",
             "-o",
             metavar="FILE",
             help="File to write; default: the standard output.",
-            dir_okay=False,
         ),
     ] = None
     fields: Annotated[

@@ -14,7 +14,13 @@ from typing import TYPE_CHECKING, Annotated, Final, get_args
 import typer
 
 from unghost.cli.gates import GateOptions
-from unghost.cli.options import ServerOptions, dataset_names, note_unknown_classes
+from unghost.cli.options import (
+    ServerOptions,
+    dataset_names,
+    note_unknown_classes,
+    read_file,
+    read_folder,
+)
 from unghost.cli.remote.datasets import gate_counts
 from unghost.cli.remote.target import (
     GivenConfig,
@@ -76,12 +82,10 @@ class PushOptions(ServerOptions, SourceOptions, UnmappedOptions, GateOptions):
     ] = 2
     root: Annotated[
         list[Path] | None,
-        typer.Option(
+        read_folder(
             metavar="DIR",
             help="Folder whose files may be uploaded, too, if a manifest, labels or a "
             "symbolic link name them; may be repeated.",
-            exists=True,
-            file_okay=False,
         ),
     ] = None
     outside_files: Annotated[
@@ -94,12 +98,10 @@ class PushOptions(ServerOptions, SourceOptions, UnmappedOptions, GateOptions):
     ] = False
     config: Annotated[
         Path | None,
-        typer.Option(
+        read_file(
             help="A filter configuration (YAML) for a dataset without frames; default: "
             "that of the server. `unghost config set` changes that of a dataset with "
-            "frames.",
-            exists=True,
-            dir_okay=False,
+            "frames."
         ),
     ] = None
     replace: Annotated[
@@ -121,13 +123,11 @@ class PushOptions(ServerOptions, SourceOptions, UnmappedOptions, GateOptions):
 
     edited: Annotated[
         Path | None,
-        typer.Option(
+        read_file(
             metavar="FILE",
             help="The file that CVAT or Label Studio saved after people edited SOURCE, "
             "an export of the dataset: boxes that they kept and deleted become their "
             "answers, and no frame is sent. Needs the role admin.",
-            exists=True,
-            dir_okay=False,
         ),
     ] = None
 

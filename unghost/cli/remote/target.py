@@ -115,7 +115,6 @@ class NewDataset:
         How its segmentations are read.
     classes : sequence of str
         Its classes, if it does not exist; none: those of CARLA.
-    config : GivenConfig
     shown : mapping of str to str
         What the segmentations show about how they are read; its own options win.
     recording : mapping or None
