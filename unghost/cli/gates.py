@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from operator import eq, ge, gt, le, lt
 from pathlib import Path
-from typing import Annotated, Final, NamedTuple
+from typing import Annotated, Final, NamedTuple, TypeAlias
 from xml.sax.saxutils import quoteattr
 
 import typer
@@ -36,10 +36,8 @@ class Gate(NamedTuple):
     is_percent: bool
 
 
-class _Checked(NamedTuple):
-    gate: Gate
-    figure: str
-    has_failed: bool
+_Checked: TypeAlias = tuple[Gate, str, bool]
+"""A condition, its figure, and whether it holds, which it must not."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -100,7 +98,7 @@ class GateOptions:
         if self.gate_report is not None:
             as_text = _junit if self.gate_report.suffix == ".xml" else _markdown
             self.gate_report.write_text(as_text(title, checked), "utf-8")
-        if any(one.has_failed for one in checked):
+        if any(has_failed for _, _, has_failed in checked):
             raise typer.Exit(GATE)
 
 
@@ -132,11 +130,11 @@ def _checked(gate: Gate, counts: Mapping[str, int]) -> _Checked:
     figure = f"{count:,}"
     if gate.is_percent:
         figure = f"{percent:.2f}% ({count:,} of {whole:,} {whole_name})"
-    return _Checked(gate, figure, _OPERATORS[gate.operator](value, gate.limit))
+    return gate, figure, _OPERATORS[gate.operator](value, gate.limit)
 
 
 def _junit(title: str, checked: Sequence[_Checked]) -> str:
-    failures = sum(one.has_failed for one in checked)
+    failures = sum(has_failed for _, _, has_failed in checked)
     lines = [
         '<?xml version="1.0" encoding="utf-8"?>',
         f"<testsuite name={quoteattr(title)} tests={quoteattr(str(len(checked)))} "

@@ -52,18 +52,12 @@ class Refused(Exception):
 
 
 @contextmanager
-def refused_on(*errors: type[Exception]) -> Iterator[None]:
-    """Convert these errors to `Refused`, with their text.
-
-    Raises
-    ------
-    Refused
-        In place of one of these errors.
-    """
+def refused_on(*errors: type[Exception], text: str = "") -> Iterator[None]:
+    """Convert these errors to `Refused`, with their own text or this one."""
     try:
         yield
     except errors as exc:
-        raise Refused(str(exc)) from exc
+        raise Refused(text or str(exc)) from exc
 
 
 @contextmanager
@@ -98,20 +92,17 @@ def naming_options(
                 option + line.removeprefix(field) if line.startswith(field) else line
                 for line in lines
             ]
-        lines = [_with_found(line, given) for line in lines]
+        for row, (option, colon, why) in enumerate(
+            line.partition(": ") for line in lines
+        ):
+            # The value, if the fault does not say it
+            says_all = not why.startswith("expected ") or ", found " in why
+            if colon and option in given and not says_all:
+                lines[row] += f", found {str(given[option])[:_SHOWN]!r}"
         text = "\n  ".join(lines)
         if all(line.startswith("--") for line in lines):
             raise typer.BadParameter(text) from error
         raise Refused(text) from error
-
-
-def _with_found(line: str, given: Mapping[str, object]) -> str:
-    """A fault of an option with its value, if the fault does not say it."""
-    option, colon, why = line.partition(": ")
-    is_complete = not why.startswith("expected ") or ", found " in why
-    if not colon or option not in given or is_complete:
-        return line
-    return f"{line}, found {str(given[option])[:_SHOWN]!r}"
 
 
 def partly_done(done: int) -> typer.Exit:

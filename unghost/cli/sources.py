@@ -59,6 +59,15 @@ SourceFolder: TypeAlias = Annotated[
 ]
 
 
+EncodingOption: TypeAlias = Annotated[
+    Encoding | None, typer.Option(help="How the segmentations encode tags.")
+]
+ChannelOrderOption: TypeAlias = Annotated[
+    ChannelOrder | None,
+    typer.Option(help="Order of the colour channels in the segmentations."),
+]
+
+
 def _layout_name(word: str) -> str:
     """A layout; plug-ins are looked for only if none of the product's has the name."""
     if word in get_args(Layout):
@@ -131,13 +140,8 @@ class SourceOptions:
             "CARLA that has it: carla-0.9.14 is also that of 0.9.15, 0.9.16 and 0.10."
         ),
     ] = None
-    encoding: Annotated[
-        Encoding | None, typer.Option(help="How the segmentations encode tags.")
-    ] = None
-    channel_order: Annotated[
-        ChannelOrder | None,
-        typer.Option(help="Order of the colour channels in the segmentations."),
-    ] = None
+    encoding: EncodingOption = None
+    channel_order: ChannelOrderOption = None
     lossy_segmentation: Annotated[
         LossyPolicy | None,
         typer.Option(

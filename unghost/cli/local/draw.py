@@ -8,6 +8,7 @@ sheet and a page that opens from the disk show all of them.
 from __future__ import annotations
 
 import heapq
+import itertools
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -109,7 +110,15 @@ def draw(options: DrawOptions) -> None:
         judged = judge.watch(
             in_order(judge.frame, shown.of(frames), options.workers), options.screen
         )
-        chosen = _chosen(judged, options)
+        chosen: Iterable[Judged] = judged
+        if options.only == "flips":
+            chosen = (one for one in judged if one.flips)
+        if options.worst is not None:
+            chosen = heapq.nlargest(
+                options.worst,
+                chosen,
+                key=lambda one: (one.flips, one.count("rejected")),
+            )
         drawn = draw_frames(folder, chosen, options, edges=options.edges)
     counts = {"drawn": drawn, "failed": judge.failed}
     options.screen.record(
@@ -136,18 +145,23 @@ def draw_frames(
     names = FileNames(flat=True)
     painter = _Painter(folder, edges)
     stems = ((names.stem(one.source.key), one) for one in frames)
-    drawn: list[Drawn] = []
-    for one in in_order(painter.frame, stems, options.workers):
+    figures: list[str] = []
+    tiles: list[Picture] = []
+    reasons: Counter[str] = Counter()
+    for figure, reasons_of_frame, tile in in_order(
+        painter.frame, stems, options.workers
+    ):
+        figures.append(figure)
+        reasons.update(reasons_of_frame)
         # Only some tiles are shown, and there may be a million frames.
-        is_shown = len(drawn) < MOST_TILES
-        drawn.append(one if is_shown else one._replace(tile=None))
-    sheet = sheet_of([one.tile for one in drawn if one.tile is not None])
+        if len(tiles) < MOST_TILES:
+            tiles.append(tile)
+    sheet = sheet_of(tiles)
     if sheet is not None:
         (folder / "sheet.png").write_bytes(as_png(sheet))
-    reasons: Counter[str] = sum((one.reasons for one in drawn), Counter())
-    page = page_of(options.source.name, [one.figure for one in drawn], reasons)
+    page = page_of(options.source.name, figures, reasons)
     (folder / "index.html").write_text(page, "utf-8")
-    return len(drawn)
+    return len(figures)
 
 
 class Judged(NamedTuple):
@@ -217,35 +231,6 @@ class Judge:
             screen.note(line)
 
 
-def _chosen(frames: Iterable[Judged], options: DrawOptions) -> Iterable[Judged]:
-    """The frames to be drawn, in their order, or the worst of them first."""
-    if options.only == "flips":
-        frames = (one for one in frames if one.flips)
-    if options.worst is None:
-        return frames
-    return heapq.nlargest(
-        options.worst, frames, key=lambda one: (one.flips, one.count("rejected"))
-    )
-
-
-class Drawn(NamedTuple):
-    """A frame whose pictures were written.
-
-    Attributes
-    ----------
-    figure : str
-        Its part of the page.
-    reasons : Counter of str
-        Of the boxes that are not kept.
-    tile : Picture or None
-        Its part of the contact sheet.
-    """
-
-    figure: str
-    reasons: Counter[str]
-    tile: Picture | None
-
-
 class _Painter:
     """Writes the pictures of frames."""
 
@@ -254,7 +239,8 @@ class _Painter:
         for name in ("before", "after", "side"):
             (folder / name).mkdir()
 
-    def frame(self, named: tuple[str, Judged]) -> Drawn:
+    def frame(self, named: tuple[str, Judged]) -> tuple[str, Counter[str], Picture]:
+        """Its part of the page, why boxes are not kept, and its part of the sheet."""
         from filter_core.images.drawing import as_png
         from filter_core.images.sheet import tile_of
 
@@ -268,7 +254,12 @@ class _Painter:
             background,
             (box for box in map(_boxed, judged.decisions) if box.verdict == "kept"),
         )
-        why = self._on(background, map(_reasoned, judged.decisions))
+        reasoned = (
+            _boxed(one, f"{one['class']}: {one['reason'].replace('_', ' ')}")
+            for one in judged.decisions
+            if one["verdict"] != "kept"
+        )
+        why = self._on(background, reasoned)
         rejected, unmeasured = map(judged.count, ("rejected", "unmeasured"))
         panels = {f"before: {len(judged.decisions)} boxes": before}
         if painted is not None:
@@ -278,7 +269,7 @@ class _Painter:
             pairs = list(zip(judged.decisions, decisions, strict=True))
             flips = sum(one["verdict"] != other["verdict"] for one, other in pairs)
             panels[f"{name}: {flips} flips"] = self._on(
-                background, (_rivalled(*pair) for pair in pairs)
+                background, itertools.starmap(_rivalled, pairs)
             )
         panels[f"why: {rejected} rejected, {unmeasured} unmeasured"] = why
         for name, picture in (
@@ -292,13 +283,13 @@ class _Painter:
         )
         counts = f"{judged.count('kept')} of {len(judged.decisions)} boxes"
         tile = tile_of(before, after, f"{judged.source.key}: {counts}")
-        return Drawn(_figure(stem, judged), reasons, tile)
+        return _figure(stem, judged), reasons, tile
 
-    def _on(self, background: Picture, boxes: Iterable[DrawnBox | None]) -> Picture:
+    def _on(self, background: Picture, boxes: Iterable[DrawnBox]) -> Picture:
         from filter_core.images.drawing import draw_boxes
 
         canvas: Picture = background.copy()
-        draw_boxes(canvas, [box for box in boxes if box], edges=self._edges)
+        draw_boxes(canvas, list(boxes), edges=self._edges)
         return canvas
 
 
@@ -338,12 +329,6 @@ def _boxed(one: Decision, text: str = "") -> DrawnBox:
     from filter_core.images.drawing import DrawnBox
 
     return DrawnBox(one["verdict"], one["xyxy"], one["edges"], text)
-
-
-def _reasoned(one: Decision) -> DrawnBox | None:
-    if one["verdict"] == "kept":
-        return None
-    return _boxed(one, f"{one['class']}: {one['reason'].replace('_', ' ')}")
 
 
 def _rivalled(one: Decision, other: Decision) -> DrawnBox:

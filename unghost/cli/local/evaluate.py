@@ -5,7 +5,7 @@ It prints tables, draws a chart, and suggests thresholds for each class.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import islice
@@ -37,8 +37,7 @@ if TYPE_CHECKING:
     from filter_core.evaluation.comparison import EvaluationObject
     from filter_core.evaluation.scores import ConfusionObject, MeasuredObject
     from filter_core.evaluation.thresholds import ClassSuggestion, Goal, TruthCollector
-    from filter_core.formats.recording import RecordingDescription
-    from filter_core.local import EvaluationTask, KnownBoxes, Truth
+    from filter_core.local import KnownBoxes, Truth
 
 
 _SCORE_COLUMNS: Final = (
@@ -126,11 +125,17 @@ def evaluate(options: EvaluateOptions) -> None:
     if some frames could not be read, or some files or lines of the ground truth could
     not be matched.
     """
-    from filter_core.local import evaluate_source
+    from filter_core.evaluation.comparison import COMPARED
+    from filter_core.local import EvaluationTask, evaluate_source, read_truth
 
     description = options.describe(options.source)
     found = open_source(options.source, options.layout, description)
-    screen, task = options.screen, _task(options, description)
+    screen = options.screen
+    task = EvaluationTask(
+        config=read_config(options.config, options, description, screen),
+        truth=None if options.truth is None else read_truth(options.truth),
+        channels=tuple(options.channel or COMPARED),
+    )
     first = islice(found, LOOKED_AT)
     found = shown_by(first, task.config, task.channels, screen).of(found)
     thresholds = _Thresholds.asked_for(options, task.config)
@@ -171,7 +176,7 @@ def evaluate(options: EvaluateOptions) -> None:
     if not evaluation.unfiltered.boxes:
         raise Refused("nothing was compared: the ground truth of no box is known")
     result = evaluation.as_dict()
-    _print_result(result, thresholds, screen)
+    _print_evaluation(result, thresholds, screen)
     if options.plot is not None:
         scores = [(name, one["f1"]) for name, one in result["channels"].items()]
         label = "F1 of each kind of evidence with its 95 % interval"
@@ -213,34 +218,13 @@ class _TruthUse:
             yield f"lines of the ground truth about no box here: {self._unused}{such}"
 
 
-def _task(
-    options: EvaluateOptions, description: RecordingDescription
-) -> EvaluationTask:
-    from filter_core.evaluation.comparison import COMPARED
-    from filter_core.local import EvaluationTask, read_truth
-
-    return EvaluationTask(
-        config=read_config(options.config, options, description, options.screen),
-        truth=None if options.truth is None else read_truth(options.truth),
-        channels=tuple(options.channel or COMPARED),
-    )
-
-
-def _print_result(
+def _print_evaluation(
     result: EvaluationObject, thresholds: _Thresholds | None, screen: Screen
 ) -> None:
-    if thresholds is None:
-        screen.record(result)
-        _print_evaluation(result, screen)
-        return
-    suggested = [one.as_dict() for one in thresholds.suggested]
-    screen.record({**result, "suggested": suggested})
-    _print_evaluation(result, screen)
-    thresholds.print_and_write(screen)
-
-
-def _print_evaluation(result: EvaluationObject, screen: Screen) -> None:
-    """One table of the kinds of evidence, one by distance and one by class."""
+    """Tables: of the kinds of evidence, by distance, by class, and of thresholds."""
+    suggested = thresholds and [one.as_dict() for one in thresholds.suggested]
+    more = {} if suggested is None else {"suggested": suggested}
+    screen.record({**result, **more})
     channels = result["channels"]
     columns = ("evidence", *_SCORE_COLUMNS, "measured")
     rows = [(name, *_score_row(one), one["judged"]) for name, one in channels.items()]
@@ -253,19 +237,16 @@ def _print_evaluation(result: EvaluationObject, screen: Screen) -> None:
     }
     by_class = {name: one["by_class"] for name, one in channels.items()}
     for title, parts in (("metres", by_distance), ("class", by_class)):
-        screen.table(
-            (title, "evidence", *_SCORE_COLUMNS), _parts_rows(parts), tag=title
-        )
-
-
-def _parts_rows(
-    parts: Mapping[EvidenceName, Mapping[str, ConfusionObject]],
-) -> Iterator[tuple[object, ...]]:
-    names = dict.fromkeys(part for each in parts.values() for part in each)
-    for part in names:
-        for channel, each in parts.items():
-            if part in each:
-                yield part, channel, *_score_row(each[part])
+        names = dict.fromkeys(part for each in parts.values() for part in each)
+        of_parts = [
+            (part, channel, *_score_row(each[part]))
+            for part in names
+            for channel, each in parts.items()
+            if part in each
+        ]
+        screen.table((title, "evidence", *_SCORE_COLUMNS), of_parts, tag=title)
+    if thresholds is not None:
+        thresholds.print_and_write(screen)
 
 
 def _score_row(score: ConfusionObject) -> tuple[object, ...]:

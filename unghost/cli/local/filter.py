@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from functools import cache, partial
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final, NamedTuple, TypeAlias, get_args
+from typing import TYPE_CHECKING, Annotated, Final, TypeAlias, get_args
 
 import typer
 
@@ -142,7 +142,12 @@ def filter_local(options: FilterOptions) -> None:
 def line_output(path: Path) -> Iterator[Write]:
     """Where lines go; a file appears when it is complete, not before."""
     if path == _STDOUT:
-        yield _write_to_terminal if sys.stdout.isatty() else sys.stdout.buffer.write
+        write = sys.stdout.buffer.write
+        yield (
+            (lambda lines: write(printable(lines.decode()).encode()))
+            if sys.stdout.isatty()
+            else write
+        )
         sys.stdout.flush()
         return
     from filter_core.formats.files import whole_file
@@ -153,10 +158,6 @@ def line_output(path: Path) -> Iterator[Write]:
             yield file.write
     except KeyboardInterrupt:
         raise KeyboardInterrupt(f"interrupted; {path} was not written") from None
-
-
-def _write_to_terminal(lines: bytes) -> None:
-    sys.stdout.buffer.write(printable(lines.decode()).encode())
 
 
 class _Tally:
@@ -298,34 +299,37 @@ def decided_lines(
     return _by_processes(found, config, count)
 
 
-class _Part(NamedTuple):
-    keys: tuple[str, str]
-    lines: Future[list[FrameLine]]
-
-
 def _by_processes(
     found: FrameSet, config: FilterConfig, count: int
 ) -> Generator[FrameLine, None, None]:
     from concurrent.futures import ProcessPoolExecutor
     from concurrent.futures.process import BrokenProcessPool
 
+    from filter_core.errors import problem_of
+    from filter_core.local import FrameOutcome
     from filter_core.processes import child_context
 
-    waiting: deque[_Part] = deque()
+    # Of the frames that processes work on: the keys of the first and the last one.
+    waiting: deque[tuple[str, str, Future[list[FrameLine]]]] = deque()
     context = child_context(["filter_core.local", "pydantic"])
     pool = ProcessPoolExecutor(count, context, _begin)
+    # An error cannot be sent to another process, its description can.
+    sources: Iterator[FrameSource | FrameOutcome] = (
+        FrameOutcome(one.key, error=problem_of(one.problem)) if one.problem else one
+        for one in found
+    )
     try:
-        for frames in _parts(found):
-            keys = frames[0].key, frames[-1].key
-            waiting.append(_Part(keys, pool.submit(_lines_of, config, frames)))
+        while frames := list(islice(sources, _PART)):
+            lines = pool.submit(_lines_of, config, frames)
+            waiting.append((frames[0].key, frames[-1].key, lines))
             if len(waiting) >= count * _PARTS_AHEAD:
-                yield from waiting[0].lines.result()
+                yield from waiting[0][2].result()
                 waiting.popleft()
         while waiting:
-            yield from waiting[0].lines.result()
+            yield from waiting[0][2].result()
             waiting.popleft()
     except BrokenProcessPool:
-        first, last = waiting[0].keys[0], waiting[-1].keys[1]
+        first, last = waiting[0][0], waiting[-1][1]
         raise Refused(
             f"a process crashed while it worked on frames {first!r} to {last!r}: one "
             "of them crashes a library, or the memory is exhausted"
@@ -334,41 +338,25 @@ def _by_processes(
         pool.shutdown(cancel_futures=True)
 
 
-def _parts(found: Iterable[FrameSource]) -> Iterator[list[FrameSource | FrameOutcome]]:
-    frames = map(_sendable, found)
-    while part := list(islice(frames, _PART)):
-        yield part
-
-
-def _sendable(source: FrameSource) -> FrameSource | FrameOutcome:
-    """A frame in a form that can be sent to another process."""
-    from filter_core.errors import problem_of
-    from filter_core.local import FrameOutcome
-
-    if source.problem is None:
-        return source
-    return FrameOutcome(source.key, error=problem_of(source.problem))
-
-
 def _begin() -> None:
     """In a process that has just started."""
+    import multiprocessing
+    from multiprocessing.connection import wait
+
     import cv2
 
     cv2.setNumThreads(1)  # the other cores have processes of their own
     # The main process handles Ctrl-C; this one finishes its current frames.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    threading.Thread(target=_end_with_parent, daemon=True).start()
-
-
-def _end_with_parent() -> None:
-    """End this process when the command is killed, which cannot stop it itself."""
-    import multiprocessing
-    from multiprocessing.connection import wait
-
     parent = multiprocessing.parent_process()
-    if parent is not None:
-        wait([parent.sentinel])
-        os._exit(1)
+
+    def end_with_parent() -> None:
+        """End when the command is killed, which cannot stop this process itself."""
+        if parent is not None:
+            wait([parent.sentinel])
+            os._exit(1)
+
+    threading.Thread(target=end_with_parent, daemon=True).start()
 
 
 def _lines_of(

@@ -85,9 +85,8 @@ def replay(options: ReplayOptions) -> None:
 
     description = options.describe(options.source)
     base = read_config(options.config, options, description, options.screen)
-    kinds = ("auto", "paper", "carlasimu")
-    configs = filter(None, (Arm(kind).config(base) for kind in kinds))
-    best, paper, code = configs  # raw arms alone have no configuration
+    configs = (Arm(kind).config(base) for kind in ("auto", "paper", "carlasimu"))
+    best, paper, code = filter(None, configs)  # raw arms alone have none
     frames = open_source(options.source, options.layout, description)
     first = list(islice(frames, LOOKED_AT))
     shown = shown_by(first, best, set(best.channels), options.screen)

@@ -5,24 +5,28 @@ from __future__ import annotations
 import base64
 import html
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
 from unghost.cli.gates import GateOptions
 from unghost.cli.options import DatasetOptions, ServerOptions, read_file, written_file
 from unghost.cli.screen import Refused, most_first
-from unghost.wire.words import ChannelOrder, Encoding, LossyPolicy, Palette
+from unghost.cli.sources import (
+    SEGMENTATION_SETTINGS,
+    ChannelOrderOption,
+    EncodingOption,
+)
+from unghost.wire.words import LossyPolicy, Palette
 
 if TYPE_CHECKING:
     from unghost.client.client import Client
-    from unghost.client.keywords import DatasetChanges
-    from unghost.wire.datasets import Dataset, MapCounts, Stats, VerdictCounts
-    from unghost.wire.frames import FrameSummary, PlaceCounts, Report
+    from unghost.wire.datasets import Dataset, Stats, VerdictCounts
+    from unghost.wire.frames import FrameSummary, Report
     from unghost.wire.quality import Evaluation
     from unghost.wire.runs import Export
 
@@ -86,33 +90,19 @@ class SettingsOptions(DatasetOptions):
     palette: Annotated[
         Palette | None, typer.Option(help="Table of tags of the segmentations.")
     ] = None
-    encoding: Annotated[
-        Encoding | None, typer.Option(help="How the segmentations encode tags.")
-    ] = None
-    channel_order: Annotated[
-        ChannelOrder | None,
-        typer.Option(help="Order of the colour channels in the segmentations."),
-    ] = None
+    encoding: EncodingOption = None
+    channel_order: ChannelOrderOption = None
     lossy_segmentation: Annotated[
         LossyPolicy | None,
         typer.Option(help="What happens to segmentations whose colours are not exact."),
     ] = None
 
     @property
-    def settings(self) -> DatasetChanges:
-        """The settings that were given."""
-        found: DatasetChanges = {}
-        if self.description is not None:
-            found["description"] = self.description
-        if self.palette is not None:
-            found["palette"] = self.palette
-        if self.encoding is not None:
-            found["encoding"] = self.encoding
-        if self.channel_order is not None:
-            found["channel_order"] = self.channel_order
-        if self.lossy_segmentation is not None:
-            found["lossy_segmentation"] = self.lossy_segmentation
-        return found
+    def settings(self) -> dict[str, Any]:
+        """The settings that were given, by their names."""
+        names = ("description", *SEGMENTATION_SETTINGS)
+        given = {name: getattr(self, name) for name in names}
+        return {name: value for name, value in given.items() if value is not None}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -166,8 +156,10 @@ def show(options: DatasetOptions) -> None:
 
 
 _SHOWN: Final = (
-    *("description", "palette", "encoding", "channel_order", "lossy_segmentation"),
-    *("classes_frozen", "active_run"),
+    "description",
+    *SEGMENTATION_SETTINGS,
+    "classes_frozen",
+    "active_run",
 )
 
 
@@ -235,7 +227,7 @@ def stats(options: StatsOptions) -> None:
     screen = options.screen
     totals = [(name.replace("_", " "), getattr(numbers, name)) for name in _TOTALS]
     screen.table(("dataset", "number"), totals)
-    screen.table(("reason", "boxes", "%"), _reasons(numbers), tag="reason")
+    screen.table(_REASON_COLUMNS, _reasons(numbers), tag="reason")
     screen.table(_CLASS_COLUMNS, _classes(numbers), tag="class")
     screen.table(_BAND_COLUMNS, _bands(ghosts), tag="distance")
     for what, places, frames in (
@@ -243,7 +235,15 @@ def stats(options: StatsOptions) -> None:
         ("weather", ghosts.by_weather, numbers.by_weather),
     ):
         columns = (what, "frames", *_BAND_COLUMNS[1:])
-        screen.table(columns, _places(places, frames), tag=what)
+        rows = (
+            (
+                of.name or "not known",
+                frames[of.name].frames if of.name else None,
+                *_by_verdict(of),
+            )
+            for of in places
+        )
+        screen.table(columns, rows, tag=what)
     counts = gate_counts(numbers, refused)
     options.check(counts, options.screen, f"unghost stats {options.dataset}")
 
@@ -384,14 +384,6 @@ def gate_counts(numbers: Stats, refused: int) -> dict[str, int]:
         "unmeasured": numbers.unmeasured,
         "unmapped": numbers.by_reason.get("unmapped_class", 0),
     }
-
-
-def _places(
-    places: Sequence[PlaceCounts], frames: Mapping[str, MapCounts]
-) -> Iterator[tuple[object, ...]]:
-    for of in places:
-        counted = frames[of.name].frames if of.name else None
-        yield of.name or "not known", counted, *_by_verdict(of)
 
 
 def _reasons(numbers: Stats) -> Iterator[tuple[object, ...]]:

@@ -9,6 +9,7 @@ import sys
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import islice
+from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final, Literal, TypeVar
 
@@ -27,7 +28,7 @@ from unghost.wire.words import Bin, JobState, ReviewState, Verdict
 if TYPE_CHECKING:
     from unghost.client.keywords import BoxFilters
     from unghost.client.tables import Columns
-    from unghost.wire import FrameSummary, RefusedFrame, Run
+    from unghost.wire import Run
 
 TableFormat = Literal["csv", "json", "parquet"]
 _Listed = TypeVar("_Listed")
@@ -236,17 +237,6 @@ class FramesOptions(DatasetOptions, ListOptions):
     ] = None
 
 
-_FRAME_COLUMNS: Final = (
-    "frame",
-    "number",
-    "map",
-    "boxes",
-    "kept",
-    "rejected",
-    "to review",
-)
-
-
 def frames(options: FramesOptions) -> None:
     """List the frames of a dataset with the counts of their boxes."""
     with options.connect() as client:
@@ -261,13 +251,12 @@ def frames(options: FramesOptions) -> None:
             distance_min=options.distance_min,
             distance_max=options.distance_max,
         )
-        options.screen.listing(_FRAME_COLUMNS, options.first(listed), _frame_row)
-
-
-def _frame_row(frame: FrameSummary) -> tuple[object, ...]:
-    counts = frame.counts
-    numbers = (counts.boxes, counts.kept, counts.rejected, counts.to_review)
-    return frame.key, frame.id, frame.map, *numbers
+        counts = ("boxes", "kept", "rejected", "to_review")
+        options.screen.listing(
+            ("frame", "number", "map", *(name.replace("_", " ") for name in counts)),
+            options.first(listed),
+            attrgetter("key", "id", "map", *(f"counts.{name}" for name in counts)),
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -279,13 +268,16 @@ def problems(options: ProblemsOptions) -> None:
     """List the frames that were refused, with the errors that their sender got."""
     with options.connect() as client:
         listed = options.first(client.problems(options.dataset))
-        columns = ("frame", "when", "code", "error")
-        options.screen.listing(columns, listed, _problem_row)
-
-
-def _problem_row(problem: RefusedFrame) -> tuple[object, ...]:
-    when = problem.created_at.isoformat(sep=" ", timespec="seconds")
-    return problem.key, when, problem.error.code, problem.error.detail
+        options.screen.listing(
+            ("frame", "when", "code", "error"),
+            listed,
+            lambda one: (
+                one.key,
+                one.created_at.isoformat(sep=" ", timespec="seconds"),
+                one.error.code,
+                one.error.detail,
+            ),
+        )
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
 from unghost.cli.options import error_context
-from unghost.cli.screen import Refused, Screen, naming_options, one_line
+from unghost.cli.screen import Refused, Screen, naming_options, one_line, refused_on
 
 if TYPE_CHECKING:
     from filter_core.config.file import LoadedConfig
@@ -158,7 +158,9 @@ def ensure_dataset(
                     **{**new.shown, **options},
                 )
         except Conflict as taken:
-            dataset = _taken(client, name, taken)
+            # Another push has just made it, or one like it in upper and lower case.
+            with refused_on(NotFound, text=f"--dataset {name}: {taken}"):
+                dataset = client.dataset(name)
     others = {
         option: value
         for option, value in options.items()
@@ -190,16 +192,6 @@ def ensure_dataset(
             )
     _ensure_config(client, dataset, new.config, screen)
     return dataset
-
-
-def _taken(client: Client, name: str, taken: Exception) -> Dataset:
-    """The dataset that another push has just made."""
-    from unghost.client.errors import NotFound
-
-    try:
-        return client.dataset(name)
-    except NotFound:  # the name of the other differs in upper and lower case
-        raise Refused(f"--dataset {name}: {taken}") from taken
 
 
 def coming_config(
