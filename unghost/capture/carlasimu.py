@@ -79,11 +79,8 @@ _BOX_ACTORS: Final = {"vehicles": "vehicles", "walkers": "walkers"}
 _UNUSED_OF_PARTS: Final = ("save_dir", "figure_in_window")
 _UNUSED_OF_CAMERA: Final = (*_UNUSED_OF_PARTS, "bbox_dir", "path_save", "3D")
 _PART_KEYS: Final = frozenset({"save_to_file", *_UNUSED_OF_PARTS})
-_CAMERA_KEYS: Final = frozenset(
-    {
-        *(*_PART_KEYS, *_UNUSED_OF_CAMERA, *_BOX_DISTANCES),
-        *("filter", "actors", "num_image"),
-    }
+_CAMERA_KEYS: Final = _PART_KEYS.union(
+    _UNUSED_OF_CAMERA, _BOX_DISTANCES, ("filter", "actors", "num_image")
 )
 # Keys of sensors.yaml.
 _NAMES: Final = {
@@ -139,23 +136,19 @@ def convert_carlasimu(folder: Path) -> Conversion:
         raise ScenarioError(
             f"{folder}: expected at least one of {', '.join(_CONVERTERS)}, found none"
         )
-    found = {name: _read(folder / name) for name in there}
+    found = {}
+    for name in there:
+        document = read_yaml((folder / name).read_bytes(), name)
+        inner = document.get(CARLASIMU_ROOT) if isinstance(document, Mapping) else None
+        if not isinstance(inner, Mapping):
+            raise ScenarioError(f"{name}: expected keys under {CARLASIMU_ROOT!r}")
+        _refuse_unknown(_mapping(document, name), frozenset({CARLASIMU_ROOT}), name)
+        found[name] = _mapping(inner, name)
     result = Conversion()
     for name, given in found.items():
         _CONVERTERS[name](given, result)
         parse_scenario(result.scenario, name)
     return result
-
-
-def _read(path: Path) -> Mapping[str, object]:
-    document = read_yaml(path.read_bytes(), path.name)
-    inner = document.get(CARLASIMU_ROOT) if isinstance(document, Mapping) else None
-    if not isinstance(inner, Mapping):
-        raise ScenarioError(f"{path.name}: expected keys under {CARLASIMU_ROOT!r}")
-    _refuse_unknown(
-        _mapping(document, path.name), frozenset({CARLASIMU_ROOT}), path.name
-    )
-    return _mapping(inner, path.name)
 
 
 def _data(given: Mapping[str, object], result: Conversion) -> None:

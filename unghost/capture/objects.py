@@ -70,14 +70,10 @@ class ObjectIdentity:
 
 @dataclass(frozen=True)
 class LocalBox:
-    """Centre, half sizes and rotation of a box, and how it was corrected.
+    """Centre and half sizes (x, y, z) in metres, and (pitch, yaw, roll) in degrees.
 
-    Attributes
-    ----------
-    location, extent : (x, y, z), metres
-    rotation : (pitch, yaw, roll), degrees
-    given : pair of (x, y, z), or None
-        Centre and half sizes as CARLA gave them, where they were changed.
+    `flags` say how it was corrected, and `given` are centre and half sizes as CARLA
+    gave them, where they were changed.
     """
 
     location: Triple
@@ -116,15 +112,10 @@ class SeenObject:
     def as_annotation(
         self, distance: float, bands: tuple[float, ...]
     ) -> dict[str, object]:
-        """The box as the manifest has it.
+        """The box as the manifest has it, with its distance from the camera in metres.
 
-        Parameters
-        ----------
-        distance : float
-            From the camera to the box's centre, metres.
-        bands : tuple of float
-            Upper ends of distance ranges, metres, rising; the first one that holds the
-            box is noted.
+        `bands` are upper ends of distance ranges, metres, rising; the first one that
+        holds the box's centre is noted.
         """
         named = self.named
         names = {

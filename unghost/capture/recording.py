@@ -102,15 +102,7 @@ class Recorded:
 
 
 class StoredTick(NamedTuple):
-    """A frame that was recorded.
-
-    Attributes
-    ----------
-    files : mapping of str to Path
-        By their kind: ``image``, ``segmentation`` and so on.
-    result : FrameResult or None
-        Its boxes, decided; None if they could not be.
-    """
+    """A frame that was recorded, its files by kind, and its boxes, if decided."""
 
     key: str
     record: FrameRecord
@@ -179,7 +171,12 @@ def _record(carla: Carla, client: Client, request: Request) -> Recorded:
                     about["map"] = list(map(short_name, scenario.maps))
                 else:
                     folder.open(about)
-                _compare_versions(session)
+                if session.server_version != session.client_version:
+                    session.note(
+                        f"the simulator is CARLA {session.server_version}, the client "
+                        f"library {session.client_version}: install the same version "
+                        "for both"
+                    )
                 recorded.frames = len(folder.keys)
                 try:
                     recorder = _Recorder(session, folder, recorded, stop, request)
@@ -191,14 +188,6 @@ def _record(carla: Carla, client: Client, request: Request) -> Recorded:
     recorded.frames = len(folder.keys)
     recorded.tally = folder.tally()
     return recorded
-
-
-def _compare_versions(session: CaptureSession) -> None:
-    if session.server_version != session.client_version:
-        session.note(
-            f"the simulator is CARLA {session.server_version}, the client library "
-            f"{session.client_version}: install the same version for both"
-        )
 
 
 def _about(
@@ -247,14 +236,14 @@ class _Recorder:
         kinds, rig = choose_traffic(session), prepare_rig(session)
         weather = WeatherPlan(session)
         weather.set(self._of_map)
-        spawned = spawn(session, kinds, self._stop)
-        self._recorded.vehicles += spawned.vehicles
-        self._recorded.walkers += spawned.walkers
-        self._sensors = start_rig(session, rig, spawned.ego)
+        ego, vehicles, walkers = spawn(session, kinds, self._stop)
+        self._recorded.vehicles += vehicles
+        self._recorded.walkers += walkers
+        self._sensors = start_rig(session, rig, ego)
         self._wait(scenario.warm_up_ticks)
         annotator = Annotator(
             session,
-            spawned.ego,
+            ego,
             self._sensors,
             self._recorded.left_out,
             self._recorded.poses_differ,

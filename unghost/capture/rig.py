@@ -12,7 +12,7 @@ import queue
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Final
+from typing import Final, TypeAlias
 
 from unghost.capture.blueprints import find_blueprint, set_attributes
 from unghost.capture.scenario import (
@@ -53,13 +53,8 @@ NO_DATA: Final = "sent nothing in time"
 FROM_LATER: Final = "sent a later tick"
 
 
-@dataclass(frozen=True, eq=False)
-class MountedSensor:
-    """A sensor to be spawned: its blueprint and its mount."""
-
-    name: str
-    blueprint: Blueprint
-    mount: Mount
+MountedSensor: TypeAlias = tuple[str, Blueprint, Mount]
+"""A sensor to be spawned: its name, its blueprint and its mount."""
 
 
 @dataclass(eq=False)
@@ -84,32 +79,23 @@ def main_camera(scenario: Scenario) -> str:
 
 def prepare_rig(session: CaptureSession) -> list[MountedSensor]:
     """Blueprints with all attributes set; `ScenarioError` names a wrong key."""
-    scenario = session.scenario
-    return [
-        _prepared(session, name, sensor)
-        for name, sensor in wanted_sensors(scenario).items()
-    ]
-
-
-def _prepared(
-    session: CaptureSession, name: str, sensor: CameraSensor | RangeSensor
-) -> MountedSensor:
-    at = f"sensors.{name}"
-    blueprint = find_blueprint(session.world, BLUEPRINTS[name], at)
-    camera = session.scenario.camera
-    shared: dict[str, AttributeValue] = {"sensor_tick": 0.0}
-    mount = camera.mount
-    if isinstance(sensor, RangeSensor):
-        mount = sensor.mount
-        if name in _TURNING:
-            shared["rotation_frequency"] = 1 / session.scenario.delta_s
-    else:
-        shared["image_size_x"], shared["image_size_y"] = camera.width, camera.height
-        shared["fov"] = camera.fov
-        set_attributes(blueprint, camera.lens, "camera.lens")
-    set_attributes(blueprint, shared, at)
-    set_attributes(blueprint, sensor.attributes, f"{at}.attributes")
-    return MountedSensor(name, blueprint, mount)
+    camera, mounted = session.scenario.camera, []
+    for name, sensor in wanted_sensors(session.scenario).items():
+        at, mount = f"sensors.{name}", camera.mount
+        blueprint = find_blueprint(session.world, BLUEPRINTS[name], at)
+        shared: dict[str, AttributeValue] = {"sensor_tick": 0.0}
+        if isinstance(sensor, RangeSensor):
+            mount = sensor.mount
+            if name in _TURNING:
+                shared["rotation_frequency"] = 1 / session.scenario.delta_s
+        else:
+            shared["image_size_x"], shared["image_size_y"] = camera.width, camera.height
+            shared["fov"] = camera.fov
+            set_attributes(blueprint, camera.lens, "camera.lens")
+        set_attributes(blueprint, shared, at)
+        set_attributes(blueprint, sensor.attributes, f"{at}.attributes")
+        mounted.append((name, blueprint, mount))
+    return mounted
 
 
 def start_rig(
@@ -118,14 +104,14 @@ def start_rig(
     """Spawn the sensors and let them deliver."""
     carla = session.carla
     running = []
-    for one in mounted:
+    for name, blueprint, mount in mounted:
         actor = session.world.spawn_actor(
-            one.blueprint, pose_of(carla, one.mount), ego, carla.AttachmentType.Rigid
+            blueprint, pose_of(carla, mount), ego, carla.AttachmentType.Rigid
         )
-        sensor = RunningSensor(one.name, session.own(actor))
+        sensor = RunningSensor(name, session.own(actor))
         if not isinstance(actor, Sensor):
-            raise CaptureError(f"{one.blueprint.id} is not a sensor")
-        session.at_end(f"stop the sensor {one.name}", actor.stop)
+            raise CaptureError(f"{blueprint.id} is not a sensor")
+        session.at_end(f"stop the sensor {name}", actor.stop)
         # Called in a thread of the library: it must do nothing but put.
         actor.listen(sensor.inbox.put)
         running.append(sensor)
@@ -173,7 +159,7 @@ def collect(
     Returns
     -------
     dict or Missed
-        The measurements by the sensors' names, or which sensor failed first, and how.
+        By the sensors' names; or which sensor failed first, and how.
     """
     deadline = time.monotonic() + wait_s
     taken: dict[str, Measurement] = {}

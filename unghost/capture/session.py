@@ -90,14 +90,8 @@ def open_session(
 class Scene:
     """A world whose boxes are annotated.
 
-    Attributes
-    ----------
-    carla, world
-        Of CARLA's client library.
-    scenario : Scenario
-        Which sensors there are, and which objects get boxes.
-    map_name : str
-        Without folders: ``Town10HD``.
+    `scenario` says which sensors there are, and which objects get boxes; `map_name` has
+    no folders: ``Town10HD``.
     """
 
     carla: Carla
@@ -112,15 +106,9 @@ class Scene:
 class CaptureSession(Scene):
     """The simulator during one capture, and the changes to be undone.
 
-    Attributes
-    ----------
-    client
-        Of CARLA's client library.
-    seed : int
-        The scenario's plus the number of frames that are recorded already, so that a
-        continued capture does not show the same traffic again.
-    frame : int
-        The world's last tick.
+    `seed` is the scenario's plus the number of frames that are recorded already, so
+    that a continued capture does not show the same traffic again; `frame` is the
+    world's last tick.
     """
 
     client: Client

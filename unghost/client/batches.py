@@ -82,9 +82,12 @@ class BatchSender:
                 if result.get("end") is True:
                     ended = True
                     _raise_problem(result)
-                elif unreported and _is_about(unreported[0], result):
-                    frame = unreported.popleft().frame
-                    report(self._outcome(frame.key, result))
+                    continue
+                # By its name in the archive, if the server could not read its key.
+                first = unreported[0] if unreported else None
+                if first and result.get("key") in (first.frame.key, first.name):
+                    unreported.popleft()
+                    report(self._outcome(first.frame.key, result))
             if not ended:
                 raise self._cut(EOFError("the response has no last line"))
         except _FrameChanged as changed:
@@ -154,11 +157,6 @@ class _FrameChanged(Exception):
     def __init__(self, packed: PackedFrame, why: str) -> None:
         super().__init__(why)
         self.packed = packed
-
-
-def _is_about(packed: PackedFrame, result: Json) -> bool:
-    # By its name in the archive, if the server could not read its key.
-    return result.get("key") in (packed.frame.key, packed.name)
 
 
 def _outcome(key: str, result: Json) -> Outcome:

@@ -226,6 +226,18 @@ def annotate_result(describe: Callable[..., object], result: str) -> None:
     describe.__annotations__["return"] = result
 
 
+def got(kind: JsonReader[T], path: str, **params: object) -> Call[T]:
+    """A call that fetches an object of a class; `params` are those of the query."""
+    return Call("GET", path, result(kind), params=params)
+
+
+def posted(
+    kind: JsonReader[T], path: str, body: object = None, *, repeatable: bool = True
+) -> Call[T]:
+    """A call that sends a body as JSON, and gets an object of a class."""
+    return Call("POST", path, result(kind), json=body, repeatable=repeatable)
+
+
 def result(kind: JsonReader[T]) -> Read[T]:
     """Reads the JSON object of a response as an object of a class."""
     return answer(kind.read)

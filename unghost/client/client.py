@@ -18,7 +18,7 @@ from unghost.client.discovery import find_server
 from unghost.client.errors import Unavailable
 from unghost.client.jobs import JobMethods
 from unghost.client.outgoing import NotSent, Outcome, OutgoingFrame
-from unghost.client.tables import AsyncBoxes, Boxes, BoxListing
+from unghost.client.tables import AsyncBoxes, Boxes
 from unghost.client.transport import (
     DEFAULT_TIMEOUT,
     AsyncTransport,
@@ -133,7 +133,7 @@ class Client(Api, JobMethods):
     def _send(self, call: Call[T]) -> T:
         return self._transport.send(call)
 
-    def _boxes(self, listing: BoxListing[Decision]) -> Boxes:
+    def _boxes(self, listing: Listing[Decision]) -> Boxes:
         return Boxes(self, listing)
 
     def _pages(self, listing: Listing[T]) -> Iterator[T]:
@@ -265,7 +265,7 @@ class AsyncClient(Api):
     async def _send(self, call: Call[T]) -> T:
         return await self._transport.send(call)
 
-    def _boxes(self, listing: BoxListing[Decision]) -> AsyncBoxes:
+    def _boxes(self, listing: Listing[Decision]) -> AsyncBoxes:
         return AsyncBoxes(self, listing)
 
     async def _pages(self, listing: Listing[T]) -> AsyncIterator[T]:

@@ -210,7 +210,7 @@ def _checked(url: str) -> str:
 def _local_server(url: str, env: Mapping[str, str]) -> Server:
     if not is_local(httpx.URL(url).host):
         return Server(url, None)
-    variable = env.get("UNGHOST_DATA")
+    variable, caller = env.get("UNGHOST_DATA"), _caller()
     named = [
         Path(variable, "token") if variable else None,
         _noted_token_file(note_path(url, env)),
@@ -219,7 +219,8 @@ def _local_server(url: str, env: Mapping[str, str]) -> Server:
     guess = DEFAULT_DATA / "token"
     for file in dict.fromkeys([*filter(None, named), guess]):
         token, owner = _token_in(file)
-        if token and _is_trusted(owner, is_named=file in named):
+        is_ours = caller is None or owner in (caller, _ROOT)
+        if token and (is_ours or (caller == _ROOT and file in named)):
             return Server(url, token, TokenFile(file, owner))
         if token:
             warnings.warn(
@@ -250,11 +251,6 @@ def noted_servers(environ: Mapping[str, str]) -> list[str]:
         else:
             running.append(url)
     return running
-
-
-def _is_trusted(owner: int, *, is_named: bool) -> bool:
-    caller = _caller()
-    return caller is None or owner in (caller, _ROOT) or (caller == _ROOT and is_named)
 
 
 def _token_in(file: Path) -> tuple[str, int]:
@@ -346,16 +342,14 @@ def _listeners(port: int) -> Iterator[tuple[Address, int]]:
         for line in lines:
             fields = line.split()
             if fields[3] == _LISTEN:
-                address, number = fields[1].split(":")
-                if int(number, 16) == port:
-                    yield _decoded(address), int(fields[7])
-
-
-def _decoded(digits: str) -> Address:
-    # Words of 32 bits, each in the order of bytes of this machine.
-    words = (int(digits[at : at + 8], 16) for at in range(0, len(digits), 8))
-    packed = b"".join(word.to_bytes(4, sys.byteorder) for word in words)
-    return _unmapped(ipaddress.ip_address(packed))
+                digits, number = fields[1].split(":")
+                if int(number, 16) != port:
+                    continue
+                # Words of 32 bits, each in the order of bytes of this machine.
+                starts = range(0, len(digits), 8)
+                words = (int(digits[start : start + 8], 16) for start in starts)
+                packed = b"".join(word.to_bytes(4, sys.byteorder) for word in words)
+                yield _unmapped(ipaddress.ip_address(packed)), int(fields[7])
 
 
 def _unmapped(address: Address) -> Address:

@@ -13,7 +13,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import islice
 from queue import Empty, SimpleQueue
-from typing import Final, TypeAlias, TypeVar
+from typing import Final, TypeAlias
 
 from unghost.client.api import frame_stored, known_frames
 from unghost.client.batches import BatchSender
@@ -48,8 +48,6 @@ _BATCH_FRAMES: Final = 200
 _BATCH_BYTES: Final = 256 << 20
 
 _LISTEN_S: Final = 0.5
-
-ItemT = TypeVar("ItemT")
 
 Batch: TypeAlias = Sequence[PackedFrame]
 
@@ -111,7 +109,8 @@ class Upload:
     ) -> Iterator[PackedFrame | AlreadyThere | NotSent]:
         """Packed frames to be sent, and outcomes of frames that need not be sent."""
         number = 0
-        for window in _windows(frames, _LOOKED_UP):
+        source = iter(frames)
+        while window := list(islice(source, _LOOKED_UP)):
             for frame in self._without_known(window):
                 if not isinstance(frame, OutgoingFrame):
                     yield frame
@@ -141,7 +140,8 @@ class Upload:
             for frame in frames
             if isinstance(frame, OutgoingFrame) and frame.key in known
         )
-        digests = _digests(tuple(compared))
+        with ThreadPoolExecutor(_HASHING, "compare") as pool:
+            digests = iter(list(pool.map(_digest, compared)))
         for frame in frames:
             if isinstance(frame, NotSent) or frame.key not in known:
                 yield frame
@@ -154,13 +154,6 @@ class Upload:
                 yield AlreadyThere(frame.key, there.frame_id)
             else:
                 yield frame
-
-
-def _digests(frames: Sequence[OutgoingFrame]) -> Iterator[str | NotSent]:
-    if not frames:
-        return iter(())
-    with ThreadPoolExecutor(_HASHING, "compare") as pool:
-        return iter(list(pool.map(_digest, frames)))
 
 
 def _digest(frame: OutgoingFrame) -> str | NotSent:
@@ -286,12 +279,6 @@ def _batches(
         size += item.size
     if batch:
         yield batch
-
-
-def _windows(items: Iterable[ItemT], size: int) -> Iterator[list[ItemT]]:
-    source = iter(items)
-    while window := list(islice(source, size)):
-        yield window
 
 
 def _concerns_all(error: Exception) -> bool:

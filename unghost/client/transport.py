@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
-from typing import Final, TypeVar
+from typing import Any, Final, TypeVar
 from urllib.request import getproxies, proxy_bypass
 
 import httpx
@@ -166,9 +166,19 @@ def _headers(server: Server) -> dict[str, str]:
     return headers
 
 
-def _verified(address: httpx.URL) -> bool | ssl.SSLContext:
-    # Certificates take longer to read than most calls. Without, none is valid.
-    return address.scheme == "https" or ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+def _pool_options(server: Server, timeout: float | httpx.Timeout) -> dict[str, Any]:
+    """What a pool of httpx is made with; redirects would get the token, too."""
+    address = httpx.URL(server.url)
+    return {
+        "base_url": server.url,
+        "headers": _headers(server),
+        "timeout": timeout,
+        # A proxy of the network cannot reach this machine's own address.
+        "trust_env": not is_local(address.host),
+        # Certificates take longer to read than most calls. Without, none is valid.
+        "verify": address.scheme == "https" or ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT),
+        "follow_redirects": False,
+    }
 
 
 def _request(
@@ -203,16 +213,7 @@ class AsyncTransport:
     ) -> None:
         self._server = server
         self._retry = retry
-        address = httpx.URL(server.url)
-        # Redirects are not followed, because the token would be sent along.
-        self._http = httpx.AsyncClient(
-            base_url=server.url,
-            headers=_headers(server),
-            timeout=timeout,
-            # A proxy of the network cannot reach this machine's own address.
-            trust_env=not is_local(address.host),
-            verify=_verified(address),
-        )
+        self._http = httpx.AsyncClient(**_pool_options(server, timeout))
 
     async def close(self) -> None:
         """Close the connections."""
@@ -267,16 +268,7 @@ class Transport:
         self, server: Server, *, timeout: float | httpx.Timeout, retry: RetryPolicy
     ) -> None:
         self._server = server
-        address = httpx.URL(server.url)
-        # Redirects are not followed, because the token would be sent along.
-        self._http = httpx.Client(
-            base_url=server.url,
-            headers=_headers(server),
-            timeout=timeout,
-            # A proxy of the network cannot reach this machine's own address.
-            trust_env=not is_local(address.host),
-            verify=_verified(address),
-        )
+        self._http = httpx.Client(**_pool_options(server, timeout))
         self.retry: Final = retry
         self._closed = threading.Event()
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated, Final, Literal, TypeAlias, get_args
 
-from pydantic import AwareDatetime, Field
+from pydantic import AwareDatetime, Field, JsonValue
 
 from unghost.wire.model import (
     IfAbsent,
@@ -236,8 +236,7 @@ class QueuedBox(Decision):
     claim: Claim
 
 
-def _review_states(schema: dict[str, object]) -> None:
-    schema["enum"] = ["", *get_args(ReviewState), None]
+_REVIEW_STATES: Final[list[JsonValue]] = ["", *get_args(ReviewState), None]
 
 
 class BoxSelection(RequestModel):
@@ -249,7 +248,9 @@ class BoxSelection(RequestModel):
         str | None, Field(description="Reasons, separated by commas.")
     ] = None
     class_name: str | None = Field(default=None, alias="class")
-    review: Annotated[str | None, Field(json_schema_extra=_review_states)] = None
+    review: Annotated[str | None, Field(json_schema_extra={"enum": _REVIEW_STATES})] = (
+        None
+    )
     toss_up: bool | None = None
     bin: Bin | None = Field(
         default=None, description="Only boxes to ask about, or only others of a kind."

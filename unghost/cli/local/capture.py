@@ -112,9 +112,9 @@ def capture(options: CaptureOptions) -> None:
         options.screen.note(scenario.rounding)
     output = options.output or Path(f"capture-{options.scenario.stem}")
     if options.dry_run:
-        plan = plan_of(scenario, output, options.push)
-        options.screen.record(plan.record)
-        options.screen.table(("what", "how"), plan.rows)
+        rows, plan = plan_of(scenario, output, options.push)
+        options.screen.record(plan)
+        options.screen.table(("what", "how"), rows)
         return
     if options.push is not None:
         # Check the dataset now, so that a wrong token is not found after hours
