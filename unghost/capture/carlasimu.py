@@ -126,10 +126,8 @@ class _Plain(yaml.SafeDumper):
 def convert_carlasimu(folder: Path) -> Conversion:
     """The scenario of carlasimu's folder `yaml_files`; absent files mean defaults.
 
-    Raises
-    ------
-    ScenarioError
-        No such file at all, an unknown key (names the nearest), or a wrong value.
+    Raises `ScenarioError`: no such file at all, an unknown key (names the nearest), or
+    a wrong value.
     """
     there = [name for name in _CONVERTERS if (folder / name).is_file()]
     if not there:

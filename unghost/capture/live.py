@@ -288,12 +288,9 @@ class Live:
     def __next__(self) -> LiveFrame:
         """The next tick that all sensors measured.
 
-        Raises
-        ------
-        CaptureError
-            The simulation stands still, or sensors miss many ticks in a row.
-        StopIteration
-            It was closed.
+        Raises `CaptureError`: the simulation stands still, or sensors miss many ticks
+        in a row.
+        Raises `StopIteration`: it was closed.
         """
         missed: Counter[str] = Counter()
         while missed.total() < _MOST_MISSED:

@@ -128,15 +128,11 @@ class Request:
 def record(carla: Carla, request: Request) -> Recorded:
     """Record a scenario's frames that the folder does not have yet.
 
-    Raises
-    ------
-    CaptureError
-        The scenario does not fit the simulator, or frames stay incomplete.
-    SimulatorAway
-        No simulator answers, or it stops answering.
-    KeyboardInterrupt
-        A stop was requested; recorded frames are complete, and the same call
-        continues.
+    Raises `CaptureError`: the scenario does not fit the simulator, or frames stay
+    incomplete.
+    Raises `SimulatorAway`: no simulator answers, or it stops answering.
+    Raises `KeyboardInterrupt`: a stop was requested; recorded frames are complete, and
+    the same call continues.
     """
     scenario = request.scenario
     client = connect(carla, scenario.host, scenario.port, scenario.timeout_s)

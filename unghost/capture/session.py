@@ -53,10 +53,7 @@ def open_session(
     could not be restored is reported with `note`. Use it within `listening_for_stop`:
     otherwise a signal could interrupt the restoring.
 
-    Raises
-    ------
-    ScenarioError
-        The map is unknown; names the nearest.
+    Raises `ScenarioError`: the map is unknown; names the nearest.
     """
     before = client.get_world().get_settings()
     if before.synchronous_mode:
@@ -178,10 +175,7 @@ class CaptureSession(Scene):
 def require_maps(client: Client, scenario: Scenario) -> None:
     """Check that the simulator has the map of a scenario, or all its maps.
 
-    Raises
-    ------
-    ScenarioError
-        It lacks one; names the nearest.
+    Raises `ScenarioError`: it lacks one; names the nearest.
     """
     there = [short_name(name) for name in client.get_available_maps()]
     key = "maps" if scenario.maps else "map"

@@ -429,10 +429,7 @@ class Carla(Protocol):
 def load_carla() -> Carla:
     """The module `carla`, in the installed version.
 
-    Raises
-    ------
-    CaptureError
-        It is not installed; the text says how to install it.
+    Raises `CaptureError`: it is not installed; the text says how to install it.
     """
     try:
         import carla
@@ -448,10 +445,7 @@ def load_carla() -> Carla:
 def connect(carla: Carla, host: str, port: int, timeout_s: float) -> Client:
     """A client of the simulator, which has answered once.
 
-    Raises
-    ------
-    SimulatorAway
-        Nothing answers within the time-out.
+    Raises `SimulatorAway`: nothing answers within the time-out.
     """
     try:
         # Raises for a host name without an address.

@@ -61,11 +61,8 @@ def unpacked(archive: Path, screen: Screen) -> Iterator[Path]:
 
     It is that of the one folder at the top of the archive, else the whole content.
 
-    Raises
-    ------
-    Refused
-        The archive is damaged or encrypted, does not fit on the disk, or has members
-        outside of its folder, links out of it, or devices.
+    Raises `Refused`: the archive is damaged or encrypted, does not fit on the disk, or
+    has members outside of its folder, links out of it, or devices.
     """
     from filter_core.formats.reading import is_hidden
 

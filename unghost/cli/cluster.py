@@ -44,8 +44,6 @@ class NodeOptions(OutputOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class WorkerOptions(NodeOptions):
-    """Options of `unghost worker`."""
-
     scheduler: Annotated[
         str | None,
         typer.Argument(
@@ -84,23 +82,18 @@ class WorkerOptions(NodeOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class SchedulerOptions(NodeOptions):
-    """Options of `unghost scheduler`."""
-
     host: Annotated[str, typer.Option(help="Address to listen on.")] = "127.0.0.1"
     port: Port = 8786
 
 
 @dataclass(frozen=True, kw_only=True)
 class CertificatesOptions(OutputOptions):
-    """Options of `unghost certificates`."""
-
     folder: Annotated[
         Path,
         typer.Argument(help="Folder to write the certificates to.", file_okay=False),
     ]
     host: Annotated[
-        list[str],
-        typer.Option("--host", help="Name or address of a node; may be repeated."),
+        list[str], typer.Option(help="Name or address of a node; may be repeated.")
     ]
     days: Annotated[
         int,
@@ -162,10 +155,8 @@ def scheduler(options: SchedulerOptions) -> None:
 def connected(engine: str, options: NodeOptions) -> Iterator[Client]:
     """A connection to the scheduler at this address; notes if no worker has joined.
 
-    Raises
-    ------
-    Refused
-        The address or a certificate cannot be used, or no scheduler accepts it.
+    Raises `Refused`: the address or a certificate cannot be used, or no scheduler
+    accepts it.
     """
     from app.engine.chunk import UnusableEngine
     from app.engine.dask import Certificates, prepare, reason_of, security

@@ -13,6 +13,7 @@ from zipfile import ZipFile
 
 import typer
 
+from unghost.cli import sources
 from unghost.cli.options import (
     DatasetOptions,
     OutputOptions,
@@ -31,17 +32,6 @@ from unghost.cli.screen import (
     one_line,
     partly_done,
     refusal,
-)
-from unghost.cli.sources import (
-    FrameCheck,
-    SourceOptions,
-    default_class_of,
-    naming_reading,
-    open_source,
-    read_config,
-    reads_archives,
-    shown_by,
-    unmatched_lines,
 )
 from unghost.cli.summary import (
     LOOKED_AT,
@@ -119,10 +109,8 @@ class FormatOptions:
     def given(self) -> dict[str, object]:
         """The options by name.
 
-        Raises
-        ------
-        typer.BadParameter
-            One is not of the form KEY=VALUE, is given twice, or is no format's option.
+        Raises `typer.BadParameter`: one is not of the form KEY=VALUE, is given twice,
+        or is no format's option.
         """
         from unghost.wire.runs import ExportOptions as KnownOptions
 
@@ -166,11 +154,9 @@ def _value(text: str) -> object:
 
 @dataclass(frozen=True, kw_only=True)
 class ExportOptions(DatasetOptions, FormatOptions):
-    """Options of `unghost export`."""
-
     format: Annotated[
         ExportFormat | None,
-        typer.Option("--format", metavar="FORMAT", help=f"{listed(ExportFormat)}."),
+        typer.Option(metavar="FORMAT", help=f"{listed(ExportFormat)}."),
     ] = None
     name: Annotated[
         str | None,
@@ -303,10 +289,7 @@ def wait_for_export(client: Client, export: Export, screen: Screen) -> Export:
 
     If the command is interrupted, the export is cancelled.
 
-    Raises
-    ------
-    RunFailed
-        It did not succeed.
+    Raises `RunFailed`: it did not succeed.
     """
     try:
         with screen.progress(f"export {export.id}", "frames") as advance:
@@ -466,9 +449,9 @@ def _kb(size_bytes: int) -> int:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ConvertOptions(OutputOptions, SourceOptions, FormatOptions, UnmappedOptions):
-    """Options of `unghost convert`."""
-
+class ConvertOptions(
+    OutputOptions, sources.SourceOptions, FormatOptions, UnmappedOptions
+):
     source: Annotated[
         Path,
         typer.Argument(
@@ -481,9 +464,7 @@ class ConvertOptions(OutputOptions, SourceOptions, FormatOptions, UnmappedOption
     to: Annotated[
         ConvertFormat,
         typer.Option(
-            "--to",
-            metavar="FORMAT",
-            help=f"{listed(ConvertFormat)}, which is that of SOURCE.",
+            metavar="FORMAT", help=f"{listed(ConvertFormat)}, which is that of SOURCE."
         ),
     ]
     output: Annotated[
@@ -508,7 +489,7 @@ class ConvertOptions(OutputOptions, SourceOptions, FormatOptions, UnmappedOption
     ] = None
 
 
-@reads_archives
+@sources.reads_archives
 def convert(options: ConvertOptions) -> None:
     """Write the labels of a folder in another format or the same, without a server.
 
@@ -534,11 +515,11 @@ def convert(options: ConvertOptions) -> None:
     # Before the folder is read, which may take long: this refuses an unknown format.
     labels = None if options.to == "same" else _label_options(options)
     description = options.describe(options.source)
-    found = open_source(options.source, options.layout, description)
-    default_class = default_class_of(found, description)
+    found = sources.open_source(options.source, options.layout, description)
+    default_class = sources.default_class_of(found, description)
     advice = RecordingAdvice(default_class, " and written as they came")
     progress = _Progress(options.screen, BoxSummary(advice))
-    config = read_config(options.config, options, description, options.screen)
+    config = sources.read_config(options.config, options, description, options.screen)
     if labels is None or (options.to == found.layout and not options.option):
         _convert_same(options, found, config, progress)
         return
@@ -640,7 +621,7 @@ def _as_shown(
         boxes = boxes_by_class(found)
     options.require_known(boxes, config, progress.summary.advice)
     first = islice(found, LOOKED_AT)
-    return shown_by(first, config, config.channels, options.screen).of(found)
+    return sources.shown_by(first, config, config.channels, options.screen).of(found)
 
 
 def _convert_same(
@@ -779,7 +760,7 @@ class _Progress:
         self.written = 0
         self.failed = 0
         self.refusals = Kinds()
-        self.check = FrameCheck()
+        self.check = sources.FrameCheck()
 
     def add_outcome(self, outcome: FrameOutcome) -> None:
         """Count a frame; one that has an error is listed."""
@@ -793,7 +774,7 @@ class _Progress:
     def note_unread(self, found: FrameSet) -> None:
         """Note how the folder was read, and which of its files were not."""
         self.check.note(self.screen, found)
-        for line in (*self.refusals.more(), *unmatched_lines(found.unmatched)):
+        for line in (*self.refusals.more(), *sources.unmatched_lines(found.unmatched)):
             self.screen.note(line)
 
     def require_frames(self) -> None:
@@ -806,7 +787,7 @@ class _Progress:
     def _refuse(self, key: str, why: str, code: str) -> None:
         self.failed += 1
         if self.refusals.is_listed(f"refused ({code})"):
-            self.screen.note(refusal(key, naming_reading(why)))
+            self.screen.note(refusal(key, sources.naming_reading(why)))
 
     def add(self, classes: Mapping[str, ClassCount], notes: Iterable[str]) -> None:
         """The boxes of one frame by class, and how its images were read."""

@@ -47,7 +47,6 @@ class GateOptions:
     fail_if: Annotated[
         list[str] | None,
         typer.Option(
-            "--fail-if",
             metavar="CONDITION",
             help="End with exit code 4 if this holds, such as 'rejected > 5%' or "
             f"'unmapped > 0': one of {', '.join(NAMES)}, then >, >=, <, <= or =, then "
@@ -57,7 +56,6 @@ class GateOptions:
     gate_report: Annotated[
         Path | None,
         written_file(
-            "--gate-report",
             metavar="FILE",
             help="Write the conditions and their figures: as JUnit's XML (.xml) or as "
             "Markdown (.md).",

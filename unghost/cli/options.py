@@ -162,10 +162,7 @@ class DataOptions(OutputOptions):
 def settings_of(**given: object) -> Settings:
     """The settings from the environment, overridden by the given ones.
 
-    Raises
-    ------
-    typer.BadParameter
-        A value is not allowed; names its variable.
+    Raises `typer.BadParameter`: a value is not allowed; names its variable.
     """
     from pydantic import ValidationError
 
@@ -189,10 +186,7 @@ def settings_of(**given: object) -> Settings:
 def config_text(path: Path) -> str:
     """The text of a configuration file, as it is sent to a server.
 
-    Raises
-    ------
-    Refused
-        The file is not UTF-8.
+    Raises `Refused`: the file is not UTF-8.
     """
     try:
         return path.read_text(encoding="utf-8-sig")
@@ -206,10 +200,7 @@ def config_text(path: Path) -> str:
 def error_context(path: Path | None) -> Iterator[None]:
     """Put the name of the configuration file before the error.
 
-    Raises
-    ------
-    Refused
-        The library or the server refused the file's content.
+    Raises `Refused`: the library or the server refused the file's content.
     """
     from filter_core.errors import FilterError
     from unghost.client.errors import Invalid

@@ -13,7 +13,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import Final, Protocol, TypeAlias, TypeVar
+from typing import Final, Literal, Protocol, TypeAlias, TypeVar
 
 import typer
 
@@ -164,7 +164,22 @@ class Screen:
                 cells = row if tag is None else (tag, *row)
                 _print("\t".join(_cell(value) for value in cells))
             return
-        _rich_table(columns, list(rows))
+        from rich.console import Console
+        from rich.table import Table
+        from rich.text import Text
+
+        rows = list(rows)
+        table = Table(
+            box=None, pad_edge=False, padding=(0, 3, 0, 0), header_style="bold"
+        )
+        for number, column in enumerate(columns):
+            numbers = any(isinstance(row[number], int | float) for row in rows)
+            side: Literal["left", "right"] = "right" if numbers else "left"
+            table.add_column(column, overflow="fold", justify=side)
+        for row in rows:
+            # Plain text, because names from users are not markup.
+            table.add_row(*(Text(_cell(value)) for value in row))
+        Console().print(table, "")
 
     def listing(
         self,
@@ -186,11 +201,30 @@ class Screen:
     @contextmanager
     def progress(self, title: str, unit: str) -> Iterator[Advance]:
         """A bar with rate and remaining time on a terminal, else occasional lines."""
-        if sys.stderr.isatty():
-            with _bar(title, unit) as advance:
-                yield advance
-        else:
+        if not sys.stderr.isatty():
             yield self._lines(title, unit)
+            return
+        from rich import progress as rich
+        from rich.console import Console
+
+        columns = (
+            rich.TextColumn("{task.description}"),
+            rich.BarColumn(),
+            rich.MofNCompleteColumn(),
+            rich.TextColumn("{task.fields[rate]}"),
+            rich.TimeRemainingColumn(),
+        )
+        # Drawing costs processor time, which a server on this machine needs as well.
+        console = Console(stderr=True)
+        with rich.Progress(*columns, console=console, refresh_per_second=4) as bar:
+            task = bar.add_task(title, total=None, rate="")
+
+            def advance(done: int, total: int | None) -> None:
+                speed = bar.tasks[task].speed
+                rate = f"{speed:.1f} {unit}/s" if speed else ""
+                bar.update(task, completed=done, total=total, rate=rate)
+
+            yield advance
 
     def _lines(self, title: str, unit: str) -> Advance:
         started = time.monotonic()
@@ -289,51 +323,3 @@ def _print(text: str) -> None:
 def _cell(value: object) -> str:
     # A name with a tab or a line break must not look like two cells or two rows.
     return "" if value is None else one_line(" ".join(str(value).split()))
-
-
-def _rich_table(columns: Sequence[str], rows: Sequence[Sequence[object]]) -> None:
-    from rich.console import Console
-    from rich.table import Table
-    from rich.text import Text
-
-    table = Table(box=None, pad_edge=False, padding=(0, 3, 0, 0), header_style="bold")
-    for number, column in enumerate(columns):
-        numbers = any(isinstance(row[number], int | float) for row in rows)
-        table.add_column(
-            column, overflow="fold", justify="right" if numbers else "left"
-        )
-    for row in rows:
-        # Plain text, because names from users are not markup.
-        table.add_row(*(Text(_cell(value)) for value in row))
-    Console().print(table, "")
-
-
-@contextmanager
-def _bar(title: str, unit: str) -> Iterator[Advance]:
-    from rich.console import Console
-    from rich.progress import (
-        BarColumn,
-        MofNCompleteColumn,
-        Progress,
-        TextColumn,
-        TimeRemainingColumn,
-    )
-
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TextColumn("{task.fields[rate]}"),
-        TimeRemainingColumn(),
-    )
-    # Drawing costs processor time, which a server on this machine needs as well.
-    console = Console(stderr=True)
-    with Progress(*columns, console=console, refresh_per_second=4) as progress:
-        task = progress.add_task(title, total=None, rate="")
-
-        def advance(done: int, total: int | None) -> None:
-            speed = progress.tasks[task].speed
-            rate = f"{speed:.1f} {unit}/s" if speed else ""
-            progress.update(task, completed=done, total=total, rate=rate)
-
-        yield advance

@@ -220,12 +220,8 @@ class SourceOptions:
     def describe(self, source: Path) -> RecordingDescription:
         """How the folder is read: by these options, else by its description.
 
-        Raises
-        ------
-        LayoutError
-            The description cannot be read.
-        typer.BadParameter
-            An option has a wrong value.
+        Raises `LayoutError`: the description cannot be read.
+        Raises `typer.BadParameter`: an option has a wrong value.
         """
         from filter_core.errors import ConfigError
         from filter_core.formats.registry import describe_source
@@ -350,15 +346,10 @@ def reads_archives(command: Callable[[OptionsT], None]) -> Callable[[OptionsT], 
 def open_source(path: Path, layout: str, description: RecordingDescription) -> FrameSet:
     """The frames of a folder or a file; a `layout` that is named wins.
 
-    Raises
-    ------
-    LayoutError
-        Its layout is unknown, or is not the one that was named.
-    typer.BadParameter
-        Its layout does not have one of the options.
-    Refused
-        It may have several layouts, and none was named; or it has no frames, or
-        labels without a list of classes.
+    Raises `LayoutError`: its layout is unknown, or is not the one that was named.
+    Raises `typer.BadParameter`: its layout does not have one of the options.
+    Raises `Refused`: it may have several layouts, and none was named; or it has no
+    frames, or labels without a list of classes.
     """
     from filter_core.errors import LayoutError
     from filter_core.formats.reading import name_of
@@ -462,10 +453,7 @@ def shown_by(
 ) -> Shown:
     """How some frames of a recording show that it is read; notes it.
 
-    Raises
-    ------
-    LayoutError
-        Its images are of several families of tags.
+    Raises `LayoutError`: its images are of several families of tags.
     """
     from filter_core.recognition import recognise_recording
 

@@ -73,11 +73,8 @@ class ClusterTrials:
     def run(self, trials: Sequence[tuple[str, int]]) -> Iterator[None]:
         """Run trials, by arm and seed; yields once for each that is finished.
 
-        Raises
-        ------
-        TrialError
-            A trial failed, a worker does not see the folder, or the scheduler was lost.
-            Trials that have not ended are cancelled.
+        Raises `TrialError`: a trial failed, a worker does not see the folder, or the
+        scheduler was lost. Trials that have not ended are cancelled.
         """
         folder, digest = self.experiment.folder.resolve(), _digest(self.experiment)
         common = folder, digest, self.trainer, self.parallel

@@ -141,10 +141,7 @@ class Experiment:
     def require_trainer(self, trainer: str) -> None:
         """Note the trainer of the first trial; all others must have the same.
 
-        Raises
-        ------
-        TrialError
-            Earlier trials have another one.
+        Raises `TrialError`: earlier trials have another one.
         """
         path = self.folder / _TRAINER
         if not path.exists():
@@ -292,10 +289,7 @@ class Experiment:
     def _detections(self, path: Path) -> Detections:
         """Results as COCO has them; images may be called by their files' names, too.
 
-        Raises
-        ------
-        TrialError
-            Names the result that has an error.
+        Raises `TrialError`: names the result that has an error.
         """
         names = {
             name: self._row_of_image[one["id"]]

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from filter_core.arrays import FloatArray
-from unghost.street.buildings import WallPixels, facade_look
+from unghost.street.buildings import Walls
 from unghost.street.ground import grass, ground_footprint, paving
 from unghost.street.mesh import along, turned
 from unghost.street.paint import (
@@ -138,22 +138,18 @@ def _look_at_walls(pixels: Pixels, look: Look, chosen: NDArray[np.int64]) -> Non
         np.einsum("ij,ij->i", pixels.normal[chosen], pixels.direction[chosen])
     )
     upright = np.sqrt(np.maximum(1 - pixels.direction[chosen, 2] ** 2, 0.05))
-    wall = WallPixels(
-        position=pixels.position[chosen],
-        normal=pixels.normal[chosen],
-        albedo=pixels.surface[chosen, :3],
-        params=pixels.surface[chosen, 6:10],
-        footprint=(size / upright, size / np.maximum(facing, 0.04)),
+    walls = Walls(
+        pixels.position[chosen],
+        pixels.normal[chosen],
+        pixels.surface[chosen, :3],
+        pixels.surface[chosen, 6:10],
+        (size / upright, size / np.maximum(facing, 0.04)),
     )
-    seen = facade_look(wall)
-    look.albedo[chosen] = seen.albedo
-    look.gloss[chosen] = seen.gloss
-    look.glow[chosen] = seen.glow
-    look.open_sky[chosen] = seen.open_sky
-    bent = pixels.normal[chosen] + np.stack(
-        [seen.tilt, -seen.tilt, 0.4 * seen.tilt], axis=1
-    )
-    look.normal[chosen] = bent
+    albedo, gloss, glow, open_sky, tilt = walls.look()
+    look.albedo[chosen], look.gloss[chosen] = albedo, gloss
+    look.glow[chosen], look.open_sky[chosen] = glow, open_sky
+    bent = np.stack([tilt, -tilt, 0.4 * tilt], axis=1)
+    look.normal[chosen] = pixels.normal[chosen] + bent
 
 
 def _look_at_masonry(pixels: Pixels, look: Look, chosen: NDArray[np.int64]) -> None:

@@ -258,7 +258,17 @@ def truth_of(
             status = DepthStatus(int(seen.status[row]))
             ghost = _kind_by_place(status, seen.visible_xyxy[row], box.distance)
             ghost = ghost or _hidden_by(box, nearest, planes, seen.visible_xyxy[row])
-        lines.append(_line(box, count, ghost))
+        lines.append(
+            {
+                "id": box.id,
+                "class": box.thing.class_name,
+                "instance": box.thing.instance,
+                "distance": round(box.distance, 3),
+                "visible_pixels": count,
+                "visible": count > 0,
+                "ghost": ghost,
+            }
+        )
     return lines
 
 
@@ -275,18 +285,6 @@ def visible_pixels(planes: Planes, boxes: list[PlacedBox], things: int) -> list[
     counted = owner[(accepted[owner] >> tag) & 1 == 1]
     counts = np.bincount(counted, minlength=things)
     return [int(counts[box.index]) for box in boxes]
-
-
-def _line(box: PlacedBox, count: int, ghost: str | None) -> dict[str, object]:
-    return {
-        "id": box.id,
-        "class": box.thing.class_name,
-        "instance": box.thing.instance,
-        "distance": round(box.distance, 3),
-        "visible_pixels": count,
-        "visible": count > 0,
-        "ghost": ghost,
-    }
 
 
 def _kind_by_place(

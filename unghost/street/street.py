@@ -7,6 +7,7 @@ in each of which this module is run as a program.
 
 from __future__ import annotations
 
+import itertools
 import json
 import os
 import subprocess
@@ -21,7 +22,6 @@ from threading import Lock, Thread
 from typing import IO, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from filter_core.arrays import FloatArray
 from filter_core.formats.files import write_whole
@@ -29,7 +29,7 @@ from filter_core.formats.reading import MANIFEST_NAME
 from filter_core.geometry.camera import Camera
 from filter_core.local import in_order
 from filter_core.processes import module_command
-from unghost.street.camera import Photographer, Planes, Stage, pixel_centres
+from unghost.street.camera import Photographer, Stage, pixel_centres
 from unghost.street.light import Lighting, ShadowMap
 from unghost.street.sensors import (
     FIRST_ACTOR,
@@ -181,26 +181,18 @@ class _Set:
         key = f"{style.name}/{step:06d}"
         boxes = placed_boxes(things, stage.poses(time_s), camera)
         flat = self._flat and step % _FLAT_EVERY == _FLAT_EVERY - 1
+        actors = range(FIRST_ACTOR, FIRST_ACTOR + len(things))
+        instances = np.array([*(thing.instance for thing in things), 0], np.int32)
         return StreetFrame(
             key=key,
             image_png=png(image),
             segmentation_png=png(paint_tags(planes.tags)),
-            instances_png=png(self._instances(planes)),
+            instances_png=png(encode_instances(planes.tags, instances[planes.owner])),
             depth_png=png(encode_depth(planes.depth)),
-            lidar_npy=npy(self._scan(planes, camera)),
+            lidar_npy=npy(scan(planes, camera, np.array([*actors, 0]))),
             annotation=annotate(style, pose, camera, boxes, flat=flat),
             truth=truth_of(planes, boxes, camera, len(things)),
         )
-
-    def _scan(self, planes: Planes, camera: Camera) -> NDArray[np.void]:
-        ids = [FIRST_ACTOR + index for index in range(len(self._town.things))]
-        return scan(planes, camera, np.array([*ids, 0]))
-
-    def _instances(self, planes: Planes) -> NDArray[np.uint8]:
-        numbers = np.array(
-            [*(thing.instance for thing in self._town.things), 0], dtype=np.int32
-        )
-        return encode_instances(planes.tags, numbers[planes.owner])
 
     def _moving_shadows(self, camera: Camera, time_s: float) -> ShadowMap:
         x, y, _ = camera.position
@@ -220,14 +212,7 @@ class _Set:
 
 
 def _box_corners(low: tuple[float, ...], high: tuple[float, ...]) -> FloatArray:
-    return np.array(
-        [
-            [x, y, z]
-            for x in (low[0], high[0])
-            for y in (low[1], high[1])
-            for z in (low[2], high[2])
-        ]
-    )
+    return np.array(list(itertools.product(*zip(low, high, strict=True))))
 
 
 def write_street(
@@ -357,22 +342,18 @@ def _render_part(folder: str, seed: str, actors: str, *indices: str) -> None:
 
 def _write_frame(folder: Path, frame: StreetFrame) -> dict[str, object]:
     paths = {}
-    for name, (place, suffix, data) in _files(frame).items():
+    for name, place, suffix, data in (
+        ("image", "rgb", ".png", frame.image_png),
+        ("segmentation", "seg", ".png", frame.segmentation_png),
+        ("instances", "instances", ".png", frame.instances_png),
+        ("depth", "depth", ".png", frame.depth_png),
+        ("lidar", "lidar", ".npy", frame.lidar_npy),
+    ):
         path = folder / place / f"{frame.key}{suffix}"
         path.parent.mkdir(parents=True, exist_ok=True)
         write_whole(path, data)
         paths[name] = path.relative_to(folder).as_posix()
     return {"key": frame.key, **paths, **frame.annotation}
-
-
-def _files(frame: StreetFrame) -> dict[str, tuple[str, str, bytes]]:
-    return {
-        "image": ("rgb", ".png", frame.image_png),
-        "segmentation": ("seg", ".png", frame.segmentation_png),
-        "instances": ("instances", ".png", frame.instances_png),
-        "depth": ("depth", ".png", frame.depth_png),
-        "lidar": ("lidar", ".npy", frame.lidar_npy),
-    }
 
 
 def _write_lines(path: Path, rows: list[dict[str, object]]) -> None:

@@ -23,7 +23,7 @@ from __future__ import annotations
 import types
 from collections.abc import Callable, Iterator, Mapping
 from datetime import datetime
-from functools import cache
+from functools import cache, partial
 from typing import (
     Annotated,
     Any,
@@ -59,6 +59,10 @@ Json: TypeAlias = Mapping[str, Any]
 """An object of JSON, as `json` reads it."""
 ItemT = TypeVar("ItemT")
 ResponseT = TypeVar("ResponseT", bound="ResponseModel")
+
+
+optional: Final = partial(Field, default=None)
+"""A field that may be left out, or be null, with this `description`."""
 
 
 class MissingKey(ValueError):
@@ -250,11 +254,11 @@ class Problem(SparseModel):
 
     type: str = "about:blank"
     title: str = ""
-    status: int | None = Field(default=None, json_schema_extra=never_null)
+    status: int | None = optional(json_schema_extra=never_null)
     detail: Message = ""
     instance: str = ""
     code: str
-    request_id: str | None = Field(default=None, json_schema_extra=never_null)
+    request_id: str | None = optional(json_schema_extra=never_null)
     errors: tuple[Fault, ...] = Field(
         default=(), json_schema_extra={"maxItems": MAX_FAULTS}
     )
@@ -263,12 +267,10 @@ class Problem(SparseModel):
         description="How many errors there are besides those listed; absent if there "
         "are none.",
     )
-    current: Json | None = Field(
-        default=None,
-        description="Of a 412: the object as it is now; null if it is not known.",
+    current: Json | None = optional(
+        description="Of a 412: the object as it is now; null if it is not known."
     )
-    found: int | None = Field(
-        default=None,
+    found: int | None = optional(
         json_schema_extra=never_null,
         description="Of a 409 `count_changed`: how many boxes there are.",
     )

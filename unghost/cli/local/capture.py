@@ -29,8 +29,6 @@ _SAY_EVERY_S: Final = 5.0
 
 @dataclass(frozen=True, kw_only=True)
 class CaptureOptions(ServerOptions):
-    """Options of `unghost capture`."""
-
     scenario: Annotated[
         Path | None,
         typer.Argument(
@@ -55,7 +53,6 @@ class CaptureOptions(ServerOptions):
     push: Annotated[
         str | None,
         typer.Option(
-            "--push",
             metavar="DATASET",
             help="Upload what was recorded to this dataset; created if it does not "
             "exist.",
@@ -80,7 +77,6 @@ class CaptureOptions(ServerOptions):
     from_carlasimu: Annotated[
         Path | None,
         read_folder(
-            "--from-carlasimu",
             metavar="DIR",
             help="Print carlasimu's YAML files as a scenario, instead of capturing.",
         ),

@@ -19,16 +19,9 @@ from typing import TYPE_CHECKING, Annotated, Literal, NamedTuple
 
 import typer
 
+from unghost.cli import sources
 from unghost.cli.options import OutputOptions, read_file
 from unghost.cli.screen import Kinds, Screen, partly_done, refusal
-from unghost.cli.sources import (
-    LocalFilterOptions,
-    naming_reading,
-    open_source,
-    read_config,
-    reads_archives,
-    shown_by,
-)
 from unghost.cli.summary import LOOKED_AT
 
 if TYPE_CHECKING:
@@ -40,9 +33,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True)
-class DrawOptions(OutputOptions, LocalFilterOptions):
-    """Options of `unghost draw`."""
-
+class DrawOptions(OutputOptions, sources.LocalFilterOptions):
     output: Annotated[
         Path,
         typer.Option(
@@ -78,7 +69,7 @@ class DrawOptions(OutputOptions, LocalFilterOptions):
     ] = False
 
 
-@reads_archives
+@sources.reads_archives
 def draw(options: DrawOptions) -> None:
     """Draw the boxes of a folder's frames before and after the filter.
 
@@ -92,19 +83,21 @@ def draw(options: DrawOptions) -> None:
     from filter_core.local import in_order
 
     description = options.describe(options.source)
-    config = read_config(options.config, options, description, options.screen)
+    config = sources.read_config(options.config, options, description, options.screen)
     rival = None
     if options.against is not None:
-        rival = read_config(options.against, options, description, options.screen)
+        rival = sources.read_config(
+            options.against, options, description, options.screen
+        )
     elif options.only == "flips":
         keys = {"profile": "paper", **description.config_keys(), **options.reading}
         rival = load_config(keys).config
         if rival == config:
             rival = FilterConfig.from_mapping({**keys, "evidence": "auto"})
-    frames = open_source(options.source, options.layout, description)
+    frames = sources.open_source(options.source, options.layout, description)
     first = list(islice(frames, LOOKED_AT))
     channels = {*config.channels, *(rival.channels if rival else ())}
-    shown = shown_by(first, config, channels, options.screen)
+    shown = sources.shown_by(first, config, channels, options.screen)
     judge = Judge(config, {"the rival": rival} if rival else {})
     with new_folder(options.output) as folder:
         judged = judge.watch(
@@ -132,7 +125,7 @@ def draw(options: DrawOptions) -> None:
 def draw_frames(
     folder: Path,
     frames: Iterable[Judged],
-    options: LocalFilterOptions,
+    options: sources.LocalFilterOptions,
     *,
     edges: bool = False,
 ) -> int:
@@ -225,7 +218,9 @@ class Judge:
                 else:
                     self.failed += 1
                     if self._refusals.is_listed("refused"):
-                        screen.note(refusal(one.source.key, naming_reading(one.fault)))
+                        screen.note(
+                            refusal(one.source.key, sources.naming_reading(one.fault))
+                        )
                 advance(number, None)
         for line in self._refusals.more():
             screen.note(line)

@@ -16,19 +16,9 @@ from xml.sax.saxutils import escape
 
 import typer
 
+from unghost.cli import sources
 from unghost.cli.options import OutputOptions, read_file, written_file
 from unghost.cli.screen import ImageNotes, Kinds, Refused, Screen, partly_done, refusal
-from unghost.cli.sources import (
-    LocalFilterOptions,
-    kind_of,
-    naming_reading,
-    note_reading,
-    open_source,
-    read_config,
-    reads_archives,
-    shown_by,
-    unmatched_lines,
-)
 from unghost.cli.summary import LOOKED_AT
 from unghost.wire.words import EvidenceName
 
@@ -65,9 +55,7 @@ _TOP, _BOTTOM = 28, 46
 
 
 @dataclass(frozen=True, kw_only=True)
-class EvaluateOptions(OutputOptions, LocalFilterOptions):
-    """Options of `unghost evaluate`."""
-
+class EvaluateOptions(OutputOptions, sources.LocalFilterOptions):
     truth: Annotated[
         Path | None,
         read_file(
@@ -115,7 +103,7 @@ class EvaluateOptions(OutputOptions, LocalFilterOptions):
     ] = None
 
 
-@reads_archives
+@sources.reads_archives
 def evaluate(options: EvaluateOptions) -> None:
     """Compare the kinds of evidence with the ground truth, on a folder of frames.
 
@@ -129,15 +117,15 @@ def evaluate(options: EvaluateOptions) -> None:
     from filter_core.local import EvaluationTask, evaluate_source, read_truth
 
     description = options.describe(options.source)
-    found = open_source(options.source, options.layout, description)
+    found = sources.open_source(options.source, options.layout, description)
     screen = options.screen
     task = EvaluationTask(
-        config=read_config(options.config, options, description, screen),
+        config=sources.read_config(options.config, options, description, screen),
         truth=None if options.truth is None else read_truth(options.truth),
         channels=tuple(options.channel or COMPARED),
     )
     first = islice(found, LOOKED_AT)
-    found = shown_by(first, task.config, task.channels, screen).of(found)
+    found = sources.shown_by(first, task.config, task.channels, screen).of(found)
     thresholds = _Thresholds.asked_for(options, task.config)
     use, notes = _TruthUse(task.truth), ImageNotes()
 
@@ -161,16 +149,16 @@ def evaluate(options: EvaluateOptions) -> None:
     refusals = Kinds()
     left_out = [
         *(
-            refusal(one.key, naming_reading(one.problem.detail))
+            refusal(one.key, sources.naming_reading(one.problem.detail))
             for one in unusable
-            if refusals.is_listed(kind_of(one.problem))
+            if refusals.is_listed(sources.kind_of(one.problem))
         ),
         *refusals.more(),
-        *unmatched_lines(found.unmatched),
+        *sources.unmatched_lines(found.unmatched),
         *use.unused_lines(),
     ]
     notes.print(screen)
-    note_reading(screen, found)
+    sources.note_reading(screen, found)
     for line in (*left_out, *use.frames_without(done - len(unusable))):
         screen.note(line)
     if not evaluation.unfiltered.boxes:

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Annotated, Final, TypeAlias, get_args
 
 import typer
 
+from unghost.cli import sources
 from unghost.cli.gates import GateOptions
 from unghost.cli.options import OutputOptions, note_unknown_classes
 from unghost.cli.screen import (
@@ -28,17 +29,6 @@ from unghost.cli.screen import (
     partly_done,
     printable,
     refusal,
-)
-from unghost.cli.sources import (
-    FrameCheck,
-    LocalFilterOptions,
-    default_class_of,
-    naming_reading,
-    open_source,
-    read_config,
-    reads_archives,
-    shown_by,
-    unmatched_lines,
 )
 from unghost.cli.summary import LOOKED_AT, UnmappedOptions, note_boxes
 from unghost.wire.words import Verdict
@@ -68,9 +58,9 @@ _PARTS_AHEAD: Final = 4
 
 
 @dataclass(frozen=True, kw_only=True)
-class FilterOptions(OutputOptions, LocalFilterOptions, UnmappedOptions, GateOptions):
-    """Options of `unghost filter`."""
-
+class FilterOptions(
+    OutputOptions, sources.LocalFilterOptions, UnmappedOptions, GateOptions
+):
     output: Annotated[
         Path,
         typer.Option(
@@ -100,7 +90,7 @@ class FilterOptions(OutputOptions, LocalFilterOptions, UnmappedOptions, GateOpti
             )
 
 
-@reads_archives
+@sources.reads_archives
 def filter_local(options: FilterOptions) -> None:
     """Decide every box of a folder on this machine, without a server.
 
@@ -113,20 +103,20 @@ def filter_local(options: FilterOptions) -> None:
     from filter_core.local import boxes_by_class
 
     description = options.describe(options.source)
-    config = read_config(options.config, options, description, options.screen)
-    check = FrameCheck()
-    frames = open_source(options.source, options.layout, description)
-    summary = BoxSummary(RecordingAdvice(default_class_of(frames, description)))
+    config = sources.read_config(options.config, options, description, options.screen)
+    check = sources.FrameCheck()
+    frames = sources.open_source(options.source, options.layout, description)
+    summary = BoxSummary(RecordingAdvice(sources.default_class_of(frames, description)))
     first = list(islice(frames, LOOKED_AT))
     options.require_known(boxes_by_class(first), config, summary.advice)
-    shown = shown_by(first, config, config.channels, options.screen)
+    shown = sources.shown_by(first, config, config.channels, options.screen)
     found = check.watch(shown.of(frames))
     tally = _Tally(options.screen, summary)
     with line_output(options.output) as write:
         decided = decided_lines(found, config, options.workers)
         for line in tally.watch(decided, found.count):
             write(line.content)
-    for problem in (*tally.refusals.more(), *unmatched_lines(found.unmatched)):
+    for problem in (*tally.refusals.more(), *sources.unmatched_lines(found.unmatched)):
         options.screen.note(problem)
     check.note(options.screen, found)
     note_unknown_classes(options.screen, config.as_dict(), summary.boxes)
@@ -190,7 +180,7 @@ class _Tally:
         if line.fault is not None:
             self.failed += 1
             if self.refusals.is_listed(f"refused ({line.code})"):
-                self.screen.note(refusal(line.key, naming_reading(line.fault)))
+                self.screen.note(refusal(line.key, sources.naming_reading(line.fault)))
             return
         self.decided += 1
         if line.is_unseen:
@@ -314,12 +304,12 @@ def _by_processes(
     context = child_context(["filter_core.local", "pydantic"])
     pool = ProcessPoolExecutor(count, context, _begin)
     # An error cannot be sent to another process, its description can.
-    sources: Iterator[FrameSource | FrameOutcome] = (
+    sendable: Iterator[FrameSource | FrameOutcome] = (
         FrameOutcome(one.key, error=problem_of(one.problem)) if one.problem else one
         for one in found
     )
     try:
-        while frames := list(islice(sources, _PART)):
+        while frames := list(islice(sendable, _PART)):
             lines = pool.submit(_lines_of, config, frames)
             waiting.append((frames[0].key, frames[-1].key, lines))
             if len(waiting) >= count * _PARTS_AHEAD:

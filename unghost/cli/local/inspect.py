@@ -10,14 +10,9 @@ from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
+from unghost.cli import sources
 from unghost.cli.options import OutputOptions, written_file
 from unghost.cli.screen import PARTLY, Refused, Screen, one_line
-from unghost.cli.sources import (
-    SourceFolder,
-    SourceOptions,
-    reads_archives,
-    with_options,
-)
 
 if TYPE_CHECKING:
     from filter_core.inspection.listing import Listed
@@ -25,10 +20,8 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True)
-class InspectOptions(OutputOptions, SourceOptions):
-    """Options of `unghost inspect`."""
-
-    source: SourceFolder
+class InspectOptions(OutputOptions, sources.SourceOptions):
+    source: sources.SourceFolder
     html: Annotated[
         Path | None,
         written_file(
@@ -48,7 +41,7 @@ class InspectOptions(OutputOptions, SourceOptions):
     ] = None
 
 
-@reads_archives
+@sources.reads_archives
 def inspect(options: InspectOptions) -> None:
     """Show how a folder is understood, before anything is filtered or stored.
 
@@ -67,7 +60,8 @@ def inspect(options: InspectOptions) -> None:
     with options.screen.progress("inspect", "frames") as advance:
         inspection = inspect_recording(options.source, description, progress=advance)
     remarks = [
-        one._replace(text=with_options(one.text)) for one in remarks_on(inspection)
+        one._replace(text=sources.with_options(one.text))
+        for one in remarks_on(inspection)
     ]
     is_folder = options.source.is_dir()
     folder = options.source if is_folder else options.source.parent

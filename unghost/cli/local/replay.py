@@ -18,17 +18,11 @@ from typing import Annotated, Final
 
 import typer
 
+from unghost.cli import sources
 from unghost.cli.local.draw import Judge, Judged, draw_frames
 from unghost.cli.local.filter import line_output
 from unghost.cli.options import OutputOptions, written_file
 from unghost.cli.screen import Screen, partly_done
-from unghost.cli.sources import (
-    LocalFilterOptions,
-    open_source,
-    read_config,
-    reads_archives,
-    shown_by,
-)
 from unghost.cli.summary import LOOKED_AT
 
 _PAPER: Final = "the paper"
@@ -41,9 +35,7 @@ _SAID: Final = ("verdict", "reason", "evidence", "match_percent", "explanation")
 
 
 @dataclass(frozen=True, kw_only=True)
-class ReplayOptions(OutputOptions, LocalFilterOptions):
-    """Options of `unghost replay`."""
-
+class ReplayOptions(OutputOptions, sources.LocalFilterOptions):
     output: Annotated[
         Path | None,
         written_file(
@@ -71,7 +63,7 @@ class ReplayOptions(OutputOptions, LocalFilterOptions):
     ] = 50
 
 
-@reads_archives
+@sources.reads_archives
 def replay(options: ReplayOptions) -> None:
     """Compare the paper's filter, its published code and the best evidence, by box.
 
@@ -84,12 +76,12 @@ def replay(options: ReplayOptions) -> None:
     from filter_core.local import in_order
 
     description = options.describe(options.source)
-    base = read_config(options.config, options, description, options.screen)
+    base = sources.read_config(options.config, options, description, options.screen)
     configs = (Arm(kind).config(base) for kind in ("auto", "paper", "carlasimu"))
     best, paper, code = filter(None, configs)  # raw arms alone have none
-    frames = open_source(options.source, options.layout, description)
+    frames = sources.open_source(options.source, options.layout, description)
     first = list(islice(frames, LOOKED_AT))
-    shown = shown_by(first, best, set(best.channels), options.screen)
+    shown = sources.shown_by(first, best, set(best.channels), options.screen)
     judge = Judge(best, {_PAPER: paper, _CODE: code})
     comparison = _Comparison(options.worst if options.pictures else 0)
     with ExitStack() as stack:

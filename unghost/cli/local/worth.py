@@ -11,20 +11,10 @@ from typing import TYPE_CHECKING, Annotated, Final, TypeAlias, get_args
 
 import typer
 
+from unghost.cli import sources
 from unghost.cli.cluster import NodeOptions, connected
 from unghost.cli.options import ServerOptions, read_folder, written_file
 from unghost.cli.screen import Kinds, Refused, Screen, partly_done, refusal, refused_on
-from unghost.cli.sources import (
-    LocalFilterOptions,
-    kind_of,
-    naming_reading,
-    note_reading,
-    open_source,
-    read_config,
-    reads_archives,
-    shown_by,
-    unmatched_lines,
-)
 from unghost.cli.summary import LOOKED_AT
 
 if TYPE_CHECKING:
@@ -59,9 +49,7 @@ _Runner: TypeAlias = Callable[[Sequence[_Trial]], Iterator[None]]
 
 
 @dataclass(frozen=True, kw_only=True)
-class WorthOptions(ServerOptions, LocalFilterOptions, NodeOptions):
-    """Options of `unghost worth-it`."""
-
+class WorthOptions(ServerOptions, sources.LocalFilterOptions, NodeOptions):
     dataset: Annotated[
         str | None,
         typer.Option(
@@ -175,7 +163,7 @@ class WorthOptions(ServerOptions, LocalFilterOptions, NodeOptions):
     ] = None
 
 
-@reads_archives
+@sources.reads_archives
 def worth_it(options: WorthOptions) -> None:
     """Count the ghosts among labels, and train on raw and on cleaned labels.
 
@@ -224,13 +212,13 @@ def _count_labels(
     from filter_core.local import LeftOut, label_sources
 
     screen = options.screen
-    found = open_source(options.source, options.layout, description)
+    found = sources.open_source(options.source, options.layout, description)
     configs = (arm.config(task.config) for arm in task.arms)
     channels = {name for config in configs if config for name in config.channels}
     if task.truth == "instances":
         channels.add("instance")
     first = islice(found, LOOKED_AT)
-    found = shown_by(first, task.config, channels, screen).of(found)
+    found = sources.shown_by(first, task.config, channels, screen).of(found)
     counted = LabelNoise([arm.name for arm in task.arms])
     refusals, left_out = Kinds(), list[str]()
     with screen.progress("label", "frames") as advance:
@@ -239,12 +227,12 @@ def _count_labels(
             if not isinstance(frame, LeftOut):
                 counted.add(frame.boxes)
                 also(frame)
-            elif refusals.is_listed(kind_of(frame.problem)):
-                why = naming_reading(frame.problem.detail)
+            elif refusals.is_listed(sources.kind_of(frame.problem)):
+                why = sources.naming_reading(frame.problem.detail)
                 left_out.append(refusal(frame.key, why))
             advance(done, found.count)
-    left_out += [*refusals.more(), *unmatched_lines(found.unmatched)]
-    note_reading(screen, found)
+    left_out += [*refusals.more(), *sources.unmatched_lines(found.unmatched)]
+    sources.note_reading(screen, found)
     for line in left_out:
         screen.note(line)
     noise = counted.as_dict()
@@ -330,7 +318,7 @@ def _prepare(
             )
         options.screen.note(f"the data sets in {experiment.data} are used again")
         return noise
-    found = open_source(options.source, options.layout, description)
+    found = sources.open_source(options.source, options.layout, description)
     classes = found.classes or class_order(found)
     with new_folder(experiment.data) as folder:
         writer = DatasetsWriter(folder, arms, classes, options.split)
@@ -455,7 +443,9 @@ def _task(
         raise typer.BadParameter(f"--{error.detail}") from error
     return ArmsTask(
         arms=arms,
-        config=read_config(options.config, options, description, options.screen),
+        config=sources.read_config(
+            options.config, options, description, options.screen
+        ),
         truth=_truth(options),
         least_pixels=options.object_pixels,
     )

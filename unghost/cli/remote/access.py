@@ -49,8 +49,6 @@ _PAGE: Final = """<!doctype html>
 
 @dataclass(frozen=True, kw_only=True)
 class LoginOptions(ServerOptions):
-    """Options of `unghost login`."""
-
     open: Annotated[
         bool,
         typer.Option(
@@ -104,8 +102,6 @@ def login(options: LoginOptions) -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class StoreTokenOptions(ServerOptions):
-    """Options of `unghost auth login`."""
-
     with_token: Annotated[
         bool,
         typer.Option("--with-token", help="Read the token from the standard input."),
@@ -167,8 +163,6 @@ def show_stored(options: OutputOptions) -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class ForgetTokenOptions(OutputOptions):
-    """Options of `unghost auth logout`."""
-
     server: Annotated[
         str | None,
         typer.Option(metavar="URL", help="Which server; default: the default one."),
@@ -236,8 +230,6 @@ def remove_login_pages(folder: Path) -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class CreateTokenOptions(ServerOptions):
-    """Options of `unghost token create`."""
-
     name: Annotated[
         str,
         typer.Argument(
@@ -300,8 +292,6 @@ def list_tokens(options: ServerOptions) -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class RevokeTokenOptions(ServerOptions):
-    """Options of `unghost token revoke`."""
-
     which: Annotated[
         str, typer.Argument(metavar="NAME", help="Name or number of the token.")
     ]
@@ -334,32 +324,20 @@ def _find_token(client: Client, which: str) -> Token:
 
 
 def _token_row(token: Token) -> tuple[object, ...]:
-    return (
-        token.id,
-        token.name,
-        token.role,
-        f"{token.created_at:%Y-%m-%d}",
-        _until(token),
-        "never"
-        if token.last_used_at is None
-        else f"{token.last_used_at:%Y-%m-%d %H:%M}",
-        _state(token),
-    )
+    made, used = f"{token.created_at:%Y-%m-%d}", "never"
+    if token.last_used_at is not None:
+        used = f"{token.last_used_at:%Y-%m-%d %H:%M}"
+    ends, now = token.expires_at, datetime.now(timezone.utc)
+    state = "expired" if ends is not None and ends <= now else "valid"
+    if token.revoked_at is not None:
+        state = "revoked"
+    return token.id, token.name, token.role, made, _until(token), used, state
 
 
 def _until(token: Token) -> str:
     if token.expires_at is None:
         return "never expires"
     return f"until {token.expires_at:%Y-%m-%d %H:%M} UTC"
-
-
-def _state(token: Token) -> str:
-    if token.revoked_at is not None:
-        return "revoked"
-    ended = token.expires_at is not None and (
-        token.expires_at <= datetime.now(timezone.utc)
-    )
-    return "expired" if ended else "valid"
 
 
 def _make_token_offline(
@@ -402,8 +380,6 @@ def _make_token_offline(
 
 @dataclass(frozen=True, kw_only=True)
 class AuditOptions(ServerOptions):
-    """Options of `unghost audit`."""
-
     limit: Annotated[
         int,
         typer.Option(min=0, help="Maximum number of entries, newest first; 0 for all."),

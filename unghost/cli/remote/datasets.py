@@ -107,8 +107,6 @@ class SettingsOptions(DatasetOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class CreateOptions(SettingsOptions):
-    """Options of `unghost dataset create`."""
-
     classes: Annotated[
         str | None,
         typer.Option(
@@ -155,12 +153,7 @@ def show(options: DatasetOptions) -> None:
     options.screen.table(("dataset", dataset.name), rows)
 
 
-_SHOWN: Final = (
-    "description",
-    *SEGMENTATION_SETTINGS,
-    "classes_frozen",
-    "active_run",
-)
+_SHOWN: Final = ("description", *SEGMENTATION_SETTINGS, "classes_frozen", "active_run")
 
 
 def edit(options: SettingsOptions) -> None:
@@ -181,8 +174,6 @@ def edit(options: SettingsOptions) -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class DeleteOptions(DatasetOptions):
-    """Options of `unghost dataset delete`."""
-
     yes: Annotated[
         bool, typer.Option("--yes", help="Delete it without asking for its name.")
     ] = False
@@ -250,8 +241,6 @@ def stats(options: StatsOptions) -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class ReportOptions(DatasetOptions):
-    """Options of `unghost report`."""
-
     output: Annotated[
         Path, written_file("--output", "-o", metavar="FILE", help="The HTML file.")
     ]

@@ -24,8 +24,6 @@ _LOOK_EVERY_S: Final = 0.5
 
 @dataclass(frozen=True, kw_only=True)
 class CreateOptions(ServerOptions):
-    """Options of `unghost hook create`."""
-
     url: Annotated[str, typer.Argument(metavar="URL", help="Where to send events.")]
     event: Annotated[
         list[HookEvent] | None,
@@ -87,8 +85,6 @@ def delete(options: HookOptions) -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class DeliveriesOptions(HookOptions):
-    """Options of `unghost hook deliveries`."""
-
     limit: Annotated[
         int, typer.Option(min=0, help="Maximum number, newest first; 0 for all.")
     ] = 20

@@ -8,10 +8,11 @@ import json
 import sys
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import islice
 from operator import attrgetter
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final, Literal, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, TypeVar
 
 import typer
 
@@ -26,7 +27,6 @@ from unghost.cli.screen import Refused
 from unghost.wire.words import Bin, JobState, ReviewState, Verdict
 
 if TYPE_CHECKING:
-    from unghost.client.keywords import BoxFilters
     from unghost.client.tables import Columns
     from unghost.wire import Run
 
@@ -42,6 +42,14 @@ class ListOptions(OutputOptions):
         int, typer.Option(min=0, help="Maximum number to list; 0 for all.")
     ] = 0
 
+    @property
+    def selection(self) -> dict[str, Any]:
+        """The options that are filters of boxes, by name; None of those not given."""
+        from unghost.client.keywords import BoxSelection
+
+        names = filter(partial(hasattr, self), BoxSelection.__annotations__)
+        return {name: getattr(self, name) for name in names}
+
     def first(self, listed: Iterable[_Listed]) -> Iterator[_Listed]:
         """As many of them as were asked for."""
         return islice(listed, self.limit or None)
@@ -49,8 +57,6 @@ class ListOptions(OutputOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class BoxesOptions(DatasetOptions, ListOptions):
-    """Options of `unghost boxes`."""
-
     format: Annotated[
         TableFormat | None,
         typer.Option(
@@ -116,25 +122,6 @@ class BoxesOptions(DatasetOptions, ListOptions):
         float | None, typer.Option(min=0, help="Only boxes at most so far, in metres.")
     ] = None
 
-    @property
-    def filters(self) -> BoxFilters:
-        """The filters that were given; None of the others."""
-        return {
-            "verdict": self.verdict,
-            "effective": self.effective,
-            "reason": self.reason,
-            "class_name": self.class_name,
-            "review": self.review,
-            "bin": self.bin,
-            "frame": self.frame,
-            "map": self.map,
-            "camera": self.camera,
-            "sequence": self.sequence,
-            "weather": self.weather,
-            "distance_min": self.distance_min,
-            "distance_max": self.distance_max,
-        }
-
 
 _FORMATS: Final[dict[str, TableFormat]] = {
     ".parquet": "parquet",
@@ -151,7 +138,7 @@ def boxes(options: BoxesOptions) -> None:
     if kind == "parquet" and options.output is None:
         raise Refused("--format parquet: expected --output FILE, found none")
     with options.connect() as client:
-        table = client.boxes(options.dataset, **options.filters)
+        table = client.boxes(options.dataset, **options.selection)
         fields = options.fields.split(",") if options.fields else ()
         with options.screen.progress(f"boxes of {options.dataset}", "boxes") as advance:
             columns = table.columns(
@@ -209,8 +196,6 @@ def _cells(column: Sequence[object]) -> Sequence[object]:
 
 @dataclass(frozen=True, kw_only=True)
 class FramesOptions(DatasetOptions, ListOptions):
-    """Options of `unghost frames`."""
-
     key: Annotated[
         str, typer.Option(metavar="PREFIX", help="Only frames whose keys begin so.")
     ] = ""
@@ -240,17 +225,7 @@ class FramesOptions(DatasetOptions, ListOptions):
 def frames(options: FramesOptions) -> None:
     """List the frames of a dataset with the counts of their boxes."""
     with options.connect() as client:
-        listed = client.frames(
-            options.dataset,
-            key=options.key,
-            verdict=options.verdict,
-            map=options.map,
-            sequence=options.sequence,
-            camera=options.camera,
-            weather=options.weather,
-            distance_min=options.distance_min,
-            distance_max=options.distance_max,
-        )
+        listed = client.frames(options.dataset, key=options.key, **options.selection)
         counts = ("boxes", "kept", "rejected", "to_review")
         options.screen.listing(
             ("frame", "number", "map", *(name.replace("_", " ") for name in counts)),
@@ -282,8 +257,6 @@ def problems(options: ProblemsOptions) -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class RunsOptions(ServerOptions, ListOptions):
-    """Options of `unghost runs`."""
-
     dataset: Annotated[
         str | None,
         typer.Argument(

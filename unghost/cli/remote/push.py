@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Final, get_args
 
 import typer
 
+from unghost.cli import sources
 from unghost.cli.gates import GateOptions
 from unghost.cli.options import (
     ServerOptions,
@@ -37,20 +38,6 @@ from unghost.cli.screen import (
     partly_done,
     refusal,
 )
-from unghost.cli.sources import (
-    FrameCheck,
-    SourceFolder,
-    SourceOptions,
-    default_class_of,
-    kind_of,
-    naming_reading,
-    note_unused_keys,
-    open_source,
-    outgoing,
-    reads_archives,
-    shown_by,
-    unmatched_lines,
-)
 from unghost.cli.summary import LOOKED_AT, UnmappedOptions, note_boxes, summary_of
 from unghost.wire.boxes import MOST_IMPORTED
 from unghost.wire.frames import MOST_BOXES_SET_ASIDE
@@ -60,18 +47,15 @@ if TYPE_CHECKING:
     from filter_core.formats.reading import FrameSet, FrameSource, Unmatched
     from filter_core.formats.recording import RecordingDescription
     from unghost.client.client import Client
-    from unghost.client.outgoing import AlreadyThere, NotSent, Outcome, Sent
+    from unghost.client.outgoing import NotSent, Outcome, Sent
 
 
 @dataclass(frozen=True, kw_only=True)
-class PushOptions(ServerOptions, SourceOptions, UnmappedOptions, GateOptions):
-    """Options of `unghost push`."""
-
-    source: SourceFolder
+class PushOptions(ServerOptions, sources.SourceOptions, UnmappedOptions, GateOptions):
+    source: sources.SourceFolder
     dataset: Annotated[
         str,
         typer.Option(
-            "--dataset",
             help="Name of the dataset to upload to; created if it does not exist.",
             autocompletion=dataset_names,
         ),
@@ -137,7 +121,7 @@ class PushOptions(ServerOptions, SourceOptions, UnmappedOptions, GateOptions):
         return {"outside_files": self.outside_files, "roots": tuple(self.root or ())}
 
 
-@reads_archives
+@sources.reads_archives
 def push(options: PushOptions) -> None:
     """Upload a folder of frames, and have every box decided.
 
@@ -154,7 +138,7 @@ def push(options: PushOptions) -> None:
         import_edited(options, options.edited)
         return
     report = PushReport(options.screen)
-    check = FrameCheck()
+    check = sources.FrameCheck()
     answers: list[dict[str, object]] = []
     description = options.describe(options.source)
     # How segmentations are read are settings of a dataset, not of its configuration.
@@ -166,11 +150,11 @@ def push(options: PushOptions) -> None:
     }
     config = GivenConfig.of(options.config, described)
     if config.loaded:
-        note_unused_keys(config.loaded.unused_keys, options.screen)
-    frames = open_source(options.source, options.layout, description)
+        sources.note_unused_keys(config.loaded.unused_keys, options.screen)
+    frames = sources.open_source(options.source, options.layout, description)
     found = check.watch(frames)
     settings = {**settings, **options.reading}
-    default_class = default_class_of(found, description)
+    default_class = sources.default_class_of(found, description)
     with options.connect() as client:
         coming, renamed = coming_config(client, options.dataset, config, settings)
         first = list(islice(frames, LOOKED_AT))
@@ -179,7 +163,7 @@ def push(options: PushOptions) -> None:
         for name, count in boxes_by_class(looked_at).items():
             boxes[renamed.get(name, name)] += count
         options.require_known(boxes, coming, RecordingAdvice(default_class))
-        shown = shown_by(first, coming, (), options.screen).keys
+        shown = sources.shown_by(first, coming, (), options.screen).keys
         read_with = told_recording(options.source, description, found.layout)
         if options.dry_run:
             _print_coming(client, options, found)
@@ -214,7 +198,7 @@ def _print_coming(client: Client, options: PushOptions, found: FrameSet) -> None
     from unghost.client.outgoing import NotSent
 
     screen, counts = options.screen, Counter[str]()
-    frames, path = outgoing(found), dataset_path(options.dataset)
+    frames, path = sources.outgoing(found), dataset_path(options.dataset)
     with suppress(NotFound):
         client.dataset(options.dataset)
         counts["exists"] = 1
@@ -256,7 +240,7 @@ def import_edited(options: PushOptions, edited: Path) -> None:
     from filter_core.formats.registry import read_source
 
     description = options.describe(options.source)
-    exported = open_source(options.source, options.layout, description)
+    exported = sources.open_source(options.source, options.layout, description)
     if exported.layout not in _EDITABLE:
         raise LayoutError(
             f"--edited: expected an export in {' or '.join(_EDITABLE)}, found "
@@ -406,7 +390,7 @@ def send(
     """Send every frame, with a progress bar; if interrupted, print the number sent."""
     sent = client.push(
         options.dataset,
-        outgoing(found),
+        sources.outgoing(found),
         replace=options.replace,
         connections=options.workers,
     )
@@ -450,11 +434,6 @@ class PushReport:
     def refused(self) -> int:
         """Number of frames that were refused."""
         return self._outcomes["refused"]
-
-    @property
-    def stored(self) -> int:
-        """Number of new frames."""
-        return self._outcomes["stored"]
 
     @property
     def succeeded(self) -> int:
@@ -504,7 +483,7 @@ class PushReport:
         if self._with_set_aside > len(self._set_aside):
             more = self._with_set_aside - len(self._set_aside)
             self._screen.note(f"and {more:,} more like this (--json has all)")
-        for line in unmatched_lines(unmatched):
+        for line in sources.unmatched_lines(unmatched):
             self._screen.note(line)
         counts = self.counts()
         if self._answers_set_aside:
@@ -528,37 +507,21 @@ class PushReport:
 
 def _record(outcome: Outcome) -> dict[str, object]:
     from unghost.client.errors import ApiError
-    from unghost.client.outgoing import NotSent
+    from unghost.client.outgoing import NotSent, Sent
 
     record: dict[str, object] = {"key": outcome.key, "outcome": outcome.word}
-    if not isinstance(outcome, NotSent):
-        more = {**_set_aside(outcome), **_notes(outcome)}
-        return {**record, "frame_id": outcome.frame_id, **more}
-    error = outcome.error
-    if isinstance(error, ApiError):
-        return {**record, "error": error.problem}
-    return {**record, "error": {"code": "unreadable", "detail": _detail(error)}}
-
-
-def _set_aside(outcome: Sent | AlreadyThere) -> dict[str, object]:
-    """What a record says about answers that were set aside; empty if none were."""
-    from unghost.client.outgoing import Sent
-
-    if not isinstance(outcome, Sent) or not outcome.answers_set_aside:
-        return {}
-    return {
-        "answers_set_aside": outcome.answers_set_aside,
-        "boxes_set_aside": list(outcome.boxes_set_aside),
-    }
-
-
-def _notes(outcome: Sent | AlreadyThere) -> dict[str, object]:
-    """What a record says about how images were read; empty if nothing."""
-    from unghost.client.outgoing import Sent
-
-    if not isinstance(outcome, Sent) or not outcome.notes:
-        return {}
-    return {"notes": list(outcome.notes)}
+    if isinstance(outcome, NotSent):
+        if isinstance(outcome.error, ApiError):
+            return {**record, "error": outcome.error.problem}
+        detail = _detail(outcome.error)
+        return {**record, "error": {"code": "unreadable", "detail": detail}}
+    record["frame_id"] = outcome.frame_id
+    if isinstance(outcome, Sent) and outcome.answers_set_aside:
+        record["answers_set_aside"] = outcome.answers_set_aside
+        record["boxes_set_aside"] = list(outcome.boxes_set_aside)
+    if isinstance(outcome, Sent) and outcome.notes:
+        record["notes"] = list(outcome.notes)
+    return record
 
 
 def _set_aside_line(outcome: Sent) -> str:
@@ -575,7 +538,7 @@ def _line(outcome: NotSent) -> str:
     from unghost.client.errors import ApiError
 
     error = outcome.error
-    why = naming_reading(_detail(error), of_dataset=True)
+    why = sources.naming_reading(_detail(error), of_dataset=True)
     why = why.replace("?replace=true", "--replace")  # the parameter of the API
     line = refusal(outcome.key, why)
     if not isinstance(error, ApiError):
@@ -592,7 +555,7 @@ def _kind(error: Exception) -> str:
     from unghost.client.errors import ApiError
 
     if isinstance(error, FilterError):
-        return kind_of(error)
+        return sources.kind_of(error)
     if isinstance(error, ApiError):
         return f"refused ({error.errors[0].code if error.errors else error.code})"
     return f"refused ({type(error).__name__})"

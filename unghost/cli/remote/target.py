@@ -47,10 +47,8 @@ class GivenConfig:
     def of(cls, file: Path | None, keys: Mapping[str, object]) -> GivenConfig:
         """The configuration of a file, if there is one, and of other keys.
 
-        Raises
-        ------
-        Refused
-            The file, or the description, has a key or a value that is wrong.
+        Raises `Refused`: the file, or the description, has a key or a value that is
+        wrong.
         """
         from filter_core.config.file import load_config
 
@@ -135,11 +133,8 @@ def ensure_dataset(
 
     One without frames gets the options and the configuration.
 
-    Raises
-    ------
-    Refused
-        It has other options or another configuration, and has frames or cannot get
-        them; or it cannot have this name or these classes.
+    Raises `Refused`: it has other options or another configuration, and has frames or
+    cannot get them; or it cannot have this name or these classes.
     """
     from unghost.client.errors import Conflict, NotFound
 
