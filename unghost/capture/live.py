@@ -130,16 +130,10 @@ def decide_tick(
     measured: Mapping[str, Measurement],
     points: bytes | None,
 ) -> FrameResult:
-    """Decide the boxes of one tick.
+    """Decide the boxes of one tick, from the pixels of its measurements.
 
-    Parameters
-    ----------
-    key : str
-        The frame's name in explanations and errors.
-    measured : mapping
-        The measurements by the sensors' names. Pixels are read from them.
-    points : bytes or None
-        The file of the semantic LiDAR, as `unghost.capture.folder.encode` makes it.
+    `key` is the frame's name in explanations and errors, `points` the file of the
+    semantic LiDAR, as `unghost.capture.folder.encode` makes it.
     """
     tags = None
     if "segmentation" in measured:

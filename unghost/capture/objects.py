@@ -38,24 +38,13 @@ _CAPSULE_M: Final = 1e-3
 
 @dataclass(frozen=True)
 class ObjectIdentity:
-    """The constant data of an object.
+    """The constant data of an object; `type_id` and `base_type` as CARLA has them.
 
-    Attributes
-    ----------
-    id : str
-        Unique in the frame, the same in all frames.
-    source : str
-        ``actor``, ``environment``, ``light`` or ``level``: which call gave the box.
-    class_name : str or None
-        None if no class is known for the blueprint; `type_id` is used instead.
-    type_id, base_type : str or None
-        As CARLA's blueprint has them.
-    semantic_tags : tuple of int
-        The object's tags according to the simulator.
-    instance_id : int or None
-        Its id in the instance image, 16 bits.
-    more : mapping
-        Further notes for the annotation.
+    `id` is unique in the frame, the same in all frames. `source` is the call that gave
+    the box: ``actor``, ``environment``, ``light`` or ``level``. Without a class,
+    `type_id` is used instead. `semantic_tags` are the simulator's, `instance_id` is
+    that of the instance image, 16 bits, and `more` are further notes for the
+    annotation.
     """
 
     id: str

@@ -61,24 +61,13 @@ _ANOTHER_CLIENT: Final = "another client ticked the world"
 class Recorded:
     """The counts of a capture.
 
-    Attributes
-    ----------
-    frames : int
-        In the folder, those of earlier captures included.
-    missed : Counter
-        Ticks that could not be recorded, by reason.
-    left_out : Counter
-        Objects that got no box in a frame, by reason.
-    vehicles, walkers : int
-        Spawned; fewer than asked for if the map had no room.
-    poses_differ : int
-        Frames whose image had another camera pose than the snapshot.
-    decided : Counter
-        Boxes of new frames by verdict.
-    undecided : int
-        New frames whose boxes could not be decided.
-    tally : dict
-        Of the whole folder, at the end; see `CaptureFolder.tally`.
+    `frames` are those in the folder, those of earlier captures included, `added` the
+    new ones; `undecided` of these could not be decided, and `decided` counts their
+    boxes by verdict. `missed` are ticks that could not be recorded and `left_out`
+    objects without a box in a frame, by reason. `vehicles` and `walkers` were spawned,
+    fewer than asked for if the map had no room. Of `poses_differ` frames the image had
+    another camera pose than the snapshot. `tally` is of the whole folder, at the end;
+    see `CaptureFolder.tally`.
     """
 
     frames: int = 0

@@ -142,24 +142,12 @@ def collect(
     *,
     check: Callable[[], None],
 ) -> dict[str, Measurement] | Missed:
-    """The measurements of all sensors at one tick.
+    """The measurements of all sensors at one tick, or why they are incomplete.
 
-    Measurements of earlier ticks are discarded. One of a later tick means that the
-    measurement of this tick was lost.
-
-    Parameters
-    ----------
-    frame : int
-        The tick, as `carla.World.tick` counts.
-    wait_s : float
-        Shared by all sensors.
-    check : callable
-        Called while waiting; it may raise.
-
-    Returns
-    -------
-    dict or Missed
-        By the sensors' names; or which sensor failed first, and how.
+    They are by the sensors' names. Measurements of earlier ticks are discarded. One of
+    a later tick means that the measurement of this tick was lost. `frame` is the tick,
+    as `carla.World.tick` counts; all sensors share `wait_s` seconds. `check` is called
+    while waiting, and may raise.
     """
     deadline = time.monotonic() + wait_s
     taken: dict[str, Measurement] = {}

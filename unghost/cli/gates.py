@@ -76,18 +76,8 @@ class GateOptions:
     def check(self, counts: Mapping[str, int], screen: Screen, title: str) -> None:
         """Print each condition with its figure, and write the report.
 
-        Parameters
-        ----------
-        counts
-            How many there are of each of `NAMES`.
-        screen
-        title
-            What was looked at, for the report.
-
-        Raises
-        ------
-        typer.Exit
-            With code 4: a condition holds.
+        `counts` are how many there are of each of `NAMES`, and `title` says in the
+        report what was looked at. Ends the command with code 4 if a condition holds.
         """
         checked = [_checked(_gate(text), counts) for text in self.fail_if or ()]
         for gate, figure, has_failed in checked:

@@ -219,15 +219,8 @@ def note_unknown_classes(
     """Note classes of a configuration that are probably misspelt.
 
     It is no error, as boxes may have whatever class somebody chooses. The filter's own
-    classes are not noted: one configuration may be for several datasets.
-
-    Parameters
-    ----------
-    config : mapping
-        A configuration's keys and values.
-    boxes : mapping of str to int
-        The number of boxes of each class that occurs. If there are none, nothing is
-        known about the classes.
+    classes are not noted: one configuration may be for several datasets. `boxes` are
+    the numbers of boxes of each class that occurs; without any, nothing is known.
     """
     from filter_core.class_names import canonical_class
     from filter_core.classes import CLASSES

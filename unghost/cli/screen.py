@@ -66,20 +66,12 @@ def naming_options(
 ) -> Iterator[None]:
     """Name the command's options in a refusal, where the server names fields.
 
-    Parameters
-    ----------
-    option_of_field : mapping of str to str
-        The beginning of a field's JSON pointer, and what replaces it.
-    given : mapping of str to object
-        The values by option. The server quotes no text, which may be a secret in some
-        requests; here it is what the user has just typed.
+    `option_of_field` has the beginnings of fields' JSON pointers, and what replaces
+    them. `given` has the values by option: the server quotes no text, which may be a
+    secret in some requests; here it is what the user has just typed.
 
-    Raises
-    ------
-    typer.BadParameter
-        The server refuses values of options only (`Invalid`); with all faults.
-    Refused
-        It refuses something else in the request as well; with all faults.
+    Raises `typer.BadParameter` if the server refuses values of options only
+    (`Invalid`), `Refused` if it refuses something else, too; each with all faults.
     """
     from unghost.client.errors import Invalid
 

@@ -53,16 +53,8 @@ class UnmappedOptions:
     ) -> None:
         """Stop if most boxes cannot be measured, before anything is written.
 
-        Parameters
-        ----------
-        boxes : mapping of str to int
-            The number of boxes of each class.
-
-        Raises
-        ------
-        Refused
-            More than half of the boxes have an unknown class; with `strict_classes`,
-            one has.
+        `boxes` are the numbers of boxes by class. `Refused` if more than half of the
+        boxes have an unknown class; with `strict_classes`, if one has.
         """
         from filter_core.inspection.remarks import named_classes
 
@@ -106,14 +98,8 @@ def unmapped_names(names: Iterable[str], config: FilterConfig) -> list[str]:
 class DatasetAdvice:
     """What can be done about classes of a dataset (`filter_core` has the protocol).
 
-    Attributes
-    ----------
-    default_class : str or None
-        The class of labels that carry none, if there may be such labels.
-    classes : tuple of str
-        Those of the dataset.
-    are_frozen : bool
-        Whether they can be renamed no more.
+    `default_class` is that of labels that carry none, if there may be such labels;
+    `are_frozen`: its classes can be renamed no more.
     """
 
     dataset: str

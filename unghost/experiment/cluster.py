@@ -54,14 +54,9 @@ class _Task(NamedTuple):
 class ClusterTrials:
     """Runs trials on the workers of a scheduler.
 
-    Attributes
-    ----------
-    trainer : str
-        As for `trainer_command`, which each worker calls.
-    parallel : int
-        Workers of one machine, which share its cores.
-    note : callable
-        Gets a sentence about each worker that was lost; its trial is begun again.
+    Each worker calls `trainer_command` with `trainer`; `parallel` are the workers of
+    one machine, which share its cores. `note` gets a sentence about each worker that
+    was lost; its trial is begun again.
     """
 
     client: Client

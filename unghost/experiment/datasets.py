@@ -133,18 +133,10 @@ class _Coco:
 class DatasetsWriter:
     """Writes the data sets of all arms into a folder, frame by frame.
 
-    Parameters
-    ----------
-    classes : sequence of str
-        By number: YOLO counts them from 0, COCO from 1.
-    share : float
-        That of ``train`` among frames that are of no part, by whole sequences.
-
-    Attributes
-    ----------
-    frames : Counter of str
-        How many frames each part has, and those that were left out: ``no_image``, and
-        ``other_parts``, which are neither for training nor for validation.
+    Classes are counted from 0 in YOLO, from 1 in COCO. `share` is that of ``train``
+    among frames that are of no part, by whole sequences. `frames` counts the frames of
+    each part, and those left out: ``no_image``, and ``other_parts``, which are neither
+    for training nor for validation.
     """
 
     def __init__(

@@ -88,17 +88,10 @@ class TrialInterrupted(Exception):
 def trainer_command(trainer: str, *, is_here: bool = True) -> list[str]:
     """The words of a trainer's command, with ``{data}``, ``{seed}`` and ``{output}``.
 
-    Parameters
-    ----------
-    trainer : str
-        A command, or `BUILT_IN` with its own options.
-    is_here : bool
-        Whether this machine trains, which needs the built-in trainer's libraries.
+    `trainer` is a command, or `BUILT_IN` with its own options, whose libraries this
+    machine needs only if it trains itself (`is_here`).
 
-    Raises
-    ------
-    TrialError
-        A place is missing, or the built-in trainer's libraries are.
+    Raises `TrialError` if a place is missing, or such a library.
     """
     words = shlex.split(trainer)
     if words[:1] == [BUILT_IN]:
@@ -176,21 +169,11 @@ class Experiment:
     ) -> None:
         """Train and detect; the trainer's output goes into a log.
 
-        Parameters
-        ----------
-        command : sequence of str
-            Of `trainer_command`.
-        parallel : int
-            How many trials run at the same time, which share the cores.
-        may_continue : callable
-            Asked twice a second; if it is false, the trainer is ended.
+        `parallel` trials run at the same time, which share the cores. `may_continue` is
+        asked twice a second; if it is false, the trainer is ended.
 
-        Raises
-        ------
-        TrialError
-            The command failed, with the end of its log; or it wrote no predictions.
-        TrialInterrupted
-            `may_continue` has said no.
+        Raises `TrialError` if the command failed, with the end of its log, or wrote no
+        predictions; `TrialInterrupted` if `may_continue` has said no.
         """
         output = self.trial_folder(arm, seed).resolve()
         output.mkdir(parents=True, exist_ok=True)
@@ -333,23 +316,12 @@ class Experiment:
 
 
 def joined(folders: Sequence[Path]) -> tuple[list[EvaluationSet], int, Iterator[Trial]]:
-    """The finished trials of several experiments.
+    """The finished trials of several experiments: test sets, their number, and trials.
 
-    Those with the same truth have one test set. Of trials of the same arm and seed in
-    one test set, the first is taken.
+    Experiments with the same truth have one test set. Of trials of the same arm and
+    seed in one test set, the first is taken. Trials are ordered by arm.
 
-    Returns
-    -------
-    tests : list of EvaluationSet
-    count : int
-        How many trials there are.
-    trials : iterator of Trial
-        Ordered by arm.
-
-    Raises
-    ------
-    TrialError
-        A folder has no data sets, or no trial is finished.
+    Raises `TrialError` if a folder has no data sets, or no trial is finished.
     """
     tests: list[EvaluationSet] = []
     numbers: dict[bytes, int] = {}

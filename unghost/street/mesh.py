@@ -253,14 +253,9 @@ def loft(
 ) -> Mesh:
     """A skin stretched over closed rings of points.
 
-    Parameters
-    ----------
-    rings : (S, K, 3)
-        S sections with K points each.
-    paints : rows for the S - 1 stretches, columns for the K strips
-        The last row and the last column are repeated as needed.
-    caps : bool
-        Close the first and the last ring.
+    `rings` are (S, K, 3): S sections with K points each. `paints` have rows for the S -
+    1 stretches and columns for the K strips; the last ones are repeated as needed.
+    `caps` close the first and the last ring.
     """
     closed = np.concatenate([rings, rings[:, :1]], axis=1)
     quads, faces = _cells(closed), _face_normals(closed, rings)

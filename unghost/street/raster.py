@@ -53,13 +53,8 @@ class Canvas:
 def draw(canvas: Canvas, screen: FloatArray, numbers: IntArray) -> None:
     """Draw triangles into the canvas; the nearest wins. Of equals any may.
 
-    Parameters
-    ----------
-    canvas : Canvas, changed
-    screen : (T, 3, 3) float64
-        Per corner u px, v px, nearness. A pixel is covered if its centre is.
-    numbers : (T,) int64
-        The number of each triangle, which `Canvas.winner` gets.
+    `screen` is (T, 3, 3) float64: per corner u px, v px, nearness. A pixel is covered
+    if its centre is. `numbers` are (T,) int64, which `Canvas.winner` gets.
     """
     height, width = canvas.winner.shape
     edges, window_px, nearest = _prepare(screen, numbers, width, height)
@@ -200,20 +195,11 @@ def _draw_large(canvas: Canvas, edges: _Edges) -> None:
 def to_screen(
     corners: FloatArray, normals: FloatArray, camera: Camera, two_sided: BoolArray
 ) -> tuple[FloatArray, IntArray]:
-    """Project triangles, without those that cannot be seen.
+    """Project triangles (T, 3, 3) of the world, without those that cannot be seen.
 
-    Parameters
-    ----------
-    corners, normals : (T, 3, 3) world
-    two_sided : (T,) bool
-        Triangles that are also seen from behind.
-
-    Returns
-    -------
-    (N, 3, 3) float64
-        Per corner u px, v px, 1 / depth.
-    (N,) int64
-        The triangle that each comes from; one cut by the near plane may come twice.
+    Those that are `two_sided` (T,) are also seen from behind. Returns (N, 3, 3)
+    float64, per corner u px, v px, 1 / depth, and (N,) int64, the triangle that each
+    comes from; one cut by the near plane may come twice.
     """
     homogeneous = to_homogeneous(corners, camera)
     kept = np.flatnonzero(_in_view(homogeneous, camera))

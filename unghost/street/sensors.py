@@ -195,10 +195,8 @@ def png(rgb: NDArray[np.uint8], compression: int = 4) -> bytes:
 def scan(planes: Planes, camera: Camera, ids: IntArray) -> NDArray[np.void]:
     """(P,) points in the sensor's axes: x forward, y right, z up.
 
-    Parameters
-    ----------
-    ids : (things + 1,)
-        The actor of each thing; the last one is that of sky and ground.
+    `ids` are (things + 1,): the actor of each thing; the last one is that of sky and
+    ground.
     """
     focal = float(camera.intrinsic[0, 0])
     row, column = _targets(camera, focal)

@@ -267,18 +267,10 @@ def decided_lines(
     Decoding releases Python's lock, describing decisions does not: threads wait for
     each other, the longer the more there are. Processes do not, but take a second to
     start and have to send lines, so threads do a few frames, or the work of two cores.
+    From `fewest_frames` on there are processes, `workers` of them, or one for each
+    core.
 
-    Parameters
-    ----------
-    workers : int or None
-        Threads or processes; None: one for each core.
-    fewest_frames : int
-        From so many frames on, processes are started.
-
-    Raises
-    ------
-    Refused
-        A process ended while it worked on frames, which are named.
+    Raises `Refused` if a process ended while it worked on frames, which are named.
     """
     count = workers or os.cpu_count() or 1
     is_short = found.count is not None and found.count < fewest_frames

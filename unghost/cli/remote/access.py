@@ -190,21 +190,11 @@ def show_login_page(
     """Open a login link in the browser, and wait until it is used, expired or stopped.
 
     Everybody on the machine can see the arguments of a browser. So the browser gets the
-    name of a file that only its owner can read, and that contains the link.
+    name of a file that only its owner can read, and that contains the link. It is made
+    in `folder`, which need not exist, and removed at the end.
 
-    Parameters
-    ----------
-    folder : Path
-        For the file, which is removed at the end; created if it does not exist.
-    is_over : callable
-        Whether the link was used, or its time is up.
-    stop : threading.Event
-        Ends the wait.
-
-    Returns
-    -------
-    bool
-        False if there is no browser; then at once.
+    `is_over` tells whether the link was used, or its time is up; `stop` ends the wait.
+    Returns False, at once, if there is no browser.
     """
     folder.mkdir(mode=0o700, parents=True, exist_ok=True)
     # mkstemp makes a file with a new name that only its owner can read.

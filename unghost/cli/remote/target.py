@@ -28,15 +28,9 @@ _OPTION_OF_FIELD: Final = {"/name": "--dataset", "/classes": "classes (--classes
 class GivenConfig:
     """A configuration that a command was given for a dataset.
 
-    Attributes
-    ----------
-    file : Path or None
-        The file that it is from, checked.
-    keys : mapping
-        Keys of the recording's description, under `classes` those of classes. Those of
-        the file have priority.
-    loaded : LoadedConfig or None
-        The file with these keys below its own; None without a file.
+    `file` was checked. `keys` are those of the recording's description, under `classes`
+    those of classes; keys of the file have priority. `loaded` is the file with these
+    keys below its own; None without a file.
     """
 
     file: Path | None = None
@@ -107,16 +101,9 @@ Settings: TypeAlias = Mapping[str, Any]
 class NewDataset:
     """What a dataset gets that does not exist, or has no frames.
 
-    Attributes
-    ----------
-    options : mapping of str to str
-        How its segmentations are read.
-    classes : sequence of str
-        Its classes, if it does not exist; none: those of CARLA.
-    shown : mapping of str to str
-        What the segmentations show about how they are read; its own options win.
-    recording : mapping or None
-        How its folder is read, kept by a dataset that did not exist.
+    `options` say how its segmentations are read, and `shown` what those show about it;
+    its own options win. `classes` and `recording`, how its folder is read, are for one
+    that does not exist; without classes it has those of CARLA.
     """
 
     options: Settings = field(default_factory=dict)
