@@ -52,7 +52,6 @@ _LOOK_EVERY_S: Final = 0.2
 NO_DATA: Final = "sent nothing in time"
 FROM_LATER: Final = "sent a later tick"
 
-
 MountedSensor: TypeAlias = tuple[str, Blueprint, Mount]
 """A sensor to be spawned: its name, its blueprint and its mount."""
 

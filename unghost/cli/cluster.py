@@ -21,7 +21,6 @@ Port: TypeAlias = Annotated[
     int, typer.Option(help="Port to listen on; 0 for any free one.", min=0, max=65535)
 ]
 
-
 _file: Final = partial(written_file, metavar="FILE")
 """An option for a file, with this `help`."""
 

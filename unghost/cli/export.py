@@ -273,15 +273,16 @@ def versions(options: DatasetOptions) -> None:
         options.screen.listing(
             ("version", "digest", "format", "frames", "made", "by", "since"),
             client.versions(options.dataset),
-            _version_row,
+            lambda one: (
+                one.name,
+                (one.version or one.state)[:12],
+                one.format,
+                one.total,
+                one.created_at.isoformat(sep=" ", timespec="minutes"),
+                one.created_by,
+                one.since,
+            ),
         )
-
-
-def _version_row(export: Export) -> tuple[object, ...]:
-    digest = (export.version or export.state)[:12]
-    made = export.created_at.isoformat(sep=" ", timespec="minutes")
-    about = (made, export.created_by, export.since)
-    return export.name, digest, export.format, export.total, *about
 
 
 def wait_for_export(client: Client, export: Export, screen: Screen) -> Export:
@@ -367,22 +368,6 @@ def parts_text(counts: Mapping[str, object]) -> str:
         *(f"{told[how]:,} frames {why}" for how, why in _TOLD.items() if how in told),
     ]
     return "; ".join(said)
-
-
-def _planned_parts(found: FrameSet, asked: Sequence[float]) -> str:
-    """The shares of parts that are asked for, and those that sequences give."""
-    from filter_core.formats.splits import part_by_shares, shares_of
-    from filter_core.values import as_text
-
-    shares = shares_of(asked)
-    parts: Counter[str] = Counter(
-        part_by_shares(
-            frame.key, as_text(said.get("map")), as_text(said.get("sequence")), shares
-        )
-        for frame in found
-        for said in [frame.annotation or {}]
-    )
-    return _planned_text(parts, asked)
 
 
 def _planned_text(frames: Mapping[str, int], asked: Sequence[float]) -> str:
@@ -580,14 +565,24 @@ def _write_labels(
     from filter_core.formats.files import folder_sink
     from filter_core.formats.reading import name_of
     from filter_core.formats.registry import format_of, write_export
+    from filter_core.formats.splits import part_by_shares, shares_of
     from filter_core.local import class_order, export_sources
+    from filter_core.values import as_text
 
     classes = found.classes or class_order(found)
     if options.filter:
         found = _as_shown(options, found, config, progress)
     options.screen.note(f"classes in this order: {', '.join(classes)}")
     if labels.split and labels.split_by == "sequence":
-        options.screen.note(_planned_parts(found, labels.split))
+        shares = shares_of(labels.split)
+        said = ((frame.key, frame.annotation or {}) for frame in found)
+        parts = Counter(
+            part_by_shares(
+                key, as_text(one.get("map")), as_text(one.get("sequence")), shares
+            )
+            for key, one in said
+        )
+        options.screen.note(_planned_text(parts, labels.split))
     decided = {"config": config.digest} if options.filter else {}
     facts = {"source": name_of(options.source), "layout": found.layout, **decided}
     needs = format_of(options.to, labels).needs
@@ -662,7 +657,13 @@ def _convert_same(
     _note_copy(options, found, progress, left)
     dropped = sum(map(Counter.total, removed.values()))
     if dropped:
-        screen.note(one_line(f"taken away: {_listed_reasons(removed)}"))
+        why = {
+            name: ", ".join(f"{reason} {count}" for reason, count in one.most_common())
+            for name, one in removed.items()
+        }
+        names = sorted(removed, key=lambda name: -removed[name].total())
+        named = (f"{name} {removed[name].total()} ({why[name]})" for name in names)
+        screen.note(one_line(f"taken away: {', '.join(named)}"))
     if boxes["unmeasured"]:
         screen.note(unmeasured_text({"written": boxes["unmeasured"]}))
     is_doubtful = options.filter and note_boxes(screen, progress.summary)
@@ -712,15 +713,6 @@ def _require_apart(options: ConvertOptions, folder: Path) -> None:
             f"--output {options.output}: expected a folder outside of the recording, "
             f"which is copied, found one in or around {options.source}"
         )
-
-
-def _listed_reasons(removed: Mapping[str, Counter[str]]) -> str:
-    """Classes with the boxes that were taken away, and why."""
-    named = []
-    for name, reasons in sorted(removed.items(), key=lambda one: -one[1].total()):
-        why = ", ".join(f"{reason} {count}" for reason, count in reasons.most_common())
-        named.append(f"{name} {reasons.total()} ({why})")
-    return ", ".join(named)
 
 
 def _note_copy(

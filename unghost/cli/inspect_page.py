@@ -103,6 +103,9 @@ def page(inspection: Inspection, remarks: Sequence[Remark], description: str) ->
         _details(one.kind, one)
         for one in (*inspection.refused, *inspection.refused_pictures)
     )
+    boxes = inspection.boxes
+    faults = "".join(_details(FAULTS[one.kind], one) for one in boxes.faults)
+    faults = faults or '<p class="soft">None of the boxes in all labels.</p>'
     parts = (
         _header(inspection),
         section("What to look at", _remarks(inspection, remarks)),
@@ -114,7 +117,7 @@ def page(inspection: Inspection, remarks: Sequence[Remark], description: str) ->
         "</div>",
         section("Images by role", _streams(inspection)),
         '<div class="pair">',
-        section("Boxes that can hardly be right", _faults(inspection)),
+        section("Boxes that can hardly be right", faults if boxes.count else ""),
         section(
             "Files that are not used",
             unused or '<p class="soft">Every file is used.</p>',
@@ -235,11 +238,6 @@ def _figure(frame: DrawnFrame) -> str:
     )
 
 
-def _area(box: DrawnBox) -> float:
-    x_min, y_min, x_max, y_max = box.xyxy
-    return (x_max - x_min) * (y_max - y_min)
-
-
 def _rect(box: DrawnBox) -> str:
     x_min, y_min, x_max, y_max = box.xyxy
     place = (
@@ -255,8 +253,13 @@ def _rect(box: DrawnBox) -> str:
 
 def _names(boxes: Sequence[DrawnBox], width: int, size: float) -> Iterator[str]:
     """The classes beside the largest boxes, where they do not cover each other."""
+
+    def area(box: DrawnBox) -> float:
+        x_min, y_min, x_max, y_max = box.xyxy
+        return (x_max - x_min) * (y_max - y_min)
+
     taken: list[tuple[float, float, float]] = []
-    for box in sorted(boxes, key=_area, reverse=True):
+    for box in sorted(boxes, key=area, reverse=True):
         length = 0.62 * size * len(box.class_name)
         x = max(0.0, min(box.xyxy[0], width - length))
         y = max(size, box.xyxy[1] - size / 4)
@@ -405,29 +408,16 @@ def _streams(inspection: Inspection) -> str:
     )
 
 
-def _faults(inspection: Inspection) -> str:
-    listed = [(FAULTS[one.kind], one) for one in inspection.boxes.faults]
-    if not inspection.boxes.count:
-        return ""
-    if not listed:
-        return '<p class="soft">None of the boxes in all labels.</p>'
-    return "".join(_details(title, one) for title, one in listed)
-
-
 def _details(title: str, listed: Listed, *, with_why: bool = True) -> str:
     """Things of a kind, folded: ten, then a number."""
-    items = "".join(
-        f'<li class="path">{html.escape(text)}</li>'
-        for text in _examples(listed, with_why=with_why)
-    )
+    texts = [
+        f"{name}: {why}" if with_why or why != listed.kind else name
+        for name, why in listed.examples
+    ]
+    if more := listed.count - len(texts):
+        texts.append(f"and {more:,} more")
+    items = "".join(f'<li class="path">{html.escape(text)}</li>' for text in texts)
     return (
         f"<details><summary><b>{listed.count:,}</b> {html.escape(title)}</summary>"
         f"<ul>{items}</ul></details>"
     )
-
-
-def _examples(listed: Listed, *, with_why: bool) -> Iterator[str]:
-    for name, why in listed.examples:
-        yield f"{name}: {why}" if with_why or why != listed.kind else name
-    if more := listed.count - len(listed.examples):
-        yield f"and {more:,} more"

@@ -101,12 +101,10 @@ HOOK_COMMANDS: Final = {
     "ping": "remote.hooks:ping",
 }
 
-
 Context: TypeAlias = Any
 """Click's context. Typer does not export it, and has click from another module in each
 of its versions.
 """
-
 
 _HELP: Final = "--help"
 

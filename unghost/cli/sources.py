@@ -58,7 +58,6 @@ SourceFolder: TypeAlias = Annotated[
     ),
 ]
 
-
 EncodingOption: TypeAlias = Annotated[
     Encoding | None, typer.Option(help="How the segmentations encode tags.")
 ]
@@ -82,11 +81,6 @@ def _layout_name(word: str) -> str:
     return word
 
 
-def _layouts(incomplete: str) -> list[str]:
-    words: tuple[str, ...] = get_args(Layout)
-    return [word for word in words if word.startswith(incomplete)]
-
-
 @dataclass(frozen=True, kw_only=True)
 class SourceOptions:
     """How to read a folder of frames; what is not given is recognised or described."""
@@ -96,7 +90,9 @@ class SourceOptions:
         typer.Option(
             metavar="LAYOUT",
             parser=_layout_name,
-            autocompletion=_layouts,
+            autocompletion=lambda incomplete: [
+                word for word in get_args(Layout) if word.startswith(incomplete)
+            ],
             help=f"How the files of the folder are arranged: {listed(Layout)}. "
             "Installed plug-ins add names.",
         ),

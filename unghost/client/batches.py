@@ -11,14 +11,8 @@ import h11
 import httpx
 
 from unghost import wire
+from unghost.client import errors
 from unghost.client.duplex import Duplex, FileChanged
-from unghost.client.errors import (
-    NoResponse,
-    Unavailable,
-    UnexpectedAnswer,
-    error_of_problem,
-    unexpected,
-)
 from unghost.client.outgoing import END_OF_ARCHIVE, NotSent, Outcome, PackedFrame, Sent
 from unghost.client.transport import Attempts, Endpoint, RetryPolicy, no_response
 
@@ -66,7 +60,7 @@ class BatchSender:
                 self._send_once(unreported, report)
                 if len(unreported) == before:
                     raise self._unexpected("has no line for any frame")
-            except Unavailable as error:
+            except errors.Unavailable as error:
                 moved_on = len(unreported) < before
                 wait_s = attempts.failed(error, moved_on=moved_on)
                 if not self._pause(wait_s):
@@ -142,11 +136,11 @@ class BatchSender:
             why = f"has a line that cannot be read: {error}"
             raise self._unexpected(why) from error
 
-    def _unexpected(self, why: str) -> UnexpectedAnswer:
+    def _unexpected(self, why: str) -> errors.UnexpectedAnswer:
         request = httpx.Request("POST", self._endpoint.url)
-        return unexpected(httpx.Response(200, request=request), why)
+        return errors.unexpected(httpx.Response(200, request=request), why)
 
-    def _cut(self, error: Exception) -> NoResponse:
+    def _cut(self, error: Exception) -> errors.NoResponse:
         sent = not isinstance(error, ConnectionRefusedError)
         return no_response(self._endpoint.url, error, sent=sent)
 
@@ -162,7 +156,7 @@ class _FrameChanged(Exception):
 def _outcome(key: str, result: Json) -> Outcome:
     problem = result.get("problem")
     if problem is not None:
-        return NotSent(key, error_of_problem(problem))
+        return NotSent(key, errors.error_of_problem(problem))
     line = wire.BatchLine.read(result)
     if line.frame_id is None or line.decisions is None:
         raise ValueError("a stored frame lacks its id or its decisions")
@@ -180,4 +174,4 @@ def _outcome(key: str, result: Json) -> Outcome:
 def _raise_problem(result: Json) -> None:
     problem = result.get("problem")
     if problem is not None:
-        raise error_of_problem(problem)
+        raise errors.error_of_problem(problem)

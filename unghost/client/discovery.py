@@ -278,13 +278,10 @@ def is_local(host: str) -> bool:
 
 
 def _noted_token_file(note: Path) -> Path | None:
-    text = _read(note)
     try:
-        noted = json.loads(text) if text else None
-    except ValueError:
+        return Path(json.loads(_read(note) or "")["token_file"])
+    except (ValueError, LookupError, TypeError):
         return None
-    file = noted.get("token_file") if isinstance(noted, dict) else None
-    return Path(file) if isinstance(file, str) else None
 
 
 def _read(file: Path) -> str | None:

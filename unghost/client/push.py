@@ -15,16 +15,9 @@ from itertools import islice
 from queue import Empty, SimpleQueue
 from typing import Final, TypeAlias
 
+from unghost.client import errors
 from unghost.client.api import frame_stored, known_frames
 from unghost.client.batches import BatchSender
-from unghost.client.errors import (
-    ApiError,
-    Forbidden,
-    NotFound,
-    Unauthorized,
-    Unavailable,
-    UnexpectedAnswer,
-)
 from unghost.client.outgoing import (
     AlreadyThere,
     NotSent,
@@ -81,7 +74,7 @@ class Upload:
             for outcome in self._outcomes(frames):
                 there += not isinstance(outcome, NotSent)
                 yield outcome
-        except Unavailable as error:
+        except errors.Unavailable as error:
             error.extend(
                 f"{there:,} frames are stored, and pushing the same frames again sends "
                 "only the others"
@@ -100,7 +93,7 @@ class Upload:
                         senders.submit(batch)
                     yield from senders.outcomes(self.connections)
                 yield from senders.outcomes(0)
-            except Unavailable:
+            except errors.Unavailable:
                 yield from senders.reported()
                 raise
 
@@ -217,7 +210,7 @@ class _Senders:
             if not self._singly:
                 self._sender().send(batch, self._finished.put)
                 return
-        except NotFound:
+        except errors.NotFound:
             # An older server, or a deleted dataset: then each frame gets an error.
             self._singly = True
         for packed in batch:
@@ -231,7 +224,7 @@ class _Senders:
         try:
             call = frame_stored(upload.path, frame, replace=upload.replace)
             stored = upload.transport.send(call)
-        except (ApiError, OSError, ValueError) as error:
+        except (errors.ApiError, OSError, ValueError) as error:
             if _concerns_all(error):
                 raise
             return NotSent(frame.key, error)
@@ -286,6 +279,14 @@ def _concerns_all(error: Exception) -> bool:
 
     Not if a frame may not be replaced because of other people's answers.
     """
-    if isinstance(error, Forbidden):
+    if isinstance(error, errors.Forbidden):
         return error.code != "others_answers"
-    return isinstance(error, (Unauthorized, NotFound, Unavailable, UnexpectedAnswer))
+    return isinstance(
+        error,
+        (
+            errors.Unauthorized,
+            errors.NotFound,
+            errors.Unavailable,
+            errors.UnexpectedAnswer,
+        ),
+    )

@@ -22,16 +22,9 @@ from urllib.request import getproxies, proxy_bypass
 
 import httpx
 
+from unghost.client import errors
 from unghost.client.call import Call, Params, query_of
 from unghost.client.discovery import Server, found_again, is_local, refuse_foreign
-from unghost.client.errors import (
-    NoResponse,
-    NotFound,
-    Unauthorized,
-    Unavailable,
-    error_of,
-    unexpected,
-)
 
 T = TypeVar("T")
 
@@ -57,12 +50,12 @@ def address_of(url: httpx.URL) -> str:
 
 def no_response(
     url: httpx.URL, error: Exception, *, sent: bool | None = None
-) -> NoResponse:
+) -> errors.NoResponse:
     """The exception for a connection that failed; httpx's own names no address."""
     if sent is None:
         sent = not isinstance(error, _NOT_SENT)
     why = str(error) or type(error).__name__
-    return NoResponse(address_of(url), why, sent=sent)
+    return errors.NoResponse(address_of(url), why, sent=sent)
 
 
 @dataclass(frozen=True)
@@ -104,7 +97,7 @@ class Attempts:
         self._since = 0.0
         self._is_logged = False
 
-    def failed(self, error: Unavailable, *, moved_on: bool = False) -> float:
+    def failed(self, error: errors.Unavailable, *, moved_on: bool = False) -> float:
         """The seconds to wait after a failure; raises the error when the time is over.
 
         Parameters
@@ -146,11 +139,11 @@ class _Tries:
         """Whether an attempt may have deleted what is not found, its response lost."""
         return self._call.method == "DELETE" and self._may_be_done
 
-    def wait_s(self, error: Unavailable) -> float:
+    def wait_s(self, error: errors.Unavailable) -> float:
         """Seconds to wait for the next attempt; raises the error if there is none."""
         self._may_be_done |= (
             error.sent
-            if isinstance(error, NoResponse)
+            if isinstance(error, errors.NoResponse)
             else error.status not in _NOTHING_DONE
         )
         if not self._call.retried or (self._may_be_done and not self._call.repeatable):
@@ -227,16 +220,16 @@ class AsyncTransport:
             try:
                 response = await self._whole(call, tries.key)
                 return call.read(_success(response))
-            except NotFound:
+            except errors.NotFound:
                 if response is not None and tries.has_deleted():
                     return call.read(response)
                 raise
-            except Unauthorized:
+            except errors.Unauthorized:
                 if (found := found_again(server)) is None:
                     raise
                 self._server = found
                 self._http.headers.update(_headers(found))
-            except Unavailable as error:
+            except errors.Unavailable as error:
                 await asyncio.sleep(tries.wait_s(error))
 
     async def _whole(self, call: Call[T], key: str) -> httpx.Response:
@@ -249,7 +242,9 @@ class AsyncTransport:
                 async for piece in response.aiter_raw():
                     body += piece
                     if len(body) > most:
-                        raise unexpected(response, f"is longer than {most} bytes")
+                        raise errors.unexpected(
+                            response, f"is longer than {most} bytes"
+                        )
             finally:
                 await response.aclose()
         except httpx.TransportError as error:
@@ -345,17 +340,17 @@ class Transport:
             try:
                 response = self._whole(call, tries.key)
                 return _success(response)
-            except NotFound:
+            except errors.NotFound:
                 if response is not None and tries.has_deleted():
                     return response
                 raise
-            except Unauthorized:
+            except errors.Unauthorized:
                 # Another thread may have found it: this call was sent without.
                 if (found := found_again(server)) is None:
                     raise
                 self._server = found
                 self._http.headers.update(_headers(found))
-            except Unavailable as error:
+            except errors.Unavailable as error:
                 wait_s = tries.wait_s(error)  # may raise the error
                 if not self.pause(wait_s):
                     raise
@@ -386,7 +381,7 @@ def refuse_encoded(response: httpx.Response) -> None:
     """Raise UnexpectedAnswer if the body is compressed, which was not asked for."""
     encoding = response.headers.get("Content-Encoding", _PLAIN)
     if encoding.strip().lower() not in ("", _PLAIN):
-        raise unexpected(response, f"is encoded as {encoding!r}")
+        raise errors.unexpected(response, f"is encoded as {encoding!r}")
 
 
 def whole(
@@ -404,7 +399,7 @@ def whole(
     for piece in pieces:
         body += piece
         if len(body) > max_bytes:
-            raise unexpected(head, f"is longer than {max_bytes} bytes")
+            raise errors.unexpected(head, f"is longer than {max_bytes} bytes")
     return httpx.Response(
         head.status_code,
         headers=head.headers,
@@ -416,7 +411,7 @@ def whole(
 def _success(response: httpx.Response) -> httpx.Response:
     if response.is_success:
         return response
-    raise error_of(response)
+    raise errors.error_of(response)
 
 
 @dataclass(frozen=True)

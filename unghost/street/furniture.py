@@ -61,7 +61,6 @@ _SIGNS: Final[tuple[tuple[list[_Disc], list[Block]], ...]] = (
 )
 """Per kind of sign its discs (from x, to x, radius) and its blocks."""
 
-
 _ARM_M: Final = 4.6
 """Length of the arm that holds a traffic light over the road."""
 

@@ -26,7 +26,6 @@ SIDEWALK_HEIGHT: Final = 0.14
 _LINE: Final = 0.06
 """Half the width of a painted line, metres."""
 
-
 _ASPHALT: Final = f32([0.092, 0.092, 0.096])
 _WHITE: Final = f32([0.56, 0.56, 0.54])
 _YELLOW: Final = f32([0.50, 0.34, 0.08])

@@ -101,7 +101,12 @@ def shade(pixels: Pixels, open_sky: Float32, light: Lighting) -> Float32:
     shiny = np.flatnonzero(look.gloss > 0)
     diffuse[shiny] = _with_mirror(pixels, look, diffuse, shiny, light.daylight)
     diffuse += look.albedo * look.glow[:, None] * 2.0
-    return _hazed(pixels, diffuse, light.daylight)
+    level = pixels.direction.copy()
+    level[:, 2] = np.abs(level[:, 2]) * 0.3 + 0.01
+    air = sky_light(light.daylight, level) * 0.92
+    share = 1 - np.exp(-((pixels.distance * light.daylight.haze) ** 1.25))
+    hazed: Float32 = diffuse + (air - diffuse) * share[:, None]
+    return hazed
 
 
 def _looks(pixels: Pixels) -> Look:
@@ -211,15 +216,6 @@ def _with_mirror(
     mirrored *= look.open_sky[shiny][:, None]
     seen: Float32 = diffuse[shiny] * (1 - share[:, None]) + mirrored * share[:, None]
     return seen
-
-
-def _hazed(pixels: Pixels, light: Float32, daylight: Daylight) -> Float32:
-    level = pixels.direction.copy()
-    level[:, 2] = np.abs(level[:, 2]) * 0.3 + 0.01
-    air = sky_light(daylight, level) * 0.92
-    share = 1 - np.exp(-((pixels.distance * daylight.haze) ** 1.25))
-    hazed: Float32 = light + (air - light) * share[:, None]
-    return hazed
 
 
 def sky_light(daylight: Daylight, direction: Float32) -> Float32:
@@ -391,10 +387,7 @@ def develop(light: Float32, exposure: float) -> Float32:
     return np.asarray(_GAMMA[index])
 
 
-def _gamma_table() -> Float32:
-    ramp = np.linspace(0, 1, 4096)
-    srgb = np.where(ramp <= 0.0031308, 12.92 * ramp, 1.055 * ramp ** (1 / 2.4) - 0.055)
-    return (srgb * 255).astype(np.float32)
-
-
-_GAMMA: Final = _gamma_table()
+_RAMP: Final = np.linspace(0, 1, 4096)
+_BENT: Final = 1.055 * _RAMP ** (1 / 2.4) - 0.055
+_GAMMA: Final = f32(np.where(_RAMP <= 0.0031308, 12.92 * _RAMP, _BENT) * 255)
+"""Levels of a display for 4096 steps of light, by the sRGB curve."""

@@ -15,20 +15,16 @@ from unghost.street.paint import BLACK, RGB, Paint, Tag
 
 _SHIRT, _TROUSERS, _SKIN, _HAIR = range(1, 5)
 
-
 SHIRTS: Final = (
     (142, 52, 48), (214, 210, 200), (52, 68, 98), (84, 106, 82), (178, 144, 80),
     (92, 92, 98), (104, 66, 92), (186, 122, 92), (92, 122, 140), (44, 44, 50),
 )  # fmt: skip
 
-
 TROUSERS: Final = (
     (44, 50, 66), (60, 58, 56), (98, 86, 70), (36, 36, 40), (108, 110, 114),
 )  # fmt: skip
 
-
 SKINS: Final = ((206, 162, 136), (184, 134, 104), (136, 94, 70), (94, 66, 50))
-
 
 HAIRS: Final = (
     (40, 28, 20),
@@ -37,7 +33,6 @@ HAIRS: Final = (
     (168, 132, 82),
     (120, 116, 112),
 )
-
 
 WALK_PHASES: Final = 4
 

@@ -250,12 +250,12 @@ def truth_of(
     image_points = to_homogeneous(vertices, camera)
     lines = []
     for row, (box, count) in enumerate(zip(boxes, counts, strict=True)):
-        ghost = None
+        ghost, rectangle = None, seen.visible_xyxy[row]
         if not count:
             nearest = float(image_points[row, :, 2].min())
             status = DepthStatus(int(seen.status[row]))
-            ghost = _kind_by_place(status, seen.visible_xyxy[row], box.distance)
-            ghost = ghost or _hidden_by(box, nearest, planes, seen.visible_xyxy[row])
+            ghost = _kind_by_place(status, rectangle, box.distance)
+            ghost = ghost or _hidden_by(box, nearest, planes, rectangle)
         lines.append(
             {
                 "id": box.id,

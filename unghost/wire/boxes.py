@@ -46,7 +46,6 @@ Limit = Annotated[
 Cursor = Annotated[str | None, Field(max_length=2000)]
 Revision = Annotated[int, Field(ge=0, le=2**31 - 1)]
 
-
 FrameKey = Annotated[str, Field(min_length=1, max_length=512)]
 PlaceName = Annotated[str, Field(min_length=1, max_length=256)]
 

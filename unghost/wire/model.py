@@ -60,7 +60,6 @@ Json: TypeAlias = Mapping[str, Any]
 ItemT = TypeVar("ItemT")
 ResponseT = TypeVar("ResponseT", bound="ResponseModel")
 
-
 optional: Final = partial(Field, default=None)
 """A field that may be left out, or be null, with this `description`."""
 
@@ -286,7 +285,6 @@ class _Readable(Protocol):
 
 _Convert: TypeAlias = Callable[[Any], object]
 
-
 _Field: TypeAlias = tuple[str, str, bool, "_Convert | None"]
 """Name, key, whether it is needed, and what makes it of JSON's own value, if not it."""
 _Plan: TypeAlias = tuple[
@@ -295,7 +293,6 @@ _Plan: TypeAlias = tuple[
     tuple[tuple[str, Callable[[], object]], ...],
     Mapping[str, object],
 ]
-
 
 _set: Final = object.__setattr__
 _NEEDED: Final = object()

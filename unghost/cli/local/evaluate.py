@@ -40,7 +40,6 @@ _SCORE_COLUMNS: Final = (
     "visible lost",
 )
 
-
 _THRESHOLD_COLUMNS: Final = (
     "class",
     "current",

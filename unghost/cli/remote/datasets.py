@@ -41,7 +41,6 @@ _DATASET_COLUMNS: Final = (
     "recording",
 )
 
-
 _TOTALS: Final = (
     "frames",
     "boxes",
@@ -55,7 +54,6 @@ _TOTALS: Final = (
     "toss_ups",
     "lossy",
 )
-
 
 _CLASS_COLUMNS: Final = ("class", "boxes", "kept", "rejected", "unmeasured", "% kept")
 

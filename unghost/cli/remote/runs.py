@@ -54,7 +54,6 @@ CancelOnInterrupt: TypeAlias = Annotated[
     ),
 ]
 
-
 RunNumber: TypeAlias = Annotated[
     int, typer.Argument(metavar="RUN", help="Number of the run.")
 ]
