@@ -101,10 +101,8 @@ _TRUTH: Final[TypeAdapter[bool]] = TypeAdapter(bool)
 class Conversion:
     """The content of a scenario file, and notes about keys that were not converted.
 
-    Attributes
-    ----------
-    scenario : dict
-        Valid; keys that were not set, or that have their default, are left out.
+    `scenario` is valid; keys that were not set, or that have their default, are left
+    out.
     """
 
     scenario: dict[str, object] = field(default_factory=dict)

@@ -82,13 +82,7 @@ class FrameRecord(TypedDict):
 
 
 class CaptureFolder:
-    """Frames on the disk.
-
-    Attributes
-    ----------
-    keys : list of str
-        Of the recorded frames, in the manifest's order.
-    """
+    """Frames on the disk; `keys` are in the manifest's order."""
 
     def __init__(self, path: Path) -> None:
         self.path = path

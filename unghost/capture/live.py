@@ -36,6 +36,7 @@ from unghost.capture.rig import (
     RunningSensor,
     collect,
     drain,
+    first_complete,
     main_camera,
 )
 from unghost.capture.scenario import parse_scenario, short_name
@@ -57,7 +58,6 @@ _PICTURES: Final = ("depth", "instances")
 """Cameras besides the segmentation whose pixels are evidence."""
 _POINTS: Final = "semantic_lidar"
 _RED: Final = 2
-_MOST_MISSED: Final = 20
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,16 +92,11 @@ class LiveOptions:
 
 @dataclass(frozen=True, eq=False)
 class LiveFrame:
-    """One tick with its boxes, decided.
+    """One tick with its boxes, decided; `tick` is the simulator's number of it.
 
-    Attributes
-    ----------
-    tick : int
-        The simulator's number of the frame.
-    image : (H, W, 3) uint8 or None
-        Of the camera ``rgb``; blue, green, red, as OpenCV has them.
-    record : mapping
-        The annotation of the frame: camera, map, weather and all boxes.
+    `image` is that of the camera ``rgb``, (H, W, 3) uint8: blue, green, red, as OpenCV
+    has them. `record` is the annotation of the frame: camera, map, weather and all
+    boxes.
     """
 
     tick: int
@@ -228,13 +223,8 @@ class Live:
     """An iterator over the ticks of a simulation; made by `live`.
 
     It ends with `close`, also as a context manager. Neither actors nor settings change.
-
-    Attributes
-    ----------
-    dropped : int
-        Ticks that were left out because newer ones were there.
-    missed : Counter
-        Ticks that a sensor did not measure, by reason.
+    `dropped` ticks were left out because newer ones were there; `missed` are those that
+    a sensor did not measure, by reason.
     """
 
     annotator: Annotator
@@ -286,22 +276,16 @@ class Live:
         in a row.
         Raises `StopIteration`: it was closed.
         """
-        missed: Counter[str] = Counter()
-        while missed.total() < _MOST_MISSED:
-            snapshot = self._snapshot()
-            found = collect(
-                self._sensors, snapshot.frame, self._wait_s, check=self._check
-            )
-            if not isinstance(found, Missed):
-                return self._decided(Moment(snapshot, found))
-            missed[str(found)] += 1
-            self.missed[str(found)] += 1
-            if self._ticks:
-                drain(self._sensors)
-        reason, count = missed.most_common(1)[0]
-        raise CaptureError(
-            f"no complete frame in {_MOST_MISSED} ticks, {count} times because {reason}"
-        )
+        return self._decided(first_complete(self._try_tick, self.missed))
+
+    def _try_tick(self) -> Moment | Missed:
+        snapshot = self._snapshot()
+        found = collect(self._sensors, snapshot.frame, self._wait_s, check=self._check)
+        if not isinstance(found, Missed):
+            return Moment(snapshot, found)
+        if self._ticks:
+            drain(self._sensors)
+        return found
 
     def __enter__(self) -> Live:
         """Itself; closed at the end of the block."""

@@ -22,6 +22,7 @@ from unghost.capture.rig import (
     RunningSensor,
     collect,
     drain,
+    first_complete,
     prepare_rig,
     start_rig,
 )
@@ -49,8 +50,6 @@ from unghost.capture.weather import WeatherPlan, preset_of
 
 Advance = Callable[[int, "int | None"], None]
 
-_MOST_MISSED: Final = 20
-"""Ticks in a row without a complete frame that end the capture."""
 _SETTLING_TICKS: Final = 10
 """Ticks that the exposure of the cameras needs after a change of the preset."""
 _STILL_THERE_S: Final = 5.0
@@ -236,7 +235,7 @@ class _Recorder:
         advance(self._recorded.added, left)
         with ThreadPoolExecutor(len(self._sensors)) as encoders:
             while self._of_map < scenario.frames:
-                moment = self._shoot()
+                moment = first_complete(self._try_tick, self._recorded.missed)
                 self._store(annotator, moment, encoders)
                 advance(self._recorded.added, left)
                 if self._of_map < scenario.frames:
@@ -257,31 +256,18 @@ class _Recorder:
             self._last = self._session.tick()
             drain(self._sensors)
 
-    def _shoot(self) -> Moment:
-        """The moment of the next tick that all sensors measured."""
-        missed: Counter[str] = Counter()
-        while missed.total() < _MOST_MISSED:
-            self._stop.check()
-            found = self._try_tick()
-            if isinstance(found, Moment):
-                return found
-            missed[str(found)] += 1
-            self._recorded.missed[str(found)] += 1
-            drain(self._sensors)
-        reason, count = missed.most_common(1)[0]
-        raise CaptureError(
-            f"no complete frame in {_MOST_MISSED} ticks, {count} times because {reason}"
-        )
-
     def _try_tick(self) -> Moment | Missed:
+        self._stop.check()
         session, scenario = self._session, self._session.scenario
         before, snapshot = self._last, session.tick()
         self._last = snapshot
         if snapshot is None:
+            drain(self._sensors)
             return Missed(_ANOTHER_CLIENT)
         wait_s, check = scenario.sensor_wait_s, self._stop.check
         found = collect(self._sensors, session.frame, wait_s, check=check)
         if isinstance(found, Missed):
+            drain(self._sensors)
             return found
         if not has_wrong_metadata(session.server_version):
             return Moment(snapshot, found)

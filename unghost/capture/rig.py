@@ -10,9 +10,10 @@ from __future__ import annotations
 
 import queue
 import time
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Final, TypeAlias
+from typing import Final, TypeAlias, TypeVar
 
 from unghost.capture.blueprints import find_blueprint, set_attributes
 from unghost.capture.scenario import (
@@ -33,6 +34,8 @@ from unghost.capture.simulator import (
     Sensor,
 )
 
+T = TypeVar("T")
+
 BLUEPRINTS: Final[Mapping[str, str]] = {
     "rgb": "sensor.camera.rgb",
     "segmentation": "sensor.camera.semantic_segmentation",
@@ -49,6 +52,8 @@ CAMERAS: Final = ("rgb", "segmentation", "instances", "depth")
 """The sensors that deliver images; the others deliver points."""
 _LOOK_EVERY_S: Final = 0.2
 """The interval of checks for a stop request while waiting for a sensor."""
+MOST_MISSED: Final = 20
+"""Ticks in a row without a complete frame that end a capture."""
 NO_DATA: Final = "sent nothing in time"
 FROM_LATER: Final = "sent a later tick"
 
@@ -132,6 +137,24 @@ class Missed:
 
     def __str__(self) -> str:
         return f"{self.sensor} {self.reason}" if self.sensor else self.reason
+
+
+def first_complete(try_tick: Callable[[], T | Missed], missed: Counter[str]) -> T:
+    """What comes of the first tick that all sensors measured; counts those before it.
+
+    Raises `CaptureError` if there is none among many.
+    """
+    reasons: Counter[str] = Counter()
+    while reasons.total() < MOST_MISSED:
+        found = try_tick()
+        if not isinstance(found, Missed):
+            return found
+        reasons[str(found)] += 1
+        missed[str(found)] += 1
+    reason, count = reasons.most_common(1)[0]
+    raise CaptureError(
+        f"no complete frame in {MOST_MISSED} ticks, {count} times because {reason}"
+    )
 
 
 def collect(

@@ -81,6 +81,11 @@ def _layout_name(word: str) -> str:
     return word
 
 
+def _layouts(incomplete: str) -> list[str]:
+    words: tuple[str, ...] = get_args(Layout)
+    return [word for word in words if word.startswith(incomplete)]
+
+
 @dataclass(frozen=True, kw_only=True)
 class SourceOptions:
     """How to read a folder of frames; what is not given is recognised or described."""
@@ -90,9 +95,7 @@ class SourceOptions:
         typer.Option(
             metavar="LAYOUT",
             parser=_layout_name,
-            autocompletion=lambda incomplete: [
-                word for word in get_args(Layout) if word.startswith(incomplete)
-            ],
+            autocompletion=_layouts,
             help=f"How the files of the folder are arranged: {listed(Layout)}. "
             "Installed plug-ins add names.",
         ),

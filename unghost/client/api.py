@@ -375,10 +375,7 @@ class Api:
     def undo_review(self, box_id: int, revision: int) -> Call[wire.Review]:
         """Undo the answer that gave a box this revision; the box gets the one before.
 
-        Raises
-        ------
-        Conflict
-            Somebody has answered the box since, or the answer was undone already.
+        `Conflict` if somebody has answered since, or the answer was undone already.
         """
         return posted(wire.Review, f"{API}/boxes/{box_id}/reviews/{revision}/undo")
 

@@ -44,13 +44,9 @@ class BatchSender:
     def send(self, frames: Sequence[PackedFrame], report: Report) -> None:
         """Send frames until each has an outcome.
 
-        Raises
-        ------
-        ApiError
-            An error that concerns all frames: no access, no such dataset, a full disk.
-        NoResponse
-            The server does not respond even after the retries. Their time starts again
-            after each outcome.
+        Raises ApiError for an error that concerns all frames (no access, no such
+        dataset, a full disk), and NoResponse if the server does not respond even after
+        the retries. Their time starts again after each outcome.
         """
         unreported = deque(frames)
         attempts = Attempts(self._retry)

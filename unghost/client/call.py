@@ -61,34 +61,20 @@ class JsonReader(Protocol[T_co]):
 
     def read(self, raw: Json, /) -> T_co:
         """The object; LookupError, ValueError, TypeError or AttributeError if none."""
-        ...
 
 
 @dataclass(frozen=True)
 class Call(Generic[T]):
-    """One request, and the function that reads its response.
+    """One request, from the root of the server, and what reads its response.
 
-    It can be sent more than once, because its bodies are values and not streams.
+    It can be sent more than once, because its bodies are values and not streams. `read`
+    makes the result from a response with a success status. `retried`: try again if the
+    server does not respond or is busy; `repeatable`: also after a response was lost,
+    although the server may have executed the request. A response of more than
+    `max_bytes` is refused, unless it is streamed.
 
-    Attributes
-    ----------
-    path
-        From the root of the server.
-    read
-        Makes the result from a response with a success status.
-    retried
-        Whether to try again if the server does not respond or is busy.
-    repeatable
-        Whether it can be sent again after its response was lost, although the server
-        may have executed it.
-    max_bytes
-        A longer response is refused, unless it is streamed.
-
-    Raises
-    ------
-    InvalidName
-        A part of the path is empty or consists of dots. httpx resolves such parts, so
-        that the request would go to another address.
+    Raises InvalidName if a part of the path is empty or consists of dots: httpx
+    resolves such parts, so that the request would go to another address.
     """
 
     method: str

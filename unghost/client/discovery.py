@@ -129,7 +129,7 @@ class StoredServers:
 def stored_servers(environ: Mapping[str, str]) -> StoredServers:
     """The servers that this user has stored; none if the file is another user's."""
     file = _stored_file(environ)
-    text, owner = _token_in(file)
+    text, owner = _small_text(file)
     try:
         stored = json.loads(text) if text and owner in (_caller(), None) else {}
         tokens = {str(url): str(token) for url, token in stored["servers"].items()}
@@ -218,7 +218,7 @@ def _local_server(url: str, env: Mapping[str, str]) -> Server:
     # Only a guess: the server may have been started with another folder.
     guess = DEFAULT_DATA / "token"
     for file in dict.fromkeys([*filter(None, named), guess]):
-        token, owner = _token_in(file)
+        token, owner = _small_text(file)
         is_ours = caller is None or owner in (caller, _ROOT)
         if token and (is_ours or (caller == _ROOT and file in named)):
             return Server(url, token, TokenFile(file, owner))
@@ -240,7 +240,7 @@ def noted_servers(environ: Mapping[str, str]) -> list[str]:
     running = []
     for file in sorted(state_folder(environ).glob("servers/*.json")):
         try:
-            noted = json.loads(_read(file) or "{}")
+            noted = json.loads(_small_text(file)[0])
             url, pid = noted["url"], noted["pid"]
             if os.name == "posix":  # elsewhere this would end the process
                 os.kill(pid, 0)
@@ -253,8 +253,8 @@ def noted_servers(environ: Mapping[str, str]) -> list[str]:
     return running
 
 
-def _token_in(file: Path) -> tuple[str, int]:
-    """The token in a file, and the file's owner; no token if it cannot be read."""
+def _small_text(file: Path) -> tuple[str, int]:
+    """The text of a small file, and the file's owner; empty if it cannot be read."""
     # Absent, or another person's: then it is not for us. Not to wait for a pipe.
     flags = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0)
     try:
@@ -279,16 +279,8 @@ def is_local(host: str) -> bool:
 
 def _noted_token_file(note: Path) -> Path | None:
     try:
-        return Path(json.loads(_read(note) or "")["token_file"])
+        return Path(json.loads(_small_text(note)[0])["token_file"])
     except (ValueError, LookupError, TypeError):
-        return None
-
-
-def _read(file: Path) -> str | None:
-    # Absent, or another person's: then it is not for us.
-    try:
-        return file.read_text(encoding="utf-8").strip()
-    except (OSError, UnicodeDecodeError):
         return None
 
 

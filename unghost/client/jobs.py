@@ -45,12 +45,10 @@ class State(Protocol):
     @property
     def finished(self) -> bool:
         """Whether the job has ended: done, failed or cancelled."""
-        ...
 
     @property
     def error(self) -> wire.Failure | None:
         """Why it failed; None unless it did."""
-        ...
 
 
 StateT = TypeVar("StateT", bound=State)
@@ -79,12 +77,8 @@ class JobMethods:
     ) -> wire.Run:
         """Wait for a run and return it; `progress` is called with each state before.
 
-        Raises
-        ------
-        RunFailed
-            It failed or was cancelled.
-        TimeoutError
-            It had not ended after `timeout_s`; it continues on the server.
+        Raises RunFailed if it failed or was cancelled, and TimeoutError if it had not
+        ended after `timeout_s`; then it continues on the server.
         """
         return self._run(run).done(progress, timeout_s)
 

@@ -100,12 +100,7 @@ class Attempts:
     def failed(self, error: errors.Unavailable, *, moved_on: bool = False) -> float:
         """The seconds to wait after a failure; raises the error when the time is over.
 
-        Parameters
-        ----------
-        error
-            The failure.
-        moved_on
-            Whether there was progress since the last failure; the time starts again.
+        `moved_on`: there was progress since the last failure, so the time starts again.
         """
         now = time.monotonic()
         if moved_on or not self._failed:
@@ -389,10 +384,7 @@ def whole(
 ) -> httpx.Response:
     """A response with its body, which is read from pieces.
 
-    Raises
-    ------
-    UnexpectedAnswer
-        It is compressed, or longer than `max_bytes`.
+    Raises UnexpectedAnswer if it is compressed, or longer than `max_bytes`.
     """
     refuse_encoded(head)
     body = bytearray()

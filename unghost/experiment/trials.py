@@ -19,7 +19,7 @@ import shlex
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
@@ -182,7 +182,9 @@ class Experiment:
             "seed": str(seed),
             "output": str(output),
         }
-        words = [_filled(word, places) for word in command]
+        words = list(command)
+        for place, value in places.items():
+            words = [word.replace(f"{{{place}}}", value) for word in words]
         # Libraries of arrays would each take all cores, and wait for each other.
         threads = max((os.cpu_count() or 1) // parallel, 1)
         environment = {"OMP_NUM_THREADS": str(threads), **os.environ}
@@ -345,13 +347,6 @@ def joined(folders: Sequence[Path]) -> tuple[list[EvaluationSet], int, Iterator[
     order = list(arms)
     keys = sorted(taken, key=lambda key: (order.index(key.arm), key.test, key.seed))
     return tests, len(keys), (taken[key].trial(key) for key in keys)
-
-
-def _filled(word: str, places: Mapping[str, str]) -> str:
-    """A word of a command with its places filled; other braces stay."""
-    for name, value in places.items():
-        word = word.replace(f"{{{name}}}", value)
-    return word
 
 
 def _xyxy(boxes: Sequence[Sequence[float] | FloatArray]) -> BoxesXYXY:

@@ -102,12 +102,9 @@ _TABLE: Final = {
 class Plot:
     """Where a house stands, and which side looks at the street.
 
-    Attributes
-    ----------
-    x0, x1, y0, y1 : metres
-    height : of the eaves above the ground
-    style : index into `FACADE_STYLES`
-    front : +1 if the street lies at smaller y, -1 if at larger
+    `height` is that of the eaves above the ground, metres, as the others; `style` an
+    index into `FACADE_STYLES`; `front` +1 if the street lies at smaller y, -1 if at
+    larger.
     """
 
     x0: float

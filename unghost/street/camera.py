@@ -374,7 +374,14 @@ class Photographer:
         self._smooth_edges(light, samples, open_sky)
         exposure = self._light.daylight.exposure
         linear = _bloomed(light.reshape(height, width, 3), exposure)
-        image = _with_noise(develop(linear, exposure), noise_seed)
+        # The sensor's noise
+        rng = np.random.default_rng(noise_seed)
+        tiles = (-(-height // TILE) + 1, -(-width // TILE) + 1)
+        row, column = rng.integers(TILE, size=2)
+        window = np.s_[row : row + height, column : column + width]
+        noise = np.tile(grain_tile(71), tiles)[window] * np.float32(_NOISE)
+        noisy = develop(linear, exposure) + noise[..., None]
+        image = np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
         return image, planes_of(self._visible, samples, tags, normals)
 
     def _shoot(
@@ -407,7 +414,13 @@ class Photographer:
         """Mix in the corners of pixels that show more than one triangle."""
         camera = self._visible.camera
         corners = pixel_corners(self._visible)
-        edge = _edges(samples.winner, corners.winner, (camera.height, camera.width))
+        middle = samples.winner.reshape(camera.height, camera.width)
+        around = corners.winner.reshape(camera.height + 1, camera.width + 1)
+        differs = middle != around[:-1, :-1]
+        differs |= middle != around[:-1, 1:]
+        differs |= middle != around[1:, :-1]
+        differs |= middle != around[1:, 1:]
+        edge = np.flatnonzero(differs)
         row, column = np.divmod(edge, camera.width)
         first = row * (camera.width + 1) + column
         below = first + camera.width + 1
@@ -423,20 +436,6 @@ class Photographer:
         image[edge] = mixed
 
 
-def _edges(
-    centre: NDArray[np.int32], corner: NDArray[np.int32], hw: tuple[int, int]
-) -> IntArray:
-    """Flat indices of pixels with a corner that shows another triangle."""
-    height, width = hw
-    middle = centre.reshape(height, width)
-    around = corner.reshape(height + 1, width + 1)
-    differs = middle != around[:-1, :-1]
-    differs |= middle != around[:-1, 1:]
-    differs |= middle != around[1:, :-1]
-    differs |= middle != around[1:, 1:]
-    return np.flatnonzero(differs)
-
-
 def _bloomed(light: Float32, exposure: float) -> Float32:
     """Bloom: light brighter than white is spread over neighbouring pixels."""
     small = cv2.resize(light, None, fx=0.25, fy=0.25, interpolation=cv2.INTER_AREA)
@@ -444,13 +443,3 @@ def _bloomed(light: Float32, exposure: float) -> Float32:
     spilt = cv2.GaussianBlur(over, (0, 0), 6)
     spilt = cv2.resize(spilt, (light.shape[1], light.shape[0]))
     return np.asarray(light + 0.16 * spilt)
-
-
-def _with_noise(display: Float32, seed: int) -> NDArray[np.uint8]:
-    rng = np.random.default_rng(seed)
-    height, width = display.shape[:2]
-    tiles = (-(-height // TILE) + 1, -(-width // TILE) + 1)
-    row, column = rng.integers(TILE, size=2)
-    grain = np.tile(grain_tile(71), tiles)[row : row + height, column : column + width]
-    noisy = display + (grain * np.float32(_NOISE))[..., None]
-    return np.asarray(np.clip(np.rint(noisy), 0, 255).astype(np.uint8))

@@ -143,10 +143,7 @@ def walking_pose(phase: int) -> BodyPose:
 class Figure:
     """A person in a pose, built part by part: limbs, trunk, head and clothes.
 
-    Attributes
-    ----------
-    tag : of all of it
-    sides : of its round parts; fewer from afar
+    `sides` are those of its round parts; fewer from afar.
     """
 
     pose: BodyPose

@@ -96,14 +96,9 @@ class StreetFrame:
 class StreetScene:
     """Three towns and a drive through each; the same seed gives the same bytes.
 
-    Parameters
-    ----------
-    seed : int
-    actors : float
-        The share of vehicles, people and lights that are there, 0 to 1. With all of
-        them the street is far more crowded than usual recordings.
-    flat : bool
-        Whether every fourth frame has naive rectangles instead of 3D boxes.
+    `actors` is the share of vehicles, people and lights that are there, 0 to 1. With
+    all of them the street is far more crowded than usual recordings. `flat`: every
+    fourth frame has naive rectangles instead of 3D boxes.
     """
 
     def __init__(
@@ -221,25 +216,11 @@ def write_street(
     scene: StreetScene | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Path:
-    """Render a street into a folder.
+    """Render a street into a folder; returns the path of its manifest.
 
-    The manifest is written last, whole: a folder that has one is complete.
-
-    Parameters
-    ----------
-    folder : Path
-        Created if it does not exist.
-    frames : int
-        How many; the three towns take turns.
-    scene : StreetScene, optional
-        Default: that of seed 0.
-    progress : callable, optional
-        Called after each frame with how many are done, and of how many.
-
-    Returns
-    -------
-    Path
-        Of the manifest.
+    The manifest is written last, whole: a folder that has one is complete. The three
+    towns take turns; by default they are those of seed 0. `progress` is called after
+    each frame with how many are done, and of how many.
     """
     folder.mkdir(parents=True, exist_ok=True)
     manifest: list[dict[str, object]] = []
@@ -260,29 +241,15 @@ def render_street(
 ) -> Iterator[dict[str, object]]:
     """Render a street into a folder, in child processes that end with it.
 
+    Yields a line of the manifest as soon as the files of its frame are written; in the
+    end the folder has what `write_street` writes. `actors` are as those of
+    `StreetScene`.
+
     Each process renders one town, or every second frame of it. As the first frame of a
     town takes as long as several others, no more processes work on their first one than
     there are cores: so the first frames of all come soon.
 
-    Parameters
-    ----------
-    folder : Path
-        Created if it does not exist. When all frames were yielded, it has what
-        `write_street` writes.
-    frames : int
-    seed : int
-    actors : float
-        As those of `StreetScene`.
-
-    Yields
-    ------
-    dict
-        A line of the manifest, as soon as the files of its frame are written.
-
-    Raises
-    ------
-    RuntimeError
-        A process has ended before its frames were rendered, with its last words.
+    Raises RuntimeError if a process has ended before its frames were rendered.
     """
     folder.mkdir(parents=True, exist_ok=True)
     cores = os.cpu_count() or 1
@@ -303,8 +270,8 @@ def render_street(
                 )
                 running.enter_context(child)
                 running.callback(child.kill)
-                arguments = (child.stdout, number, told)
-                Thread(target=_listen, args=arguments, daemon=True).start()
+                listening = (child.stdout, number, told.put)
+                Thread(target=_listen, args=listening, daemon=True).start()
             number, text = told.get()
             beginning.discard(number)
             if not text:
@@ -321,11 +288,10 @@ def render_street(
 
 
 def _listen(
-    output: IO[bytes], number: int, told: SimpleQueue[tuple[int, bytes]]
+    output: IO[bytes], number: int, tell: Callable[[tuple[int, bytes]], None]
 ) -> None:
-    for text in output:
-        told.put((number, text))
-    told.put((number, b""))
+    for text in itertools.chain(output, [b""]):
+        tell((number, text))
 
 
 def _render_part(folder: str, seed: str, actors: str, *indices: str) -> None:

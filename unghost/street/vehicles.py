@@ -280,13 +280,9 @@ def _ends(shape: CarShape) -> Mesh:
 
 @dataclass(frozen=True)
 class Shell:
-    """A big body with upright sides.
+    """A big body with upright sides, in metres: from `back` to `front` along x.
 
-    Attributes
-    ----------
-    front, back : where it begins and ends along x, metres
-    half_width, low, roof : metres
-    sill : height of the windows' lower edge
+    `sill` is the height of the windows' lower edge.
     """
 
     front: float

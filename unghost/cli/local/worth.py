@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -240,7 +241,12 @@ def _count_labels(
         other = f"no key and id of {options.truth} are those of a box"
         remedy = _WITHOUT_TRUTH.get(options.truth, other)
         raise Refused(f"no box is known to be an object: {remedy}")
-    _note_evidence(noise, screen)
+    lacking = {name: arm["without_evidence"] for name, arm in noise["arms"].items()}
+    for name, count in (+Counter(lacking)).items():
+        screen.note(
+            f"{name}: its evidence has no number for {count:,} boxes, which the "
+            "segmentation decided"
+        )
     return noise, left_out
 
 
@@ -484,13 +490,3 @@ def _truth_text(options: WorthOptions) -> str:
 def _print_tables(tables: Iterable[Table], screen: Screen) -> None:
     for table in tables:
         screen.table(table.columns, table.rows, tag=table.tag)
-
-
-def _note_evidence(noise: NoiseObject, screen: Screen) -> None:
-    """Note which arms lack their evidence."""
-    for name, arm in noise["arms"].items():
-        if arm["without_evidence"]:
-            screen.note(
-                f"{name}: its evidence has no number for {arm['without_evidence']:,} "
-                "boxes, which the segmentation decided"
-            )

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from unghost.client.client import Client
     from unghost.wire.datasets import Dataset, Stats, VerdictCounts
     from unghost.wire.frames import FrameSummary, Report
-    from unghost.wire.quality import Evaluation
+    from unghost.wire.quality import Measure
     from unghost.wire.runs import Export
 
 _DATASET_COLUMNS: Final = (
@@ -281,7 +281,14 @@ def report(options: ReportOptions) -> None:
             f"{evidence.boxes:,} boxes is known. Recall is the share of the visible "
             "objects that are kept, precision that of the kept boxes that are visible.",
             _EVIDENCE_COLUMNS,
-            list(_evidence(evidence)),
+            [
+                (
+                    name,
+                    score.judged,
+                    *map(_share, (score.precision, score.recall, score.f1)),
+                )
+                for name, score in evidence.channels.items()
+            ],
         ),
         Table("left", "What needs a person", "", _LEFT_COLUMNS, left),
         Table("export", "Exports", "", _EXPORT_COLUMNS, list(_exports(exports))),
@@ -329,11 +336,8 @@ def _bands(ghosts: Report) -> Iterator[tuple[object, ...]]:
         yield name, *_by_verdict(band)
 
 
-def _evidence(found: Evaluation) -> Iterator[tuple[object, ...]]:
-    for name, score in found.channels.items():
-        measures = (score.precision, score.recall, score.f1)
-        shares = (one and f"{100 * one.value:.1f} %" for one in measures)
-        yield name, score.judged, *shares
+def _share(measure: Measure | None) -> str | None:
+    return None if measure is None else f"{100 * measure.value:.1f} %"
 
 
 def _exports(exports: Sequence[Export]) -> Iterator[tuple[object, ...]]:

@@ -28,7 +28,6 @@ from unghost.wire.words import Bin, JobState, ReviewState, Verdict
 
 if TYPE_CHECKING:
     from unghost.client.tables import Columns
-    from unghost.wire import Run
 
 TableFormat = Literal["csv", "json", "parquet"]
 _Listed = TypeVar("_Listed")
@@ -273,11 +272,15 @@ def runs(options: RunsOptions) -> None:
     """List the runs of a dataset or of all, newest first."""
     with options.connect() as client:
         listed = options.first(client.runs(options.dataset, state=options.state))
-        columns = ("run", "dataset", "state", "configuration", "by", "result")
-        options.screen.listing(columns, listed, _run_row)
-
-
-def _run_row(run: Run) -> tuple[object, ...]:
-    boxes = f"{run.changed} boxes changed" if run.state == "done" else ""
-    about = (run.state, run.config[:12], run.created_by)
-    return run.id, run.dataset, *about, boxes
+        options.screen.listing(
+            ("run", "dataset", "state", "configuration", "by", "result"),
+            listed,
+            lambda run: (
+                run.id,
+                run.dataset,
+                run.state,
+                run.config[:12],
+                run.created_by,
+                f"{run.changed} boxes changed" if run.state == "done" else "",
+            ),
+        )

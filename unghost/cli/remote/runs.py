@@ -26,8 +26,6 @@ from unghost.cli.screen import Screen, most_first
 from unghost.cli.sources import SEGMENTATION_SETTINGS, note_unused_keys
 
 if TYPE_CHECKING:
-    from filter_core.config.file import LoadedConfig
-    from filter_core.config.filter import FilterConfig
     from unghost.client.client import Client
     from unghost.wire import ConfigVersion, Diff, FlipCounts, Run
 
@@ -171,19 +169,10 @@ def wait_for_run(
 
 
 def cancel_interrupted(job: str, cancel: Callable[[], object]) -> str:
-    """Cancel a run or an export whose command is interrupted.
+    """Cancel a run or an export whose command is interrupted; says what became of it.
 
-    Parameters
-    ----------
-    job : str
-        Its name in the sentence that is returned: "run 3".
-    cancel : callable
-        Sends the request.
-
-    Returns
-    -------
-    str
-        What became of it; also if the server is away.
+    `job` is its name in the sentence: "run 3"; `cancel` sends the request. The server
+    may be away.
     """
     from unghost.client.errors import ApiError, Conflict
 
@@ -319,7 +308,12 @@ def set_config(options: ConfigSetOptions) -> None:
         before = FilterConfig.from_mapping(active.config)
         if options.merge:
             with error_context(options.config):
-                merged = _merged(before, loaded)
+                # Class by class and key by key
+                entries = {name: one.as_dict() for name, one in before.classes.items()}
+                for name, one in loaded.config.classes.items():
+                    entries[name] = {**entries.get(name, {}), **one.as_dict()}
+                keys = {**before.as_dict(), **loaded.keys, "classes": entries}
+                merged = FilterConfig.from_mapping(keys)
                 version = client.add_config(options.dataset, merged.as_dict())
             _note_unknown_classes(client, options, version.config)
         else:
@@ -338,18 +332,6 @@ def set_config(options: ConfigSetOptions) -> None:
         if options.wait:
             run = wait_for_run(client, run, screen)
     screen.record(run.raw, f"config {version.digest[:12]}\t{run_line(run)}")
-
-
-def _merged(active: FilterConfig, loaded: LoadedConfig) -> FilterConfig:
-    """The active configuration with what a file names, class by class and key by key.
-
-    Raises `ConfigError`: the values contradict each other.
-    """
-    entries = {name: one.as_dict() for name, one in active.classes.items()}
-    for name, one in loaded.config.classes.items():
-        entries[name] = {**entries.get(name, {}), **one.as_dict()}
-    keys = {**active.as_dict(), **loaded.keys, "classes": entries}
-    return type(active).from_mapping(keys)
 
 
 def _is_named(key: str, given: Mapping[str, object]) -> bool:
