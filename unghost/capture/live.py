@@ -64,22 +64,14 @@ _RED: Final = 2
 class LiveOptions:
     """Options of `live`.
 
-    Attributes
-    ----------
-    boxes : mapping
-        As the key ``boxes`` of a scenario: which objects get boxes.
-    ego : carla.Actor or None
-        The vehicle without a box; None: the parent of the camera.
-    version : str or None
-        Of the simulator; None: that of the client library.
-    drop : ``nothing`` or ``oldest``
-        What happens to ticks that come while a frame is decided: they wait, or all but
-        the newest are dropped and counted.
-    ticks : bool or None
-        Whether the world is ticked here; None: in synchronous mode, if there is no
-        `on_frame`.
-    wait_s : float
-        How long sensors may take for a tick, and the simulation for the next one.
+    `boxes` are as the key ``boxes`` of a scenario: which objects get boxes. `ego` is
+    the vehicle without a box, by default the parent of the camera; `version` that of
+    the simulator, by default that of the client library.
+
+    `drop` says what happens to ticks that come while a frame is decided: they wait, or
+    all but the newest are dropped and counted. `ticks`: the world is ticked here; None:
+    in synchronous mode, if there is no `on_frame`. Sensors may take `wait_s` seconds
+    for a tick, and the simulation for the next one.
     """
 
     boxes: Mapping[str, object] = field(default_factory=dict)
@@ -154,31 +146,19 @@ def live(
     on_frame: Callable[[LiveFrame], object] | None = None,
     options: LiveOptions | None = None,
 ) -> Live:
-    """Clean boxes of each tick of a running simulation.
+    """Clean boxes of each tick of a running simulation: an iterator of `LiveFrame`.
 
-    Parameters
-    ----------
-    world : carla.World
-    sensors : mapping of str to carla.Sensor
-        Sensors of the script, by what they are: ``rgb``, ``segmentation``, ``depth``,
-        ``instances``, ``semantic_lidar``; at least ``rgb`` or ``segmentation``. All
-        cameras have one pose, size and angle, and ``sensor_tick`` 0. They are listened
-        to here, so that the script must not call ``listen`` itself.
-    config : FilterConfig, mapping, path of a YAML file or None
-        As `unghost filter --config` takes it.
-    on_frame : callable, optional
-        Called with each `LiveFrame` in a thread of its own; else iterate.
-    options : LiveOptions, optional
+    `sensors` are those of the script, by what they are: ``rgb``, ``segmentation``,
+    ``depth``, ``instances``, ``semantic_lidar``; at least ``rgb`` or ``segmentation``.
+    All cameras have one pose, size and angle, and ``sensor_tick`` 0. They are listened
+    to here, so that the script must not call ``listen`` itself. `config` is a
+    configuration, or the path or the keys of one, as `unghost filter --config` takes
+    it.
 
-    Returns
-    -------
-    Live
-        An iterator of `LiveFrame`; with `on_frame` it runs until `close`.
+    `on_frame` is called with each `LiveFrame` in a thread of its own, until `close`;
+    without it, iterate.
 
-    Raises
-    ------
-    CaptureError
-        Sensors that are unknown, no cameras or not alike, or none.
+    Raises `CaptureError`: sensors that are unknown, no cameras or not alike, or none.
     """
     synchronous = world.get_settings().synchronous_mode
     options = options or LiveOptions()
@@ -266,7 +246,6 @@ class Live:
             self._thread.start()
 
     def __iter__(self) -> Iterator[LiveFrame]:
-        """Itself."""
         return self
 
     def __next__(self) -> LiveFrame:

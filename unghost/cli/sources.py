@@ -265,14 +265,21 @@ def _folder_of(source: Path, folder: Path, option: str) -> Path:
     )
 
 
+_OF_BOXES: Final = ("origin", "unit", "corners")
 _DESCRIBING: Final = (
-    *("segmentation", "labels", "default_class", "depth_encoding"),
-    *("origin", "unit", "corners"),
+    "segmentation",
+    "labels",
+    "default_class",
+    "depth_encoding",
+    *_OF_BOXES,
 )
 """Options that are keys of a description as they are."""
 
 SEGMENTATION_SETTINGS: Final = (
-    *("palette", "encoding", "channel_order", "lossy_segmentation"),
+    "palette",
+    "encoding",
+    "channel_order",
+    "lossy_segmentation",
 )
 """Options that are settings of a dataset, too."""
 

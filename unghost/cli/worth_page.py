@@ -99,6 +99,7 @@ def _wrong_labels(
 def score_tables(comparison: ComparisonObject) -> list[Table]:
     """How good the detectors of each arm are: in all, by class and by distance."""
     arms, baseline = comparison["arms"], comparison["baseline"]
+    scores = ("mAP50", "low", "high", "mAP50-95", "precision", "recall")
     return [
         Table(
             "detector",
@@ -106,10 +107,7 @@ def score_tables(comparison: ComparisonObject) -> list[Table]:
             "Means over seeds and test sets, with 95 % intervals of mAP50. Tight: "
             "against rectangles around visible pixels. Own: against the arm's own "
             "labels, which flatters. False positives and those on ghosts: per frame.",
-            (
-                *("arm", "trials", "mAP50", "low", "high", "mAP50-95"),
-                *("precision", "recall", "tight", "own", "false", "on ghosts"),
-            ),
+            ("arm", "trials", *scores, "tight", "own", "false", "on ghosts"),
             [(name, *_score_row(arm)) for name, arm in arms.items()],
         ),
         Table(

@@ -390,24 +390,14 @@ class Api:
     ) -> Call[wire.ReviewBatch]:
         """Give one answer on many boxes; `undo` undoes it on all of them.
 
-        Parameters
-        ----------
-        boxes
-            Decisions: boxes that somebody has answered since they were read are not
-            changed. Ids: boxes that have an answer are not changed. A selection: all
-            of its boxes are answered, or none if any has changed since `select_boxes`.
+        `boxes` are decisions (those that somebody has answered since they were read are
+        not changed), ids (those that have an answer are not changed), or a selection:
+        all of its boxes are answered, or none if any has changed since `select_boxes`.
 
-        Returns
-        -------
-        ReviewBatch
-            `stale` lists boxes that were not changed because they have an answer that
-            the caller has not seen, `skipped` boxes that no longer exist.
-
-        Raises
-        ------
-        StaleReview
-            Boxes of the selection have been added, deleted, decided again or answered
-            since; `total` in `current` is their present number.
+        In the result, `stale` lists boxes that were not changed because they have an
+        answer that the caller has not seen, `skipped` boxes that no longer exist.
+        Raises StaleReview if boxes of the selection have been added, deleted, decided
+        again or answered since; `total` in `current` is their present number.
         """
         body = {"dataset": dataset, "verdict": verdict, "comment": comment}
         bulk = {**body, **_which(boxes)}
@@ -419,17 +409,10 @@ class Api:
     ) -> Call[wire.ImportedAnswers]:
         """Store answers that were given elsewhere, at most 200; needs the role admin.
 
-        Parameters
-        ----------
-        answers
-            Each with `frame` (its key), `box`, `verdict`, `reviewer`, `created_at`
-            (RFC 3339) and perhaps `comment`.
-
-        Returns
-        -------
-        ImportedAnswers
-            How many were stored, were there already, or were not stored because the
-            box has a newer answer or does not exist.
+        Each has `frame` (its key), `box`, `verdict`, `reviewer`, `created_at` (RFC
+        3339) and perhaps `comment`. The result says how many were stored, were there
+        already, or were not stored because the box has a newer answer or does not
+        exist.
         """
         body = {"answers": [dict(one) for one in answers]}
         return posted(

@@ -94,11 +94,8 @@ class Duplex:
     def send(self, piece: Piece) -> None:
         """The next piece of the body.
 
-        Raises
-        ------
-        OSError
-            The connection is broken; lines received before can still be read.
-        FileChanged
+        Raises OSError if the connection is broken (lines received before can still be
+        read), and FileChanged.
         """
         sock = self._open_socket()
         if isinstance(piece, FilePiece):

@@ -7,7 +7,6 @@ box, and are read in a tenth of the time.
 from __future__ import annotations
 
 from collections.abc import AsyncIterator, Callable, Iterator, Mapping, Sequence
-from functools import wraps
 from typing import (
     TYPE_CHECKING,
     Concatenate,
@@ -30,8 +29,8 @@ from unghost.client.call import (
     Call,
     Listing,
     Sender,
-    annotate_result,
     answer,
+    passed_to,
 )
 
 if TYPE_CHECKING:
@@ -305,13 +304,4 @@ if TYPE_CHECKING:
     box_listing = BoxesEndpoint
 
 else:
-
-    def box_listing(describe: Callable[..., object]) -> Callable[..., object]:
-        """Make a method that lists boxes, from a function that describes the list."""
-
-        @wraps(describe)
-        def boxes(client: BoxSender, /, *args: object, **kwargs: object) -> object:
-            return client._boxes(describe(client, *args, **kwargs))
-
-        annotate_result(describe, "Boxes")
-        return boxes
+    box_listing = passed_to("_boxes", ".+", "Boxes")

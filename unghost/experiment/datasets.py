@@ -18,7 +18,7 @@ from typing import Final, TypedDict
 import numpy as np
 import yaml
 
-from filter_core.arrays import BoolArray, BoxesXYXY
+from filter_core.arrays import BoxesXYXY
 from filter_core.evaluation.arms import DOUBTFUL, GHOST, OBJECT, LabelledBoxes
 from filter_core.formats.files import FileNames, json_bytes, write_whole
 from filter_core.formats.splits import part_by_shares, role_of_part, sequence_of
@@ -207,7 +207,8 @@ class DatasetsWriter:
             [labels[row] for row in known],
             [_facts(boxes, row) for row in known.tolist()],
         )
-        ghosts = np.flatnonzero((boxes.truth == GHOST) & _has_raw(boxes))
+        sides = boxes.raw_xyxy[:, 2:] - boxes.raw_xyxy[:, :2]
+        ghosts = np.flatnonzero((boxes.truth == GHOST) & (sides > 0).all(axis=1))
         self._ghosts.add(boxes.raw_xyxy[ghosts], [labels[row] for row in ghosts])
 
     def finish(self) -> None:
@@ -229,11 +230,6 @@ class DatasetsWriter:
             _write(place / "data.yaml", text.encode())
         ghosts = self._ghosts.annotations
         _write_json(self._folder / TRUTH, {**truth, "ghosts": ghosts})
-
-
-def _has_raw(boxes: LabelledBoxes) -> BoolArray:
-    sides = boxes.raw_xyxy[:, 2:] - boxes.raw_xyxy[:, :2]
-    return np.asarray((sides > 0).all(axis=1))
 
 
 def _facts(boxes: LabelledBoxes, row: int) -> FactsObject:

@@ -199,17 +199,12 @@ class Samples:
         )
 
 
-def pixel_centres(visible: VisibleTriangles) -> Samples:
-    """The middle of every pixel: what tags, instances and depth are made from."""
-    return _sampled(visible, 0.5)
+def sampled(visible: VisibleTriangles, offset: float) -> Samples:
+    """Samples at so many px from the upper left corner of every pixel.
 
-
-def pixel_corners(visible: VisibleTriangles) -> Samples:
-    """The (H + 1) (W + 1) corners of the pixels, for smoothing the colour image."""
-    return _sampled(visible, 0.0)
-
-
-def _sampled(visible: VisibleTriangles, offset: float) -> Samples:
+    With 0.5 their middles, from which tags, instances and depth are made; with 0 the
+    (H + 1) (W + 1) corners, for smoothing the colour image.
+    """
     camera = visible.camera
     rows, columns = (camera.height + (offset == 0), camera.width + (offset == 0))
     u, v = np.arange(columns) + offset, np.arange(rows) + offset
@@ -413,7 +408,7 @@ class Photographer:
     ) -> None:
         """Mix in the corners of pixels that show more than one triangle."""
         camera = self._visible.camera
-        corners = pixel_corners(self._visible)
+        corners = sampled(self._visible, 0.0)
         middle = samples.winner.reshape(camera.height, camera.width)
         around = corners.winner.reshape(camera.height + 1, camera.width + 1)
         differs = middle != around[:-1, :-1]

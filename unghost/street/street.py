@@ -29,7 +29,7 @@ from filter_core.formats.reading import MANIFEST_NAME
 from filter_core.geometry.camera import Camera
 from filter_core.local import in_order
 from filter_core.processes import module_command
-from unghost.street.camera import Photographer, Stage, pixel_centres
+from unghost.street.camera import Photographer, Stage, sampled
 from unghost.street.light import Lighting, ShadowMap
 from unghost.street.sensors import (
     FIRST_ACTOR,
@@ -172,7 +172,7 @@ class _Set:
         light = Lighting(style.daylight, (still, self._moving_shadows(camera, time_s)))
         seed = (self._seed * 31 + self._number) * 100_003 + step
         photographer = Photographer(visible, style.plan, light)
-        image, planes = photographer.photograph(pixel_centres(visible), seed)
+        image, planes = photographer.photograph(sampled(visible, 0.5), seed)
         key = f"{style.name}/{step:06d}"
         boxes = placed_boxes(things, stage.poses(time_s), camera)
         flat = self._flat and step % _FLAT_EVERY == _FLAT_EVERY - 1

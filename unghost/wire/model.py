@@ -111,24 +111,9 @@ class ResponseModel(BaseModel):
         """Read a JSON object that the service sent, without checking its values.
 
         Null is the same as absent: None where the field may be null, else `IfAbsent`.
-        Unknown values and keys are kept as they are.
-
-        Parameters
-        ----------
-        raw : mapping
-            As it was sent.
-
-        Returns
-        -------
-        ResponseModel
-            Times are `datetime`, arrays are tuples, objects are their models.
-
-        Raises
-        ------
-        MissingKey
-            A key is not there that is needed.
-        ValueError
-            A time is none.
+        Unknown values and keys are kept as they are; times become `datetime`, arrays
+        tuples, objects their models. Raises MissingKey if a key is not there that is
+        needed, and ValueError if a time is none.
         """
         fields, defaults, copied, private = _plan_of(cls)
         values: dict[str, object] = {}

@@ -40,15 +40,6 @@ _SCORE_COLUMNS: Final = (
     "visible lost",
 )
 
-_THRESHOLD_COLUMNS: Final = (
-    "class",
-    "current",
-    "suggested",
-    "low",
-    "high",
-    "F1 now",
-    "F1 then",
-)
 _WIDTH, _ROW, _TITLES = 640, 34, 220
 _TOP, _BOTTOM = 28, 46
 
@@ -283,7 +274,8 @@ class _Thresholds:
     def print_and_write(self, screen: Screen) -> None:
         """Print the table, and write the file if one was requested."""
         rows = map(_threshold_row, self.suggested)
-        screen.table(_THRESHOLD_COLUMNS, rows, tag="threshold")
+        columns = ("class", "current", "suggested", "low", "high", "F1 now", "F1 then")
+        screen.table(columns, rows, tag="threshold")
         if not self.suggested:
             screen.note(
                 "no threshold can be suggested: no class has both visible and "

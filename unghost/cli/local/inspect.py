@@ -121,11 +121,9 @@ def _print(inspection: Inspection, screen: Screen) -> None:
         ],
         tag="images",
     )
+    of_class = ("class", "boxes", "measured as", "looked at")
     table(
-        (
-            *("class", "boxes", "measured as", "looked at"),
-            *("kept", "rejected", "unmeasured", "% unknown", "unknown tags"),
-        ),
+        (*of_class, *_WORDS, "% unknown", "unknown tags"),
         map(_class_row, inspection.classes),
         tag="class",
     )

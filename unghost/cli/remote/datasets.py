@@ -30,31 +30,10 @@ if TYPE_CHECKING:
     from unghost.wire.quality import Measure
     from unghost.wire.runs import Export
 
-_DATASET_COLUMNS: Final = (
-    "dataset",
-    "frames",
-    "boxes",
-    "kept",
-    "rejected",
-    "unmeasured",
-    "to review",
-    "recording",
-)
-
-_TOTALS: Final = (
-    "frames",
-    "boxes",
-    "kept",
-    "rejected",
-    "unmeasured",
-    "reviewed",
-    "to_review",
-    "unsure",
-    "conflicts",
-    "toss_ups",
-    "lossy",
-)
-
+_COUNTS: Final = ("frames", "boxes", "kept", "rejected", "unmeasured")
+_DATASET_COLUMNS: Final = ("dataset", *_COUNTS, "to review", "recording")
+_DOUBTS: Final = ("to_review", "unsure", "conflicts", "toss_ups", "lossy")
+_TOTALS: Final = (*_COUNTS, "reviewed", *_DOUBTS)
 _CLASS_COLUMNS: Final = ("class", "boxes", "kept", "rejected", "unmeasured", "% kept")
 
 

@@ -31,12 +31,8 @@ if TYPE_CHECKING:
 
 
 _DIFF_COLUMNS: Final = ("class", "boxes", "kept -> rejected", "rejected -> kept")
-_SUMS: Final = (
-    *("run", "against", "compared", "total"),
-    *("kept_to_rejected", "rejected_to_kept", "by_class", "sides_by_class"),
-    "by_cause",
-)
-"""The last line of `unghost diff --json`: the counts of all boxes."""
+_OF_PAGES: Final = ("items", "next_cursor")
+"""What `unghost diff --json` has in lines of its own; the last one has all counts."""
 
 _CAUSES: Final = {
     "class_known": "the name of its class is understood now",
@@ -213,7 +209,7 @@ def diff(options: DiffOptions) -> None:
         if options.json:
             for flip in client.flips(options.after, options.before):
                 screen.record(flip.raw)
-    screen.record({name: found.raw[name] for name in _SUMS if name in found.raw})
+    screen.record({k: v for k, v in found.raw.items() if k not in _OF_PAGES})
     screen.table(_DIFF_COLUMNS, rows_of(found))
     for cause, boxes in found.by_cause.items():
         screen.note(f"{boxes} of them: {_CAUSES.get(cause, cause)}")
