@@ -79,8 +79,18 @@ class GateOptions:
         `counts` are how many there are of each of `NAMES`, and `title` says in the
         report what was looked at. Ends the command with code 4 if a condition holds.
         """
-        checked = [_checked(_gate(text), counts) for text in self.fail_if or ()]
-        for gate, figure, has_failed in checked:
+        checked = []
+        for gate in map(_gate, self.fail_if or ()):
+            count = counts[gate.name]
+            whole_name = "frames" if gate.name in OF_FRAMES else "boxes"
+            whole = counts[whole_name]
+            percent = 100 * count / whole if whole else 0.0
+            value, figure = float(count), f"{count:,}"
+            if gate.is_percent:
+                value = percent
+                figure = f"{percent:.2f}% ({count:,} of {whole:,} {whole_name})"
+            has_failed = _OPERATORS[gate.operator](value, gate.limit)
+            checked.append((gate, figure, has_failed))
             result = "failed" if has_failed else "passed"
             screen.note(f"gate {result}: {gate.text}, it is {figure}")
         if self.gate_report is not None:
@@ -107,18 +117,6 @@ def _gate(text: str) -> Gate:
         )
     limit, is_percent = float(found["limit"]), bool(found["percent"])
     return Gate(text.strip(), name, found["operator"], limit, is_percent)
-
-
-def _checked(gate: Gate, counts: Mapping[str, int]) -> _Checked:
-    count = counts[gate.name]
-    whole_name = "frames" if gate.name in OF_FRAMES else "boxes"
-    whole = counts[whole_name]
-    percent = 100 * count / whole if whole else 0.0
-    value = percent if gate.is_percent else count
-    figure = f"{count:,}"
-    if gate.is_percent:
-        figure = f"{percent:.2f}% ({count:,} of {whole:,} {whole_name})"
-    return gate, figure, _OPERATORS[gate.operator](value, gate.limit)
 
 
 def _junit(title: str, checked: Sequence[_Checked]) -> str:

@@ -368,7 +368,12 @@ class Photographer:
         light, tags, normals = self._shoot(samples, open_sky)
         self._smooth_edges(light, samples, open_sky)
         exposure = self._light.daylight.exposure
-        linear = _bloomed(light.reshape(height, width, 3), exposure)
+        linear = light.reshape(height, width, 3)
+        # Bloom: light brighter than white is spread over neighbouring pixels.
+        small = cv2.resize(linear, None, fx=0.25, fy=0.25, interpolation=cv2.INTER_AREA)
+        over = np.clip(small - np.float32(0.9 / exposure), 0, 3)
+        spilt = cv2.resize(cv2.GaussianBlur(over, (0, 0), 6), (width, height))
+        linear = np.asarray(linear + 0.16 * spilt)
         # The sensor's noise
         rng = np.random.default_rng(noise_seed)
         tiles = (-(-height // TILE) + 1, -(-width // TILE) + 1)
@@ -429,12 +434,3 @@ class Photographer:
         for corner in four_of_chosen:
             mixed += light[corner] * np.float32(0.125)
         image[edge] = mixed
-
-
-def _bloomed(light: Float32, exposure: float) -> Float32:
-    """Bloom: light brighter than white is spread over neighbouring pixels."""
-    small = cv2.resize(light, None, fx=0.25, fy=0.25, interpolation=cv2.INTER_AREA)
-    over = np.clip(small - np.float32(0.9 / exposure), 0, 3)
-    spilt = cv2.GaussianBlur(over, (0, 0), 6)
-    spilt = cv2.resize(spilt, (light.shape[1], light.shape[0]))
-    return np.asarray(light + 0.16 * spilt)

@@ -94,11 +94,9 @@ def walker(
 @lru_cache(maxsize=4 * WALK_PHASES)
 def _undyed_walker(phase: int, *, coat: bool, fine: bool) -> Mesh:
     figure = Figure(walking_pose(phase), Tag.PEDESTRIAN, 8 if fine else 4).mesh()
-    return join([figure, _coat(Tag.PEDESTRIAN)]) if coat else figure
-
-
-def _coat(tag: int) -> Mesh:
-    """What hangs over the hips, down to the knees."""
+    if not coat:
+        return figure
+    # It hangs over the hips, down to the knees.
     angles = np.linspace(0, 2 * np.pi, 12, endpoint=False)
     circle = np.stack([np.cos(angles), np.sin(angles)], axis=1)
     hem = [(0.50, 0.200, 0.215), (0.80, 0.165, 0.190), (1.12, 0.120, 0.160)]
@@ -106,7 +104,8 @@ def _coat(tag: int) -> Mesh:
         np.column_stack([circle * (deep, wide), np.full(12, z)])
         for z, deep, wide in hem
     ]
-    return loft(np.array(rings), [[Paint.dye(_SHIRT)]], tag)
+    skirt = loft(np.array(rings), [[Paint.dye(_SHIRT)]], Tag.PEDESTRIAN)
+    return join([figure, skirt])
 
 
 def walking_pose(phase: int) -> BodyPose:

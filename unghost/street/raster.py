@@ -127,7 +127,11 @@ def _spans(edges: _Edges, width: int, height: int) -> tuple[IntArray, ...]:
     owner = np.repeat(np.arange(len(count)), count)
     row = np.arange(len(owner)) + np.repeat(first - (np.cumsum(count) - count), count)
     y = row + 0.5
-    slopes = _edge_slopes(u, v)
+    # Columns per row along the long edge, the upper and the lower one.
+    run = np.stack([u[:, 2] - u[:, 0], u[:, 1] - u[:, 0], u[:, 2] - u[:, 1]], axis=1)
+    rise = np.stack([v[:, 2] - v[:, 0], v[:, 1] - v[:, 0], v[:, 2] - v[:, 1]], axis=1)
+    level = rise < 1e-12
+    slopes = np.where(level, 0.0, run / np.where(level, 1.0, rise))
     long_x = u[owner, 0] + (y - v[owner, 0]) * slopes[owner, 0]
     above = y < v[owner, 1]
     corner = np.where(above, 0, 1)
@@ -135,14 +139,6 @@ def _spans(edges: _Edges, width: int, height: int) -> tuple[IntArray, ...]:
     begin = _rows(np.minimum(long_x, short_x), width)
     end = _rows(np.maximum(long_x, short_x), width)
     return owner, row, begin, end
-
-
-def _edge_slopes(u: FloatArray, v: FloatArray) -> FloatArray:
-    """(T, 3): columns per row along the long edge, the upper and the lower one."""
-    run = np.stack([u[:, 2] - u[:, 0], u[:, 1] - u[:, 0], u[:, 2] - u[:, 1]], axis=1)
-    rise = np.stack([v[:, 2] - v[:, 0], v[:, 1] - v[:, 0], v[:, 2] - v[:, 1]], axis=1)
-    level = rise < 1e-12
-    return np.where(level, 0.0, run / np.where(level, 1.0, rise))
 
 
 def _draw_small(canvas: Canvas, edges: _Edges) -> None:

@@ -123,8 +123,11 @@ def _front_row(builder: TownBuilder, start: float, end: float, side: int) -> Non
         width = bay * min(bays, int((last - x) / bay))
         _house(builder, x, x + width, side, kind)
         x, after_gap = x + width, False
-        if kind == HOUSE:
-            _garden_gap(builder, x, side)
+        if kind == HOUSE:  # a garden
+            front = side * (builder.plan.frontage + 0.5)
+            bush = furniture.bush(float(rng.uniform(0.7, 1.1)), rng)
+            builder.scenery(furniture.fence(4.0, 1.1), x + 2.0, front)
+            builder.scenery(bush, x + 2.0, front + side * 1.4)
             x += 4.0
     if last - x > 1.5:
         wall = furniture.wall(last - x, 2.6, builder.pick(_WALL_COLORS))
@@ -172,13 +175,6 @@ def _gap(builder: TownBuilder, x0: float, x1: float, side: int) -> None:
     )
     tree = furniture.tree(builder.pick(builder.style.trees), builder.rng, 0.4)
     builder.scenery(tree, middle, side * (builder.plan.frontage + 19))
-
-
-def _garden_gap(builder: TownBuilder, x: float, side: int) -> None:
-    front = side * (builder.plan.frontage + 0.5)
-    bush = furniture.bush(float(builder.rng.uniform(0.7, 1.1)), builder.rng)
-    builder.scenery(furniture.fence(4.0, 1.1), x + 2.0, front)
-    builder.scenery(bush, x + 2.0, front + side * 1.4)
 
 
 def _back_row(builder: TownBuilder, start: float, end: float, side: int) -> None:
