@@ -267,7 +267,6 @@ class Live:
         return found
 
     def __enter__(self) -> Live:
-        """Itself; closed at the end of the block."""
         return self
 
     def __exit__(
@@ -276,7 +275,6 @@ class Live:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Close it."""
         self.close()
 
     def close(self) -> None:

@@ -63,15 +63,7 @@ _THEMES: Final = (
 
 
 def page(inspection: Inspection, remarks: Sequence[Remark], description: str) -> str:
-    """The page as HTML.
-
-    Parameters
-    ----------
-    remarks : sequence of Remark
-        What is to be said about it.
-    description : str
-        The text of its ``recording.yaml``.
-    """
+    """The page as HTML; `description` is the text of its ``recording.yaml``."""
     name = html.escape(inspection.name)
     rows = []
     for kind in ("folder", "list", "labels"):
@@ -106,8 +98,12 @@ def page(inspection: Inspection, remarks: Sequence[Remark], description: str) ->
     boxes = inspection.boxes
     faults = "".join(_details(FAULTS[one.kind], one) for one in boxes.faults)
     faults = faults or '<p class="soft">None of the boxes in all labels.</p>'
+    layout, *rest = facts(inspection)
+    holds = next((value for name, value in rest if name == "holds"), "")
+    lines = [holds, f"{layout[0].capitalize()}: {layout[1]}"]
+    header = "".join(f"<p>{html.escape(line)}</p>" for line in lines if line)
     parts = (
-        _header(inspection),
+        f"<header>\n<h1>{name}</h1>\n{header}</header>",
         section("What to look at", _remarks(inspection, remarks)),
         section("Three frames, as the filter decides them", _frames(inspection)),
         section("Classes", _classes(inspection)),
@@ -152,16 +148,6 @@ def document(title: str, parts: Iterable[str]) -> str:
 def section(title: str, content: str) -> str:
     """A section; nothing if it has no content."""
     return f"<section>\n<h2>{title}</h2>\n{content}\n</section>" if content else ""
-
-
-def _header(inspection: Inspection) -> str:
-    layout, *rest = facts(inspection)
-    holds = next((value for name, value in rest if name == "holds"), "")
-    lines = [holds, f"{layout[0].capitalize()}: {layout[1]}"]
-    texts = (f"<p>{html.escape(line)}</p>" for line in lines if line)
-    return (
-        f"<header>\n<h1>{html.escape(inspection.name)}</h1>\n{''.join(texts)}</header>"
-    )
 
 
 _CODE: Final = re.compile("`([^`]+)`")

@@ -248,13 +248,7 @@ def listed(words: object) -> str:
 
 
 def build_command(name: str, action: Action) -> typer.core.TyperCommand:
-    """Make a typer command from a function of one dataclass of options.
-
-    Parameters
-    ----------
-    action : callable
-        Its docstring is the help.
-    """
+    """Make a command of a function of one dataclass; its docstring is the help."""
     options: type[Any] = get_type_hints(action)["options"]
     hints = {
         name: _with_choices(hint)

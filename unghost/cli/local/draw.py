@@ -8,7 +8,6 @@ sheet and a page that opens from the disk show all of them.
 from __future__ import annotations
 
 import heapq
-import itertools
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -263,9 +262,14 @@ class _Painter:
         for name, decisions in judged.rivals.items():
             pairs = list(zip(judged.decisions, decisions, strict=True))
             flips = sum(one["verdict"] != other["verdict"] for one, other in pairs)
-            panels[f"{name}: {flips} flips"] = self._on(
-                background, itertools.starmap(_rivalled, pairs)
+            texts = (
+                f"{other['class']}: {other['verdict']}"
+                if one["verdict"] != other["verdict"]
+                else ""
+                for one, other in pairs
             )
+            by_rival = map(_boxed, decisions, texts)
+            panels[f"{name}: {flips} flips"] = self._on(background, by_rival)
         panels[f"why: {rejected} rejected, {unmeasured} unmeasured"] = why
         for name, picture in (
             ("before", before),
@@ -324,12 +328,6 @@ def _boxed(one: Decision, text: str = "") -> DrawnBox:
     from filter_core.images.drawing import DrawnBox
 
     return DrawnBox(one["verdict"], one["xyxy"], one["edges"], text)
-
-
-def _rivalled(one: Decision, other: Decision) -> DrawnBox:
-    """A box by the rival's verdict; says what it decides otherwise."""
-    flipped = one["verdict"] != other["verdict"]
-    return _boxed(other, f"{other['class']}: {other['verdict']}" if flipped else "")
 
 
 def _side_by_side(panels: Mapping[str, Picture]) -> Picture:
