@@ -26,7 +26,7 @@ from benchmarks.opencv_decoding import decoding_by_opencv
 from benchmarks.street import HEIGHT, WIDTH, Street, frame_boxes, photograph, street
 from filter_core.evidence.semantic import measure
 from filter_core.segmentation.reading import SegmentationOptions, read_segmentation
-from unghost.cli.filter_local import FilterOptions, filter_local
+from unghost.cli.local.filter import FilterOptions, filter_local
 
 SCENES = 8
 AIM_RATE_RATIO = 0.85

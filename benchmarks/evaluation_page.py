@@ -6,7 +6,7 @@ from pathlib import Path
 from string import Template
 from typing import Any
 
-from unghost.cli.evaluate import interval_plot
+from unghost.cli.local.evaluate import interval_plot
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
 PLOT = "pictures/evaluation.svg"

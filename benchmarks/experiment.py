@@ -21,8 +21,8 @@ from pathlib import Path
 from benchmarks.street import AS_RECORDINGS
 from filter_core.evaluation.trials import ComparisonObject
 from filter_core.formats.reading import MANIFEST_NAME
-from unghost.cli.evaluate import interval_plot
-from unghost.cli.worth_tables import score_tables
+from unghost.cli.local.evaluate import interval_plot
+from unghost.cli.worth_page import score_tables
 from unghost.street.street import StreetScene, write_street
 from unghost.street.towns import STYLES
 

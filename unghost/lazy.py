@@ -16,23 +16,12 @@ from importlib import import_module
 def imports_of_stub(
     package: str,
 ) -> tuple[Callable[[str], object], Callable[[], list[str]]]:
-    """Make the functions `__getattr__` and `__dir__` of a package.
+    """Make the functions `__getattr__` and `__dir__` of a package, by its `__name__`.
 
-    Python calls the first for a name that the package does not have: it imports the
+    Its stub has lines such as ``from unghost.wire.runs import Run as Run``. Python
+    calls the first function for a name that the package does not have: it imports the
     name from the module that the stub says, and keeps it in the package. It also gives
-    the package's `__all__`: all names of the stub.
-
-    Parameters
-    ----------
-    package : str
-        Its `__name__`. The stub has lines such as ``from unghost.wire.runs import Run
-        as Run``.
-
-    Returns
-    -------
-    tuple of two functions
-        `__getattr__`, which raises AttributeError for a name that the stub does not
-        have, and `__dir__`.
+    the package's `__all__`: all names of the stub. Raises AttributeError for others.
     """
     present = vars(sys.modules[package])
 

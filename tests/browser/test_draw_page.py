@@ -6,7 +6,7 @@ import pytest
 from playwright.sync_api import expect
 
 from tests.support.frames import write_manifest
-from unghost.cli.draw import DrawOptions, draw
+from unghost.cli.local.draw import DrawOptions, draw
 
 pytestmark = pytest.mark.browser
 

@@ -8,7 +8,7 @@ from playwright.sync_api import expect
 
 from tests.support.folders import mixed_recording
 from tests.support.page.windows import OVERFLOW
-from unghost.cli.inspect_local import InspectOptions, inspect
+from unghost.cli.local.inspect import InspectOptions, inspect
 
 pytestmark = pytest.mark.browser
 

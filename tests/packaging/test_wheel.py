@@ -47,7 +47,8 @@ def test_the_wheel_has_every_module_and_the_type_markers(wheel):
     for package in ("app", "filter_core", "unghost"):
         modules = expected_files(package, "*.py") | expected_files(package, "*.pyi")
         assert {f"{package}/{name}" for name in modules} <= names
-    assert {"filter_core/py.typed", "unghost/py.typed"} <= names
+    files = {"filter_core/py.typed", "unghost/py.typed", "unghost/cli/page.css"}
+    assert files <= names
 
 
 def test_wheel_has_no_other_top_level_packages(wheel):

@@ -39,15 +39,9 @@ _MAX_TURN_DEG: Final = 0.1
 
 @dataclass(frozen=True, eq=False)
 class Moment:
-    """The measurements of one tick.
+    """The measurements of one tick, by the sensors' names.
 
-    Attributes
-    ----------
-    snapshot : WorldSnapshot
-    measured : mapping
-        The measurement of each sensor, by its name.
-    before, after : WorldSnapshot or None
-        Of the neighbouring ticks, if images of this simulator may show those ticks.
+    `before` and `after` are neighbouring ticks, if images may show those instead.
     """
 
     snapshot: WorldSnapshot
@@ -58,17 +52,10 @@ class Moment:
 
 @dataclass(eq=False)
 class Annotator:
-    """Makes the annotations of moments; counts the objects without a box, by reason.
+    """Makes the annotations of moments.
 
-    Attributes
-    ----------
-    session : Scene
-    ego : Actor
-    sensors : sequence of RunningSensor
-    left_out : Counter
-        Objects without a box, by reason, summed over all frames.
-    poses_differ : int
-        Frames whose image had another camera pose than the snapshot.
+    `left_out` counts objects without a box by reason, `poses_differ` the frames whose
+    image had another camera pose than the snapshot.
     """
 
     session: Scene
@@ -94,17 +81,10 @@ class Annotator:
         missed_before: int,
         preset: str | None = None,
     ) -> FrameRecord:
-        """The frame's line in the manifest.
+        """The frame's line in the manifest; `captured_at` is ISO 8601, UTC.
 
-        Parameters
-        ----------
-        moment : Moment
-        captured_at : str
-            ISO 8601, UTC.
-        missed_before : int
-            Ticks of this capture that could not be recorded so far.
-        preset : str, optional
-            The name of the weather's preset.
+        `missed_before` are the ticks of this capture that could not be recorded so far,
+        `preset` is the name of the weather's.
         """
         session, camera = self.session, self.session.scenario.camera
         version, snapshot = self.session.server_version, moment.snapshot
@@ -154,10 +134,7 @@ class Annotator:
             },
             "boxes": found,
             "extra": {
-                "capture": {
-                    **self._story(moment, main),
-                    "missed_before": missed_before,
-                }
+                "capture": {**self._story(moment, main), "missed_before": missed_before}
             },
             "captured_at": captured_at,
         }
@@ -208,19 +185,13 @@ def _centres(objects: Sequence[SeenObject]) -> list[Triple]:
 
 @dataclass(frozen=True)
 class SensorPose:
-    """The pose of a sensor, from its measurement and from the snapshot.
-
-    Attributes
-    ----------
-    measured, snapshot : Transform
-        `snapshot` is the actor's pose if the snapshot does not have it.
-    used : Transform
-        The one to project with.
-    """
+    """The pose of a sensor, from its measurement and from the snapshot."""
 
     measured: Transform
     snapshot: Transform
+    """The actor's own if the snapshot has none."""
     used: Transform
+    """The one to project with."""
 
     @property
     def differs(self) -> bool:

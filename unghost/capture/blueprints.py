@@ -30,10 +30,7 @@ def choose_blueprints(
 ) -> list[Blueprint]:
     """The blueprints of a pattern and a generation, in the order of their ids.
 
-    Raises
-    ------
-    ScenarioError
-        There are none; names the key.
+    `ScenarioError` names the key if there are none.
     """
     found = sorted(world.get_blueprint_library().filter(pattern), key=lambda b: b.id)
     if not found:
@@ -63,10 +60,7 @@ def set_attributes(
 ) -> None:
     """Set attributes by name.
 
-    Raises
-    ------
-    ScenarioError
-        The blueprint has no such attribute (names the nearest), or refuses the value.
+    `ScenarioError` if the blueprint lacks one (names the nearest), or refuses a value.
     """
     for name, value in attributes.items():
         if not blueprint.has_attribute(name):

@@ -11,8 +11,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
-from typing import Final
+from typing import Final, TypeAlias
 
 from filter_core.class_names import class_of
 from filter_core.geometry.pose import Triple
@@ -55,6 +54,8 @@ _PARKED: Final = {
 """The class of each label of `carla.CityObjectLabel`."""
 SAME_M: Final = 0.5
 """Two boxes of one kind whose centres are this close are one object."""
+_Known: TypeAlias = tuple[ObjectIdentity, LocalBox | None]
+"""The constant data of an actor; None for its box if that is meaningless."""
 
 
 class ActorBoxes:
@@ -64,6 +65,7 @@ class ActorBoxes:
         self._world, self._scenario = world, scenario
         self._with_instances = version_numbers(version) >= _HAS_ACTOR_INSTANCES
         self._known: dict[int, _Known] = {}
+        """The constant data of actors by their ids."""
 
     @property
     def known_ids(self) -> frozenset[int]:
@@ -74,14 +76,9 @@ class ActorBoxes:
         self, snapshot: WorldSnapshot, ego_id: int, left_out: Counter[str]
     ) -> list[SeenObject]:
         """The actors of a tick that have a box; the others are counted by reason."""
-        found = []
-        for actor in self._actors():
-            if actor.id == ego_id:
-                continue
-            one = self._seen(actor, snapshot, left_out)
-            if one is not None:
-                found.append(one)
-        return found
+        others = (actor for actor in self._actors() if actor.id != ego_id)
+        seen = (self._seen(actor, snapshot, left_out) for actor in others)
+        return [one for one in seen if one is not None]
 
     def _actors(self) -> Iterator[Actor]:
         actors, wanted = self._world.get_actors(), self._scenario.boxes
@@ -111,10 +108,11 @@ class ActorBoxes:
                 left_out["no_answer"] += 1
                 return None
             self._known[actor.id] = known
-        if known.box is None:
+        named, box = known
+        if box is None:
             left_out["impossible_box"] += 1
             return None
-        return SeenObject(known.named, known.box, as_transform(moment.get_transform()))
+        return SeenObject(named, box, as_transform(moment.get_transform()))
 
     def _look_at(self, actor: Actor) -> _Known | None:
         try:
@@ -141,7 +139,7 @@ class ActorBoxes:
             instance_id=number & 0xFFFF if self._with_instances else None,
             more={"mesh_path": attributes["mesh_path"]} if is_prop else {},
         )
-        return _Known(named, self._checked(box, named))
+        return named, self._checked(box, named)
 
     def _checked(self, box: LocalBox, named: ObjectIdentity) -> LocalBox | None:
         rules, type_id = self._scenario.boxes, named.type_id or ""
@@ -151,14 +149,6 @@ class ActorBoxes:
             return checked_walker(box, rules.widen_walkers_m)
         kind = named.class_name or named.base_type or ""
         return checked_vehicle(box, kind, repair=rules.repair_two_wheelers)
-
-
-@dataclass(frozen=True)
-class _Known:
-    """The constant data of an actor; None for its box if that is meaningless."""
-
-    named: ObjectIdentity
-    box: LocalBox | None
 
 
 def map_boxes(
@@ -227,12 +217,18 @@ def _lights(carla: Carla, world: World, left_out: Counter[str]) -> Iterator[Seen
         if is_dormant(light):
             left_out["dormant"] += 1
             continue
+        if not isinstance(light, TrafficLight):
+            raise CaptureError(
+                f"{light.type_id} is not a traffic light with boxes of its heads"
+            )
         try:
-            heads += _heads(light)
+            # Not its bounding_box: that is the volume on the road where cars obey it.
+            boxes = enumerate(light.get_light_boxes())
+            heads += [(f"light-{light.id}-{i}", "light", box) for i, box in boxes]
         except RuntimeError:
             # Some maps do not list their lights; the level still has the lights' boxes.
-            boxes = world.get_level_bbs(carla.CityObjectLabel.TrafficLight)
-            heads = [(f"level-{i}", "level", box) for i, box in enumerate(boxes)]
+            boxes = enumerate(world.get_level_bbs(carla.CityObjectLabel.TrafficLight))
+            heads = [(f"level-{i}", "level", box) for i, box in boxes]
             break
     for name, source, raw in heads:
         box = checked_light(local_box(raw))
@@ -241,13 +237,3 @@ def _lights(carla: Carla, world: World, left_out: Counter[str]) -> Iterator[Seen
             continue
         # The simulator's tags of lights are stale in 0.9.16, so none are stored.
         yield SeenObject(ObjectIdentity(name, source, "traffic_light"), box)
-
-
-def _heads(light: Actor) -> list[tuple[str, str, Box]]:
-    # Not light.bounding_box: that is the volume on the road where cars obey it.
-    if not isinstance(light, TrafficLight):
-        raise CaptureError(
-            f"{light.type_id} is not a traffic light with boxes of its heads"
-        )
-    boxes = light.get_light_boxes()
-    return [(f"light-{light.id}-{i}", "light", box) for i, box in enumerate(boxes)]

@@ -79,11 +79,8 @@ _BOX_ACTORS: Final = {"vehicles": "vehicles", "walkers": "walkers"}
 _UNUSED_OF_PARTS: Final = ("save_dir", "figure_in_window")
 _UNUSED_OF_CAMERA: Final = (*_UNUSED_OF_PARTS, "bbox_dir", "path_save", "3D")
 _PART_KEYS: Final = frozenset({"save_to_file", *_UNUSED_OF_PARTS})
-_CAMERA_KEYS: Final = frozenset(
-    {
-        *(*_PART_KEYS, *_UNUSED_OF_CAMERA, *_BOX_DISTANCES),
-        *("filter", "actors", "num_image"),
-    }
+_CAMERA_KEYS: Final = _PART_KEYS.union(
+    _UNUSED_OF_CAMERA, _BOX_DISTANCES, ("filter", "actors", "num_image")
 )
 # Keys of sensors.yaml.
 _NAMES: Final = {
@@ -104,11 +101,8 @@ _TRUTH: Final[TypeAdapter[bool]] = TypeAdapter(bool)
 class Conversion:
     """The content of a scenario file, and notes about keys that were not converted.
 
-    Attributes
-    ----------
-    scenario : dict
-        Valid; keys that were not set, or that have their default, are left out.
-    notes : list of str
+    `scenario` is valid; keys that were not set, or that have their default, are left
+    out.
     """
 
     scenario: dict[str, object] = field(default_factory=dict)
@@ -130,33 +124,27 @@ class _Plain(yaml.SafeDumper):
 def convert_carlasimu(folder: Path) -> Conversion:
     """The scenario of carlasimu's folder `yaml_files`; absent files mean defaults.
 
-    Raises
-    ------
-    ScenarioError
-        No such file at all, an unknown key (names the nearest), or a wrong value.
+    Raises `ScenarioError`: no such file at all, an unknown key (names the nearest), or
+    a wrong value.
     """
     there = [name for name in _CONVERTERS if (folder / name).is_file()]
     if not there:
         raise ScenarioError(
             f"{folder}: expected at least one of {', '.join(_CONVERTERS)}, found none"
         )
-    found = {name: _read(folder / name) for name in there}
+    found = {}
+    for name in there:
+        document = read_yaml((folder / name).read_bytes(), name)
+        inner = document.get(CARLASIMU_ROOT) if isinstance(document, Mapping) else None
+        if not isinstance(inner, Mapping):
+            raise ScenarioError(f"{name}: expected keys under {CARLASIMU_ROOT!r}")
+        _refuse_unknown(_mapping(document, name), frozenset({CARLASIMU_ROOT}), name)
+        found[name] = _mapping(inner, name)
     result = Conversion()
     for name, given in found.items():
         _CONVERTERS[name](given, result)
         parse_scenario(result.scenario, name)
     return result
-
-
-def _read(path: Path) -> Mapping[str, object]:
-    document = read_yaml(path.read_bytes(), path.name)
-    inner = document.get(CARLASIMU_ROOT) if isinstance(document, Mapping) else None
-    if not isinstance(inner, Mapping):
-        raise ScenarioError(f"{path.name}: expected keys under {CARLASIMU_ROOT!r}")
-    _refuse_unknown(
-        _mapping(document, path.name), frozenset({CARLASIMU_ROOT}), path.name
-    )
-    return _mapping(inner, path.name)
 
 
 def _data(given: Mapping[str, object], result: Conversion) -> None:

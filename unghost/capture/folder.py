@@ -11,6 +11,7 @@ import json
 import os
 from collections import Counter, defaultdict
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Final, TypedDict
 
@@ -81,14 +82,7 @@ class FrameRecord(TypedDict):
 
 
 class CaptureFolder:
-    """Frames on the disk.
-
-    Attributes
-    ----------
-    path : Path
-    keys : list of str
-        Of the recorded frames, in the manifest's order.
-    """
+    """Frames on the disk; `keys` are in the manifest's order."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -97,10 +91,7 @@ class CaptureFolder:
     def open(self, about: Mapping[str, object]) -> None:
         """Begin a capture in this folder, or continue the one that it holds.
 
-        Raises
-        ------
-        CaptureError
-            The folder holds something else, or frames of another capture.
+        `CaptureError` if it holds something else, or frames of another capture.
         """
         self.path.mkdir(parents=True, exist_ok=True)
         for sensor in MANIFEST_KEYS:
@@ -146,7 +137,10 @@ class CaptureFolder:
                     counts[what][name].update(frames=1, boxes=len(boxes))
                 said = {
                     "class": Counter(str(box.get("class", "unknown")) for box in boxes),
-                    "band": Counter(_band_name(box) for box in boxes),
+                    "band": Counter(
+                        f"{band:g}" if isinstance(band, float | int) else "beyond"
+                        for band in (box.get("extra", {}).get("band") for box in boxes)
+                    ),
                 }
                 for what, in_frame in said.items():
                     for name, count in in_frame.items():
@@ -166,12 +160,7 @@ class CaptureFolder:
     ) -> dict[str, Path]:
         """Store a frame: its files, then its line; returns the paths of the files.
 
-        Parameters
-        ----------
-        key : str
-        files : mapping
-            Suffix and content by the sensor's name, as `encode` gives them.
-        frame : FrameRecord
+        `files` are suffix and content by the sensor's name, as `encode` gives them.
         """
         stem = f"{len(self.keys):06d}"
         paths = {}
@@ -228,11 +217,6 @@ class CaptureFolder:
             ) from error
 
 
-def _band_name(box: Mapping[str, Mapping[str, object]]) -> str:
-    band = box.get("extra", {}).get("band")
-    return f"{band:g}" if isinstance(band, float | int) else "beyond"
-
-
 def _refuse_link(path: Path) -> None:
     # Somebody else may have laid it: to a private file, which would be cut and written
     # to, or to another capture, whose files have the same names.
@@ -285,16 +269,6 @@ def ply(table: Table) -> bytes:
     return "\n".join([*header, "end_header", ""]).encode("ascii") + table.tobytes()
 
 
-def lidar_points(measurement: Measurement) -> Table:
-    """x, y, z in the sensor's axes, metres, and the intensity."""
-    return _rows(measurement, LIDAR)
-
-
-def semantic_lidar_points(measurement: Measurement) -> Table:
-    """x, y, z, the cosine of the incident angle, the object and its tag."""
-    return _rows(measurement, SEMANTIC_LIDAR_POINT)
-
-
 def radar_points(measurement: Measurement) -> Table:
     """The radar's measurements, and x, y, z computed from them, in the sensor's axes.
 
@@ -312,13 +286,16 @@ def radar_points(measurement: Measurement) -> Table:
     table["x"] = depth * np.cos(altitude) * np.cos(azimuth)
     table["y"] = depth * np.cos(altitude) * np.sin(azimuth)
     table["z"] = depth * np.sin(altitude)
-    columns = {"velocity": velocity, "azimuth": azimuth}
-    for name, column in {**columns, "altitude": altitude, "depth": depth}.items():
-        table[name] = column
+    table["velocity"], table["azimuth"] = velocity, azimuth
+    table["altitude"], table["depth"] = altitude, depth
     return table
 
 
-def _rows(measurement: Measurement, row: np.dtype[np.void]) -> Table:
+def lidar_points(measurement: Measurement, row: np.dtype[np.void] = LIDAR) -> Table:
+    """x, y, z in the sensor's axes, metres, and what else a `row` has.
+
+    By default that is the intensity.
+    """
     if not isinstance(measurement, PointCloud):
         raise CaptureError("CARLA's library sent data that is not a point cloud")
     return np.frombuffer(measurement.raw_data, row)
@@ -326,7 +303,7 @@ def _rows(measurement: Measurement, row: np.dtype[np.void]) -> Table:
 
 POINTS: Final[Mapping[str, Callable[[Measurement], Table]]] = {
     "lidar": lidar_points,
-    "semantic_lidar": semantic_lidar_points,
+    "semantic_lidar": partial(lidar_points, row=SEMANTIC_LIDAR_POINT),
     "radar": radar_points,
 }
 """How the sensors without images become tables."""

@@ -28,12 +28,7 @@ from filter_core.decisions.record import Decision
 from filter_core.pipeline import FrameOptions, FrameResult, filter_frame
 from filter_core.values import nearest
 from unghost.capture.annotating import Annotator, Moment
-from unghost.capture.folder import (
-    MANIFEST_KEYS,
-    FrameRecord,
-    encode,
-    pixels_of,
-)
+from unghost.capture.folder import MANIFEST_KEYS, FrameRecord, encode, pixels_of
 from unghost.capture.rig import (
     BLUEPRINTS,
     CAMERAS,
@@ -41,6 +36,7 @@ from unghost.capture.rig import (
     RunningSensor,
     collect,
     drain,
+    first_complete,
     main_camera,
 )
 from unghost.capture.scenario import parse_scenario, short_name
@@ -62,29 +58,20 @@ _PICTURES: Final = ("depth", "instances")
 """Cameras besides the segmentation whose pixels are evidence."""
 _POINTS: Final = "semantic_lidar"
 _RED: Final = 2
-_MOST_MISSED: Final = 20
 
 
 @dataclass(frozen=True, kw_only=True)
 class LiveOptions:
     """Options of `live`.
 
-    Attributes
-    ----------
-    boxes : mapping
-        As the key ``boxes`` of a scenario: which objects get boxes.
-    ego : carla.Actor or None
-        The vehicle without a box; None: the parent of the camera.
-    version : str or None
-        Of the simulator; None: that of the client library.
-    drop : ``nothing`` or ``oldest``
-        What happens to ticks that come while a frame is decided: they wait, or all but
-        the newest are dropped and counted.
-    ticks : bool or None
-        Whether the world is ticked here; None: in synchronous mode, if there is no
-        `on_frame`.
-    wait_s : float
-        How long sensors may take for a tick, and the simulation for the next one.
+    `boxes` are as the key ``boxes`` of a scenario: which objects get boxes. `ego` is
+    the vehicle without a box, by default the parent of the camera; `version` that of
+    the simulator, by default that of the client library.
+
+    `drop` says what happens to ticks that come while a frame is decided: they wait, or
+    all but the newest are dropped and counted. `ticks`: the world is ticked here; None:
+    in synchronous mode, if there is no `on_frame`. Sensors may take `wait_s` seconds
+    for a tick, and the simulation for the next one.
     """
 
     boxes: Mapping[str, object] = field(default_factory=dict)
@@ -97,17 +84,11 @@ class LiveOptions:
 
 @dataclass(frozen=True, eq=False)
 class LiveFrame:
-    """One tick with its boxes, decided.
+    """One tick with its boxes, decided; `tick` is the simulator's number of it.
 
-    Attributes
-    ----------
-    tick : int
-        The simulator's number of the frame.
-    image : (H, W, 3) uint8 or None
-        Of the camera ``rgb``; blue, green, red, as OpenCV has them.
-    record : mapping
-        The annotation of the frame: camera, map, weather and all boxes.
-    result : FrameResult
+    `image` is that of the camera ``rgb``, (H, W, 3) uint8: blue, green, red, as OpenCV
+    has them. `record` is the annotation of the frame: camera, map, weather and all
+    boxes.
     """
 
     tick: int
@@ -136,18 +117,10 @@ def decide_tick(
     measured: Mapping[str, Measurement],
     points: bytes | None,
 ) -> FrameResult:
-    """Decide the boxes of one tick.
+    """Decide the boxes of one tick, from the pixels of its measurements.
 
-    Parameters
-    ----------
-    config : FilterConfig
-    key : str
-        The frame's name in explanations and errors.
-    record : FrameRecord
-    measured : mapping
-        The measurements by the sensors' names. Pixels are read from them.
-    points : bytes or None
-        The file of the semantic LiDAR, as `unghost.capture.folder.encode` makes it.
+    `key` is the frame's name in explanations and errors, `points` the file of the
+    semantic LiDAR, as `unghost.capture.folder.encode` makes it.
     """
     tags = None
     if "segmentation" in measured:
@@ -173,31 +146,19 @@ def live(
     on_frame: Callable[[LiveFrame], object] | None = None,
     options: LiveOptions | None = None,
 ) -> Live:
-    """Clean boxes of each tick of a running simulation.
+    """Clean boxes of each tick of a running simulation: an iterator of `LiveFrame`.
 
-    Parameters
-    ----------
-    world : carla.World
-    sensors : mapping of str to carla.Sensor
-        Sensors of the script, by what they are: ``rgb``, ``segmentation``, ``depth``,
-        ``instances``, ``semantic_lidar``; at least ``rgb`` or ``segmentation``. All
-        cameras have one pose, size and angle, and ``sensor_tick`` 0. They are listened
-        to here, so that the script must not call ``listen`` itself.
-    config : FilterConfig, mapping, path of a YAML file or None
-        As `unghost filter --config` takes it.
-    on_frame : callable, optional
-        Called with each `LiveFrame` in a thread of its own; else iterate.
-    options : LiveOptions, optional
+    `sensors` are those of the script, by what they are: ``rgb``, ``segmentation``,
+    ``depth``, ``instances``, ``semantic_lidar``; at least ``rgb`` or ``segmentation``.
+    All cameras have one pose, size and angle, and ``sensor_tick`` 0. They are listened
+    to here, so that the script must not call ``listen`` itself. `config` is a
+    configuration, or the path or the keys of one, as `unghost filter --config` takes
+    it.
 
-    Returns
-    -------
-    Live
-        An iterator of `LiveFrame`; with `on_frame` it runs until `close`.
+    `on_frame` is called with each `LiveFrame` in a thread of its own, until `close`;
+    without it, iterate.
 
-    Raises
-    ------
-    CaptureError
-        Sensors that are unknown, no cameras or not alike, or none.
+    Raises `CaptureError`: sensors that are unknown, no cameras or not alike, or none.
     """
     synchronous = world.get_settings().synchronous_mode
     options = options or LiveOptions()
@@ -242,13 +203,8 @@ class Live:
     """An iterator over the ticks of a simulation; made by `live`.
 
     It ends with `close`, also as a context manager. Neither actors nor settings change.
-
-    Attributes
-    ----------
-    dropped : int
-        Ticks that were left out because newer ones were there.
-    missed : Counter
-        Ticks that a sensor did not measure, by reason.
+    `dropped` ticks were left out because newer ones were there; `missed` are those that
+    a sensor did not measure, by reason.
     """
 
     annotator: Annotator
@@ -290,38 +246,27 @@ class Live:
             self._thread.start()
 
     def __iter__(self) -> Iterator[LiveFrame]:
-        """Itself."""
         return self
 
     def __next__(self) -> LiveFrame:
         """The next tick that all sensors measured.
 
-        Raises
-        ------
-        CaptureError
-            The simulation stands still, or sensors miss many ticks in a row.
-        StopIteration
-            It was closed.
+        Raises `CaptureError`: the simulation stands still, or sensors miss many ticks
+        in a row.
+        Raises `StopIteration`: it was closed.
         """
-        missed: Counter[str] = Counter()
-        while missed.total() < _MOST_MISSED:
-            snapshot = self._snapshot()
-            found = collect(
-                self._sensors, snapshot.frame, self._wait_s, check=self._check
-            )
-            if not isinstance(found, Missed):
-                return self._decided(Moment(snapshot, found))
-            missed[str(found)] += 1
-            self.missed[str(found)] += 1
-            if self._ticks:
-                drain(self._sensors)
-        reason, count = missed.most_common(1)[0]
-        raise CaptureError(
-            f"no complete frame in {_MOST_MISSED} ticks, {count} times because {reason}"
-        )
+        return self._decided(first_complete(self._try_tick, self.missed))
+
+    def _try_tick(self) -> Moment | Missed:
+        snapshot = self._snapshot()
+        found = collect(self._sensors, snapshot.frame, self._wait_s, check=self._check)
+        if not isinstance(found, Missed):
+            return Moment(snapshot, found)
+        if self._ticks:
+            drain(self._sensors)
+        return found
 
     def __enter__(self) -> Live:
-        """Itself; closed at the end of the block."""
         return self
 
     def __exit__(
@@ -330,7 +275,6 @@ class Live:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Close it."""
         self.close()
 
     def close(self) -> None:

@@ -38,24 +38,13 @@ _CAPSULE_M: Final = 1e-3
 
 @dataclass(frozen=True)
 class ObjectIdentity:
-    """The constant data of an object.
+    """The constant data of an object; `type_id` and `base_type` as CARLA has them.
 
-    Attributes
-    ----------
-    id : str
-        Unique in the frame, the same in all frames.
-    source : str
-        ``actor``, ``environment``, ``light`` or ``level``: which call gave the box.
-    class_name : str or None
-        None if no class is known for the blueprint; `type_id` is used instead.
-    type_id, base_type : str or None
-        As CARLA's blueprint has them.
-    semantic_tags : tuple of int
-        The object's tags according to the simulator.
-    instance_id : int or None
-        Its id in the instance image, 16 bits.
-    more : mapping
-        Further notes for the annotation.
+    `id` is unique in the frame, the same in all frames. `source` is the call that gave
+    the box: ``actor``, ``environment``, ``light`` or ``level``. Without a class,
+    `type_id` is used instead. `semantic_tags` are the simulator's, `instance_id` is
+    that of the instance image, 16 bits, and `more` are further notes for the
+    annotation.
     """
 
     id: str
@@ -70,15 +59,10 @@ class ObjectIdentity:
 
 @dataclass(frozen=True)
 class LocalBox:
-    """Centre, half sizes and rotation of a box, and how it was corrected.
+    """Centre and half sizes (x, y, z) in metres, and (pitch, yaw, roll) in degrees.
 
-    Attributes
-    ----------
-    location, extent : (x, y, z), metres
-    rotation : (pitch, yaw, roll), degrees
-    flags : tuple of str
-    given : pair of (x, y, z), or None
-        Centre and half sizes as CARLA gave them, where they were changed.
+    `flags` say how it was corrected, and `given` are centre and half sizes as CARLA
+    gave them, where they were changed.
     """
 
     location: Triple
@@ -117,15 +101,10 @@ class SeenObject:
     def as_annotation(
         self, distance: float, bands: tuple[float, ...]
     ) -> dict[str, object]:
-        """The box as the manifest has it.
+        """The box as the manifest has it, with its distance from the camera in metres.
 
-        Parameters
-        ----------
-        distance : float
-            From the camera to the box's centre, metres.
-        bands : tuple of float
-            Upper ends of distance ranges, metres, rising; the first one that holds the
-            box is noted.
+        `bands` are upper ends of distance ranges, metres, rising; the first one that
+        holds the box's centre is noted.
         """
         named = self.named
         names = {

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
@@ -22,16 +21,10 @@ _USUAL_POINTS_PER_S: Final = {"lidar": 56_000, "semantic_lidar": 56_000, "radar"
 _MOST_POINTS_PER_S: Final = 1e9
 
 
-@dataclass(frozen=True)
-class Plan:
+def plan_of(
+    scenario: Scenario, output: Path, dataset: str | None
+) -> tuple[list[tuple[str, str]], dict[str, object]]:
     """The plan of a capture: rows for people, a record for programs."""
-
-    rows: tuple[tuple[str, str], ...]
-    record: dict[str, object]
-
-
-def plan_of(scenario: Scenario, output: Path, dataset: str | None) -> Plan:
-    """The plan of a scenario; needs no simulator."""
     sensors = wanted_sensors(scenario)
     frames = scenario.all_frames
     seconds = frames * scenario.ticks_per_frame * scenario.delta_s
@@ -90,7 +83,7 @@ def plan_of(scenario: Scenario, output: Path, dataset: str | None) -> Plan:
         "output": str(output),
         "dataset": dataset,
     }
-    return Plan(tuple(rows), record)
+    return rows, record
 
 
 def _bytes_of(scenario: Scenario, name: str) -> float:

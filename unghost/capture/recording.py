@@ -22,6 +22,7 @@ from unghost.capture.rig import (
     RunningSensor,
     collect,
     drain,
+    first_complete,
     prepare_rig,
     start_rig,
 )
@@ -49,8 +50,6 @@ from unghost.capture.weather import WeatherPlan, preset_of
 
 Advance = Callable[[int, "int | None"], None]
 
-_MOST_MISSED: Final = 20
-"""Ticks in a row without a complete frame that end the capture."""
 _SETTLING_TICKS: Final = 10
 """Ticks that the exposure of the cameras needs after a change of the preset."""
 _STILL_THERE_S: Final = 5.0
@@ -61,25 +60,13 @@ _ANOTHER_CLIENT: Final = "another client ticked the world"
 class Recorded:
     """The counts of a capture.
 
-    Attributes
-    ----------
-    frames : int
-        In the folder, those of earlier captures included.
-    added : int
-    missed : Counter
-        Ticks that could not be recorded, by reason.
-    left_out : Counter
-        Objects that got no box in a frame, by reason.
-    vehicles, walkers : int
-        Spawned; fewer than asked for if the map had no room.
-    poses_differ : int
-        Frames whose image had another camera pose than the snapshot.
-    decided : Counter
-        Boxes of new frames by verdict.
-    undecided : int
-        New frames whose boxes could not be decided.
-    tally : dict
-        Of the whole folder, at the end; see `CaptureFolder.tally`.
+    `frames` are those in the folder, those of earlier captures included, `added` the
+    new ones; `undecided` of these could not be decided, and `decided` counts their
+    boxes by verdict. `missed` are ticks that could not be recorded and `left_out`
+    objects without a box in a frame, by reason. `vehicles` and `walkers` were spawned,
+    fewer than asked for if the map had no room. Of `poses_differ` frames the image had
+    another camera pose than the snapshot. `tally` is of the whole folder, at the end;
+    see `CaptureFolder.tally`.
     """
 
     frames: int = 0
@@ -103,17 +90,7 @@ class Recorded:
 
 
 class StoredTick(NamedTuple):
-    """A frame that was recorded.
-
-    Attributes
-    ----------
-    key : str
-    record : FrameRecord
-    files : mapping of str to Path
-        By their kind: ``image``, ``segmentation`` and so on.
-    result : FrameResult or None
-        Its boxes, decided; None if they could not be.
-    """
+    """A frame that was recorded, its files by kind, and its boxes, if decided."""
 
     key: str
     record: FrameRecord
@@ -139,15 +116,11 @@ class Request:
 def record(carla: Carla, request: Request) -> Recorded:
     """Record a scenario's frames that the folder does not have yet.
 
-    Raises
-    ------
-    CaptureError
-        The scenario does not fit the simulator, or frames stay incomplete.
-    SimulatorAway
-        No simulator answers, or it stops answering.
-    KeyboardInterrupt
-        A stop was requested; recorded frames are complete, and the same call
-        continues.
+    Raises `CaptureError`: the scenario does not fit the simulator, or frames stay
+    incomplete.
+    Raises `SimulatorAway`: no simulator answers, or it stops answering.
+    Raises `KeyboardInterrupt`: a stop was requested; recorded frames are complete, and
+    the same call continues.
     """
     scenario = request.scenario
     client = connect(carla, scenario.host, scenario.port, scenario.timeout_s)
@@ -182,7 +155,12 @@ def _record(carla: Carla, client: Client, request: Request) -> Recorded:
                     about["map"] = list(map(short_name, scenario.maps))
                 else:
                     folder.open(about)
-                _compare_versions(session)
+                if session.server_version != session.client_version:
+                    session.note(
+                        f"the simulator is CARLA {session.server_version}, the client "
+                        f"library {session.client_version}: install the same version "
+                        "for both"
+                    )
                 recorded.frames = len(folder.keys)
                 try:
                     recorder = _Recorder(session, folder, recorded, stop, request)
@@ -194,14 +172,6 @@ def _record(carla: Carla, client: Client, request: Request) -> Recorded:
     recorded.frames = len(folder.keys)
     recorded.tally = folder.tally()
     return recorded
-
-
-def _compare_versions(session: CaptureSession) -> None:
-    if session.server_version != session.client_version:
-        session.note(
-            f"the simulator is CARLA {session.server_version}, the client library "
-            f"{session.client_version}: install the same version for both"
-        )
 
 
 def _about(
@@ -250,14 +220,14 @@ class _Recorder:
         kinds, rig = choose_traffic(session), prepare_rig(session)
         weather = WeatherPlan(session)
         weather.set(self._of_map)
-        spawned = spawn(session, kinds, self._stop)
-        self._recorded.vehicles += spawned.vehicles
-        self._recorded.walkers += spawned.walkers
-        self._sensors = start_rig(session, rig, spawned.ego)
+        ego, vehicles, walkers = spawn(session, kinds, self._stop)
+        self._recorded.vehicles += vehicles
+        self._recorded.walkers += walkers
+        self._sensors = start_rig(session, rig, ego)
         self._wait(scenario.warm_up_ticks)
         annotator = Annotator(
             session,
-            spawned.ego,
+            ego,
             self._sensors,
             self._recorded.left_out,
             self._recorded.poses_differ,
@@ -265,7 +235,7 @@ class _Recorder:
         advance(self._recorded.added, left)
         with ThreadPoolExecutor(len(self._sensors)) as encoders:
             while self._of_map < scenario.frames:
-                moment = self._shoot()
+                moment = first_complete(self._try_tick, self._recorded.missed)
                 self._store(annotator, moment, encoders)
                 advance(self._recorded.added, left)
                 if self._of_map < scenario.frames:
@@ -286,31 +256,18 @@ class _Recorder:
             self._last = self._session.tick()
             drain(self._sensors)
 
-    def _shoot(self) -> Moment:
-        """The moment of the next tick that all sensors measured."""
-        missed: Counter[str] = Counter()
-        while missed.total() < _MOST_MISSED:
-            self._stop.check()
-            found = self._try_tick()
-            if isinstance(found, Moment):
-                return found
-            missed[str(found)] += 1
-            self._recorded.missed[str(found)] += 1
-            drain(self._sensors)
-        reason, count = missed.most_common(1)[0]
-        raise CaptureError(
-            f"no complete frame in {_MOST_MISSED} ticks, {count} times because {reason}"
-        )
-
     def _try_tick(self) -> Moment | Missed:
+        self._stop.check()
         session, scenario = self._session, self._session.scenario
         before, snapshot = self._last, session.tick()
         self._last = snapshot
         if snapshot is None:
+            drain(self._sensors)
             return Missed(_ANOTHER_CLIENT)
         wait_s, check = scenario.sensor_wait_s, self._stop.check
         found = collect(self._sensors, session.frame, wait_s, check=check)
         if isinstance(found, Missed):
+            drain(self._sensors)
             return found
         if not has_wrong_metadata(session.server_version):
             return Moment(snapshot, found)

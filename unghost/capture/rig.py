@@ -10,9 +10,10 @@ from __future__ import annotations
 
 import queue
 import time
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Final
+from typing import Final, TypeAlias, TypeVar
 
 from unghost.capture.blueprints import find_blueprint, set_attributes
 from unghost.capture.scenario import (
@@ -33,6 +34,8 @@ from unghost.capture.simulator import (
     Sensor,
 )
 
+T = TypeVar("T")
+
 BLUEPRINTS: Final[Mapping[str, str]] = {
     "rgb": "sensor.camera.rgb",
     "segmentation": "sensor.camera.semantic_segmentation",
@@ -49,17 +52,13 @@ CAMERAS: Final = ("rgb", "segmentation", "instances", "depth")
 """The sensors that deliver images; the others deliver points."""
 _LOOK_EVERY_S: Final = 0.2
 """The interval of checks for a stop request while waiting for a sensor."""
+MOST_MISSED: Final = 20
+"""Ticks in a row without a complete frame that end a capture."""
 NO_DATA: Final = "sent nothing in time"
 FROM_LATER: Final = "sent a later tick"
 
-
-@dataclass(frozen=True, eq=False)
-class MountedSensor:
-    """A sensor to be spawned: its blueprint and its mount."""
-
-    name: str
-    blueprint: Blueprint
-    mount: Mount
+MountedSensor: TypeAlias = tuple[str, Blueprint, Mount]
+"""A sensor to be spawned: its name, its blueprint and its mount."""
 
 
 @dataclass(eq=False)
@@ -84,32 +83,23 @@ def main_camera(scenario: Scenario) -> str:
 
 def prepare_rig(session: CaptureSession) -> list[MountedSensor]:
     """Blueprints with all attributes set; `ScenarioError` names a wrong key."""
-    scenario = session.scenario
-    return [
-        _prepared(session, name, sensor)
-        for name, sensor in wanted_sensors(scenario).items()
-    ]
-
-
-def _prepared(
-    session: CaptureSession, name: str, sensor: CameraSensor | RangeSensor
-) -> MountedSensor:
-    at = f"sensors.{name}"
-    blueprint = find_blueprint(session.world, BLUEPRINTS[name], at)
-    camera = session.scenario.camera
-    shared: dict[str, AttributeValue] = {"sensor_tick": 0.0}
-    mount = camera.mount
-    if isinstance(sensor, RangeSensor):
-        mount = sensor.mount
-        if name in _TURNING:
-            shared["rotation_frequency"] = 1 / session.scenario.delta_s
-    else:
-        shared["image_size_x"], shared["image_size_y"] = camera.width, camera.height
-        shared["fov"] = camera.fov
-        set_attributes(blueprint, camera.lens, "camera.lens")
-    set_attributes(blueprint, shared, at)
-    set_attributes(blueprint, sensor.attributes, f"{at}.attributes")
-    return MountedSensor(name, blueprint, mount)
+    camera, mounted = session.scenario.camera, []
+    for name, sensor in wanted_sensors(session.scenario).items():
+        at, mount = f"sensors.{name}", camera.mount
+        blueprint = find_blueprint(session.world, BLUEPRINTS[name], at)
+        shared: dict[str, AttributeValue] = {"sensor_tick": 0.0}
+        if isinstance(sensor, RangeSensor):
+            mount = sensor.mount
+            if name in _TURNING:
+                shared["rotation_frequency"] = 1 / session.scenario.delta_s
+        else:
+            shared["image_size_x"], shared["image_size_y"] = camera.width, camera.height
+            shared["fov"] = camera.fov
+            set_attributes(blueprint, camera.lens, "camera.lens")
+        set_attributes(blueprint, shared, at)
+        set_attributes(blueprint, sensor.attributes, f"{at}.attributes")
+        mounted.append((name, blueprint, mount))
+    return mounted
 
 
 def start_rig(
@@ -118,14 +108,14 @@ def start_rig(
     """Spawn the sensors and let them deliver."""
     carla = session.carla
     running = []
-    for one in mounted:
+    for name, blueprint, mount in mounted:
         actor = session.world.spawn_actor(
-            one.blueprint, pose_of(carla, one.mount), ego, carla.AttachmentType.Rigid
+            blueprint, pose_of(carla, mount), ego, carla.AttachmentType.Rigid
         )
-        sensor = RunningSensor(one.name, session.own(actor))
+        sensor = RunningSensor(name, session.own(actor))
         if not isinstance(actor, Sensor):
-            raise CaptureError(f"{one.blueprint.id} is not a sensor")
-        session.at_end(f"stop the sensor {one.name}", actor.stop)
+            raise CaptureError(f"{blueprint.id} is not a sensor")
+        session.at_end(f"stop the sensor {name}", actor.stop)
         # Called in a thread of the library: it must do nothing but put.
         actor.listen(sensor.inbox.put)
         running.append(sensor)
@@ -149,6 +139,24 @@ class Missed:
         return f"{self.sensor} {self.reason}" if self.sensor else self.reason
 
 
+def first_complete(try_tick: Callable[[], T | Missed], missed: Counter[str]) -> T:
+    """What comes of the first tick that all sensors measured; counts those before it.
+
+    Raises `CaptureError` if there is none among many.
+    """
+    reasons: Counter[str] = Counter()
+    while reasons.total() < MOST_MISSED:
+        found = try_tick()
+        if not isinstance(found, Missed):
+            return found
+        reasons[str(found)] += 1
+        missed[str(found)] += 1
+    reason, count = reasons.most_common(1)[0]
+    raise CaptureError(
+        f"no complete frame in {MOST_MISSED} ticks, {count} times because {reason}"
+    )
+
+
 def collect(
     sensors: Sequence[RunningSensor],
     frame: int,
@@ -156,25 +164,12 @@ def collect(
     *,
     check: Callable[[], None],
 ) -> dict[str, Measurement] | Missed:
-    """The measurements of all sensors at one tick.
+    """The measurements of all sensors at one tick, or why they are incomplete.
 
-    Measurements of earlier ticks are discarded. One of a later tick means that the
-    measurement of this tick was lost.
-
-    Parameters
-    ----------
-    sensors : sequence of RunningSensor
-    frame : int
-        The tick, as `carla.World.tick` counts.
-    wait_s : float
-        Shared by all sensors.
-    check : callable
-        Called while waiting; it may raise.
-
-    Returns
-    -------
-    dict or Missed
-        The measurements by the sensors' names, or which sensor failed first, and how.
+    They are by the sensors' names. Measurements of earlier ticks are discarded. One of
+    a later tick means that the measurement of this tick was lost. `frame` is the tick,
+    as `carla.World.tick` counts; all sensors share `wait_s` seconds. `check` is called
+    while waiting, and may raise.
     """
     deadline = time.monotonic() + wait_s
     taken: dict[str, Measurement] = {}

@@ -385,10 +385,8 @@ def short_name(map_name: str) -> str:
 def read_scenario(path: Path) -> Scenario:
     """The scenario of a file.
 
-    Raises
-    ------
-    ScenarioError
-        Every fault, with the file, the key, and the nearest valid key.
+    Raises `ScenarioError`: every fault, with the file, the key, and the nearest valid
+    key.
     """
     return parse_scenario(read_yaml(path.read_bytes(), path.name), path.name)
 

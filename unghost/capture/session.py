@@ -53,10 +53,7 @@ def open_session(
     could not be restored is reported with `note`. Use it within `listening_for_stop`:
     otherwise a signal could interrupt the restoring.
 
-    Raises
-    ------
-    ScenarioError
-        The map is unknown; names the nearest.
+    Raises `ScenarioError`: the map is unknown; names the nearest.
     """
     before = client.get_world().get_settings()
     if before.synchronous_mode:
@@ -90,15 +87,8 @@ def open_session(
 class Scene:
     """A world whose boxes are annotated.
 
-    Attributes
-    ----------
-    carla, world
-        Of CARLA's client library.
-    scenario : Scenario
-        Which sensors there are, and which objects get boxes.
-    server_version, client_version : str
-    map_name : str
-        Without folders: ``Town10HD``.
+    `scenario` says which sensors there are, and which objects get boxes; `map_name` has
+    no folders: ``Town10HD``.
     """
 
     carla: Carla
@@ -113,15 +103,9 @@ class Scene:
 class CaptureSession(Scene):
     """The simulator during one capture, and the changes to be undone.
 
-    Attributes
-    ----------
-    client
-        Of CARLA's client library.
-    seed : int
-        The scenario's plus the number of frames that are recorded already, so that a
-        continued capture does not show the same traffic again.
-    frame : int
-        The world's last tick.
+    `seed` is the scenario's plus the number of frames that are recorded already, so
+    that a continued capture does not show the same traffic again; `frame` is the
+    world's last tick.
     """
 
     client: Client
@@ -191,10 +175,7 @@ class CaptureSession(Scene):
 def require_maps(client: Client, scenario: Scenario) -> None:
     """Check that the simulator has the map of a scenario, or all its maps.
 
-    Raises
-    ------
-    ScenarioError
-        It lacks one; names the nearest.
+    Raises `ScenarioError`: it lacks one; names the nearest.
     """
     there = [short_name(name) for name in client.get_available_maps()]
     key = "maps" if scenario.maps else "map"

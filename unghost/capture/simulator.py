@@ -1,9 +1,10 @@
 """Protocols for CARLA's client library, and everything that is specific to CARLA.
 
 The library is an optional dependency whose versions differ, so protocols describe the
-members that are used; no other members may be used. `load_carla` has the only ``import
-carla``. This module also has what is known about CARLA without a simulator: the values
-that a scenario may use, conversions to numbers, and the errors.
+members that are used; no other members may be used, and only attributes of `Settings`
+may be set. `load_carla` has the only ``import carla``. This module also has what is
+known about CARLA without a simulator: the values that a scenario may use, conversions
+to numbers, and the errors.
 """
 
 from __future__ import annotations
@@ -111,15 +112,14 @@ class Box(Protocol):
 class AttributeType(Protocol):
     """`carla.ActorAttributeType`, named ``Int``, ``Float``, ``Bool`` and so on."""
 
-    @property
-    def name(self) -> str: ...
+    name: str
 
 
 class Attribute(Protocol):
     """`carla.ActorAttribute`: one setting of a blueprint."""
 
-    @property
-    def id(self) -> str: ...
+    id: str
+
     @property
     def type(self) -> AttributeType: ...
     @property
@@ -131,8 +131,8 @@ class Attribute(Protocol):
 class Blueprint(Protocol):
     """`carla.ActorBlueprint`: what can be spawned, with its attributes."""
 
-    @property
-    def id(self) -> str: ...
+    id: str
+
     def has_attribute(self, name: str, /) -> bool: ...
     def get_attribute(self, name: str, /) -> Attribute: ...
     def set_attribute(self, name: str, value: str, /) -> None: ...
@@ -154,10 +154,9 @@ class Actor(Protocol):
     actor that is gone. Older versions do not have `is_dormant`: see `is_dormant`.
     """
 
-    @property
-    def id(self) -> int: ...
-    @property
-    def type_id(self) -> str: ...
+    id: int
+    type_id: str
+
     @property
     def attributes(self) -> Mapping[str, str]: ...
     @property
@@ -205,8 +204,8 @@ class Sensor(Protocol):
 class Measurement(Protocol):
     """`carla.SensorData`: the measurement of a sensor at one tick."""
 
-    @property
-    def frame(self) -> int: ...
+    frame: int
+
     @property
     def transform(self) -> Pose: ...
 
@@ -218,10 +217,9 @@ class Image(Protocol):
     `raw_data` is a view of memory that lives as long as the image.
     """
 
-    @property
-    def width(self) -> int: ...
-    @property
-    def height(self) -> int: ...
+    width: int
+    height: int
+
     @property
     def raw_data(self) -> memoryview: ...
 
@@ -260,23 +258,22 @@ class ActorList(Protocol):
 class ActorSnapshot(Protocol):
     """`carla.ActorSnapshot`: an actor at one tick."""
 
-    @property
-    def id(self) -> int: ...
+    id: int
+
     def get_transform(self) -> Pose: ...
 
 
 class Timestamp(Protocol):
     """`carla.Timestamp`."""
 
-    @property
-    def elapsed_seconds(self) -> float: ...
+    elapsed_seconds: float
 
 
 class WorldSnapshot(Protocol):
     """`carla.WorldSnapshot`: the poses of all actors at one tick."""
 
-    @property
-    def frame(self) -> int: ...
+    frame: int
+
     @property
     def timestamp(self) -> Timestamp: ...
     def find(self, actor_id: int, /) -> ActorSnapshot | None: ...
@@ -286,10 +283,9 @@ class WorldSnapshot(Protocol):
 class EnvironmentObject(Protocol):
     """`carla.EnvironmentObject`: a thing of the map, its box in the world."""
 
-    @property
-    def id(self) -> int: ...
-    @property
-    def name(self) -> str: ...
+    id: int
+    name: str
+
     @property
     def bounding_box(self) -> Box: ...
 
@@ -305,8 +301,8 @@ class Settings(Protocol):
 class Map(Protocol):
     """`carla.Map`; its name may have folders before it."""
 
-    @property
-    def name(self) -> str: ...
+    name: str
+
     def get_spawn_points(self) -> Iterable[Pose]: ...
 
 
@@ -372,8 +368,7 @@ class TrafficManager(Protocol):
 class Response(Protocol):
     """`carla.command.Response`; `error` is empty if the command was carried out."""
 
-    @property
-    def error(self) -> str: ...
+    error: str
 
 
 class Client(Protocol):
@@ -434,10 +429,7 @@ class Carla(Protocol):
 def load_carla() -> Carla:
     """The module `carla`, in the installed version.
 
-    Raises
-    ------
-    CaptureError
-        It is not installed; the text says how to install it.
+    Raises `CaptureError`: it is not installed; the text says how to install it.
     """
     try:
         import carla
@@ -453,10 +445,7 @@ def load_carla() -> Carla:
 def connect(carla: Carla, host: str, port: int, timeout_s: float) -> Client:
     """A client of the simulator, which has answered once.
 
-    Raises
-    ------
-    SimulatorAway
-        Nothing answers within the time-out.
+    Raises `SimulatorAway`: nothing answers within the time-out.
     """
     try:
         # Raises for a host name without an address.

@@ -38,31 +38,16 @@ _TRIES: Final = 5
 class TrafficKinds:
     """The blueprints that a scenario selects, with their attributes checked.
 
-    Attributes
-    ----------
-    ego : Blueprint
-    vehicles, walkers : sequence of Blueprint
-        Those to choose from; may be empty.
-    spawn_points : sequence of Pose
-        The map's own, in its order.
-    controller : Blueprint or None
-        The blueprint that controls walkers; None if there are no walkers.
+    Vehicles and walkers are chosen from those listed, of which there may be none.
     """
 
     ego: Blueprint
     vehicles: Sequence[Blueprint]
     walkers: Sequence[Blueprint]
     spawn_points: Sequence[Pose]
+    """The map's own, in its order."""
     controller: Blueprint | None
-
-
-@dataclass(frozen=True)
-class Spawned:
-    """How many actors were spawned; there was no free place for others."""
-
-    ego: Actor
-    vehicles: int
-    walkers: int
+    """It controls walkers; None if there are none."""
 
 
 def choose_traffic(session: CaptureSession) -> TrafficKinds:
@@ -97,7 +82,12 @@ def _vehicles(session: CaptureSession) -> list[Blueprint]:
     found = choose_blueprints(session.world, wanted.filter, generation, "vehicles")
     found = with_wheels(found, wanted.wheels, "vehicles")
     if wanted.safe:
-        found = [each for each in found if _base_type(each) in _SAFE_BASE_TYPES]
+        typed = (each for each in found if each.has_attribute("base_type"))
+        found = [
+            each
+            for each in typed
+            if each.get_attribute("base_type").as_str() in _SAFE_BASE_TYPES
+        ]
         if not found:
             raise ScenarioError("vehicles.safe: no blueprint that is left is a car")
     for pattern in wanted.exclude:
@@ -107,13 +97,13 @@ def _vehicles(session: CaptureSession) -> list[Blueprint]:
     return found
 
 
-def _base_type(blueprint: Blueprint) -> str:
-    has = blueprint.has_attribute("base_type")
-    return blueprint.get_attribute("base_type").as_str() if has else ""
+def spawn(
+    session: CaptureSession, kinds: TrafficKinds, stop: StopRequest
+) -> tuple[Actor, int, int]:
+    """The ego vehicle, and how many other vehicles and walkers found a free place.
 
-
-def spawn(session: CaptureSession, kinds: TrafficKinds, stop: StopRequest) -> Spawned:
-    """Spawn all vehicles and walkers; the same seed tries the same places."""
+    The same seed tries the same places.
+    """
     dice = random.Random(session.seed)
     manager = session.client.get_trafficmanager(_port(session))
     manager.set_random_device_seed(session.seed)
@@ -122,8 +112,7 @@ def spawn(session: CaptureSession, kinds: TrafficKinds, stop: StopRequest) -> Sp
     dice.shuffle(points)
     ego = _spawn_ego(session, kinds, points, chosen)
     count = _spawn_vehicles(session, kinds, (points, dice), stop)
-    people = _spawn_walkers(session, kinds, dice, stop)
-    return Spawned(ego, count, people)
+    return ego, count, _spawn_walkers(session, kinds, dice, stop)
 
 
 def _spawn_ego(
@@ -207,11 +196,7 @@ def _spawn_walkers(
         seed = plan.seed + session.seed - session.scenario.seed
     world.set_pedestrians_seed(seed)
     world.set_pedestrians_cross_factor(plan.cross_percent / 100)
-    gaits = (
-        *[0] * plan.standing,
-        *[1] * plan.walking,
-        *[2] * plan.running,
-    )
+    gaits = (*[0] * plan.standing, *[1] * plan.walking, *[2] * plan.running)
     count, walking = 0, []
     for gait in gaits:
         stop.check()
@@ -220,7 +205,7 @@ def _spawn_walkers(
             continue
         count += 1
         leader = kinds.controller if gait else None
-        controller = _spawn_controller(session, leader, walker)
+        controller = _spawn_controller(session, leader, walker) if leader else None
         if controller is not None:
             walking.append((controller, _speed(walker, gait)))
     # Controllers find their walkers only after a tick.
@@ -251,10 +236,8 @@ def _spawn_walker(session: CaptureSession, blueprint: Blueprint) -> Actor | None
 
 
 def _spawn_controller(
-    session: CaptureSession, blueprint: Blueprint | None, walker: Actor
+    session: CaptureSession, blueprint: Blueprint, walker: Actor
 ) -> WalkerController | None:
-    if blueprint is None:
-        return None
     place = session.carla.Transform()
     actor = session.world.try_spawn_actor(blueprint, place, walker)
     if actor is None:

@@ -14,8 +14,6 @@ from unghost.cli.screen import PARTLY, REFUSED, refused_on
 
 @dataclass(frozen=True, kw_only=True)
 class BackupOptions(DataOptions):
-    """Options of `unghost backup`."""
-
     target: Annotated[
         Path,
         typer.Argument(
@@ -34,8 +32,6 @@ class BackupOptions(DataOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class RestoreOptions(DataOptions):
-    """Options of `unghost restore`."""
-
     backup: Annotated[
         Path,
         typer.Argument(
@@ -95,8 +91,6 @@ def restore(options: RestoreOptions) -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class DoctorOptions(DataOptions):
-    """Options of `unghost doctor`."""
-
     verify: Annotated[
         bool,
         typer.Option("--verify", help="Read every stored file and compare its hash."),
@@ -104,7 +98,6 @@ class DoctorOptions(DataOptions):
     audit: Annotated[
         str | None,
         typer.Option(
-            "--audit",
             metavar="COUNT:SHA256",
             help="Compare the audit log with what a backup, or an earlier check, has "
             "printed.",
@@ -114,15 +107,10 @@ class DoctorOptions(DataOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class GarbageOptions(DataOptions):
-    """Options of `unghost gc`."""
-
     grace: Annotated[
         float,
         typer.Option(
-            "--grace",
-            metavar="HOURS",
-            min=0,
-            help="Keep files that are younger than this.",
+            metavar="HOURS", min=0, help="Keep files that are younger than this."
         ),
     ] = 24
     dry_run: Annotated[

@@ -24,23 +24,18 @@ from zipfile import BadZipFile, ZipFile, ZipInfo
 
 from unghost.cli.screen import Refused, Screen, one_line
 
-ARCHIVE_SUFFIXES: Final = (
-    *(".zip", ".tar", ".tar.gz", ".tgz"),
-    *(".tar.bz2", ".tbz2", ".tar.xz", ".txz"),
-)
+_TARS: Final = (".tar", ".tar.gz", ".tgz", ".tar.bz2", ".tbz2", ".tar.xz", ".txz")
+ARCHIVE_SUFFIXES: Final = (".zip", *_TARS)
 
 _ENCRYPTED: Final = 1
 """Bit of a ZIP member's flags."""
 _MOST_OF_NAME: Final = 1 << 20
 """Bytes of a member's long name, link or other extended header."""
-_EXTENDED: Final = (
-    *(tarfile.XHDTYPE, tarfile.XGLTYPE, tarfile.SOLARIS_XHDTYPE),
-    *(tarfile.GNUTYPE_LONGNAME, tarfile.GNUTYPE_LONGLINK),
-)
-_DAMAGE: Final = (
-    *(BadZipFile, tarfile.TarError, zlib.error, lzma.LZMAError, struct.error),
-    *(EOFError, ValueError, NotImplementedError, RuntimeError),
-)
+_PAX: Final = (tarfile.XHDTYPE, tarfile.XGLTYPE, tarfile.SOLARIS_XHDTYPE)
+_EXTENDED: Final = (*_PAX, tarfile.GNUTYPE_LONGNAME, tarfile.GNUTYPE_LONGLINK)
+_OF_FORMATS: Final = (BadZipFile, tarfile.TarError, zlib.error, lzma.LZMAError)
+_OF_PYTHON: Final = (struct.error, EOFError, ValueError, NotImplementedError)
+_DAMAGE: Final = (*_OF_FORMATS, *_OF_PYTHON, RuntimeError)
 """What the standard library raises for archives that it cannot read."""
 
 _Kind: TypeAlias = Literal["file", "folder", "symbolic link", "hard link", "device"]
@@ -66,45 +61,34 @@ def unpacked(archive: Path, screen: Screen) -> Iterator[Path]:
 
     It is that of the one folder at the top of the archive, else the whole content.
 
-    Raises
-    ------
-    Refused
-        The archive is damaged or encrypted, does not fit on the disk, or has members
-        outside of its folder, links out of it, or devices.
+    Raises `Refused`: the archive is damaged or encrypted, does not fit on the disk, or
+    has members outside of its folder, links out of it, or devices.
     """
     from filter_core.formats.reading import is_hidden
 
     with TemporaryDirectory(prefix="unghost-") as temporary:
         content = Path(temporary, "content")
         content.mkdir()
-        with _refusals(archive, content):
+        try:
             _unpack(archive, content, screen)
+        except OSError as exc:
+            if exc.errno in (errno.ENOSPC, errno.EDQUOT):
+                raise _does_not_fit(archive, content) from exc
+            if not exc.strerror:
+                raise _damaged(archive, exc) from exc
+            # Of a link the second is its own.
+            path = exc.filename2 or exc.filename or archive
+            name = Path(os.fsdecode(path)).name[:60]
+            sentence = (
+                f"{archive.name}: cannot be unpacked: {name}: {exc.strerror}; "
+                "unpack it yourself, and give the folder"
+            )
+            raise Refused(one_line(sentence)) from exc
+        except _DAMAGE as exc:
+            raise _damaged(archive, exc) from exc
         top = [each for each in content.iterdir() if not is_hidden(each.name)]
         is_one = len(top) == 1 and top[0].is_dir() and not top[0].is_symlink()
         yield (top[0] if is_one else content).rename(Path(temporary, archive.name))
-
-
-@contextmanager
-def _refusals(archive: Path, folder: Path) -> Iterator[None]:
-    """Turn errors about an archive, or of writing its files, into sentences."""
-    try:
-        yield
-    except OSError as exc:
-        if exc.errno in (errno.ENOSPC, errno.EDQUOT):
-            raise _does_not_fit(archive, folder) from exc
-        if exc.strerror:
-            # Of a link the second is its own.
-            path = exc.filename2 or exc.filename or archive
-            name = Path(os.fsdecode(path)).name
-            raise Refused(
-                one_line(
-                    f"{archive.name}: cannot be unpacked: {name[:60]}: {exc.strerror}; "
-                    "unpack it yourself, and give the folder"
-                )
-            ) from exc
-        raise _damaged(archive, exc) from exc
-    except _DAMAGE as exc:
-        raise _damaged(archive, exc) from exc
 
 
 def _does_not_fit(archive: Path, folder: Path) -> Refused:
@@ -232,11 +216,7 @@ def _zip_members(
                 with opened.open(info) as content:
                     target = os.fsdecode(content.read(_MOST_OF_NAME))
             yield _Member(
-                info.filename,
-                kind,
-                info.file_size,
-                partial(opened.open, info),
-                target,
+                info.filename, kind, info.file_size, partial(opened.open, info), target
             )
 
 

@@ -11,19 +11,17 @@ from typing import TYPE_CHECKING, Annotated, Final, TypeAlias
 
 import typer
 
-from unghost.cli.options import DataFolder, OutputOptions, settings_of
+from unghost.cli.options import DataFolder, OutputOptions, settings_of, written_file
 from unghost.cli.screen import DONE, REFUSED, UNAVAILABLE, Refused, refused_on
 
 if TYPE_CHECKING:
     from distributed import Client
 
 Port: TypeAlias = Annotated[
-    int,
-    typer.Option(help="Port to listen on; 0 for any free one.", min=0, max=65535),
+    int, typer.Option(help="Port to listen on; 0 for any free one.", min=0, max=65535)
 ]
 
-
-_file: Final = partial(typer.Option, metavar="FILE", dir_okay=False)
+_file: Final = partial(written_file, metavar="FILE")
 """An option for a file, with this `help`."""
 
 
@@ -45,8 +43,6 @@ class NodeOptions(OutputOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class WorkerOptions(NodeOptions):
-    """Options of `unghost worker`."""
-
     scheduler: Annotated[
         str | None,
         typer.Argument(
@@ -85,23 +81,18 @@ class WorkerOptions(NodeOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class SchedulerOptions(NodeOptions):
-    """Options of `unghost scheduler`."""
-
     host: Annotated[str, typer.Option(help="Address to listen on.")] = "127.0.0.1"
     port: Port = 8786
 
 
 @dataclass(frozen=True, kw_only=True)
 class CertificatesOptions(OutputOptions):
-    """Options of `unghost certificates`."""
-
     folder: Annotated[
         Path,
         typer.Argument(help="Folder to write the certificates to.", file_okay=False),
     ]
     host: Annotated[
-        list[str],
-        typer.Option("--host", help="Name or address of a node; may be repeated."),
+        list[str], typer.Option(help="Name or address of a node; may be repeated.")
     ]
     days: Annotated[
         int,
@@ -163,10 +154,8 @@ def scheduler(options: SchedulerOptions) -> None:
 def connected(engine: str, options: NodeOptions) -> Iterator[Client]:
     """A connection to the scheduler at this address; notes if no worker has joined.
 
-    Raises
-    ------
-    Refused
-        The address or a certificate cannot be used, or no scheduler accepts it.
+    Raises `Refused`: the address or a certificate cannot be used, or no scheduler
+    accepts it.
     """
     from app.engine.chunk import UnusableEngine
     from app.engine.dask import Certificates, prepare, reason_of, security

@@ -13,8 +13,15 @@ from zipfile import ZipFile
 
 import typer
 
-from unghost.cli.options import DatasetOptions, OutputOptions, listed
-from unghost.cli.runs import cancel_interrupted
+from unghost.cli import sources
+from unghost.cli.options import (
+    DatasetOptions,
+    OutputOptions,
+    listed,
+    read_file,
+    written_file,
+)
+from unghost.cli.remote.runs import cancel_interrupted
 from unghost.cli.screen import (
     PARTLY,
     ImageNotes,
@@ -25,17 +32,6 @@ from unghost.cli.screen import (
     one_line,
     partly_done,
     refusal,
-)
-from unghost.cli.sources import (
-    FrameCheck,
-    SourceOptions,
-    default_class_of,
-    naming_reading,
-    open_source,
-    read_config,
-    reads_archives,
-    shown_by,
-    unmatched_lines,
 )
 from unghost.cli.summary import (
     LOOKED_AT,
@@ -113,10 +109,8 @@ class FormatOptions:
     def given(self) -> dict[str, object]:
         """The options by name.
 
-        Raises
-        ------
-        typer.BadParameter
-            One is not of the form KEY=VALUE, is given twice, or is no format's option.
+        Raises `typer.BadParameter`: one is not of the form KEY=VALUE, is given twice,
+        or is no format's option.
         """
         from unghost.wire.runs import ExportOptions as KnownOptions
 
@@ -160,11 +154,9 @@ def _value(text: str) -> object:
 
 @dataclass(frozen=True, kw_only=True)
 class ExportOptions(DatasetOptions, FormatOptions):
-    """Options of `unghost export`."""
-
     format: Annotated[
         ExportFormat | None,
-        typer.Option("--format", metavar="FORMAT", help=f"{listed(ExportFormat)}."),
+        typer.Option(metavar="FORMAT", help=f"{listed(ExportFormat)}."),
     ] = None
     name: Annotated[
         str | None,
@@ -189,12 +181,11 @@ class ExportOptions(DatasetOptions, FormatOptions):
     ] = None
     output: Annotated[
         Path,
-        typer.Option(
+        written_file(
             "--output",
             "-o",
             help="The file to write: a ZIP archive. Decisions are written as one file "
             "(CSV, JSON lines, Parquet), unless the name ends in .zip.",
-            dir_okay=False,
         ),
     ]
 
@@ -282,15 +273,16 @@ def versions(options: DatasetOptions) -> None:
         options.screen.listing(
             ("version", "digest", "format", "frames", "made", "by", "since"),
             client.versions(options.dataset),
-            _version_row,
+            lambda one: (
+                one.name,
+                (one.version or one.state)[:12],
+                one.format,
+                one.total,
+                one.created_at.isoformat(sep=" ", timespec="minutes"),
+                one.created_by,
+                one.since,
+            ),
         )
-
-
-def _version_row(export: Export) -> tuple[object, ...]:
-    digest = (export.version or export.state)[:12]
-    made = export.created_at.isoformat(sep=" ", timespec="minutes")
-    about = (made, export.created_by, export.since)
-    return export.name, digest, export.format, export.total, *about
 
 
 def wait_for_export(client: Client, export: Export, screen: Screen) -> Export:
@@ -298,10 +290,7 @@ def wait_for_export(client: Client, export: Export, screen: Screen) -> Export:
 
     If the command is interrupted, the export is cancelled.
 
-    Raises
-    ------
-    RunFailed
-        It did not succeed.
+    Raises `RunFailed`: it did not succeed.
     """
     try:
         with screen.progress(f"export {export.id}", "frames") as advance:
@@ -381,22 +370,6 @@ def parts_text(counts: Mapping[str, object]) -> str:
     return "; ".join(said)
 
 
-def _planned_parts(found: FrameSet, asked: Sequence[float]) -> str:
-    """The shares of parts that are asked for, and those that sequences give."""
-    from filter_core.formats.splits import part_by_shares, shares_of
-    from filter_core.values import as_text
-
-    shares = shares_of(asked)
-    parts: Counter[str] = Counter(
-        part_by_shares(
-            frame.key, as_text(said.get("map")), as_text(said.get("sequence")), shares
-        )
-        for frame in found
-        for said in [frame.annotation or {}]
-    )
-    return _planned_text(parts, asked)
-
-
 def _planned_text(frames: Mapping[str, int], asked: Sequence[float]) -> str:
     """The shares of parts that are asked for, and the frames that they get."""
     from filter_core.formats.splits import shares_of
@@ -461,9 +434,9 @@ def _kb(size_bytes: int) -> int:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ConvertOptions(OutputOptions, SourceOptions, FormatOptions, UnmappedOptions):
-    """Options of `unghost convert`."""
-
+class ConvertOptions(
+    OutputOptions, sources.SourceOptions, FormatOptions, UnmappedOptions
+):
     source: Annotated[
         Path,
         typer.Argument(
@@ -476,9 +449,7 @@ class ConvertOptions(OutputOptions, SourceOptions, FormatOptions, UnmappedOption
     to: Annotated[
         ConvertFormat,
         typer.Option(
-            "--to",
-            metavar="FORMAT",
-            help=f"{listed(ConvertFormat)}, which is that of SOURCE.",
+            metavar="FORMAT", help=f"{listed(ConvertFormat)}, which is that of SOURCE."
         ),
     ]
     output: Annotated[
@@ -496,16 +467,14 @@ class ConvertOptions(OutputOptions, SourceOptions, FormatOptions, UnmappedOption
     ] = False
     config: Annotated[
         Path | None,
-        typer.Option(
+        read_file(
             help="A filter configuration (YAML) for --filter; default: the built-in "
-            "one.",
-            exists=True,
-            dir_okay=False,
+            "one."
         ),
     ] = None
 
 
-@reads_archives
+@sources.reads_archives
 def convert(options: ConvertOptions) -> None:
     """Write the labels of a folder in another format or the same, without a server.
 
@@ -531,11 +500,11 @@ def convert(options: ConvertOptions) -> None:
     # Before the folder is read, which may take long: this refuses an unknown format.
     labels = None if options.to == "same" else _label_options(options)
     description = options.describe(options.source)
-    found = open_source(options.source, options.layout, description)
-    default_class = default_class_of(found, description)
+    found = sources.open_source(options.source, options.layout, description)
+    default_class = sources.default_class_of(found, description)
     advice = RecordingAdvice(default_class, " and written as they came")
     progress = _Progress(options.screen, BoxSummary(advice))
-    config = read_config(options.config, options, description, options.screen)
+    config = sources.read_config(options.config, options, description, options.screen)
     if labels is None or (options.to == found.layout and not options.option):
         _convert_same(options, found, config, progress)
         return
@@ -596,14 +565,24 @@ def _write_labels(
     from filter_core.formats.files import folder_sink
     from filter_core.formats.reading import name_of
     from filter_core.formats.registry import format_of, write_export
+    from filter_core.formats.splits import part_by_shares, shares_of
     from filter_core.local import class_order, export_sources
+    from filter_core.values import as_text
 
     classes = found.classes or class_order(found)
     if options.filter:
         found = _as_shown(options, found, config, progress)
     options.screen.note(f"classes in this order: {', '.join(classes)}")
     if labels.split and labels.split_by == "sequence":
-        options.screen.note(_planned_parts(found, labels.split))
+        shares = shares_of(labels.split)
+        said = ((frame.key, frame.annotation or {}) for frame in found)
+        parts = Counter(
+            part_by_shares(
+                key, as_text(one.get("map")), as_text(one.get("sequence")), shares
+            )
+            for key, one in said
+        )
+        options.screen.note(_planned_text(parts, labels.split))
     decided = {"config": config.digest} if options.filter else {}
     facts = {"source": name_of(options.source), "layout": found.layout, **decided}
     needs = format_of(options.to, labels).needs
@@ -637,7 +616,7 @@ def _as_shown(
         boxes = boxes_by_class(found)
     options.require_known(boxes, config, progress.summary.advice)
     first = islice(found, LOOKED_AT)
-    return shown_by(first, config, config.channels, options.screen).of(found)
+    return sources.shown_by(first, config, config.channels, options.screen).of(found)
 
 
 def _convert_same(
@@ -678,7 +657,13 @@ def _convert_same(
     _note_copy(options, found, progress, left)
     dropped = sum(map(Counter.total, removed.values()))
     if dropped:
-        screen.note(one_line(f"taken away: {_listed_reasons(removed)}"))
+        why = {
+            name: ", ".join(f"{reason} {count}" for reason, count in one.most_common())
+            for name, one in removed.items()
+        }
+        names = sorted(removed, key=lambda name: -removed[name].total())
+        named = (f"{name} {removed[name].total()} ({why[name]})" for name in names)
+        screen.note(one_line(f"taken away: {', '.join(named)}"))
     if boxes["unmeasured"]:
         screen.note(unmeasured_text({"written": boxes["unmeasured"]}))
     is_doubtful = options.filter and note_boxes(screen, progress.summary)
@@ -730,15 +715,6 @@ def _require_apart(options: ConvertOptions, folder: Path) -> None:
         )
 
 
-def _listed_reasons(removed: Mapping[str, Counter[str]]) -> str:
-    """Classes with the boxes that were taken away, and why."""
-    named = []
-    for name, reasons in sorted(removed.items(), key=lambda one: -one[1].total()):
-        why = ", ".join(f"{reason} {count}" for reason, count in reasons.most_common())
-        named.append(f"{name} {reasons.total()} ({why})")
-    return ", ".join(named)
-
-
 def _note_copy(
     options: ConvertOptions, found: FrameSet, progress: _Progress, left: LeftBehind
 ) -> None:
@@ -776,7 +752,7 @@ class _Progress:
         self.written = 0
         self.failed = 0
         self.refusals = Kinds()
-        self.check = FrameCheck()
+        self.check = sources.FrameCheck()
 
     def add_outcome(self, outcome: FrameOutcome) -> None:
         """Count a frame; one that has an error is listed."""
@@ -790,7 +766,7 @@ class _Progress:
     def note_unread(self, found: FrameSet) -> None:
         """Note how the folder was read, and which of its files were not."""
         self.check.note(self.screen, found)
-        for line in (*self.refusals.more(), *unmatched_lines(found.unmatched)):
+        for line in (*self.refusals.more(), *sources.unmatched_lines(found.unmatched)):
             self.screen.note(line)
 
     def require_frames(self) -> None:
@@ -803,7 +779,7 @@ class _Progress:
     def _refuse(self, key: str, why: str, code: str) -> None:
         self.failed += 1
         if self.refusals.is_listed(f"refused ({code})"):
-            self.screen.note(refusal(key, naming_reading(why)))
+            self.screen.note(refusal(key, sources.naming_reading(why)))
 
     def add(self, classes: Mapping[str, ClassCount], notes: Iterable[str]) -> None:
         """The boxes of one frame by class, and how its images were read."""

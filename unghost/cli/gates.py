@@ -7,11 +7,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from operator import eq, ge, gt, le, lt
 from pathlib import Path
-from typing import Annotated, Final, NamedTuple
+from typing import Annotated, Final, NamedTuple, TypeAlias
 from xml.sax.saxutils import quoteattr
 
 import typer
 
+from unghost.cli.options import written_file
 from unghost.cli.screen import GATE, Screen
 
 _OPERATORS: Final = {">": gt, ">=": ge, "<": lt, "<=": le, "=": eq}
@@ -35,10 +36,8 @@ class Gate(NamedTuple):
     is_percent: bool
 
 
-class _Checked(NamedTuple):
-    gate: Gate
-    figure: str
-    has_failed: bool
+_Checked: TypeAlias = tuple[Gate, str, bool]
+"""A condition, its figure, and whether it holds, which it must not."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,7 +47,6 @@ class GateOptions:
     fail_if: Annotated[
         list[str] | None,
         typer.Option(
-            "--fail-if",
             metavar="CONDITION",
             help="End with exit code 4 if this holds, such as 'rejected > 5%' or "
             f"'unmapped > 0': one of {', '.join(NAMES)}, then >, >=, <, <= or =, then "
@@ -57,12 +55,10 @@ class GateOptions:
     ] = None
     gate_report: Annotated[
         Path | None,
-        typer.Option(
-            "--gate-report",
+        written_file(
             metavar="FILE",
             help="Write the conditions and their figures: as JUnit's XML (.xml) or as "
             "Markdown (.md).",
-            dir_okay=False,
         ),
     ] = None
 
@@ -80,27 +76,27 @@ class GateOptions:
     def check(self, counts: Mapping[str, int], screen: Screen, title: str) -> None:
         """Print each condition with its figure, and write the report.
 
-        Parameters
-        ----------
-        counts
-            How many there are of each of `NAMES`.
-        screen
-        title
-            What was looked at, for the report.
-
-        Raises
-        ------
-        typer.Exit
-            With code 4: a condition holds.
+        `counts` are how many there are of each of `NAMES`, and `title` says in the
+        report what was looked at. Ends the command with code 4 if a condition holds.
         """
-        checked = [_checked(_gate(text), counts) for text in self.fail_if or ()]
-        for gate, figure, has_failed in checked:
+        checked = []
+        for gate in map(_gate, self.fail_if or ()):
+            count = counts[gate.name]
+            whole_name = "frames" if gate.name in OF_FRAMES else "boxes"
+            whole = counts[whole_name]
+            percent = 100 * count / whole if whole else 0.0
+            value, figure = float(count), f"{count:,}"
+            if gate.is_percent:
+                value = percent
+                figure = f"{percent:.2f}% ({count:,} of {whole:,} {whole_name})"
+            has_failed = _OPERATORS[gate.operator](value, gate.limit)
+            checked.append((gate, figure, has_failed))
             result = "failed" if has_failed else "passed"
             screen.note(f"gate {result}: {gate.text}, it is {figure}")
         if self.gate_report is not None:
             as_text = _junit if self.gate_report.suffix == ".xml" else _markdown
             self.gate_report.write_text(as_text(title, checked), "utf-8")
-        if any(one.has_failed for one in checked):
+        if any(has_failed for _, _, has_failed in checked):
             raise typer.Exit(GATE)
 
 
@@ -123,20 +119,8 @@ def _gate(text: str) -> Gate:
     return Gate(text.strip(), name, found["operator"], limit, is_percent)
 
 
-def _checked(gate: Gate, counts: Mapping[str, int]) -> _Checked:
-    count = counts[gate.name]
-    whole_name = "frames" if gate.name in OF_FRAMES else "boxes"
-    whole = counts[whole_name]
-    percent = 100 * count / whole if whole else 0.0
-    value = percent if gate.is_percent else count
-    figure = f"{count:,}"
-    if gate.is_percent:
-        figure = f"{percent:.2f}% ({count:,} of {whole:,} {whole_name})"
-    return _Checked(gate, figure, _OPERATORS[gate.operator](value, gate.limit))
-
-
 def _junit(title: str, checked: Sequence[_Checked]) -> str:
-    failures = sum(one.has_failed for one in checked)
+    failures = sum(has_failed for _, _, has_failed in checked)
     lines = [
         '<?xml version="1.0" encoding="utf-8"?>',
         f"<testsuite name={quoteattr(title)} tests={quoteattr(str(len(checked)))} "

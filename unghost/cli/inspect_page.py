@@ -1,11 +1,13 @@
 """The page that `unghost inspect --html` writes: one file, which opens from the disk.
 
-It has no script and loads nothing. Colours are those of the review page (tokens.css).
+It has no script and loads nothing. Its style is in `page.css`; its colours are those of
+the review page (tokens.css).
 """
 
 from __future__ import annotations
 
 import html
+import pkgutil
 import re
 from base64 import b64encode
 from collections.abc import Iterable, Iterator, Sequence
@@ -59,141 +61,9 @@ _THEMES: Final = (
     f"@media (prefers-color-scheme: dark) {{ :root {{ {_DARK} }} }}"
 )
 
-_STYLE: Final = """
-* { box-sizing: border-box; }
-body { margin: 0; background: var(--bg); color: var(--text);
-  font: 0.9375rem/1.5 Inter, system-ui, -apple-system, "Segoe UI", Roboto, sans-serif;
-  font-variant-numeric: tabular-nums; }
-main { max-width: 1280px; margin: 0 auto; padding: 32px 24px 64px; }
-h1 { font-size: 1.625rem; line-height: 1.2; margin: 0; overflow-wrap: anywhere; }
-h2 { font-size: 1.0625rem; margin: 0 0 12px; }
-p { margin: 0; }
-code, pre, .path { font-family: ui-monospace, Menlo, Consolas, "DejaVu Sans Mono",
-  monospace; font-size: 0.8125rem; overflow-wrap: anywhere; }
-header p { color: var(--text-soft); margin-top: 4px; }
-section { background: var(--surface); border: 1px solid var(--line);
-  border-radius: 10px; padding: 20px; margin-top: 16px; min-width: 0; }
-.pair { display: grid; gap: 0 16px;
-  grid-template-columns: repeat(auto-fit, minmax(min(100%, 440px), 1fr)); }
-.soft { color: var(--text-soft); }
-.hint { color: var(--text-soft); font-size: 0.8125rem; margin: -8px 0 12px; }
-.remarks { list-style: none; margin: 0; padding: 0; display: grid; gap: 8px; }
-.remarks li { display: grid; grid-template-columns: 20px 1fr; gap: 8px;
-  padding: 8px 12px; border-radius: 6px; background: var(--unmeasured-soft);
-  overflow-wrap: anywhere; }
-.remarks li.serious { background: var(--rejected-soft); }
-.remarks b { text-align: center; color: var(--text-soft); }
-.remarks .serious b { color: var(--rejected); }
-.remarks li.fine { background: var(--kept-soft); }
-.remarks .fine b { color: var(--kept); }
-.frames { display: grid; gap: 16px;
-  grid-template-columns: repeat(auto-fit, minmax(min(100%, 320px), 1fr)); }
-figure { margin: 0; min-width: 0; }
-svg { display: block; width: 100%; height: auto; border-radius: 6px;
-  background: var(--sunken); }
-svg rect { fill: none; vector-effect: non-scaling-stroke; pointer-events: all; }
-svg .case { stroke: var(--ink-casing); stroke-width: 4.5px; }
-svg .kept { stroke: var(--ink-kept); stroke-width: 2px; }
-svg .rejected { stroke: var(--ink-rejected); stroke-width: 2px;
-  stroke-dasharray: 7 4; }
-svg .unmeasured { stroke: var(--ink-unmeasured); stroke-width: 2px;
-  stroke-dasharray: 1 4; stroke-linecap: round; }
-svg text { fill: var(--ink-text); stroke: var(--ink-casing); stroke-width: 3px;
-  paint-order: stroke; vector-effect: non-scaling-stroke; font-weight: 600; }
-figcaption { margin-top: 6px; font-size: 0.8125rem; }
-.legend { display: flex; flex-wrap: wrap; gap: 4px 20px; margin: 12px 0 0;
-  font-size: 0.8125rem; color: var(--text-soft); }
-.legend span { display: inline-flex; align-items: center; gap: 6px; }
-.legend svg { background: var(--ink-casing); width: 28px; border-radius: 3px; }
-.legend i { width: 24px; height: 10px; border-radius: 2px; flex: none; }
-.bar { display: flex; height: 12px; border-radius: 3px; overflow: hidden;
-  background: var(--sunken); min-width: 0; }
-.bar i { display: block; height: 100%; flex: none; min-width: 2px; }
-i.count { background: var(--accent); }
-i.kept { background: var(--kept-strong); }
-i.rejected { background: repeating-linear-gradient(135deg, var(--rejected-strong) 0 4px,
-  var(--rejected-soft) 4px 6px); }
-i.unmeasured { background: radial-gradient(var(--unmeasured-strong) 30%,
-  transparent 34%) 0 0 / 5px 5px, var(--unmeasured-soft); }
-i.unknown { background: repeating-linear-gradient(90deg, var(--rejected-strong) 0 2px,
-  var(--rejected-soft) 2px 4px); }
-.classes { display: grid; gap: 0 20px; align-items: center;
-  grid-template-columns: minmax(90px, 1.2fr) minmax(80px, 1fr) minmax(0, 2fr)
-  minmax(0, 2fr) minmax(0, 1.2fr); }
-.classes > div { display: grid; grid-column: 1 / -1; grid-template-columns: subgrid;
-  align-items: center; padding: 6px 0; border-top: 1px solid var(--line); }
-.classes > .head { border: 0; font-size: 0.75rem; color: var(--text-faint);
-  align-items: end; }
-.classes b { overflow-wrap: anywhere; font-weight: 600; }
-.value { display: grid; gap: 0 8px;
-  grid-template-columns: minmax(0, 1fr) minmax(3.5em, max-content);
-  align-items: center; font-size: 0.8125rem; min-width: 0; }
-.verdicts { grid-template-columns: minmax(0, 1fr) minmax(7em, max-content); }
-small { display: block; font-size: 0.75rem; color: var(--text-faint);
-  overflow-wrap: anywhere; }
-.value small { grid-column: 1 / -1; }
-.meaning { font-size: 0.8125rem; }
-.label { display: none; }
-.unknown-class { color: var(--rejected); font-weight: 600; }
-table { border-collapse: collapse; width: 100%; }
-th { text-align: left; font-weight: 400; font-size: 0.75rem; color: var(--text-faint);
-  padding: 0 12px 4px 0; }
-td { border-top: 1px solid var(--line); padding: 6px 12px 6px 0; vertical-align: top; }
-td.number { text-align: right; white-space: nowrap; }
-dl { display: grid; grid-template-columns: minmax(90px, auto) minmax(0, 1fr);
-  gap: 6px 16px; margin: 0; }
-dt { color: var(--text-soft); }
-dd { margin: 0; overflow-wrap: anywhere; }
-.images { display: flex; flex-wrap: wrap; gap: 3px; margin: 8px 0 4px; }
-.images i { width: 14px; height: 14px; border-radius: 3px; }
-.images .agrees { background: var(--kept-soft); border: 2px solid var(--kept-strong); }
-.images .told { background: var(--kept-strong); }
-.images .differs { border: 2px dashed var(--rejected-strong); }
-.split { display: flex; height: 28px; border-radius: 6px; overflow: hidden; gap: 2px; }
-.split span { flex: 1 1 0; min-width: 4px; padding: 3px 8px; overflow: hidden;
-  white-space: nowrap; text-overflow: ellipsis; background: var(--sunken);
-  border: 1px solid var(--line-strong); font-size: 0.8125rem; }
-details { border-top: 1px solid var(--line); padding: 8px 0; }
-details:first-of-type { border-top: 0; }
-summary { cursor: pointer; overflow-wrap: anywhere; }
-details ul { margin: 8px 0 0; padding: 0 0 0 16px; }
-details li { overflow-wrap: anywhere; }
-pre { margin: 0; padding: 12px; background: var(--sunken); border-radius: 6px;
-  white-space: pre-wrap; border: 1px solid var(--line); }
-footer { margin-top: 24px; color: var(--text-faint); font-size: 0.8125rem; }
-@media (max-width: 760px) {
-  main { padding: 20px 12px 40px; }
-  section { padding: 16px 14px; }
-  .classes { display: block; }
-  .classes > .head { display: none; }
-  .classes > div { grid-template-columns: minmax(0, 1fr) auto; gap: 4px 12px; }
-  .classes .wide { grid-column: 1 / -1; }
-  .meaning { text-align: right; }
-  .label { display: block; font-size: 0.75rem; color: var(--text-faint); }
-  table, tbody, tr, td { display: block; }
-  thead { display: none; }
-  tr { border-top: 1px solid var(--line); padding: 6px 0; }
-  td, td.number { border: 0; padding: 0; text-align: left; }
-  td:first-child { font-weight: 600; }
-  td:nth-child(2), td:nth-child(3) { display: inline; }
-  td.number::after { content: " images, "; white-space: pre; }
-  dl { grid-template-columns: minmax(0, 1fr); gap: 0; }
-  dd { margin-bottom: 8px; }
-}
-"""
-
 
 def page(inspection: Inspection, remarks: Sequence[Remark], description: str) -> str:
-    """The page as HTML.
-
-    Parameters
-    ----------
-    inspection : Inspection
-    remarks : sequence of Remark
-        What is to be said about it.
-    description : str
-        The text of its ``recording.yaml``.
-    """
+    """The page as HTML; `description` is the text of its ``recording.yaml``."""
     name = html.escape(inspection.name)
     rows = []
     for kind in ("folder", "list", "labels"):
@@ -225,8 +95,15 @@ def page(inspection: Inspection, remarks: Sequence[Remark], description: str) ->
         _details(one.kind, one)
         for one in (*inspection.refused, *inspection.refused_pictures)
     )
+    boxes = inspection.boxes
+    faults = "".join(_details(FAULTS[one.kind], one) for one in boxes.faults)
+    faults = faults or '<p class="soft">None of the boxes in all labels.</p>'
+    layout, *rest = facts(inspection)
+    holds = next((value for name, value in rest if name == "holds"), "")
+    lines = [holds, f"{layout[0].capitalize()}: {layout[1]}"]
+    header = "".join(f"<p>{html.escape(line)}</p>" for line in lines if line)
     parts = (
-        _header(inspection),
+        f"<header>\n<h1>{name}</h1>\n{header}</header>",
         section("What to look at", _remarks(inspection, remarks)),
         section("Three frames, as the filter decides them", _frames(inspection)),
         section("Classes", _classes(inspection)),
@@ -236,7 +113,7 @@ def page(inspection: Inspection, remarks: Sequence[Remark], description: str) ->
         "</div>",
         section("Images by role", _streams(inspection)),
         '<div class="pair">',
-        section("Boxes that can hardly be right", _faults(inspection)),
+        section("Boxes that can hardly be right", faults if boxes.count else ""),
         section(
             "Files that are not used",
             unused or '<p class="soft">Every file is used.</p>',
@@ -258,27 +135,19 @@ def page(inspection: Inspection, remarks: Sequence[Remark], description: str) ->
 def document(title: str, parts: Iterable[str]) -> str:
     """A page in the colours of the review page; `title` and `parts` are HTML."""
     body = "\n".join(part for part in parts if part)
+    style = pkgutil.get_data(__package__, "page.css") or b""
     return (
         '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
         f"<title>{title}</title>\n"
-        f"<style>{_THEMES}{_STYLE}</style>\n</head>\n<body>\n<main>\n{body}\n</main>\n</body>\n</html>\n"
+        f"<style>{_THEMES}\n{style.decode()}</style>\n</head>\n<body>\n<main>\n{body}\n"
+        "</main>\n</body>\n</html>\n"
     )
 
 
 def section(title: str, content: str) -> str:
     """A section; nothing if it has no content."""
     return f"<section>\n<h2>{title}</h2>\n{content}\n</section>" if content else ""
-
-
-def _header(inspection: Inspection) -> str:
-    layout, *rest = facts(inspection)
-    holds = next((value for name, value in rest if name == "holds"), "")
-    lines = [holds, f"{layout[0].capitalize()}: {layout[1]}"]
-    texts = (f"<p>{html.escape(line)}</p>" for line in lines if line)
-    return (
-        f"<header>\n<h1>{html.escape(inspection.name)}</h1>\n{''.join(texts)}</header>"
-    )
 
 
 _CODE: Final = re.compile("`([^`]+)`")
@@ -355,11 +224,6 @@ def _figure(frame: DrawnFrame) -> str:
     )
 
 
-def _area(box: DrawnBox) -> float:
-    x_min, y_min, x_max, y_max = box.xyxy
-    return (x_max - x_min) * (y_max - y_min)
-
-
 def _rect(box: DrawnBox) -> str:
     x_min, y_min, x_max, y_max = box.xyxy
     place = (
@@ -375,8 +239,13 @@ def _rect(box: DrawnBox) -> str:
 
 def _names(boxes: Sequence[DrawnBox], width: int, size: float) -> Iterator[str]:
     """The classes beside the largest boxes, where they do not cover each other."""
+
+    def area(box: DrawnBox) -> float:
+        x_min, y_min, x_max, y_max = box.xyxy
+        return (x_max - x_min) * (y_max - y_min)
+
     taken: list[tuple[float, float, float]] = []
-    for box in sorted(boxes, key=_area, reverse=True):
+    for box in sorted(boxes, key=area, reverse=True):
         length = 0.62 * size * len(box.class_name)
         x = max(0.0, min(box.xyxy[0], width - length))
         y = max(size, box.xyxy[1] - size / 4)
@@ -525,29 +394,16 @@ def _streams(inspection: Inspection) -> str:
     )
 
 
-def _faults(inspection: Inspection) -> str:
-    listed = [(FAULTS[one.kind], one) for one in inspection.boxes.faults]
-    if not inspection.boxes.count:
-        return ""
-    if not listed:
-        return '<p class="soft">None of the boxes in all labels.</p>'
-    return "".join(_details(title, one) for title, one in listed)
-
-
 def _details(title: str, listed: Listed, *, with_why: bool = True) -> str:
     """Things of a kind, folded: ten, then a number."""
-    items = "".join(
-        f'<li class="path">{html.escape(text)}</li>'
-        for text in _examples(listed, with_why=with_why)
-    )
+    texts = [
+        f"{name}: {why}" if with_why or why != listed.kind else name
+        for name, why in listed.examples
+    ]
+    if more := listed.count - len(texts):
+        texts.append(f"and {more:,} more")
+    items = "".join(f'<li class="path">{html.escape(text)}</li>' for text in texts)
     return (
         f"<details><summary><b>{listed.count:,}</b> {html.escape(title)}</summary>"
         f"<ul>{items}</ul></details>"
     )
-
-
-def _examples(listed: Listed, *, with_why: bool) -> Iterator[str]:
-    for name, why in listed.examples:
-        yield f"{name}: {why}" if with_why or why != listed.kind else name
-    if more := listed.count - len(listed.examples):
-        yield f"and {more:,} more"

@@ -19,7 +19,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import MISSING, dataclass, fields
 from enum import Enum, EnumMeta
-from functools import reduce
+from functools import partial, reduce
 from operator import getitem, or_
 from pathlib import Path
 from types import GenericAlias, UnionType
@@ -27,6 +27,7 @@ from typing import (
     TYPE_CHECKING,
     Annotated,
     Any,
+    Final,
     Literal,
     TypeAlias,
     Union,
@@ -46,15 +47,15 @@ if TYPE_CHECKING:
 Action: TypeAlias = Callable[[Any], None]
 """The function of a command; its parameter is the dataclass of options."""
 
+read_file: Final = partial(typer.Option, exists=True, dir_okay=False)
+"""An option for a file that is read, with this `help`."""
+read_folder: Final = partial(typer.Option, exists=True, file_okay=False)
+"""An option for a folder that is read."""
+written_file: Final = partial(typer.Option, dir_okay=False)
+"""An option for a file that is written, or may not exist."""
+
 ConfigFile: TypeAlias = Annotated[
-    Path,
-    typer.Option(
-        "--config",
-        help="A filter configuration (YAML).",
-        exists=True,
-        dir_okay=False,
-        readable=True,
-    ),
+    Path, read_file("--config", help="A filter configuration (YAML).")
 ]
 DataFolder: TypeAlias = Annotated[
     Path | None,
@@ -161,10 +162,7 @@ class DataOptions(OutputOptions):
 def settings_of(**given: object) -> Settings:
     """The settings from the environment, overridden by the given ones.
 
-    Raises
-    ------
-    typer.BadParameter
-        A value is not allowed; names its variable.
+    Raises `typer.BadParameter`: a value is not allowed; names its variable.
     """
     from pydantic import ValidationError
 
@@ -188,10 +186,7 @@ def settings_of(**given: object) -> Settings:
 def config_text(path: Path) -> str:
     """The text of a configuration file, as it is sent to a server.
 
-    Raises
-    ------
-    Refused
-        The file is not UTF-8.
+    Raises `Refused`: the file is not UTF-8.
     """
     try:
         return path.read_text(encoding="utf-8-sig")
@@ -205,10 +200,7 @@ def config_text(path: Path) -> str:
 def error_context(path: Path | None) -> Iterator[None]:
     """Put the name of the configuration file before the error.
 
-    Raises
-    ------
-    Refused
-        The library or the server refused the file's content.
+    Raises `Refused`: the library or the server refused the file's content.
     """
     from filter_core.errors import FilterError
     from unghost.client.errors import Invalid
@@ -227,16 +219,8 @@ def note_unknown_classes(
     """Note classes of a configuration that are probably misspelt.
 
     It is no error, as boxes may have whatever class somebody chooses. The filter's own
-    classes are not noted: one configuration may be for several datasets.
-
-    Parameters
-    ----------
-    screen : Screen
-    config : mapping
-        A configuration's keys and values.
-    boxes : mapping of str to int
-        The number of boxes of each class that occurs. If there are none, nothing is
-        known about the classes.
+    classes are not noted: one configuration may be for several datasets. `boxes` are
+    the numbers of boxes of each class that occurs; without any, nothing is known.
     """
     from filter_core.class_names import canonical_class
     from filter_core.classes import CLASSES
@@ -264,14 +248,7 @@ def listed(words: object) -> str:
 
 
 def build_command(name: str, action: Action) -> typer.core.TyperCommand:
-    """Make a typer command from a function of one dataclass of options.
-
-    Parameters
-    ----------
-    name : str
-    action : callable
-        Its docstring is the help.
-    """
+    """Make a command of a function of one dataclass; its docstring is the help."""
     options: type[Any] = get_type_hints(action)["options"]
     hints = {
         name: _with_choices(hint)

@@ -31,30 +31,30 @@ from unghost.cli.screen import (
 
 COMMANDS: Final = {
     "serve": "serve:serve",
-    "login": "access:login",
+    "login": "remote.access:login",
     "demo": "serve:demo",
-    "inspect": "inspect_local:inspect",
-    "push": "push:push",
-    "filter": "filter_local:filter_local",
-    "run": "runs:run",
-    "wait": "runs:wait",
-    "cancel": "runs:cancel",
-    "stats": "datasets:stats",
-    "report": "datasets:report",
-    "diff": "runs:diff",
-    "boxes": "lists:boxes",
-    "frames": "lists:frames",
-    "problems": "lists:problems",
-    "runs": "lists:runs",
+    "inspect": "local.inspect:inspect",
+    "push": "remote.push:push",
+    "filter": "local.filter:filter_local",
+    "run": "remote.runs:run",
+    "wait": "remote.runs:wait",
+    "cancel": "remote.runs:cancel",
+    "stats": "remote.datasets:stats",
+    "report": "remote.datasets:report",
+    "diff": "remote.runs:diff",
+    "boxes": "remote.lists:boxes",
+    "frames": "remote.lists:frames",
+    "problems": "remote.lists:problems",
+    "runs": "remote.lists:runs",
     "export": "export:export",
     "versions": "export:versions",
     "convert": "export:convert",
-    "evaluate": "evaluate:evaluate",
-    "worth-it": "worth:worth_it",
-    "draw": "draw:draw",
-    "replay": "replay:replay",
-    "audit": "access:audit",
-    "capture": "capture:capture",
+    "evaluate": "local.evaluate:evaluate",
+    "worth-it": "local.worth:worth_it",
+    "draw": "local.draw:draw",
+    "replay": "local.replay:replay",
+    "audit": "remote.access:audit",
+    "capture": "local.capture:capture",
     "backup": "admin:backup",
     "restore": "admin:restore",
     "doctor": "admin:doctor",
@@ -66,47 +66,45 @@ COMMANDS: Final = {
 """Every command and its function, in the order in which they are listed."""
 
 CONFIG_COMMANDS: Final = {
-    "show": "runs:show_config",
-    "set": "runs:set_config",
-    "diff": "runs:diff_config",
+    "show": "remote.runs:show_config",
+    "set": "remote.runs:set_config",
+    "diff": "remote.runs:diff_config",
 }
 CLASSES_COMMANDS: Final = {
-    "show": "classes:show_classes",
-    "rename": "classes:rename_class",
-    "merge": "classes:merge_class",
-    "remove": "classes:remove_class",
+    "show": "remote.classes:show_classes",
+    "rename": "remote.classes:rename_class",
+    "merge": "remote.classes:merge_class",
+    "remove": "remote.classes:remove_class",
 }
 DATASET_COMMANDS: Final = {
-    "create": "datasets:create",
-    "list": "datasets:datasets",
-    "show": "datasets:show",
-    "edit": "datasets:edit",
-    "delete": "datasets:delete",
+    "create": "remote.datasets:create",
+    "list": "remote.datasets:datasets",
+    "show": "remote.datasets:show",
+    "edit": "remote.datasets:edit",
+    "delete": "remote.datasets:delete",
 }
 AUTH_COMMANDS: Final = {
-    "login": "access:store_token",
-    "status": "access:show_stored",
-    "logout": "access:forget_token",
+    "login": "remote.access:store_token",
+    "status": "remote.access:show_stored",
+    "logout": "remote.access:forget_token",
 }
 TOKEN_COMMANDS: Final = {
-    "create": "access:create_token",
-    "list": "access:list_tokens",
-    "revoke": "access:revoke_token",
+    "create": "remote.access:create_token",
+    "list": "remote.access:list_tokens",
+    "revoke": "remote.access:revoke_token",
 }
 HOOK_COMMANDS: Final = {
-    "create": "hooks:create",
-    "list": "hooks:hooks",
-    "delete": "hooks:delete",
-    "deliveries": "hooks:deliveries",
-    "ping": "hooks:ping",
+    "create": "remote.hooks:create",
+    "list": "remote.hooks:hooks",
+    "delete": "remote.hooks:delete",
+    "deliveries": "remote.hooks:deliveries",
+    "ping": "remote.hooks:ping",
 }
-
 
 Context: TypeAlias = Any
 """Click's context. Typer does not export it, and has click from another module in each
 of its versions.
 """
-
 
 _HELP: Final = "--help"
 
@@ -196,10 +194,7 @@ def _lazily(functions: Mapping[str, str]) -> list[LazyCommand]:
 
 _GROUPS: Final = {
     "dataset": ("Create, list, show, edit and delete datasets.", DATASET_COMMANDS),
-    "config": (
-        "Show, set or compare a dataset's configuration.",
-        CONFIG_COMMANDS,
-    ),
+    "config": ("Show, set or compare a dataset's configuration.", CONFIG_COMMANDS),
     "classes": (
         "Show, rename, merge or remove the classes of a dataset.",
         CLASSES_COMMANDS,
@@ -401,11 +396,7 @@ def _origin(address: str) -> str:
     """Which setting an address is from: the beginning of a sentence."""
     import httpx
 
-    from unghost.client.discovery import (
-        DEFAULT_URL,
-        SERVER_VARIABLE,
-        stored_servers,
-    )
+    from unghost.client.discovery import DEFAULT_URL, SERVER_VARIABLE, stored_servers
     from unghost.client.transport import address_of
 
     variable = os.environ.get(SERVER_VARIABLE)

@@ -13,7 +13,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import Final, Protocol, TypeAlias, TypeVar
+from typing import Final, Literal, Protocol, TypeAlias, TypeVar
 
 import typer
 
@@ -52,18 +52,12 @@ class Refused(Exception):
 
 
 @contextmanager
-def refused_on(*errors: type[Exception]) -> Iterator[None]:
-    """Convert these errors to `Refused`, with their text.
-
-    Raises
-    ------
-    Refused
-        In place of one of these errors.
-    """
+def refused_on(*errors: type[Exception], text: str = "") -> Iterator[None]:
+    """Convert these errors to `Refused`, with their own text or this one."""
     try:
         yield
     except errors as exc:
-        raise Refused(str(exc)) from exc
+        raise Refused(text or str(exc)) from exc
 
 
 @contextmanager
@@ -72,20 +66,12 @@ def naming_options(
 ) -> Iterator[None]:
     """Name the command's options in a refusal, where the server names fields.
 
-    Parameters
-    ----------
-    option_of_field : mapping of str to str
-        The beginning of a field's JSON pointer, and what replaces it.
-    given : mapping of str to object
-        The values by option. The server quotes no text, which may be a secret in some
-        requests; here it is what the user has just typed.
+    `option_of_field` has the beginnings of fields' JSON pointers, and what replaces
+    them. `given` has the values by option: the server quotes no text, which may be a
+    secret in some requests; here it is what the user has just typed.
 
-    Raises
-    ------
-    typer.BadParameter
-        The server refuses values of options only (`Invalid`); with all faults.
-    Refused
-        It refuses something else in the request as well; with all faults.
+    Raises `typer.BadParameter` if the server refuses values of options only
+    (`Invalid`), `Refused` if it refuses something else, too; each with all faults.
     """
     from unghost.client.errors import Invalid
 
@@ -98,20 +84,17 @@ def naming_options(
                 option + line.removeprefix(field) if line.startswith(field) else line
                 for line in lines
             ]
-        lines = [_with_found(line, given) for line in lines]
+        for row, (option, colon, why) in enumerate(
+            line.partition(": ") for line in lines
+        ):
+            # The value, if the fault does not say it
+            says_all = not why.startswith("expected ") or ", found " in why
+            if colon and option in given and not says_all:
+                lines[row] += f", found {str(given[option])[:_SHOWN]!r}"
         text = "\n  ".join(lines)
         if all(line.startswith("--") for line in lines):
             raise typer.BadParameter(text) from error
         raise Refused(text) from error
-
-
-def _with_found(line: str, given: Mapping[str, object]) -> str:
-    """A fault of an option with its value, if the fault does not say it."""
-    option, colon, why = line.partition(": ")
-    is_complete = not why.startswith("expected ") or ", found " in why
-    if not colon or option not in given or is_complete:
-        return line
-    return f"{line}, found {str(given[option])[:_SHOWN]!r}"
 
 
 def partly_done(done: int) -> typer.Exit:
@@ -173,7 +156,22 @@ class Screen:
                 cells = row if tag is None else (tag, *row)
                 _print("\t".join(_cell(value) for value in cells))
             return
-        _rich_table(columns, list(rows))
+        from rich.console import Console
+        from rich.table import Table
+        from rich.text import Text
+
+        rows = list(rows)
+        table = Table(
+            box=None, pad_edge=False, padding=(0, 3, 0, 0), header_style="bold"
+        )
+        for number, column in enumerate(columns):
+            numbers = any(isinstance(row[number], int | float) for row in rows)
+            side: Literal["left", "right"] = "right" if numbers else "left"
+            table.add_column(column, overflow="fold", justify=side)
+        for row in rows:
+            # Plain text, because names from users are not markup.
+            table.add_row(*(Text(_cell(value)) for value in row))
+        Console().print(table, "")
 
     def listing(
         self,
@@ -195,11 +193,30 @@ class Screen:
     @contextmanager
     def progress(self, title: str, unit: str) -> Iterator[Advance]:
         """A bar with rate and remaining time on a terminal, else occasional lines."""
-        if sys.stderr.isatty():
-            with _bar(title, unit) as advance:
-                yield advance
-        else:
+        if not sys.stderr.isatty():
             yield self._lines(title, unit)
+            return
+        from rich import progress as rich
+        from rich.console import Console
+
+        columns = (
+            rich.TextColumn("{task.description}"),
+            rich.BarColumn(),
+            rich.MofNCompleteColumn(),
+            rich.TextColumn("{task.fields[rate]}"),
+            rich.TimeRemainingColumn(),
+        )
+        # Drawing costs processor time, which a server on this machine needs as well.
+        console = Console(stderr=True)
+        with rich.Progress(*columns, console=console, refresh_per_second=4) as bar:
+            task = bar.add_task(title, total=None, rate="")
+
+            def advance(done: int, total: int | None) -> None:
+                speed = bar.tasks[task].speed
+                rate = f"{speed:.1f} {unit}/s" if speed else ""
+                bar.update(task, completed=done, total=total, rate=rate)
+
+            yield advance
 
     def _lines(self, title: str, unit: str) -> Advance:
         started = time.monotonic()
@@ -298,51 +315,3 @@ def _print(text: str) -> None:
 def _cell(value: object) -> str:
     # A name with a tab or a line break must not look like two cells or two rows.
     return "" if value is None else one_line(" ".join(str(value).split()))
-
-
-def _rich_table(columns: Sequence[str], rows: Sequence[Sequence[object]]) -> None:
-    from rich.console import Console
-    from rich.table import Table
-    from rich.text import Text
-
-    table = Table(box=None, pad_edge=False, padding=(0, 3, 0, 0), header_style="bold")
-    for number, column in enumerate(columns):
-        numbers = any(isinstance(row[number], int | float) for row in rows)
-        table.add_column(
-            column, overflow="fold", justify="right" if numbers else "left"
-        )
-    for row in rows:
-        # Plain text, because names from users are not markup.
-        table.add_row(*(Text(_cell(value)) for value in row))
-    Console().print(table, "")
-
-
-@contextmanager
-def _bar(title: str, unit: str) -> Iterator[Advance]:
-    from rich.console import Console
-    from rich.progress import (
-        BarColumn,
-        MofNCompleteColumn,
-        Progress,
-        TextColumn,
-        TimeRemainingColumn,
-    )
-
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TextColumn("{task.fields[rate]}"),
-        TimeRemainingColumn(),
-    )
-    # Drawing costs processor time, which a server on this machine needs as well.
-    console = Console(stderr=True)
-    with Progress(*columns, console=console, refresh_per_second=4) as progress:
-        task = progress.add_task(title, total=None, rate="")
-
-        def advance(done: int, total: int | None) -> None:
-            speed = progress.tasks[task].speed
-            rate = f"{speed:.1f} {unit}/s" if speed else ""
-            progress.update(task, completed=done, total=total, rate=rate)
-
-        yield advance

@@ -19,18 +19,17 @@ from typing import TYPE_CHECKING, Annotated, Final, TypeAlias
 
 import typer
 
-from unghost.cli.access import remove_login_pages, show_login_page
-from unghost.cli.options import DataFolder, OutputOptions, settings_of
-from unghost.cli.push import PushReport
+from unghost.cli.options import DataFolder, OutputOptions, settings_of, written_file
+from unghost.cli.remote.access import remove_login_pages, show_login_page
+from unghost.cli.remote.push import PushReport
+from unghost.cli.remote.target import NewDataset, ensure_dataset
 from unghost.cli.screen import PARTLY, Screen, most_first, refused_on
 from unghost.cli.sources import SourceOptions, open_source, outgoing
-from unghost.cli.target import NewDataset, ensure_dataset
 
 if TYPE_CHECKING:
     from app import serve as startup
     from unghost.client.client import Client
     from unghost.client.outgoing import OutgoingFrame
-    from unghost.wire.datasets import Stats
 
 _DEMO_DATA: Final = Path("demo-data")
 _DEMO_DATASET: Final = "demo"
@@ -49,16 +48,12 @@ Port: TypeAlias = Annotated[
 
 @dataclass(frozen=True, kw_only=True)
 class ServeOptions(OutputOptions):
-    """Options of `unghost serve`."""
-
     data: DataFolder = None
     config: Annotated[
         Path | None,
-        typer.Option(
-            "--config",
+        written_file(
             metavar="FILE",
             help="A filter configuration (YAML): the first one of every new dataset.",
-            dir_okay=False,
         ),
     ] = None
     host: Annotated[
@@ -108,8 +103,6 @@ def serve(options: ServeOptions) -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class DemoOptions(OutputOptions):
-    """Options of `unghost demo`."""
-
     frames: Annotated[
         int, typer.Option(min=1, max=10_000, help="Number of frames to render.")
     ] = 48
@@ -123,7 +116,6 @@ class DemoOptions(OutputOptions):
     data: Annotated[
         Path | None,
         typer.Option(
-            "--data",
             metavar="DIR",
             help="Data folder; default: UNGHOST_DATA, else ./demo-data.",
             file_okay=False,
@@ -259,6 +251,7 @@ class _Filling:
 
     def _run(self, url: str) -> None:
         try:
+            from filter_core.verdicts import Reason
             from unghost.client.client import Client
 
             token = self._token_file.read_text(encoding="utf-8").strip()
@@ -276,7 +269,12 @@ class _Filling:
             self.refused = report.refused
             report.print_problems()
             self._screen.record({"dataset": _DEMO_DATASET, "stats": numbers.raw})
-            self._screen.table(("boxes", "verdict", "reason"), _reason_rows(numbers))
+            verdicts = {one.label: one.verdict.value for one in Reason}
+            rows = (
+                (count, verdicts.get(reason, ""), reason.replace("_", " "))
+                for reason, count in most_first(numbers.by_reason)
+            )
+            self._screen.table(("boxes", "verdict", "reason"), rows)
         except Exception as error:  # raised again by the main thread
             self._error = error
         if self._error is not None or self._options.exit_when_ready:
@@ -308,11 +306,3 @@ def _outgoing(line: dict[str, object]) -> OutgoingFrame:
     found = {kind: annotation.pop(kind, None) for kind in FRAME_FILES}
     files = {kind: Path(str(path)) for kind, path in found.items() if path}
     return OutgoingFrame(key, annotation, files)
-
-
-def _reason_rows(numbers: Stats) -> Iterator[tuple[object, ...]]:
-    from filter_core.verdicts import Reason
-
-    verdicts: dict[str, str] = {reason.label: reason.verdict.value for reason in Reason}
-    for reason, count in most_first(numbers.by_reason):
-        yield count, verdicts.get(reason, ""), reason.replace("_", " ")

@@ -20,7 +20,7 @@ from typing import (
 
 import typer
 
-from unghost.cli.options import error_context, listed
+from unghost.cli.options import error_context, listed, read_file
 from unghost.cli.screen import Kinds, Refused, Screen, one_line
 from unghost.wire.words import ChannelOrder, Encoding, Layout, LossyPolicy, Palette
 
@@ -56,6 +56,14 @@ SourceFolder: TypeAlias = Annotated[
         "of a folder (.zip, .tar, .tar.gz).",
         exists=True,
     ),
+]
+
+EncodingOption: TypeAlias = Annotated[
+    Encoding | None, typer.Option(help="How the segmentations encode tags.")
+]
+ChannelOrderOption: TypeAlias = Annotated[
+    ChannelOrder | None,
+    typer.Option(help="Order of the colour channels in the segmentations."),
 ]
 
 
@@ -131,14 +139,8 @@ class SourceOptions:
             "CARLA that has it: carla-0.9.14 is also that of 0.9.15, 0.9.16 and 0.10."
         ),
     ] = None
-    encoding: Annotated[
-        Encoding | None,
-        typer.Option(help="How the segmentations encode tags."),
-    ] = None
-    channel_order: Annotated[
-        ChannelOrder | None,
-        typer.Option(help="Order of the colour channels in the segmentations."),
-    ] = None
+    encoding: EncodingOption = None
+    channel_order: ChannelOrderOption = None
     lossy_segmentation: Annotated[
         LossyPolicy | None,
         typer.Option(
@@ -196,12 +198,10 @@ class SourceOptions:
     ] = False
     recording: Annotated[
         Path | None,
-        typer.Option(
+        read_file(
             metavar="FILE",
             help="The description of the recording (YAML); default: recording.yaml "
             "beside the data, if there is one.",
-            exists=True,
-            dir_okay=False,
         ),
     ] = None
 
@@ -219,12 +219,8 @@ class SourceOptions:
     def describe(self, source: Path) -> RecordingDescription:
         """How the folder is read: by these options, else by its description.
 
-        Raises
-        ------
-        LayoutError
-            The description cannot be read.
-        typer.BadParameter
-            An option has a wrong value.
+        Raises `LayoutError`: the description cannot be read.
+        Raises `typer.BadParameter`: an option has a wrong value.
         """
         from filter_core.errors import ConfigError
         from filter_core.formats.registry import describe_source
@@ -269,14 +265,21 @@ def _folder_of(source: Path, folder: Path, option: str) -> Path:
     )
 
 
+_OF_BOXES: Final = ("origin", "unit", "corners")
 _DESCRIBING: Final = (
-    *("segmentation", "labels", "default_class", "depth_encoding"),
-    *("origin", "unit", "corners"),
+    "segmentation",
+    "labels",
+    "default_class",
+    "depth_encoding",
+    *_OF_BOXES,
 )
 """Options that are keys of a description as they are."""
 
 SEGMENTATION_SETTINGS: Final = (
-    *("palette", "encoding", "channel_order", "lossy_segmentation"),
+    "palette",
+    "encoding",
+    "channel_order",
+    "lossy_segmentation",
 )
 """Options that are settings of a dataset, too."""
 
@@ -303,11 +306,7 @@ class LocalFilterOptions(SourceOptions):
     source: SourceFolder
     config: Annotated[
         Path | None,
-        typer.Option(
-            help="A filter configuration (YAML); default: the built-in one.",
-            exists=True,
-            dir_okay=False,
-        ),
+        read_file(help="A filter configuration (YAML); default: the built-in one."),
     ] = None
     workers: Annotated[
         int | None,
@@ -353,15 +352,10 @@ def reads_archives(command: Callable[[OptionsT], None]) -> Callable[[OptionsT], 
 def open_source(path: Path, layout: str, description: RecordingDescription) -> FrameSet:
     """The frames of a folder or a file; a `layout` that is named wins.
 
-    Raises
-    ------
-    LayoutError
-        Its layout is unknown, or is not the one that was named.
-    typer.BadParameter
-        Its layout does not have one of the options.
-    Refused
-        It may have several layouts, and none was named; or it has no frames, or
-        labels without a list of classes.
+    Raises `LayoutError`: its layout is unknown, or is not the one that was named.
+    Raises `typer.BadParameter`: its layout does not have one of the options.
+    Raises `Refused`: it may have several layouts, and none was named; or it has no
+    frames, or labels without a list of classes.
     """
     from filter_core.errors import LayoutError
     from filter_core.formats.reading import name_of
@@ -465,10 +459,7 @@ def shown_by(
 ) -> Shown:
     """How some frames of a recording show that it is read; notes it.
 
-    Raises
-    ------
-    LayoutError
-        Its images are of several families of tags.
+    Raises `LayoutError`: its images are of several families of tags.
     """
     from filter_core.recognition import recognise_recording
 

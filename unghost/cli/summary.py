@@ -49,25 +49,12 @@ class UnmappedOptions:
     ] = False
 
     def require_known(
-        self,
-        boxes: Mapping[str, int],
-        config: FilterConfig,
-        advice: Advice,
+        self, boxes: Mapping[str, int], config: FilterConfig, advice: Advice
     ) -> None:
         """Stop if most boxes cannot be measured, before anything is written.
 
-        Parameters
-        ----------
-        boxes : mapping of str to int
-            The number of boxes of each class.
-        config : FilterConfig
-        advice : Advice
-
-        Raises
-        ------
-        Refused
-            More than half of the boxes have an unknown class; with `strict_classes`,
-            one has.
+        `boxes` are the numbers of boxes by class. `Refused` if more than half of the
+        boxes have an unknown class; with `strict_classes`, if one has.
         """
         from filter_core.inspection.remarks import named_classes
 
@@ -111,15 +98,8 @@ def unmapped_names(names: Iterable[str], config: FilterConfig) -> list[str]:
 class DatasetAdvice:
     """What can be done about classes of a dataset (`filter_core` has the protocol).
 
-    Attributes
-    ----------
-    dataset : str
-    default_class : str or None
-        The class of labels that carry none, if there may be such labels.
-    classes : tuple of str
-        Those of the dataset.
-    are_frozen : bool
-        Whether they can be renamed no more.
+    `default_class` is that of labels that carry none, if there may be such labels;
+    `are_frozen`: its classes can be renamed no more.
     """
 
     dataset: str

@@ -1,17 +1,17 @@
-"""The page of `unghost worth-it`: one file that opens from the disk, without script."""
+"""The tables of `unghost worth-it`: as plain text, and as a page without script."""
 
 from __future__ import annotations
 
 import html
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 from unghost.cli.inspect_page import document, section
-from unghost.cli.worth_tables import Table, noise_tables, score_tables
 
 if TYPE_CHECKING:
     from filter_core.evaluation.arms import ArmObject, NoiseObject
-    from filter_core.evaluation.trials import ComparisonObject, SeededObject
+    from filter_core.evaluation.scores import ConfusionObject
+    from filter_core.evaluation.trials import ArmScore, ComparisonObject, SeededObject
 
 _WIDTH, _ROW, _TITLES = 900, 30, 110
 
@@ -26,6 +26,152 @@ _LOST: Final = "fill:none;stroke:var(--rejected-strong);stroke-dasharray:3 3"
 _LINE: Final = "stroke:var(--accent);stroke-width:3;vector-effect:none"
 
 
+class Table(NamedTuple):
+    """A table with what it shows; `tag` names it in plain output."""
+
+    tag: str
+    title: str
+    hint: str
+    columns: Sequence[str]
+    rows: Sequence[Sequence[object]]
+
+
+def noise_tables(noise: NoiseObject) -> list[Table]:
+    """What the labels of each arm say: in all, by class, distance and pixels."""
+    arms = noise["arms"]
+    by_class = {name: arm["by_class"] for name, arm in arms.items()}
+    by_band = {
+        name: {one["band"]: one for one in arm["by_distance"]}
+        for name, arm in arms.items()
+    }
+    by_pixels = zip(*(arm["by_pixels"] for arm in arms.values()), strict=True)
+    labelled = [
+        (
+            of_arms[0]["pixels"],
+            of_arms[0]["boxes"],
+            *(one["labelled"] for one in of_arms),
+        )
+        for of_arms in by_pixels
+    ]
+    columns = ("labels", "ghosts", "doubtful", "misplaced", "objects lost")
+    return [
+        Table(
+            "arm",
+            "What a detector is told",
+            f"{noise['frames']:,} frames have {noise['boxes']:,} boxes: "
+            f"{noise['objects']:,} objects, {noise['ghosts']:,} ghosts, "
+            f"{noise['doubtful']:,} doubtful.",
+            ("arm", *columns, "precision", "recall", "F1"),
+            [(name, *_noise_row(arm)) for name, arm in arms.items()],
+        ),
+        _wrong_labels("class", "Labels by class", by_class),
+        _wrong_labels("metres", "Labels by distance", by_band),
+        Table(
+            "pixels",
+            "Labels by visible pixels",
+            "How many boxes with so many visible pixels are labelled.",
+            ("visible pixels", "boxes", *arms),
+            labelled,
+        ),
+    ]
+
+
+def _noise_row(arm: ArmObject) -> Iterator[object]:
+    yield from (arm["labels"], arm["kept_hidden"], arm["doubtful"], arm["misplaced"])
+    yield arm["rejected_visible"]
+    for one in (arm["precision"], arm["recall"], arm["f1"]):
+        yield None if one is None else round(one["value"], 3)
+
+
+def _wrong_labels(
+    tag: str, title: str, parts: Mapping[str, Mapping[str, ConfusionObject]]
+) -> Table:
+    """What is wrong in each part, such as a class; `parts` are by arm, then by name."""
+    rows = []
+    for part, score in next(iter(parts.values())).items():
+        cells = (arm[part] for arm in parts.values())
+        wrong = (f"{one['kept_hidden']} + {one['rejected_visible']}" for one in cells)
+        rows.append((part, score["kept_visible"] + score["rejected_visible"], *wrong))
+    hint = "Ghosts among the labels + objects without a label."
+    return Table(tag, title, hint, (tag, "objects", *parts), rows)
+
+
+def score_tables(comparison: ComparisonObject) -> list[Table]:
+    """How good the detectors of each arm are: in all, by class and by distance."""
+    arms, baseline = comparison["arms"], comparison["baseline"]
+    scores = ("mAP50", "low", "high", "mAP50-95", "precision", "recall")
+    return [
+        Table(
+            "detector",
+            "Detectors",
+            "Means over seeds and test sets, with 95 % intervals of mAP50. Tight: "
+            "against rectangles around visible pixels. Own: against the arm's own "
+            "labels, which flatters. False positives and those on ghosts: per frame.",
+            ("arm", "trials", *scores, "tight", "own", "false", "on ghosts"),
+            [(name, *_score_row(arm)) for name, arm in arms.items()],
+        ),
+        Table(
+            "difference",
+            f"mAP50 against {baseline}",
+            "Paired: the same frames, seeds and steps. A difference is shown if its "
+            "interval does not contain 0 and all of several seeds agree.",
+            ("arm", "difference", "low", "high", "by seed", "shown"),
+            [
+                (
+                    name,
+                    *(round(one["map50"][key], 4) for key in ("value", "low", "high")),
+                    ", ".join(f"{v:+.4f}" for v in one["map50"]["by_seed"].values()),
+                    "yes" if one["map50"]["shown"] else "no",
+                )
+                for name, one in comparison["differences"].items()
+            ],
+        ),
+        _by_part("AP50", "AP50 by class", "class", "ap50", arms),
+        _by_part("recall", "Recall by distance", "metres", "recall", arms),
+    ]
+
+
+def _score_row(arm: ArmScore) -> Iterator[object]:
+    yield arm["trials"]
+    map50 = arm["map50"]
+    yield from (round(one, 4) for one in (map50["value"], map50["low"], map50["high"]))
+    yield round(arm["map50_95"]["value"], 4)
+    yield from (round(number, 3) for number in arm["means"].values())
+
+
+def _by_part(
+    tag: str, title: str, part: str, number: str, arms: Mapping[str, ArmScore]
+) -> Table:
+    """One number of each class, or of each band of distance, by arm."""
+    each = [
+        arm["by_class" if part == "class" else "by_distance"] for arm in arms.values()
+    ]
+    rows = [
+        (
+            name,
+            round(score["objects"]),
+            *(round(one[name][number], 3) if name in one else None for one in each),
+        )
+        for name, score in each[0].items()
+    ]
+    return Table(tag, title, "", (part, "objects", *arms), rows)
+
+
+def text_of(tables: Sequence[Table]) -> str:
+    """Tables as plain text, with aligned columns."""
+    lines = []
+    for table in tables:
+        rows = [
+            ["" if cell is None else str(cell) for cell in row]
+            for row in (table.columns, *table.rows)
+        ]
+        widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+        lines += [table.title, *([table.hint] if table.hint else []), ""]
+        lines += ["  ".join(map(str.ljust, row, widths)).rstrip() for row in rows]
+        lines.append("")
+    return "\n".join(lines)
+
+
 def worth_page(
     title: str,
     texts: Sequence[str],
@@ -38,23 +184,19 @@ def worth_page(
     """
     said = "".join(f"<p>{html.escape(text)}</p>" for text in texts)
     header = f"<header>\n<h1>{html.escape(title)}</h1>\n{said}</header>"
-    scores = [] if comparison is None else _score_sections(comparison)
-    return document(html.escape(title), [header, *scores, *_noise_sections(noise)])
-
-
-def _noise_sections(noise: NoiseObject) -> Iterator[str]:
-    first, *others = noise_tables(noise)
-    yield table_section(first, _bars(noise["arms"]) + _legend())
-    yield from map(table_section, others)
-
-
-def _score_sections(comparison: ComparisonObject) -> Iterator[str]:
-    scores, differences, *others = score_tables(comparison)
-    map50 = {name: arm["map50"] for name, arm in comparison["arms"].items()}
-    yield table_section(scores, _intervals(map50))
-    against = {name: one["map50"] for name, one in comparison["differences"].items()}
-    yield table_section(differences, _intervals(against))
-    yield from map(table_section, others)
+    parts = [header]
+    if comparison is not None:
+        arms, differences = comparison["arms"], comparison["differences"]
+        of_arms, of_differences, *others = score_tables(comparison)
+        map50 = {name: one["map50"] for name, one in arms.items()}
+        parts.append(table_section(of_arms, _intervals(map50)))
+        map50 = {name: one["map50"] for name, one in differences.items()}
+        parts.append(table_section(of_differences, _intervals(map50)))
+        parts += map(table_section, others)
+    told, *others = noise_tables(noise)
+    parts.append(table_section(told, _bars(noise["arms"])))
+    parts += map(table_section, others)
+    return document(html.escape(title), parts)
 
 
 def table_section(table: Table, drawing: str = "") -> str:
@@ -88,10 +230,6 @@ def _bars(arms: Mapping[str, ArmObject]) -> str:
         parts.append(_rectangle(x, y, lost * scale, _LOST))
         said = f"{arm['kept_hidden']:,} + {lost:,}"
         parts.append(_text(x + lost * scale + 8, y + 15, said))
-    return _svg(_ROW * len(arms) + 8, "The labels of each arm", parts)
-
-
-def _legend() -> str:
     marks = [
         *((name, f"background:{color}") for name, color in _LABELS),
         ("objects lost", "border:1px dashed var(--rejected-strong)"),
@@ -99,7 +237,8 @@ def _legend() -> str:
     spans = "".join(
         f'<span><i style="{style}"></i>{name}</span>' for name, style in marks
     )
-    return f'<p class="legend">{spans}</p>'
+    bars = _svg(_ROW * len(arms) + 8, "The labels of each arm", parts)
+    return f'{bars}<p class="legend">{spans}</p>'
 
 
 def _intervals(scores: Mapping[str, SeededObject]) -> str:

@@ -28,13 +28,15 @@ from unghost.client.call import (
     body_of,
     content,
     endpoint,
+    got,
     listing,
     nothing,
+    posted,
     read_object,
     result,
 )
 from unghost.client.outgoing import OutgoingFrame, checked_file_name
-from unghost.client.tables import BoxListing, box_listing
+from unghost.client.tables import box_listing
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
@@ -107,7 +109,7 @@ class Api:
     @endpoint
     def dataset(self, name: str) -> Call[wire.Dataset]:
         """One dataset."""
-        return Call("GET", dataset_path(name), result(wire.Dataset))
+        return got(wire.Dataset, dataset_path(name))
 
     @endpoint
     def create_dataset(
@@ -163,36 +165,30 @@ class Api:
     @endpoint
     def stats(self, dataset: str) -> Call[wire.Stats]:
         """Counts of boxes by verdict, reason, class and answer."""
-        path = dataset_path(dataset, "stats")
-        return Call("GET", path, result(wire.Stats))
+        return got(wire.Stats, dataset_path(dataset, "stats"))
 
     @endpoint
     def report(self, dataset: str) -> Call[wire.Report]:
         """Where the ghosts are: by distance, and the frames with the most of them."""
-        path = dataset_path(dataset, "report")
-        return Call("GET", path, result(wire.Report))
+        return got(wire.Report, dataset_path(dataset, "report"))
 
     @endpoint
     def coached(self, dataset: str) -> Call[wire.Coached]:
         """The boxes by which the caller learns to answer; their truth is known."""
-        path = dataset_path(dataset, "coached")
-        return Call("GET", path, result(wire.Coached))
+        return got(wire.Coached, dataset_path(dataset, "coached"))
 
     @endpoint
     def histogram(self, dataset: str, *, bins: int = 50) -> Call[wire.Histogram]:
         """Boxes per bin of match percent, for each class."""
-        path = dataset_path(dataset, "histogram")
-        read = result(wire.Histogram)
-        return Call("GET", path, read, params={"bins": bins})
+        return got(wire.Histogram, dataset_path(dataset, "histogram"), bins=bins)
 
     @endpoint
     def preview(
         self, dataset: str, config: Mapping[str, object], *, limit: int = 100
     ) -> Call[wire.Preview]:
         """What a configuration would decide, and up to `limit` boxes that change."""
-        path = dataset_path(dataset, "preview")
         body = {"config": config, "limit": limit}
-        return Call("POST", path, result(wire.Preview), json=body)
+        return posted(wire.Preview, dataset_path(dataset, "preview"), body)
 
     @listing
     def problems(self, dataset: str) -> Listing[wire.RefusedFrame]:
@@ -240,12 +236,12 @@ class Api:
     @endpoint
     def frame(self, frame_id: int) -> Call[wire.Frame]:
         """One frame with its boxes."""
-        return Call("GET", f"{API}/frames/{frame_id}", result(wire.Frame))
+        return got(wire.Frame, f"{API}/frames/{frame_id}")
 
     @endpoint
     def frame_by_key(self, dataset: str, key: str) -> Call[wire.Frame]:
         """One frame with its boxes, by the key it was stored under."""
-        return Call("GET", frame_path(dataset, key), result(wire.Frame))
+        return got(wire.Frame, frame_path(dataset, key))
 
     @endpoint
     def delete_frame(self, dataset: str, key: str) -> Call[None]:
@@ -283,7 +279,7 @@ class Api:
     @box_listing
     def boxes(
         self, /, dataset: str, **filters: Unpack[BoxFilters]
-    ) -> BoxListing[wire.Decision]:
+    ) -> Listing[wire.Decision]:
         """The boxes of a dataset; filters and `sort` as in the API, `class_name` for
         `class`. Several classes, reasons or ids may be given as a list.
 
@@ -291,7 +287,7 @@ class Api:
         `to_polars()` and `to_arrow()` of the result read them as a table instead.
         """
         params = {"dataset": dataset, **_as_in_api(filters)}
-        return BoxListing(f"{API}/boxes", wire.Decision, params)
+        return Listing(f"{API}/boxes", wire.Decision, params)
 
     @endpoint
     def count_boxes(self, /, dataset: str, **filters: Unpack[BoxFilters]) -> Call[int]:
@@ -318,22 +314,22 @@ class Api:
     @endpoint
     def box(self, box_id: int) -> Call[wire.Box]:
         """One box with its decision and its neighbours."""
-        return Call("GET", f"{API}/boxes/{box_id}", result(wire.Box))
+        return got(wire.Box, f"{API}/boxes/{box_id}")
 
     @endpoint
     def alike(self, box_id: int) -> Call[wire.Alike]:
         """Boxes without an answer of the same class, reason, cause, hider and band."""
-        return Call("GET", f"{API}/boxes/{box_id}/alike", result(wire.Alike))
+        return got(wire.Alike, f"{API}/boxes/{box_id}/alike")
 
     @endpoint
     def track(self, box_id: int) -> Call[wire.Track]:
         """The same object in the frames of its recording before and after."""
-        return Call("GET", f"{API}/boxes/{box_id}/track", result(wire.Track))
+        return got(wire.Track, f"{API}/boxes/{box_id}/track")
 
     @endpoint
     def depth_slice(self, box_id: int) -> Call[wire.DepthSlice]:
         """Where a box and the pixels in it are on the axis of depth."""
-        return Call("GET", f"{API}/boxes/{box_id}/slice", result(wire.DepthSlice))
+        return got(wire.DepthSlice, f"{API}/boxes/{box_id}/slice")
 
     @listing
     def history(self, box_id: int) -> Listing[wire.HistoryEntry]:
@@ -362,37 +358,26 @@ class Api:
             "filters": filters or {},
             "exclude": list(exclude),
         }
-        path = dataset_path(dataset, "queue")
-        return Call("POST", path, result(wire.Queue), json=body)
+        return posted(wire.Queue, dataset_path(dataset, "queue"), body)
 
     @endpoint
     def review(
-        self,
-        box_id: int,
-        verdict: Answer,
-        *,
-        seen_revision: int,
-        comment: str = "",
+        self, box_id: int, verdict: Answer, *, seen_revision: int, comment: str = ""
     ) -> Call[wire.Review]:
         """Answer on one box; `StaleReview` if someone answered since.
 
         `seen_revision` is the `revision` of the decision that was seen.
         """
-        path = f"{API}/boxes/{box_id}/reviews"
         body = {"verdict": verdict, "seen_revision": seen_revision, "comment": comment}
-        return Call("POST", path, result(wire.Review), json=body)
+        return posted(wire.Review, f"{API}/boxes/{box_id}/reviews", body)
 
     @endpoint
     def undo_review(self, box_id: int, revision: int) -> Call[wire.Review]:
         """Undo the answer that gave a box this revision; the box gets the one before.
 
-        Raises
-        ------
-        Conflict
-            Somebody has answered the box since, or the answer was undone already.
+        `Conflict` if somebody has answered since, or the answer was undone already.
         """
-        path = f"{API}/boxes/{box_id}/reviews/{revision}/undo"
-        return Call("POST", path, result(wire.Review))
+        return posted(wire.Review, f"{API}/boxes/{box_id}/reviews/{revision}/undo")
 
     @endpoint
     def bulk_review(
@@ -405,28 +390,18 @@ class Api:
     ) -> Call[wire.ReviewBatch]:
         """Give one answer on many boxes; `undo` undoes it on all of them.
 
-        Parameters
-        ----------
-        boxes
-            Decisions: boxes that somebody has answered since they were read are not
-            changed. Ids: boxes that have an answer are not changed. A selection: all
-            of its boxes are answered, or none if any has changed since `select_boxes`.
+        `boxes` are decisions (those that somebody has answered since they were read are
+        not changed), ids (those that have an answer are not changed), or a selection:
+        all of its boxes are answered, or none if any has changed since `select_boxes`.
 
-        Returns
-        -------
-        ReviewBatch
-            `stale` lists boxes that were not changed because they have an answer that
-            the caller has not seen, `skipped` boxes that no longer exist.
-
-        Raises
-        ------
-        StaleReview
-            Boxes of the selection have been added, deleted, decided again or answered
-            since; `total` in `current` is their present number.
+        In the result, `stale` lists boxes that were not changed because they have an
+        answer that the caller has not seen, `skipped` boxes that no longer exist.
+        Raises StaleReview if boxes of the selection have been added, deleted, decided
+        again or answered since; `total` in `current` is their present number.
         """
         body = {"dataset": dataset, "verdict": verdict, "comment": comment}
-        read = result(wire.ReviewBatch)
-        return Call("POST", f"{API}/reviews/bulk", read, json=body | _which(boxes))
+        bulk = {**body, **_which(boxes)}
+        return posted(wire.ReviewBatch, f"{API}/reviews/bulk", bulk)
 
     @endpoint
     def import_answers(
@@ -434,27 +409,20 @@ class Api:
     ) -> Call[wire.ImportedAnswers]:
         """Store answers that were given elsewhere, at most 200; needs the role admin.
 
-        Parameters
-        ----------
-        answers
-            Each with `frame` (its key), `box`, `verdict`, `reviewer`, `created_at`
-            (RFC 3339) and perhaps `comment`.
-
-        Returns
-        -------
-        ImportedAnswers
-            How many were stored, were there already, or were not stored because the
-            box has a newer answer or does not exist.
+        Each has `frame` (its key), `box`, `verdict`, `reviewer`, `created_at` (RFC
+        3339) and perhaps `comment`. The result says how many were stored, were there
+        already, or were not stored because the box has a newer answer or does not
+        exist.
         """
-        path = dataset_path(dataset, "reviews/import")
         body = {"answers": [dict(one) for one in answers]}
-        return Call("POST", path, result(wire.ImportedAnswers), json=body)
+        return posted(
+            wire.ImportedAnswers, dataset_path(dataset, "reviews/import"), body
+        )
 
     @endpoint
     def undo(self, batch_id: int) -> Call[wire.UndoneBatch]:
         """Undo a batch of reviews, except where someone answered since."""
-        path = f"{API}/review-batches/{batch_id}/undo"
-        return Call("POST", path, result(wire.UndoneBatch))
+        return posted(wire.UndoneBatch, f"{API}/review-batches/{batch_id}/undo")
 
     # Filter configurations: immutable versions, and which one is active.
 
@@ -478,14 +446,12 @@ class Api:
     @endpoint
     def config(self, digest: str) -> Call[wire.ConfigVersion]:
         """One version by its digest."""
-        path = f"{API}/configs/{quote(digest, safe='')}"
-        return Call("GET", path, result(wire.ConfigVersion))
+        return got(wire.ConfigVersion, f"{API}/configs/{quote(digest, safe='')}")
 
     @endpoint
     def active_config(self, dataset: str) -> Call[wire.ConfigVersion]:
         """The version in force."""
-        path = dataset_path(dataset, "config")
-        return Call("GET", path, result(wire.ConfigVersion))
+        return got(wire.ConfigVersion, dataset_path(dataset, "config"))
 
     @endpoint
     def set_config(
@@ -550,12 +516,12 @@ class Api:
     @endpoint
     def run(self, run_id: int) -> Call[wire.Run]:
         """One run as it is now."""
-        return Call("GET", run_path(run_id), result(wire.Run))
+        return got(wire.Run, run_path(run_id))
 
     @endpoint
     def cancel(self, run: wire.Run | int) -> Call[wire.Run]:
         """Cancel a run, so that nothing changes; `Conflict` if it has ended."""
-        return Call("POST", f"{run_path(run)}/cancel", result(wire.Run))
+        return posted(wire.Run, f"{run_path(run)}/cancel")
 
     @endpoint
     def diff(
@@ -564,9 +530,7 @@ class Api:
         """Counts of the boxes that a run decides otherwise than another run (default:
         the one that was active before it).
         """
-        params = {**_against(against), "limit": 1}
-        read = result(wire.Diff)
-        return Call("GET", f"{run_path(run)}/diff", read, params=params)
+        return got(wire.Diff, f"{run_path(run)}/diff", **_against(against), limit=1)
 
     @listing
     def flips(
@@ -615,14 +579,12 @@ class Api:
         """The parts that an export with these shares of train, val and test would have;
         without shares those that the frames have.
         """
-        path = dataset_path(dataset, "parts")
-        return Call("GET", path, result(wire.Parts), params={"split": split})
+        return got(wire.Parts, dataset_path(dataset, "parts"), split=split)
 
     @endpoint
     def cancel_export(self, export: wire.Export | int) -> Call[wire.Export]:
         """Cancel an export; `Conflict` if it has ended."""
-        path = f"{export_path(export)}/cancel"
-        return Call("POST", path, result(wire.Export))
+        return posted(wire.Export, f"{export_path(export)}/cancel")
 
     @endpoint
     def delete_export(self, export: wire.Export | int) -> Call[None]:
@@ -632,14 +594,14 @@ class Api:
     @endpoint
     def export(self, export_id: int) -> Call[wire.Export]:
         """One export as it is now."""
-        return Call("GET", export_path(export_id), result(wire.Export))
+        return got(wire.Export, export_path(export_id))
 
     # Sessions, tokens, login codes, and the log of who did what.
 
     @endpoint
     def session(self) -> Call[wire.Session]:
         """The name and the role of this client's token."""
-        return Call("GET", f"{API}/session", result(wire.Session))
+        return got(wire.Session, f"{API}/session")
 
     @listing
     def tokens(self) -> Listing[wire.Token]:
@@ -666,8 +628,7 @@ class Api:
             body["expires_at"] = expires_at.isoformat()
         else:
             body["expires_in_days"] = expires_in_days
-        read = result(wire.NewToken)
-        return Call("POST", f"{API}/tokens", read, json=body, repeatable=False)
+        return posted(wire.NewToken, f"{API}/tokens", body, repeatable=False)
 
     @endpoint
     def revoke_token(self, token_id: int) -> Call[None]:
@@ -680,14 +641,12 @@ class Api:
 
         The link to open is the address of the server, `/#code=`, and the code.
         """
-        read = result(wire.NewLoginCode)
-        return Call("POST", f"{API}/login-codes", read, json={}, repeatable=False)
+        return posted(wire.NewLoginCode, f"{API}/login-codes", {}, repeatable=False)
 
     @endpoint
     def login_code(self, code_id: int) -> Call[wire.LoginCode]:
         """Whether a login code of yours was used."""
-        path = f"{API}/login-codes/{code_id}"
-        return Call("GET", path, result(wire.LoginCode))
+        return got(wire.LoginCode, f"{API}/login-codes/{code_id}")
 
     @listing
     def audit(self) -> Listing[wire.AuditEntry]:
@@ -715,10 +674,8 @@ class Api:
         not retried. For admins; the server's setting `UNGHOST_HOOK_HOSTS` lists the
         hosts that are allowed.
         """
-        body: dict[str, object] = {"url": url, "events": list(events)}
-        body["dataset"] = dataset
-        read = result(wire.NewHook)
-        return Call("POST", f"{API}/hooks", read, json=body, repeatable=False)
+        body = {"url": url, "events": list(events), "dataset": dataset}
+        return posted(wire.NewHook, f"{API}/hooks", body, repeatable=False)
 
     @endpoint
     def delete_hook(self, hook_id: int) -> Call[None]:
@@ -733,8 +690,7 @@ class Api:
     @endpoint
     def ping_hook(self, hook_id: int) -> Call[wire.Delivery]:
         """Send an event `ping` to a hook; `hook_deliveries` has the outcome."""
-        path = f"{API}/hooks/{hook_id}/ping"
-        return Call("POST", path, result(wire.Delivery), json={})
+        return posted(wire.Delivery, f"{API}/hooks/{hook_id}/ping", {})
 
     # Quality: the accuracy of the filter and of each channel.
 
@@ -754,8 +710,7 @@ class Api:
         best F1 or, with `target="recall"`, are the highest that reach `recall`.
         """
         path = dataset_path(dataset, "quality")
-        params = {"target": target, "truth": truth, "recall": recall}
-        return Call("GET", path, result(wire.Quality), params=params)
+        return got(wire.Quality, path, target=target, truth=truth, recall=recall)
 
     @endpoint
     def evaluate(self, dataset: str) -> Call[wire.Run]:
@@ -763,8 +718,7 @@ class Api:
 
         Returns a run; when it is done, `evaluations` has all channels.
         """
-        path = dataset_path(dataset, "evaluations")
-        return Call("POST", path, result(wire.Run))
+        return posted(wire.Run, dataset_path(dataset, "evaluations"))
 
     @endpoint
     def evaluations(
@@ -772,8 +726,7 @@ class Api:
     ) -> Call[wire.Evaluation]:
         """Precision, recall and F1 of every channel that was measured so far."""
         path = dataset_path(dataset, "evaluations")
-        read = result(wire.Evaluation)
-        return Call("GET", path, read, params={"truth": truth})
+        return got(wire.Evaluation, path, truth=truth)
 
     @endpoint
     def set_experiment(
@@ -786,15 +739,14 @@ class Api:
     @endpoint
     def experiment(self, dataset: str) -> Call[wire.Experiment]:
         """The report that is kept with a dataset; `NotFound` if there is none."""
-        path = dataset_path(dataset, "experiment")
-        return Call("GET", path, result(wire.Experiment))
+        return got(wire.Experiment, dataset_path(dataset, "experiment"))
 
     # The server itself.
 
     @endpoint
     def version(self) -> Call[wire.Version]:
         """The program's version."""
-        return Call("GET", "/version", result(wire.Version))
+        return got(wire.Version, "/version")
 
 
 def _changed_dataset(response: httpx.Response) -> wire.Dataset | wire.Run:

@@ -11,14 +11,8 @@ import h11
 import httpx
 
 from unghost import wire
+from unghost.client import errors
 from unghost.client.duplex import Duplex, FileChanged
-from unghost.client.errors import (
-    NoResponse,
-    Unavailable,
-    UnexpectedAnswer,
-    error_of_problem,
-    unexpected,
-)
 from unghost.client.outgoing import END_OF_ARCHIVE, NotSent, Outcome, PackedFrame, Sent
 from unghost.client.transport import Attempts, Endpoint, RetryPolicy, no_response
 
@@ -50,13 +44,9 @@ class BatchSender:
     def send(self, frames: Sequence[PackedFrame], report: Report) -> None:
         """Send frames until each has an outcome.
 
-        Raises
-        ------
-        ApiError
-            An error that concerns all frames: no access, no such dataset, a full disk.
-        NoResponse
-            The server does not respond even after the retries. Their time starts again
-            after each outcome.
+        Raises ApiError for an error that concerns all frames (no access, no such
+        dataset, a full disk), and NoResponse if the server does not respond even after
+        the retries. Their time starts again after each outcome.
         """
         unreported = deque(frames)
         attempts = Attempts(self._retry)
@@ -66,7 +56,7 @@ class BatchSender:
                 self._send_once(unreported, report)
                 if len(unreported) == before:
                     raise self._unexpected("has no line for any frame")
-            except Unavailable as error:
+            except errors.Unavailable as error:
                 moved_on = len(unreported) < before
                 wait_s = attempts.failed(error, moved_on=moved_on)
                 if not self._pause(wait_s):
@@ -82,9 +72,12 @@ class BatchSender:
                 if result.get("end") is True:
                     ended = True
                     _raise_problem(result)
-                elif unreported and _is_about(unreported[0], result):
-                    frame = unreported.popleft().frame
-                    report(self._outcome(frame.key, result))
+                    continue
+                # By its name in the archive, if the server could not read its key.
+                first = unreported[0] if unreported else None
+                if first and result.get("key") in (first.frame.key, first.name):
+                    unreported.popleft()
+                    report(self._outcome(first.frame.key, result))
             if not ended:
                 raise self._cut(EOFError("the response has no last line"))
         except _FrameChanged as changed:
@@ -139,11 +132,11 @@ class BatchSender:
             why = f"has a line that cannot be read: {error}"
             raise self._unexpected(why) from error
 
-    def _unexpected(self, why: str) -> UnexpectedAnswer:
+    def _unexpected(self, why: str) -> errors.UnexpectedAnswer:
         request = httpx.Request("POST", self._endpoint.url)
-        return unexpected(httpx.Response(200, request=request), why)
+        return errors.unexpected(httpx.Response(200, request=request), why)
 
-    def _cut(self, error: Exception) -> NoResponse:
+    def _cut(self, error: Exception) -> errors.NoResponse:
         sent = not isinstance(error, ConnectionRefusedError)
         return no_response(self._endpoint.url, error, sent=sent)
 
@@ -156,15 +149,10 @@ class _FrameChanged(Exception):
         self.packed = packed
 
 
-def _is_about(packed: PackedFrame, result: Json) -> bool:
-    # By its name in the archive, if the server could not read its key.
-    return result.get("key") in (packed.frame.key, packed.name)
-
-
 def _outcome(key: str, result: Json) -> Outcome:
     problem = result.get("problem")
     if problem is not None:
-        return NotSent(key, error_of_problem(problem))
+        return NotSent(key, errors.error_of_problem(problem))
     line = wire.BatchLine.read(result)
     if line.frame_id is None or line.decisions is None:
         raise ValueError("a stored frame lacks its id or its decisions")
@@ -182,4 +170,4 @@ def _outcome(key: str, result: Json) -> Outcome:
 def _raise_problem(result: Json) -> None:
     problem = result.get("problem")
     if problem is not None:
-        raise error_of_problem(problem)
+        raise errors.error_of_problem(problem)

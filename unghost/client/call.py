@@ -6,6 +6,7 @@ sends nothing.
 
 from __future__ import annotations
 
+import re
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterator, Mapping
 from dataclasses import KW_ONLY, dataclass, field
 from functools import wraps
@@ -61,34 +62,20 @@ class JsonReader(Protocol[T_co]):
 
     def read(self, raw: Json, /) -> T_co:
         """The object; LookupError, ValueError, TypeError or AttributeError if none."""
-        ...
 
 
 @dataclass(frozen=True)
 class Call(Generic[T]):
-    """One request, and the function that reads its response.
+    """One request, from the root of the server, and what reads its response.
 
-    It can be sent more than once, because its bodies are values and not streams.
+    It can be sent more than once, because its bodies are values and not streams. `read`
+    makes the result from a response with a success status. `retried`: try again if the
+    server does not respond or is busy; `repeatable`: also after a response was lost,
+    although the server may have executed the request. A response of more than
+    `max_bytes` is refused, unless it is streamed.
 
-    Attributes
-    ----------
-    path
-        From the root of the server.
-    read
-        Makes the result from a response with a success status.
-    retried
-        Whether to try again if the server does not respond or is busy.
-    repeatable
-        Whether it can be sent again after its response was lost, although the server
-        may have executed it.
-    max_bytes
-        A longer response is refused, unless it is streamed.
-
-    Raises
-    ------
-    InvalidName
-        A part of the path is empty or consists of dots. httpx resolves such parts, so
-        that the request would go to another address.
+    Raises InvalidName if a part of the path is empty or consists of dots: httpx
+    resolves such parts, so that the request would go to another address.
     """
 
     method: str
@@ -159,6 +146,30 @@ class AsyncSender(Protocol):
     def _pages(self, listing: Listing[T], /) -> AsyncIterator[T]: ...
 
 
+Describe: TypeAlias = Callable[..., object]
+"""A method that describes a call; it does not use the client, which inherits it."""
+
+
+def passed_to(name: str, described: str, result: str) -> Callable[[Describe], Describe]:
+    """A decorator by which a client passes a description to one of its own methods.
+
+    The pattern `described`, in the annotation of the description, becomes `result` in
+    that of the method. The method of an `AsyncClient` returns an awaitable.
+    """
+
+    def decorate(describe: Describe) -> Describe:
+        @wraps(describe)
+        def method(client: object, /, *args: object, **kwargs: object) -> object:
+            return getattr(client, name)(describe(client, *args, **kwargs))
+
+        # `help` and `inspect.signature` read it from the function that `wraps` wraps.
+        hints = describe.__annotations__
+        hints["return"] = re.sub(described, result, hints["return"], count=1)
+        return method
+
+    return decorate
+
+
 if TYPE_CHECKING:
     # To type checkers the decorators are descriptors: what a method returns depends on
     # the client. When the program runs they are the functions below, of the same names.
@@ -192,38 +203,20 @@ if TYPE_CHECKING:
     endpoint, listing = Endpoint, ListEndpoint
 
 else:
-
-    def endpoint(describe: Callable[..., object]) -> Callable[..., object]:
-        """Make a method that sends a call, from a function that describes the call.
-
-        The function is written as a method of a class that clients inherit; it does not
-        use the client. The method of an `AsyncClient` returns an awaitable.
-        """
-
-        @wraps(describe)
-        def send(client: Sender, /, *args: object, **kwargs: object) -> object:
-            return client._send(describe(client, *args, **kwargs))
-
-        described = describe.__annotations__["return"]
-        annotate_result(describe, described.removeprefix("Call[").removesuffix("]"))
-        return send
-
-    def listing(describe: Callable[..., object]) -> Callable[..., object]:
-        """Make a method that iterates over a list, from its description."""
-
-        @wraps(describe)
-        def pages(client: Sender, /, *args: object, **kwargs: object) -> object:
-            return client._pages(describe(client, *args, **kwargs))
-
-        described = describe.__annotations__["return"]
-        annotate_result(describe, described.replace("Listing[", "Iterator[", 1))
-        return pages
+    endpoint = passed_to("_send", r"Call\[(.*)\]", r"\1")
+    listing = passed_to("_pages", r"Listing\[", "Iterator[")
 
 
-def annotate_result(describe: Callable[..., object], result: str) -> None:
-    """Say what a method returns that is made of a description."""
-    # `help` and `inspect.signature` read it from the function that `wraps` wraps.
-    describe.__annotations__["return"] = result
+def got(kind: JsonReader[T], path: str, **params: object) -> Call[T]:
+    """A call that fetches an object of a class; `params` are those of the query."""
+    return Call("GET", path, result(kind), params=params)
+
+
+def posted(
+    kind: JsonReader[T], path: str, body: object = None, *, repeatable: bool = True
+) -> Call[T]:
+    """A call that sends a body as JSON, and gets an object of a class."""
+    return Call("POST", path, result(kind), json=body, repeatable=repeatable)
 
 
 def result(kind: JsonReader[T]) -> Read[T]:

@@ -3,12 +3,20 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Callable, Generator, Iterable, Iterator
+from collections.abc import (
+    AsyncIterator,
+    Callable,
+    Coroutine,
+    Generator,
+    Iterable,
+    Iterator,
+)
 from contextlib import closing
 from dataclasses import replace
+from functools import wraps
 from itertools import islice
 from types import TracebackType
-from typing import TYPE_CHECKING, Final, TypeVar
+from typing import TYPE_CHECKING, Concatenate, Final, ParamSpec, TypeVar
 
 import httpx
 
@@ -18,7 +26,7 @@ from unghost.client.discovery import find_server
 from unghost.client.errors import Unavailable
 from unghost.client.jobs import JobMethods
 from unghost.client.outgoing import NotSent, Outcome, OutgoingFrame
-from unghost.client.tables import AsyncBoxes, Boxes, BoxListing
+from unghost.client.tables import AsyncBoxes, Boxes
 from unghost.client.transport import (
     DEFAULT_TIMEOUT,
     AsyncTransport,
@@ -27,13 +35,10 @@ from unghost.client.transport import (
 )
 
 if TYPE_CHECKING:
-    from os import PathLike
-    from pathlib import Path
-
     from unghost.wire.boxes import Decision
-    from unghost.wire.runs import Export, Run
 
 T = TypeVar("T")
+P = ParamSpec("P")
 ClientT = TypeVar("ClientT", bound="Client")
 
 _DEFAULT_RETRY: Final = RetryPolicy()
@@ -133,7 +138,7 @@ class Client(Api, JobMethods):
     def _send(self, call: Call[T]) -> T:
         return self._transport.send(call)
 
-    def _boxes(self, listing: BoxListing[Decision]) -> Boxes:
+    def _boxes(self, listing: Listing[Decision]) -> Boxes:
         return Boxes(self, listing)
 
     def _pages(self, listing: Listing[T]) -> Iterator[T]:
@@ -145,6 +150,41 @@ class Client(Api, JobMethods):
             cursor = page.next_cursor
             if cursor is None:
                 return
+
+
+def _in_thread(
+    method: Callable[Concatenate[Client, P], T],
+) -> Callable[Concatenate[AsyncClient, P], Coroutine[object, object, T]]:
+    """A method that waits, of the client that blocks, in a thread."""
+
+    @wraps(method)
+    def awaited(
+        client: AsyncClient, /, *args: P.args, **kwargs: P.kwargs
+    ) -> Coroutine[object, object, T]:
+        return asyncio.to_thread(method, client._threaded, *args, **kwargs)
+
+    return awaited
+
+
+def _items_in_thread(
+    method: Callable[Concatenate[Client, P], Iterator[T]],
+) -> Callable[Concatenate[AsyncClient, P], AsyncIterator[T]]:
+    """A method that yields items, each in a thread."""
+
+    @wraps(method)
+    async def items(
+        client: AsyncClient, /, *args: P.args, **kwargs: P.kwargs
+    ) -> AsyncIterator[T]:
+        blocking = method(client._threaded, *args, **kwargs)
+        try:
+            while found := await asyncio.to_thread(lambda: list(islice(blocking, 1))):
+                yield found[0]
+        finally:
+            close = getattr(blocking, "close", None)
+            if close is not None:
+                await asyncio.to_thread(close)
+
+    return items
 
 
 class AsyncClient(Api):
@@ -197,75 +237,17 @@ class AsyncClient(Api):
             return False
         return True
 
-    def push(
-        self,
-        dataset: str,
-        frames: Iterable[OutgoingFrame | NotSent],
-        *,
-        replace: bool = False,
-        connections: int = 2,
-        progress: Callable[[int], object] | None = None,
-    ) -> AsyncIterator[Outcome]:
-        """Store many frames, as `Client.push` does."""
-        return _in_thread(
-            self._threaded.push(
-                dataset,
-                frames,
-                replace=replace,
-                connections=connections,
-                progress=progress,
-            )
-        )
-
-    def events(self, run: Run | int) -> AsyncIterator[Run]:
-        """Yields a run each time it changes, until it has ended."""
-        return _in_thread(self._threaded.events(run))
-
-    def export_events(self, export: Export | int) -> AsyncIterator[Export]:
-        """Yields an export each time it changes, until it has ended."""
-        return _in_thread(self._threaded.export_events(export))
-
-    async def wait(
-        self,
-        run: Run | int,
-        *,
-        progress: Callable[[Run], object] | None = None,
-        timeout_s: float | None = None,
-    ) -> Run:
-        """Wait for a run, as `Client.wait` does."""
-        wait = self._threaded.wait
-        return await asyncio.to_thread(
-            wait, run, progress=progress, timeout_s=timeout_s
-        )
-
-    async def wait_for_export(
-        self,
-        export: Export | int,
-        *,
-        progress: Callable[[Export], object] | None = None,
-        timeout_s: float | None = None,
-    ) -> Export:
-        """Wait for an export, as `Client.wait_for_export` does."""
-        wait = self._threaded.wait_for_export
-        return await asyncio.to_thread(
-            wait, export, progress=progress, timeout_s=timeout_s
-        )
-
-    async def download(
-        self,
-        export: Export,
-        path: str | PathLike[str],
-        *,
-        progress: Callable[[int, int | None], object] | None = None,
-    ) -> Path:
-        """Download a finished export, as `Client.download` does."""
-        download = self._threaded.download
-        return await asyncio.to_thread(download, export, path, progress=progress)
+    push = _items_in_thread(Client.push)
+    events = _items_in_thread(Client.events)
+    export_events = _items_in_thread(Client.export_events)
+    wait = _in_thread(Client.wait)
+    wait_for_export = _in_thread(Client.wait_for_export)
+    download = _in_thread(Client.download)
 
     async def _send(self, call: Call[T]) -> T:
         return await self._transport.send(call)
 
-    def _boxes(self, listing: BoxListing[Decision]) -> AsyncBoxes:
+    def _boxes(self, listing: Listing[Decision]) -> AsyncBoxes:
         return AsyncBoxes(self, listing)
 
     async def _pages(self, listing: Listing[T]) -> AsyncIterator[T]:
@@ -277,18 +259,3 @@ class AsyncClient(Api):
             cursor = page.next_cursor
             if cursor is None:
                 return
-
-
-async def _in_thread(items: Iterator[T]) -> AsyncIterator[T]:
-    """The items of an iterator that blocks."""
-
-    def step() -> list[T]:
-        return list(islice(items, 1))
-
-    try:
-        while found := await asyncio.to_thread(step):
-            yield found[0]
-    finally:
-        close = getattr(items, "close", None)
-        if close is not None:
-            await asyncio.to_thread(close)

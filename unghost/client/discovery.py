@@ -129,7 +129,7 @@ class StoredServers:
 def stored_servers(environ: Mapping[str, str]) -> StoredServers:
     """The servers that this user has stored; none if the file is another user's."""
     file = _stored_file(environ)
-    text, owner = _token_in(file)
+    text, owner = _small_text(file)
     try:
         stored = json.loads(text) if text and owner in (_caller(), None) else {}
         tokens = {str(url): str(token) for url, token in stored["servers"].items()}
@@ -210,7 +210,7 @@ def _checked(url: str) -> str:
 def _local_server(url: str, env: Mapping[str, str]) -> Server:
     if not is_local(httpx.URL(url).host):
         return Server(url, None)
-    variable = env.get("UNGHOST_DATA")
+    variable, caller = env.get("UNGHOST_DATA"), _caller()
     named = [
         Path(variable, "token") if variable else None,
         _noted_token_file(note_path(url, env)),
@@ -218,8 +218,9 @@ def _local_server(url: str, env: Mapping[str, str]) -> Server:
     # Only a guess: the server may have been started with another folder.
     guess = DEFAULT_DATA / "token"
     for file in dict.fromkeys([*filter(None, named), guess]):
-        token, owner = _token_in(file)
-        if token and _is_trusted(owner, is_named=file in named):
+        token, owner = _small_text(file)
+        is_ours = caller is None or owner in (caller, _ROOT)
+        if token and (is_ours or (caller == _ROOT and file in named)):
             return Server(url, token, TokenFile(file, owner))
         if token:
             warnings.warn(
@@ -239,7 +240,7 @@ def noted_servers(environ: Mapping[str, str]) -> list[str]:
     running = []
     for file in sorted(state_folder(environ).glob("servers/*.json")):
         try:
-            noted = json.loads(_read(file) or "{}")
+            noted = json.loads(_small_text(file)[0])
             url, pid = noted["url"], noted["pid"]
             if os.name == "posix":  # elsewhere this would end the process
                 os.kill(pid, 0)
@@ -252,13 +253,8 @@ def noted_servers(environ: Mapping[str, str]) -> list[str]:
     return running
 
 
-def _is_trusted(owner: int, *, is_named: bool) -> bool:
-    caller = _caller()
-    return caller is None or owner in (caller, _ROOT) or (caller == _ROOT and is_named)
-
-
-def _token_in(file: Path) -> tuple[str, int]:
-    """The token in a file, and the file's owner; no token if it cannot be read."""
+def _small_text(file: Path) -> tuple[str, int]:
+    """The text of a small file, and the file's owner; empty if it cannot be read."""
     # Absent, or another person's: then it is not for us. Not to wait for a pipe.
     flags = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0)
     try:
@@ -282,20 +278,9 @@ def is_local(host: str) -> bool:
 
 
 def _noted_token_file(note: Path) -> Path | None:
-    text = _read(note)
     try:
-        noted = json.loads(text) if text else None
-    except ValueError:
-        return None
-    file = noted.get("token_file") if isinstance(noted, dict) else None
-    return Path(file) if isinstance(file, str) else None
-
-
-def _read(file: Path) -> str | None:
-    # Absent, or another person's: then it is not for us.
-    try:
-        return file.read_text(encoding="utf-8").strip()
-    except (OSError, UnicodeDecodeError):
+        return Path(json.loads(_small_text(note)[0])["token_file"])
+    except (ValueError, LookupError, TypeError):
         return None
 
 
@@ -346,16 +331,14 @@ def _listeners(port: int) -> Iterator[tuple[Address, int]]:
         for line in lines:
             fields = line.split()
             if fields[3] == _LISTEN:
-                address, number = fields[1].split(":")
-                if int(number, 16) == port:
-                    yield _decoded(address), int(fields[7])
-
-
-def _decoded(digits: str) -> Address:
-    # Words of 32 bits, each in the order of bytes of this machine.
-    words = (int(digits[at : at + 8], 16) for at in range(0, len(digits), 8))
-    packed = b"".join(word.to_bytes(4, sys.byteorder) for word in words)
-    return _unmapped(ipaddress.ip_address(packed))
+                digits, number = fields[1].split(":")
+                if int(number, 16) != port:
+                    continue
+                # Words of 32 bits, each in the order of bytes of this machine.
+                starts = range(0, len(digits), 8)
+                words = (int(digits[start : start + 8], 16) for start in starts)
+                packed = b"".join(word.to_bytes(4, sys.byteorder) for word in words)
+                yield _unmapped(ipaddress.ip_address(packed)), int(fields[7])
 
 
 def _unmapped(address: Address) -> Address:

@@ -51,12 +51,8 @@ class Duplex:
     def begin(self, media_type: str, size: int) -> None:
         """Send the head of a POST of `size` bytes; wait until the server accepts it.
 
-        Raises
-        ------
-        OSError
-            No connection.
-        ApiError
-            The server refused before it had read anything.
+        Raises OSError without a connection, and ApiError if the server refused before
+        it had read anything.
         """
         if self._socket is None:
             self._http = h11.Connection(our_role=h11.CLIENT)
@@ -98,11 +94,8 @@ class Duplex:
     def send(self, piece: Piece) -> None:
         """The next piece of the body.
 
-        Raises
-        ------
-        OSError
-            The connection is broken; lines received before can still be read.
-        FileChanged
+        Raises OSError if the connection is broken (lines received before can still be
+        read), and FileChanged.
         """
         sock = self._open_socket()
         if isinstance(piece, FilePiece):
@@ -124,12 +117,8 @@ class Duplex:
     def lines(self, *, wait: bool) -> Iterator[bytes]:
         """Whole lines of the response: those received so far, or all of them.
 
-        Raises
-        ------
-        OSError, h11.RemoteProtocolError
-            The connection was cut before the end of the response.
-        ApiError
-            The status of the response is not 200.
+        Raises OSError or h11.RemoteProtocolError if the connection was cut before the
+        end of the response, and ApiError if its status is not 200.
         """
         while not self._answered:
             event = self._http.next_event()

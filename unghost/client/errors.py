@@ -43,10 +43,7 @@ class ApiError(Exception):
     """
 
     def __init__(
-        self,
-        status: int,
-        problem: Json,
-        retry_after_s: float | None = None,
+        self, status: int, problem: Json, retry_after_s: float | None = None
     ) -> None:
         self.status = status
         self.problem = dict(problem)
@@ -119,12 +116,8 @@ class Unavailable(ApiError):
 class NoResponse(Unavailable):
     """There is no response, or only a part of one; `status` is 0.
 
-    Attributes
-    ----------
-    address
-        The server's address, without a user and a password.
-    sent
-        Whether a connection was open, so that the server may have executed the request.
+    `address` is the server's, without a user and a password. `sent`: a connection was
+    open, so that the server may have executed the request.
     """
 
     def __init__(self, address: str, why: str, *, sent: bool) -> None:

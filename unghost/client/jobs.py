@@ -21,17 +21,9 @@ from typing import IO, Final, Generic, Protocol, TypeAlias, TypeVar
 import httpx
 
 from unghost import wire
+from unghost.client import errors
 from unghost.client.api import export_path, id_of, run_path
 from unghost.client.call import Call, JsonReader, read_object, result
-from unghost.client.errors import (
-    BadRequest,
-    DamagedDownload,
-    NoResponse,
-    NotFound,
-    Unavailable,
-    run_failed,
-    unexpected,
-)
 from unghost.client.transport import Attempts, Transport
 
 _FIRST_POLL_S: Final = 0.05
@@ -53,12 +45,10 @@ class State(Protocol):
     @property
     def finished(self) -> bool:
         """Whether the job has ended: done, failed or cancelled."""
-        ...
 
     @property
     def error(self) -> wire.Failure | None:
         """Why it failed; None unless it did."""
-        ...
 
 
 StateT = TypeVar("StateT", bound=State)
@@ -87,12 +77,8 @@ class JobMethods:
     ) -> wire.Run:
         """Wait for a run and return it; `progress` is called with each state before.
 
-        Raises
-        ------
-        RunFailed
-            It failed or was cancelled.
-        TimeoutError
-            It had not ended after `timeout_s`; it continues on the server.
+        Raises RunFailed if it failed or was cancelled, and TimeoutError if it had not
+        ended after `timeout_s`; then it continues on the server.
         """
         return self._run(run).done(progress, timeout_s)
 
@@ -158,7 +144,7 @@ class _Job(Generic[StateT]):
         followed = self._followed(progress) if timeout_s is None else None
         ended = followed or self._polled(progress, timeout_s)
         if ended.state != "done":
-            raise run_failed(self.name, ended.state, ended.error)
+            raise errors.run_failed(self.name, ended.state, ended.error)
         return ended
 
     def events(self) -> Iterator[StateT]:
@@ -178,7 +164,7 @@ class _Job(Generic[StateT]):
                         state = json.loads(data)
                         yield read_object(self.kind.read, state, response)
                     raise httpx.RemoteProtocolError("the events have no end")
-            except Unavailable as error:
+            except errors.Unavailable as error:
                 wait_s = attempts.failed(error, moved_on=moved_on)
                 if not self.transport.pause(wait_s):
                     raise
@@ -197,8 +183,8 @@ class _Job(Generic[StateT]):
                 progress(state)
                 if state.finished:
                     return state
-        except (BadRequest, NotFound, Unavailable) as error:
-            if isinstance(error, NoResponse) and not error.sent:
+        except (errors.BadRequest, errors.NotFound, errors.Unavailable) as error:
+            if isinstance(error, errors.NoResponse) and not error.sent:
                 raise  # the server is away, and has been waited for
             # No such stream, too many streams, or a proxy that buffers it: poll.
             return None
@@ -229,7 +215,7 @@ def _lines_of(response: httpx.Response) -> Iterator[str]:
             size = size + len(line) if line.strip() else 0
             yield line.decode("utf-8", "replace").removesuffix("\r")
         if size + len(rest) > MAX_EVENT_BYTES:
-            raise unexpected(
+            raise errors.unexpected(
                 response, f"has an event of more than {MAX_EVENT_BYTES} bytes"
             )
 
@@ -286,7 +272,7 @@ class _Download:
             try:
                 self._continue(progress)
                 break
-            except Unavailable as error:
+            except errors.Unavailable as error:
                 moved_on = self._bytes_there() > before
                 wait_s = attempts.failed(error, moved_on=moved_on)
                 if not self.transport.pause(wait_s):
@@ -298,7 +284,7 @@ class _Download:
                     digest.update(chunk)
             if digest.hexdigest() != self.sha256:
                 self.partial.unlink()
-                raise DamagedDownload(
+                raise errors.DamagedDownload(
                     f"{self.path.name}: got SHA-256 {digest.hexdigest()}, "
                     f"expected {self.sha256}; the download was dropped, fetch it again"
                 )

@@ -104,12 +104,8 @@ class OutgoingFrame:
     def digest(self) -> str:
         """Digest of the content, as defined in docs/api.md.
 
-        Raises
-        ------
-        OSError
-            A file cannot be read.
-        ValueError
-            The annotation cannot be written as JSON.
+        Raises OSError if a file cannot be read, and ValueError if the annotation cannot
+        be written as JSON.
         """
         lines = [b"frame 1"]
         for name, content in sorted(self._contents.items()):
@@ -120,12 +116,7 @@ class OutgoingFrame:
     def form(self) -> Files:
         """The parts of a form: the annotation and the files, read into memory.
 
-        Raises
-        ------
-        OSError
-            A file cannot be read.
-        ValueError
-            The annotation cannot be written as JSON.
+        Raises OSError if a file cannot be read, and ValueError as `digest` does.
         """
         annotation = canonical_json(self.annotation)
         form = {"annotation": ("annotation.json", annotation, "application/json")}
@@ -136,17 +127,11 @@ class OutgoingFrame:
     def packed(self, name: str) -> PackedFrame:
         """The members of an archive; of the files only the sizes are read.
 
-        Parameters
-        ----------
-        name
-            The common beginning of the members' names, which groups them.
+        `name` is the common beginning of the members' names, which groups them.
 
-        Raises
-        ------
-        OSError
-            A file does not exist, is not a regular file, or may not be read.
-        ValueError
-            The key is not text, or the annotation cannot be written as JSON.
+        Raises OSError if a file does not exist, is not a regular file, or may not be
+        read, and ValueError if the key is not text, or the annotation cannot be written
+        as JSON.
         """
         if not is_text(self.key):
             raise ValueError("the key is not text: its file's name is not UTF-8")
@@ -291,10 +276,7 @@ def _png(name: str, array: NDArray[np.generic]) -> bytes:
 def canonical_json(annotation: Json) -> bytes:
     """The annotation as canonical JSON: equal annotations give equal text.
 
-    Raises
-    ------
-    ValueError
-        It has a value that JSON does not have.
+    Raises ValueError if it has a value that JSON does not have.
     """
     try:
         text = json.dumps(
@@ -344,10 +326,7 @@ def size_of(piece: Piece) -> int:
 def open_regular(path: Path) -> FileIO:
     """Open a file to read it, unbuffered, without waiting for the writer of a pipe.
 
-    Raises
-    ------
-    OSError
-        It cannot be opened, or is not a regular file.
+    Raises OSError if it cannot be opened, or is not a regular file.
     """
     no_wait = getattr(os, "O_NONBLOCK", 0)
     file = FileIO(path, opener=lambda name, flags: os.open(name, flags | no_wait))

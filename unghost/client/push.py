@@ -13,18 +13,11 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import islice
 from queue import Empty, SimpleQueue
-from typing import Final, TypeAlias, TypeVar
+from typing import Final, TypeAlias
 
+from unghost.client import errors
 from unghost.client.api import frame_stored, known_frames
 from unghost.client.batches import BatchSender
-from unghost.client.errors import (
-    ApiError,
-    Forbidden,
-    NotFound,
-    Unauthorized,
-    Unavailable,
-    UnexpectedAnswer,
-)
 from unghost.client.outgoing import (
     AlreadyThere,
     NotSent,
@@ -48,8 +41,6 @@ _BATCH_FRAMES: Final = 200
 _BATCH_BYTES: Final = 256 << 20
 
 _LISTEN_S: Final = 0.5
-
-ItemT = TypeVar("ItemT")
 
 Batch: TypeAlias = Sequence[PackedFrame]
 
@@ -83,7 +74,7 @@ class Upload:
             for outcome in self._outcomes(frames):
                 there += not isinstance(outcome, NotSent)
                 yield outcome
-        except Unavailable as error:
+        except errors.Unavailable as error:
             error.extend(
                 f"{there:,} frames are stored, and pushing the same frames again sends "
                 "only the others"
@@ -102,7 +93,7 @@ class Upload:
                         senders.submit(batch)
                     yield from senders.outcomes(self.connections)
                 yield from senders.outcomes(0)
-            except Unavailable:
+            except errors.Unavailable:
                 yield from senders.reported()
                 raise
 
@@ -111,7 +102,8 @@ class Upload:
     ) -> Iterator[PackedFrame | AlreadyThere | NotSent]:
         """Packed frames to be sent, and outcomes of frames that need not be sent."""
         number = 0
-        for window in _windows(frames, _LOOKED_UP):
+        source = iter(frames)
+        while window := list(islice(source, _LOOKED_UP)):
             for frame in self._without_known(window):
                 if not isinstance(frame, OutgoingFrame):
                     yield frame
@@ -141,7 +133,8 @@ class Upload:
             for frame in frames
             if isinstance(frame, OutgoingFrame) and frame.key in known
         )
-        digests = _digests(tuple(compared))
+        with ThreadPoolExecutor(_HASHING, "compare") as pool:
+            digests = iter(list(pool.map(_digest, compared)))
         for frame in frames:
             if isinstance(frame, NotSent) or frame.key not in known:
                 yield frame
@@ -154,13 +147,6 @@ class Upload:
                 yield AlreadyThere(frame.key, there.frame_id)
             else:
                 yield frame
-
-
-def _digests(frames: Sequence[OutgoingFrame]) -> Iterator[str | NotSent]:
-    if not frames:
-        return iter(())
-    with ThreadPoolExecutor(_HASHING, "compare") as pool:
-        return iter(list(pool.map(_digest, frames)))
 
 
 def _digest(frame: OutgoingFrame) -> str | NotSent:
@@ -224,7 +210,7 @@ class _Senders:
             if not self._singly:
                 self._sender().send(batch, self._finished.put)
                 return
-        except NotFound:
+        except errors.NotFound:
             # An older server, or a deleted dataset: then each frame gets an error.
             self._singly = True
         for packed in batch:
@@ -238,7 +224,7 @@ class _Senders:
         try:
             call = frame_stored(upload.path, frame, replace=upload.replace)
             stored = upload.transport.send(call)
-        except (ApiError, OSError, ValueError) as error:
+        except (errors.ApiError, OSError, ValueError) as error:
             if _concerns_all(error):
                 raise
             return NotSent(frame.key, error)
@@ -288,17 +274,19 @@ def _batches(
         yield batch
 
 
-def _windows(items: Iterable[ItemT], size: int) -> Iterator[list[ItemT]]:
-    source = iter(items)
-    while window := list(islice(source, size)):
-        yield window
-
-
 def _concerns_all(error: Exception) -> bool:
     """Whether all other frames would get this error of one frame as well.
 
     Not if a frame may not be replaced because of other people's answers.
     """
-    if isinstance(error, Forbidden):
+    if isinstance(error, errors.Forbidden):
         return error.code != "others_answers"
-    return isinstance(error, (Unauthorized, NotFound, Unavailable, UnexpectedAnswer))
+    return isinstance(
+        error,
+        (
+            errors.Unauthorized,
+            errors.NotFound,
+            errors.Unavailable,
+            errors.UnexpectedAnswer,
+        ),
+    )

@@ -7,8 +7,6 @@ box, and are read in a tenth of the time.
 from __future__ import annotations
 
 from collections.abc import AsyncIterator, Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from functools import wraps
 from typing import (
     TYPE_CHECKING,
     Concatenate,
@@ -31,8 +29,8 @@ from unghost.client.call import (
     Call,
     Listing,
     Sender,
-    annotate_result,
     answer,
+    passed_to,
 )
 
 if TYPE_CHECKING:
@@ -57,11 +55,6 @@ _PAGE_ROWS: Final = 20_000
 _LIST_ONLY: Final = ("sort", "limit", "count", "cursor")
 
 
-@dataclass(frozen=True)
-class BoxListing(Listing[T]):
-    """A list of boxes (`wire.Decision`), which the server also sends as a table."""
-
-
 class Boxes(Iterator["wire.Decision"]):
     """The boxes of a list: an iterator over them, or a table of all of them.
 
@@ -69,7 +62,7 @@ class Boxes(Iterator["wire.Decision"]):
     (docs/client.md lists them); without it, all are read but those that take long.
     """
 
-    def __init__(self, client: Sender, listing: BoxListing[wire.Decision]) -> None:
+    def __init__(self, client: Sender, listing: Listing[wire.Decision]) -> None:
         self._client, self._listing = client, listing
         self._items: Iterator[wire.Decision] | None = None
 
@@ -124,7 +117,7 @@ class Boxes(Iterator["wire.Decision"]):
 class AsyncBoxes:
     """As `Boxes`, for an `AsyncClient`."""
 
-    def __init__(self, client: AsyncSender, listing: BoxListing[wire.Decision]) -> None:
+    def __init__(self, client: AsyncSender, listing: Listing[wire.Decision]) -> None:
         self._client, self._listing = client, listing
 
     def __aiter__(self) -> AsyncIterator[wire.Decision]:
@@ -167,7 +160,7 @@ class _Table:
     """Collects the pages of a table."""
 
     def __init__(
-        self, listing: BoxListing[wire.Decision], fields: Sequence[str], most: int
+        self, listing: Listing[wire.Decision], fields: Sequence[str], most: int
     ) -> None:
         given = listing.params
         if given.get("sort", "id") != "id":
@@ -186,7 +179,12 @@ class _Table:
         """The call for the first page, or for the page that the cursor names."""
         limit = min(_PAGE_ROWS, self._most - self._rows if self._most else _PAGE_ROWS)
         params = {**self._params, "limit": limit, "cursor": cursor}
-        return Call("GET", f"{API}/boxes/table", answer(_as_it_is), params=params)
+
+        def read(body: Json) -> Json:
+            body["columns"], body["rows"], body["next_cursor"]  # LookupError without
+            return body
+
+        return Call("GET", f"{API}/boxes/table", answer(read), params=params)
 
     def add(self, page: Json, progress: Progress | None) -> str | None:
         """Keep a page; the cursor of the next one, if another one is needed."""
@@ -206,11 +204,6 @@ class _Table:
         if self._most:  # a page has whole frames
             found = {name: values[: self._most] for name, values in found.items()}
         return found
-
-
-def _as_it_is(body: Json) -> Json:
-    body["columns"], body["rows"], body["next_cursor"]  # LookupError if there are none
-    return body
 
 
 def kinds() -> dict[str, tuple[type, bool]]:
@@ -254,11 +247,7 @@ def to_polars(columns: Columns) -> polars.DataFrame:
     """A data frame with the types of the columns, also where all values are missing."""
     import polars
 
-    types: dict[type, object] = {
-        str: polars.String,
-        float: polars.Float64,
-        int: polars.Int64,
-    }
+    types = {str: polars.String, float: polars.Float64, int: polars.Int64}
     of = kinds()
     return polars.DataFrame(
         columns,
@@ -286,13 +275,13 @@ def to_arrow(columns: Columns) -> pyarrow.Table:
 class BoxSender(Sender, Protocol):
     """A client that also lists boxes."""
 
-    def _boxes(self, listing: BoxListing[wire.Decision], /) -> Boxes: ...
+    def _boxes(self, listing: Listing[wire.Decision], /) -> Boxes: ...
 
 
 class AsyncBoxSender(AsyncSender, Protocol):
     """A client that also lists boxes, and whose results are awaited."""
 
-    def _boxes(self, listing: BoxListing[wire.Decision], /) -> AsyncBoxes: ...
+    def _boxes(self, listing: Listing[wire.Decision], /) -> AsyncBoxes: ...
 
 
 if TYPE_CHECKING:
@@ -302,7 +291,7 @@ if TYPE_CHECKING:
         """A method that lists boxes."""
 
         def __init__(
-            self, describe: Callable[Concatenate[S, P], BoxListing[wire.Decision]]
+            self, describe: Callable[Concatenate[S, P], Listing[wire.Decision]]
         ) -> None: ...
         @overload
         def __get__(self, client: BoxSender, kind: object) -> Callable[P, Boxes]: ...
@@ -315,13 +304,4 @@ if TYPE_CHECKING:
     box_listing = BoxesEndpoint
 
 else:
-
-    def box_listing(describe: Callable[..., object]) -> Callable[..., object]:
-        """Make a method that lists boxes, from a function that describes the list."""
-
-        @wraps(describe)
-        def boxes(client: BoxSender, /, *args: object, **kwargs: object) -> object:
-            return client._boxes(describe(client, *args, **kwargs))
-
-        annotate_result(describe, "Boxes")
-        return boxes
+    box_listing = passed_to("_boxes", ".+", "Boxes")

@@ -17,26 +17,14 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
-from typing import Final, TypeVar
+from typing import Any, Final, TypeVar
 from urllib.request import getproxies, proxy_bypass
 
 import httpx
 
+from unghost.client import errors
 from unghost.client.call import Call, Params, query_of
-from unghost.client.discovery import (
-    Server,
-    found_again,
-    is_local,
-    refuse_foreign,
-)
-from unghost.client.errors import (
-    NoResponse,
-    NotFound,
-    Unauthorized,
-    Unavailable,
-    error_of,
-    unexpected,
-)
+from unghost.client.discovery import Server, found_again, is_local, refuse_foreign
 
 T = TypeVar("T")
 
@@ -62,12 +50,12 @@ def address_of(url: httpx.URL) -> str:
 
 def no_response(
     url: httpx.URL, error: Exception, *, sent: bool | None = None
-) -> NoResponse:
+) -> errors.NoResponse:
     """The exception for a connection that failed; httpx's own names no address."""
     if sent is None:
         sent = not isinstance(error, _NOT_SENT)
     why = str(error) or type(error).__name__
-    return NoResponse(address_of(url), why, sent=sent)
+    return errors.NoResponse(address_of(url), why, sent=sent)
 
 
 @dataclass(frozen=True)
@@ -109,15 +97,10 @@ class Attempts:
         self._since = 0.0
         self._is_logged = False
 
-    def failed(self, error: Unavailable, *, moved_on: bool = False) -> float:
+    def failed(self, error: errors.Unavailable, *, moved_on: bool = False) -> float:
         """The seconds to wait after a failure; raises the error when the time is over.
 
-        Parameters
-        ----------
-        error
-            The failure.
-        moved_on
-            Whether there was progress since the last failure; the time starts again.
+        `moved_on`: there was progress since the last failure, so the time starts again.
         """
         now = time.monotonic()
         if moved_on or not self._failed:
@@ -151,11 +134,11 @@ class _Tries:
         """Whether an attempt may have deleted what is not found, its response lost."""
         return self._call.method == "DELETE" and self._may_be_done
 
-    def wait_s(self, error: Unavailable) -> float:
+    def wait_s(self, error: errors.Unavailable) -> float:
         """Seconds to wait for the next attempt; raises the error if there is none."""
         self._may_be_done |= (
             error.sent
-            if isinstance(error, NoResponse)
+            if isinstance(error, errors.NoResponse)
             else error.status not in _NOTHING_DONE
         )
         if not self._call.retried or (self._may_be_done and not self._call.repeatable):
@@ -171,9 +154,19 @@ def _headers(server: Server) -> dict[str, str]:
     return headers
 
 
-def _verified(address: httpx.URL) -> bool | ssl.SSLContext:
-    # Certificates take longer to read than most calls. Without, none is valid.
-    return address.scheme == "https" or ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+def _pool_options(server: Server, timeout: float | httpx.Timeout) -> dict[str, Any]:
+    """What a pool of httpx is made with; redirects would get the token, too."""
+    address = httpx.URL(server.url)
+    return {
+        "base_url": server.url,
+        "headers": _headers(server),
+        "timeout": timeout,
+        # A proxy of the network cannot reach this machine's own address.
+        "trust_env": not is_local(address.host),
+        # Certificates take longer to read than most calls. Without, none is valid.
+        "verify": address.scheme == "https" or ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT),
+        "follow_redirects": False,
+    }
 
 
 def _request(
@@ -208,16 +201,7 @@ class AsyncTransport:
     ) -> None:
         self._server = server
         self._retry = retry
-        address = httpx.URL(server.url)
-        # Redirects are not followed, because the token would be sent along.
-        self._http = httpx.AsyncClient(
-            base_url=server.url,
-            headers=_headers(server),
-            timeout=timeout,
-            # A proxy of the network cannot reach this machine's own address.
-            trust_env=not is_local(address.host),
-            verify=_verified(address),
-        )
+        self._http = httpx.AsyncClient(**_pool_options(server, timeout))
 
     async def close(self) -> None:
         """Close the connections."""
@@ -231,16 +215,16 @@ class AsyncTransport:
             try:
                 response = await self._whole(call, tries.key)
                 return call.read(_success(response))
-            except NotFound:
+            except errors.NotFound:
                 if response is not None and tries.has_deleted():
                     return call.read(response)
                 raise
-            except Unauthorized:
+            except errors.Unauthorized:
                 if (found := found_again(server)) is None:
                     raise
                 self._server = found
                 self._http.headers.update(_headers(found))
-            except Unavailable as error:
+            except errors.Unavailable as error:
                 await asyncio.sleep(tries.wait_s(error))
 
     async def _whole(self, call: Call[T], key: str) -> httpx.Response:
@@ -253,7 +237,9 @@ class AsyncTransport:
                 async for piece in response.aiter_raw():
                     body += piece
                     if len(body) > most:
-                        raise unexpected(response, f"is longer than {most} bytes")
+                        raise errors.unexpected(
+                            response, f"is longer than {most} bytes"
+                        )
             finally:
                 await response.aclose()
         except httpx.TransportError as error:
@@ -269,23 +255,10 @@ class Transport:
     """An HTTP connection pool to one server; safe to use from many threads."""
 
     def __init__(
-        self,
-        server: Server,
-        *,
-        timeout: float | httpx.Timeout,
-        retry: RetryPolicy,
+        self, server: Server, *, timeout: float | httpx.Timeout, retry: RetryPolicy
     ) -> None:
         self._server = server
-        address = httpx.URL(server.url)
-        # Redirects are not followed, because the token would be sent along.
-        self._http = httpx.Client(
-            base_url=server.url,
-            headers=_headers(server),
-            timeout=timeout,
-            # A proxy of the network cannot reach this machine's own address.
-            trust_env=not is_local(address.host),
-            verify=_verified(address),
-        )
+        self._http = httpx.Client(**_pool_options(server, timeout))
         self.retry: Final = retry
         self._closed = threading.Event()
 
@@ -362,17 +335,17 @@ class Transport:
             try:
                 response = self._whole(call, tries.key)
                 return _success(response)
-            except NotFound:
+            except errors.NotFound:
                 if response is not None and tries.has_deleted():
                     return response
                 raise
-            except Unauthorized:
+            except errors.Unauthorized:
                 # Another thread may have found it: this call was sent without.
                 if (found := found_again(server)) is None:
                     raise
                 self._server = found
                 self._http.headers.update(_headers(found))
-            except Unavailable as error:
+            except errors.Unavailable as error:
                 wait_s = tries.wait_s(error)  # may raise the error
                 if not self.pause(wait_s):
                     raise
@@ -403,7 +376,7 @@ def refuse_encoded(response: httpx.Response) -> None:
     """Raise UnexpectedAnswer if the body is compressed, which was not asked for."""
     encoding = response.headers.get("Content-Encoding", _PLAIN)
     if encoding.strip().lower() not in ("", _PLAIN):
-        raise unexpected(response, f"is encoded as {encoding!r}")
+        raise errors.unexpected(response, f"is encoded as {encoding!r}")
 
 
 def whole(
@@ -411,17 +384,14 @@ def whole(
 ) -> httpx.Response:
     """A response with its body, which is read from pieces.
 
-    Raises
-    ------
-    UnexpectedAnswer
-        It is compressed, or longer than `max_bytes`.
+    Raises UnexpectedAnswer if it is compressed, or longer than `max_bytes`.
     """
     refuse_encoded(head)
     body = bytearray()
     for piece in pieces:
         body += piece
         if len(body) > max_bytes:
-            raise unexpected(head, f"is longer than {max_bytes} bytes")
+            raise errors.unexpected(head, f"is longer than {max_bytes} bytes")
     return httpx.Response(
         head.status_code,
         headers=head.headers,
@@ -433,7 +403,7 @@ def whole(
 def _success(response: httpx.Response) -> httpx.Response:
     if response.is_success:
         return response
-    raise error_of(response)
+    raise errors.error_of(response)
 
 
 @dataclass(frozen=True)

@@ -17,6 +17,7 @@ References
 from __future__ import annotations
 
 import argparse
+import itertools
 import json
 import os
 import sys
@@ -225,7 +226,10 @@ def _train(
         optimizer, options.rate, total_steps=options.steps, pct_start=0.1
     )
     rng = np.random.default_rng(options.seed)
-    rows = _endlessly(rng, len(train.images))
+    count = len(train.images)
+    # Every row once in each round, in random order
+    rounds = (rng.permutation(count).tolist() for _ in itertools.repeat(None))
+    rows = itertools.chain.from_iterable(rounds)
     for step in range(options.steps):
         images, targets = [], []
         for _ in range(options.batch):
@@ -242,12 +246,6 @@ def _train(
         if step % 50 == 0 or step == options.steps - 1:
             sys.stdout.write(f"step {step}: loss {float(loss.detach()):.3f}\n")
             sys.stdout.flush()
-
-
-def _endlessly(rng: np.random.Generator, count: int) -> Iterator[int]:
-    """Every row once in each round, in random order."""
-    while True:
-        yield from rng.permutation(count).tolist()
 
 
 @torch.no_grad()

@@ -54,16 +54,9 @@ class _Task(NamedTuple):
 class ClusterTrials:
     """Runs trials on the workers of a scheduler.
 
-    Attributes
-    ----------
-    client : distributed.Client
-    experiment : Experiment
-    trainer : str
-        As for `trainer_command`, which each worker calls.
-    parallel : int
-        Workers of one machine, which share its cores.
-    note : callable
-        Gets a sentence about each worker that was lost; its trial is begun again.
+    Each worker calls `trainer_command` with `trainer`; `parallel` are the workers of
+    one machine, which share its cores. `note` gets a sentence about each worker that
+    was lost; its trial is begun again.
     """
 
     client: Client
@@ -75,11 +68,8 @@ class ClusterTrials:
     def run(self, trials: Sequence[tuple[str, int]]) -> Iterator[None]:
         """Run trials, by arm and seed; yields once for each that is finished.
 
-        Raises
-        ------
-        TrialError
-            A trial failed, a worker does not see the folder, or the scheduler was lost.
-            Trials that have not ended are cancelled.
+        Raises `TrialError`: a trial failed, a worker does not see the folder, or the
+        scheduler was lost. Trials that have not ended are cancelled.
         """
         folder, digest = self.experiment.folder.resolve(), _digest(self.experiment)
         common = folder, digest, self.trainer, self.parallel

@@ -18,7 +18,7 @@ from typing import Final, TypedDict
 import numpy as np
 import yaml
 
-from filter_core.arrays import BoolArray, BoxesXYXY
+from filter_core.arrays import BoxesXYXY
 from filter_core.evaluation.arms import DOUBTFUL, GHOST, OBJECT, LabelledBoxes
 from filter_core.formats.files import FileNames, json_bytes, write_whole
 from filter_core.formats.splits import part_by_shares, role_of_part, sequence_of
@@ -100,10 +100,7 @@ class _Coco:
     annotations: list[AnnotationObject] = field(default_factory=list)
 
     def add(
-        self,
-        xyxy: BoxesXYXY,
-        labels: Sequence[int],
-        facts: Sequence[FactsObject] = (),
+        self, xyxy: BoxesXYXY, labels: Sequence[int], facts: Sequence[FactsObject] = ()
     ) -> None:
         """Add boxes to the last image, with `facts` about each, if there are any."""
         more = facts or [FactsObject() for _ in labels]
@@ -136,20 +133,10 @@ class _Coco:
 class DatasetsWriter:
     """Writes the data sets of all arms into a folder, frame by frame.
 
-    Parameters
-    ----------
-    folder : Path
-    arms : sequence of str
-    classes : sequence of str
-        By number: YOLO counts them from 0, COCO from 1.
-    share : float
-        That of ``train`` among frames that are of no part, by whole sequences.
-
-    Attributes
-    ----------
-    frames : Counter of str
-        How many frames each part has, and those that were left out: ``no_image``, and
-        ``other_parts``, which are neither for training nor for validation.
+    Classes are counted from 0 in YOLO, from 1 in COCO. `share` is that of ``train``
+    among frames that are of no part, by whole sequences. `frames` counts the frames of
+    each part, and those left out: ``no_image``, and ``other_parts``, which are neither
+    for training nor for validation.
     """
 
     def __init__(
@@ -220,7 +207,8 @@ class DatasetsWriter:
             [labels[row] for row in known],
             [_facts(boxes, row) for row in known.tolist()],
         )
-        ghosts = np.flatnonzero((boxes.truth == GHOST) & _has_raw(boxes))
+        sides = boxes.raw_xyxy[:, 2:] - boxes.raw_xyxy[:, :2]
+        ghosts = np.flatnonzero((boxes.truth == GHOST) & (sides > 0).all(axis=1))
         self._ghosts.add(boxes.raw_xyxy[ghosts], [labels[row] for row in ghosts])
 
     def finish(self) -> None:
@@ -242,11 +230,6 @@ class DatasetsWriter:
             _write(place / "data.yaml", text.encode())
         ghosts = self._ghosts.annotations
         _write_json(self._folder / TRUTH, {**truth, "ghosts": ghosts})
-
-
-def _has_raw(boxes: LabelledBoxes) -> BoolArray:
-    sides = boxes.raw_xyxy[:, 2:] - boxes.raw_xyxy[:, :2]
-    return np.asarray((sides > 0).all(axis=1))
 
 
 def _facts(boxes: LabelledBoxes, row: int) -> FactsObject:

@@ -19,7 +19,7 @@ import shlex
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
@@ -88,17 +88,10 @@ class TrialInterrupted(Exception):
 def trainer_command(trainer: str, *, is_here: bool = True) -> list[str]:
     """The words of a trainer's command, with ``{data}``, ``{seed}`` and ``{output}``.
 
-    Parameters
-    ----------
-    trainer : str
-        A command, or `BUILT_IN` with its own options.
-    is_here : bool
-        Whether this machine trains, which needs the built-in trainer's libraries.
+    `trainer` is a command, or `BUILT_IN` with its own options, whose libraries this
+    machine needs only if it trains itself (`is_here`).
 
-    Raises
-    ------
-    TrialError
-        A place is missing, or the built-in trainer's libraries are.
+    Raises `TrialError` if a place is missing, or such a library.
     """
     words = shlex.split(trainer)
     if words[:1] == [BUILT_IN]:
@@ -122,12 +115,7 @@ def trainer_command(trainer: str, *, is_here: bool = True) -> list[str]:
 
 @dataclass(frozen=True)
 class Experiment:
-    """The folder of an experiment: the arms' data sets, and its trials.
-
-    Attributes
-    ----------
-    folder : Path
-    """
+    """The folder of an experiment: the arms' data sets, and its trials."""
 
     folder: Path
 
@@ -146,10 +134,7 @@ class Experiment:
     def require_trainer(self, trainer: str) -> None:
         """Note the trainer of the first trial; all others must have the same.
 
-        Raises
-        ------
-        TrialError
-            Earlier trials have another one.
+        Raises `TrialError`: earlier trials have another one.
         """
         path = self.folder / _TRAINER
         if not path.exists():
@@ -184,23 +169,11 @@ class Experiment:
     ) -> None:
         """Train and detect; the trainer's output goes into a log.
 
-        Parameters
-        ----------
-        arm : str
-        seed : int
-        command : sequence of str
-            Of `trainer_command`.
-        parallel : int
-            How many trials run at the same time, which share the cores.
-        may_continue : callable
-            Asked twice a second; if it is false, the trainer is ended.
+        `parallel` trials run at the same time, which share the cores. `may_continue` is
+        asked twice a second; if it is false, the trainer is ended.
 
-        Raises
-        ------
-        TrialError
-            The command failed, with the end of its log; or it wrote no predictions.
-        TrialInterrupted
-            `may_continue` has said no.
+        Raises `TrialError` if the command failed, with the end of its log, or wrote no
+        predictions; `TrialInterrupted` if `may_continue` has said no.
         """
         output = self.trial_folder(arm, seed).resolve()
         output.mkdir(parents=True, exist_ok=True)
@@ -209,7 +182,9 @@ class Experiment:
             "seed": str(seed),
             "output": str(output),
         }
-        words = [_filled(word, places) for word in command]
+        words = list(command)
+        for place, value in places.items():
+            words = [word.replace(f"{{{place}}}", value) for word in words]
         # Libraries of arrays would each take all cores, and wait for each other.
         threads = max((os.cpu_count() or 1) // parallel, 1)
         environment = {"OMP_NUM_THREADS": str(threads), **os.environ}
@@ -299,10 +274,7 @@ class Experiment:
     def _detections(self, path: Path) -> Detections:
         """Results as COCO has them; images may be called by their files' names, too.
 
-        Raises
-        ------
-        TrialError
-            Names the result that has an error.
+        Raises `TrialError`: names the result that has an error.
         """
         names = {
             name: self._row_of_image[one["id"]]
@@ -346,23 +318,12 @@ class Experiment:
 
 
 def joined(folders: Sequence[Path]) -> tuple[list[EvaluationSet], int, Iterator[Trial]]:
-    """The finished trials of several experiments.
+    """The finished trials of several experiments: test sets, their number, and trials.
 
-    Those with the same truth have one test set. Of trials of the same arm and seed in
-    one test set, the first is taken.
+    Experiments with the same truth have one test set. Of trials of the same arm and
+    seed in one test set, the first is taken. Trials are ordered by arm.
 
-    Returns
-    -------
-    tests : list of EvaluationSet
-    count : int
-        How many trials there are.
-    trials : iterator of Trial
-        Ordered by arm.
-
-    Raises
-    ------
-    TrialError
-        A folder has no data sets, or no trial is finished.
+    Raises `TrialError` if a folder has no data sets, or no trial is finished.
     """
     tests: list[EvaluationSet] = []
     numbers: dict[bytes, int] = {}
@@ -386,13 +347,6 @@ def joined(folders: Sequence[Path]) -> tuple[list[EvaluationSet], int, Iterator[
     order = list(arms)
     keys = sorted(taken, key=lambda key: (order.index(key.arm), key.test, key.seed))
     return tests, len(keys), (taken[key].trial(key) for key in keys)
-
-
-def _filled(word: str, places: Mapping[str, str]) -> str:
-    """A word of a command with its places filled; other braces stay."""
-    for name, value in places.items():
-        word = word.replace(f"{{{name}}}", value)
-    return word
 
 
 def _xyxy(boxes: Sequence[Sequence[float] | FloatArray]) -> BoxesXYXY:

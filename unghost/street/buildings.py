@@ -1,8 +1,8 @@
 """Houses: their shape as triangles, and their walls with windows, drawn per pixel.
 
-`building` makes the walls, roof, balconies and cornices as triangles. `facade_look`
-colours the pixels of a wall: it draws windows, frames, sills and shops from the place
-of each pixel on the wall. Both follow the same `FACADE_STYLES`.
+`building` makes the walls, roof, balconies and cornices as triangles. `Walls` colours
+the pixels of walls: it draws windows, frames, sills and shops from the place of each
+pixel on its wall. Both follow the same `FACADE_STYLES`.
 """
 
 from __future__ import annotations
@@ -13,7 +13,6 @@ from functools import lru_cache
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from unghost.street.ground import SIDEWALK_HEIGHT
 from unghost.street.mesh import Block, Mesh, block, blocks, join, loft, sheet, tube
@@ -103,12 +102,9 @@ _TABLE: Final = {
 class Plot:
     """Where a house stands, and which side looks at the street.
 
-    Attributes
-    ----------
-    x0, x1, y0, y1 : metres
-    height : of the eaves above the ground
-    style : index into `FACADE_STYLES`
-    front : +1 if the street lies at smaller y, -1 if at larger
+    `height` is that of the eaves above the ground, metres, as the others; `style` an
+    index into `FACADE_STYLES`; `front` +1 if the street lies at smaller y, -1 if at
+    larger.
     """
 
     x0: float
@@ -322,11 +318,10 @@ def _porch(plot: Plot) -> Mesh:
     return blocks(rows, Tag.BUILDING)
 
 
-@dataclass(frozen=True, eq=False)
-class WallPixels:
-    """The input of the colours of N pixels of walls.
+class Walls:
+    """Windows, frames, sills, floors and shops of N pixels of walls.
 
-    Attributes
+    Parameters
     ----------
     position, normal : (N, 3) world
     albedo : (N, 3) linear, the wall's own colour
@@ -334,50 +329,24 @@ class WallPixels:
     footprint : (N,) metres per pixel, upright and across
     """
 
-    position: Float32
-    normal: Float32
-    albedo: Float32
-    params: Float32
-    footprint: tuple[Float32, Float32]
-
-
-@dataclass(frozen=True, eq=False)
-class WallLook:
-    """Of N pixels: colour, share of mirrored light, own light, shade of recesses."""
-
-    albedo: Float32
-    gloss: Float32
-    glow: Float32
-    open_sky: Float32
-    tilt: Float32
-
-
-def facade_look(wall: WallPixels) -> WallLook:
-    """Windows, frames, sills, floors and shops of facade pixels."""
-    style_and_seed = wall.params[:, 2].astype(np.int32)
-    style, seed = style_and_seed // 1000, style_and_seed % 1000
-    facing_x = np.abs(wall.normal[:, 0]) > np.abs(wall.normal[:, 1])
-    u = np.where(
-        facing_x,
-        wall.position[:, 1] - wall.params[:, 1],
-        wall.position[:, 0] - wall.params[:, 0],
-    )
-    return _Wall(wall, style, seed + 7 * facing_x, u).look()
-
-
-class _Wall:
-    """The look of one set of pixels; its steps share many intermediate arrays."""
-
     def __init__(
         self,
-        wall: WallPixels,
-        style: NDArray[np.int32],
-        seed: NDArray[np.int32],
-        u: Float32,
+        position: Float32,
+        normal: Float32,
+        albedo: Float32,
+        params: Float32,
+        footprint: tuple[Float32, Float32],
     ) -> None:
-        self._wall, self._seed, self._u = wall, seed, u
-        self._z = wall.position[:, 2]
-        self._up, self._across = wall.footprint
+        self._albedo, self._roof = albedo, params[:, 3]
+        style_and_seed = params[:, 2].astype(np.int32)
+        style, seed = style_and_seed // 1000, style_and_seed % 1000
+        facing_x = np.abs(normal[:, 0]) > np.abs(normal[:, 1])
+        along_x, along_y = (position[:, axis] - params[:, axis] for axis in (0, 1))
+        u = np.where(facing_x, along_y, along_x)
+        seed = seed + 7 * facing_x
+        self._seed, self._u = seed, u
+        self._z = position[:, 2]
+        self._up, self._across = footprint
         self._of = {name: column[style] for name, column in _TABLE.items()}
         of = self._of
         # Whole numbers stay float32 here: int32 times float32 would be float64.
@@ -391,21 +360,24 @@ class _Wall:
         self._shop = (self._storey < 0) & (of["base"] > 0)
         self._dice = hashed(self._bay, self._storey, seed)
 
-    def look(self) -> WallLook:
-        """The whole look; later layers lie on top of earlier ones."""
+    def look(self) -> tuple[Float32, Float32, Float32, Float32, Float32]:
+        """Colours, shares of mirrored light, own light, open sky, tilt of the glass.
+
+        Later layers lie on top of earlier ones.
+        """
         of = self._of
         albedo, open_sky = self._bare_wall()
         half_width, half_height, middle = self._opening()
         du = half_width - np.abs(self._in_bay)
         dv = half_height - np.abs(self._in_storey - middle)
         # No window where the roof would cut it, nor below ground.
-        fits = self._z - self._in_storey + of["floor"] <= self._wall.params[:, 3] + 0.3
+        fits = self._z - self._in_storey + of["floor"] <= self._roof + 0.3
         fits |= self._shop
         frame = coverage(du + of["trim"], self._across) * coverage(
             dv + of["trim"], self._up
         )
         glass = coverage(du, self._across) * coverage(dv, self._up) * fits
-        trim_color = np.clip(self._wall.albedo * 1.22 + 0.03, 0, 0.86)
+        trim_color = np.clip(self._albedo * 1.22 + 0.03, 0, 0.86)
         albedo = mixed(albedo, trim_color, frame * fits * (1 - of["glass"]))
         shade = np.where(fits, self._sill_shadow(du, dv), np.float32(1))
         bars = self._bars(du, dv)
@@ -418,7 +390,7 @@ class _Wall:
         reveal = self._reveal(du, dv, glass)
         gloss = 0.13 * glass * (1 - bars) * (1 + 0.8 * of["glass"])
         tilt = (self._dice - 0.5) * 0.05 * glass
-        return WallLook(albedo, gloss, glow * glass, open_sky * shade * reveal, tilt)
+        return albedo, gloss, glow * glass, open_sky * shade * reveal, tilt
 
     def _opening(self) -> tuple[Float32, Float32, Float32]:
         of = self._of
@@ -437,7 +409,7 @@ class _Wall:
         stain = sample(cloudy_tile(3), u, z, 14.0) * 0.045
         stain += sample(cloudy_tile(5), u * 3, z * 0.6, 9.0) * 0.030
         grain = sample(grain_tile(7), u, z, 60.0) * 0.05 * near
-        albedo = self._wall.albedo * (1 + stain + grain)[:, None]
+        albedo = self._albedo * (1 + stain + grain)[:, None]
         course = np.floor(z / 0.09).astype(np.int32)
         brick = np.floor(u / 0.25 + 0.5 * (course & 1).astype(np.float32)).astype(
             np.int32

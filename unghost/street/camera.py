@@ -83,15 +83,25 @@ class Stage:
                 far = bool(distance[one] > _FAR_M)
                 shape = self.town.things[one].shape(time_s, far=far)
                 parts.append(shape.placed(matrices[one]))
-            owner = np.repeat(chosen, [len(part) for part in parts])
-            return _projected(join(parts), owner.astype(np.int32), camera)
+            mesh = join(parts)
+            owner = np.repeat(chosen, [len(part) for part in parts]).astype(np.int32)
+            two_sided = mesh.surface[:, 5] == SurfaceKind.LEAF
+            screen, source = to_screen(mesh.corners, mesh.normals, camera, two_sided)
+            return VisibleTriangles(camera, mesh, owner, screen, source)
 
         houses = collected(np.flatnonzero(in_view & self._hides))
         canvas = Canvas.blank(camera.width, camera.height)
         draw(canvas, houses.screen, houses.source)
         others = np.flatnonzero(in_view & ~self._hides)
         hidden = _hidden(canvas, centres[others], self._reach[others], camera)
-        return _together(houses, collected(others[~hidden]))
+        rest = collected(others[~hidden])
+        return VisibleTriangles(
+            camera,
+            join([houses.mesh, rest.mesh]),
+            np.concatenate([houses.owner, rest.owner]),
+            np.concatenate([houses.screen, rest.screen]),
+            np.concatenate([houses.source, rest.source + len(houses.mesh)]),
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,7 +110,6 @@ class VisibleTriangles:
 
     Attributes
     ----------
-    camera : Camera
     mesh : Mesh of T triangles
     owner : (T,) int32, index into the town's things
     screen : (S, 3, 3), per corner u px, v px, 1 / depth
@@ -112,24 +121,6 @@ class VisibleTriangles:
     owner: NDArray[np.int32]
     screen: FloatArray
     source: IntArray
-
-
-def _projected(
-    mesh: Mesh, owner: NDArray[np.int32], camera: Camera
-) -> VisibleTriangles:
-    two_sided = mesh.surface[:, 5] == SurfaceKind.LEAF
-    screen, source = to_screen(mesh.corners, mesh.normals, camera, two_sided)
-    return VisibleTriangles(camera, mesh, owner, screen, source)
-
-
-def _together(one: VisibleTriangles, two: VisibleTriangles) -> VisibleTriangles:
-    return VisibleTriangles(
-        one.camera,
-        join([one.mesh, two.mesh]),
-        np.concatenate([one.owner, two.owner]),
-        np.concatenate([one.screen, two.screen]),
-        np.concatenate([one.source, two.source + len(one.mesh)]),
-    )
 
 
 def _in_view(centres: FloatArray, reach: FloatArray, camera: Camera) -> BoolArray:
@@ -154,7 +145,9 @@ def _hidden(
     canvas: Canvas, centres: FloatArray, reach: FloatArray, camera: Camera
 ) -> BoolArray:
     """(N,) bool: which balls lie wholly behind what is drawn already."""
-    tiles = _farthest_per_tile(canvas)
+    height, width = canvas.nearness.shape
+    tiled = canvas.nearness.reshape(height // _TILE, _TILE, width // _TILE, _TILE)
+    tiles: NDArray[np.float32] = tiled.min(axis=(1, 3))  # the farthest of each
     low, high, nearest = _windows(centres, reach, camera)
     hidden = np.zeros(len(centres), dtype=bool)
     for one in np.flatnonzero(nearest > NEAR):
@@ -162,14 +155,6 @@ def _hidden(
         columns = slice(int(low[one, 0]) // _TILE, int(high[one, 0]) // _TILE + 1)
         hidden[one] = tiles[rows, columns].min(initial=np.inf) > 1 / nearest[one]
     return hidden
-
-
-def _farthest_per_tile(canvas: Canvas) -> NDArray[np.float32]:
-    height, width = canvas.nearness.shape
-    rows, columns = height // _TILE, width // _TILE
-    tiled = canvas.nearness.reshape(rows, _TILE, columns, _TILE)
-    farthest: NDArray[np.float32] = tiled.min(axis=(1, 3))
-    return farthest
 
 
 def _windows(
@@ -214,26 +199,22 @@ class Samples:
         )
 
 
-def pixel_centres(visible: VisibleTriangles) -> Samples:
-    """The middle of every pixel: what tags, instances and depth are made from."""
-    return _sampled(visible, 0.5)
+def sampled(visible: VisibleTriangles, offset: float) -> Samples:
+    """Samples at so many px from the upper left corner of every pixel.
 
-
-def pixel_corners(visible: VisibleTriangles) -> Samples:
-    """The (H + 1) (W + 1) corners of the pixels, for smoothing the colour image."""
-    return _sampled(visible, 0.0)
-
-
-def _sampled(visible: VisibleTriangles, offset: float) -> Samples:
+    With 0.5 their middles, from which tags, instances and depth are made; with 0 the
+    (H + 1) (W + 1) corners, for smoothing the colour image.
+    """
     camera = visible.camera
-    rows, columns = (
-        camera.height + (offset == 0),
-        camera.width + (offset == 0),
-    )
+    rows, columns = (camera.height + (offset == 0), camera.width + (offset == 0))
     u, v = np.arange(columns) + offset, np.arange(rows) + offset
     rays = _rays(camera, u, v)
     canvas = Canvas.blank(columns, rows)
-    _draw_ground(canvas, rays, camera)
+    # The level ground, up to the horizon
+    plane = (-rays[:, 2] / np.float32(camera.position[2])).reshape(rows, columns)
+    on_ground = plane > 1 / _HORIZON
+    canvas.nearness[on_ground] = plane[on_ground]
+    canvas.winner[on_ground] = GROUND
     # The rasteriser samples at half pixels.
     shifted = visible.screen + np.array([0.5 - offset, 0.5 - offset, 0.0])
     draw(canvas, shifted, visible.source)
@@ -253,15 +234,6 @@ def _rays(camera: Camera, u: Float32, v: Float32) -> Float32:
     across = f32(forward + ((u - camera.width / 2) / focal)[:, None] * right)
     down = f32(((camera.height / 2 - v) / focal)[:, None] * up)
     return np.asarray((down[:, None] + across).reshape(-1, 3))
-
-
-def _draw_ground(canvas: Canvas, rays: Float32, camera: Camera) -> None:
-    """The level ground, up to the horizon."""
-    nearness = -rays[:, 2] / np.float32(camera.position[2])
-    plane = nearness.reshape(canvas.winner.shape)
-    on_ground = plane > 1 / _HORIZON
-    canvas.nearness[on_ground] = plane[on_ground]
-    canvas.winner[on_ground] = GROUND
 
 
 @dataclass(frozen=True, eq=False)
@@ -329,23 +301,13 @@ def sample_normals(
     """(N, 3) float32: normals of the triangles at places (N, 2) on the screen."""
     normals = visible.mesh.normals
     flat = f32(normals[triangle, 0])
-    bent = _bent(visible, triangle)
-    chosen = np.flatnonzero(bent[triangle])
+    numbers, which = _numbered(triangle, len(normals))
+    corner = normals[numbers]
+    # Of the triangles in use, those whose corners have different normals are bent.
+    spread = np.abs(corner[:, 1:] - corner[:, :1]).reshape(-1, 6).sum(axis=1)
+    chosen = np.flatnonzero((spread > 1e-6)[which])
     flat[chosen] = _smooth(visible, triangle[chosen], uv[chosen], flat[chosen])
     return flat
-
-
-def _bent(visible: VisibleTriangles, triangle: NDArray[np.int32]) -> BoolArray:
-    """(T,): triangles in use whose corners have different normals."""
-    normals = visible.mesh.normals
-    used = np.zeros(len(normals), dtype=bool)
-    used[triangle] = True
-    numbers = np.flatnonzero(used)
-    corner = normals[numbers]
-    spread = np.abs(corner[:, 1:] - corner[:, :1]).reshape(-1, 6).sum(axis=1)
-    bent = np.zeros(len(normals), dtype=bool)
-    bent[numbers] = spread > 1e-6
-    return bent
 
 
 def _smooth(
@@ -403,41 +365,62 @@ class Photographer:
         height, width = camera.height, camera.width
         depth = samples.depth.reshape(height, width)
         open_sky = ambient_occlusion(depth, float(camera.intrinsic[0, 0])).reshape(-1)
-        shot = self._shoot(samples, open_sky)
-        self._smooth_edges(shot.light, samples, open_sky)
+        light, tags, normals = self._shoot(samples, open_sky)
+        self._smooth_edges(light, samples, open_sky)
         exposure = self._light.daylight.exposure
-        linear = _bloomed(shot.light.reshape(height, width, 3), exposure)
-        image = _with_noise(develop(linear, exposure), noise_seed)
-        return image, planes_of(self._visible, samples, shot.tags, shot.normals)
+        linear = light.reshape(height, width, 3)
+        # Bloom: light brighter than white is spread over neighbouring pixels.
+        small = cv2.resize(linear, None, fx=0.25, fy=0.25, interpolation=cv2.INTER_AREA)
+        over = np.clip(small - np.float32(0.9 / exposure), 0, 3)
+        spilt = cv2.resize(cv2.GaussianBlur(over, (0, 0), 6), (width, height))
+        linear = np.asarray(linear + 0.16 * spilt)
+        # The sensor's noise
+        rng = np.random.default_rng(noise_seed)
+        tiles = (-(-height // TILE) + 1, -(-width // TILE) + 1)
+        row, column = rng.integers(TILE, size=2)
+        window = np.s_[row : row + height, column : column + width]
+        noise = np.tile(grain_tile(71), tiles)[window] * np.float32(_NOISE)
+        noisy = develop(linear, exposure) + noise[..., None]
+        image = np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
+        return image, planes_of(self._visible, samples, tags, normals)
 
-    def _shoot(self, samples: Samples, open_sky: Float32) -> Shot:
-        """All samples; `open_sky` (N,) is their share of the sky's light."""
+    def _shoot(
+        self, samples: Samples, open_sky: Float32
+    ) -> tuple[Float32, TagImage, Float32]:
+        """Linear light (N, 3), tags (N,) and normals (N, 3), zero for the sky.
+
+        `open_sky` (N,) is the samples' share of the sky's light.
+        """
         count = len(samples.winner)
-        shot = Shot(
-            np.empty((count, 3), dtype=np.float32),
-            np.full(count, Tag.SKY, dtype=np.uint8),
-            np.zeros((count, 3), dtype=np.float32),
-        )
+        light = np.empty((count, 3), dtype=np.float32)
+        all_tags = np.full(count, Tag.SKY, dtype=np.uint8)
+        normals = np.zeros((count, 3), dtype=np.float32)
         sky = np.flatnonzero(samples.winner == SKY)
         towards = samples.rays[sky]
         towards = towards / np.linalg.norm(towards, axis=1, keepdims=True)
-        shot.light[sky] = sky_with_clouds(self._light.daylight, towards)
+        light[sky] = sky_with_clouds(self._light.daylight, towards)
         solid = np.flatnonzero(samples.winner != SKY)
         # In pieces that fit into the processor's cache.
         for begin in range(0, len(solid), _SAMPLES_AT_ONCE):
             piece = solid[begin : begin + _SAMPLES_AT_ONCE]
             pixels, tags = surfaces(self._visible, samples.part(piece), self._plan)
-            shot.tags[piece], shot.normals[piece] = tags, pixels.normal
-            shot.light[piece] = shade(pixels, open_sky[piece], self._light)
-        return shot
+            all_tags[piece], normals[piece] = tags, pixels.normal
+            light[piece] = shade(pixels, open_sky[piece], self._light)
+        return light, all_tags, normals
 
     def _smooth_edges(
         self, image: Float32, samples: Samples, open_sky: Float32
     ) -> None:
         """Mix in the corners of pixels that show more than one triangle."""
         camera = self._visible.camera
-        corners = pixel_corners(self._visible)
-        edge = _edges(samples.winner, corners.winner, (camera.height, camera.width))
+        corners = sampled(self._visible, 0.0)
+        middle = samples.winner.reshape(camera.height, camera.width)
+        around = corners.winner.reshape(camera.height + 1, camera.width + 1)
+        differs = middle != around[:-1, :-1]
+        differs |= middle != around[:-1, 1:]
+        differs |= middle != around[1:, :-1]
+        differs |= middle != around[1:, 1:]
+        edge = np.flatnonzero(differs)
         row, column = np.divmod(edge, camera.width)
         first = row * (camera.width + 1) + column
         below = first + camera.width + 1
@@ -445,57 +428,9 @@ class Photographer:
         chosen, four_of_chosen = _numbered(four, len(corners.winner))
         nearest_pixel = np.zeros(len(corners.winner), dtype=np.int64)
         nearest_pixel[four] = edge
-        shot = self._shoot(corners.part(chosen), open_sky[nearest_pixel[chosen]])
+        open_there = open_sky[nearest_pixel[chosen]]
+        light, _, _ = self._shoot(corners.part(chosen), open_there)
         mixed = image[edge] * np.float32(0.5)
         for corner in four_of_chosen:
-            mixed += shot.light[corner] * np.float32(0.125)
+            mixed += light[corner] * np.float32(0.125)
         image[edge] = mixed
-
-
-@dataclass(frozen=True, eq=False)
-class Shot:
-    """Light, tags and normals at N samples.
-
-    Attributes
-    ----------
-    light : (N, 3) linear
-    tags : (N,) uint8
-    normals : (N, 3), zero for the sky
-    """
-
-    light: Float32
-    tags: TagImage
-    normals: Float32
-
-
-def _edges(
-    centre: NDArray[np.int32], corner: NDArray[np.int32], hw: tuple[int, int]
-) -> IntArray:
-    """Flat indices of pixels with a corner that shows another triangle."""
-    height, width = hw
-    middle = centre.reshape(height, width)
-    around = corner.reshape(height + 1, width + 1)
-    differs = middle != around[:-1, :-1]
-    differs |= middle != around[:-1, 1:]
-    differs |= middle != around[1:, :-1]
-    differs |= middle != around[1:, 1:]
-    return np.flatnonzero(differs)
-
-
-def _bloomed(light: Float32, exposure: float) -> Float32:
-    """Bloom: light brighter than white is spread over neighbouring pixels."""
-    small = cv2.resize(light, None, fx=0.25, fy=0.25, interpolation=cv2.INTER_AREA)
-    over = np.clip(small - np.float32(0.9 / exposure), 0, 3)
-    spilt = cv2.GaussianBlur(over, (0, 0), 6)
-    spilt = cv2.resize(spilt, (light.shape[1], light.shape[0]))
-    return np.asarray(light + 0.16 * spilt)
-
-
-def _with_noise(display: Float32, seed: int) -> NDArray[np.uint8]:
-    rng = np.random.default_rng(seed)
-    height, width = display.shape[:2]
-    tiles = (-(-height // TILE) + 1, -(-width // TILE) + 1)
-    row, column = rng.integers(TILE, size=2)
-    grain = np.tile(grain_tile(71), tiles)[row : row + height, column : column + width]
-    noisy = display + (grain * np.float32(_NOISE))[..., None]
-    return np.asarray(np.clip(np.rint(noisy), 0, 255).astype(np.uint8))

@@ -61,7 +61,6 @@ _SIGNS: Final[tuple[tuple[list[_Disc], list[Block]], ...]] = (
 )
 """Per kind of sign its discs (from x, to x, radius) and its blocks."""
 
-
 _ARM_M: Final = 4.6
 """Length of the arm that holds a traffic light over the road."""
 
@@ -221,14 +220,9 @@ def planter(rng: np.random.Generator) -> Mesh:
 
 @dataclass(frozen=True)
 class TreeKind:
-    """A species.
+    """A species: its height and the half sizes (x, y, z) of its crown, in metres.
 
-    Attributes
-    ----------
-    height, crown : height of the tree, half sizes (x, y, z) of its crown, metres
-    leaf : length of a leaf spray, metres
-    green : its colour
-    bark : its trunk's colour
+    `leaf` is the length of a leaf spray, `green` its colour, `bark` the trunk's.
     """
 
     height: float
@@ -265,7 +259,14 @@ def hedge(length: float, depth: float, height: float, rng: np.random.Generator) 
     low, high = (-length / 2, -depth / 2), (length / 2, depth / 2)
     inner = block((*low, 0.0), (*high, height - 0.06), core, Tag.VEGETATION)
     count = int(46 * (length * depth + 2 * (length + depth) * height))
-    places = _on_box(length, depth, height, count, rng)
+    # On the surface of a box around the origin, not on its floor
+    half = np.array([length, depth, height]) / 2
+    places = rng.uniform(-1, 1, (count, 3))
+    areas = np.array([depth * height, length * height, length * depth / 2])
+    side = rng.choice(3, size=count, p=areas / areas.sum())
+    sign = np.where(side == 2, 1.0, rng.choice([-1.0, 1.0], size=count))
+    places[np.arange(count), side] = sign * (1 + rng.normal(0, 0.012, count))
+    places = np.asarray(places * half)
     outwards = places / np.array([length / 2, depth / 2, height / 2])
     outwards = outwards * (np.abs(outwards) > 0.96) + rng.normal(0, 0.35, places.shape)
     shade = 0.72 + 0.36 * (places[:, 2] / height + 0.5) + rng.normal(0, 0.10, count)
@@ -357,16 +358,3 @@ def _leaf_mesh(
     # Sunny leaves are yellower.
     mesh.surface[:, 0] *= 0.88 + 0.12 * tint
     return mesh
-
-
-def _on_box(
-    length: float, depth: float, height: float, count: int, rng: np.random.Generator
-) -> FloatArray:
-    """Random places on the surface of a box around the origin, not on its floor."""
-    half = np.array([length, depth, height]) / 2
-    places = rng.uniform(-1, 1, (count, 3))
-    areas = np.array([depth * height, length * height, length * depth / 2])
-    side = rng.choice(3, size=count, p=areas / areas.sum())
-    sign = np.where(side == 2, 1.0, rng.choice([-1.0, 1.0], size=count))
-    places[np.arange(count), side] = sign * (1 + rng.normal(0, 0.012, count))
-    return np.asarray(places * half)

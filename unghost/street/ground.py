@@ -26,7 +26,6 @@ SIDEWALK_HEIGHT: Final = 0.14
 _LINE: Final = 0.06
 """Half the width of a painted line, metres."""
 
-
 _ASPHALT: Final = f32([0.092, 0.092, 0.096])
 _WHITE: Final = f32([0.56, 0.56, 0.54])
 _YELLOW: Final = f32([0.50, 0.34, 0.08])
@@ -34,14 +33,10 @@ _YELLOW: Final = f32([0.50, 0.34, 0.08])
 
 @dataclass(frozen=True)
 class RoadPlan:
-    """One street along x, crossed by side streets along y.
+    """One street along x, crossed by side streets along y; metres.
 
-    Attributes
-    ----------
-    lanes : in each direction
-    crossings : x of the side streets' middles
-    side_half_width : half the width of a side street, metres
-    sidewalk : width of a sidewalk, metres
+    It has so many lanes in each direction. `crossings` are the x of the side streets'
+    middles.
     """
 
     lanes: int

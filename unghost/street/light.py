@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from filter_core.arrays import FloatArray
-from unghost.street.buildings import WallPixels, facade_look
+from unghost.street.buildings import Walls
 from unghost.street.ground import grass, ground_footprint, paving
 from unghost.street.mesh import along, turned
 from unghost.street.paint import (
@@ -101,7 +101,12 @@ def shade(pixels: Pixels, open_sky: Float32, light: Lighting) -> Float32:
     shiny = np.flatnonzero(look.gloss > 0)
     diffuse[shiny] = _with_mirror(pixels, look, diffuse, shiny, light.daylight)
     diffuse += look.albedo * look.glow[:, None] * 2.0
-    return _hazed(pixels, diffuse, light.daylight)
+    level = pixels.direction.copy()
+    level[:, 2] = np.abs(level[:, 2]) * 0.3 + 0.01
+    air = sky_light(light.daylight, level) * 0.92
+    share = 1 - np.exp(-((pixels.distance * light.daylight.haze) ** 1.25))
+    hazed: Float32 = diffuse + (air - diffuse) * share[:, None]
+    return hazed
 
 
 def _looks(pixels: Pixels) -> Look:
@@ -138,22 +143,18 @@ def _look_at_walls(pixels: Pixels, look: Look, chosen: NDArray[np.int64]) -> Non
         np.einsum("ij,ij->i", pixels.normal[chosen], pixels.direction[chosen])
     )
     upright = np.sqrt(np.maximum(1 - pixels.direction[chosen, 2] ** 2, 0.05))
-    wall = WallPixels(
-        position=pixels.position[chosen],
-        normal=pixels.normal[chosen],
-        albedo=pixels.surface[chosen, :3],
-        params=pixels.surface[chosen, 6:10],
-        footprint=(size / upright, size / np.maximum(facing, 0.04)),
+    walls = Walls(
+        pixels.position[chosen],
+        pixels.normal[chosen],
+        pixels.surface[chosen, :3],
+        pixels.surface[chosen, 6:10],
+        (size / upright, size / np.maximum(facing, 0.04)),
     )
-    seen = facade_look(wall)
-    look.albedo[chosen] = seen.albedo
-    look.gloss[chosen] = seen.gloss
-    look.glow[chosen] = seen.glow
-    look.open_sky[chosen] = seen.open_sky
-    bent = pixels.normal[chosen] + np.stack(
-        [seen.tilt, -seen.tilt, 0.4 * seen.tilt], axis=1
-    )
-    look.normal[chosen] = bent
+    albedo, gloss, glow, open_sky, tilt = walls.look()
+    look.albedo[chosen], look.gloss[chosen] = albedo, gloss
+    look.glow[chosen], look.open_sky[chosen] = glow, open_sky
+    bent = np.stack([tilt, -tilt, 0.4 * tilt], axis=1)
+    look.normal[chosen] = pixels.normal[chosen] + bent
 
 
 def _look_at_masonry(pixels: Pixels, look: Look, chosen: NDArray[np.int64]) -> None:
@@ -215,15 +216,6 @@ def _with_mirror(
     mirrored *= look.open_sky[shiny][:, None]
     seen: Float32 = diffuse[shiny] * (1 - share[:, None]) + mirrored * share[:, None]
     return seen
-
-
-def _hazed(pixels: Pixels, light: Float32, daylight: Daylight) -> Float32:
-    level = pixels.direction.copy()
-    level[:, 2] = np.abs(level[:, 2]) * 0.3 + 0.01
-    air = sky_light(daylight, level) * 0.92
-    share = 1 - np.exp(-((pixels.distance * daylight.haze) ** 1.25))
-    hazed: Float32 = light + (air - light) * share[:, None]
-    return hazed
 
 
 def sky_light(daylight: Daylight, direction: Float32) -> Float32:
@@ -395,10 +387,7 @@ def develop(light: Float32, exposure: float) -> Float32:
     return np.asarray(_GAMMA[index])
 
 
-def _gamma_table() -> Float32:
-    ramp = np.linspace(0, 1, 4096)
-    srgb = np.where(ramp <= 0.0031308, 12.92 * ramp, 1.055 * ramp ** (1 / 2.4) - 0.055)
-    return (srgb * 255).astype(np.float32)
-
-
-_GAMMA: Final = _gamma_table()
+_RAMP: Final = np.linspace(0, 1, 4096)
+_BENT: Final = 1.055 * _RAMP ** (1 / 2.4) - 0.055
+_GAMMA: Final = f32(np.where(_RAMP <= 0.0031308, 12.92 * _RAMP, _BENT) * 255)
+"""Levels of a display for 4096 steps of light, by the sRGB curve."""

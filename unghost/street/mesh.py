@@ -187,7 +187,12 @@ def tube(
     """A round bar, or a cone where the two radii differ; closed at both ends."""
     first, last = np.asarray(start, float), np.asarray(end, float)
     thick, thin = radius if isinstance(radius, tuple) else (radius, radius)
-    across, up = _frame(last - first)
+    axis = (last - first) / np.linalg.norm(last - first)
+    # Two directions that are square to it
+    other = np.array([0.0, 0.0, 1.0]) if abs(axis[2]) < 0.9 else np.array([1.0, 0, 0])
+    across = cross(axis, other)
+    across /= np.linalg.norm(across)
+    up = cross(axis, across)
     angles = np.linspace(0, 2 * np.pi, sides, endpoint=False) + np.pi / sides
     circle = np.cos(angles)[:, None] * across + np.sin(angles)[:, None] * up
     rings = np.stack([first + thick * circle, last + thin * circle])
@@ -253,39 +258,27 @@ def loft(
 ) -> Mesh:
     """A skin stretched over closed rings of points.
 
-    Parameters
-    ----------
-    rings : (S, K, 3)
-        S sections with K points each.
-    paints : rows for the S - 1 stretches, columns for the K strips
-        The last row and the last column are repeated as needed.
-    tag : int
-    caps : bool
-        Close the first and the last ring.
+    `rings` are (S, K, 3): S sections with K points each. `paints` have rows for the S -
+    1 stretches and columns for the K strips; the last ones are repeated as needed.
+    `caps` close the first and the last ring.
     """
     closed = np.concatenate([rings, rings[:, :1]], axis=1)
     quads, faces = _cells(closed), _face_normals(closed, rings)
-    stretches, strips = faces.shape[:2]
-    normals = _creased(faces)
+    normals = _creased(faces).reshape(-1, 4, 3)
+    of_paint: dict[tuple[int, int], list[int]] = {}
+    for place, (stretch, strip) in enumerate(np.ndindex(*faces.shape[:2])):
+        row = min(stretch, len(paints) - 1)
+        column = min(strip, len(paints[row]) - 1)
+        of_paint.setdefault((row, column), []).append(place)
     parts = []
-    for (row, column), chosen in _by_paint(paints, stretches, strips).items():
+    for (row, column), chosen in of_paint.items():
         flat = np.array(chosen)
-        paint = paints[row][column]
-        parts.append(_quads(quads[flat], normals.reshape(-1, 4, 3)[flat], paint, tag))
-    if caps:
-        parts.append(
-            _cap(
-                rings[0], (rings[0] - rings[1]).mean(axis=0), _cap_paint(paints[0]), tag
-            )
-        )
-        parts.append(
-            _cap(
-                rings[-1],
-                (rings[-1] - rings[-2]).mean(axis=0),
-                _cap_paint(paints[-1]),
-                tag,
-            )
-        )
+        parts.append(_quads(quads[flat], normals[flat], paints[row][column], tag))
+    for end, next_one in ((0, 1), (-1, -2)) if caps else ():
+        outwards = (rings[end] - rings[next_one]).mean(axis=0)
+        # The paint of the ring's middle: its first strips are what lies underneath.
+        paint = paints[end][len(paints[end]) // 3]
+        parts.append(_cap(rings[end], outwards, paint, tag))
     return join(parts)
 
 
@@ -304,23 +297,6 @@ def ring(half: FloatArray) -> FloatArray:
 def mirrored_columns(paints: list[Paint]) -> list[Paint]:
     """Paints of a ring's strips, from those of its right half."""
     return [*paints, *reversed(paints)]
-
-
-def _cap_paint(strips: Sequence[Paint]) -> Paint:
-    """The paint of the ring's middle: its first strips are what lies underneath."""
-    return strips[len(strips) // 3]
-
-
-def _by_paint(
-    paints: Sequence[Sequence[Paint]], stretches: int, strips: int
-) -> dict[tuple[int, int], list[int]]:
-    chosen: dict[tuple[int, int], list[int]] = {}
-    for stretch in range(stretches):
-        row = min(stretch, len(paints) - 1)
-        for strip in range(strips):
-            column = min(strip, len(paints[row]) - 1)
-            chosen.setdefault((row, column), []).append(stretch * strips + strip)
-    return chosen
 
 
 def _cells(grid: FloatArray) -> FloatArray:
@@ -373,15 +349,6 @@ def _cap(ring: FloatArray, outwards: FloatArray, paint: Paint, tag: int) -> Mesh
     if normal @ outwards < 0:
         normal = -normal
     return Mesh.of(corners, np.broadcast_to(normal, corners.shape).copy(), paint, tag)
-
-
-def _frame(along: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Two directions that are square to a third."""
-    axis = along / np.linalg.norm(along)
-    other = np.array([0.0, 0.0, 1.0]) if abs(axis[2]) < 0.9 else np.array([1.0, 0, 0])
-    across = cross(axis, other)
-    across /= np.linalg.norm(across)
-    return across, cross(axis, across)
 
 
 def _quads(quads: FloatArray, normals: FloatArray, paint: Paint, tag: int) -> Mesh:

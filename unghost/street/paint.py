@@ -139,7 +139,11 @@ def cloudy_tile(seed: int, octaves: int = 6) -> Float32:
     for octave in range(octaves):
         cells = 4 << octave
         grid = rng.standard_normal((cells, cells)).astype(np.float32)
-        total += 0.55**octave * _enlarged(grid)
+        wrapped, scale = np.pad(grid, 2, mode="wrap"), TILE // cells
+        size = len(wrapped) * scale
+        large = cv2.resize(wrapped, (size, size), interpolation=cv2.INTER_CUBIC)
+        inner = slice(2 * scale, -2 * scale)
+        total += 0.55**octave * np.asarray(large[inner, inner])
     return np.asarray((total - total.mean()) / total.std())
 
 
@@ -148,14 +152,6 @@ def grain_tile(seed: int) -> Float32:
     """(TILE, TILE) white noise of mean 0 and deviation 1."""
     rng = np.random.default_rng(seed)
     return rng.standard_normal((TILE, TILE), dtype=np.float32)
-
-
-def _enlarged(grid: Float32) -> Float32:
-    wrapped = np.pad(grid, 2, mode="wrap")
-    scale = TILE // len(grid)
-    size = len(wrapped) * scale
-    large = cv2.resize(wrapped, (size, size), interpolation=cv2.INTER_CUBIC)
-    return np.asarray(large[2 * scale : -2 * scale, 2 * scale : -2 * scale])
 
 
 def sample(tile: Float32, u: Float32, v: Float32, per_unit: float) -> Float32:

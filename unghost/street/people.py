@@ -15,20 +15,16 @@ from unghost.street.paint import BLACK, RGB, Paint, Tag
 
 _SHIRT, _TROUSERS, _SKIN, _HAIR = range(1, 5)
 
-
 SHIRTS: Final = (
     (142, 52, 48), (214, 210, 200), (52, 68, 98), (84, 106, 82), (178, 144, 80),
     (92, 92, 98), (104, 66, 92), (186, 122, 92), (92, 122, 140), (44, 44, 50),
 )  # fmt: skip
 
-
 TROUSERS: Final = (
     (44, 50, 66), (60, 58, 56), (98, 86, 70), (36, 36, 40), (108, 110, 114),
 )  # fmt: skip
 
-
 SKINS: Final = ((206, 162, 136), (184, 134, 104), (136, 94, 70), (94, 66, 50))
-
 
 HAIRS: Final = (
     (40, 28, 20),
@@ -37,7 +33,6 @@ HAIRS: Final = (
     (168, 132, 82),
     (120, 116, 112),
 )
-
 
 WALK_PHASES: Final = 4
 
@@ -99,11 +94,9 @@ def walker(
 @lru_cache(maxsize=4 * WALK_PHASES)
 def _undyed_walker(phase: int, *, coat: bool, fine: bool) -> Mesh:
     figure = Figure(walking_pose(phase), Tag.PEDESTRIAN, 8 if fine else 4).mesh()
-    return join([figure, _coat(Tag.PEDESTRIAN)]) if coat else figure
-
-
-def _coat(tag: int) -> Mesh:
-    """What hangs over the hips, down to the knees."""
+    if not coat:
+        return figure
+    # It hangs over the hips, down to the knees.
     angles = np.linspace(0, 2 * np.pi, 12, endpoint=False)
     circle = np.stack([np.cos(angles), np.sin(angles)], axis=1)
     hem = [(0.50, 0.200, 0.215), (0.80, 0.165, 0.190), (1.12, 0.120, 0.160)]
@@ -111,7 +104,8 @@ def _coat(tag: int) -> Mesh:
         np.column_stack([circle * (deep, wide), np.full(12, z)])
         for z, deep, wide in hem
     ]
-    return loft(np.array(rings), [[Paint.dye(_SHIRT)]], tag)
+    skirt = loft(np.array(rings), [[Paint.dye(_SHIRT)]], Tag.PEDESTRIAN)
+    return join([figure, skirt])
 
 
 def walking_pose(phase: int) -> BodyPose:
@@ -148,11 +142,7 @@ def walking_pose(phase: int) -> BodyPose:
 class Figure:
     """A person in a pose, built part by part: limbs, trunk, head and clothes.
 
-    Attributes
-    ----------
-    pose : BodyPose
-    tag : of all of it
-    sides : of its round parts; fewer from afar
+    `sides` are those of its round parts; fewer from afar.
     """
 
     pose: BodyPose

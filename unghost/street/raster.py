@@ -53,13 +53,8 @@ class Canvas:
 def draw(canvas: Canvas, screen: FloatArray, numbers: IntArray) -> None:
     """Draw triangles into the canvas; the nearest wins. Of equals any may.
 
-    Parameters
-    ----------
-    canvas : Canvas, changed
-    screen : (T, 3, 3) float64
-        Per corner u px, v px, nearness. A pixel is covered if its centre is.
-    numbers : (T,) int64
-        The number of each triangle, which `Canvas.winner` gets.
+    `screen` is (T, 3, 3) float64: per corner u px, v px, nearness. A pixel is covered
+    if its centre is. `numbers` are (T,) int64, which `Canvas.winner` gets.
     """
     height, width = canvas.winner.shape
     edges, window_px, nearest = _prepare(screen, numbers, width, height)
@@ -132,7 +127,11 @@ def _spans(edges: _Edges, width: int, height: int) -> tuple[IntArray, ...]:
     owner = np.repeat(np.arange(len(count)), count)
     row = np.arange(len(owner)) + np.repeat(first - (np.cumsum(count) - count), count)
     y = row + 0.5
-    slopes = _edge_slopes(u, v)
+    # Columns per row along the long edge, the upper and the lower one.
+    run = np.stack([u[:, 2] - u[:, 0], u[:, 1] - u[:, 0], u[:, 2] - u[:, 1]], axis=1)
+    rise = np.stack([v[:, 2] - v[:, 0], v[:, 1] - v[:, 0], v[:, 2] - v[:, 1]], axis=1)
+    level = rise < 1e-12
+    slopes = np.where(level, 0.0, run / np.where(level, 1.0, rise))
     long_x = u[owner, 0] + (y - v[owner, 0]) * slopes[owner, 0]
     above = y < v[owner, 1]
     corner = np.where(above, 0, 1)
@@ -140,14 +139,6 @@ def _spans(edges: _Edges, width: int, height: int) -> tuple[IntArray, ...]:
     begin = _rows(np.minimum(long_x, short_x), width)
     end = _rows(np.maximum(long_x, short_x), width)
     return owner, row, begin, end
-
-
-def _edge_slopes(u: FloatArray, v: FloatArray) -> FloatArray:
-    """(T, 3): columns per row along the long edge, the upper and the lower one."""
-    run = np.stack([u[:, 2] - u[:, 0], u[:, 1] - u[:, 0], u[:, 2] - u[:, 1]], axis=1)
-    rise = np.stack([v[:, 2] - v[:, 0], v[:, 1] - v[:, 0], v[:, 2] - v[:, 1]], axis=1)
-    level = rise < 1e-12
-    return np.where(level, 0.0, run / np.where(level, 1.0, rise))
 
 
 def _draw_small(canvas: Canvas, edges: _Edges) -> None:
@@ -200,21 +191,11 @@ def _draw_large(canvas: Canvas, edges: _Edges) -> None:
 def to_screen(
     corners: FloatArray, normals: FloatArray, camera: Camera, two_sided: BoolArray
 ) -> tuple[FloatArray, IntArray]:
-    """Project triangles, without those that cannot be seen.
+    """Project triangles (T, 3, 3) of the world, without those that cannot be seen.
 
-    Parameters
-    ----------
-    corners, normals : (T, 3, 3) world
-    camera : Camera
-    two_sided : (T,) bool
-        Triangles that are also seen from behind.
-
-    Returns
-    -------
-    (N, 3, 3) float64
-        Per corner u px, v px, 1 / depth.
-    (N,) int64
-        The triangle that each comes from; one cut by the near plane may come twice.
+    Those that are `two_sided` (T,) are also seen from behind. Returns (N, 3, 3)
+    float64, per corner u px, v px, 1 / depth, and (N,) int64, the triangle that each
+    comes from; one cut by the near plane may come twice.
     """
     homogeneous = to_homogeneous(corners, camera)
     kept = np.flatnonzero(_in_view(homogeneous, camera))

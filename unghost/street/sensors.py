@@ -116,25 +116,29 @@ def annotate(
             "transform": camera_pose.as_dict(),
         },
         "sensors": {"lidar": {"transform": camera_pose.as_dict()}},
-        "boxes": [
-            _with_rectangle(box, camera) if flat else _with_box3d(box) for box in boxes
-        ],
+        "boxes": [_annotated(box, camera if flat else None) for box in boxes],
     }
 
 
-def _named(box: PlacedBox) -> dict[str, object]:
+def _annotated(box: PlacedBox, camera: Camera | None) -> dict[str, object]:
+    """A box in 3D; with a camera its rectangle, as CARLA's tutorials compute it.
+
+    That is wrong behind the camera: corners there are mirrored, so a box next to or
+    behind it becomes a stripe across the image or a rectangle somewhere in it.
+    """
     thing = box.thing
-    names = {
+    names: dict[str, object] = {
         "id": box.id,
         "class": thing.class_name,
         "type_id": thing.type_id,
         "instance_id": thing.instance,
+        **({"base_type": thing.base_type} if thing.base_type else {}),
     }
-    return {**names, "base_type": thing.base_type} if thing.base_type else names
-
-
-def _with_box3d(box: PlacedBox) -> dict[str, object]:
-    centre, half = box.thing.box
+    if camera is not None:
+        naive = project_boxes(box.vertices, camera, mode="naive").amodal_xyxy[0]
+        distance = round(box.distance, 3)
+        return {**names, "xyxy": _rounded(naive, 2), "distance": distance}
+    centre, half = thing.box
     pose = {name: round(value, 5) for name, value in box.pose.as_dict().items()}
     box3d = {
         "transform": pose,
@@ -142,18 +146,7 @@ def _with_box3d(box: PlacedBox) -> dict[str, object]:
         "extent": _xyz(half),
         "rotation": {"pitch": 0.0, "yaw": 0.0, "roll": 0.0},
     }
-    return {**_named(box), "box3d": box3d}
-
-
-def _with_rectangle(box: PlacedBox, camera: Camera) -> dict[str, object]:
-    """The rectangle as CARLA's tutorials compute it, wrong behind the camera.
-
-    Corners behind the camera are mirrored, so a box next to or behind it becomes a
-    stripe across the image or a rectangle somewhere in it.
-    """
-    naive = project_boxes(box.vertices, camera, mode="naive").amodal_xyxy[0]
-    distance = round(box.distance, 3)
-    return {**_named(box), "xyxy": _rounded(naive, 2), "distance": distance}
+    return {**names, "box3d": box3d}
 
 
 def _xyz(vector: FloatArray) -> dict[str, float]:
@@ -195,12 +188,8 @@ def png(rgb: NDArray[np.uint8], compression: int = 4) -> bytes:
 def scan(planes: Planes, camera: Camera, ids: IntArray) -> NDArray[np.void]:
     """(P,) points in the sensor's axes: x forward, y right, z up.
 
-    Parameters
-    ----------
-    planes : Planes
-    camera : Camera
-    ids : (things + 1,)
-        The actor of each thing; the last one is that of sky and ground.
+    `ids` are (things + 1,): the actor of each thing; the last one is that of sky and
+    ground.
     """
     focal = float(camera.intrinsic[0, 0])
     row, column = _targets(camera, focal)
@@ -254,13 +243,23 @@ def truth_of(
     image_points = to_homogeneous(vertices, camera)
     lines = []
     for row, (box, count) in enumerate(zip(boxes, counts, strict=True)):
-        ghost = None
+        ghost, rectangle = None, seen.visible_xyxy[row]
         if not count:
             nearest = float(image_points[row, :, 2].min())
             status = DepthStatus(int(seen.status[row]))
-            ghost = _kind_by_place(status, seen.visible_xyxy[row], box.distance)
-            ghost = ghost or _hidden_by(box, nearest, planes, seen.visible_xyxy[row])
-        lines.append(_line(box, count, ghost))
+            ghost = _kind_by_place(status, rectangle, box.distance)
+            ghost = ghost or _hidden_by(box, nearest, planes, rectangle)
+        lines.append(
+            {
+                "id": box.id,
+                "class": box.thing.class_name,
+                "instance": box.thing.instance,
+                "distance": round(box.distance, 3),
+                "visible_pixels": count,
+                "visible": count > 0,
+                "ghost": ghost,
+            }
+        )
     return lines
 
 
@@ -277,18 +276,6 @@ def visible_pixels(planes: Planes, boxes: list[PlacedBox], things: int) -> list[
     counted = owner[(accepted[owner] >> tag) & 1 == 1]
     counts = np.bincount(counted, minlength=things)
     return [int(counts[box.index]) for box in boxes]
-
-
-def _line(box: PlacedBox, count: int, ghost: str | None) -> dict[str, object]:
-    return {
-        "id": box.id,
-        "class": box.thing.class_name,
-        "instance": box.thing.instance,
-        "distance": round(box.distance, 3),
-        "visible_pixels": count,
-        "visible": count > 0,
-        "ghost": ghost,
-    }
 
 
 def _kind_by_place(

@@ -7,6 +7,7 @@ in each of which this module is run as a program.
 
 from __future__ import annotations
 
+import itertools
 import json
 import os
 import subprocess
@@ -21,7 +22,6 @@ from threading import Lock, Thread
 from typing import IO, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from filter_core.arrays import FloatArray
 from filter_core.formats.files import write_whole
@@ -29,7 +29,7 @@ from filter_core.formats.reading import MANIFEST_NAME
 from filter_core.geometry.camera import Camera
 from filter_core.local import in_order
 from filter_core.processes import module_command
-from unghost.street.camera import Photographer, Planes, Stage, pixel_centres
+from unghost.street.camera import Photographer, Stage, sampled
 from unghost.street.light import Lighting, ShadowMap
 from unghost.street.sensors import (
     FIRST_ACTOR,
@@ -96,14 +96,9 @@ class StreetFrame:
 class StreetScene:
     """Three towns and a drive through each; the same seed gives the same bytes.
 
-    Parameters
-    ----------
-    seed : int
-    actors : float
-        The share of vehicles, people and lights that are there, 0 to 1. With all of
-        them the street is far more crowded than usual recordings.
-    flat : bool
-        Whether every fourth frame has naive rectangles instead of 3D boxes.
+    `actors` is the share of vehicles, people and lights that are there, 0 to 1. With
+    all of them the street is far more crowded than usual recordings. `flat`: every
+    fourth frame has naive rectangles instead of 3D boxes.
     """
 
     def __init__(
@@ -177,30 +172,22 @@ class _Set:
         light = Lighting(style.daylight, (still, self._moving_shadows(camera, time_s)))
         seed = (self._seed * 31 + self._number) * 100_003 + step
         photographer = Photographer(visible, style.plan, light)
-        image, planes = photographer.photograph(pixel_centres(visible), seed)
+        image, planes = photographer.photograph(sampled(visible, 0.5), seed)
         key = f"{style.name}/{step:06d}"
         boxes = placed_boxes(things, stage.poses(time_s), camera)
         flat = self._flat and step % _FLAT_EVERY == _FLAT_EVERY - 1
+        actors = range(FIRST_ACTOR, FIRST_ACTOR + len(things))
+        instances = np.array([*(thing.instance for thing in things), 0], np.int32)
         return StreetFrame(
             key=key,
             image_png=png(image),
             segmentation_png=png(paint_tags(planes.tags)),
-            instances_png=png(self._instances(planes)),
+            instances_png=png(encode_instances(planes.tags, instances[planes.owner])),
             depth_png=png(encode_depth(planes.depth)),
-            lidar_npy=npy(self._scan(planes, camera)),
+            lidar_npy=npy(scan(planes, camera, np.array([*actors, 0]))),
             annotation=annotate(style, pose, camera, boxes, flat=flat),
             truth=truth_of(planes, boxes, camera, len(things)),
         )
-
-    def _scan(self, planes: Planes, camera: Camera) -> NDArray[np.void]:
-        ids = [FIRST_ACTOR + index for index in range(len(self._town.things))]
-        return scan(planes, camera, np.array([*ids, 0]))
-
-    def _instances(self, planes: Planes) -> NDArray[np.uint8]:
-        numbers = np.array(
-            [*(thing.instance for thing in self._town.things), 0], dtype=np.int32
-        )
-        return encode_instances(planes.tags, numbers[planes.owner])
 
     def _moving_shadows(self, camera: Camera, time_s: float) -> ShadowMap:
         x, y, _ = camera.position
@@ -220,14 +207,7 @@ class _Set:
 
 
 def _box_corners(low: tuple[float, ...], high: tuple[float, ...]) -> FloatArray:
-    return np.array(
-        [
-            [x, y, z]
-            for x in (low[0], high[0])
-            for y in (low[1], high[1])
-            for z in (low[2], high[2])
-        ]
-    )
+    return np.array(list(itertools.product(*zip(low, high, strict=True))))
 
 
 def write_street(
@@ -236,25 +216,11 @@ def write_street(
     scene: StreetScene | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Path:
-    """Render a street into a folder.
+    """Render a street into a folder; returns the path of its manifest.
 
-    The manifest is written last, whole: a folder that has one is complete.
-
-    Parameters
-    ----------
-    folder : Path
-        Created if it does not exist.
-    frames : int
-        How many; the three towns take turns.
-    scene : StreetScene, optional
-        Default: that of seed 0.
-    progress : callable, optional
-        Called after each frame with how many are done, and of how many.
-
-    Returns
-    -------
-    Path
-        Of the manifest.
+    The manifest is written last, whole: a folder that has one is complete. The three
+    towns take turns; by default they are those of seed 0. `progress` is called after
+    each frame with how many are done, and of how many.
     """
     folder.mkdir(parents=True, exist_ok=True)
     manifest: list[dict[str, object]] = []
@@ -275,29 +241,15 @@ def render_street(
 ) -> Iterator[dict[str, object]]:
     """Render a street into a folder, in child processes that end with it.
 
+    Yields a line of the manifest as soon as the files of its frame are written; in the
+    end the folder has what `write_street` writes. `actors` are as those of
+    `StreetScene`.
+
     Each process renders one town, or every second frame of it. As the first frame of a
     town takes as long as several others, no more processes work on their first one than
     there are cores: so the first frames of all come soon.
 
-    Parameters
-    ----------
-    folder : Path
-        Created if it does not exist. When all frames were yielded, it has what
-        `write_street` writes.
-    frames : int
-    seed : int
-    actors : float
-        As those of `StreetScene`.
-
-    Yields
-    ------
-    dict
-        A line of the manifest, as soon as the files of its frame are written.
-
-    Raises
-    ------
-    RuntimeError
-        A process has ended before its frames were rendered, with its last words.
+    Raises RuntimeError if a process has ended before its frames were rendered.
     """
     folder.mkdir(parents=True, exist_ok=True)
     cores = os.cpu_count() or 1
@@ -318,8 +270,8 @@ def render_street(
                 )
                 running.enter_context(child)
                 running.callback(child.kill)
-                arguments = (child.stdout, number, told)
-                Thread(target=_listen, args=arguments, daemon=True).start()
+                listening = (child.stdout, number, told.put)
+                Thread(target=_listen, args=listening, daemon=True).start()
             number, text = told.get()
             beginning.discard(number)
             if not text:
@@ -336,11 +288,10 @@ def render_street(
 
 
 def _listen(
-    output: IO[bytes], number: int, told: SimpleQueue[tuple[int, bytes]]
+    output: IO[bytes], number: int, tell: Callable[[tuple[int, bytes]], None]
 ) -> None:
-    for text in output:
-        told.put((number, text))
-    told.put((number, b""))
+    for text in itertools.chain(output, [b""]):
+        tell((number, text))
 
 
 def _render_part(folder: str, seed: str, actors: str, *indices: str) -> None:
@@ -357,22 +308,18 @@ def _render_part(folder: str, seed: str, actors: str, *indices: str) -> None:
 
 def _write_frame(folder: Path, frame: StreetFrame) -> dict[str, object]:
     paths = {}
-    for name, (place, suffix, data) in _files(frame).items():
+    for name, place, suffix, data in (
+        ("image", "rgb", ".png", frame.image_png),
+        ("segmentation", "seg", ".png", frame.segmentation_png),
+        ("instances", "instances", ".png", frame.instances_png),
+        ("depth", "depth", ".png", frame.depth_png),
+        ("lidar", "lidar", ".npy", frame.lidar_npy),
+    ):
         path = folder / place / f"{frame.key}{suffix}"
         path.parent.mkdir(parents=True, exist_ok=True)
         write_whole(path, data)
         paths[name] = path.relative_to(folder).as_posix()
     return {"key": frame.key, **paths, **frame.annotation}
-
-
-def _files(frame: StreetFrame) -> dict[str, tuple[str, str, bytes]]:
-    return {
-        "image": ("rgb", ".png", frame.image_png),
-        "segmentation": ("seg", ".png", frame.segmentation_png),
-        "instances": ("instances", ".png", frame.instances_png),
-        "depth": ("depth", ".png", frame.depth_png),
-        "lidar": ("lidar", ".npy", frame.lidar_npy),
-    }
 
 
 def _write_lines(path: Path, rows: list[dict[str, object]]) -> None:

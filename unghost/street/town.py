@@ -165,12 +165,9 @@ class TownBuilder:
 class Route:
     """A way straight on at one speed, which begins again at its end.
 
-    Attributes
-    ----------
-    speed : metres per second, along the heading
-    length : metres until the start comes again; 0 stands still
-    ahead : metres already gone at time 0
-    sway : metres that it falls back and catches up, again and again
+    `speed` is in metres per second, along the heading. After `length` metres the start
+    comes again; 0 stands still. `ahead` are metres already gone at time 0, `sway` those
+    that it falls back and catches up, again and again.
     """
 
     speed: float = 0.0

@@ -118,21 +118,20 @@ def _front_row(builder: TownBuilder, start: float, end: float, side: int) -> Non
             x, after_gap = x + width, True
             continue
         kind = builder.pick(style.houses)
-        width = _house_width(builder, kind, last - x)
+        bay = FACADE_STYLES[kind].bay
+        bays = int(rng.integers(4, 6 if kind == HOUSE else 9))
+        width = bay * min(bays, int((last - x) / bay))
         _house(builder, x, x + width, side, kind)
         x, after_gap = x + width, False
-        if kind == HOUSE:
-            _garden_gap(builder, x, side)
+        if kind == HOUSE:  # a garden
+            front = side * (builder.plan.frontage + 0.5)
+            bush = furniture.bush(float(rng.uniform(0.7, 1.1)), rng)
+            builder.scenery(furniture.fence(4.0, 1.1), x + 2.0, front)
+            builder.scenery(bush, x + 2.0, front + side * 1.4)
             x += 4.0
     if last - x > 1.5:
-        _wall_across(builder, x, last, side)
-
-
-def _house_width(builder: TownBuilder, kind: int, room: float) -> float:
-    bay = FACADE_STYLES[kind].bay
-    most = int(room / bay)
-    wanted = int(builder.rng.integers(4, 6 if kind == HOUSE else 9))
-    return bay * min(wanted, most)
+        wall = furniture.wall(last - x, 2.6, builder.pick(_WALL_COLORS))
+        builder.scenery(wall, (x + last) / 2, side * (builder.plan.frontage + 0.3))
 
 
 def _house(builder: TownBuilder, x0: float, x1: float, side: int, kind: int) -> None:
@@ -178,19 +177,6 @@ def _gap(builder: TownBuilder, x0: float, x1: float, side: int) -> None:
     builder.scenery(tree, middle, side * (builder.plan.frontage + 19))
 
 
-def _garden_gap(builder: TownBuilder, x: float, side: int) -> None:
-    front = side * (builder.plan.frontage + 0.5)
-    bush = furniture.bush(float(builder.rng.uniform(0.7, 1.1)), builder.rng)
-    builder.scenery(furniture.fence(4.0, 1.1), x + 2.0, front)
-    builder.scenery(bush, x + 2.0, front + side * 1.4)
-
-
-def _wall_across(builder: TownBuilder, x0: float, x1: float, side: int) -> None:
-    y = side * (builder.plan.frontage + 0.3)
-    wall = furniture.wall(x1 - x0, 2.6, builder.pick(_WALL_COLORS))
-    builder.scenery(wall, (x0 + x1) / 2, y)
-
-
 def _back_row(builder: TownBuilder, start: float, end: float, side: int) -> None:
     """A second row of houses that closes what the first leaves open."""
     rng = builder.rng
@@ -220,21 +206,17 @@ def _sidewalk_furniture(
         if number % 3 == 1:
             builder.scenery(furniture.street_lamp(), at, y, lamp_yaw)
         else:
-            _tree(builder, at, y)
+            kind, yaw = builder.pick(builder.style.trees), float(rng.uniform(0, 360))
+            near, far = builder.prototype(kind)
+            place = Transform((at, y, SIDEWALK_HEIGHT), (0.0, yaw, 0.0))
+            tree = Thing(
+                0, SCENERY, "static.vegetation", "", (near,), place, far_shapes=(far,)
+            )
+            builder.put(tree)
         _extras(builder, at + 3.0, side)
     sign_x = end - 9.0 if side > 0 else start + 9.0
     builder.scenery(
         furniture.sign(int(rng.integers(3))), sign_x, y, 0.0 if side > 0 else 180.0
-    )
-
-
-def _tree(builder: TownBuilder, x: float, y: float) -> None:
-    kind = builder.pick(builder.style.trees)
-    yaw = float(builder.rng.uniform(0, 360))
-    near, far = builder.prototype(kind)
-    start = Transform((x, y, SIDEWALK_HEIGHT), (0.0, yaw, 0.0))
-    builder.put(
-        Thing(0, SCENERY, "static.vegetation", "", (near,), start, far_shapes=(far,))
     )
 
 

@@ -280,13 +280,9 @@ def _ends(shape: CarShape) -> Mesh:
 
 @dataclass(frozen=True)
 class Shell:
-    """A big body with upright sides.
+    """A big body with upright sides, in metres: from `back` to `front` along x.
 
-    Attributes
-    ----------
-    front, back : where it begins and ends along x, metres
-    half_width, low, roof : metres
-    sill : height of the windows' lower edge
+    `sill` is the height of the windows' lower edge.
     """
 
     front: float
@@ -508,20 +504,14 @@ def _wheel(wheels: Wheels, x: float) -> Mesh:
     tyre = tube((x, y - 0.22, z), (x, y + 0.012, z), radius, (RUBBER, tag), sides=20)
     rim = tube((x, y, z), (x, y + 0.016, z), radius * 0.68, (STEEL, tag), sides=14)
     hub = tube((x, y, z), (x, y + 0.024, z), radius * 0.16, (CHROME, tag), sides=8)
-    gaps = [_spoke_gap((x, y + 0.020, z), radius, turn, tag) for turn in range(5)]
+    reach, centre = radius * np.array([0.60, 0.22, 0.22, 0.60]), (x, y + 0.020, z)
+    gaps = []
+    for turn in range(5):
+        angles = 2 * np.pi * turn / 5 + 0.3 + np.array([-0.38, -0.24, 0.24, 0.38])
+        flat = [np.cos(angles) * reach, np.zeros(4), np.sin(angles) * reach]
+        corners = np.stack(flat, axis=1) + np.array(centre)
+        gaps.append(sheet(corners, (0, 1, 0), BLACK, tag))
     return join([arch, tyre, rim, hub, *gaps])
-
-
-def _spoke_gap(
-    centre: tuple[float, float, float], radius: float, turn: int, tag: int
-) -> Mesh:
-    middle = 2 * np.pi * turn / 5 + 0.3
-    angles = middle + np.array([-0.38, -0.24, 0.24, 0.38])
-    reach = radius * np.array([0.60, 0.22, 0.22, 0.60])
-    corners = np.stack(
-        [np.cos(angles) * reach, np.zeros(4), np.sin(angles) * reach], axis=1
-    )
-    return sheet(corners + np.array(centre), (0, 1, 0), BLACK, tag)
 
 
 _CYCLIST: Final = BodyPose(
@@ -581,7 +571,14 @@ def motorcycle(rgb: RGB, clothes: Clothes) -> Mesh:
     rider = replace(clothes, hair=rgb)
     return join(
         [
-            *(_motor_wheel((x, 0.0, 0.31), tag) for x in (0.72, -0.68)),
+            *(
+                wheel
+                for x in (0.72, -0.68)
+                for wheel in (
+                    wheel_ring((x, 0.0, 0.31), 0.31, 0.065, (RUBBER, tag)),
+                    tube((x, -0.03, 0.31), (x, 0.03, 0.31), 0.19, (STEEL, tag), 14),
+                )
+            ),
             *(ball(at, radii, (paint, tag), n) for at, radii, paint, n in rounded),
             block((-0.22, -0.16, 0.26), (0.28, 0.16, 0.66), DARK_STEEL, tag),
             tube((-0.72, 0.17, 0.34), (0.05, 0.15, 0.30), 0.05, (CHROME, tag), 8),
@@ -593,12 +590,6 @@ def motorcycle(rgb: RGB, clothes: Clothes) -> Mesh:
             _helmet(_BIKER, rgb, full=True),
         ]
     )
-
-
-def _motor_wheel(hub: tuple[float, float, float], tag: int) -> Mesh:
-    x, y, z = hub
-    disc = tube((x, y - 0.03, z), (x, y + 0.03, z), 0.19, (STEEL, tag), 14)
-    return join([wheel_ring(hub, 0.31, 0.065, (RUBBER, tag)), disc])
 
 
 def _spokes(hub: tuple[float, float, float], tag: int) -> Mesh:

@@ -14,7 +14,7 @@ from pydantic import (
     model_validator,
 )
 
-from unghost.wire.model import IfAbsent, Json, RequestModel, ResponseModel
+from unghost.wire.model import IfAbsent, Json, RequestModel, ResponseModel, optional
 from unghost.wire.words import Role
 
 PRINTABLE: Final = r"^[^\x00-\x1f\x7f-\x9f\u2028\u2029]*[^\s\x00-\x1f\x7f-\x9f]$"
@@ -35,12 +35,10 @@ class TokenIn(RequestModel):
         ),
     ]
     role: Role = "reviewer"
-    expires_at: AwareDatetime | None = Field(
-        default=None,
-        description="When the token expires; instead of `expires_in_days`.",
+    expires_at: AwareDatetime | None = optional(
+        description="When the token expires; instead of `expires_in_days`."
     )
-    expires_in_days: int | None = Field(
-        default=None,
+    expires_in_days: int | None = optional(
         ge=1,
         le=36_500,
         description="Days until the token expires; null: it lasts until it is revoked.",

@@ -11,6 +11,8 @@ from typing import Annotated, TypeAlias
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from unghost.wire.model import optional
+
 Four: TypeAlias = Annotated[list[float], Field(min_length=4, max_length=4)]
 
 
@@ -41,40 +43,38 @@ class Pose(Vector, Rotation):
 class AnnotatedCamera(_Open):
     """The camera; 3D boxes need all of it, and 2D boxes nothing of it."""
 
-    name: str | None = Field(
-        default=None,
+    name: str | None = optional(
         description="What it is called, to tell the cameras of a vehicle apart.",
         examples=["front"],
     )
     width: int = Field(description="Width of the image in pixels.", examples=[1280])
     height: int = Field(description="Height of the image in pixels.", examples=[720])
-    fov: float | None = Field(
-        default=None, description="Horizontal field of view in degrees.", examples=[90]
+    fov: float | None = optional(
+        description="Horizontal field of view in degrees.", examples=[90]
     )
-    intrinsic: list[list[float]] | None = Field(
-        default=None, description="3 x 3 matrix, instead of `fov`."
+    intrinsic: list[list[float]] | None = optional(
+        description="3 x 3 matrix, instead of `fov`."
     )
-    transform: Pose | None = Field(
-        default=None, description="Where the camera stands in the world."
+    transform: Pose | None = optional(
+        description="Where the camera stands in the world."
     )
-    world_to_camera: list[list[float]] | None = Field(
-        default=None, description="4 x 4 matrix, instead of `transform`."
+    world_to_camera: list[list[float]] | None = optional(
+        description="4 x 4 matrix, instead of `transform`."
     )
 
 
 class Box3d(_Open):
     """A 3D box as CARLA has it: that of an actor, in the actor's axes."""
 
-    transform: Pose | None = Field(
-        default=None,
-        description="Of the actor; without it the box is given in the world.",
+    transform: Pose | None = optional(
+        description="Of the actor; without it the box is given in the world."
     )
-    location: Vector | None = Field(
-        default=None, description="Centre of the box in the actor's axes."
+    location: Vector | None = optional(
+        description="Centre of the box in the actor's axes."
     )
     extent: Vector = Field(description="Half of its sizes.")
-    rotation: Rotation | None = Field(
-        default=None, description="Its rotation in the actor's axes."
+    rotation: Rotation | None = optional(
+        description="Its rotation in the actor's axes."
     )
 
 
@@ -85,72 +85,53 @@ class AnnotatedBox(_Open):
     `box3d`.
     """
 
-    id: str | int | None = Field(
-        default=None,
-        description="Unique in its frame; its index if there is none.",
-        examples=["217"],
+    id: str | int | None = optional(
+        description="Unique in its frame; its index if there is none.", examples=["217"]
     )
-    class_name: str | None = Field(
-        default=None, alias="class", description="Its class.", examples=["car"]
+    class_name: str | None = optional(
+        alias="class", description="Its class.", examples=["car"]
     )
-    type_id: str | None = Field(
-        default=None,
+    type_id: str | None = optional(
         description="CARLA's blueprint, which tells the class.",
         examples=["vehicle.ford.ambulance"],
     )
-    base_type: str | None = Field(
-        default=None,
-        description="CARLA's `base_type` of the blueprint.",
-        examples=["van"],
+    base_type: str | None = optional(
+        description="CARLA's `base_type` of the blueprint.", examples=["van"]
     )
-    xyxy: Four | None = Field(
-        default=None,
+    xyxy: Four | None = optional(
         description="Left, top, right, bottom in pixels.",
         examples=[[83, 410, 466, 640]],
     )
-    xyxyn: Four | None = Field(
-        default=None,
+    xyxyn: Four | None = optional(
         description="The same as shares of the image's size.",
         examples=[[0.1, 0.5, 0.3, 0.8]],
     )
-    xywh: Four | None = Field(
-        default=None,
-        description="Left, top, width, height in pixels.",
-        examples=[[10, 20, 30, 40]],
+    xywh: Four | None = optional(
+        description="Left, top, width, height in pixels.", examples=[[10, 20, 30, 40]]
     )
-    cxcywh: Four | None = Field(
-        default=None,
-        description="Centre and size in pixels.",
-        examples=[[25, 40, 30, 40]],
+    cxcywh: Four | None = optional(
+        description="Centre and size in pixels.", examples=[[25, 40, 30, 40]]
     )
-    cxcywhn: Four | None = Field(
-        default=None,
+    cxcywhn: Four | None = optional(
         description="The same as shares of the image's size.",
         examples=[[0.5, 0.5, 0.1, 0.1]],
     )
-    vertices: list[Vector | list[float]] | None = Field(
-        default=None, description="Eight corners in the world; needs the camera."
+    vertices: list[Vector | list[float]] | None = optional(
+        description="Eight corners in the world; needs the camera."
     )
-    box3d: Box3d | None = Field(
-        default=None, description="The 3D box; needs the camera."
+    box3d: Box3d | None = optional(description="The 3D box; needs the camera.")
+    distance: float | None = optional(
+        description="Metres from the camera.", examples=[12.5]
     )
-    distance: float | None = Field(
-        default=None, description="Metres from the camera.", examples=[12.5]
-    )
-    distance_range: tuple[float, float] | None = Field(
-        default=None,
+    distance_range: tuple[float, float] | None = optional(
         description="Between how many metres from the camera it is, where the distance "
         "itself is not known.",
         examples=[[50, 80]],
     )
-    instance_id: int | None = Field(
-        default=None,
-        description="Its id in the instance image.",
-        examples=[217],
+    instance_id: int | None = optional(
+        description="Its id in the instance image.", examples=[217]
     )
-    extra: dict[str, object] | None = Field(
-        default=None, description="Anything else; it is kept."
-    )
+    extra: dict[str, object] | None = optional(description="Anything else; it is kept.")
 
 
 class Annotation(_Open):
@@ -165,38 +146,28 @@ class Annotation(_Open):
     )
 
     boxes: list[AnnotatedBox] = Field(description="The boxes; the list may be empty.")
-    camera: AnnotatedCamera | None = Field(
-        default=None, description="The camera; 3D boxes need it."
+    camera: AnnotatedCamera | None = optional(
+        description="The camera; 3D boxes need it."
     )
-    carla_version: str | None = Field(
-        default=None,
+    carla_version: str | None = optional(
         description="The version of CARLA, which tells the palette.",
         examples=["0.9.15"],
     )
-    captured_at: str | None = Field(
-        default=None,
+    captured_at: str | None = optional(
         description="When the frame was recorded (RFC 3339).",
         examples=["2026-01-31T12:00:00Z"],
     )
-    map: str | None = Field(
-        default=None, description="CARLA's map.", examples=["Town10HD"]
+    map: str | None = optional(description="CARLA's map.", examples=["Town10HD"])
+    weather: dict[str, object] | None = optional(
+        description="CARLA's weather; it is kept."
     )
-    weather: dict[str, object] | None = Field(
-        default=None, description="CARLA's weather; it is kept."
+    sensors: dict[str, object] | None = optional(
+        description="Where each sensor besides the camera stands."
     )
-    sensors: dict[str, object] | None = Field(
-        default=None, description="Where each sensor besides the camera stands."
+    sequence: str | None = optional(
+        description="The drive that the frame is of.", examples=["drive-3"]
     )
-    sequence: str | None = Field(
-        default=None,
-        description="The drive that the frame is of.",
-        examples=["drive-3"],
+    split: str | None = optional(
+        description="The part of its data set that it came with.", examples=["val"]
     )
-    split: str | None = Field(
-        default=None,
-        description="The part of its data set that it came with.",
-        examples=["val"],
-    )
-    extra: dict[str, object] | None = Field(
-        default=None, description="Anything else; it is kept."
-    )
+    extra: dict[str, object] | None = optional(description="Anything else; it is kept.")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated, Final, Literal, TypeAlias, get_args
 
-from pydantic import AwareDatetime, Field
+from pydantic import AwareDatetime, Field, JsonValue
 
 from unghost.wire.model import (
     IfAbsent,
@@ -15,6 +15,7 @@ from unghost.wire.model import (
     ResponseModel,
     SparseModel,
     never_null,
+    optional,
 )
 from unghost.wire.words import (
     Answer,
@@ -44,7 +45,6 @@ Limit = Annotated[
 ]
 Cursor = Annotated[str | None, Field(max_length=2000)]
 Revision = Annotated[int, Field(ge=0, le=2**31 - 1)]
-
 
 FrameKey = Annotated[str, Field(min_length=1, max_length=512)]
 PlaceName = Annotated[str, Field(min_length=1, max_length=256)]
@@ -236,8 +236,7 @@ class QueuedBox(Decision):
     claim: Claim
 
 
-def _review_states(schema: dict[str, object]) -> None:
-    schema["enum"] = ["", *get_args(ReviewState), None]
+_REVIEW_STATES: Final[list[JsonValue]] = ["", *get_args(ReviewState), None]
 
 
 class BoxSelection(RequestModel):
@@ -248,41 +247,37 @@ class BoxSelection(RequestModel):
     reason: Annotated[
         str | None, Field(description="Reasons, separated by commas.")
     ] = None
-    class_name: str | None = Field(default=None, alias="class")
-    review: Annotated[str | None, Field(json_schema_extra=_review_states)] = None
+    class_name: str | None = optional(alias="class")
+    review: Annotated[str | None, Field(json_schema_extra={"enum": _REVIEW_STATES})] = (
+        None
+    )
     toss_up: bool | None = None
-    bin: Bin | None = Field(
-        default=None, description="Only boxes to ask about, or only others of a kind."
+    bin: Bin | None = optional(
+        description="Only boxes to ask about, or only others of a kind."
     )
-    conflict: bool | None = Field(
-        default=None,
-        description="Whether a person's keep or reject contradicts the filter.",
+    conflict: bool | None = optional(
+        description="Whether a person's keep or reject contradicts the filter."
     )
-    match_min: Percent | None = Field(
-        default=None,
-        description="Only boxes with a match: not those outside the image.",
+    match_min: Percent | None = optional(
+        description="Only boxes with a match: not those outside the image."
     )
     match_max: Percent | None = None
     margin_max: Percent | None = None
     distance_min: Metres | None = None
     distance_max: Metres | None = None
-    frame: FrameKey | None = Field(
-        default=None, description="Only boxes of the frame with this key."
+    frame: FrameKey | None = optional(
+        description="Only boxes of the frame with this key."
     )
-    map: PlaceName | None = Field(
-        default=None, description="Only boxes of frames on this map."
+    map: PlaceName | None = optional(description="Only boxes of frames on this map.")
+    camera: PlaceName | None = optional(
+        description="Only boxes of frames whose annotation has this `camera.name`."
     )
-    camera: PlaceName | None = Field(
-        default=None,
-        description="Only boxes of frames whose annotation has this `camera.name`.",
+    sequence: PlaceName | None = optional(
+        description="Only boxes of frames of this drive."
     )
-    sequence: PlaceName | None = Field(
-        default=None, description="Only boxes of frames of this drive."
-    )
-    weather: PlaceName | None = Field(
-        default=None,
+    weather: PlaceName | None = optional(
         description="Only boxes of frames with this `weather.preset`; `other`: with a "
-        "weather that has none.",
+        "weather that has none."
     )
 
 
@@ -296,8 +291,7 @@ class BoxListQuery(BoxSelection):
     count: bool = Field(
         default=False, description="Whether to return `total` and `snapshot` too."
     )
-    fields: str | None = Field(
-        default=None,
+    fields: str | None = optional(
         max_length=1000,
         description="Names of fields, separated by commas: each item has these alone, "
         "whatever its schema requires. Default: all.",
@@ -383,8 +377,7 @@ class BoxTableQuery(BoxSelection):
     """The query of a table of boxes."""
 
     dataset: str = Field(description="Name of the dataset.")
-    fields: str | None = Field(
-        default=None,
+    fields: str | None = optional(
         max_length=1000,
         description="Names of columns, separated by commas; default: all but those "
         "that take long.",
@@ -422,13 +415,11 @@ class FrameListQuery(BoxSelection):
 class BoxPage(Page[Decision], SparseModel):
     """One page of boxes; `total` and `snapshot` only with `count=true`."""
 
-    total: int | None = Field(
-        default=None,
+    total: int | None = optional(
         json_schema_extra=never_null,
         description="Number of all boxes that match the filter.",
     )
-    snapshot: str | None = Field(
-        default=None,
+    snapshot: str | None = optional(
         json_schema_extra=never_null,
         description="Identifies the present state of the matching boxes. Send it with "
         "one answer on all of them.",
@@ -462,10 +453,9 @@ class QueueIn(RequestModel):
         description="Ids of boxes that the caller has already: they are left out, and "
         "the caller's claims on them are renewed.",
     )
-    seed: Annotated[int, Field(ge=-(2**63), le=2**63 - 1)] | None = Field(
-        default=None,
+    seed: Annotated[int, Field(ge=-(2**63), le=2**63 - 1)] | None = optional(
         description="Number that the random order is drawn from; default: one per "
-        "dataset.",
+        "dataset."
     )
 
 
@@ -496,10 +486,9 @@ class ReviewIn(RequestModel):
         description="`revision` of the box when it was seen; 0 if it had no answer. "
         "Refused with 412 if somebody has answered since."
     )
-    looked_ms: Annotated[int, Field(ge=0, le=MOST_LOOKED_MS)] | None = Field(
-        default=None,
+    looked_ms: Annotated[int, Field(ge=0, le=MOST_LOOKED_MS)] | None = optional(
         description="For how many milliseconds the person had the box and its picture "
-        "on the screen before the answer.",
+        "on the screen before the answer."
     )
 
 
@@ -562,25 +551,21 @@ class BulkIn(RequestModel):
 
     dataset: Annotated[str, Field(max_length=100)]
     box_ids: Annotated[list[Id], Field(fail_fast=True)] | None = None
-    seen_revisions: Annotated[list[Revision], Field(fail_fast=True)] | None = Field(
-        default=None,
+    seen_revisions: Annotated[list[Revision], Field(fail_fast=True)] | None = optional(
         description="`revision` of each of `box_ids` when it was seen, in the same "
         "order. Boxes that were answered since are not changed. Without it, boxes that "
-        "have an answer are not changed.",
+        "have an answer are not changed."
     )
     filter: BoxSelection | None = None
-    snapshot: Annotated[str, Field(max_length=1000)] | None = Field(
-        default=None,
+    snapshot: Annotated[str, Field(max_length=1000)] | None = optional(
         description="`snapshot` that `GET /api/v1/boxes?count=true` returned for this "
-        "filter. Refused with 412 if its boxes have changed since.",
+        "filter. Refused with 412 if its boxes have changed since."
     )
-    expected_count: Annotated[int, Field(ge=0)] | None = Field(
-        default=None,
-        description="Number of boxes expected; refused with 409 if it is another.",
+    expected_count: Annotated[int, Field(ge=0)] | None = optional(
+        description="Number of boxes expected; refused with 409 if it is another."
     )
-    looked_at: Annotated[int, Field(ge=0, le=2**31 - 1)] | None = Field(
-        default=None,
-        description="How many of the boxes the person had on the screen before.",
+    looked_at: Annotated[int, Field(ge=0, le=2**31 - 1)] | None = optional(
+        description="How many of the boxes the person had on the screen before."
     )
     verdict: Answer
     comment: Comment = ""
@@ -643,12 +628,11 @@ class HistoryEntry(SparseModel):
     activated: bool | None = None
     comment: str | None = None
     batch: int | None = None
-    batch_size: int | None = Field(
-        default=None, description="How many boxes the bulk answer has answered."
+    batch_size: int | None = optional(
+        description="How many boxes the bulk answer has answered."
     )
-    looked_at: int | None = Field(
-        default=None,
-        description="How many of these the person had on the screen before.",
+    looked_at: int | None = optional(
+        description="How many of these the person had on the screen before."
     )
     undoes: int | None = None
     carried_from: int | None = None
@@ -656,10 +640,9 @@ class HistoryEntry(SparseModel):
     looked_ms: int | None = None
     chosen_by: QueueOrder | None = None
     chosen_from: dict[str, object] | None = None
-    probability: float | None = Field(
-        default=None,
+    probability: float | None = optional(
         description="Of being among the boxes of the random order up to this one. Only "
-        "of a queue with all boxes of its classes.",
+        "of a queue with all boxes of its classes."
     )
 
 

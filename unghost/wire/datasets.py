@@ -25,6 +25,7 @@ from unghost.wire.model import (
     ResponseModel,
     SparseModel,
     never_null,
+    optional,
     properties_of,
 )
 from unghost.wire.words import (
@@ -60,6 +61,8 @@ Polygons = Annotated[list[Polygon], Field(min_length=1, max_length=100, fail_fas
 MAX_CLASSES: Final = 1_000
 """Most classes of a dataset: those it is created with and those its frames add."""
 
+ClassNames = Annotated[list[ClassName], Field(max_length=MAX_CLASSES)]
+
 MAX_POINTS: Final = 10_000
 """Most points of an ignore mask; each preview of thresholds reads all of them."""
 
@@ -67,14 +70,12 @@ MAX_POINTS: Final = 10_000
 class IgnoreMask(RequestModel):
     """Pixels that are never counted, such as the bonnet: as polygons or as a PNG."""
 
-    polygons: Polygons | None = Field(
-        default=None,
-        description="Corners of each polygon, in pixels; at most 10,000 in all.",
+    polygons: Polygons | None = optional(
+        description="Corners of each polygon, in pixels; at most 10,000 in all."
     )
-    png: Annotated[str, Field(max_length=2_000_000)] | None = Field(
-        default=None,
+    png: Annotated[str, Field(max_length=2_000_000)] | None = optional(
         description="A PNG of the frames' size, in Base64; pixels that are not black "
-        "are ignored.",
+        "are ignored."
     )
 
     @model_validator(mode="after")
@@ -109,24 +110,21 @@ class DatasetIn(RequestModel):
     description: Description = ""
     rule: Rule = ""
     coached: bool = Field(default=False, description=_COACHED)
-    classes: Annotated[list[ClassName], Field(max_length=MAX_CLASSES)] | None = Field(
-        default=None,
+    classes: ClassNames | None = optional(
         description="Names of the classes in their order; default: the eight classes "
-        "of CARLA.",
+        "of CARLA."
     )
     palette: Palette = "auto"
     encoding: Encoding = "auto"
     channel_order: ChannelOrder = "auto"
     lossy_segmentation: LossyPolicy = "refuse"
     ignore_mask: IgnoreMask | None = None
-    config: FilterConfigIn | None = Field(
-        default=None,
-        description="Its first configuration; default: that of the service.",
+    config: FilterConfigIn | None = optional(
+        description="Its first configuration; default: that of the service."
     )
-    recording: RecordingIn | None = Field(
-        default=None,
+    recording: RecordingIn | None = optional(
         description="How the folder of its frames is read, kept to read it so again; "
-        "it changes no setting.",
+        "it changes no setting."
     )
 
 
@@ -147,16 +145,14 @@ class DatasetPatch(RequestModel):
 
     description: Description | None = None
     rule: Rule | None = None
-    coached: bool | None = Field(default=None, description=_COACHED)
+    coached: bool | None = optional(description=_COACHED)
     palette: Palette | None = None
     encoding: Encoding | None = None
     channel_order: ChannelOrder | None = None
     lossy_segmentation: LossyPolicy | None = None
-    ignore_mask: IgnoreMask | None = Field(
-        default=None, description="null removes the mask."
-    )
-    recording: RecordingIn | None = Field(
-        default=None, description="Replaces the description; null removes it."
+    ignore_mask: IgnoreMask | None = optional(description="null removes the mask.")
+    recording: RecordingIn | None = optional(
+        description="Replaces the description; null removes it."
     )
 
     @field_validator("*", mode="before")
@@ -172,11 +168,11 @@ class ClassPatch(RequestModel):
 
     model_config = ConfigDict(json_schema_extra=_values_are_needed)
 
-    name: ClassName | None = Field(
-        default=None, description="Its new name, which no class of the dataset has."
+    name: ClassName | None = optional(
+        description="Its new name, which no class of the dataset has."
     )
-    merge_into: ClassName | None = Field(
-        default=None, description="The class of the dataset that gets its boxes."
+    merge_into: ClassName | None = optional(
+        description="The class of the dataset that gets its boxes."
     )
 
     @model_validator(mode="after")

@@ -9,7 +9,7 @@ document takes the description and the example from here for what has none.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Final, NamedTuple
+from typing import Final, NamedTuple, TypeAlias
 
 
 class Described(NamedTuple):
@@ -22,9 +22,19 @@ class Described(NamedTuple):
 _TIME: Final = "2026-01-31T12:00:00Z"
 _DIGEST: Final = "9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08"
 
-FIELDS: Final[Mapping[str, Described]] = {
-    name: Described(*said)
-    for name, said in {
+_Said: TypeAlias = "str | tuple[str, object]"
+"""A meaning, perhaps with an example."""
+
+
+def _described(said: Mapping[str, _Said]) -> dict[str, Described]:
+    return {
+        name: Described(one) if isinstance(one, str) else Described(*one)
+        for name, one in said.items()
+    }
+
+
+FIELDS: Final = _described(
+    {
         # Who, when, what.
         "id": ("Its number on the server.", 7),
         "name": ("Its name.", "town10"),
@@ -33,29 +43,26 @@ FIELDS: Final[Mapping[str, Described]] = {
         "started_at": ("When its work began; null while it waits.", _TIME),
         "finished_at": ("When it ended; null until then.", _TIME),
         "expires_at": ("When it ends; null for never.", _TIME),
-        "revoked_at": ("When it was revoked; null if it was not.", None),
-        "used_at": ("When it was used; null if it was not.", None),
+        "revoked_at": "When it was revoked; null if it was not.",
+        "used_at": "When it was used; null if it was not.",
         "last_used_at": ("When it was used last; null for never.", _TIME),
         "at": ("When it happened (RFC 3339, UTC).", _TIME),
         "dataset": ("Name of the dataset.", "town10"),
         "description": ("Text for people about the dataset.", "Town10, rain"),
-        "items": ("The items of this page.", None),
-        "next_cursor": (
-            "Send it as `cursor` for the next page; null on the last.",
-            None,
-        ),
-        "cursor": ("`next_cursor` of the page before; none for the first page.", None),
+        "items": "The items of this page.",
+        "next_cursor": "Send it as `cursor` for the next page; null on the last.",
+        "cursor": "`next_cursor` of the page before; none for the first page.",
         "limit": ("Maximum number of items.", 100),
-        "sort": ("The order of the list; `-` reverses it.", None),
+        "sort": "The order of the list; `-` reverses it.",
         "role": (
             "What it may do; each role may do what the one before may.",
             "reviewer",
         ),
         "status": ("The status of HTTP.", 201),
-        "detail": ("What is wrong, as a sentence for people.", None),
-        "errors": ("The single errors, at most a hundred.", None),
+        "detail": "What is wrong, as a sentence for people.",
+        "errors": "The single errors, at most a hundred.",
         "more_errors": ("How many errors there are besides those listed.", 12),
-        "notes": ("Sentences that people should read.", None),
+        "notes": "Sentences that people should read.",
         # Boxes.
         "box_id": ("Number of the box on the server.", 1201),
         "frame": ("Key of the frame.", "town/000007"),
@@ -101,14 +108,12 @@ FIELDS: Final[Mapping[str, Described]] = {
             12.5,
         ),
         "explained_by": (
-            "Id of the nearer box that takes most of its pixels; null if none does.",
-            None,
+            "Id of the nearer box that takes most of its pixels; null if none does."
         ),
         "hidden_by": (
-            "Up to three of the most frequent tags that its class does not accept.",
-            None,
+            "Up to three of the most frequent tags that its class does not accept."
         ),
-        "accepted_tags": ("The tags whose pixels count for its class.", None),
+        "accepted_tags": "The tags whose pixels count for its class.",
         "lossy": ("Whether the colours of the segmentation were not exact.", False),
         "distance": ("Metres from the camera; null if not known.", 12.5),
         "distance_range": (
@@ -121,21 +126,17 @@ FIELDS: Final[Mapping[str, Described]] = {
             [83, 410, 466, 640],
         ),
         "amodal_xyxy": (
-            "Of a 3D box: the rectangle of the whole, which may leave the image.",
-            None,
+            "Of a 3D box: the rectangle of the whole, which may leave the image."
         ),
-        "visible_xyxy": ("Of a 3D box: the part of it inside the image.", None),
-        "tight_xyxy": (
-            "The rectangle around its own pixels, by instance or depth.",
-            None,
-        ),
+        "visible_xyxy": "Of a 3D box: the part of it inside the image.",
+        "tight_xyxy": "The rectangle around its own pixels, by instance or depth.",
         "visible_pixels": ("Its own pixels, by instance or depth.", 300),
         "occluded": (
             "KITTI's level: 0 visible, 1 partly, 2 largely hidden, 3 unknown.",
             0,
         ),
         "truncated": ("Share of a 3D box outside of the image, 0 to 1.", 0.0),
-        "edges": ("Of a 3D box: its projected edges, each by its two ends.", None),
+        "edges": "Of a 3D box: its projected edges, each by its two ends.",
         "config": ("Digest of the configuration.", _DIGEST),
         "run": ("Number of the run.", 3),
         "revision": ("Number of the revision, from 1.", 1),
@@ -157,28 +158,28 @@ FIELDS: Final[Mapping[str, Described]] = {
         # Answers of people.
         "comment": ("A comment of the person.", "behind a tree"),
         "reviewer": ("Name of the person who answered.", "ann"),
-        "answers": ("Answers.", None),
+        "answers": "Answers.",
         "box_ids": ("Numbers of the boxes, instead of `filter`.", [1201, 1202]),
-        "filter": ("All boxes that match, instead of `box_ids`.", None),
-        "batch": ("Number of the bulk answer that it was given in.", None),
-        "undoes": ("Revision of the answer that it undoes.", None),
+        "filter": "All boxes that match, instead of `box_ids`.",
+        "batch": "Number of the bulk answer that it was given in.",
+        "undoes": "Revision of the answer that it undoes.",
         "undone": ("How many boxes have their former answer again.", 12),
-        "skipped": ("Boxes that were left as they are.", None),
+        "skipped": "Boxes that were left as they are.",
         "imported": ("Answers that were stored.", 12),
-        "carried_from": ("The box of an earlier revision that it was given on.", None),
-        "imported_by": ("Who imported it.", None),
+        "carried_from": "The box of an earlier revision that it was given on.",
+        "imported_by": "Who imported it.",
         "activated": ("Whether the run changed the verdict.", True),
         "looked_ms": ("Milliseconds that the box was on the screen.", 1400),
         "chosen_by": ("Order of the queue that chose the box.", "random"),
-        "chosen_from": ("Filters of the queue that chose the box.", None),
-        "kind": ("Of which kind it is.", None),
+        "chosen_from": "Filters of the queue that chose the box.",
+        "kind": "Of which kind it is.",
         "order": ("The order of the queue.", "doubt"),
-        "claim": ("Until when it is reserved for the caller.", None),
+        "claim": "Until when it is reserved for the caller.",
         "claimed_by_others": ("Boxes that are reserved for others.", 0),
         # Counts.
         "boxes": ("Number of boxes.", 840),
         "frames": ("Number of frames.", 200),
-        "counts": ("How many there are of each.", None),
+        "counts": "How many there are of each.",
         "kept": ("Boxes that the filter keeps.", 700),
         "rejected": ("Boxes that the filter rejects.", 120),
         "unmeasured": ("Boxes without a verdict.", 20),
@@ -188,10 +189,10 @@ FIELDS: Final[Mapping[str, Described]] = {
         "problems": ("Frames that were refused and not stored since.", 0),
         "conflicts": ("Boxes where a person contradicts the filter.", 4),
         "toss_ups": ("Boxes too small to be certain.", 9),
-        "by_reason": ("Boxes by the rule that decided them.", None),
-        "by_class": ("The same for each class.", None),
-        "reasons_by_class": ("Boxes by rule, for each class.", None),
-        "by_distance": ("The same for each band of distance.", None),
+        "by_reason": "Boxes by the rule that decided them.",
+        "by_class": "The same for each class.",
+        "reasons_by_class": "Boxes by rule, for each class.",
+        "by_distance": "The same for each band of distance.",
         "total": ("Number of frames altogether.", 200),
         "done": ("Number of frames that are done.", 120),
         "stored": ("Frames that were stored.", 198),
@@ -207,20 +208,20 @@ FIELDS: Final[Mapping[str, Described]] = {
             "What happens to a segmentation whose colours are not exact.",
             "refuse",
         ),
-        "ignore_mask": ("Pixels that are never counted.", None),
+        "ignore_mask": "Pixels that are never counted.",
         "has_ignore_mask": ("Whether there is a mask of ignored pixels.", False),
         "active_run": ("Number of the run that decided the current verdicts.", 3),
         "thumbnail_frame_id": ("A frame whose picture stands for all.", 42),
         "width": ("Width of the image in pixels.", 1280),
         "height": ("Height of the image in pixels.", 720),
         "map": ("CARLA's map.", "Town10HD"),
-        "camera": ("The camera, as it was sent.", None),
+        "camera": "The camera, as it was sent.",
         "carla_version": ("The version of CARLA, as it was sent.", "0.9.15"),
-        "weather": ("The weather, as it was sent.", None),
-        "files": ("The stored files by kind.", None),
+        "weather": "The weather, as it was sent.",
+        "files": "The stored files by kind.",
         "has_image": ("Whether there is an image.", True),
         "has_segmentation": ("Whether there is a segmentation.", True),
-        "segmentation": ("What was recognised in the segmentation.", None),
+        "segmentation": "What was recognised in the segmentation.",
         "previous_id": ("The frame before, by key; null for the first.", 41),
         "next_id": ("The frame after, by key; null for the last.", 43),
         "keys": ("Keys of frames.", ["town/000007"]),
@@ -229,11 +230,11 @@ FIELDS: Final[Mapping[str, Described]] = {
         "sha256": ("SHA-256 of the content, in hexadecimal.", _DIGEST),
         "media_type": ("Media type of the content.", "image/png"),
         "size_bytes": ("Size in bytes.", 81234),
-        "decisions": ("The decisions on the boxes.", None),
-        "error": ("Why it failed; null unless it did.", None),
-        "problem": ("Why the frame was refused.", None),
-        "depth": ("How depth images are written.", None),
-        "annotation": ("The frame's annotation.", None),
+        "decisions": "The decisions on the boxes.",
+        "error": "Why it failed; null unless it did.",
+        "problem": "Why the frame was refused.",
+        "depth": "How depth images are written.",
+        "annotation": "The frame's annotation.",
         "layer": ("What the picture shows.", "image"),
         # Configurations, runs, exports.
         "digest": ("Digest of the configuration.", _DIGEST),
@@ -243,22 +244,22 @@ FIELDS: Final[Mapping[str, Described]] = {
         "activate": ("Whether it becomes the active run when it is done.", True),
         "scope": ("What is decided: the whole dataset.", "dataset"),
         "needs_pixels": ("Whether images have to be measured again.", False),
-        "flips": ("Which verdicts change.", None),
-        "before": ("The state before.", None),
-        "after": ("The state after.", None),
+        "flips": "Which verdicts change.",
+        "before": "The state before.",
+        "after": "The state after.",
         "kept_to_rejected": ("Boxes that change from kept to rejected.", 5),
         "rejected_to_kept": ("Boxes that change from rejected to kept.", 1),
         "against": ("Number of the run that it is compared with.", 2),
         "bins": ("Number of bins of the histogram.", 50),
-        "thresholds": ("The thresholds by class, in percent.", None),
+        "thresholds": "The thresholds by class, in percent.",
         "format": ("The format.", "yolo"),
-        "options": ("Its options.", None),
-        "download": ("Path of the file; null until there is one.", None),
+        "options": "Its options.",
+        "download": "Path of the file; null until there is one.",
         # Quality.
         "truth": ("The ground truth.", "people"),
-        "precision": ("Share of the kept boxes that are right.", None),
-        "recall": ("Share of the boxes to be kept that are kept.", None),
-        "f1": ("Harmonic mean of precision and recall.", None),
+        "precision": "Share of the kept boxes that are right.",
+        "recall": "Share of the boxes to be kept that are kept.",
+        "f1": "Harmonic mean of precision and recall.",
         "kept_keep": ("Kept by the filter, keep by the truth.", 50),
         "kept_reject": ("Kept by the filter, reject by the truth.", 2),
         "rejected_keep": ("Rejected by the filter, keep by the truth.", 1),
@@ -271,52 +272,52 @@ FIELDS: Final[Mapping[str, Described]] = {
         "low": ("Lower end of the interval.", 0.91),
         "high": ("Upper end of the interval.", 0.98),
         "agreed": ("Boxes on which they agreed.", 40),
-        "interval": ("The 95 % interval, low and high.", None),
+        "interval": "The 95 % interval, low and high.",
         "kappa": ("Cohen's kappa.", 0.81),
-        "pairs": ("Each two people who decided the same boxes.", None),
+        "pairs": "Each two people who decided the same boxes.",
         "a": ("Name of one of the two.", "ann"),
         "b": ("Name of the other.", "bob"),
         "keep": ("Boxes with the answer keep.", 40),
         "reject": ("Boxes with the answer reject.", 12),
-        "plan": ("A random sample that would tell more; null if none is needed.", None),
-        "confusion": ("Verdicts of the filter against the truth.", None),
-        "reviewers": ("The people who answered.", None),
-        "agreement": ("How far people agree.", None),
+        "plan": "A random sample that would tell more; null if none is needed.",
+        "confusion": "Verdicts of the filter against the truth.",
+        "reviewers": "The people who answered.",
+        "agreement": "How far people agree.",
         "suggested": ("The suggested threshold, in percent.", 9.0),
         "current": ("The current threshold, in percent.", 8.0),
         "f1_current": ("F1 with the current threshold.", 0.95),
         "f1_suggested": ("F1 with the suggested threshold.", 0.96),
-        "curve": ("Scores of other thresholds.", None),
-        "not_measured": ("Channels for which no frame has the files.", None),
-        "channels": ("The scores by channel.", None),
+        "curve": "Scores of other thresholds.",
+        "not_measured": "Channels for which no frame has the files.",
+        "channels": "The scores by channel.",
         # The server.
         "ready": ("Whether it can take work.", True),
-        "checks": ("The result of each check, `ok` or what is wrong.", None),
+        "checks": "The result of each check, `ok` or what is wrong.",
         "version": ("Version of the program.", "0.1.0"),
         "api": ("Version of the API.", "v1"),
         "python": ("Version of Python.", "3.11.9"),
-        "token": ("A token.", None),
-        "session": ("The secret of the session, shown only here.", None),
+        "token": "A token.",
+        "session": "The secret of the session, shown only here.",
         "code": ("The code for programs; see the table of error codes.", "not_found"),
         "token_id": ("Number of the token.", 2),
-        "details": ("What else is known.", None),
+        "details": "What else is known.",
         # Folders.
         "end": ("Always true: this is the last line.", True),
-        "inspection": ("How the folder was understood.", None),
-        "fault": ("Why the frame cannot be read; null if it can.", None),
-        "remarks": ("Sentences about the folder, with what helps.", None),
-        "facts": ("The folder in a few lines.", None),
-        "streams": ("The images by role.", None),
-        "painted": ("Some frames with the verdicts of their boxes.", None),
+        "inspection": "How the folder was understood.",
+        "fault": "Why the frame cannot be read; null if it can.",
+        "remarks": "Sentences about the folder, with what helps.",
+        "facts": "The folder in a few lines.",
+        "streams": "The images by role.",
+        "painted": "Some frames with the verdicts of their boxes.",
         "images": ("Number of images.", 200),
-        "text": ("The text.", None),
+        "text": "The text.",
         "path": ("Path of the file in the folder.", "README.md"),
         "why": ("Why it belongs to no frame.", "neither an image nor a label"),
         # Errors.
         "type": ("Always `about:blank`.", "about:blank"),
         "title": ("Name of the status.", "Not Found"),
         "instance": ("Path of the request.", "/api/v1/datasets/town10"),
-        "request_id": ("Identifies the request in the server's log.", None),
+        "request_id": "Identifies the request in the server's log.",
         # Parameters in paths.
         "export_id": ("Number of the export.", 5),
         "run_id": ("Number of the run.", 3),
@@ -326,53 +327,52 @@ FIELDS: Final[Mapping[str, Described]] = {
         # Hooks.
         "events": ("Of what it is told.", ["run.ended"]),
         "event": ("What has happened.", "run.ended"),
-    }.items()
-}
+    }
+)
 """By the name that a field or a parameter has in JSON and in URLs."""
 
-OF_MODEL: Final[Mapping[str, Described]] = {
-    name: Described(*said)
-    for name, said in {
+OF_MODEL: Final = _described(
+    {
         "Alive.status": ("Always `ok`.", "ok"),
-        "BatchLine.decisions": ("Boxes by verdict; null of a refused frame.", None),
+        "BatchLine.decisions": "Boxes by verdict; null of a refused frame.",
         "BoxSelection.verdict": ("Only boxes with this verdict of the filter.", "kept"),
         "BoxSelection.effective": ("Only boxes with this effective verdict.", "kept"),
         "BoxSelection.class": ("Only boxes of this class.", "car"),
         "BoxSelection.toss_up": ("Only toss-ups, or only others.", True),
         "BulkIn.verdict": ("The answer of the person.", "keep"),
-        "ConfigVersion.config": ("All keys with their values.", None),
+        "ConfigVersion.config": "All keys with their values.",
         "Dataset.name": ("Name of the dataset.", "town10"),
         "Failure.code": ("The code for programs.", "cancelled"),
         "Fault.code": ("Code of the kind of error.", "not_finite"),
         "FolderClass.name": ("Name of the class in the labels.", "car"),
         "FolderFact.name": ("What the line is about.", "images"),
         "FolderRemedy.value": ("The value that helps.", "percent"),
-        "Frame.boxes": ("Its boxes and their decisions.", None),
+        "Frame.boxes": "Its boxes and their decisions.",
         "HiddenBy.name": ("Name of the tag.", "Vegetation"),
         "HiddenBy.percent": ("Share of the box's pixels, in percent.", 71.4),
         "AcceptedTag.name": ("Name of the tag.", "Car"),
-        "Histogram.classes": ("Boxes per bin, by class.", None),
-        "Histogram.edges": ("Edges of the bins, in percent.", None),
+        "Histogram.classes": "Boxes per bin, by class.",
+        "Histogram.edges": "Edges of the bins, in percent.",
         "ImportedAnswer.verdict": ("The answer of the person.", "reject"),
-        "LogIn.code": ("The code of a login link, instead of `token`.", None),
-        "NewLoginCode.code": ("The code of the link, shown only here.", None),
+        "LogIn.code": "The code of a login link, instead of `token`.",
+        "NewLoginCode.code": "The code of the link, shown only here.",
         "NewSession.name": ("Name of the person.", "ann"),
         "NewToken.name": ("Name of the person.", "ann"),
-        "PaintedFrame.boxes": ("Its boxes with their verdicts.", None),
-        "Quality.suggested": ("The suggested thresholds.", None),
+        "PaintedFrame.boxes": "Its boxes with their verdicts.",
+        "Quality.suggested": "The suggested thresholds.",
         "ReviewBatch.verdict": ("The answer of the person.", "keep"),
         "ReviewIn.verdict": ("The answer of the person.", "keep"),
         "Review.verdict": ("The answer of the person.", "keep"),
         "ReviewMark.verdict": ("The answer of the person.", "keep"),
         "Reviewer.name": ("Name of the person.", "ann"),
-        "RunIn.config": ("The configuration: its digest, or keys and values.", None),
-        "PreviewIn.config": ("The configuration: keys and values.", None),
+        "RunIn.config": "The configuration: its digest, or keys and values.",
+        "PreviewIn.config": "The configuration: keys and values.",
         "Session.name": ("Name of the person.", "ann"),
-        "StoredFrame.frame": ("The frame without its boxes.", None),
+        "StoredFrame.frame": "The frame without its boxes.",
         "Token.name": ("Name of the person.", "ann"),
         "WrongBox.error": ("In which way the channel is wrong.", "kept_hidden"),
-    }.items()
-}
+    }
+)
 """By `Model.field`, where the name means something else than elsewhere."""
 
 

@@ -19,6 +19,7 @@ from unghost.wire.model import (
     ResponseModel,
     SparseModel,
     never_null,
+    optional,
     time_of,
 )
 from unghost.wire.words import EdgeKind, FileKind, LayerName, Verdict
@@ -223,15 +224,14 @@ class BatchLine(SparseModel):
     notes: tuple[str, ...] = Field(
         default=(), description=f"{_IMAGE_NOTES} Absent if there are none."
     )
-    problem: Problem | None = Field(default=None, json_schema_extra=never_null)
+    problem: Problem | None = optional(json_schema_extra=never_null)
 
 
 class BatchEnd(SparseModel):
     """The last line of a batch: the number of frames by outcome."""
 
     end: Literal[True]
-    problem: Problem | None = Field(
-        default=None,
+    problem: Problem | None = optional(
         json_schema_extra=never_null,
         description="Why the rest of the archive was not read.",
     )

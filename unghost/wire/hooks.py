@@ -6,7 +6,7 @@ from typing import Annotated
 
 from pydantic import AwareDatetime, Field
 
-from unghost.wire.model import RequestModel, ResponseModel
+from unghost.wire.model import RequestModel, ResponseModel, optional
 from unghost.wire.words import DeliveredEvent, DeliveryState, HookEvent
 
 
@@ -27,8 +27,8 @@ class HookIn(RequestModel):
         tuple[HookEvent, ...],
         Field(min_length=1, max_length=10, description="Of what it is told."),
     ] = ("run.ended", "export.ended", "dataset.reviewed")
-    dataset: str | None = Field(
-        default=None, description="Only events of this dataset; null: of all."
+    dataset: str | None = optional(
+        description="Only events of this dataset; null: of all."
     )
 
 

@@ -23,7 +23,7 @@ from __future__ import annotations
 import types
 from collections.abc import Callable, Iterator, Mapping
 from datetime import datetime
-from functools import cache
+from functools import cache, partial
 from typing import (
     Annotated,
     Any,
@@ -59,6 +59,9 @@ Json: TypeAlias = Mapping[str, Any]
 """An object of JSON, as `json` reads it."""
 ItemT = TypeVar("ItemT")
 ResponseT = TypeVar("ResponseT", bound="ResponseModel")
+
+optional: Final = partial(Field, default=None)
+"""A field that may be left out, or be null, with this `description`."""
 
 
 class MissingKey(ValueError):
@@ -108,28 +111,13 @@ class ResponseModel(BaseModel):
         """Read a JSON object that the service sent, without checking its values.
 
         Null is the same as absent: None where the field may be null, else `IfAbsent`.
-        Unknown values and keys are kept as they are.
-
-        Parameters
-        ----------
-        raw : mapping
-            As it was sent.
-
-        Returns
-        -------
-        ResponseModel
-            Times are `datetime`, arrays are tuples, objects are their models.
-
-        Raises
-        ------
-        MissingKey
-            A key is not there that is needed.
-        ValueError
-            A time is none.
+        Unknown values and keys are kept as they are; times become `datetime`, arrays
+        tuples, objects their models. Raises MissingKey if a key is not there that is
+        needed, and ValueError if a time is none.
         """
-        plan = _plan_of(cls)
+        fields, defaults, copied, private = _plan_of(cls)
         values: dict[str, object] = {}
-        for name, key, needed, convert in plan.fields:
+        for name, key, needed, convert in fields:
             value = raw.get(key)
             if value is not None:
                 values[name] = value if convert is None else convert(value)
@@ -137,13 +125,13 @@ class ResponseModel(BaseModel):
                 raise MissingKey(f"{cls.__name__} lacks {key!r}")
         # As `model_construct`, in a third of the time: lists have thousands of objects.
         made = cls.__new__(cls)
-        missing = {name: make() for name, make in plan.made if name not in values}
-        _set(made, "__dict__", {**plan.defaults, **missing, **values})
+        missing = {name: copy() for name, copy in copied if name not in values}
+        _set(made, "__dict__", {**defaults, **missing, **values})
         _set(made, "__pydantic_fields_set__", set(values))
         _set(made, "__pydantic_extra__", None)
         # Declared as a private attribute, it would be made for every object that the
         # service builds, which doubles the time that this takes.
-        _set(made, "__pydantic_private__", {**plan.private, "raw": raw})
+        _set(made, "__pydantic_private__", {**private, "raw": raw})
         return made
 
     def __eq__(self, other: object) -> bool:
@@ -235,13 +223,8 @@ def never_null(schema: JsonDict) -> None:
 
 def _of_an_answer(schema: JsonDict) -> None:
     _answered(schema)
-    schema["required"] = list(_IN_EVERY_ANSWER)
-
-
-_IN_EVERY_ANSWER: Final = (
-    *("type", "title", "status", "detail", "instance", "code", "request_id"),
-    "errors",
-)
+    always = "type title status detail instance code request_id errors"
+    schema["required"] = list(always.split())
 
 
 class Problem(SparseModel):
@@ -255,11 +238,11 @@ class Problem(SparseModel):
 
     type: str = "about:blank"
     title: str = ""
-    status: int | None = Field(default=None, json_schema_extra=never_null)
+    status: int | None = optional(json_schema_extra=never_null)
     detail: Message = ""
     instance: str = ""
     code: str
-    request_id: str | None = Field(default=None, json_schema_extra=never_null)
+    request_id: str | None = optional(json_schema_extra=never_null)
     errors: tuple[Fault, ...] = Field(
         default=(), json_schema_extra={"maxItems": MAX_FAULTS}
     )
@@ -268,12 +251,10 @@ class Problem(SparseModel):
         description="How many errors there are besides those listed; absent if there "
         "are none.",
     )
-    current: Json | None = Field(
-        default=None,
-        description="Of a 412: the object as it is now; null if it is not known.",
+    current: Json | None = optional(
+        description="Of a 412: the object as it is now; null if it is not known."
     )
-    found: int | None = Field(
-        default=None,
+    found: int | None = optional(
         json_schema_extra=never_null,
         description="Of a 409 `count_changed`: how many boxes there are.",
     )
@@ -289,28 +270,14 @@ class _Readable(Protocol):
 
 _Convert: TypeAlias = Callable[[Any], object]
 
-
-class _Field(NamedTuple):
-    """How a field is read; `convert` is None where JSON's own value is it."""
-
-    name: str
-    key: str
-    needed: bool
-    convert: _Convert | None
-
-
-class _Plan(NamedTuple):
-    """How a class is read: its fields, and the values of absent keys.
-
-    `defaults` has every field, in their order; `made` are the defaults that each object
-    needs of its own.
-    """
-
-    fields: tuple[_Field, ...]
-    defaults: Mapping[str, object]
-    made: tuple[tuple[str, Callable[[], object]], ...]
-    private: Mapping[str, object]
-
+_Field: TypeAlias = tuple[str, str, bool, "_Convert | None"]
+"""Name, key, whether it is needed, and what makes it of JSON's own value, if not it."""
+_Plan: TypeAlias = tuple[
+    tuple[_Field, ...],
+    Mapping[str, object],
+    tuple[tuple[str, Callable[[], object]], ...],
+    Mapping[str, object],
+]
 
 _set: Final = object.__setattr__
 _NEEDED: Final = object()
@@ -318,21 +285,20 @@ _NEEDED: Final = object()
 
 @cache
 def _plan_of(cls: type[ResponseModel]) -> _Plan:
+    """How a class is read: its fields, and the values of absent keys.
+
+    Then the values that each object needs a copy of, and those of what is no field.
+    """
     absent = {name: _if_absent(each) for name, each in cls.model_fields.items()}
     fields = tuple(
-        _Field(
-            name,
-            each.alias or name,
-            absent[name] is _NEEDED,
-            _converter(each.annotation),
-        )
-        for name, each in cls.model_fields.items()
+        (name, one.alias or name, absent[name] is _NEEDED, _converter(one.annotation))
+        for name, one in cls.model_fields.items()
     )
-    made = tuple(
+    copied = tuple(
         (name, value.copy) for name, value in absent.items() if isinstance(value, dict)
     )
     private = {name: one.default for name, one in cls.__private_attributes__.items()}
-    return _Plan(fields, absent, made, private)
+    return fields, absent, copied, private
 
 
 def _if_absent(field: FieldInfo) -> object:
@@ -357,18 +323,15 @@ def _converter(hint: object) -> _Convert | None:
             return tuple
         return lambda values: tuple([convert(value) for value in values])
     if origin in (dict, Mapping):
-        return _mapping_of(_converter(args[1]))
+        of_value = _converter(args[1])
+        return of_value and (
+            lambda values: {key: of_value(value) for key, value in values.items()}
+        )
     if hint in (datetime, AwareDatetime):
         return time_of
     if isinstance(hint, type) and issubclass(hint, _Readable):
         return hint.read
     return None
-
-
-def _mapping_of(convert: _Convert | None) -> _Convert | None:
-    if convert is None:
-        return None
-    return lambda values: {key: convert(value) for key, value in values.items()}
 
 
 _TIME: Final = TypeAdapter(datetime)

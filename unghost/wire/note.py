@@ -17,25 +17,11 @@ DEFAULT_PORT: Final = {"http": 80, "https": 443}
 
 
 def note_path(url: str, environ: Mapping[str, str]) -> Path:
-    """The path of a server's note: one per host and port.
+    """The path of a server's note, which need not exist: one per host and port.
 
-    Parameters
-    ----------
-    url : str
-        Such as http://127.0.0.1:8000. The names of one address share a note:
-        `localhost` is 127.0.0.1, and IPv6 is shortened.
-    environ : mapping
-        `XDG_STATE_HOME` and `HOME` are read.
-
-    Returns
-    -------
-    Path
-        The file need not exist.
-
-    Raises
-    ------
-    ValueError
-        The port is no number.
+    `url` is such as http://127.0.0.1:8000. The names of one address share a note:
+    `localhost` is 127.0.0.1, and IPv6 is shortened. `XDG_STATE_HOME` and `HOME` are
+    read. Raises ValueError if the port is no number.
     """
     parts = urlsplit(url)
     port = parts.port or DEFAULT_PORT[parts.scheme]

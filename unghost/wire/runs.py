@@ -24,6 +24,7 @@ from unghost.wire.model import (
     RequestModel,
     ResponseModel,
     SparseModel,
+    optional,
 )
 from unghost.wire.quality import Confusion
 from unghost.wire.words import (
@@ -66,10 +67,9 @@ class ActivateIn(RequestModel):
     """The configuration to activate: a stored version, or one to store."""
 
     digest: Digest | None = None
-    config: FilterConfigIn | str | None = Field(
-        default=None,
+    config: FilterConfigIn | str | None = optional(
         description="Instead of `digest`: keys and values, or the text of a YAML file. "
-        "Keys that are not named have their defaults.",
+        "Keys that are not named have their defaults."
     )
 
     @model_validator(mode="after")
@@ -88,10 +88,9 @@ class PreviewIn(RequestModel):
         int, Field(ge=0, le=1000, description="Maximum number of boxes to list.")
     ] = 100
     bins: Annotated[int, Field(ge=2, le=200)] = 50
-    truth: Truth | None = Field(
-        default=None,
+    truth: Truth | None = optional(
         description="With what the verdicts are compared, before and after; null: with "
-        "nothing.",
+        "nothing."
     )
 
 
@@ -297,42 +296,35 @@ def _listed(value: object) -> object:
 class ExportOptions(RequestModel):
     """The options of an export."""
 
-    include: Annotated[
-        Include,
-        Field(
-            description="Which boxes. effective: those whose effective verdict is "
-            "kept; kept: those that the filter keeps; all: every box."
-        ),
-    ] = "effective"
-    include_unmeasured: Annotated[
-        bool,
-        Field(
-            description="Also boxes without a verdict (unmeasured), as they came. "
-            "false: every frame with such a box is left out as a whole; no effect if "
-            "include is all."
-        ),
-    ] = True
-    rejected: Annotated[
-        RejectedBoxes,
-        Field(
-            description="What to do with rejected boxes. drop: leave them out; "
-            "dontcare: mark them to be ignored."
-        ),
-    ] = "drop"
-    boxes: Annotated[
-        Rectangle,
-        Field(description="Which rectangle of a box to write, if it has several."),
-    ] = "visible"
-    images: Annotated[
-        Images, Field(description="Whether to include the images (copy) or not (none).")
-    ] = "copy"
-    allow_missing_images: Annotated[
-        bool,
-        Field(
-            description="If images are included, also write frames without an image, "
-            "which many programs cannot read. They are left out otherwise."
-        ),
-    ] = False
+    include: Include = Field(
+        default="effective",
+        description="Which boxes. effective: those whose effective verdict is "
+        "kept; kept: those that the filter keeps; all: every box.",
+    )
+    include_unmeasured: bool = Field(
+        default=True,
+        description="Also boxes without a verdict (unmeasured), as they came. "
+        "false: every frame with such a box is left out as a whole; no effect if "
+        "include is all.",
+    )
+    rejected: RejectedBoxes = Field(
+        default="drop",
+        description="What to do with rejected boxes. drop: leave them out; "
+        "dontcare: mark them to be ignored.",
+    )
+    boxes: Rectangle = Field(
+        default="visible",
+        description="Which rectangle of a box to write, if it has several.",
+    )
+    images: Images = Field(
+        default="copy",
+        description="Whether to include the images (copy) or not (none).",
+    )
+    allow_missing_images: bool = Field(
+        default=False,
+        description="If images are included, also write frames without an image, "
+        "which many programs cannot read. They are left out otherwise.",
+    )
     split: Annotated[
         list[Annotated[float, Field(ge=0, le=1)]],
         BeforeValidator(_listed),
@@ -345,43 +337,35 @@ class ExportOptions(RequestModel):
             "80 % are for training, each by its key.",
         ),
     ] = Field(default=[])
-    split_by: Annotated[
-        SplitBy,
-        Field(
-            description="What the shares of split are of. sequence: whole sequences; "
-            "map: the frames of each map, exactly, whatever their sequences."
-        ),
-    ] = "sequence"
-    val_maps: Annotated[
-        str,
-        Field(
-            max_length=2000,
-            description="Names of maps, separated by commas, all of whose frames are "
-            "the part val; all others are train. Instead of split.",
-        ),
-    ] = ""
+    split_by: SplitBy = Field(
+        default="sequence",
+        description="What the shares of split are of. sequence: whole sequences; "
+        "map: the frames of each map, exactly, whatever their sequences.",
+    )
+    val_maps: str = Field(
+        default="",
+        max_length=2000,
+        description="Names of maps, separated by commas, all of whose frames are "
+        "the part val; all others are train. Instead of split.",
+    )
     bands: list[Annotated[int, Field(ge=1, le=MAX_BAND)]] = Field(
         default=[],
         max_length=MAX_BANDS,
         description="Distances in metres; the labels are written once more for each, "
         "with the boxes up to it. carlasimu: instead of 50, 100, 150 and 200.",
     )
-    pictures: Annotated[
-        int,
-        Field(
-            ge=0,
-            le=MAX_PICTURES,
-            description="The first frames of which the archive has pictures before and "
-            "after the filter, with a contact sheet and a page.",
-        ),
-    ] = 0
-    drawn: Annotated[
-        bool,
-        Field(
-            description="Also a picture of each frame with all its boxes, and one with "
-            "those that are written."
-        ),
-    ] = False
+    pictures: int = Field(
+        default=0,
+        ge=0,
+        le=MAX_PICTURES,
+        description="The first frames of which the archive has pictures before and "
+        "after the filter, with a contact sheet and a page.",
+    )
+    drawn: bool = Field(
+        default=False,
+        description="Also a picture of each frame with all its boxes, and one with "
+        "those that are written.",
+    )
 
     @classmethod
     def read(cls, raw: Json) -> ExportOptions:
@@ -398,20 +382,17 @@ class ExportIn(RequestModel):
     """A request for an export."""
 
     format: Annotated[
-        ExportFormat,
-        Field(description="The format to write; see docs/formats.md."),
+        ExportFormat, Field(description="The format to write; see docs/formats.md.")
     ]
     options: ExportOptions = ExportOptions()
-    name: VersionName | None = Field(
-        default=None,
+    name: VersionName | None = optional(
         description="Name of a version: its file is kept until it is deleted, and can "
         "be downloaded again, byte for byte.",
         examples=["v1"],
     )
-    since: VersionName | None = Field(
-        default=None,
+    since: VersionName | None = optional(
         description="Name of a version: only frames that are new or have changed since "
-        "are written; `removed` in manifest.json lists those that are gone.",
+        "are written; `removed` in manifest.json lists those that are gone."
     )
 
 

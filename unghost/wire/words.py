@@ -75,7 +75,7 @@ EdgeKind: TypeAlias = Literal["2d", "3d"]
 """How a picture outlines boxes."""
 
 # Folders
-FolderLayout: TypeAlias = Literal[
+_Both: TypeAlias = Literal[
     "yolo",
     "coco",
     "kitti",
@@ -84,11 +84,9 @@ FolderLayout: TypeAlias = Literal[
     "label-studio",
     "manifest",
     "decisions-jsonl",
-    "carlasimu",
-    "nuscenes",
-    "table",
-    "pairs",
 ]
+"""Formats that are read and written."""
+FolderLayout: TypeAlias = Literal[_Both, "carlasimu", "nuscenes", "table", "pairs"]
 """The formats that a folder of frames can be read in."""
 Layout: TypeAlias = Literal["auto", FolderLayout]
 """The format to read a folder in; `auto`: the one that its files show."""
@@ -115,17 +113,7 @@ FINISHED: Final[frozenset[JobState]] = frozenset(get_args(FinishedState))
 RunKind: TypeAlias = Literal["decide", "measure"]
 """Whether a run decides by stored numbers, or measures pixels first."""
 ExportFormat: TypeAlias = Literal[
-    "yolo",
-    "coco",
-    "kitti",
-    "voc",
-    "cvat",
-    "label-studio",
-    "manifest",
-    "decisions-jsonl",
-    "decisions-csv",
-    "decisions-parquet",
-    "carlasimu",
+    _Both, "decisions-csv", "decisions-parquet", "carlasimu"
 ]
 """What an export can be written as."""
 ConvertFormat: TypeAlias = Literal[ExportFormat, "same"]

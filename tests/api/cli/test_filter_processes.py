@@ -17,7 +17,7 @@ from filter_core.formats.registry import read_source
 from tests.support.command_line import CommandLine
 from tests.support.frames import write_manifest
 from tests.support.waiting import until
-from unghost.cli.filter_local import FEWEST_PROCESSES, decided_lines
+from unghost.cli.local.filter import FEWEST_PROCESSES, decided_lines
 
 REFUSED = 1
 WORKERS = FEWEST_PROCESSES

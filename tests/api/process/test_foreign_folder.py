@@ -14,7 +14,7 @@ from tests.support.folders import LAYOUT_FILES
 from tests.support.foreign_folder import ForeignFolder
 from tests.support.frames import write_manifest
 from tests.support.servers import environ_of, start_anew, stop, token_of, wait_for_link
-from unghost.cli.filter_local import FEWEST_FRAMES, FEWEST_PROCESSES
+from unghost.cli.local.filter import FEWEST_FRAMES, FEWEST_PROCESSES
 
 DONE = 0
 LONG_S = 120

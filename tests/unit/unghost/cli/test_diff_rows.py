@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from unghost import Diff
-from unghost.cli.runs import rows_of
+from unghost.cli.remote.runs import rows_of
 
 RESPONSE = {
     "run": 2,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from filter_core.config.filter import FilterConfig
-from unghost.cli.target import GivenConfig
+from unghost.cli.remote.target import GivenConfig
 
 DESCRIBED = {
     "threshold_small_box": 5,

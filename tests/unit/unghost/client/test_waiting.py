@@ -11,7 +11,7 @@ import pytest
 from tests.support.scripted_server import SHORT_RETRIES, Reply, json_reply, problem
 from unghost import Client, Export, NoResponse, Run, UnexpectedAnswer
 from unghost.cli.export import wait_for_export
-from unghost.cli.runs import wait_for_run
+from unghost.cli.remote.runs import wait_for_run
 from unghost.cli.screen import Screen
 from unghost.client.jobs import MAX_EVENT_BYTES
 

@@ -13,9 +13,22 @@ from typing import TYPE_CHECKING, Annotated, Final, get_args
 
 import typer
 
-from unghost.cli.datasets import gate_counts
+from unghost.cli import sources
 from unghost.cli.gates import GateOptions
-from unghost.cli.options import ServerOptions, dataset_names, note_unknown_classes
+from unghost.cli.options import (
+    ServerOptions,
+    dataset_names,
+    note_unknown_classes,
+    read_file,
+    read_folder,
+)
+from unghost.cli.remote.datasets import gate_counts
+from unghost.cli.remote.target import (
+    GivenConfig,
+    NewDataset,
+    coming_config,
+    ensure_dataset,
+)
 from unghost.cli.screen import (
     MOST_OF_A_KIND,
     ImageNotes,
@@ -25,22 +38,7 @@ from unghost.cli.screen import (
     partly_done,
     refusal,
 )
-from unghost.cli.sources import (
-    FrameCheck,
-    SourceFolder,
-    SourceOptions,
-    default_class_of,
-    kind_of,
-    naming_reading,
-    note_unused_keys,
-    open_source,
-    outgoing,
-    reads_archives,
-    shown_by,
-    unmatched_lines,
-)
 from unghost.cli.summary import LOOKED_AT, UnmappedOptions, note_boxes, summary_of
-from unghost.cli.target import GivenConfig, NewDataset, coming_config, ensure_dataset
 from unghost.wire.boxes import MOST_IMPORTED
 from unghost.wire.frames import MOST_BOXES_SET_ASIDE
 from unghost.wire.words import UploadWord, Verdict
@@ -49,18 +47,15 @@ if TYPE_CHECKING:
     from filter_core.formats.reading import FrameSet, FrameSource, Unmatched
     from filter_core.formats.recording import RecordingDescription
     from unghost.client.client import Client
-    from unghost.client.outgoing import AlreadyThere, NotSent, Outcome, Sent
+    from unghost.client.outgoing import NotSent, Outcome, Sent
 
 
 @dataclass(frozen=True, kw_only=True)
-class PushOptions(ServerOptions, SourceOptions, UnmappedOptions, GateOptions):
-    """Options of `unghost push`."""
-
-    source: SourceFolder
+class PushOptions(ServerOptions, sources.SourceOptions, UnmappedOptions, GateOptions):
+    source: sources.SourceFolder
     dataset: Annotated[
         str,
         typer.Option(
-            "--dataset",
             help="Name of the dataset to upload to; created if it does not exist.",
             autocompletion=dataset_names,
         ),
@@ -71,12 +66,10 @@ class PushOptions(ServerOptions, SourceOptions, UnmappedOptions, GateOptions):
     ] = 2
     root: Annotated[
         list[Path] | None,
-        typer.Option(
+        read_folder(
             metavar="DIR",
             help="Folder whose files may be uploaded, too, if a manifest, labels or a "
             "symbolic link name them; may be repeated.",
-            exists=True,
-            file_okay=False,
         ),
     ] = None
     outside_files: Annotated[
@@ -89,12 +82,10 @@ class PushOptions(ServerOptions, SourceOptions, UnmappedOptions, GateOptions):
     ] = False
     config: Annotated[
         Path | None,
-        typer.Option(
+        read_file(
             help="A filter configuration (YAML) for a dataset without frames; default: "
             "that of the server. `unghost config set` changes that of a dataset with "
-            "frames.",
-            exists=True,
-            dir_okay=False,
+            "frames."
         ),
     ] = None
     replace: Annotated[
@@ -116,13 +107,11 @@ class PushOptions(ServerOptions, SourceOptions, UnmappedOptions, GateOptions):
 
     edited: Annotated[
         Path | None,
-        typer.Option(
+        read_file(
             metavar="FILE",
             help="The file that CVAT or Label Studio saved after people edited SOURCE, "
             "an export of the dataset: boxes that they kept and deleted become their "
             "answers, and no frame is sent. Needs the role admin.",
-            exists=True,
-            dir_okay=False,
         ),
     ] = None
 
@@ -132,7 +121,7 @@ class PushOptions(ServerOptions, SourceOptions, UnmappedOptions, GateOptions):
         return {"outside_files": self.outside_files, "roots": tuple(self.root or ())}
 
 
-@reads_archives
+@sources.reads_archives
 def push(options: PushOptions) -> None:
     """Upload a folder of frames, and have every box decided.
 
@@ -149,7 +138,7 @@ def push(options: PushOptions) -> None:
         import_edited(options, options.edited)
         return
     report = PushReport(options.screen)
-    check = FrameCheck()
+    check = sources.FrameCheck()
     answers: list[dict[str, object]] = []
     description = options.describe(options.source)
     # How segmentations are read are settings of a dataset, not of its configuration.
@@ -161,11 +150,11 @@ def push(options: PushOptions) -> None:
     }
     config = GivenConfig.of(options.config, described)
     if config.loaded:
-        note_unused_keys(config.loaded.unused_keys, options.screen)
-    frames = open_source(options.source, options.layout, description)
+        sources.note_unused_keys(config.loaded.unused_keys, options.screen)
+    frames = sources.open_source(options.source, options.layout, description)
     found = check.watch(frames)
     settings = {**settings, **options.reading}
-    default_class = default_class_of(found, description)
+    default_class = sources.default_class_of(found, description)
     with options.connect() as client:
         coming, renamed = coming_config(client, options.dataset, config, settings)
         first = list(islice(frames, LOOKED_AT))
@@ -174,7 +163,7 @@ def push(options: PushOptions) -> None:
         for name, count in boxes_by_class(looked_at).items():
             boxes[renamed.get(name, name)] += count
         options.require_known(boxes, coming, RecordingAdvice(default_class))
-        shown = shown_by(first, coming, (), options.screen).keys
+        shown = sources.shown_by(first, coming, (), options.screen).keys
         read_with = told_recording(options.source, description, found.layout)
         if options.dry_run:
             _print_coming(client, options, found)
@@ -209,7 +198,7 @@ def _print_coming(client: Client, options: PushOptions, found: FrameSet) -> None
     from unghost.client.outgoing import NotSent
 
     screen, counts = options.screen, Counter[str]()
-    frames, path = outgoing(found), dataset_path(options.dataset)
+    frames, path = sources.outgoing(found), dataset_path(options.dataset)
     with suppress(NotFound):
         client.dataset(options.dataset)
         counts["exists"] = 1
@@ -251,7 +240,7 @@ def import_edited(options: PushOptions, edited: Path) -> None:
     from filter_core.formats.registry import read_source
 
     description = options.describe(options.source)
-    exported = open_source(options.source, options.layout, description)
+    exported = sources.open_source(options.source, options.layout, description)
     if exported.layout not in _EDITABLE:
         raise LayoutError(
             f"--edited: expected an export in {' or '.join(_EDITABLE)}, found "
@@ -401,7 +390,7 @@ def send(
     """Send every frame, with a progress bar; if interrupted, print the number sent."""
     sent = client.push(
         options.dataset,
-        outgoing(found),
+        sources.outgoing(found),
         replace=options.replace,
         connections=options.workers,
     )
@@ -445,11 +434,6 @@ class PushReport:
     def refused(self) -> int:
         """Number of frames that were refused."""
         return self._outcomes["refused"]
-
-    @property
-    def stored(self) -> int:
-        """Number of new frames."""
-        return self._outcomes["stored"]
 
     @property
     def succeeded(self) -> int:
@@ -499,7 +483,7 @@ class PushReport:
         if self._with_set_aside > len(self._set_aside):
             more = self._with_set_aside - len(self._set_aside)
             self._screen.note(f"and {more:,} more like this (--json has all)")
-        for line in unmatched_lines(unmatched):
+        for line in sources.unmatched_lines(unmatched):
             self._screen.note(line)
         counts = self.counts()
         if self._answers_set_aside:
@@ -523,37 +507,21 @@ class PushReport:
 
 def _record(outcome: Outcome) -> dict[str, object]:
     from unghost.client.errors import ApiError
-    from unghost.client.outgoing import NotSent
+    from unghost.client.outgoing import NotSent, Sent
 
     record: dict[str, object] = {"key": outcome.key, "outcome": outcome.word}
-    if not isinstance(outcome, NotSent):
-        more = {**_set_aside(outcome), **_notes(outcome)}
-        return {**record, "frame_id": outcome.frame_id, **more}
-    error = outcome.error
-    if isinstance(error, ApiError):
-        return {**record, "error": error.problem}
-    return {**record, "error": {"code": "unreadable", "detail": _detail(error)}}
-
-
-def _set_aside(outcome: Sent | AlreadyThere) -> dict[str, object]:
-    """What a record says about answers that were set aside; empty if none were."""
-    from unghost.client.outgoing import Sent
-
-    if not isinstance(outcome, Sent) or not outcome.answers_set_aside:
-        return {}
-    return {
-        "answers_set_aside": outcome.answers_set_aside,
-        "boxes_set_aside": list(outcome.boxes_set_aside),
-    }
-
-
-def _notes(outcome: Sent | AlreadyThere) -> dict[str, object]:
-    """What a record says about how images were read; empty if nothing."""
-    from unghost.client.outgoing import Sent
-
-    if not isinstance(outcome, Sent) or not outcome.notes:
-        return {}
-    return {"notes": list(outcome.notes)}
+    if isinstance(outcome, NotSent):
+        if isinstance(outcome.error, ApiError):
+            return {**record, "error": outcome.error.problem}
+        detail = _detail(outcome.error)
+        return {**record, "error": {"code": "unreadable", "detail": detail}}
+    record["frame_id"] = outcome.frame_id
+    if isinstance(outcome, Sent) and outcome.answers_set_aside:
+        record["answers_set_aside"] = outcome.answers_set_aside
+        record["boxes_set_aside"] = list(outcome.boxes_set_aside)
+    if isinstance(outcome, Sent) and outcome.notes:
+        record["notes"] = list(outcome.notes)
+    return record
 
 
 def _set_aside_line(outcome: Sent) -> str:
@@ -570,7 +538,7 @@ def _line(outcome: NotSent) -> str:
     from unghost.client.errors import ApiError
 
     error = outcome.error
-    why = naming_reading(_detail(error), of_dataset=True)
+    why = sources.naming_reading(_detail(error), of_dataset=True)
     why = why.replace("?replace=true", "--replace")  # the parameter of the API
     line = refusal(outcome.key, why)
     if not isinstance(error, ApiError):
@@ -587,7 +555,7 @@ def _kind(error: Exception) -> str:
     from unghost.client.errors import ApiError
 
     if isinstance(error, FilterError):
-        return kind_of(error)
+        return sources.kind_of(error)
     if isinstance(error, ApiError):
         return f"refused ({error.errors[0].code if error.errors else error.code})"
     return f"refused ({type(error).__name__})"

@@ -8,9 +8,11 @@ import json
 import sys
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import islice
+from operator import attrgetter
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final, Literal, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, TypeVar
 
 import typer
 
@@ -19,14 +21,13 @@ from unghost.cli.options import (
     OutputOptions,
     ServerOptions,
     dataset_names,
+    written_file,
 )
 from unghost.cli.screen import Refused
 from unghost.wire.words import Bin, JobState, ReviewState, Verdict
 
 if TYPE_CHECKING:
-    from unghost.client.keywords import BoxFilters
     from unghost.client.tables import Columns
-    from unghost.wire import FrameSummary, RefusedFrame, Run
 
 TableFormat = Literal["csv", "json", "parquet"]
 _Listed = TypeVar("_Listed")
@@ -40,6 +41,14 @@ class ListOptions(OutputOptions):
         int, typer.Option(min=0, help="Maximum number to list; 0 for all.")
     ] = 0
 
+    @property
+    def selection(self) -> dict[str, Any]:
+        """The options that are filters of boxes, by name; None of those not given."""
+        from unghost.client.keywords import BoxSelection
+
+        names = filter(partial(hasattr, self), BoxSelection.__annotations__)
+        return {name: getattr(self, name) for name in names}
+
     def first(self, listed: Iterable[_Listed]) -> Iterator[_Listed]:
         """As many of them as were asked for."""
         return islice(listed, self.limit or None)
@@ -47,8 +56,6 @@ class ListOptions(OutputOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class BoxesOptions(DatasetOptions, ListOptions):
-    """Options of `unghost boxes`."""
-
     format: Annotated[
         TableFormat | None,
         typer.Option(
@@ -58,12 +65,11 @@ class BoxesOptions(DatasetOptions, ListOptions):
     ] = None
     output: Annotated[
         Path | None,
-        typer.Option(
+        written_file(
             "--output",
             "-o",
             metavar="FILE",
             help="File to write; default: the standard output.",
-            dir_okay=False,
         ),
     ] = None
     fields: Annotated[
@@ -115,25 +121,6 @@ class BoxesOptions(DatasetOptions, ListOptions):
         float | None, typer.Option(min=0, help="Only boxes at most so far, in metres.")
     ] = None
 
-    @property
-    def filters(self) -> BoxFilters:
-        """The filters that were given; None of the others."""
-        return {
-            "verdict": self.verdict,
-            "effective": self.effective,
-            "reason": self.reason,
-            "class_name": self.class_name,
-            "review": self.review,
-            "bin": self.bin,
-            "frame": self.frame,
-            "map": self.map,
-            "camera": self.camera,
-            "sequence": self.sequence,
-            "weather": self.weather,
-            "distance_min": self.distance_min,
-            "distance_max": self.distance_max,
-        }
-
 
 _FORMATS: Final[dict[str, TableFormat]] = {
     ".parquet": "parquet",
@@ -150,7 +137,7 @@ def boxes(options: BoxesOptions) -> None:
     if kind == "parquet" and options.output is None:
         raise Refused("--format parquet: expected --output FILE, found none")
     with options.connect() as client:
-        table = client.boxes(options.dataset, **options.filters)
+        table = client.boxes(options.dataset, **options.selection)
         fields = options.fields.split(",") if options.fields else ()
         with options.screen.progress(f"boxes of {options.dataset}", "boxes") as advance:
             columns = table.columns(
@@ -208,8 +195,6 @@ def _cells(column: Sequence[object]) -> Sequence[object]:
 
 @dataclass(frozen=True, kw_only=True)
 class FramesOptions(DatasetOptions, ListOptions):
-    """Options of `unghost frames`."""
-
     key: Annotated[
         str, typer.Option(metavar="PREFIX", help="Only frames whose keys begin so.")
     ] = ""
@@ -236,38 +221,16 @@ class FramesOptions(DatasetOptions, ListOptions):
     ] = None
 
 
-_FRAME_COLUMNS: Final = (
-    "frame",
-    "number",
-    "map",
-    "boxes",
-    "kept",
-    "rejected",
-    "to review",
-)
-
-
 def frames(options: FramesOptions) -> None:
     """List the frames of a dataset with the counts of their boxes."""
     with options.connect() as client:
-        listed = client.frames(
-            options.dataset,
-            key=options.key,
-            verdict=options.verdict,
-            map=options.map,
-            sequence=options.sequence,
-            camera=options.camera,
-            weather=options.weather,
-            distance_min=options.distance_min,
-            distance_max=options.distance_max,
+        listed = client.frames(options.dataset, key=options.key, **options.selection)
+        counts = ("boxes", "kept", "rejected", "to_review")
+        options.screen.listing(
+            ("frame", "number", "map", *(name.replace("_", " ") for name in counts)),
+            options.first(listed),
+            attrgetter("key", "id", "map", *(f"counts.{name}" for name in counts)),
         )
-        options.screen.listing(_FRAME_COLUMNS, options.first(listed), _frame_row)
-
-
-def _frame_row(frame: FrameSummary) -> tuple[object, ...]:
-    counts = frame.counts
-    numbers = (counts.boxes, counts.kept, counts.rejected, counts.to_review)
-    return frame.key, frame.id, frame.map, *numbers
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -279,19 +242,20 @@ def problems(options: ProblemsOptions) -> None:
     """List the frames that were refused, with the errors that their sender got."""
     with options.connect() as client:
         listed = options.first(client.problems(options.dataset))
-        columns = ("frame", "when", "code", "error")
-        options.screen.listing(columns, listed, _problem_row)
-
-
-def _problem_row(problem: RefusedFrame) -> tuple[object, ...]:
-    when = problem.created_at.isoformat(sep=" ", timespec="seconds")
-    return problem.key, when, problem.error.code, problem.error.detail
+        options.screen.listing(
+            ("frame", "when", "code", "error"),
+            listed,
+            lambda one: (
+                one.key,
+                one.created_at.isoformat(sep=" ", timespec="seconds"),
+                one.error.code,
+                one.error.detail,
+            ),
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
 class RunsOptions(ServerOptions, ListOptions):
-    """Options of `unghost runs`."""
-
     dataset: Annotated[
         str | None,
         typer.Argument(
@@ -308,11 +272,15 @@ def runs(options: RunsOptions) -> None:
     """List the runs of a dataset or of all, newest first."""
     with options.connect() as client:
         listed = options.first(client.runs(options.dataset, state=options.state))
-        columns = ("run", "dataset", "state", "configuration", "by", "result")
-        options.screen.listing(columns, listed, _run_row)
-
-
-def _run_row(run: Run) -> tuple[object, ...]:
-    boxes = f"{run.changed} boxes changed" if run.state == "done" else ""
-    about = (run.state, run.config[:12], run.created_by)
-    return run.id, run.dataset, *about, boxes
+        options.screen.listing(
+            ("run", "dataset", "state", "configuration", "by", "result"),
+            listed,
+            lambda run: (
+                run.id,
+                run.dataset,
+                run.state,
+                run.config[:12],
+                run.created_by,
+                f"{run.changed} boxes changed" if run.state == "done" else "",
+            ),
+        )

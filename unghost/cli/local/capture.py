@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
-from unghost.cli.options import ServerOptions, error_context
-from unghost.cli.push import PushOptions, PushReport, send
+from unghost.cli.options import ServerOptions, error_context, read_file, read_folder
+from unghost.cli.remote.push import PushOptions, PushReport, send
+from unghost.cli.remote.target import NewDataset, ensure_dataset
 from unghost.cli.screen import Screen, partly_done
-from unghost.cli.target import NewDataset, ensure_dataset
 
 if TYPE_CHECKING:
     from unghost.capture.recording import Recorded, StoredTick
@@ -29,8 +29,6 @@ _SAY_EVERY_S: Final = 5.0
 
 @dataclass(frozen=True, kw_only=True)
 class CaptureOptions(ServerOptions):
-    """Options of `unghost capture`."""
-
     scenario: Annotated[
         Path | None,
         typer.Argument(
@@ -55,7 +53,6 @@ class CaptureOptions(ServerOptions):
     push: Annotated[
         str | None,
         typer.Option(
-            "--push",
             metavar="DATASET",
             help="Upload what was recorded to this dataset; created if it does not "
             "exist.",
@@ -63,18 +60,15 @@ class CaptureOptions(ServerOptions):
     ] = None
     config: Annotated[
         Path | None,
-        typer.Option(
+        read_file(
             help="The configuration (YAML) by which boxes are decided while recording; "
-            "default: the built-in one.",
-            exists=True,
-            dir_okay=False,
+            "default: the built-in one."
         ),
     ] = None
     show: Annotated[
         bool,
         typer.Option(
-            "--show",
-            help="With --push: open the page, which follows the newest frame.",
+            "--show", help="With --push: open the page, which follows the newest frame."
         ),
     ] = False
     dry_run: Annotated[
@@ -82,12 +76,9 @@ class CaptureOptions(ServerOptions):
     ] = False
     from_carlasimu: Annotated[
         Path | None,
-        typer.Option(
-            "--from-carlasimu",
+        read_folder(
             metavar="DIR",
             help="Print carlasimu's YAML files as a scenario, instead of capturing.",
-            exists=True,
-            file_okay=False,
         ),
     ] = None
 
@@ -117,9 +108,9 @@ def capture(options: CaptureOptions) -> None:
         options.screen.note(scenario.rounding)
     output = options.output or Path(f"capture-{options.scenario.stem}")
     if options.dry_run:
-        plan = plan_of(scenario, output, options.push)
-        options.screen.record(plan.record)
-        options.screen.table(("what", "how"), plan.rows)
+        rows, plan = plan_of(scenario, output, options.push)
+        options.screen.record(plan)
+        options.screen.table(("what", "how"), rows)
         return
     if options.push is not None:
         # Check the dataset now, so that a wrong token is not found after hours

@@ -10,14 +10,9 @@ from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
-from unghost.cli.options import OutputOptions
+from unghost.cli import sources
+from unghost.cli.options import OutputOptions, written_file
 from unghost.cli.screen import PARTLY, Refused, Screen, one_line
-from unghost.cli.sources import (
-    SourceFolder,
-    SourceOptions,
-    reads_archives,
-    with_options,
-)
 
 if TYPE_CHECKING:
     from filter_core.inspection.listing import Listed
@@ -25,32 +20,28 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True)
-class InspectOptions(OutputOptions, SourceOptions):
-    """Options of `unghost inspect`."""
-
-    source: SourceFolder
+class InspectOptions(OutputOptions, sources.SourceOptions):
+    source: sources.SourceFolder
     html: Annotated[
         Path | None,
-        typer.Option(
+        written_file(
             metavar="FILE.html",
             help="Write a page that shows it all, with three frames and the verdicts "
             "of their boxes.",
-            dir_okay=False,
         ),
     ] = None
     write: Annotated[
         Path | None,
-        typer.Option(
+        written_file(
             metavar="FILE.yaml",
             help="Write what was recognised as a description of the recording, which "
             "is found by itself as recording.yaml in the folder; a file that exists "
             "is not replaced.",
-            dir_okay=False,
         ),
     ] = None
 
 
-@reads_archives
+@sources.reads_archives
 def inspect(options: InspectOptions) -> None:
     """Show how a folder is understood, before anything is filtered or stored.
 
@@ -69,7 +60,8 @@ def inspect(options: InspectOptions) -> None:
     with options.screen.progress("inspect", "frames") as advance:
         inspection = inspect_recording(options.source, description, progress=advance)
     remarks = [
-        one._replace(text=with_options(one.text)) for one in remarks_on(inspection)
+        one._replace(text=sources.with_options(one.text))
+        for one in remarks_on(inspection)
     ]
     is_folder = options.source.is_dir()
     folder = options.source if is_folder else options.source.parent
@@ -129,11 +121,9 @@ def _print(inspection: Inspection, screen: Screen) -> None:
         ],
         tag="images",
     )
+    of_class = ("class", "boxes", "measured as", "looked at")
     table(
-        (
-            *("class", "boxes", "measured as", "looked at"),
-            *("kept", "rejected", "unmeasured", "% unknown", "unknown tags"),
-        ),
+        (*of_class, *_WORDS, "% unknown", "unknown tags"),
         map(_class_row, inspection.classes),
         tag="class",
     )

@@ -18,12 +18,7 @@ from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
-from unghost.cli.options import (
-    DataFolder,
-    OutputOptions,
-    ServerOptions,
-    settings_of,
-)
+from unghost.cli.options import DataFolder, OutputOptions, ServerOptions, settings_of
 from unghost.cli.screen import (
     Refused,
     naming_options,
@@ -54,8 +49,6 @@ _PAGE: Final = """<!doctype html>
 
 @dataclass(frozen=True, kw_only=True)
 class LoginOptions(ServerOptions):
-    """Options of `unghost login`."""
-
     open: Annotated[
         bool,
         typer.Option(
@@ -109,8 +102,6 @@ def login(options: LoginOptions) -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class StoreTokenOptions(ServerOptions):
-    """Options of `unghost auth login`."""
-
     with_token: Annotated[
         bool,
         typer.Option("--with-token", help="Read the token from the standard input."),
@@ -172,8 +163,6 @@ def show_stored(options: OutputOptions) -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class ForgetTokenOptions(OutputOptions):
-    """Options of `unghost auth logout`."""
-
     server: Annotated[
         str | None,
         typer.Option(metavar="URL", help="Which server; default: the default one."),
@@ -201,22 +190,11 @@ def show_login_page(
     """Open a login link in the browser, and wait until it is used, expired or stopped.
 
     Everybody on the machine can see the arguments of a browser. So the browser gets the
-    name of a file that only its owner can read, and that contains the link.
+    name of a file that only its owner can read, and that contains the link. It is made
+    in `folder`, which need not exist, and removed at the end.
 
-    Parameters
-    ----------
-    link : str
-    folder : Path
-        For the file, which is removed at the end; created if it does not exist.
-    is_over : callable
-        Whether the link was used, or its time is up.
-    stop : threading.Event
-        Ends the wait.
-
-    Returns
-    -------
-    bool
-        False if there is no browser; then at once.
+    `is_over` tells whether the link was used, or its time is up; `stop` ends the wait.
+    Returns False, at once, if there is no browser.
     """
     folder.mkdir(mode=0o700, parents=True, exist_ok=True)
     # mkstemp makes a file with a new name that only its owner can read.
@@ -242,8 +220,6 @@ def remove_login_pages(folder: Path) -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class CreateTokenOptions(ServerOptions):
-    """Options of `unghost token create`."""
-
     name: Annotated[
         str,
         typer.Argument(
@@ -306,8 +282,6 @@ def list_tokens(options: ServerOptions) -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class RevokeTokenOptions(ServerOptions):
-    """Options of `unghost token revoke`."""
-
     which: Annotated[
         str, typer.Argument(metavar="NAME", help="Name or number of the token.")
     ]
@@ -340,32 +314,20 @@ def _find_token(client: Client, which: str) -> Token:
 
 
 def _token_row(token: Token) -> tuple[object, ...]:
-    return (
-        token.id,
-        token.name,
-        token.role,
-        f"{token.created_at:%Y-%m-%d}",
-        _until(token),
-        "never"
-        if token.last_used_at is None
-        else f"{token.last_used_at:%Y-%m-%d %H:%M}",
-        _state(token),
-    )
+    made, used = f"{token.created_at:%Y-%m-%d}", "never"
+    if token.last_used_at is not None:
+        used = f"{token.last_used_at:%Y-%m-%d %H:%M}"
+    ends, now = token.expires_at, datetime.now(timezone.utc)
+    state = "expired" if ends is not None and ends <= now else "valid"
+    if token.revoked_at is not None:
+        state = "revoked"
+    return token.id, token.name, token.role, made, _until(token), used, state
 
 
 def _until(token: Token) -> str:
     if token.expires_at is None:
         return "never expires"
     return f"until {token.expires_at:%Y-%m-%d %H:%M} UTC"
-
-
-def _state(token: Token) -> str:
-    if token.revoked_at is not None:
-        return "revoked"
-    ended = token.expires_at is not None and (
-        token.expires_at <= datetime.now(timezone.utc)
-    )
-    return "expired" if ended else "valid"
 
 
 def _make_token_offline(
@@ -408,8 +370,6 @@ def _make_token_offline(
 
 @dataclass(frozen=True, kw_only=True)
 class AuditOptions(ServerOptions):
-    """Options of `unghost audit`."""
-
     limit: Annotated[
         int,
         typer.Option(min=0, help="Maximum number of entries, newest first; 0 for all."),

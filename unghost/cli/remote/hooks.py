@@ -14,9 +14,8 @@ from unghost.cli.screen import Refused, naming_options
 from unghost.wire.words import HookEvent
 
 if TYPE_CHECKING:
-    from unghost.wire import Delivery, Hook
+    from unghost.wire import Delivery
 
-_HOOK_COLUMNS: Final = ("number", "address", "events", "dataset", "made", "by")
 _DELIVERY_COLUMNS: Final = ("when", "event", "state", "attempts", "status", "why", "id")
 _PING_WITHIN_S: Final = 30.0
 _LOOK_EVERY_S: Final = 0.5
@@ -24,8 +23,6 @@ _LOOK_EVERY_S: Final = 0.5
 
 @dataclass(frozen=True, kw_only=True)
 class CreateOptions(ServerOptions):
-    """Options of `unghost hook create`."""
-
     url: Annotated[str, typer.Argument(metavar="URL", help="Where to send events.")]
     event: Annotated[
         list[HookEvent] | None,
@@ -55,18 +52,18 @@ def create(options: CreateOptions) -> None:
 def hooks(options: ServerOptions) -> None:
     """List the hooks."""
     with options.connect() as client:
-        options.screen.listing(_HOOK_COLUMNS, client.hooks(), _hook_row)
-
-
-def _hook_row(hook: Hook) -> tuple[object, ...]:
-    return (
-        hook.id,
-        hook.url,
-        ", ".join(hook.events),
-        hook.dataset or "all",
-        f"{hook.created_at:%Y-%m-%d}",
-        hook.created_by,
-    )
+        options.screen.listing(
+            ("number", "address", "events", "dataset", "made", "by"),
+            client.hooks(),
+            lambda hook: (
+                hook.id,
+                hook.url,
+                ", ".join(hook.events),
+                hook.dataset or "all",
+                f"{hook.created_at:%Y-%m-%d}",
+                hook.created_by,
+            ),
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -87,11 +84,8 @@ def delete(options: HookOptions) -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class DeliveriesOptions(HookOptions):
-    """Options of `unghost hook deliveries`."""
-
     limit: Annotated[
-        int,
-        typer.Option(min=0, help="Maximum number, newest first; 0 for all."),
+        int, typer.Option(min=0, help="Maximum number, newest first; 0 for all.")
     ] = 20
 
 

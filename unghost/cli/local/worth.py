@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -11,36 +12,19 @@ from typing import TYPE_CHECKING, Annotated, Final, TypeAlias, get_args
 
 import typer
 
+from unghost.cli import sources
 from unghost.cli.cluster import NodeOptions, connected
-from unghost.cli.options import ServerOptions
-from unghost.cli.screen import (
-    Kinds,
-    Refused,
-    Screen,
-    partly_done,
-    refusal,
-    refused_on,
-)
-from unghost.cli.sources import (
-    LocalFilterOptions,
-    kind_of,
-    naming_reading,
-    note_reading,
-    open_source,
-    read_config,
-    reads_archives,
-    shown_by,
-    unmatched_lines,
-)
+from unghost.cli.options import ServerOptions, read_folder, written_file
+from unghost.cli.screen import Kinds, Refused, Screen, partly_done, refusal, refused_on
 from unghost.cli.summary import LOOKED_AT
-from unghost.cli.worth_tables import Table, noise_tables, score_tables, text_of
 
 if TYPE_CHECKING:
-    from filter_core.evaluation.arms import Arm, NoiseObject
+    from filter_core.evaluation.arms import NoiseObject
     from filter_core.evaluation.scores import MeasuredObject
     from filter_core.evaluation.trials import ComparisonObject
     from filter_core.formats.recording import RecordingDescription
     from filter_core.local import ArmsTask, KnownBox, LabelledFrame, TruthSource
+    from unghost.cli.worth_page import Table
     from unghost.experiment.trials import Experiment
 
 _CEILING: Final = (
@@ -53,6 +37,12 @@ _TRAINED: Final = "raw,paper,auto"
 _HERE: Final = "local"
 """The engine that trains on this machine."""
 
+_WITHOUT_TRUTH: Final = {
+    "instances": "record instance images, or choose --truth reviews or FILE",
+    "reviews": "SOURCE must be an export as decisions-jsonl with answers of people",
+}
+"""What helps where no box is known to be an object."""
+
 _Trial: TypeAlias = tuple[str, int]
 """An arm and a seed."""
 _Runner: TypeAlias = Callable[[Sequence[_Trial]], Iterator[None]]
@@ -60,9 +50,7 @@ _Runner: TypeAlias = Callable[[Sequence[_Trial]], Iterator[None]]
 
 
 @dataclass(frozen=True, kw_only=True)
-class WorthOptions(ServerOptions, LocalFilterOptions, NodeOptions):
-    """Options of `unghost worth-it`."""
-
+class WorthOptions(ServerOptions, sources.LocalFilterOptions, NodeOptions):
     dataset: Annotated[
         str | None,
         typer.Option(
@@ -160,26 +148,23 @@ class WorthOptions(ServerOptions, LocalFilterOptions, NodeOptions):
     ] = _HERE
     join: Annotated[
         list[Path] | None,
-        typer.Option(
+        read_folder(
             metavar="DIR",
             help="Another experiment's folder, whose trials are reported together with "
             "these: more seeds or arms of the same truth, or another test set. May be "
             "repeated.",
-            exists=True,
-            file_okay=False,
         ),
     ] = None
     html: Annotated[
         Path | None,
-        typer.Option(
+        written_file(
             metavar="FILE.html",
             help="With --no-train: write the tables as a page, drawn.",
-            dir_okay=False,
         ),
     ] = None
 
 
-@reads_archives
+@sources.reads_archives
 def worth_it(options: WorthOptions) -> None:
     """Count the ghosts among labels, and train on raw and on cleaned labels.
 
@@ -189,6 +174,8 @@ def worth_it(options: WorthOptions) -> None:
     on one truth. The same command continues what was interrupted. With --no-train, exit
     code 3 if some frames could not be read, or some files could not be matched.
     """
+    from unghost.cli.worth_page import noise_tables
+
     if options.dataset is not None:
         with options.connect() as client:
             client.dataset(options.dataset)
@@ -226,12 +213,13 @@ def _count_labels(
     from filter_core.local import LeftOut, label_sources
 
     screen = options.screen
-    found = open_source(options.source, options.layout, description)
-    channels = {name for arm in task.arms for name in _channels(arm, task)}
+    found = sources.open_source(options.source, options.layout, description)
+    configs = (arm.config(task.config) for arm in task.arms)
+    channels = {name for config in configs if config for name in config.channels}
     if task.truth == "instances":
         channels.add("instance")
     first = islice(found, LOOKED_AT)
-    found = shown_by(first, task.config, channels, screen).of(found)
+    found = sources.shown_by(first, task.config, channels, screen).of(found)
     counted = LabelNoise([arm.name for arm in task.arms])
     refusals, left_out = Kinds(), list[str]()
     with screen.progress("label", "frames") as advance:
@@ -240,18 +228,25 @@ def _count_labels(
             if not isinstance(frame, LeftOut):
                 counted.add(frame.boxes)
                 also(frame)
-            elif refusals.is_listed(kind_of(frame.problem)):
-                why = naming_reading(frame.problem.detail)
+            elif refusals.is_listed(sources.kind_of(frame.problem)):
+                why = sources.naming_reading(frame.problem.detail)
                 left_out.append(refusal(frame.key, why))
             advance(done, found.count)
-    left_out += [*refusals.more(), *unmatched_lines(found.unmatched)]
-    note_reading(screen, found)
+    left_out += [*refusals.more(), *sources.unmatched_lines(found.unmatched)]
+    sources.note_reading(screen, found)
     for line in left_out:
         screen.note(line)
     noise = counted.as_dict()
     if not noise["objects"]:
-        raise Refused(_without_truth(options.truth))
-    _note_evidence(noise, screen)
+        other = f"no key and id of {options.truth} are those of a box"
+        remedy = _WITHOUT_TRUTH.get(options.truth, other)
+        raise Refused(f"no box is known to be an object: {remedy}")
+    lacking = {name: arm["without_evidence"] for name, arm in noise["arms"].items()}
+    for name, count in (+Counter(lacking)).items():
+        screen.note(
+            f"{name}: its evidence has no number for {count:,} boxes, which the "
+            "segmentation decided"
+        )
     return noise, left_out
 
 
@@ -286,7 +281,12 @@ def _train_and_compare(options: WorthOptions) -> None:
         noise = _prepare(options, description, task, experiment)
         experiment.require_trainer(options.trainer)
         trials = [(arm.name, seed) for seed in seeds for arm in task.arms]
-        _run(options.screen, experiment, trials, run)
+        pending = [one for one in trials if not experiment.is_finished(*one)]
+        done = len(trials) - len(pending)
+        with options.screen.progress("train", "trials") as advance:
+            advance(done, len(trials))
+            for number, _ in enumerate(run(pending), start=done + 1):
+                advance(number, len(trials))
         _report(options, experiment, noise)
 
 
@@ -324,7 +324,7 @@ def _prepare(
             )
         options.screen.note(f"the data sets in {experiment.data} are used again")
         return noise
-    found = open_source(options.source, options.layout, description)
+    found = sources.open_source(options.source, options.layout, description)
     classes = found.classes or class_order(found)
     with new_folder(experiment.data) as folder:
         writer = DatasetsWriter(folder, arms, classes, options.split)
@@ -344,19 +344,6 @@ def _prepare(
     return noise
 
 
-def _run(
-    screen: Screen, experiment: Experiment, trials: Sequence[_Trial], run: _Runner
-) -> None:
-    """Run the trials that are not finished."""
-    pending = [one for one in trials if not experiment.is_finished(*one)]
-    with screen.progress("train", "trials") as advance:
-        done = len(trials) - len(pending)
-        advance(done, len(trials))
-        for _ in run(pending):
-            done += 1
-            advance(done, len(trials))
-
-
 def _seeds(text: str) -> list[int]:
     """``3`` is 0, 1, 2; ``3-5`` is 3, 4, 5."""
     first, dash, last = text.partition("-")
@@ -374,7 +361,7 @@ def _report(options: WorthOptions, experiment: Experiment, noise: NoiseObject) -
     """Compare all finished trials, those of joined experiments too, and write it."""
     from filter_core.evaluation.trials import compare
     from filter_core.formats.files import json_bytes, write_whole
-    from unghost.cli.worth_page import worth_page
+    from unghost.cli.worth_page import noise_tables, score_tables, text_of, worth_page
     from unghost.experiment.trials import joined
 
     tests, keys, trials = joined([experiment.folder, *(options.join or ())])
@@ -462,15 +449,15 @@ def _task(
         raise typer.BadParameter(f"--{error.detail}") from error
     return ArmsTask(
         arms=arms,
-        config=read_config(options.config, options, description, options.screen),
+        config=sources.read_config(
+            options.config, options, description, options.screen
+        ),
         truth=_truth(options),
         least_pixels=options.object_pixels,
     )
 
 
-def _truth(
-    options: WorthOptions,
-) -> TruthSource | Mapping[str, Mapping[str, KnownBox]]:
+def _truth(options: WorthOptions) -> TruthSource | Mapping[str, Mapping[str, KnownBox]]:
     from filter_core.local import TruthSource, read_box_truth
 
     for source in get_args(TruthSource):
@@ -500,29 +487,6 @@ def _truth_text(options: WorthOptions) -> str:
     )
 
 
-def _without_truth(truth: str) -> str:
-    remedy = {
-        "instances": "record instance images, or choose --truth reviews or FILE",
-        "reviews": "SOURCE must be an export as decisions-jsonl with answers of people",
-    }.get(truth, f"no key and id of {truth} are those of a box")
-    return f"no box is known to be an object: {remedy}"
-
-
-def _channels(arm: Arm, task: ArmsTask) -> tuple[str, ...]:
-    config = arm.config(task.config)
-    return () if config is None else config.channels
-
-
 def _print_tables(tables: Iterable[Table], screen: Screen) -> None:
     for table in tables:
         screen.table(table.columns, table.rows, tag=table.tag)
-
-
-def _note_evidence(noise: NoiseObject, screen: Screen) -> None:
-    """Note which arms lack their evidence."""
-    for name, arm in noise["arms"].items():
-        if arm["without_evidence"]:
-            screen.note(
-                f"{name}: its evidence has no number for {arm['without_evidence']:,} "
-                "boxes, which the segmentation decided"
-            )

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Final, TypeAlias
 import typer
 
 from unghost.cli.options import DatasetOptions
-from unghost.cli.runs import run_line, wait_for_run
+from unghost.cli.remote.runs import run_line, wait_for_run
 
 if TYPE_CHECKING:
     from unghost.client.client import Client
@@ -23,8 +23,6 @@ ClassName: TypeAlias = Annotated[
 
 @dataclass(frozen=True, kw_only=True)
 class RemoveClassOptions(DatasetOptions):
-    """Options of `unghost classes remove`."""
-
     name: ClassName
 
 
@@ -40,16 +38,12 @@ class _ChangeClassOptions(DatasetOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class RenameClassOptions(_ChangeClassOptions):
-    """Options of `unghost classes rename`."""
-
     name: ClassName
     new: Annotated[str, typer.Argument(metavar="NEW", help="Its new name.")]
 
 
 @dataclass(frozen=True, kw_only=True)
 class MergeClassOptions(_ChangeClassOptions):
-    """Options of `unghost classes merge`."""
-
     name: ClassName
     into: Annotated[
         str, typer.Argument(metavar="INTO", help="The class that gets its boxes.")

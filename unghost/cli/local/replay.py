@@ -14,45 +14,35 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final, NamedTuple
+from typing import Annotated, Final
 
 import typer
 
-from unghost.cli.draw import Judge, Judged, draw_frames
-from unghost.cli.filter_local import line_output
-from unghost.cli.options import OutputOptions
+from unghost.cli import sources
+from unghost.cli.local.draw import Judge, Judged, draw_frames
+from unghost.cli.local.filter import line_output
+from unghost.cli.options import OutputOptions, written_file
 from unghost.cli.screen import Screen, partly_done
-from unghost.cli.sources import (
-    LocalFilterOptions,
-    open_source,
-    read_config,
-    reads_archives,
-    shown_by,
-)
 from unghost.cli.summary import LOOKED_AT
-
-if TYPE_CHECKING:
-    from filter_core.decisions.record import Decision
 
 _PAPER: Final = "the paper"
 _CODE: Final = "its code"
 """What both are called on pictures."""
 
+_THREE: Final = ("paper", "code", "best")
+"""The filters whose verdicts, with their reasons, are a kind of difference."""
 _SAID: Final = ("verdict", "reason", "evidence", "match_percent", "explanation")
 
 
 @dataclass(frozen=True, kw_only=True)
-class ReplayOptions(OutputOptions, LocalFilterOptions):
-    """Options of `unghost replay`."""
-
+class ReplayOptions(OutputOptions, sources.LocalFilterOptions):
     output: Annotated[
         Path | None,
-        typer.Option(
+        written_file(
             "--output",
             "-o",
             metavar="FILE",
             help="A line of JSON for each box: its three verdicts with their reasons.",
-            dir_okay=False,
         ),
     ] = None
     pictures: Annotated[
@@ -73,15 +63,7 @@ class ReplayOptions(OutputOptions, LocalFilterOptions):
     ] = 50
 
 
-class Kind(NamedTuple):
-    """A kind of difference: the verdict of each of the three, and its reason."""
-
-    paper: str
-    code: str
-    best: str
-
-
-@reads_archives
+@sources.reads_archives
 def replay(options: ReplayOptions) -> None:
     """Compare the paper's filter, its published code and the best evidence, by box.
 
@@ -94,16 +76,12 @@ def replay(options: ReplayOptions) -> None:
     from filter_core.local import in_order
 
     description = options.describe(options.source)
-    base = read_config(options.config, options, description, options.screen)
-    best, paper, code = (
-        Arm(kind).config(base) for kind in ("auto", "paper", "carlasimu")
-    )
-    assert best is not None, "raw arms alone have no configuration"
-    assert paper is not None, "raw arms alone have no configuration"
-    assert code is not None, "raw arms alone have no configuration"
-    frames = open_source(options.source, options.layout, description)
+    base = sources.read_config(options.config, options, description, options.screen)
+    configs = (Arm(kind).config(base) for kind in ("auto", "paper", "carlasimu"))
+    best, paper, code = filter(None, configs)  # raw arms alone have none
+    frames = sources.open_source(options.source, options.layout, description)
     first = list(islice(frames, LOOKED_AT))
-    shown = shown_by(first, best, set(best.channels), options.screen)
+    shown = sources.shown_by(first, best, set(best.channels), options.screen)
     judge = Judge(best, {_PAPER: paper, _CODE: code})
     comparison = _Comparison(options.worst if options.pictures else 0)
     with ExitStack() as stack:
@@ -132,7 +110,7 @@ class _Comparison:
         self.frames = 0
         self._boxes = 0
         self._wrong: Counter[tuple[str, str]] = Counter()
-        self._kinds: Counter[Kind] = Counter()
+        self._kinds: Counter[tuple[str, ...]] = Counter()
         self._by: Counter[str] = Counter()
         self._worst: list[tuple[int, int, Judged]] = []
         self._most = worst
@@ -152,7 +130,11 @@ class _Comparison:
             records.append(whose | record)
             self._by[best["evidence"] or "none"] += 1
             if len({one["verdict"] for one in three.values()}) > 1:
-                self._kinds[Kind(*map(_words, three.values()))] += 1
+                words = (
+                    f"{one['verdict']}: {one['reason'].replace('_', ' ')}"
+                    for one in three.values()
+                )
+                self._kinds[tuple(words)] += 1
                 for name, one in (("paper", paper), ("code", code)):
                     if one["verdict"] != best["verdict"]:
                         self._wrong[name, best["verdict"]] += 1
@@ -179,7 +161,10 @@ class _Comparison:
         }
         counts = {"frames": self.frames, "boxes": self._boxes, "failed": failed}
         differing = self._kinds.total()
-        rows = [{**kind._asdict(), "boxes": count} for kind, count in kinds]
+        rows = [
+            {**dict(zip(_THREE, kind, strict=True)), "boxes": count}
+            for kind, count in kinds
+        ]
         screen.record(
             {
                 **counts,
@@ -191,7 +176,7 @@ class _Comparison:
             "\t".join(f"{count} {name}" for name, count in counts.items())
             + f"\t{differing} differ",
         )
-        columns = ("boxes", *Kind._fields)
+        columns = ("boxes", *_THREE)
         screen.table(
             columns, [(count, *kind) for kind, count in kinds], tag="kind", headed=True
         )
@@ -202,7 +187,3 @@ class _Comparison:
             )
         used = ", ".join(f"{name} {count}" for name, count in self._by.most_common())
         screen.note(f"the best evidence, by boxes: {used or 'none'}")
-
-
-def _words(one: Decision) -> str:
-    return f"{one['verdict']}: {one['reason'].replace('_', ' ')}"

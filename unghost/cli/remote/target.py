@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
 from unghost.cli.options import error_context
-from unghost.cli.screen import Refused, Screen, naming_options, one_line
+from unghost.cli.screen import Refused, Screen, naming_options, one_line, refused_on
 
 if TYPE_CHECKING:
     from filter_core.config.file import LoadedConfig
@@ -28,15 +28,9 @@ _OPTION_OF_FIELD: Final = {"/name": "--dataset", "/classes": "classes (--classes
 class GivenConfig:
     """A configuration that a command was given for a dataset.
 
-    Attributes
-    ----------
-    file : Path or None
-        The file that it is from, checked.
-    keys : mapping
-        Keys of the recording's description, under `classes` those of classes. Those of
-        the file have priority.
-    loaded : LoadedConfig or None
-        The file with these keys below its own; None without a file.
+    `file` was checked. `keys` are those of the recording's description, under `classes`
+    those of classes; keys of the file have priority. `loaded` is the file with these
+    keys below its own; None without a file.
     """
 
     file: Path | None = None
@@ -47,10 +41,8 @@ class GivenConfig:
     def of(cls, file: Path | None, keys: Mapping[str, object]) -> GivenConfig:
         """The configuration of a file, if there is one, and of other keys.
 
-        Raises
-        ------
-        Refused
-            The file, or the description, has a key or a value that is wrong.
+        Raises `Refused`: the file, or the description, has a key or a value that is
+        wrong.
         """
         from filter_core.config.file import load_config
 
@@ -109,17 +101,9 @@ Settings: TypeAlias = Mapping[str, Any]
 class NewDataset:
     """What a dataset gets that does not exist, or has no frames.
 
-    Attributes
-    ----------
-    options : mapping of str to str
-        How its segmentations are read.
-    classes : sequence of str
-        Its classes, if it does not exist; none: those of CARLA.
-    config : GivenConfig
-    shown : mapping of str to str
-        What the segmentations show about how they are read; its own options win.
-    recording : mapping or None
-        How its folder is read, kept by a dataset that did not exist.
+    `options` say how its segmentations are read, and `shown` what those show about it;
+    its own options win. `classes` and `recording`, how its folder is read, are for one
+    that does not exist; without classes it has those of CARLA.
     """
 
     options: Settings = field(default_factory=dict)
@@ -136,11 +120,8 @@ def ensure_dataset(
 
     One without frames gets the options and the configuration.
 
-    Raises
-    ------
-    Refused
-        It has other options or another configuration, and has frames or cannot get
-        them; or it cannot have this name or these classes.
+    Raises `Refused`: it has other options or another configuration, and has frames or
+    cannot get them; or it cannot have this name or these classes.
     """
     from unghost.client.errors import Conflict, NotFound
 
@@ -159,7 +140,9 @@ def ensure_dataset(
                     **{**new.shown, **options},
                 )
         except Conflict as taken:
-            dataset = _taken(client, name, taken)
+            # Another push has just made it, or one like it in upper and lower case.
+            with refused_on(NotFound, text=f"--dataset {name}: {taken}"):
+                dataset = client.dataset(name)
     others = {
         option: value
         for option, value in options.items()
@@ -191,16 +174,6 @@ def ensure_dataset(
             )
     _ensure_config(client, dataset, new.config, screen)
     return dataset
-
-
-def _taken(client: Client, name: str, taken: Exception) -> Dataset:
-    """The dataset that another push has just made."""
-    from unghost.client.errors import NotFound
-
-    try:
-        return client.dataset(name)
-    except NotFound:  # the name of the other differs in upper and lower case
-        raise Refused(f"--dataset {name}: {taken}") from taken
 
 
 def coming_config(

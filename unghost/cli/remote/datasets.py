@@ -5,54 +5,35 @@ from __future__ import annotations
 import base64
 import html
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
 from unghost.cli.gates import GateOptions
-from unghost.cli.options import DatasetOptions, ServerOptions
+from unghost.cli.options import DatasetOptions, ServerOptions, read_file, written_file
 from unghost.cli.screen import Refused, most_first
-from unghost.wire.words import ChannelOrder, Encoding, LossyPolicy, Palette
+from unghost.cli.sources import (
+    SEGMENTATION_SETTINGS,
+    ChannelOrderOption,
+    EncodingOption,
+)
+from unghost.wire.words import LossyPolicy, Palette
 
 if TYPE_CHECKING:
     from unghost.client.client import Client
-    from unghost.client.keywords import DatasetChanges
-    from unghost.wire.datasets import Dataset, MapCounts, Stats, VerdictCounts
-    from unghost.wire.frames import FrameSummary, PlaceCounts, Report
-    from unghost.wire.quality import Evaluation
+    from unghost.wire.datasets import Dataset, Stats, VerdictCounts
+    from unghost.wire.frames import FrameSummary, Report
+    from unghost.wire.quality import Measure
     from unghost.wire.runs import Export
 
-_DATASET_COLUMNS: Final = (
-    "dataset",
-    "frames",
-    "boxes",
-    "kept",
-    "rejected",
-    "unmeasured",
-    "to review",
-    "recording",
-)
-
-
-_TOTALS: Final = (
-    "frames",
-    "boxes",
-    "kept",
-    "rejected",
-    "unmeasured",
-    "reviewed",
-    "to_review",
-    "unsure",
-    "conflicts",
-    "toss_ups",
-    "lossy",
-)
-
-
+_COUNTS: Final = ("frames", "boxes", "kept", "rejected", "unmeasured")
+_DATASET_COLUMNS: Final = ("dataset", *_COUNTS, "to review", "recording")
+_DOUBTS: Final = ("to_review", "unsure", "conflicts", "toss_ups", "lossy")
+_TOTALS: Final = (*_COUNTS, "reviewed", *_DOUBTS)
 _CLASS_COLUMNS: Final = ("class", "boxes", "kept", "rejected", "unmeasured", "% kept")
 
 
@@ -86,39 +67,23 @@ class SettingsOptions(DatasetOptions):
     palette: Annotated[
         Palette | None, typer.Option(help="Table of tags of the segmentations.")
     ] = None
-    encoding: Annotated[
-        Encoding | None, typer.Option(help="How the segmentations encode tags.")
-    ] = None
-    channel_order: Annotated[
-        ChannelOrder | None,
-        typer.Option(help="Order of the colour channels in the segmentations."),
-    ] = None
+    encoding: EncodingOption = None
+    channel_order: ChannelOrderOption = None
     lossy_segmentation: Annotated[
         LossyPolicy | None,
         typer.Option(help="What happens to segmentations whose colours are not exact."),
     ] = None
 
     @property
-    def settings(self) -> DatasetChanges:
-        """The settings that were given."""
-        found: DatasetChanges = {}
-        if self.description is not None:
-            found["description"] = self.description
-        if self.palette is not None:
-            found["palette"] = self.palette
-        if self.encoding is not None:
-            found["encoding"] = self.encoding
-        if self.channel_order is not None:
-            found["channel_order"] = self.channel_order
-        if self.lossy_segmentation is not None:
-            found["lossy_segmentation"] = self.lossy_segmentation
-        return found
+    def settings(self) -> dict[str, Any]:
+        """The settings that were given, by their names."""
+        names = ("description", *SEGMENTATION_SETTINGS)
+        given = {name: getattr(self, name) for name in names}
+        return {name: value for name, value in given.items() if value is not None}
 
 
 @dataclass(frozen=True, kw_only=True)
 class CreateOptions(SettingsOptions):
-    """Options of `unghost dataset create`."""
-
     classes: Annotated[
         str | None,
         typer.Option(
@@ -129,21 +94,16 @@ class CreateOptions(SettingsOptions):
     ] = None
     config: Annotated[
         Path | None,
-        typer.Option(
-            help="The first filter configuration (YAML); default: the server's.",
-            exists=True,
-            dir_okay=False,
-        ),
+        read_file(help="The first filter configuration (YAML); default: the server's."),
     ] = None
     exist_ok: Annotated[
-        bool,
-        typer.Option("--exist-ok", help="Leave a dataset of this name as it is."),
+        bool, typer.Option("--exist-ok", help="Leave a dataset of this name as it is.")
     ] = False
 
 
 def create(options: CreateOptions) -> None:
     """Create a dataset. `unghost push` does so too, from what a folder shows."""
-    from unghost.cli.target import GivenConfig
+    from unghost.cli.remote.target import GivenConfig
 
     config = GivenConfig.of(options.config, {}).whole
     classes = options.classes.split(",") if options.classes else None
@@ -170,15 +130,12 @@ def show(options: DatasetOptions) -> None:
     options.screen.table(("dataset", dataset.name), rows)
 
 
-_SHOWN: Final = (
-    *("description", "palette", "encoding", "channel_order", "lossy_segmentation"),
-    *("classes_frozen", "active_run"),
-)
+_SHOWN: Final = ("description", *SEGMENTATION_SETTINGS, "classes_frozen", "active_run")
 
 
 def edit(options: SettingsOptions) -> None:
     """Change settings of a dataset; waits if images have to be measured again."""
-    from unghost.cli.runs import wait_for_run
+    from unghost.cli.remote.runs import wait_for_run
     from unghost.wire.runs import Run
 
     if not options.settings:
@@ -194,8 +151,6 @@ def edit(options: SettingsOptions) -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class DeleteOptions(DatasetOptions):
-    """Options of `unghost dataset delete`."""
-
     yes: Annotated[
         bool, typer.Option("--yes", help="Delete it without asking for its name.")
     ] = False
@@ -240,7 +195,7 @@ def stats(options: StatsOptions) -> None:
     screen = options.screen
     totals = [(name.replace("_", " "), getattr(numbers, name)) for name in _TOTALS]
     screen.table(("dataset", "number"), totals)
-    screen.table(("reason", "boxes", "%"), _reasons(numbers), tag="reason")
+    screen.table(_REASON_COLUMNS, _reasons(numbers), tag="reason")
     screen.table(_CLASS_COLUMNS, _classes(numbers), tag="class")
     screen.table(_BAND_COLUMNS, _bands(ghosts), tag="distance")
     for what, places, frames in (
@@ -248,20 +203,23 @@ def stats(options: StatsOptions) -> None:
         ("weather", ghosts.by_weather, numbers.by_weather),
     ):
         columns = (what, "frames", *_BAND_COLUMNS[1:])
-        screen.table(columns, _places(places, frames), tag=what)
+        rows = (
+            (
+                of.name or "not known",
+                frames[of.name].frames if of.name else None,
+                *_by_verdict(of),
+            )
+            for of in places
+        )
+        screen.table(columns, rows, tag=what)
     counts = gate_counts(numbers, refused)
     options.check(counts, options.screen, f"unghost stats {options.dataset}")
 
 
 @dataclass(frozen=True, kw_only=True)
 class ReportOptions(DatasetOptions):
-    """Options of `unghost report`."""
-
     output: Annotated[
-        Path,
-        typer.Option(
-            "--output", "-o", metavar="FILE", help="The HTML file.", dir_okay=False
-        ),
+        Path, written_file("--output", "-o", metavar="FILE", help="The HTML file.")
     ]
 
 
@@ -272,8 +230,7 @@ def report(options: ReportOptions) -> None:
     """
     from filter_core.formats.files import write_whole
     from unghost.cli.inspect_page import document, section
-    from unghost.cli.worth_page import table_section
-    from unghost.cli.worth_tables import Table
+    from unghost.cli.worth_page import Table, table_section
 
     with options.connect() as client:
         dataset = client.dataset(options.dataset)
@@ -303,7 +260,14 @@ def report(options: ReportOptions) -> None:
             f"{evidence.boxes:,} boxes is known. Recall is the share of the visible "
             "objects that are kept, precision that of the kept boxes that are visible.",
             _EVIDENCE_COLUMNS,
-            list(_evidence(evidence)),
+            [
+                (
+                    name,
+                    score.judged,
+                    *map(_share, (score.precision, score.recall, score.f1)),
+                )
+                for name, score in evidence.channels.items()
+            ],
         ),
         Table("left", "What needs a person", "", _LEFT_COLUMNS, left),
         Table("export", "Exports", "", _EXPORT_COLUMNS, list(_exports(exports))),
@@ -351,11 +315,8 @@ def _bands(ghosts: Report) -> Iterator[tuple[object, ...]]:
         yield name, *_by_verdict(band)
 
 
-def _evidence(found: Evaluation) -> Iterator[tuple[object, ...]]:
-    for name, score in found.channels.items():
-        measures = (score.precision, score.recall, score.f1)
-        shares = (one and f"{100 * one.value:.1f} %" for one in measures)
-        yield name, score.judged, *shares
+def _share(measure: Measure | None) -> str | None:
+    return None if measure is None else f"{100 * measure.value:.1f} %"
 
 
 def _exports(exports: Sequence[Export]) -> Iterator[tuple[object, ...]]:
@@ -393,14 +354,6 @@ def gate_counts(numbers: Stats, refused: int) -> dict[str, int]:
         "unmeasured": numbers.unmeasured,
         "unmapped": numbers.by_reason.get("unmapped_class", 0),
     }
-
-
-def _places(
-    places: Sequence[PlaceCounts], frames: Mapping[str, MapCounts]
-) -> Iterator[tuple[object, ...]]:
-    for of in places:
-        counted = frames[of.name].frames if of.name else None
-        yield of.name or "not known", counted, *_by_verdict(of)
 
 
 def _reasons(numbers: Stats) -> Iterator[tuple[object, ...]]:

@@ -5,7 +5,7 @@ It prints tables, draws a chart, and suggests thresholds for each class.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import islice
@@ -16,26 +16,9 @@ from xml.sax.saxutils import escape
 
 import typer
 
-from unghost.cli.options import OutputOptions
-from unghost.cli.screen import (
-    ImageNotes,
-    Kinds,
-    Refused,
-    Screen,
-    partly_done,
-    refusal,
-)
-from unghost.cli.sources import (
-    LocalFilterOptions,
-    kind_of,
-    naming_reading,
-    note_reading,
-    open_source,
-    read_config,
-    reads_archives,
-    shown_by,
-    unmatched_lines,
-)
+from unghost.cli import sources
+from unghost.cli.options import OutputOptions, read_file, written_file
+from unghost.cli.screen import ImageNotes, Kinds, Refused, Screen, partly_done, refusal
 from unghost.cli.summary import LOOKED_AT
 from unghost.wire.words import EvidenceName
 
@@ -44,8 +27,7 @@ if TYPE_CHECKING:
     from filter_core.evaluation.comparison import EvaluationObject
     from filter_core.evaluation.scores import ConfusionObject, MeasuredObject
     from filter_core.evaluation.thresholds import ClassSuggestion, Goal, TruthCollector
-    from filter_core.formats.recording import RecordingDescription
-    from filter_core.local import EvaluationTask, KnownBoxes, Truth
+    from filter_core.local import KnownBoxes, Truth
 
 
 _SCORE_COLUMNS: Final = (
@@ -58,33 +40,19 @@ _SCORE_COLUMNS: Final = (
     "visible lost",
 )
 
-
-_THRESHOLD_COLUMNS: Final = (
-    "class",
-    "current",
-    "suggested",
-    "low",
-    "high",
-    "F1 now",
-    "F1 then",
-)
 _WIDTH, _ROW, _TITLES = 640, 34, 220
 _TOP, _BOTTOM = 28, 46
 
 
 @dataclass(frozen=True, kw_only=True)
-class EvaluateOptions(OutputOptions, LocalFilterOptions):
-    """Options of `unghost evaluate`."""
-
+class EvaluateOptions(OutputOptions, sources.LocalFilterOptions):
     truth: Annotated[
         Path | None,
-        typer.Option(
+        read_file(
             metavar="FILE",
             help="The ground truth: a line of JSON with key, id and visible for each "
             "box. Default: the frames' instance images, in which objects with a pixel "
             "are visible.",
-            exists=True,
-            dir_okay=False,
         ),
     ] = None
     channel: Annotated[
@@ -95,10 +63,9 @@ class EvaluateOptions(OutputOptions, LocalFilterOptions):
     ] = None
     plot: Annotated[
         Path | None,
-        typer.Option(
+        written_file(
             metavar="FILE.svg",
             help="Draw the F1 of each kind of evidence with its interval (SVG).",
-            dir_okay=False,
         ),
     ] = None
     suggest: Annotated[
@@ -119,15 +86,14 @@ class EvaluateOptions(OutputOptions, LocalFilterOptions):
     ] = None
     config_out: Annotated[
         Path | None,
-        typer.Option(
+        written_file(
             metavar="FILE.yaml",
             help="With --suggest: write the configuration with the new thresholds.",
-            dir_okay=False,
         ),
     ] = None
 
 
-@reads_archives
+@sources.reads_archives
 def evaluate(options: EvaluateOptions) -> None:
     """Compare the kinds of evidence with the ground truth, on a folder of frames.
 
@@ -137,13 +103,19 @@ def evaluate(options: EvaluateOptions) -> None:
     if some frames could not be read, or some files or lines of the ground truth could
     not be matched.
     """
-    from filter_core.local import evaluate_source
+    from filter_core.evaluation.comparison import COMPARED
+    from filter_core.local import EvaluationTask, evaluate_source, read_truth
 
     description = options.describe(options.source)
-    found = open_source(options.source, options.layout, description)
-    screen, task = options.screen, _task(options, description)
+    found = sources.open_source(options.source, options.layout, description)
+    screen = options.screen
+    task = EvaluationTask(
+        config=sources.read_config(options.config, options, description, screen),
+        truth=None if options.truth is None else read_truth(options.truth),
+        channels=tuple(options.channel or COMPARED),
+    )
     first = islice(found, LOOKED_AT)
-    found = shown_by(first, task.config, task.channels, screen).of(found)
+    found = sources.shown_by(first, task.config, task.channels, screen).of(found)
     thresholds = _Thresholds.asked_for(options, task.config)
     use, notes = _TruthUse(task.truth), ImageNotes()
 
@@ -162,31 +134,27 @@ def evaluate(options: EvaluateOptions) -> None:
             advance(done, found.count)
 
         evaluation, unusable = evaluate_source(
-            found,
-            task,
-            progress=step,
-            also=collect,
-            workers=options.workers,
+            found, task, progress=step, also=collect, workers=options.workers
         )
     refusals = Kinds()
     left_out = [
         *(
-            refusal(one.key, naming_reading(one.problem.detail))
+            refusal(one.key, sources.naming_reading(one.problem.detail))
             for one in unusable
-            if refusals.is_listed(kind_of(one.problem))
+            if refusals.is_listed(sources.kind_of(one.problem))
         ),
         *refusals.more(),
-        *unmatched_lines(found.unmatched),
+        *sources.unmatched_lines(found.unmatched),
         *use.unused_lines(),
     ]
     notes.print(screen)
-    note_reading(screen, found)
+    sources.note_reading(screen, found)
     for line in (*left_out, *use.frames_without(done - len(unusable))):
         screen.note(line)
     if not evaluation.unfiltered.boxes:
         raise Refused("nothing was compared: the ground truth of no box is known")
     result = evaluation.as_dict()
-    _print_result(result, thresholds, screen)
+    _print_evaluation(result, thresholds, screen)
     if options.plot is not None:
         scores = [(name, one["f1"]) for name, one in result["channels"].items()]
         label = "F1 of each kind of evidence with its 95 % interval"
@@ -228,34 +196,13 @@ class _TruthUse:
             yield f"lines of the ground truth about no box here: {self._unused}{such}"
 
 
-def _task(
-    options: EvaluateOptions, description: RecordingDescription
-) -> EvaluationTask:
-    from filter_core.evaluation.comparison import COMPARED
-    from filter_core.local import EvaluationTask, read_truth
-
-    return EvaluationTask(
-        config=read_config(options.config, options, description, options.screen),
-        truth=None if options.truth is None else read_truth(options.truth),
-        channels=tuple(options.channel or COMPARED),
-    )
-
-
-def _print_result(
+def _print_evaluation(
     result: EvaluationObject, thresholds: _Thresholds | None, screen: Screen
 ) -> None:
-    if thresholds is None:
-        screen.record(result)
-        _print_evaluation(result, screen)
-        return
-    suggested = [one.as_dict() for one in thresholds.suggested]
-    screen.record({**result, "suggested": suggested})
-    _print_evaluation(result, screen)
-    thresholds.print_and_write(screen)
-
-
-def _print_evaluation(result: EvaluationObject, screen: Screen) -> None:
-    """One table of the kinds of evidence, one by distance and one by class."""
+    """Tables: of the kinds of evidence, by distance, by class, and of thresholds."""
+    suggested = thresholds and [one.as_dict() for one in thresholds.suggested]
+    more = {} if suggested is None else {"suggested": suggested}
+    screen.record({**result, **more})
     channels = result["channels"]
     columns = ("evidence", *_SCORE_COLUMNS, "measured")
     rows = [(name, *_score_row(one), one["judged"]) for name, one in channels.items()]
@@ -268,19 +215,16 @@ def _print_evaluation(result: EvaluationObject, screen: Screen) -> None:
     }
     by_class = {name: one["by_class"] for name, one in channels.items()}
     for title, parts in (("metres", by_distance), ("class", by_class)):
-        screen.table(
-            (title, "evidence", *_SCORE_COLUMNS), _parts_rows(parts), tag=title
-        )
-
-
-def _parts_rows(
-    parts: Mapping[EvidenceName, Mapping[str, ConfusionObject]],
-) -> Iterator[tuple[object, ...]]:
-    names = dict.fromkeys(part for each in parts.values() for part in each)
-    for part in names:
-        for channel, each in parts.items():
-            if part in each:
-                yield part, channel, *_score_row(each[part])
+        names = dict.fromkeys(part for each in parts.values() for part in each)
+        of_parts = [
+            (part, channel, *_score_row(each[part]))
+            for part in names
+            for channel, each in parts.items()
+            if part in each
+        ]
+        screen.table((title, "evidence", *_SCORE_COLUMNS), of_parts, tag=title)
+    if thresholds is not None:
+        thresholds.print_and_write(screen)
 
 
 def _score_row(score: ConfusionObject) -> tuple[object, ...]:
@@ -330,7 +274,8 @@ class _Thresholds:
     def print_and_write(self, screen: Screen) -> None:
         """Print the table, and write the file if one was requested."""
         rows = map(_threshold_row, self.suggested)
-        screen.table(_THRESHOLD_COLUMNS, rows, tag="threshold")
+        columns = ("class", "current", "suggested", "low", "high", "F1 now", "F1 then")
+        screen.table(columns, rows, tag="threshold")
         if not self.suggested:
             screen.note(
                 "no threshold can be suggested: no class has both visible and "

@@ -18,16 +18,9 @@ from typing import TYPE_CHECKING, Annotated, Literal, NamedTuple
 
 import typer
 
-from unghost.cli.options import OutputOptions
+from unghost.cli import sources
+from unghost.cli.options import OutputOptions, read_file
 from unghost.cli.screen import Kinds, Screen, partly_done, refusal
-from unghost.cli.sources import (
-    LocalFilterOptions,
-    naming_reading,
-    open_source,
-    read_config,
-    reads_archives,
-    shown_by,
-)
 from unghost.cli.summary import LOOKED_AT
 
 if TYPE_CHECKING:
@@ -39,9 +32,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True)
-class DrawOptions(OutputOptions, LocalFilterOptions):
-    """Options of `unghost draw`."""
-
+class DrawOptions(OutputOptions, sources.LocalFilterOptions):
     output: Annotated[
         Path,
         typer.Option(
@@ -50,12 +41,10 @@ class DrawOptions(OutputOptions, LocalFilterOptions):
     ]
     against: Annotated[
         Path | None,
-        typer.Option(
+        read_file(
             metavar="FILE",
             help="A rival's configuration (YAML), whose verdicts are drawn beside; "
             "with --only flips, default: the paper's filter.",
-            exists=True,
-            dir_okay=False,
         ),
     ] = None
     only: Annotated[
@@ -79,7 +68,7 @@ class DrawOptions(OutputOptions, LocalFilterOptions):
     ] = False
 
 
-@reads_archives
+@sources.reads_archives
 def draw(options: DrawOptions) -> None:
     """Draw the boxes of a folder's frames before and after the filter.
 
@@ -93,25 +82,35 @@ def draw(options: DrawOptions) -> None:
     from filter_core.local import in_order
 
     description = options.describe(options.source)
-    config = read_config(options.config, options, description, options.screen)
+    config = sources.read_config(options.config, options, description, options.screen)
     rival = None
     if options.against is not None:
-        rival = read_config(options.against, options, description, options.screen)
+        rival = sources.read_config(
+            options.against, options, description, options.screen
+        )
     elif options.only == "flips":
         keys = {"profile": "paper", **description.config_keys(), **options.reading}
         rival = load_config(keys).config
         if rival == config:
             rival = FilterConfig.from_mapping({**keys, "evidence": "auto"})
-    frames = open_source(options.source, options.layout, description)
+    frames = sources.open_source(options.source, options.layout, description)
     first = list(islice(frames, LOOKED_AT))
     channels = {*config.channels, *(rival.channels if rival else ())}
-    shown = shown_by(first, config, channels, options.screen)
+    shown = sources.shown_by(first, config, channels, options.screen)
     judge = Judge(config, {"the rival": rival} if rival else {})
     with new_folder(options.output) as folder:
         judged = judge.watch(
             in_order(judge.frame, shown.of(frames), options.workers), options.screen
         )
-        chosen = _chosen(judged, options)
+        chosen: Iterable[Judged] = judged
+        if options.only == "flips":
+            chosen = (one for one in judged if one.flips)
+        if options.worst is not None:
+            chosen = heapq.nlargest(
+                options.worst,
+                chosen,
+                key=lambda one: (one.flips, one.count("rejected")),
+            )
         drawn = draw_frames(folder, chosen, options, edges=options.edges)
     counts = {"drawn": drawn, "failed": judge.failed}
     options.screen.record(
@@ -125,7 +124,7 @@ def draw(options: DrawOptions) -> None:
 def draw_frames(
     folder: Path,
     frames: Iterable[Judged],
-    options: LocalFilterOptions,
+    options: sources.LocalFilterOptions,
     *,
     edges: bool = False,
 ) -> int:
@@ -138,18 +137,23 @@ def draw_frames(
     names = FileNames(flat=True)
     painter = _Painter(folder, edges)
     stems = ((names.stem(one.source.key), one) for one in frames)
-    drawn: list[Drawn] = []
-    for one in in_order(painter.frame, stems, options.workers):
+    figures: list[str] = []
+    tiles: list[Picture] = []
+    reasons: Counter[str] = Counter()
+    for figure, reasons_of_frame, tile in in_order(
+        painter.frame, stems, options.workers
+    ):
+        figures.append(figure)
+        reasons.update(reasons_of_frame)
         # Only some tiles are shown, and there may be a million frames.
-        is_shown = len(drawn) < MOST_TILES
-        drawn.append(one if is_shown else one._replace(tile=None))
-    sheet = sheet_of([one.tile for one in drawn if one.tile is not None])
+        if len(tiles) < MOST_TILES:
+            tiles.append(tile)
+    sheet = sheet_of(tiles)
     if sheet is not None:
         (folder / "sheet.png").write_bytes(as_png(sheet))
-    reasons: Counter[str] = sum((one.reasons for one in drawn), Counter())
-    page = page_of(options.source.name, [one.figure for one in drawn], reasons)
+    page = page_of(options.source.name, figures, reasons)
     (folder / "index.html").write_text(page, "utf-8")
-    return len(drawn)
+    return len(figures)
 
 
 class Judged(NamedTuple):
@@ -213,39 +217,12 @@ class Judge:
                 else:
                     self.failed += 1
                     if self._refusals.is_listed("refused"):
-                        screen.note(refusal(one.source.key, naming_reading(one.fault)))
+                        screen.note(
+                            refusal(one.source.key, sources.naming_reading(one.fault))
+                        )
                 advance(number, None)
         for line in self._refusals.more():
             screen.note(line)
-
-
-def _chosen(frames: Iterable[Judged], options: DrawOptions) -> Iterable[Judged]:
-    """The frames to be drawn, in their order, or the worst of them first."""
-    if options.only == "flips":
-        frames = (one for one in frames if one.flips)
-    if options.worst is None:
-        return frames
-    return heapq.nlargest(
-        options.worst, frames, key=lambda one: (one.flips, one.count("rejected"))
-    )
-
-
-class Drawn(NamedTuple):
-    """A frame whose pictures were written.
-
-    Attributes
-    ----------
-    figure : str
-        Its part of the page.
-    reasons : Counter of str
-        Of the boxes that are not kept.
-    tile : Picture or None
-        Its part of the contact sheet.
-    """
-
-    figure: str
-    reasons: Counter[str]
-    tile: Picture | None
 
 
 class _Painter:
@@ -256,7 +233,8 @@ class _Painter:
         for name in ("before", "after", "side"):
             (folder / name).mkdir()
 
-    def frame(self, named: tuple[str, Judged]) -> Drawn:
+    def frame(self, named: tuple[str, Judged]) -> tuple[str, Counter[str], Picture]:
+        """Its part of the page, why boxes are not kept, and its part of the sheet."""
         from filter_core.images.drawing import as_png
         from filter_core.images.sheet import tile_of
 
@@ -270,7 +248,12 @@ class _Painter:
             background,
             (box for box in map(_boxed, judged.decisions) if box.verdict == "kept"),
         )
-        why = self._on(background, map(_reasoned, judged.decisions))
+        reasoned = (
+            _boxed(one, f"{one['class']}: {one['reason'].replace('_', ' ')}")
+            for one in judged.decisions
+            if one["verdict"] != "kept"
+        )
+        why = self._on(background, reasoned)
         rejected, unmeasured = map(judged.count, ("rejected", "unmeasured"))
         panels = {f"before: {len(judged.decisions)} boxes": before}
         if painted is not None:
@@ -279,9 +262,14 @@ class _Painter:
         for name, decisions in judged.rivals.items():
             pairs = list(zip(judged.decisions, decisions, strict=True))
             flips = sum(one["verdict"] != other["verdict"] for one, other in pairs)
-            panels[f"{name}: {flips} flips"] = self._on(
-                background, (_rivalled(*pair) for pair in pairs)
+            texts = (
+                f"{other['class']}: {other['verdict']}"
+                if one["verdict"] != other["verdict"]
+                else ""
+                for one, other in pairs
             )
+            by_rival = map(_boxed, decisions, texts)
+            panels[f"{name}: {flips} flips"] = self._on(background, by_rival)
         panels[f"why: {rejected} rejected, {unmeasured} unmeasured"] = why
         for name, picture in (
             ("before", before),
@@ -294,13 +282,13 @@ class _Painter:
         )
         counts = f"{judged.count('kept')} of {len(judged.decisions)} boxes"
         tile = tile_of(before, after, f"{judged.source.key}: {counts}")
-        return Drawn(_figure(stem, judged), reasons, tile)
+        return _figure(stem, judged), reasons, tile
 
-    def _on(self, background: Picture, boxes: Iterable[DrawnBox | None]) -> Picture:
+    def _on(self, background: Picture, boxes: Iterable[DrawnBox]) -> Picture:
         from filter_core.images.drawing import draw_boxes
 
         canvas: Picture = background.copy()
-        draw_boxes(canvas, [box for box in boxes if box], edges=self._edges)
+        draw_boxes(canvas, list(boxes), edges=self._edges)
         return canvas
 
 
@@ -340,18 +328,6 @@ def _boxed(one: Decision, text: str = "") -> DrawnBox:
     from filter_core.images.drawing import DrawnBox
 
     return DrawnBox(one["verdict"], one["xyxy"], one["edges"], text)
-
-
-def _reasoned(one: Decision) -> DrawnBox | None:
-    if one["verdict"] == "kept":
-        return None
-    return _boxed(one, f"{one['class']}: {one['reason'].replace('_', ' ')}")
-
-
-def _rivalled(one: Decision, other: Decision) -> DrawnBox:
-    """A box by the rival's verdict; says what it decides otherwise."""
-    flipped = one["verdict"] != other["verdict"]
-    return _boxed(other, f"{other['class']}: {other['verdict']}" if flipped else "")
 
 
 def _side_by_side(panels: Mapping[str, Picture]) -> Picture:

@@ -26,19 +26,13 @@ from unghost.cli.screen import Screen, most_first
 from unghost.cli.sources import SEGMENTATION_SETTINGS, note_unused_keys
 
 if TYPE_CHECKING:
-    from filter_core.config.file import LoadedConfig
-    from filter_core.config.filter import ConfigChange, FilterConfig
     from unghost.client.client import Client
-    from unghost.wire import ConfigVersion, Dataset, Diff, FlipCounts, Preview, Run
+    from unghost.wire import ConfigVersion, Diff, FlipCounts, Run
 
 
 _DIFF_COLUMNS: Final = ("class", "boxes", "kept -> rejected", "rejected -> kept")
-_SUMS: Final = (
-    *("run", "against", "compared", "total"),
-    *("kept_to_rejected", "rejected_to_kept", "by_class", "sides_by_class"),
-    "by_cause",
-)
-"""The last line of `unghost diff --json`: the counts of all boxes."""
+_OF_PAGES: Final = ("items", "next_cursor")
+"""What `unghost diff --json` has in lines of its own; the last one has all counts."""
 
 _CAUSES: Final = {
     "class_known": "the name of its class is understood now",
@@ -54,7 +48,6 @@ CancelOnInterrupt: TypeAlias = Annotated[
     ),
 ]
 
-
 RunNumber: TypeAlias = Annotated[
     int, typer.Argument(metavar="RUN", help="Number of the run.")
 ]
@@ -62,8 +55,6 @@ RunNumber: TypeAlias = Annotated[
 
 @dataclass(frozen=True, kw_only=True)
 class RunOptions(DatasetOptions):
-    """Options of `unghost run`."""
-
     config: ConfigFile
     activate: Annotated[
         bool,
@@ -88,16 +79,12 @@ class RunOptions(DatasetOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class WaitOptions(ServerOptions):
-    """Options of `unghost wait`."""
-
     run: RunNumber
     cancel_on_interrupt: CancelOnInterrupt = False
 
 
 @dataclass(frozen=True, kw_only=True)
 class CancelOptions(ServerOptions):
-    """Options of `unghost cancel`."""
-
     run: RunNumber
 
 
@@ -151,10 +138,7 @@ def wait_for_run(
     If interrupted, the run continues and a message says so; with `cancel` it is
     cancelled.
 
-    Raises
-    ------
-    RunFailed
-        It did not succeed.
+    Raises `RunFailed`: it did not succeed.
     """
     from unghost.client.errors import Unavailable
 
@@ -164,7 +148,10 @@ def wait_for_run(
                 run, progress=lambda state: advance(state.done, state.total)
             )
     except KeyboardInterrupt:
-        message = _continues(run)
+        message = (
+            f"interrupted; run {run.id} continues on the server: `unghost wait "
+            f"{run.id}` waits for it, `unghost cancel {run.id}` cancels it"
+        )
         if cancel:
             outcome = cancel_interrupted(f"run {run.id}", lambda: client.cancel(run))
             message = f"interrupted; {outcome}"
@@ -177,27 +164,11 @@ def wait_for_run(
         raise
 
 
-def _continues(run: Run) -> str:
-    return (
-        f"interrupted; run {run.id} continues on the server: `unghost wait {run.id}` "
-        f"waits for it, `unghost cancel {run.id}` cancels it"
-    )
-
-
 def cancel_interrupted(job: str, cancel: Callable[[], object]) -> str:
-    """Cancel a run or an export whose command is interrupted.
+    """Cancel a run or an export whose command is interrupted; says what became of it.
 
-    Parameters
-    ----------
-    job : str
-        Its name in the sentence that is returned: "run 3".
-    cancel : callable
-        Sends the request.
-
-    Returns
-    -------
-    str
-        What became of it; also if the server is away.
+    `job` is its name in the sentence: "run 3"; `cancel` sends the request. The server
+    may be away.
     """
     from unghost.client.errors import ApiError, Conflict
 
@@ -221,8 +192,6 @@ def run_line(run: Run) -> str:
 
 @dataclass(frozen=True, kw_only=True)
 class DiffOptions(ServerOptions):
-    """Options of `unghost diff`."""
-
     before: Annotated[int, typer.Argument(metavar="RUN", help="Number of a run.")]
     after: Annotated[
         int, typer.Argument(metavar="RUN", help="Number of the run to compare it with.")
@@ -240,7 +209,7 @@ def diff(options: DiffOptions) -> None:
         if options.json:
             for flip in client.flips(options.after, options.before):
                 screen.record(flip.raw)
-    screen.record({name: found.raw[name] for name in _SUMS if name in found.raw})
+    screen.record({k: v for k, v in found.raw.items() if k not in _OF_PAGES})
     screen.table(_DIFF_COLUMNS, rows_of(found))
     for cause, boxes in found.by_cause.items():
         screen.note(f"{boxes} of them: {_CAUSES.get(cause, cause)}")
@@ -273,34 +242,27 @@ def show_config(options: DatasetOptions) -> None:
     """
     import yaml
 
+    from unghost.wire.datasets import DatasetIn
+
     with options.connect() as client:
         version = client.active_config(options.dataset)
-        own = _own_settings(client.dataset(options.dataset), version)
-    head = [f"digest: {version.digest}", *own]
+        dataset = client.dataset(options.dataset)
+    defaults = {name: one.default for name, one in DatasetIn.model_fields.items()}
+    own = {name: getattr(dataset, name) for name in SEGMENTATION_SETTINGS}
+    # A dataset's setting that is not the default is used in place of the key.
+    used = (
+        f"the dataset's own setting is used: {name}: {value}"
+        for name, value in own.items()
+        if value not in (defaults[name], version.config[name])
+    )
+    head = [f"digest: {version.digest}", *used]
     text = yaml.safe_dump(dict(version.config), sort_keys=False, allow_unicode=True)
     comments = "".join(f"# {line}\n" for line in head)
     options.screen.record(version.raw, f"{comments}{text.rstrip()}")
 
 
-def _own_settings(dataset: Dataset, version: ConfigVersion) -> list[str]:
-    """A line for each setting of the dataset that a key of the version does not have.
-
-    A dataset's setting that is not the default is used in place of the key.
-    """
-    from unghost.wire.datasets import DatasetIn
-
-    defaults = {name: one.default for name, one in DatasetIn.model_fields.items()}
-    return [
-        f"the dataset's own setting is used: {name}: {getattr(dataset, name)}"
-        for name in SEGMENTATION_SETTINGS
-        if getattr(dataset, name) not in (defaults[name], version.config[name])
-    ]
-
-
 @dataclass(frozen=True, kw_only=True)
 class ConfigSetOptions(DatasetOptions):
-    """Options of `unghost config set`."""
-
     config: Annotated[
         Path,
         typer.Argument(
@@ -342,7 +304,12 @@ def set_config(options: ConfigSetOptions) -> None:
         before = FilterConfig.from_mapping(active.config)
         if options.merge:
             with error_context(options.config):
-                merged = _merged(before, loaded)
+                # Class by class and key by key
+                entries = {name: one.as_dict() for name, one in before.classes.items()}
+                for name, one in loaded.config.classes.items():
+                    entries[name] = {**entries.get(name, {}), **one.as_dict()}
+                keys = {**before.as_dict(), **loaded.keys, "classes": entries}
+                merged = FilterConfig.from_mapping(keys)
                 version = client.add_config(options.dataset, merged.as_dict())
             _note_unknown_classes(client, options, version.config)
         else:
@@ -361,21 +328,6 @@ def set_config(options: ConfigSetOptions) -> None:
         if options.wait:
             run = wait_for_run(client, run, screen)
     screen.record(run.raw, f"config {version.digest[:12]}\t{run_line(run)}")
-
-
-def _merged(active: FilterConfig, loaded: LoadedConfig) -> FilterConfig:
-    """The active configuration with what a file names, class by class and key by key.
-
-    Raises
-    ------
-    ConfigError
-        The values contradict each other.
-    """
-    entries = {name: one.as_dict() for name, one in active.classes.items()}
-    for name, one in loaded.config.classes.items():
-        entries[name] = {**entries.get(name, {}), **one.as_dict()}
-    keys = {**active.as_dict(), **loaded.keys, "classes": entries}
-    return type(active).from_mapping(keys)
 
 
 def _is_named(key: str, given: Mapping[str, object]) -> bool:
@@ -416,8 +368,6 @@ def _note_unknown_classes(
 
 @dataclass(frozen=True, kw_only=True)
 class ConfigDiffOptions(DatasetOptions):
-    """Options of `unghost config diff`."""
-
     config: ConfigFile
 
 
@@ -437,18 +387,9 @@ def diff_config(options: ConfigDiffOptions) -> None:
         _note_unknown_classes(client, options, new.as_dict())
         preview = client.preview(options.dataset, new.as_dict())
     changes = diff_configs(FilterConfig.from_mapping(old.config), new)
-    _print_config_diff(options, changes, preview)
-
-
-def _print_config_diff(
-    options: ConfigDiffOptions, changes: list[ConfigChange], preview: Preview
-) -> None:
     screen, flips = options.screen, preview.flips
-    counts = flips and {
-        "total": flips.total,
-        "kept_to_rejected": flips.kept_to_rejected,
-        "rejected_to_kept": flips.rejected_to_kept,
-    }
+    names = ("total", "kept_to_rejected", "rejected_to_kept")
+    counts = flips and {name: getattr(flips, name) for name in names}
     screen.record(
         {
             "changes": [change._asdict() for change in changes],

@@ -7,23 +7,17 @@ import signal
 import sys
 import threading
 from collections import Counter, deque
-from collections.abc import (
-    Callable,
-    Generator,
-    Iterable,
-    Iterator,
-    Mapping,
-    Sequence,
-)
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cache, partial
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final, NamedTuple, TypeAlias, get_args
+from typing import TYPE_CHECKING, Annotated, Final, TypeAlias, get_args
 
 import typer
 
+from unghost.cli import sources
 from unghost.cli.gates import GateOptions
 from unghost.cli.options import OutputOptions, note_unknown_classes
 from unghost.cli.screen import (
@@ -35,17 +29,6 @@ from unghost.cli.screen import (
     partly_done,
     printable,
     refusal,
-)
-from unghost.cli.sources import (
-    FrameCheck,
-    LocalFilterOptions,
-    default_class_of,
-    naming_reading,
-    open_source,
-    read_config,
-    reads_archives,
-    shown_by,
-    unmatched_lines,
 )
 from unghost.cli.summary import LOOKED_AT, UnmappedOptions, note_boxes
 from unghost.wire.words import Verdict
@@ -75,9 +58,9 @@ _PARTS_AHEAD: Final = 4
 
 
 @dataclass(frozen=True, kw_only=True)
-class FilterOptions(OutputOptions, LocalFilterOptions, UnmappedOptions, GateOptions):
-    """Options of `unghost filter`."""
-
+class FilterOptions(
+    OutputOptions, sources.LocalFilterOptions, UnmappedOptions, GateOptions
+):
     output: Annotated[
         Path,
         typer.Option(
@@ -107,7 +90,7 @@ class FilterOptions(OutputOptions, LocalFilterOptions, UnmappedOptions, GateOpti
             )
 
 
-@reads_archives
+@sources.reads_archives
 def filter_local(options: FilterOptions) -> None:
     """Decide every box of a folder on this machine, without a server.
 
@@ -120,20 +103,20 @@ def filter_local(options: FilterOptions) -> None:
     from filter_core.local import boxes_by_class
 
     description = options.describe(options.source)
-    config = read_config(options.config, options, description, options.screen)
-    check = FrameCheck()
-    frames = open_source(options.source, options.layout, description)
-    summary = BoxSummary(RecordingAdvice(default_class_of(frames, description)))
+    config = sources.read_config(options.config, options, description, options.screen)
+    check = sources.FrameCheck()
+    frames = sources.open_source(options.source, options.layout, description)
+    summary = BoxSummary(RecordingAdvice(sources.default_class_of(frames, description)))
     first = list(islice(frames, LOOKED_AT))
     options.require_known(boxes_by_class(first), config, summary.advice)
-    shown = shown_by(first, config, config.channels, options.screen)
+    shown = sources.shown_by(first, config, config.channels, options.screen)
     found = check.watch(shown.of(frames))
     tally = _Tally(options.screen, summary)
     with line_output(options.output) as write:
         decided = decided_lines(found, config, options.workers)
         for line in tally.watch(decided, found.count):
             write(line.content)
-    for problem in (*tally.refusals.more(), *unmatched_lines(found.unmatched)):
+    for problem in (*tally.refusals.more(), *sources.unmatched_lines(found.unmatched)):
         options.screen.note(problem)
     check.note(options.screen, found)
     note_unknown_classes(options.screen, config.as_dict(), summary.boxes)
@@ -149,7 +132,12 @@ def filter_local(options: FilterOptions) -> None:
 def line_output(path: Path) -> Iterator[Write]:
     """Where lines go; a file appears when it is complete, not before."""
     if path == _STDOUT:
-        yield _write_to_terminal if sys.stdout.isatty() else sys.stdout.buffer.write
+        write = sys.stdout.buffer.write
+        yield (
+            (lambda lines: write(printable(lines.decode()).encode()))
+            if sys.stdout.isatty()
+            else write
+        )
         sys.stdout.flush()
         return
     from filter_core.formats.files import whole_file
@@ -160,10 +148,6 @@ def line_output(path: Path) -> Iterator[Write]:
             yield file.write
     except KeyboardInterrupt:
         raise KeyboardInterrupt(f"interrupted; {path} was not written") from None
-
-
-def _write_to_terminal(lines: bytes) -> None:
-    sys.stdout.buffer.write(printable(lines.decode()).encode())
 
 
 class _Tally:
@@ -196,7 +180,7 @@ class _Tally:
         if line.fault is not None:
             self.failed += 1
             if self.refusals.is_listed(f"refused ({line.code})"):
-                self.screen.note(refusal(line.key, naming_reading(line.fault)))
+                self.screen.note(refusal(line.key, sources.naming_reading(line.fault)))
             return
         self.decided += 1
         if line.is_unseen:
@@ -283,24 +267,10 @@ def decided_lines(
     Decoding releases Python's lock, describing decisions does not: threads wait for
     each other, the longer the more there are. Processes do not, but take a second to
     start and have to send lines, so threads do a few frames, or the work of two cores.
+    From `fewest_frames` on there are processes, `workers` of them, or one for each
+    core.
 
-    Parameters
-    ----------
-    found : FrameSet
-    config : FilterConfig
-    workers : int or None
-        Threads or processes; None: one for each core.
-    fewest_frames : int
-        From so many frames on, processes are started.
-
-    Yields
-    ------
-    FrameLine
-
-    Raises
-    ------
-    Refused
-        A process ended while it worked on frames, which are named.
+    Raises `Refused` if a process ended while it worked on frames, which are named.
     """
     count = workers or os.cpu_count() or 1
     is_short = found.count is not None and found.count < fewest_frames
@@ -311,34 +281,37 @@ def decided_lines(
     return _by_processes(found, config, count)
 
 
-class _Part(NamedTuple):
-    keys: tuple[str, str]
-    lines: Future[list[FrameLine]]
-
-
 def _by_processes(
     found: FrameSet, config: FilterConfig, count: int
 ) -> Generator[FrameLine, None, None]:
     from concurrent.futures import ProcessPoolExecutor
     from concurrent.futures.process import BrokenProcessPool
 
+    from filter_core.errors import problem_of
+    from filter_core.local import FrameOutcome
     from filter_core.processes import child_context
 
-    waiting: deque[_Part] = deque()
+    # Of the frames that processes work on: the keys of the first and the last one.
+    waiting: deque[tuple[str, str, Future[list[FrameLine]]]] = deque()
     context = child_context(["filter_core.local", "pydantic"])
     pool = ProcessPoolExecutor(count, context, _begin)
+    # An error cannot be sent to another process, its description can.
+    sendable: Iterator[FrameSource | FrameOutcome] = (
+        FrameOutcome(one.key, error=problem_of(one.problem)) if one.problem else one
+        for one in found
+    )
     try:
-        for frames in _parts(found):
-            keys = frames[0].key, frames[-1].key
-            waiting.append(_Part(keys, pool.submit(_lines_of, config, frames)))
+        while frames := list(islice(sendable, _PART)):
+            lines = pool.submit(_lines_of, config, frames)
+            waiting.append((frames[0].key, frames[-1].key, lines))
             if len(waiting) >= count * _PARTS_AHEAD:
-                yield from waiting[0].lines.result()
+                yield from waiting[0][2].result()
                 waiting.popleft()
         while waiting:
-            yield from waiting[0].lines.result()
+            yield from waiting[0][2].result()
             waiting.popleft()
     except BrokenProcessPool:
-        first, last = waiting[0].keys[0], waiting[-1].keys[1]
+        first, last = waiting[0][0], waiting[-1][1]
         raise Refused(
             f"a process crashed while it worked on frames {first!r} to {last!r}: one "
             "of them crashes a library, or the memory is exhausted"
@@ -347,41 +320,25 @@ def _by_processes(
         pool.shutdown(cancel_futures=True)
 
 
-def _parts(found: Iterable[FrameSource]) -> Iterator[list[FrameSource | FrameOutcome]]:
-    frames = map(_sendable, found)
-    while part := list(islice(frames, _PART)):
-        yield part
-
-
-def _sendable(source: FrameSource) -> FrameSource | FrameOutcome:
-    """A frame in a form that can be sent to another process."""
-    from filter_core.errors import problem_of
-    from filter_core.local import FrameOutcome
-
-    if source.problem is None:
-        return source
-    return FrameOutcome(source.key, error=problem_of(source.problem))
-
-
 def _begin() -> None:
     """In a process that has just started."""
+    import multiprocessing
+    from multiprocessing.connection import wait
+
     import cv2
 
     cv2.setNumThreads(1)  # the other cores have processes of their own
     # The main process handles Ctrl-C; this one finishes its current frames.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    threading.Thread(target=_end_with_parent, daemon=True).start()
-
-
-def _end_with_parent() -> None:
-    """End this process when the command is killed, which cannot stop it itself."""
-    import multiprocessing
-    from multiprocessing.connection import wait
-
     parent = multiprocessing.parent_process()
-    if parent is not None:
-        wait([parent.sentinel])
-        os._exit(1)
+
+    def end_with_parent() -> None:
+        """End when the command is killed, which cannot stop this process itself."""
+        if parent is not None:
+            wait([parent.sentinel])
+            os._exit(1)
+
+    threading.Thread(target=end_with_parent, daemon=True).start()
 
 
 def _lines_of(

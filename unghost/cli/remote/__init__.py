@@ -1,0 +1,1 @@
+"""Commands that ask a server: about its datasets, runs, boxes, access and hooks."""
