@@ -1,6 +1,6 @@
 // @ts-check
-// Crops of boxes: fetched several in one request, cached, and drawn in a square. Used by the grid, the queue's strip and
-// the flips.
+// Crops of boxes: fetched several in one request, cached, and drawn in a square. Used by the grid, the queue's strip
+// and the flips.
 
 import { ApiError, blob, pictureUrl } from "../core/api.js";
 import { useRetries, useRetryOnline } from "../core/hooks.js";
@@ -235,11 +235,14 @@ const PLAIN = /\/boxes\/(\d+)\/crop\?pad=([\d.]+)&height=(\d+)&v=([^&]*)$/;
 /** A browser has six connections to a server. */
 const TOGETHER = 8;
 
-/** @typedef {{address: string, signal: AbortSignal, resolve: (file: Blob) => void, reject: (error: unknown) => void}} Ask */
+/**
+ * @typedef {{address: string, signal: AbortSignal, resolve: (file: Blob) => void,
+ *   reject: (error: unknown) => void}} Ask
+ */
 
 /**
- * Fetches crops that are asked for in the same moment in few requests: of small pictures a line carries many more in the
- * time of one answer. One that is missing in the answer is asked for alone, which tells why.
+ * Fetches crops that are asked for in the same moment in few requests: of small pictures a line carries many more in
+ * the time of one response. One that is missing in the response is asked for alone, which tells why.
  * @param {(address: string, signal: AbortSignal) => Promise<Blob>} fetchFile
  */
 export function createBundles(fetchFile) {
