@@ -58,6 +58,14 @@ def boxes_matching():
     engine.dispose()
 
 
+ROWS = [(*box, np.int16(doubt)) for box, doubt in zip(BOXES, DOUBTS, strict=True)]
+
+
+def numbers_where(is_true):
+    """The numbers of the boxes of which it is true, by reason, answer and doubt."""
+    return {number for number, row in enumerate(ROWS) if is_true(*row)}
+
+
 @pytest.mark.parametrize("verdict", Verdict)
 def test_effective_verdict_is_equal_in_python_columns_and_sql(boxes_matching, verdict):
     codes = [Answer[(answer or "none").upper()] for _, answer in BOXES]
@@ -67,11 +75,7 @@ def test_effective_verdict_is_equal_in_python_columns_and_sql(boxes_matching, ve
         answer=np.array(codes, np.uint8),
     )
 
-    expected = {
-        number
-        for number, (reason, answer) in enumerate(BOXES)
-        if effective_verdict(reason, answer) == verdict.value
-    }
+    expected = numbers_where(lambda *row: effective_verdict(*row[:2]) == verdict.value)
 
     assert expected
     assert boxes_matching(is_effective(verdict)) == expected
