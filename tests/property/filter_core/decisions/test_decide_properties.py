@@ -46,15 +46,8 @@ def thresholds(draw, keys):
     return {key: draw(kinds.get(key, PERCENT)) for key in draw(st.sets(keys))}
 
 
-NUMBERS = st.sampled_from(
-    [
-        "threshold_small_box",
-        "size_big_box",
-        "threshold_big_box",
-        "min_visible_pixels",
-        "max_distance",
-    ]
-)
+PERCENTAGES = ["threshold_small_box", "size_big_box", "threshold_big_box"]
+NUMBERS = st.sampled_from([*PERCENTAGES, "min_visible_pixels", "max_distance"])
 
 
 @st.composite
@@ -154,6 +147,7 @@ def wilson_interval(share, pixels):
 
 @given(st.lists(boxes(), min_size=1, max_size=40), configs())
 def test_decide_equals_the_slow_definition(given_boxes, config):
+    """A toss-up is a threshold within the Wilson interval of the match."""
     decisions = decide(evidence_of(given_boxes, NAMES), config)
 
     for index, box in enumerate(given_boxes):
@@ -161,23 +155,14 @@ def test_decide_equals_the_slow_definition(given_boxes, config):
         assert decisions.reason[index] == reason
         if threshold is None:
             assert np.isnan(decisions.threshold[index])
-        else:
-            assert decisions.threshold[index] == threshold
-            assert decisions.margin[index] == box["match_percent"] - threshold
-
-
-@given(st.lists(boxes(), min_size=1, max_size=40), configs())
-def test_toss_up_is_a_threshold_within_the_wilson_interval(given_boxes, config):
-    decisions = decide(evidence_of(given_boxes, NAMES), config)
-
-    for index, box in enumerate(given_boxes):
-        threshold = decisions.threshold[index] / 100
-        if np.isnan(threshold):
             continue
+        assert decisions.threshold[index] == threshold
+        assert decisions.margin[index] == box["match_percent"] - threshold
         share = box["matched_pixels"] / box["box_pixels"]
         low, high = wilson_interval(share, box["box_pixels"])
-        if min(abs(threshold - low), abs(threshold - high)) > 1e-9:
-            assert decisions.toss_up[index] == (low <= threshold <= high)
+        limit = threshold / 100
+        if min(abs(limit - low), abs(limit - high)) > 1e-9:
+            assert decisions.toss_up[index] == (low <= limit <= high)
 
 
 @given(configs())

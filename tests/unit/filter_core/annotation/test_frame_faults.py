@@ -94,32 +94,22 @@ def test_3d_box_without_a_complete_camera_is_a_fault(camera, found):
 
 
 @pytest.mark.parametrize(
-    ("text", "found"),
+    ("text", "kind", "found"),
     [
-        (b"{", "a fault at line 1, column 2: Expecting property name enclosed in "),
-        (b"", "a fault at line 1, column 1: Expecting value"),
-        (b'{"map": "\xff"}', "other bytes at offset 9"),
-        (b"[" + b"1" * 5000 + b"]", "a number of more than 100 characters"),
+        (b"{", "not_json", "a fault at line 1, column 2: Expecting property name"),
+        (b"", "not_json", "a fault at line 1, column 1: Expecting value"),
+        (b'{"map": "\xff"}', "not_json", "other bytes at offset 9"),
+        (b"[" + b"1" * 5000 + b"]", "not_json", "a number of more than 100 characters"),
+        (b"[" * 200_000, "json_too_large", "JSON that is nested deeper than 64 levels"),
+        (b"[" + b"1," * 1_000_000 + b"1]", "json_too_large",
+         "JSON of more than 500000 values"),
     ],
-)
-def test_invalid_json_is_one_fault_with_its_position(text, found):
+)  # fmt: skip
+def test_invalid_or_too_large_json_is_one_fault(text, kind, found):
     ((pointer, code, detail),) = faults_of(text)
 
-    assert (pointer, code) == ("", "not_json")
+    assert (pointer, code) == ("", kind)
     assert detail.startswith(f"annotation: expected JSON in UTF-8, found {found}")
-
-
-@pytest.mark.parametrize(
-    ("text", "found"),
-    [
-        (b"[" * 200_000, "JSON that is nested deeper than 64 levels"),
-        (b"[" + b"1," * 1_000_000 + b"1]", "JSON of more than 500000 values"),
-    ],
-)
-def test_too_deep_or_too_large_json_is_one_fault(text, found):
-    words = f"annotation: expected JSON in UTF-8, found {found}"
-
-    assert faults_of(text) == [("", "json_too_large", words)]
 
 
 def test_nan_and_infinity_in_json_are_faults_with_their_pointers():
@@ -139,19 +129,12 @@ def test_duplicate_json_key_is_a_fault():
     text = """{"map": "a", "map": "b", "boxes": [
         {"id": "a", "class": "car", "class": "van", "xyxy": [1, 2, 3, 4]}]}"""
 
+    once = "expected a key that occurs once, found"
     assert faults_of(text) == [
-        (
-            "/map",
-            "duplicate_key",
-            'map: expected a key that occurs once, found "map" twice',
-        ),
-        (
-            "/boxes/0/class",
-            "duplicate_key",
-            'box 0 (id "a"), class: expected a key that occurs once, '
-            'found "class" twice',
-        ),
-    ]
+        ("/map", "duplicate_key", f'map: {once} "map" twice'),
+        ("/boxes/0/class", "duplicate_key",
+         f'box 0 (id "a"), class: {once} "class" twice'),
+    ]  # fmt: skip
 
 
 def test_all_faults_are_reported_at_once_with_the_frame_key():
@@ -197,27 +180,18 @@ def test_too_deeply_nested_unknown_key_is_a_fault():
     assert (pointer, code) == ("/kept" + "/0" * 32, "nested_too_deeply")
 
 
+KEPT_NUMBERS = b'{"boxes": [], "kept": [' + b"1e999," * 300_000 + b"1]}"
+ONE_KEY = b'{"boxes": [], ' + b'"map": "", ' * 50_000 + b'"a": 1, "map": "a"}'
+KEY_PAIRS = b", ".join(b'"%d": 1, "%d": 2' % (key, key) for key in range(50_000))
+
+
 @pytest.mark.parametrize(
     ("text", "count"),
     [
-        pytest.param(
-            b'{"boxes": [], "kept": [' + b"1e999," * 300_000 + b"1]}",
-            300_000,
-            id="numbers that are kept",
-        ),
+        pytest.param(KEPT_NUMBERS, 300_000, id="numbers that are kept"),
         pytest.param(b'{"boxes": [' + b"1," * 9_999 + b"1]}", 10_000, id="boxes"),
-        pytest.param(
-            b'{"boxes": [], ' + b'"map": "", ' * 50_000 + b'"a": 1, "map": "a"}',
-            1,
-            id="one key again and again",
-        ),
-        pytest.param(
-            b'{"boxes": [], '
-            + b", ".join(b'"%d": 1, "%d": 2' % (key, key) for key in range(50_000))
-            + b"}",
-            50_000,
-            id="many keys that occur twice",
-        ),
+        pytest.param(ONE_KEY, 1, id="one key again and again"),
+        pytest.param(b'{"boxes": [], ' + KEY_PAIRS + b"}", 50_000, id="keys twice"),
     ],
 )
 def test_first_faults_are_reported_and_the_rest_counted(text, count):
