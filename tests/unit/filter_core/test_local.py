@@ -16,7 +16,7 @@ from filter_core.formats.registry import FORMATS, read_source
 from filter_core.local import export_sources, filter_one, filter_source
 from tests.support.folders import street_tags, write_files
 from tests.support.pictures import painted, png
-from tests.support.sensors import ANNOTATION, depth_png, instance_png, scene
+from tests.support.sensors import scene_source
 
 
 @pytest.fixture
@@ -113,21 +113,9 @@ def test_ignore_mask_file_of_a_frame_is_applied(folder):
 
 
 def test_a_channel_reads_the_files_that_it_needs(tmp_path):
-    tags, metres, ids = scene()
-    files = {
-        "depth": depth_png(metres),
-        "instances": instance_png(tags, ids),
-        "lidar": b"not read",
-    }
-    for kind, content in files.items():
-        (tmp_path / kind).write_bytes(content)
-    (tmp_path / "seg").write_bytes(png(painted(tags)))
-    source = FrameSource(
-        "a",
-        ANNOTATION,
-        segmentation=tmp_path / "seg",
-        others={kind: tmp_path / kind for kind in files},
-    )
+    source = scene_source(tmp_path)
+    (tmp_path / "lidar").write_bytes(b"not read")
+    source.others["lidar"] = tmp_path / "lidar"
 
     def outcome(channel):
         return filter_one(source, FilterConfig(evidence=channel)).as_dict()

@@ -10,24 +10,12 @@ from filter_core.config.filter import FilterConfig
 from filter_core.errors import LayoutError
 from filter_core.formats.reading import FrameSource
 from filter_core.local import EvaluationTask, evaluate_source, read_truth
-from tests.support.pictures import painted, png
-from tests.support.sensors import ANNOTATION, depth_png, instance_png, scene
+from tests.support.sensors import scene_source
 
 
 @pytest.fixture
 def source(tmp_path):
-    tags, metres, ids = scene()
-    files = {
-        "seg": png(painted(tags)),
-        "depth": depth_png(metres),
-        "instances": instance_png(tags, ids),
-    }
-    paths = {}
-    for kind, content in files.items():
-        paths[kind] = tmp_path / kind
-        paths[kind].write_bytes(content)
-    segmentation = paths.pop("seg")
-    return FrameSource("a", ANNOTATION, segmentation=segmentation, others=paths)
+    return scene_source(tmp_path)
 
 
 def count_kept_ghosts(evaluation):

@@ -16,6 +16,7 @@ POSE = {"x": 0, "y": 0, "z": 2.4}
 CAMERA = {"width": 1280, "height": 720, "fov": 90, "transform": POSE}
 K = [[640, 0, 640], [0, 640, 360], [0, 0, 1]]
 NAN, INF = float("nan"), float("inf")
+MANY_VALUES = b"[" + b"1," * 1_000_000 + b"1]"
 
 
 @pytest.mark.parametrize(
@@ -101,10 +102,9 @@ def test_3d_box_without_a_complete_camera_is_a_fault(camera, found):
         (b'{"map": "\xff"}', "not_json", "other bytes at offset 9"),
         (b"[" + b"1" * 5000 + b"]", "not_json", "a number of more than 100 characters"),
         (b"[" * 200_000, "json_too_large", "JSON that is nested deeper than 64 levels"),
-        (b"[" + b"1," * 1_000_000 + b"1]", "json_too_large",
-         "JSON of more than 500000 values"),
+        (MANY_VALUES, "json_too_large", "JSON of more than 500000 values"),
     ],
-)  # fmt: skip
+)
 def test_invalid_or_too_large_json_is_one_fault(text, kind, found):
     ((pointer, code, detail),) = faults_of(text)
 
@@ -130,11 +130,11 @@ def test_duplicate_json_key_is_a_fault():
         {"id": "a", "class": "car", "class": "van", "xyxy": [1, 2, 3, 4]}]}"""
 
     once = "expected a key that occurs once, found"
+    of_box = f'box 0 (id "a"), class: {once} "class" twice'
     assert faults_of(text) == [
         ("/map", "duplicate_key", f'map: {once} "map" twice'),
-        ("/boxes/0/class", "duplicate_key",
-         f'box 0 (id "a"), class: {once} "class" twice'),
-    ]  # fmt: skip
+        ("/boxes/0/class", "duplicate_key", of_box),
+    ]
 
 
 def test_all_faults_are_reported_at_once_with_the_frame_key():

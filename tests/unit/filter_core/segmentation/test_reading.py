@@ -34,6 +34,7 @@ from tests.support.sensors import depth_png, instance_png, street_metres
 STREET = tag_image("sssvvvvs", "ssvvvvvs", "..ccc.w.", "..ccctw.", "....tt..")
 LARGE_STREET = np.kron(STREET, np.ones((16, 16), np.uint8))
 METRES = street_metres()
+NO_PALETTE = SegmentationOptions(palette="carla-0.9.15")
 TERRAIN_BEFORE_0_9_14 = (145, 170, 100)
 
 
@@ -379,10 +380,9 @@ def test_invalid_segmentation_file_is_refused(content, error, message):
     [
         ({"expected_wh": (5, 8)}, ImageSizeMismatch, "is 8 x 5 pixels, the image is 5"),
         ({"max_side": 7}, ImageTooLarge, "no side may exceed 7"),
-        ({"options": SegmentationOptions(palette="carla-0.9.15")}, UnknownPalette,
-         r"found 'carla-0\.9\.15'"),
+        ({"options": NO_PALETTE}, UnknownPalette, r"found 'carla-0\.9\.15'"),
     ],
-)  # fmt: skip
+)
 def test_another_size_or_palette_than_there_may_be_is_refused(options, error, message):
     with pytest.raises(error, match=message):
         read_segmentation(png(painted(STREET)), **options)
