@@ -21,6 +21,7 @@ from filter_core.local import (
 from tests.support.sensors import ANNOTATION, cube, scene_source
 
 EVERY_ARM = tuple(map(Arm, ARMS))
+KNOWN = {"a": {"217": KnownBox(-1, 4), "218": KnownBox(1, 12)}}
 # Seen; hidden behind it; behind the camera, where the corners are mirrored into view.
 BOXES = [cube("217", 10.0), cube("218", 40.0), cube("219", -12.0)]
 
@@ -80,19 +81,17 @@ def test_frame_without_an_image_is_labelled_too(source):
     [
         (["keep", "reject"], "reviews", [1, 0, 0]),
         ([], "reviews", [-1, -1, 0]),  # nobody has answered
-        (["keep", "reject"], {"a": {"217": KnownBox(-1, 4), "218": KnownBox(1, 12)}},
-         [-1, 1, 0]),
+        (["keep", "reject"], KNOWN, [-1, 1, 0]),
     ],
-)  # fmt: skip
+)
 def test_truth_comes_from_answers_or_from_a_file(source, verdicts, task, truth):
     answers = [
         GivenAnswer(box, verdict, "ada", "", "2026-01-01T00:00:00Z")
         for box, verdict in zip(("217", "218"), verdicts, strict=False)
     ]
 
-    assert (
-        labelled(replace(source, answers=answers), truth=task).truth.tolist() == truth
-    )
+    boxes = labelled(replace(source, answers=answers), truth=task)
+    assert boxes.truth.tolist() == truth
 
 
 def test_few_pixels_are_a_doubt_and_none_is_a_ghost():
