@@ -47,6 +47,10 @@ def test_ply_and_npy_forms_give_the_same_points(content):
         (header("ascii") + b"a b c d e f " * 2, "text among the points"),
         (header("binary_little_endian") + TABLE.tobytes()[:-1], "truncated"),
         (header("ascii", 10**12), "at most 20,000,000 points"),
+        (
+            header("ascii", 1) + b"1" * (3 << 20) + b" 1 2",
+            "word of more than|truncated",
+        ),
         (header("latin", 0), "format ascii or binary"),
         (header("ascii", 0).replace(b"ObjTag", b"Label2"), "column objtag"),
         (npy(TABLE)[:-3], "complete NumPy array"),
@@ -171,10 +175,3 @@ def test_reading_ascii_points_has_bounded_memory():
 
     assert checked < 8 * 2**20
     assert read < 60 * 2**20 + 3 * 8 * 6 * points
-
-
-def test_overlong_number_in_ascii_points_is_refused():
-    text = header("ascii", 1) + b"1" * (3 << 20)
-
-    with pytest.raises(PointsError, match=r"word of more than|truncated"):
-        read_points(text + b" 1 2 3 4 5")

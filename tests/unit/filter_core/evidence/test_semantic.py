@@ -97,30 +97,21 @@ def test_ignored_pixels_are_neither_box_pixels_nor_matched_pixels():
     ignore[2:, :] = True
 
     found = evidence((1, 1, 5, 3), ignore=ignore)
+    nothing = evidence((1, 1, 3, 3), ignore=ignore | True)
 
     assert (found.box_pixels[0], found.matched_pixels[0]) == (4, 2)
     assert found.tag_counts[0].sum() == 4
+    assert (nothing.box_pixels[0], nothing.match_percent[0]) == (0, 0.0)
 
 
-def test_box_of_only_ignored_pixels_has_match_zero():
-    found = evidence((1, 1, 3, 3), ignore=np.ones(PICTURE.shape, np.bool_))
-
-    assert (found.box_pixels[0], found.match_percent[0]) == (0, 0.0)
-
-
-def test_class_without_an_accept_set_matches_no_pixels():
+def test_class_without_an_accept_set_and_unknown_pixels_match_nothing():
     found = evidence((1, 1, 3, 3), of="unicorn")
+    everything = frame_boxes([(4, 2, 6, 3)], WH, accept={"car": (1 << 62) - 1})
+
+    unknown = measure(segmentation_from_tags(PICTURE, FAMILY), everything)
 
     assert (found.accept_mask[0], found.matched_pixels[0]) == (0, 0)
-
-
-def test_unknown_pixels_match_no_class():
-    everything = {"car": (1 << 62) - 1}
-    boxes = frame_boxes([(4, 2, 6, 3)], WH, accept=everything)
-
-    found = measure(segmentation_from_tags(PICTURE, FAMILY), boxes)
-
-    assert found.matched_pixels[0] == 0
+    assert unknown.matched_pixels[0] == 0
 
 
 def test_geometry_is_measured_without_a_segmentation():
