@@ -71,20 +71,11 @@ def test_unicode_names_are_matched_and_macos_files_are_ignored(tmp_path):
     composed, apart = (
         unicodedata.normalize(form, "é 1.5 km") for form in ("NFC", "NFD")
     )
-    write_files(
-        tmp_path,
-        {
-            f"images/{apart}.png": None,
-            f"labels/{composed}.txt": YOLO_LINE,
-            "images/__MACOSX/x.png": None,
-            "__MACOSX/labels/._x.txt": "rubbish",
-            "labels/.DS_Store": "",
-            "labels/._a.txt": "rubbish",
-            "classes.txt": "car\n",
-        },
-    )
+    files = {f"images/{apart}.png": None, f"labels/{composed}.txt": YOLO_LINE}
+    of_macos = ("__MACOSX/labels/._x.txt", "labels/.DS_Store", "labels/._a.txt")
+    files |= {"images/__MACOSX/x.png": None, **dict.fromkeys(of_macos, "rubbish")}
 
-    frames = read_source(tmp_path)
+    frames = read_source(write_files(tmp_path, {**files, "classes.txt": "car\n"}))
 
     assert keys(frames) == ["é 1.5 km"]
     assert next(iter(frames)).image is not None
@@ -92,20 +83,11 @@ def test_unicode_names_are_matched_and_macos_files_are_ignored(tmp_path):
 
 
 def test_unmatched_files_are_listed_with_the_reason(tmp_path):
-    write_files(
-        tmp_path,
-        {
-            "images/a.png": None,
-            "images/a.jpg": None,
-            "images/alone.png": None,
-            "labels/a.txt": YOLO_LINE,
-            "labels/no image.txt": YOLO_LINE,
-            "seg/other.png": None,
-            "classes.txt": "car",
-        },
-    )
+    images = ("images/a.png", "images/a.jpg", "images/alone.png", "seg/other.png")
+    labels = dict.fromkeys(("labels/a.txt", "labels/no image.txt"), YOLO_LINE)
+    files = dict.fromkeys(images) | labels | {"classes.txt": "car"}
 
-    frames = read_source(tmp_path)
+    frames = read_source(write_files(tmp_path, files))
 
     assert [(one.path, one.why) for one in frames.unmatched] == [
         ("images/a.png", "same frame as images/a.jpg, which is used"),
@@ -116,18 +98,10 @@ def test_unmatched_files_are_listed_with_the_reason(tmp_path):
 
 
 def test_segmentations_in_a_flat_folder_are_matched_by_name(tmp_path):
-    write_files(
-        tmp_path,
-        {
-            "images/town/1.png": None,
-            "labels/town/1.txt": YOLO_LINE,
-            "labels/a/2.txt": YOLO_LINE,
-            "labels/b/2.txt": YOLO_LINE,
-            "tags/1.png": None,
-            "tags/2.png": None,
-            "classes.txt": "car",
-        },
-    )
+    images = dict.fromkeys(("images/town/1.png", "tags/1.png", "tags/2.png"))
+    names = ("town/1", "a/2", "b/2")
+    labels = {f"labels/{name}.txt": YOLO_LINE for name in names}
+    write_files(tmp_path, images | labels | {"classes.txt": "car"})
 
     options = RecordingDescription(segmentation=tmp_path / "tags")
     frames = read_source(tmp_path, options=options)
@@ -167,17 +141,10 @@ def test_invalid_yolo_line_is_reported_and_other_frames_are_read(tmp_path, line,
 
 
 def test_list_and_readme_files_are_not_read_as_labels(tmp_path):
-    write_files(
-        tmp_path,
-        {
-            "labels/classes.txt": "car\n",
-            "labels/train.txt": YOLO_LINE,
-            "readme.txt": "hello",
-            "train.txt": "images/train.png",
-        },
-    )
+    files = {"labels/classes.txt": "car\n", "labels/train.txt": YOLO_LINE}
+    others = {"readme.txt": "hello", "train.txt": "images/train.png"}
 
-    frames = read_source(tmp_path)
+    frames = read_source(write_files(tmp_path, files | others))
 
     assert (frames.layout, keys(frames)) == ("yolo", ["train"])
     assert frames.classes == ("car",)
@@ -248,17 +215,10 @@ def test_notes_beside_images_do_not_hide_the_images(tmp_path):
 
 def test_outlines_are_read_as_rectangles_and_counted(tmp_path):
     triangle = "1 .1 .2 .5 .4 .3 .8"
-    rotated = "0 .5 .1 .9 .5 .5 .9 .1 .5"
-    write_files(
-        tmp_path,
-        {
-            "labels/1.txt": f"{YOLO_LINE}{triangle}\n{triangle} .7\n",
-            "labels/2.txt": rotated,
-            "data.yaml": NAMES,
-        },
-    )
+    files = {"labels/1.txt": f"{YOLO_LINE}{triangle}\n{triangle} .7\n"}
+    files |= {"labels/2.txt": "0 .5 .1 .9 .5 .5 .9 .1 .5", "data.yaml": NAMES}
 
-    frames = read_source(tmp_path)
+    frames = read_source(write_files(tmp_path, files))
     for _ in range(2):  # the count is that of one reading
         first, second = frames
         (note,) = frames.notes()
@@ -367,6 +327,7 @@ def test_sixth_column_is_confidence_and_any_line_ending_is_accepted(tmp_path):
         "names:\n  - car\n  - street light\nnc: 2",
         'names:\n  0: car\n  1: "street light"\n\npath: .',
         "names: {0: car, 1: street light}",
+        "names:\n  1: street light\n  0: car\n",
         "names: [\n  car,\n  street light,\n]",
     ],
 )
@@ -394,22 +355,6 @@ def test_data_yaml_with_invalid_names_is_refused(tmp_path, content, words):
         read_source(tmp_path)
 
     assert words in caught.value.detail
-
-
-def test_class_names_by_number_are_sorted_by_number(tmp_path):
-    names = "names:\n  1: van\n  0: traffic light\n"
-    write_files(tmp_path, {"labels/1.txt": YOLO_LINE, "data.yaml": names})
-
-    assert read_source(tmp_path).classes == ("traffic light", "van")
-
-
-def test_yolo_without_class_names_is_refused_unless_they_are_given(tmp_path):
-    write_files(tmp_path, {"labels/1.txt": YOLO_LINE})
-
-    with pytest.raises(LayoutError, match=r"data\.yaml"):
-        read_source(tmp_path, "yolo")
-    named = read_source(tmp_path, "yolo", RecordingDescription(classes=("car",)))
-    assert [frame.annotation for frame in named] == [{"boxes": [BOX]}]
 
 
 @pytest.mark.parametrize(
@@ -475,28 +420,16 @@ def test_link_out_of_the_folder_is_refused_before_it_is_read(tmp_path, layout, l
     )
 
 
-def test_hidden_links_to_folders_are_not_followed_and_not_refused(tmp_path):
-    files = {"town/labels/1.txt": YOLO_LINE, "town/images/1.png": None}
-    town = write_files(tmp_path, {**files, "town/data.yaml": NAMES}) / "town"
-    (town / ".cache").symlink_to("/usr")
-
-    (frame,) = read_source(town)
-
-    assert frame.image == town / "images/1.png"
-
-
 def test_coco_file_that_is_named_is_read_beside_links_out_of_its_folder(tmp_path):
     """Only the files of its frames must lie in the folder, which may be any folder."""
-    images = [
-        {"id": n, "file_name": f"{n}.png", "width": 9, "height": 9} for n in (1, 2)
-    ]
-    write_files(tmp_path, {"town/1.png": None, "private.png": None})
-    town = tmp_path / "town"
-    (town / "x.json").write_text(
-        json.dumps({**json.loads(EMPTY_COCO), "images": images})
-    )
+    sizes = {"width": 9, "height": 9}
+    images = [{"id": n, "file_name": f"{n}.png", **sizes} for n in (1, 2)]
+    content = json.dumps({**json.loads(EMPTY_COCO), "images": images})
+    files = {"town/x.json": content, "town/1.png": None, "private.png": None}
+    town = write_files(tmp_path, {**files, "all.json": EMPTY_COCO}) / "town"
     (town / "disk").symlink_to("/usr")
     (town / "2.png").symlink_to(tmp_path / "private.png")
+    (town / "link.json").symlink_to(tmp_path / "all.json")
 
     good, bad = read_source(town / "x.json")
     _, allowed = read_source(
@@ -507,6 +440,15 @@ def test_coco_file_that_is_named_is_read_beside_links_out_of_its_folder(tmp_path
     assert (bad.annotation, bad.image) == (None, None)
     assert 'found "2.png", a link out of it' in str(bad.problem)
     assert allowed.image == town / "2.png"
+    assert keys(read_source(town / "link.json")) == []
+
+
+def test_coco_file_that_is_a_link_out_of_the_folder_is_refused(tmp_path):
+    write_files(tmp_path, {"all.json": EMPTY_COCO, "town/1.png": None})
+    (tmp_path / "town/link.json").symlink_to(tmp_path / "all.json")
+
+    with pytest.raises(LayoutError, match=r'found "link\.json"'):
+        read_source(tmp_path / "town")
 
 
 def test_links_inside_the_folder_and_into_named_folders_are_read(tmp_path):
@@ -516,6 +458,7 @@ def test_links_inside_the_folder_and_into_named_folders_are_read(tmp_path):
     (town / "images/1.png").symlink_to("../raw/a.png")
     (town / "seg").symlink_to(tmp_path / "tags")
     (town / "notes").symlink_to(tmp_path / "notes")
+    (town / ".cache").symlink_to("/usr")  # hidden: neither followed nor refused
     (tmp_path / "link").symlink_to(town)
     named = RecordingDescription(segmentation=town / "seg")
 
@@ -545,38 +488,24 @@ def test_link_that_leads_to_itself_ends_no_reading(tmp_path):
     assert keys(read_source(town)) == ["1"]
 
 
-def test_coco_file_that_is_a_link_is_read_if_it_is_named_itself(tmp_path):
-    write_files(tmp_path, {"all.json": EMPTY_COCO, "town/1.png": None})
-    (tmp_path / "town/link.json").symlink_to(tmp_path / "all.json")
-
-    assert keys(read_source(tmp_path / "town/link.json")) == []
-    with pytest.raises(LayoutError, match=r'found "link\.json"'):
-        read_source(tmp_path / "town")
-
-
 def test_carlasimu_layout_reads_widest_band_and_readme_class_numbers(tmp_path):
-    write_files(
-        tmp_path,
-        {
-            "cam/Readme.txt": '{"classes": {"car": 1, "bus": 0}}',
-            "cam/images/00000001.png": None,
-            "cam/images_bbox/00000001.png": None,
-            "cam/labels/label50/00000001.txt": "",
-            "cam/labels/label50/00000002.txt": "",
-            "cam/labels/label200/00000001.txt": "1 0.5 0.5 0.1 0.2",
-            "cam/labels/label100/00000001.txt": "",
-            "seg/00000001.png": None,
-        },
-    )
+    images = ("cam/images/1.png", "cam/images_bbox/1.png", "seg/1.png")
+    narrow = ("label50/1.txt", "label50/2.txt", "label100/1.txt")
+    files = {
+        "cam/Readme.txt": '{"classes": {"car": 1, "bus": 0}}',
+        "cam/labels/label200/1.txt": "1 0.5 0.5 0.1 0.2",
+        **dict.fromkeys(images),
+        **{f"cam/labels/{name}": "" for name in narrow},
+    }
 
-    frames = read_source(tmp_path)
+    frames = read_source(write_files(tmp_path, files))
     (frame,) = frames
 
     assert (frames.layout, frames.classes) == ("carlasimu", ("bus", "car"))
     assert frame.annotation == {"boxes": [{**BOX, "distance_range": [100, 200]}]}
-    assert frame.segmentation == tmp_path / "seg/00000001.png"
+    assert frame.segmentation == tmp_path / "seg/1.png"
     assert [(one.path, one.why) for one in frames.unmatched] == [
-        ("label50/00000002.txt", "not in the widest band, label200")
+        ("label50/2.txt", "not in the widest band, label200")
     ]
 
 
@@ -643,8 +572,8 @@ def test_layout_detection_has_a_fixed_precedence(tmp_path):
         assert detect_layout(tmp_path) == layout
 
 
-def test_yolo_labels_without_class_names_are_not_silently_ignored(tmp_path):
-    """Images with YOLO labels but no class names have no layout unless it is named."""
+def test_yolo_labels_without_class_names_are_refused_unless_they_are_given(tmp_path):
+    """Images with such labels have no layout unless it is named."""
     write_files(tmp_path, {"images/1.png": None, "labels/1.txt": YOLO_LINE})
 
     assert possible_layouts(tmp_path) == ()
@@ -656,43 +585,48 @@ def test_yolo_labels_without_class_names_are_not_silently_ignored(tmp_path):
         "obj.names"
     )
     assert keys(read_source(tmp_path, "pairs")) == ["1"]
+    with pytest.raises(LayoutError, match=r"data\.yaml"):
+        read_source(tmp_path, "yolo")
+    named = read_source(tmp_path, "yolo", RecordingDescription(classes=("car",)))
+    assert [frame.annotation for frame in named] == [{"boxes": [BOX]}]
 
 
-def test_folder_above_one_manifest_is_read_by_that_manifest(tmp_path):
-    files = {"run/rgb/1.png": None, "run/truth.jsonl": "{}"}
-    write_files(tmp_path, {**files, "run/manifest.jsonl": '{"key": "a"}'})
+def test_folder_above_manifests_is_read_if_there_is_one(tmp_path):
+    files = {"a/rgb/1.png": None, "a/truth.jsonl": "{}"}
+    write_files(tmp_path, {**files, "a/manifest.jsonl": '{"key": "a"}'})
 
-    found = read_source(tmp_path)
+    frames = read_source(tmp_path)
+    write_files(tmp_path, {"b/manifest.jsonl": "{}", "b/depth/1.png": None})
 
-    assert (found.layout, keys(found)) == ("manifest", ["a"])
-
-
-def test_folder_above_several_manifests_is_refused_and_one_is_named(tmp_path):
-    manifests = dict.fromkeys(("a/manifest.jsonl", "b/manifest.jsonl"), "{}")
-    write_files(tmp_path, {**manifests, "a/depth/1.png": None, "b/rgb/1.png": None})
-
+    assert (frames.layout, keys(frames)) == ("manifest", ["a"])
     with pytest.raises(LayoutError) as caught:
         read_source(tmp_path)
-
     assert caught.value.detail == (
         f"{tmp_path.name}: expected one manifest.jsonl, found 2; give the folder of "
         "one of them, such as a"
     )
 
 
-def test_a_single_image_is_not_taken_for_a_manifest(tmp_path):
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("1.png", "1.png: no layout recognised"),
+        ("voc.zip", "found a ZIP archive; unpack it first"),
+        ("nowhere", "nowhere"),
+    ],
+)
+def test_source_that_is_no_folder_is_refused_without_its_parent_path(
+    tmp_path, name, words
+):
     write_files(tmp_path, {"1.png": None})
-
-    with pytest.raises(LayoutError, match=r"1\.png: no layout recognised"):
-        read_source(tmp_path / "1.png")
-
-
-def test_zip_archive_is_refused_with_the_advice_to_unpack_it(tmp_path):
     with ZipFile(tmp_path / "voc.zip", "w") as archive:
         archive.writestr("Annotations/1.xml", "<annotation/>")
 
-    with pytest.raises(LayoutError, match="found a ZIP archive; unpack it first"):
-        read_source(tmp_path / "voc.zip")
+    with pytest.raises(LayoutError) as caught:
+        read_source(tmp_path / name)
+
+    assert words in caught.value.detail
+    assert str(tmp_path) not in caught.value.detail
 
 
 @pytest.mark.parametrize(
@@ -709,14 +643,6 @@ def test_zip_archive_is_refused_with_the_advice_to_unpack_it(tmp_path):
 def test_unreadable_folder_error_says_what_was_expected(tmp_path, layout, error, words):
     with pytest.raises(error, match=words):
         read_source(tmp_path, layout)
-
-
-def test_missing_source_is_named_without_its_parent_path(tmp_path):
-    with pytest.raises(LayoutError) as caught:
-        read_source(tmp_path / "nowhere")
-
-    assert "nowhere" in caught.value.detail
-    assert str(tmp_path) not in caught.value.detail
 
 
 def test_label_file_that_is_not_utf8_is_a_problem_of_its_frame(tmp_path):
