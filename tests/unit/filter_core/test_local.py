@@ -114,8 +114,9 @@ def test_ignore_mask_file_of_a_frame_is_applied(folder):
 
 def test_a_channel_reads_the_files_that_it_needs(tmp_path):
     source = scene_source(tmp_path)
-    (tmp_path / "lidar").write_bytes(b"not read")
-    source.others["lidar"] = tmp_path / "lidar"
+    lidar = tmp_path / "lidar"
+    lidar.write_bytes(b"not read")
+    source = replace(source, others={**source.others, "lidar": lidar})
 
     def outcome(channel):
         return filter_one(source, FilterConfig(evidence=channel)).as_dict()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -118,7 +119,7 @@ def test_label_noise_counts_ghosts_and_lost_objects(source):
     noise.add(labelled(source))
     noise.add(labelled(source, truth=truth))
 
-    found = noise.as_dict()
+    found: dict[str, Any] = {**noise.as_dict()}
     counts = {name: found[name] for name in ("frames", "objects", "ghosts", "doubtful")}
     assert counts == {"frames": 2, "objects": 2, "ghosts": 4, "doubtful": 0}
     depth = found["arms"]["depth"]

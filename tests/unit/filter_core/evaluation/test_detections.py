@@ -22,7 +22,7 @@ from filter_core.evaluation.detections import (
 
 CLASSES = ("car", "walker", "bus")
 NOTHING = np.empty(0, np.int64)
-NO_GHOSTS = Objects(NOTHING, NOTHING, np.empty((0, 4)), NOTHING > 0, NOTHING + 0.0)
+NO_GHOSTS = Objects(NOTHING, NOTHING, np.empty((0, 4)), NOTHING > 0, np.empty(0))
 
 
 def random_case(seed, frames=12, *, rounded=False):

@@ -44,9 +44,9 @@ def test_a_pixel_is_ignored_if_its_centre_is_inside_a_polygon(polygon, expected)
 
 
 def test_polygons_that_share_an_edge_share_no_pixel_and_are_joined():
-    left = [[0, 0], [2.5, 0], [1.5, 3], [0, 3]]
-    right = [[2.5, 0], [4, 0], [4, 3], [1.5, 3]]
-    corner = [[0, 0], [1, 0], [1, 1], [0, 1]]
+    left: list[list[float]] = [[0, 0], [2.5, 0], [1.5, 3], [0, 3]]
+    right: list[list[float]] = [[2.5, 0], [4, 0], [4, 3], [1.5, 3]]
+    corner: list[list[float]] = [[0, 0], [1, 0], [1, 1], [0, 1]]
 
     sides = [read_ignore_mask([polygon], (4, 3)) for polygon in (left, right)]
 

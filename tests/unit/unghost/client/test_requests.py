@@ -59,7 +59,8 @@ class AskedCall(NamedTuple):
 
     def sent(self) -> Call[Any]:
         """What the client would send."""
-        return getattr(CLIENT, self.name)(*self.args, **self.kwargs)
+        call: Call[Any] = getattr(CLIENT, self.name)(*self.args, **self.kwargs)
+        return call
 
 
 class Asked:

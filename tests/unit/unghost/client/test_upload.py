@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -197,7 +197,7 @@ def test_push_continues_after_refused_frames(batches, client, tmp_path):
     missing = OutgoingFrame("b", {"boxes": []}, {"image": tmp_path / "b.png"})
     unreadable = NotSent("e", ValueError("line 3"))
     folder = OutgoingFrame("d", {"boxes": []}, {"image": tmp_path})
-    bad = [missing, outgoing_frame("\udcff"), folder, unreadable]
+    bad: list[Any] = [missing, outgoing_frame("\udcff"), folder, unreadable]
     frames = [outgoing_frame("a"), *bad, outgoing_frame("c")]
 
     outcomes = outcomes_by_key(client.push("town", frames))
