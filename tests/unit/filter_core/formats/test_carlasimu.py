@@ -124,11 +124,11 @@ def test_a_capture_becomes_their_tree_with_colours_and_points_and_is_read_again(
     tmp_path,
 ):
     car = {"class": "car", "xyxy": [10, 20, 30, 40], "distance": 60}
-    line = {"key": "a", "carla_version": "0.9.15", "boxes": [car]}
-    line |= {"image": "rgb.png", "segmentation": "tags.png"}
-    line |= {"extra": {"files": {"lidar_intensity": "points.ply"}}}
+    images = {"image": "rgb.png", "segmentation": "tags.png"}
+    extra = {"files": {"lidar_intensity": "points.ply"}}
+    line = {"key": "a", "carla_version": "0.9.15", "boxes": [car], "extra": extra}
     captured = {
-        "manifest.jsonl": json.dumps(line),
+        "manifest.jsonl": json.dumps({**line, **images}),
         "tags.png": png(street_tags()),
         "rgb.png": png(np.zeros((60, 80, 3), np.uint8)),
         "points.ply": "ply",

@@ -234,9 +234,9 @@ def test_paths_from_elsewhere_that_could_be_one_file_get_none(tmp_path):
 
     frames = read(tmp_path, images, [], ["front/1.png", "x/2.png"])
 
-    images = {one.key: one.image for one in frames}
     known = {"x/2": tmp_path / "x/2.png"}
-    assert images == {"a/front/1": None, "b/front/1": None, **known}
+    expected = {"a/front/1": None, "b/front/1": None, **known}
+    assert {one.key: one.image for one in frames} == expected
 
 
 @pytest.mark.parametrize("is_absolute", [True, False])

@@ -478,8 +478,8 @@ def test_readme_without_classes_keeps_default_carlasimu_classes(tmp_path, readme
 def test_raw_cxcywh_boxes_have_class_unknown_or_the_default_class(tmp_path):
     write_files(tmp_path, {"label/1.txt": "10 20 4 6\n", "img/1.png": None})
 
-    for default, name in ((None, "unknown"), ("car", "car")):
-        options = RecordingDescription(default_class=default)
+    usual, named = RecordingDescription(), RecordingDescription(default_class="car")
+    for options, name in ((usual, "unknown"), (named, "car")):
         (frame,) = read_source(tmp_path, options=options)
         rectangle = {"cxcywh": [10.0, 20.0, 4.0, 6.0]}
         assert frame.annotation == {"boxes": [{"class": name, **rectangle}]}

@@ -158,7 +158,7 @@ RECORDED: dict[str, dict[str, str | bytes | None]] = {
         "out_bbox/000007.txt": json.dumps(CARLA_2DBBOX),
     },
 }
-TRACK = {"id": "2", "xyxy": [296.75, 161.75, 455.25, 292.5]}
+TRACK: dict[str, object] = {"id": "2", "xyxy": [296.75, 161.75, 455.25, 292.5]}
 READ: dict[str, tuple[str, str, dict[str, object]]] = {
     "carla-dataset-runner": ("20191104-1", "vehicle", {"xyxy": [30, 10, 50, 20]}),
     "SELMA": ("T/FRONT/1", "car", {"instance_id": 7, "type_id": "vehicle.a.b"}),
@@ -250,6 +250,7 @@ def test_recorded_npz_boxes_have_the_verdicts_that_were_counted():
     }
 
 
+TAGS: dict[str, tuple[int, ...]]
 TAGS = {"person": (40,), "car": (100,), "truck": (101,), "train": (103,)}
 TAGS |= {"motorcycle": (104, 41), "bicycle": (105, 41)}
 
