@@ -35,71 +35,43 @@ CHANNEL_OF: dict[Reason, ChannelName] = {
 @pytest.mark.parametrize(
     ("reason", "numbers", "sentence"),
     [
-        (
-            Reason.BELOW_THRESHOLD,
-            {"match_percent": 4.1, "threshold": 10, "hidden_by": [VEGETATION]},
-            "rejected: 4.1 % of its pixels are Car, 10 % are needed; "
-            "Vegetation covers 71 %",
-        ),
-        (
-            Reason.VISIBLE,
-            {"match_percent": 74, "threshold": 10},
-            "kept: 74 % of its pixels are Car, 10 % are needed",
-        ),
-        (
-            Reason.LARGE_BELOW_THRESHOLD,
-            {"match_percent": 41, "threshold": 50, "area_percent": 83, "large": True},
-            "rejected: it covers 83 % of the image and 41 % of its pixels are Car, "
-            "50 % are needed",
-        ),
-        (
-            Reason.BELOW_THRESHOLD,
-            {"match_percent": 10, "threshold": 10, "as_carlasimu": True},
-            "rejected: 10 % of its pixels are Car, more than 10 % are needed",
-        ),
+        (Reason.BELOW_THRESHOLD,
+         {"match_percent": 4.1, "threshold": 10, "hidden_by": [VEGETATION]},
+         "rejected: 4.1 % of its pixels are Car, 10 % are needed; "
+         "Vegetation covers 71 %"),
+        (Reason.VISIBLE, {"match_percent": 74, "threshold": 10},
+         "kept: 74 % of its pixels are Car, 10 % are needed"),
+        (Reason.LARGE_BELOW_THRESHOLD,
+         {"match_percent": 41, "threshold": 50, "area_percent": 83, "large": True},
+         "rejected: it covers 83 % of the image and 41 % of its pixels are Car, "
+         "50 % are needed"),
+        (Reason.BELOW_THRESHOLD,
+         {"match_percent": 10, "threshold": 10, "as_carlasimu": True},
+         "rejected: 10 % of its pixels are Car, more than 10 % are needed"),
         # An ignore mask covers all of the box.
-        (
-            Reason.BELOW_THRESHOLD,
-            {"threshold": 10},
-            "rejected: none of its pixels count",
-        ),
-        (
-            Reason.NO_VISIBLE_PIXELS,
-            {"matched_pixels": 0, "hidden_by": [VEGETATION]},
-            "rejected: none of its pixels are Car; Vegetation covers 71 %",
-        ),
-        (
-            Reason.NO_VISIBLE_PIXELS,
-            {"matched_pixels": 1, "pixels_needed": 5},
-            "rejected: only 1 of its pixels is Car, 5 are needed",
-        ),
-        (
-            Reason.OUT_OF_RANGE,
-            {"distance": 312.4, "limits": ClassLimits(max_distance=200)},
-            "rejected: it is 312 m away, at most 200 m are allowed",
-        ),
-        (
-            Reason.OUT_OF_RANGE,
-            {"distance": 4.996, "limits": ClassLimits(min_distance=5)},
-            "rejected: it is 4.996 m away, at least 5 m are needed",
-        ),
-        (
-            Reason.UNMAPPED_CLASS,
-            {},
-            "unmeasured: no tag is accepted for the class 'car'",
-        ),
-        (
-            Reason.NO_SEGMENTATION,
-            {},
-            "unmeasured: there is no segmentation to measure with",
-        ),
+        (Reason.BELOW_THRESHOLD, {"threshold": 10},
+         "rejected: none of its pixels count"),
+        (Reason.NO_VISIBLE_PIXELS, {"matched_pixels": 0, "hidden_by": [VEGETATION]},
+         "rejected: none of its pixels are Car; Vegetation covers 71 %"),
+        (Reason.NO_VISIBLE_PIXELS, {"matched_pixels": 1, "pixels_needed": 5},
+         "rejected: only 1 of its pixels is Car, 5 are needed"),
+        (Reason.OUT_OF_RANGE,
+         {"distance": 312.4, "limits": ClassLimits(max_distance=200)},
+         "rejected: it is 312 m away, at most 200 m are allowed"),
+        (Reason.OUT_OF_RANGE,
+         {"distance": 4.996, "limits": ClassLimits(min_distance=5)},
+         "rejected: it is 4.996 m away, at least 5 m are needed"),
+        (Reason.UNMAPPED_CLASS, {},
+         "unmeasured: no tag is accepted for the class 'car'"),
+        (Reason.NO_SEGMENTATION, {},
+         "unmeasured: there is no segmentation to measure with"),
         (Reason.OUTSIDE_IMAGE, {}, "rejected: the box lies outside the image"),
     ],
-)
+)  # fmt: skip
 def test_explain_returns_the_sentence_of_a_decision(reason, numbers, sentence):
-    assert (
-        explain(ExplainedBox(reason, "car", accepted=("Car",), **numbers)) == sentence
-    )
+    box = ExplainedBox(reason, "car", accepted=("Car",), **numbers)
+
+    assert explain(box) == sentence
 
 
 def channel_sentence(channel, *, kept=False, **more):

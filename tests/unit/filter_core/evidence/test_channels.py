@@ -253,23 +253,21 @@ def test_configs_of_equal_digest_ignore_the_same_coarse_depth_image():
         assert (numbers.depth_pixels == NOT_MEASURED).all()
 
 
-def test_boxes_can_be_measured_without_an_annotation():
-    tags, _, _ = scene()
-    boxes = FrameBoxes.of(
-        [[60, 40, 100, 80], [65, 45, 95, 75], [0, 0, 9, 9]],
-        ["car"] * 3,
-        {"car": 1 << CAR},
-        (WIDTH, HEIGHT),
-        distance=[NEAR, FAR, np.nan],
-    )
-    sensors = Sensors(
-        segmentation=segmentation_from_tags(tags, "carla-0.9.14"),
-        contents={"depth": depth_file(), "instances": instance_file()},
-    )
+SEGMENTED = segmentation_from_tags(scene()[0], "carla-0.9.14")
 
-    evidence, _ = measure_evidence(
-        boxes, sensors, MeasureConfig(channels=("ordered", "depth", "instance"))
-    )
+
+def cars(xyxy, distance):
+    """Boxes of cars without an annotation."""
+    accept = {"car": 1 << CAR}
+    return FrameBoxes.of(xyxy, ["car"] * len(xyxy), accept, (WIDTH, HEIGHT), distance)
+
+
+def test_boxes_can_be_measured_without_an_annotation():
+    xyxy = [[60, 40, 100, 80], [65, 45, 95, 75], [0, 0, 9, 9]]
+    sensors = Sensors(segmentation=SEGMENTED, contents=FILES)
+    config = MeasureConfig(channels=("ordered", "depth", "instance"))
+
+    evidence, _ = measure_evidence(cars(xyxy, [NEAR, FAR, np.nan]), sensors, config)
 
     found = evidence.channels
     assert found is not None
@@ -282,20 +280,15 @@ def test_boxes_can_be_measured_without_an_annotation():
 
 
 def test_boxes_without_corners_have_no_depth_or_lidar_numbers():
-    tags, _, _ = scene()
-    boxes = FrameBoxes.of(
-        [[60, 40, 100, 80]] * 2, ["car"] * 2, {"car": 1 << CAR}, (WIDTH, HEIGHT), [9, 9]
-    )
+    point = npy(np.array([[9.0, 0.0, 0.0, 1.0, 7.0, CAR]]))
     sensors = Sensors(
-        segmentation=segmentation_from_tags(tags, "carla-0.9.14"),
+        segmentation=SEGMENTED,
         camera=Camera.from_fov(WIDTH, HEIGHT, 90, Transform()),
         lidar=Transform(),
-        contents={
-            "depth": depth_file(),
-            "lidar": npy(np.array([[9.0, 0.0, 0.0, 1.0, 7.0, CAR]])),
-        },
+        contents={"depth": depth_file(), "lidar": point},
     )
     config = MeasureConfig(channels=("ordered", "depth", "depth_center", "lidar"))
+    boxes = cars([[60, 40, 100, 80]] * 2, [9, 9])
 
     found = measure_evidence(boxes, sensors, config)[0].channels
 
@@ -309,12 +302,10 @@ def test_boxes_without_corners_have_no_depth_or_lidar_numbers():
 
 def test_channels_measure_the_rectangle_clipped_to_the_image():
     tags = np.full((HEIGHT, WIDTH), CAR, np.uint8)
-    boxes = FrameBoxes.of(
-        [[-40, -40, 20, 10]], ["car"], {"car": 1 << CAR}, (WIDTH, HEIGHT), distance=[9]
-    )
     sensors = Sensors(segmentation=segmentation_from_tags(tags, "carla-0.9.14"))
+    config = MeasureConfig(channels=("ordered",))
 
-    evidence, _ = measure_evidence(boxes, sensors, MeasureConfig(channels=("ordered",)))
+    evidence, _ = measure_evidence(cars([[-40, -40, 20, 10]], [9]), sensors, config)
 
     assert evidence.channels is not None
     assert evidence.channels.owned_pixels.tolist() == [20 * 10]
@@ -323,11 +314,9 @@ def test_channels_measure_the_rectangle_clipped_to_the_image():
 @pytest.mark.parametrize("kind", ["segmentation", "depth", "instances"])
 def test_image_larger_than_max_side_is_refused(kind):
     tags, _, _ = scene()
-    contents = {"depth": depth_file(), "instances": instance_file()}
     given = png(np.dstack([tags] * 3)) if kind == "segmentation" else tags
-    options = FrameOptions(
-        sensors={kind: contents[kind]} if kind in contents else {}, max_side=WIDTH - 1
-    )
+    contents = {kind: FILES[kind]} if kind in FILES else {}
+    options = FrameOptions(sensors=contents, max_side=WIDTH - 1)
 
     with pytest.raises(ImageTooLarge, match=f"may exceed {WIDTH - 1}"):
         filter_frame(ANNOTATION, given, FilterConfig(evidence="auto"), options)
