@@ -116,13 +116,9 @@ def test_nan_and_infinity_in_json_are_faults_with_their_pointers():
     text = b"""{"boxes": [{"id": "a", "class": "car", "speed": NaN,
                 "xyxy": [NaN, -Infinity, 1e999, 4]}], "weather": {"fog": Infinity}}"""
 
-    assert [fault[:2] for fault in faults_of(text)] == [
-        ("/boxes/0/xyxy/0", "not_finite"),
-        ("/boxes/0/xyxy/1", "not_finite"),
-        ("/boxes/0/xyxy/2", "not_finite"),
-        ("/boxes/0/speed", "not_finite"),
-        ("/weather/fog", "not_finite"),
-    ]
+    of_box = [f"/boxes/0/{key}" for key in ("xyxy/0", "xyxy/1", "xyxy/2", "speed")]
+    expected = [(pointer, "not_finite") for pointer in (*of_box, "/weather/fog")]
+    assert [fault[:2] for fault in faults_of(text)] == expected
 
 
 def test_duplicate_json_key_is_a_fault():
@@ -138,26 +134,14 @@ def test_duplicate_json_key_is_a_fault():
 
 
 def test_all_faults_are_reported_at_once_with_the_frame_key():
-    text = json.dumps(
-        {
-            "map": 1,
-            "boxes": [
-                {"id": "a", "xyxy": [1, 2, 3]},
-                {"id": "b", "class": "car", "xywh": ["1", "2", 3, 4], "distance": -1},
-            ],
-        }
-    )
+    second = {"id": "b", "class": "car", "xywh": ["1", "2", 3, 4], "distance": -1}
+    boxes = [{"id": "a", "xyxy": [1, 2, 3]}, second]
 
-    found = faults_of(text, frame="town/01")
+    found = faults_of(json.dumps({"map": 1, "boxes": boxes}), frame="town/01")
 
-    assert [fault[0] for fault in found] == [
-        "/map",
-        "/boxes/0/class",
-        "/boxes/0/xyxy",
-        "/boxes/1/xywh/0",
-        "/boxes/1/xywh/1",
-        "/boxes/1/distance",
-    ]
+    of_boxes = ("0/class", "0/xyxy", "1/xywh/0", "1/xywh/1", "1/distance")
+    pointers = ["/map", *(f"/boxes/{pointer}" for pointer in of_boxes)]
+    assert [fault[0] for fault in found] == pointers
     assert found[3][2] == (
         'frame town/01, box 1 (id "b"), xywh[0]: expected a number, found "1"'
     )

@@ -146,12 +146,8 @@ def coco(bbox):
     ],
 )  # fmt: skip
 def test_wrong_unit_is_refused_in_every_format(tmp_path, name, content, code):
-    images = {
-        "labels": "images",
-        "annotations.json": "images",
-        "Annotations": "JPEGImages",
-        "label_2": "image_2",
-    }[name.split("/")[0]]
+    folders = {"Annotations": "JPEGImages", "label_2": "image_2"}
+    images = folders.get(name.split("/")[0], "images")
     image = png(np.zeros((HEIGHT, WIDTH, 3), np.uint8))
     files = {name: content, f"{images}/1.png": image, **CLASSES}
     source = read_source(write_files(tmp_path, files))
