@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import product, repeat
-from math import inf
 from typing import Any, NamedTuple
 
 import pytest
@@ -171,13 +170,6 @@ REVIEWS = {
 def effective(row: Row) -> Verdict:
     answers = {"keep": Verdict.KEPT, "reject": Verdict.REJECTED}
     return answers.get(row.review or "", row.reason.verdict)
-
-
-def margin(row: Row, thresholds: list[Limits]) -> float:
-    threshold = row.threshold(thresholds)
-    if threshold is None or row.match is None:
-        return inf
-    return abs(row.match - threshold)
 
 
 def selected(row: Row, wanted: dict[str, Any], thresholds) -> bool:

@@ -29,7 +29,6 @@ from app.measuring.evidence import (
 from filter_core.evidence_numbers import N_TAGS, ChannelNumbers, Evidence, NumberColumn
 
 SCALARS = [name for name in NUMBERS.columns if name not in ("class_id", "xyxy")]
-LIMITS = {"state": (0, 3), "accept_mask": (0, 2**30), "measured": (False, True)}
 CLASSES = ("car", "truck", "walker")
 RECTANGLES = st.one_of(
     st.none(), st.tuples(*[st.floats(-1e9, 1e9, allow_nan=False)] * 4)
