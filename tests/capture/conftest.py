@@ -28,8 +28,6 @@ else:
 
 from unghost.capture.recording import Recorded, Request, record
 
-Capture = Callable[..., Recorded]
-
 
 class Stage:
     """A fake simulator, its state at the beginning, and a folder to record into."""

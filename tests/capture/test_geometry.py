@@ -37,34 +37,26 @@ def given_box():
 
 
 @pytest.mark.parametrize("pose", POSES, ids=str)
-def test_corners_of_an_actor_box_match_the_carla_library(pose):
-    real = given_box().get_world_vertices(pose)
+@pytest.mark.parametrize("is_of_actor", [True, False], ids=["actor", "map"])
+def test_corners_of_a_box_match_the_carla_library(pose, is_of_actor):
+    box = given_box()
+    if is_of_actor:
+        real = box.get_world_vertices(pose)
+        seen = SeenObject(CAR, local_box(box), as_transform(pose))
+    else:
+        box.location, box.rotation = pose.location, pose.rotation
+        real = box.get_world_vertices(carla.Transform())
+        seen = SeenObject(CAR, local_box(box))
 
-    one = SeenObject(
-        ObjectIdentity("7", "actor", "car"), local_box(given_box()), as_transform(pose)
-    )
-    corners = boxes3d_vertices([one.row])[0]
+    corners = boxes3d_vertices([seen.row])[0]
 
     np.testing.assert_allclose(corners, [[v.x, v.y, v.z] for v in real], atol=2e-4)
 
 
 @pytest.mark.parametrize("pose", POSES, ids=str)
-def test_corners_of_a_map_box_match_the_carla_library(pose):
-    box = given_box()
-    box.location, box.rotation = pose.location, pose.rotation
-    real = box.get_world_vertices(carla.Transform())
-
-    corners = boxes3d_vertices([SeenObject(CAR, local_box(box)).row])
-
-    np.testing.assert_allclose(corners[0], [[v.x, v.y, v.z] for v in real], atol=2e-4)
-
-
-@pytest.mark.parametrize("pose", POSES, ids=str)
 def test_projection_of_annotations_matches_the_matrices_of_the_library(pose):
     ahead = carla.Transform(pose.transform(carla.Location(15, 2, 0)), pose.rotation)
-    one = SeenObject(
-        ObjectIdentity("7", "actor", "car"), local_box(given_box()), as_transform(ahead)
-    )
+    one = SeenObject(CAR, local_box(given_box()), as_transform(ahead))
     camera = {"width": 800, "height": 600, "fov": 90}
     annotation = {
         "camera": {**camera, "transform": as_transform(pose).as_dict()},

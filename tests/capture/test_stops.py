@@ -54,8 +54,9 @@ def test_repeated_ctrl_c_while_spawning_leaves_no_actor_behind(stage, monkeypatc
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("was_stopped", [False, True])
 def test_signal_while_the_simulator_is_restored_ends_the_command_afterwards(
-    stage, monkeypatch, number
+    stage, monkeypatch, number, was_stopped
 ):
     remove = stage.simulator.remove
 
@@ -64,12 +65,15 @@ def test_signal_while_the_simulator_is_restored_ends_the_command_afterwards(
         return remove(actor_id)
 
     monkeypatch.setattr(stage.simulator, "remove", remove_slowly)
+    if was_stopped:
+        call_at_tick(stage, FIRST_TICK, lambda: signal.raise_signal(signal.SIGINT))
 
     with pytest.raises(KeyboardInterrupt):
         stage.capture(**SHORT_SCENARIO)
 
     assert stage.left_behind() == {}
-    assert len(stage.frames()) == SHORT_SCENARIO["frames"]
+    if not was_stopped:
+        assert len(stage.frames()) == SHORT_SCENARIO["frames"]
 
 
 def test_a_stop_does_not_wait_for_a_silent_sensor(stage):
@@ -84,14 +88,19 @@ def test_a_stop_does_not_wait_for_a_silent_sensor(stage):
     assert stage.left_behind() == {}
 
 
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 @pytest.mark.parametrize("tick", [1, 5, FIRST_TICK, FIRST_TICK + 3])
-def test_sighup_of_a_closed_terminal_restores_the_simulator(stage, tick):
-    call_at_tick(stage, tick, lambda: signal.raise_signal(signal.SIGHUP))
+def test_stop_signal_restores_the_simulator_and_capture_resumes(stage, tick, number):
+    before = signal.getsignal(number)
+    call_at_tick(stage, tick, lambda: signal.raise_signal(number))
 
     with pytest.raises(KeyboardInterrupt):
         stage.capture(**SHORT_SCENARIO)
 
     assert stage.left_behind() == {}
+    assert signal.getsignal(number) is before
+    stage.simulator.faults.on_tick = lambda *_: None
+    assert stage.capture(**SHORT_SCENARIO).frames == 3
 
 
 def test_capture_that_ignores_sighup_survives_its_terminal(stage):

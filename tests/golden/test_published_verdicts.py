@@ -71,16 +71,12 @@ PLACES = {
 
 
 def test_authors_own_configuration_skips_boxes_by_their_distance_ahead():
-    config = load_config(
-        shared("oracles/carlasimu_yaml/boundingBox.yaml").read_bytes()
-    ).config
-    boxes = [
-        {
-            "class": "car",
-            "box3d": {"transform": {"x": x, "y": y, "z": 0}, "extent": [2, 1, 1]},
-        }
-        for x, y in PLACES
+    file = shared("oracles/carlasimu_yaml/boundingBox.yaml")
+    config = load_config(file.read_bytes()).config
+    solids = [
+        {"transform": {"x": x, "y": y, "z": 0}, "extent": [2, 1, 1]} for x, y in PLACES
     ]
+    boxes = [{"class": "car", "box3d": solid} for solid in solids]
     camera: dict[str, object] = {"width": 320, "height": 180, "fov": 90}
     camera["transform"] = {"x": 0, "y": 0, "z": 1}
     cars = png(np.full((180, 320, 3), (0, 0, 142), np.uint8))

@@ -24,29 +24,24 @@ THREE_FORMS = "data/DanielHfnr_Carla-Object-Detection-Dataset"
 
 @pytest.mark.parametrize("profile", ["paper", "carlasimu"])
 def test_the_authors_own_frame_is_imported_and_corrected(profile):
-    oracle = json.loads(
-        shared(f"{AUTHORS}/kept_rejected_oracle.DERIVED.json").read_text()
-    )
-    frames = read_source(
-        shared(f"{AUTHORS}/samples"), options=RecordingDescription(default_class="car")
-    )
+    file = shared(f"{AUTHORS}/kept_rejected_oracle.DERIVED.json")
+    oracle = json.loads(file.read_text())
+    cars = RecordingDescription(default_class="car")
+    frames = read_source(shared(f"{AUTHORS}/samples"), options=cars)
 
     (outcome,) = filter_source(frames, FilterConfig(profile=profile))
 
     assert (frames.layout, outcome.key) == ("carlasimu", "00000993")
     decisions = outcome.decisions or []
-    assert Counter(one["reason"] for one in decisions) == {
-        "outside_image": 12,
-        "no_segmentation": 20,
-    }
+    reasons = Counter(one["reason"] for one in decisions)
+    assert reasons == {"outside_image": 12, "no_segmentation": 20}
     for decision, expected in zip(decisions, oracle, strict=True):
         xyxy = decision["xyxy"]
         assert (xyxy is not None) == expected["inside"]
         if xyxy is not None:
             np.testing.assert_allclose(xyxy, expected["box"], atol=0.006)
-            assert decision["area_percent"] == pytest.approx(
-                expected["area_pct"], abs=0.006
-            )
+            area = pytest.approx(expected["area_pct"], abs=0.006)
+            assert decision["area_percent"] == area
 
 
 def test_labels_without_a_class_get_the_reason_unmapped_class():
@@ -66,9 +61,8 @@ def test_boxes_of_frames_without_a_segmentation_are_unmeasured():
     assert [one.error for one in outcomes] == [None] * 13
     boxes = [box for one in outcomes for box in one.decisions or ()]
     assert Counter(box["verdict"] for box in boxes) == {"unmeasured": 117}
-    assert [one.why for one in frames.unmatched] == [
-        "no label file for this instance image"
-    ]
+    whys = [one.why for one in frames.unmatched]
+    assert whys == ["no label file for this instance image"]
 
 
 def annotation_by_key(frames):
@@ -102,15 +96,11 @@ def test_segmentation_with_swapped_channels_is_measured_correctly():
     boxes = [{"class": one["cls"], "xyxy": one["modal_box_xyxy"]} for one in objects]
 
     # Red and green are instance ids there, so only the config can say where tags are.
-    config = FilterConfig.from_mapping(
-        {"encoding": "raw", "channel_order": "bgr", "classes": accept}
-    )
+    given = {"encoding": "raw", "channel_order": "bgr", "classes": accept}
+    content = (folder / "instance_segmentation.png").read_bytes()
+    annotation = {"carla_version": "0.9.15", "boxes": boxes}
 
-    result = filter_frame(
-        {"carla_version": "0.9.15", "boxes": boxes},
-        (folder / "instance_segmentation.png").read_bytes(),
-        config,
-    )
+    result = filter_frame(annotation, content, FilterConfig.from_mapping(given))
 
     fills = [one["class_fill"] * 100 for one in objects]
     found = [one["match_percent"] or 0.0 for one in result.decisions]

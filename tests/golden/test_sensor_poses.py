@@ -39,8 +39,7 @@ def test_points_inside_a_box_are_counted_for_any_sensor_pose(cases):
         inside = centre + (vertices - centre) * dice.uniform(0, 0.95, (8, 1))
         beside = centre + (vertices - centre) * dice.uniform(1.05, 2, (8, 1))
         points = LidarPoints(
-            to_sensor_axes(case, np.concatenate([inside, beside])),
-            np.full(16, CAR),
+            to_sensor_axes(case, np.concatenate([inside, beside])), np.full(16, CAR)
         )
 
         counted = points_inside(

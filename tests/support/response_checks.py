@@ -63,3 +63,7 @@ DECISION = {
     "review": {"verdict": "keep", "revision": 2, "reviewer": "ada", "comment": None},
     "edges": None,
 }
+_JOB = {"dataset": "town", "total": 9, "created_at": "2026-01-01T00:00:00Z"}
+EXPORT = {**_JOB, "id": 4, "state": "done", "done": 9, "format": "yolo", "options": {}}
+RUN = {**_JOB, "id": 21, "state": "running", "done": 3, "kind": "decide"}
+RUN |= {"config": "", "activate": False, "changed": 0, "created_by": "ada"}

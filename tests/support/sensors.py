@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from filter_core.formats.reading import FrameSource
 from filter_core.geometry.box3d import CORNER_SIGNS
 from tests.support.folders import write_files
 from tests.support.pictures import painted, png
@@ -98,6 +99,16 @@ def files(**others: bytes) -> dict[str, bytes]:
 def sensors() -> dict[str, bytes]:
     tags, metres, ids = scene()
     return files(depth=depth_png(metres), instances=instance_png(tags, ids))
+
+
+def scene_source(folder: Path, **changed: Any) -> FrameSource:
+    """The frame of the scene as files in a folder, annotated as `changed`."""
+    images = sensors()
+    write_files(folder, images)
+    paths = {kind: folder / kind for kind in images}
+    segmentation = paths.pop("segmentation")
+    annotation = {**ANNOTATION, **changed}
+    return FrameSource("a", annotation, segmentation=segmentation, others=paths)
 
 
 def coarse_depth_file() -> bytes:

@@ -10,22 +10,16 @@ import pytest
 from app.incoming import Pieces
 
 
-def test_single_piece_is_returned_without_a_copy():
+def test_pieces_are_returned_joined_and_a_single_one_without_a_copy():
     pieces, piece = Pieces(), b"x" * 100_000
-
-    pieces += piece
-
-    assert bytes(pieces) is piece
-
-
-def test_several_pieces_are_returned_joined():
-    pieces = Pieces()
     assert not pieces
 
-    for piece in (b"a", b"", b"bc"):
-        pieces += piece
+    pieces += piece
+    assert bytes(pieces) is piece
 
-    assert (len(pieces), bytes(pieces)) == (3, b"abc")
+    for more in (b"a", b"", b"bc"):
+        pieces += more
+    assert (len(pieces), bytes(pieces)) == (100_003, piece + b"abc")
 
 
 @pytest.mark.parametrize("length", [1, 10, 900])

@@ -13,20 +13,14 @@ from app.settings import Settings
 from unghost.cli.options import settings_of
 
 
-def test_default_settings_serve_only_this_machine():
+def test_default_settings_serve_only_this_machine(tmp_path):
     settings = Settings()
 
     assert (settings.host, settings.port) == ("127.0.0.1", 8000)
     assert settings.data == Path("unghost-data")
     assert settings.served_hosts == {"localhost", "127.0.0.1", "[::1]"}
-
-
-def test_default_database_is_in_the_data_folder(tmp_path):
-    own = Settings(data=tmp_path)
-    other = Settings(database_url="postgresql+psycopg://boxes@db/boxes")
-
-    assert own.sqlalchemy_url == f"sqlite:///{tmp_path}/unghost.db"
-    assert other.sqlalchemy_url == "postgresql+psycopg://boxes@db/boxes"
+    in_folder = Settings(data=tmp_path)
+    assert in_folder.sqlalchemy_url == f"sqlite:///{tmp_path}/unghost.db"
 
 
 @pytest.mark.parametrize(

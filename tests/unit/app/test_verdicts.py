@@ -58,6 +58,14 @@ def boxes_matching():
     engine.dispose()
 
 
+ROWS = [(*box, np.int16(doubt)) for box, doubt in zip(BOXES, DOUBTS, strict=True)]
+
+
+def numbers_where(is_true):
+    """The numbers of the boxes of which it is true, by reason, answer and doubt."""
+    return {number for number, row in enumerate(ROWS) if is_true(*row)}
+
+
 @pytest.mark.parametrize("verdict", Verdict)
 def test_effective_verdict_is_equal_in_python_columns_and_sql(boxes_matching, verdict):
     codes = [Answer[(answer or "none").upper()] for _, answer in BOXES]
@@ -67,11 +75,7 @@ def test_effective_verdict_is_equal_in_python_columns_and_sql(boxes_matching, ve
         answer=np.array(codes, np.uint8),
     )
 
-    expected = {
-        number
-        for number, (reason, answer) in enumerate(BOXES)
-        if effective_verdict(reason, answer) == verdict.value
-    }
+    expected = numbers_where(lambda *row: effective_verdict(*row[:2]) == verdict.value)
 
     assert expected
     assert boxes_matching(is_effective(verdict)) == expected
@@ -80,11 +84,7 @@ def test_effective_verdict_is_equal_in_python_columns_and_sql(boxes_matching, ve
 
 
 def test_conflict_is_equal_in_python_and_sql(boxes_matching):
-    expected = {
-        number
-        for number, (reason, answer) in enumerate(BOXES)
-        if in_conflict(reason, answer)
-    }
+    expected = numbers_where(lambda *row: in_conflict(*row[:2]))
 
     assert expected
     assert boxes_matching(is_in_conflict()) == expected
@@ -93,11 +93,7 @@ def test_conflict_is_equal_in_python_and_sql(boxes_matching):
 
 @pytest.mark.parametrize("bin_", Bin)
 def test_bin_of_a_box_is_equal_in_python_and_sql(boxes_matching, bin_):
-    expected = {
-        number
-        for number, doubt in enumerate(DOUBTS)
-        if bins_of(np.int16(doubt)) == bin_
-    }
+    expected = numbers_where(lambda *row: bins_of(row[2]) == bin_)
 
     assert expected
     assert boxes_matching(in_bin(bin_)) == expected
@@ -108,11 +104,7 @@ def test_bin_of_a_box_is_equal_in_python_and_sql(boxes_matching, bin_):
 def test_review_state_is_equal_by_its_answers_and_in_sql(boxes_matching, name):
     state = REVIEW_STATES[name]
 
-    expected = {
-        number
-        for number, (_, answer) in enumerate(BOXES)
-        if (answer or "") in state.answers
-    }
+    expected = numbers_where(lambda *row: (row[1] or "") in state.answers)
 
     assert boxes_matching(state.condition()) == expected
     if state.others is not None:

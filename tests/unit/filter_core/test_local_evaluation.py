@@ -10,24 +10,12 @@ from filter_core.config.filter import FilterConfig
 from filter_core.errors import LayoutError
 from filter_core.formats.reading import FrameSource
 from filter_core.local import EvaluationTask, evaluate_source, read_truth
-from tests.support.pictures import painted, png
-from tests.support.sensors import ANNOTATION, depth_png, instance_png, scene
+from tests.support.sensors import scene_source
 
 
 @pytest.fixture
 def source(tmp_path):
-    tags, metres, ids = scene()
-    files = {
-        "seg": png(painted(tags)),
-        "depth": depth_png(metres),
-        "instances": instance_png(tags, ids),
-    }
-    paths = {}
-    for kind, content in files.items():
-        paths[kind] = tmp_path / kind
-        paths[kind].write_bytes(content)
-    segmentation = paths.pop("seg")
-    return FrameSource("a", ANNOTATION, segmentation=segmentation, others=paths)
+    return scene_source(tmp_path)
 
 
 def count_kept_ghosts(evaluation):
@@ -45,23 +33,15 @@ def test_the_truth_comes_from_instances_or_from_a_file(source, truth):
     assert (left_out, seen) == ([], [()] * 3)
 
 
-def test_boxes_without_truth_are_not_evaluated(source):
-    evaluation, _ = evaluate_source(
-        [source], EvaluationTask(truth={"a": {"218": False}})
-    )
-
-    assert evaluation.unfiltered.boxes == 1
-
-
-def test_invalid_frame_is_reported_and_the_others_are_evaluated(source):
+def test_invalid_frames_and_boxes_without_truth_are_not_evaluated(source):
     broken = FrameSource("b", None, problem=LayoutError("b: no labels"))
+    task = EvaluationTask(truth={"a": {"218": False}})
 
-    evaluation, left_out = evaluate_source([broken, source], EvaluationTask())
+    evaluation, left_out = evaluate_source([broken, source], task)
 
-    assert evaluation.frames == 1
-    assert [(one.key, one.problem.detail) for one in left_out] == [
-        ("b", "b: no labels")
-    ]
+    assert (evaluation.frames, evaluation.unfiltered.boxes) == (1, 1)
+    problems = [(one.key, one.problem.detail) for one in left_out]
+    assert problems == [("b", "b: no labels")]
 
 
 def test_read_truth_reads_json_lines(tmp_path):

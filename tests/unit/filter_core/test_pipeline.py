@@ -79,28 +79,17 @@ def test_decision_has_all_keys_of_the_api():
     }
 
 
-def test_decisions_are_computed_lazily_and_cached():
-    result = filter_frame(annotation(CAR, GHOST), STREET)
-
-    before = set(vars(result))
-    first = result.decisions
-
-    assert set(vars(result)) - before == {"decisions"}
-    assert result.decisions is first
-
-
-def test_decisions_are_json_serialisable():
+def test_decisions_are_computed_lazily_and_json_serialisable():
     outside = {"class": "car", "xyxy": [900, 0, 950, 20]}
     result = filter_frame(annotation(CAR, GHOST, outside), STREET)
 
+    before = set(vars(result))
     again = json.loads(json.dumps(result.decisions, allow_nan=False))
 
+    assert set(vars(result)) - before == {"decisions"}
     assert again == result.decisions
-    assert [one["reason"] for one in again] == [
-        "visible",
-        "no_visible_pixels",
-        "outside_image",
-    ]
+    reasons = [one["reason"] for one in again]
+    assert reasons == ["visible", "no_visible_pixels", "outside_image"]
     assert (again[2]["xyxy"], again[2]["match_percent"]) == (None, None)
 
 
@@ -114,10 +103,11 @@ def test_box_without_a_segmentation_is_unmeasured():
         "unmeasured",
         "no_segmentation",
     )
-    assert decision["match_percent"] is decision["threshold"] is None
-    assert (decision["matched_pixels"], decision["evidence"]) == (None, None)
+    for key in ("match_percent", "threshold", "matched_pixels", "evidence"):
+        assert decision[key] is None
     assert decision["xyxy"] == [10, 10, 50, 40]
     assert result.measured.segmentation is None
+    assert filter_frame(annotation(camera=camera), None).decisions == []
 
 
 def test_a_segmentation_may_be_a_file_raw_tags_or_an_array():
@@ -163,16 +153,19 @@ def test_images_of_different_sizes_are_refused(more, options, words):
         filter_frame(annotation(CAR, **more), street_tags(), options=options)
 
 
-def test_frame_of_unknown_image_size_is_refused():
-    with pytest.raises(ImageSizeMismatch, match="found none of them") as caught:
-        filter_frame(annotation(CAR), None)
-    assert caught.value.kind == "image_size_unknown"
-
-
-def test_tag_array_without_palette_or_version_is_refused():
-    with pytest.raises(SegmentationError, match="cannot name its family") as caught:
-        filter_frame({"boxes": [CAR]}, street_tags())
-    assert caught.value.kind == "family_not_named"
+@pytest.mark.parametrize(
+    ("frame", "segmentation", "kind", "words"),
+    [
+        (annotation(CAR), None, "image_size_unknown", "found none of them"),
+        ({"boxes": [CAR]}, street_tags(), "family_not_named", "cannot name its family"),
+    ],
+)
+def test_frame_without_image_size_or_family_of_its_tags_is_refused(
+    frame, segmentation, kind, words
+):
+    with pytest.raises((ImageSizeMismatch, SegmentationError), match=words) as caught:
+        filter_frame(frame, segmentation)
+    assert caught.value.kind == kind
 
 
 def test_contradicting_palettes_raise_error_naming_both_sources():
@@ -186,14 +179,9 @@ def test_contradicting_palettes_raise_error_naming_both_sources():
 
 
 def test_3d_box_decision_has_rectangles_edges_and_distance():
-    camera = {"width": 80, "height": 60, "fov": 90, "transform": {}}
-    box3d = {
-        "transform": {"x": 10, "y": 0, "z": 0, "pitch": 0, "yaw": 0, "roll": 0},
-        "location": {"x": 0, "y": 0, "z": 0},
-        "extent": {"x": 2, "y": 1, "z": 1},
-        "rotation": {"pitch": 0, "yaw": 0, "roll": 0},
-    }
-    camera["transform"] = dict.fromkeys(("x", "y", "z", "pitch", "yaw", "roll"), 0)
+    origin = dict.fromkeys(("x", "y", "z", "pitch", "yaw", "roll"), 0)
+    camera = {"width": 80, "height": 60, "fov": 90, "transform": origin}
+    box3d = {"transform": {**origin, "x": 10}, "extent": {"x": 2, "y": 1, "z": 1}}
 
     boxes = [{"class": "car", "box3d": box3d}]
     result = filter_frame(annotation(*boxes, camera=camera), street_tags())
@@ -206,10 +194,6 @@ def test_3d_box_decision_has_rectangles_edges_and_distance():
     assert geometry.xyxy.tolist() == [[35, 25, 45, 35]]
     assert geometry.distance.tolist() == [pytest.approx(10)]
     assert (geometry.vertices.min(), geometry.vertices.max()) == (-1, 12)
-
-
-def test_a_frame_without_boxes_has_no_decisions():
-    assert filter_frame(annotation(), street_tags()).decisions == []
 
 
 @pytest.mark.parametrize("form", ["raw", "colours", "no segmentation"])

@@ -67,7 +67,12 @@ def foreign(tmp_path: Path) -> ForeignFolder:
 
 @pytest.mark.parametrize(
     ("program", "words"),
-    [(STARTING, ["forkserver"]), (STARTING, ["spawn"]), (RUNNING, [])],
+    [
+        (STARTING, ["forkserver"]),
+        (STARTING, ["spawn"]),
+        (RUNNING, []),
+        (PRELOADING, []),  # forked ones have the modules of every caller
+    ],
 )
 def test_started_processes_search_where_their_parent_does_and_nowhere_else(
     foreign, tmp_path, program, words
@@ -90,19 +95,3 @@ def test_started_processes_search_where_their_parent_does_and_nowhere_else(
 
     assert ended.returncode == 0, ended.stderr
     assert foreign.names_run() == set()
-
-
-def test_forked_processes_have_the_modules_of_every_caller(tmp_path):
-    script = tmp_path / "program.py"
-    script.write_text(PRELOADING, "utf-8")
-
-    ended = subprocess.run(
-        [sys.executable, str(script)],
-        env={"PYTHONPATH": str(CHECKOUT)},
-        capture_output=True,
-        check=False,
-        text=True,
-        timeout=PATIENCE_S,
-    )
-
-    assert ended.returncode == 0, ended.stderr

@@ -57,16 +57,18 @@ def tagged_frame(folder, key, family, *tags, raw=False, version=None, order="rgb
     return FrameSource(key, annotation, segmentation=folder / f"{key}.png")
 
 
-CAR_OF = {
-    "carla-0.9.0": "Vehicle",
-    "carla-0.9.10": "Vehicle",
-    "carla-0.9.14": "Car",
-    "paper-table1": "Car and Truck",
-}
+CAR_OF = {"carla-0.9.14": "Car", "paper-table1": "Car and Truck"}
+CAR_OF |= dict.fromkeys(("carla-0.9.0", "carla-0.9.10"), "Vehicle")
 
 
-def as_set(frames):
-    return FrameSet("manifest", lambda: iter(frames))
+def outcomes_of(shown, frames):
+    """The outcomes of frames of a recording that shows this."""
+    frame_set = FrameSet("manifest", lambda: iter(frames))
+    return list(filter_source(shown.of(frame_set), FilterConfig()))
+
+
+def palettes_of(shown, frames):
+    return [one.palette for one in outcomes_of(shown, frames)]
 
 
 def test_one_family_of_tags_is_told_by_all_images_of_a_recording(tmp_path):
@@ -81,19 +83,17 @@ def test_one_family_of_tags_is_told_by_all_images_of_a_recording(tmp_path):
     assert alone["a"]["code"] == "ambiguous_palette"
 
     shown = recognise_recording(frames, config)
-    outcomes = list(filter_source(shown.of(as_set(frames)), config))
+    outcomes = outcomes_of(shown, frames)
 
     assert shown.keys == {"palette": "carla-0.9.10"}
     assert shown.notes == (
         "tags of carla-0.9.10: told by 1 of the 3 segmentations that were looked at",
     )
     assert [one.palette for one in outcomes] == ["carla-0.9.10"] * 3
-    verdicts = [one.decisions[0]["verdict"] for one in outcomes if one.decisions]
-    assert verdicts == ["kept"] * 3
+    decisions = [one.decisions[0] for one in outcomes if one.decisions]
+    assert [one["verdict"] for one in decisions] == ["kept"] * 3
     # The user's configuration stays the one that the decisions name.
-    assert {one.decisions[0]["config"] for one in outcomes if one.decisions} == {
-        config.digest
-    }
+    assert {one["config"] for one in decisions} == {config.digest}
 
 
 def test_family_that_raw_tags_of_one_frame_prove_is_that_of_all(tmp_path):
@@ -103,46 +103,37 @@ def test_family_that_raw_tags_of_one_frame_prove_is_that_of_all(tmp_path):
     ]
 
     shown = recognise_recording(frames, FilterConfig())
-    outcomes = list(filter_source(shown.of(as_set(frames)), FilterConfig()))
 
     assert shown.keys == {"palette": "carla-0.9.14"}
     assert [bool(one.error) for one in filter_source(frames, FilterConfig())] == [1, 0]
-    assert [one.palette for one in outcomes] == ["carla-0.9.14"] * 2
+    assert palettes_of(shown, frames) == ["carla-0.9.14"] * 2
 
 
 def test_images_that_prove_several_families_are_an_error_that_names_two(tmp_path):
+    old, new = "carla-0.9.10", "carla-0.9.14"
     frames = [
-        tagged_frame(tmp_path, "first", "carla-0.9.14", "Terrain"),
-        tagged_frame(tmp_path, "none", "carla-0.9.14"),
-        tagged_frame(tmp_path, "last", "carla-0.9.10", "Terrain"),
+        tagged_frame(tmp_path, "first", new, "Terrain"),
+        tagged_frame(tmp_path, "none", new),
+        tagged_frame(tmp_path, "last", old, "Terrain"),
     ]
 
     with pytest.raises(LayoutError) as refused:
         recognise_recording(frames, FilterConfig())
 
     assert refused.value.kind == "several_families"
-    assert "first is of carla-0.9.14, last is of carla-0.9.10" in str(refused.value)
+    assert f"first is of {new}, last is of {old}" in str(refused.value)
     # Who names the palette, or the version of a frame, is not asked.
-    named = FilterConfig(palette="carla-0.9.14")
-    assert recognise_recording(frames, named).keys == {}
-    frames[2] = tagged_frame(
-        tmp_path, "last", "carla-0.9.10", "Terrain", version="0.9.12"
-    )
+    assert recognise_recording(frames, FilterConfig(palette=new)).keys == {}
+    frames[2] = tagged_frame(tmp_path, "last", old, "Terrain", version="0.9.12")
     shown = recognise_recording(frames, FilterConfig())
-    outcomes = list(filter_source(shown.of(as_set(frames)), FilterConfig()))
-    assert [one.palette for one in outcomes] == [
-        "carla-0.9.14",
-        "carla-0.9.14",
-        "carla-0.9.10",
-    ]
+    assert palettes_of(shown, frames) == [new, new, old]
 
 
 def test_frame_that_contradicts_the_other_images_is_refused_and_says_so(tmp_path):
     frames = [tagged_frame(tmp_path, "a", "carla-0.9.14", "Terrain")]
     late = tagged_frame(tmp_path, "z", "carla-0.9.10", "Terrain")
-    shown = recognise_recording(frames, FilterConfig())
 
-    (outcome,) = filter_source(shown.of(as_set([late])), FilterConfig())
+    (outcome,) = outcomes_of(recognise_recording(frames, FilterConfig()), [late])
 
     assert outcome.error
     assert outcome.error["detail"].startswith(
@@ -159,29 +150,23 @@ def test_colours_that_no_image_tells_leave_each_frame_to_itself(tmp_path):
 
 
 def test_table_of_the_paper_is_told_only_if_no_version_of_carla_is(tmp_path):
-    mixed = [
-        tagged_frame(tmp_path, "a", "paper-table1", "Fence", "Bus"),
-        tagged_frame(tmp_path, "b", "carla-0.9.14", "Terrain"),
-    ]
+    paper = tagged_frame(tmp_path, "a", "paper-table1", "Fence", "Bus")
+    carla = tagged_frame(tmp_path, "b", "carla-0.9.14", "Terrain")
 
-    assert recognise_recording(mixed[:1], FilterConfig()).keys == {
-        "palette": "paper-table1"
-    }
-    assert recognise_recording(mixed, FilterConfig()).keys == {
-        "palette": "carla-0.9.14"
-    }
+    for frames, family in (([paper], "paper-table1"), ([paper, carla], "carla-0.9.14")):
+        shown = recognise_recording(frames, FilterConfig())
+        assert shown.keys == {"palette": family}
 
 
 def test_swapped_channels_that_one_image_tells_are_those_of_all(tmp_path):
     frames = [
-        tagged_frame(tmp_path, "a", "carla-0.9.14", "Terrain", order="bgr"),
-        tagged_frame(tmp_path, "b", "carla-0.9.14", "Sky", order="bgr"),
+        tagged_frame(tmp_path, tag, "carla-0.9.14", tag, order="bgr")
+        for tag in ("Terrain", "Sky")
     ]
 
-    assert recognise_recording(frames, FilterConfig()).keys == {
-        "palette": "carla-0.9.14",
-        "channel_order": "bgr",
-    }
+    shown = recognise_recording(frames, FilterConfig())
+
+    assert shown.keys == {"palette": "carla-0.9.14", "channel_order": "bgr"}
 
 
 def test_few_images_of_many_are_looked_at_unless_they_tell_nothing(tmp_path):

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import product, repeat
-from math import inf
 from typing import Any, NamedTuple
 
 import pytest
@@ -137,17 +136,16 @@ def decision_rows(draw, published: bool) -> list[Row]:
     return rows
 
 
+REASONS = [
+    (int(Reason.VISIBLE),),
+    (int(Reason.BELOW_THRESHOLD), int(Reason.OUTSIDE_IMAGE)),
+    tuple(int(each) for each in Reason if each.verdict is Verdict.REJECTED),
+    (0,),
+]
 FILTERS = st.fixed_dictionaries(
     {},
     optional={
-        "reasons": st.sampled_from(
-            [
-                (int(Reason.VISIBLE),),
-                (int(Reason.BELOW_THRESHOLD), int(Reason.OUTSIDE_IMAGE)),
-                tuple(int(each) for each in Reason if each.verdict is Verdict.REJECTED),
-                (0,),
-            ]
-        ),
+        "reasons": st.sampled_from(REASONS),
         "class_ids": st.sampled_from([(1,), (2,), (1, 2), ()]),
         "review": st.sampled_from(["undecided", "decided", "keep", "none", "any"]),
         "effective": st.sampled_from(Verdict),
@@ -172,13 +170,6 @@ REVIEWS = {
 def effective(row: Row) -> Verdict:
     answers = {"keep": Verdict.KEPT, "reject": Verdict.REJECTED}
     return answers.get(row.review or "", row.reason.verdict)
-
-
-def margin(row: Row, thresholds: list[Limits]) -> float:
-    threshold = row.threshold(thresholds)
-    if threshold is None or row.match is None:
-        return inf
-    return abs(row.match - threshold)
 
 
 def selected(row: Row, wanted: dict[str, Any], thresholds) -> bool:
@@ -253,18 +244,12 @@ def store_decisions(session: Session, rows: list[Row]) -> None:
 def stored_thresholds(thresholds: list[Limits], published: bool):
     """The same thresholds as the service has them: of a configuration's classes."""
     names = [f"class {number}" for number in range(1, 1 + len(thresholds))]
-    config = FilterConfig.from_mapping(
-        {
-            "profile": "carlasimu" if published else "paper",
-            "classes": {
-                name: {
-                    "threshold_small_box": each.small,
-                    "threshold_big_box": each.large,
-                }
-                for name, each in zip(names, thresholds, strict=True)
-            },
-        }
-    )
+    classes = {
+        name: {"threshold_small_box": each.small, "threshold_big_box": each.large}
+        for name, each in zip(names, thresholds, strict=True)
+    }
+    profile = "carlasimu" if published else "paper"
+    config = FilterConfig.from_mapping({"profile": profile, "classes": classes})
     return class_thresholds(config, {name: at for at, name in enumerate(names, 1)})
 
 
@@ -296,9 +281,8 @@ def test_pages_list_all_boxes_of_the_filter_in_order(
     thresholds = PUBLISHED if published else PAPER
     rows = data.draw(decision_rows(published))
     store_decisions(session, rows)
-    query = BoxFilter(
-        DATASET, thresholds=stored_thresholds(thresholds, published), **wanted
-    )
+    limits_of = stored_thresholds(thresholds, published)
+    query = BoxFilter(DATASET, thresholds=limits_of, **wanted)
 
     found = read_all_pages(session, query, order, limits, rare)
 
@@ -340,9 +324,8 @@ def test_dataset_of_many_classes_is_listed_in_the_same_order(
             columns = large, toss_up, len(rows) % 9 - 2, answer
             rows.append(Row(at, class_id, reason, match, crowding, *columns))
     store_decisions(session, rows)
-    query = BoxFilter(
-        DATASET, thresholds=stored_thresholds(thresholds, published=False), **wanted
-    )
+    limits_of = stored_thresholds(thresholds, published=False)
+    query = BoxFilter(DATASET, thresholds=limits_of, **wanted)
 
     found = read_all_pages(session, query, order, repeat(400), rare=1)
 

@@ -29,7 +29,6 @@ from app.measuring.evidence import (
 from filter_core.evidence_numbers import N_TAGS, ChannelNumbers, Evidence, NumberColumn
 
 SCALARS = [name for name in NUMBERS.columns if name not in ("class_id", "xyxy")]
-LIMITS = {"state": (0, 3), "accept_mask": (0, 2**30), "measured": (False, True)}
 CLASSES = ("car", "truck", "walker")
 RECTANGLES = st.one_of(
     st.none(), st.tuples(*[st.floats(-1e9, 1e9, allow_nan=False)] * 4)
@@ -134,13 +133,11 @@ def test_record_of_unknown_length_raises_value_error(length):
         layout.read([bytes(length)], [1])
 
 
-@given(
-    arrays.arrays(
-        np.int32,
-        st.tuples(st.integers(0, 5), st.just(N_TAGS)),
-        elements=st.sampled_from([0, 0, 0, 1, 70_000, 64_000_000]),
-    )
-)
+PIXELS = st.sampled_from([0, 0, 0, 1, 70_000, 64_000_000])
+SHAPES = st.tuples(st.integers(0, 5), st.just(N_TAGS))
+
+
+@given(arrays.arrays(np.int32, SHAPES, elements=PIXELS))
 def test_tag_histograms_round_trip(counts):
     back = unpack_tag_counts(pack_tag_counts(counts), len(counts))
 
@@ -149,38 +146,24 @@ def test_tag_histograms_round_trip(counts):
 
 @given(st.lists(st.integers(0, 4), max_size=4), st.randoms(use_true_random=False))
 def test_histograms_of_chosen_boxes_are_returned_in_the_given_order(sizes, random):
-    frames = [
-        np.array(
-            [[random.choice((0, 0, 7)) for _ in range(N_TAGS)] for _ in range(size)],
-            np.int32,
-        ).reshape(size, N_TAGS)
-        for size in sizes
-    ]
-    chosen = random.sample(range(sum(sizes)), random.randint(0, sum(sizes)))
+    frames = []
+    for size in sizes:
+        counts = [random.choice((0, 0, 7)) for _ in range(size * N_TAGS)]
+        frames.append(np.array(counts, np.int32).reshape(size, N_TAGS))
+    drawn = random.sample(range(sum(sizes)), random.randint(0, sum(sizes)))
+    chosen = np.array(drawn, np.int64)
 
-    back = unpack_chosen_tag_counts(
-        [pack_tag_counts(frame) for frame in frames], sizes, np.array(chosen, np.int64)
-    )
+    back = unpack_chosen_tag_counts(list(map(pack_tag_counts, frames)), sizes, chosen)
 
     together = np.concatenate([np.empty((0, N_TAGS), np.int32), *frames])
-    np.testing.assert_array_equal(back, together[np.array(chosen, np.int64)])
+    np.testing.assert_array_equal(back, together[chosen])
 
 
-@given(
-    st.lists(
-        st.one_of(
-            st.none(),
-            st.builds(
-                Geometry,
-                RECTANGLES,
-                RECTANGLES,
-                arrays.arrays(np.float32, st.tuples(st.integers(0, 12), st.just(4))),
-            ),
-        ),
-        max_size=5,
-    ),
-    st.booleans(),
-)
+LINES = arrays.arrays(np.float32, st.tuples(st.integers(0, 12), st.just(4)))
+GEOMETRIES = st.builds(Geometry, RECTANGLES, RECTANGLES, LINES)
+
+
+@given(st.lists(st.one_of(st.none(), GEOMETRIES), max_size=5), st.booleans())
 def test_geometry_round_trips(boxes, backwards):
     packed, places = pack_geometry(boxes), range(len(boxes))[:: -1 if backwards else 2]
     back = unpack_geometry(packed, len(boxes))

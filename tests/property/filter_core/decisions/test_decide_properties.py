@@ -16,27 +16,35 @@ from filter_core.verdicts import Reason
 from tests.support.evidence import ACCEPTS_CAR, evidence_of
 
 NAMES = ("car", "van", "traffic_light")
-PERCENT = st.sampled_from([0, 0.1, 2, 10, 33.3, 50, 70, 99.9, 100])
-METRES = st.sampled_from([None, 0, 5, 50.5, 100])
+PERCENTAGES = [0, 0.1, 2, 10, 33.3, 50, 70, 99.9, 100]
+PERCENT = st.sampled_from(PERCENTAGES)
+METRES = st.sampled_from([None, None, 50.5, 100])
 Z95 = 1.959963984540054
 
 
 @st.composite
 def boxes(draw):
-    pixels = draw(st.integers(1, 5000))
-    matched = draw(st.integers(0, pixels))
-    unknown = draw(st.one_of(st.just(0), st.integers(0, pixels - matched)))
+    """Two hundred boxes, most of which a threshold decides, and some exactly at it."""
+    random = draw(st.randoms(use_true_random=True))
+    return [random_box(random) for _ in range(200)]
+
+
+def random_box(random):
+    pixels = random.choice([40, 100, 1000, 1000, 5000])
+    percent = random.choice([*PERCENTAGES, random.uniform(0, 100)])
+    matched = round(percent * pixels / 100)
+    unknown = random.choice([0, 0, 0, random.randint(0, pixels - matched)])
     return {
-        "class_index": draw(st.integers(0, len(NAMES) - 1)),
-        "state": draw(st.sampled_from([0, 0, 0, *BoxState])),
-        "accept_mask": draw(st.sampled_from([ACCEPTS_CAR, ACCEPTS_CAR, 0])),
-        "measured": draw(st.sampled_from([True, True, False])),
+        "class_index": random.randrange(len(NAMES)),
+        "state": random.choice([0] * 20 + [*BoxState]),
+        "accept_mask": random.choice([ACCEPTS_CAR] * 9 + [0]),
+        "measured": random.random() < 0.9,
         "box_pixels": pixels,
         "matched_pixels": matched,
         "unknown_pixels": unknown,
         "match_percent": 100 * matched / pixels,
-        "area_percent": draw(PERCENT),
-        "distance": draw(st.sampled_from([math.nan, 0, 5, 50.5, 100, 101])),
+        "area_percent": random.choice(PERCENTAGES),
+        "distance": random.choice([math.nan, 0, 5, 50.5, 100, 101]),
     }
 
 
@@ -46,15 +54,8 @@ def thresholds(draw, keys):
     return {key: draw(kinds.get(key, PERCENT)) for key in draw(st.sets(keys))}
 
 
-NUMBERS = st.sampled_from(
-    [
-        "threshold_small_box",
-        "size_big_box",
-        "threshold_big_box",
-        "min_visible_pixels",
-        "max_distance",
-    ]
-)
+SHARES = ["threshold_small_box", "size_big_box", "threshold_big_box"]
+NUMBERS = st.sampled_from([*SHARES, "min_visible_pixels", "max_distance"])
 
 
 @st.composite
@@ -152,8 +153,9 @@ def wilson_interval(share, pixels):
     return centre - half, centre + half
 
 
-@given(st.lists(boxes(), min_size=1, max_size=40), configs())
+@given(boxes(), configs())
 def test_decide_equals_the_slow_definition(given_boxes, config):
+    """A toss-up is a threshold within the Wilson interval of the match."""
     decisions = decide(evidence_of(given_boxes, NAMES), config)
 
     for index, box in enumerate(given_boxes):
@@ -161,23 +163,17 @@ def test_decide_equals_the_slow_definition(given_boxes, config):
         assert decisions.reason[index] == reason
         if threshold is None:
             assert np.isnan(decisions.threshold[index])
-        else:
-            assert decisions.threshold[index] == threshold
-            assert decisions.margin[index] == box["match_percent"] - threshold
-
-
-@given(st.lists(boxes(), min_size=1, max_size=40), configs())
-def test_toss_up_is_a_threshold_within_the_wilson_interval(given_boxes, config):
-    decisions = decide(evidence_of(given_boxes, NAMES), config)
-
-    for index, box in enumerate(given_boxes):
-        threshold = decisions.threshold[index] / 100
-        if np.isnan(threshold):
             continue
+        assert decisions.threshold[index] == threshold
+        assert decisions.margin[index] == box["match_percent"] - threshold
         share = box["matched_pixels"] / box["box_pixels"]
         low, high = wilson_interval(share, box["box_pixels"])
-        if min(abs(threshold - low), abs(threshold - high)) > 1e-9:
-            assert decisions.toss_up[index] == (low <= threshold <= high)
+        published, area = config.profile == "carlasimu", box["area_percent"]
+        size = config.limits_of(NAMES[box["class_index"]]).size_big_box
+        assert decisions.large[index] == (area > size or (published and area == size))
+        limit = threshold / 100
+        if min(abs(limit - low), abs(limit - high)) > 1e-9:
+            assert decisions.toss_up[index] == (low <= limit <= high)
 
 
 @given(configs())

@@ -193,39 +193,29 @@ def test_depth_interval_is_unchanged_if_camera_and_box_move_together(
     np.testing.assert_allclose(first, second, atol=1e-6)
 
 
-@given(
-    hnp.arrays(
-        np.float64, (8, 2), elements=st.floats(-4, 16).map(lambda v: round(v, 2))
-    )
+hull_points = hnp.arrays(
+    np.float64, (8, 2), elements=st.floats(-4, 16).map(lambda v: round(v, 2))
 )
-def test_touched_pixels_contain_every_point_of_the_hull(points):
-    (mask,) = touched_pixels([points], np.array([[0, 0, *WH]]))
+
+
+@given(hull_points)
+def test_touched_and_centred_pixels_are_those_of_the_hull(points):
+    (touched,) = touched_pixels([points], np.array([[0, 0, *WH]]))
+    (centred,) = centred_pixels([points], np.array([[0, 0, *WH]]))
 
     shares = np.random.default_rng(0).dirichlet(np.full(8, 0.4), 400)
     inside = shares @ points
     # OpenCV computes hulls in 32 bits, which is not exact next to a pixel's edge.
     clear = (np.abs(inside - np.round(inside)) > 1e-4).all(axis=1)
     seen = clear & ((inside >= 0) & (inside < WH)).all(axis=1)
-    assert all(mask[y, x] for x, y in np.floor(inside[seen]).astype(int))
-
-
-@given(
-    hnp.arrays(
-        np.float64, (8, 2), elements=st.floats(-4, 16).map(lambda v: round(v, 2))
-    )
-)
-def test_centred_pixels_are_those_whose_centre_lies_in_the_hull(points):
-    (mask,) = centred_pixels([points], np.array([[0, 0, *WH]]))
-    (touched,) = touched_pixels([points], np.array([[0, 0, *WH]]))
-
+    assert all(touched[y, x] for x, y in np.floor(inside[seen]).astype(int))
+    assert not (centred & ~touched).any()
     hull: Any = cv2.convexHull(points.astype(np.float32))
     assume(hull is not None)
-    for y, x in np.ndindex(mask.shape):
+    for y, x in np.ndindex(centred.shape):
         depth = cv2.pointPolygonTest(hull, (x + 0.5, y + 0.5), measureDist=True)
-        # OpenCV's 32 bits are not exact next to the edge.
         if abs(depth) > 1e-4:
-            assert mask[y, x] == (depth > 0)
-    assert not (mask & ~touched).any()
+            assert centred[y, x] == (depth > 0)
 
 
 @st.composite

@@ -156,18 +156,22 @@ def pixels(rectangles, wh=WH):
     return pixel_bounds(corrected, wh).tolist()
 
 
+def check_pixels_after_reading_again(name, rectangles):
+    boxes = [box(number, xyxy) for number, xyxy in enumerate(rectangles)]
+    with tempfile.TemporaryDirectory() as folder:
+        source = write_exported_files(Path(folder), export(name, [frame("a", *boxes)]))
+        ((_, found),) = read_labels(source).values()
+
+    assert pixels(found) == pixels(rectangles)
+
+
 @pytest.mark.parametrize("name", READ_AND_WRITTEN)
 @SLOW
 @given(rectangles=WHOLE)
 def test_whole_rectangles_have_the_same_pixels_when_they_are_read_again(
     name, rectangles
 ):
-    boxes = [box(number, xyxy) for number, xyxy in enumerate(rectangles)]
-    with tempfile.TemporaryDirectory() as folder:
-        files = export(name, [frame("a", *boxes)])
-        ((_, found),) = read_labels(write_exported_files(Path(folder), files)).values()
-
-    assert pixels(found) == pixels(rectangles)
+    check_pixels_after_reading_again(name, rectangles)
 
 
 @pytest.mark.parametrize("name", ["yolo", "coco", "manifest"])

@@ -33,7 +33,6 @@ from unghost.cli.sources import outgoing
 from unghost.client.client import Client
 from unghost.wire.words import ExportFormat
 
-WH = (80, 60)
 SEGMENTATION = png(painted(street_tags(), "carla-0.9.14"))
 PICTURES = {
     ".png": png(np.full((60, 80, 3), (90, 120, 60), np.uint8)),

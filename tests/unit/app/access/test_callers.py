@@ -26,12 +26,9 @@ def recent(monkeypatch):
     return recent
 
 
-def test_only_a_remembered_credential_is_found(recent):
+def test_only_a_remembered_credential_is_found_for_a_second(recent, monkeypatch):
     assert recent.find("token x") == ADA
     assert recent.find("session x") is None
-
-
-def test_remembered_caller_expires_after_a_second(recent, monkeypatch):
     monkeypatch.setattr(time, "monotonic", lambda: NOW + callers.REMEMBERED_S)
 
     assert recent.find("token x") is None

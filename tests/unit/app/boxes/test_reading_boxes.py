@@ -94,24 +94,19 @@ def test_box_is_described_equally_singly_in_a_list_and_with_its_frame(street):
     assert framed == sorted(listed, key=lambda box: box["box_id"])
 
 
-def test_box_and_neighbours_are_read_with_one_statement_per_table(street):
+def test_box_and_frame_are_read_with_one_statement_per_table(street):
     box_id = street.box_ids()[5]
+    frame_id = frame_id_of_box(street, box_id)
 
-    statements = statements_run_by(street, lambda session: read_box(session, box_id))
-
-    assert count_selects_from("evidence", statements) == 1
-    assert count_selects_from("decisions", statements) == 1
-
-
-def test_describe_frame_reads_each_table_once(street):
-    frame_id = frame_id_of_box(street, street.box_ids()[0])
-
-    statements = statements_run_by(
+    of_box = statements_run_by(street, lambda session: read_box(session, box_id))
+    of_frame = statements_run_by(
         street, lambda session: describe_frame(session, frame_id)
     )
 
+    for table in ("evidence", "decisions"):
+        assert count_selects_from(table, of_box) == 1, table
     for table in ("evidence", "frame_files", "decisions", "reviews"):
-        assert count_selects_from(table, statements) == 1, table
+        assert count_selects_from(table, of_frame) == 1, table
 
 
 def test_crop_and_overlay_do_not_read_reviews(street):

@@ -142,20 +142,16 @@ def stored(request, engine):
         yield StoredDecisions(session, request.param)
 
 
-@pytest.mark.parametrize("margin", [0.0, 0.5, 5.0, 60.0])
-def test_boxes_within_a_margin_are_the_same_in_sql_and_on_columns(stored, margin):
-    wanted = BoxFilter(DATASET, thresholds=stored.thresholds, margin_max=margin)
-    chosen = selected(stored.numbers, stored.config, wanted)
-    rows = select(Decision.box_id).where(*wanted.conditions())
-
-    by_columns = stored.ids[chosen].tolist()
-
-    assert sorted(stored.session.scalars(rows)) == by_columns
-
-
-@pytest.mark.parametrize("bin_", Bin)
-def test_boxes_of_a_bin_are_the_same_in_sql_and_on_columns(stored, bin_):
-    wanted = BoxFilter(DATASET, thresholds=stored.thresholds, bin=bin_)
+@pytest.mark.parametrize(
+    "selection",
+    [
+        *({"margin_max": margin} for margin in (0.0, 0.5, 5.0, 60.0)),
+        *({"bin": bin_} for bin_ in Bin),
+    ],
+    ids=str,
+)
+def test_selected_boxes_are_the_same_in_sql_and_on_columns(stored, selection):
+    wanted = BoxFilter(DATASET, thresholds=stored.thresholds, **selection)
     chosen = selected(stored.numbers, stored.config, wanted)
     rows = select(Decision.box_id).where(*wanted.conditions())
 

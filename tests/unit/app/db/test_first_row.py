@@ -22,11 +22,8 @@ def engine(tmp_path):
     engine.dispose()
 
 
-def test_first_row_returns_the_values_of_the_driver(engine):
+def test_first_row_returns_the_values_of_the_driver_or_none(engine):
     assert first_row(engine, DOUBLED, number=21) == (42, "two")
-
-
-def test_first_row_returns_none_if_nothing_is_found(engine):
     assert first_row(engine, DOUBLED.where(literal(1) == 0), number=1) is None
 
 

@@ -60,13 +60,9 @@ def test_terminated_connection_is_transient_and_statement_error_is_not(
         with engine.connect() as connection, pytest.raises(SQLAlchemyError) as raised:
             connection.execute(text(statement))
         engine.dispose()
+    nowhere = make_engine("postgresql+psycopg://postgres@127.0.0.1:1/nothing")
+    with pytest.raises(SQLAlchemyError) as unreachable:
+        nowhere.connect()
 
     assert is_transient(raised.value) is passes
-
-
-def test_unreachable_server_is_transient():
-    engine = make_engine("postgresql+psycopg://postgres@127.0.0.1:1/nothing")
-    with pytest.raises(SQLAlchemyError) as raised:
-        engine.connect()
-
-    assert is_transient(raised.value)
+    assert is_transient(unreachable.value)

@@ -40,20 +40,13 @@ def fill(street):
     street.review(street.box_ids()[0], "reject", at=ANSWERED_AT)
 
 
-def request_unstarted_export(street, form="yolo"):
-    """Request an export that is not started by the service; returns its id."""
-    wanted = ExportRequest(form, {}, "ada")
+def request_unstarted_export(street):
+    """Request an export that is not started by the service; returns its job."""
+    request = ExportRequest("yolo", {}, "ada")
     with street.context.database.write() as session:
         dataset = street.row(session)
-        return request_export(street.idle_context, session, dataset, wanted).id
-
-
-def job_of(export_id):
-    return Job("export", export_id)
-
-
-def make_export(context, export_id):
-    drive_job(context, job_of(export_id))
+        export = request_export(street.idle_context, session, dataset, request)
+        return Job("export", export.id)
 
 
 def wait_for_queued_jobs(street):
@@ -64,49 +57,35 @@ def wait_for_queued_jobs(street):
     assert over.wait(60)
 
 
-def export_of(street, export_id):
+def export_of(street, job):
     with street.context.database.read() as session:
-        return job_with_id(session, Export, export_id)
+        return job_with_id(session, Export, job.id)
 
 
 def temporary_files(street):
     return list(street.context.storage.temporary_folder().iterdir())
 
 
+def export_frames(street, session, needs):
+    context, dataset = street.context, street.row(session)
+    return ExportFrames(context.storage.read, session, dataset, needs, context.drawers)
+
+
 @pytest.mark.parametrize("form", EXPORT_FORMATS)
 def test_format_declares_all_data_that_it_needs(street, form):
     with street.context.database.read() as session:
-        dataset = street.row(session)
-        classes = tuple(DatasetRepository(session).classes(dataset.id))
-        written = [
-            files_of(
-                form,
-                ExportFrames(
-                    street.context.storage.read,
-                    session,
-                    dataset,
-                    needs,
-                    street.context.drawers,
-                ),
-                classes,
-            )
+        classes = tuple(DatasetRepository(session).classes(street.id))
+        declared, all_data = (
+            files_of(form, export_frames(street, session, needs), classes)
             for needs in (FORMATS[form].needs, get_args(Need))
-        ]
+        )
 
-    assert written[0] == written[1]
+    assert declared == all_data
 
 
 def test_label_columns_equal_the_complete_decisions(street):
     with street.context.database.read() as session:
-        frames = list(
-            ExportFrames(
-                street.context.storage.read,
-                session,
-                street.row(session),
-                ["decisions"],
-                street.context.drawers,
-            )
-        )
+        frames = list(export_frames(street, session, ["decisions"]))
 
     for frame in frames:
         boxes, whole = frame.boxes, frame.decisions
@@ -152,30 +131,30 @@ def files_of(form, frames, classes):
 
 
 def test_interrupted_export_leaves_no_files_and_can_be_resumed(street):
-    export_id, engine = request_unstarted_export(street), street.context.engine
-    engine.interrupt(job_of(export_id))
+    job, engine = request_unstarted_export(street), street.context.engine
+    engine.interrupt(job)
 
-    make_export(street.context, export_id)
-    interrupted = export_of(street, export_id)
+    drive_job(street.context, job)
+    interrupted = export_of(street, job)
     left = temporary_files(street)
-    engine.clear_cancel(job_of(export_id))
-    make_export(street.context, export_id)
+    engine.clear_cancel(job)
+    drive_job(street.context, job)
 
     assert (interrupted.state, interrupted.done, left) == ("running", 0, [])
-    finished = export_of(street, export_id)
+    finished = export_of(street, job)
     assert (finished.state, finished.done, finished.total) == ("done", 3, 3)
 
 
 def test_export_cancelled_while_it_is_written_stays_cancelled(street):
-    export_id = request_unstarted_export(street)
+    job = request_unstarted_export(street)
     with street.context.database.write() as session:
-        job_with_id(session, Export, export_id).state = "running"
+        job_with_id(session, Export, job.id).state = "running"
         session.flush()
-        start(street.context, [job_of(export_id)])
-        cancel(street.context, session, EXPORTS, export_id)
+        start(street.context, [job])
+        cancel(street.context, session, EXPORTS, job.id)
     wait_for_queued_jobs(street)
 
-    export = export_of(street, export_id)
+    export = export_of(street, job)
     assert (export.state, export.sha256) == ("cancelled", None)
     assert export.finished_at is not None
     assert temporary_files(street) == []
@@ -183,45 +162,43 @@ def test_export_cancelled_while_it_is_written_stays_cancelled(street):
 
 
 def test_export_interrupted_by_a_crash_is_rewritten(street):
-    export_id = request_unstarted_export(street)
-    half = street.context.storage.temporary_folder() / f"export-{export_id}"
+    job = request_unstarted_export(street)
+    half = street.context.storage.temporary_folder() / f"export-{job.id}"
     half.mkdir()
     (half / "export.zip").write_bytes(b"PK half of it")
     with street.context.database.write() as session:
-        job_with_id(session, Export, export_id).state = "running"
+        job_with_id(session, Export, job.id).state = "running"
 
-    make_export(street.context, export_id)
+    drive_job(street.context, job)
 
-    export = export_of(street, export_id)
+    export = export_of(street, job)
     content = street.context.storage.read(export.sha256)
-    assert (export.state, content[:2], len(content)) == (
-        *("done", b"PK"),
-        export.size_bytes,
-    )
+    assert (export.state, content[:2]) == ("done", b"PK")
+    assert len(content) == export.size_bytes
     assert temporary_files(street) == []
 
 
 def test_export_of_a_deleted_dataset_logs_no_error(street, caplog):
-    export_id = request_unstarted_export(street)
+    job = request_unstarted_export(street)
     with street.context.database.write() as session:
         remove_dataset(street.context, session, street.name, street.name)
 
     with caplog.at_level(logging.ERROR):
-        make_export(street.context, export_id)
+        drive_job(street.context, job)
 
     assert caplog.records == []
 
 
 def test_export_with_invalid_options_fails_once_with_an_error(street):
-    export_id = request_unstarted_export(street)
+    job = request_unstarted_export(street)
     with street.context.database.write() as session:
-        job_with_id(session, Export, export_id).options = {"split": 7}
+        job_with_id(session, Export, job.id).options = {"split": 7}
 
-    make_export(street.context, export_id)
-    failed = export_of(street, export_id)
-    make_export(street.context, export_id)
+    drive_job(street.context, job)
+    failed = export_of(street, job)
+    drive_job(street.context, job)
 
-    export = export_of(street, export_id)
+    export = export_of(street, job)
     assert export.state == "failed"
     assert export.error is not None
     assert "split" in export.error["detail"]

@@ -55,16 +55,32 @@ def test_archives_of_tarfile_are_read_in_pieces_of_any_size(members, form, data)
     assert read(archive, *cuts) == [Member(*one) for one in members]
 
 
-def test_folders_are_skipped_and_a_leading_dot_is_removed():
-    data = header("./", kind=tarfile.DIRTYPE) + header("a/", kind=tarfile.DIRTYPE)
-
-    assert read(data + header("./a/b.json") + END) == [Member("a/b.json", b"")]
+LONG_NAME = "a" * 99 + "/b"
+TOO_LARGE = header("a", 10_001) + bytes(10_001 + 239)
 
 
-def test_too_large_member_is_skipped_without_its_content():
-    data = header("a", 10_001) + bytes(10_001 + 239) + header("b") + END
-
-    assert read(data) == [Member("a", None), Member("b", b"")]
+@pytest.mark.parametrize(
+    ("archive", "members"),
+    [
+        pytest.param(
+            header("./", kind=tarfile.DIRTYPE) + header("./a/b.json") + END,
+            [Member("a/b.json", b"")],
+            id="folders are skipped and a leading dot is removed",
+        ),
+        pytest.param(
+            TOO_LARGE + header("b") + END,
+            [Member("a", None), Member("b", b"")],
+            id="a too large member is skipped without its content",
+        ),
+        pytest.param(
+            tar_archive([(LONG_NAME, b"1")], tarfile.GNU_FORMAT),
+            [Member(LONG_NAME, b"1")],
+            id="a long name that is split after a slash is that of a file",
+        ),
+    ],
+)
+def test_unusual_members_are_read(archive, members):
+    assert read(archive) == members
 
 
 @pytest.mark.parametrize(
@@ -156,12 +172,6 @@ def test_valid_encodings_of_a_member_size_are_read(field, size):
     data = header_with_size(field) + content + bytes(-size % 512) + END
 
     assert read(data) == [Member("a", content)]
-
-
-def test_long_name_split_after_a_slash_is_a_file():
-    name = "a" * 99 + "/b"
-
-    assert read(tar_archive([(name, b"1")], tarfile.GNU_FORMAT)) == [Member(name, b"1")]
 
 
 def seconds_of(data):

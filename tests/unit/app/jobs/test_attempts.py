@@ -14,7 +14,7 @@ from sqlalchemy import event, exc, select
 from app.db.base import utc_now
 from app.db.tables import Chunk, Frame, Run
 from app.engine.children import PixelPool
-from app.engine.chunk import DONE, RETURNED, JobStopped
+from app.engine.chunk import DONE, JobStopped
 from app.engine.local import LocalEngine
 from app.jobs.attempts import MOST_ATTEMPTS, Attempt
 from app.jobs.chunks import FINAL_STEP, ChunkRepository, PlannedChunk
@@ -137,26 +137,11 @@ def test_frame_that_killed_processes_is_quarantined_and_no_other(street):
     assert (run.done, len(measured(street, run))) == (FRAMES - 1, FRAMES - 1)
     (chunk,) = remaining_rows(street, Chunk, run)
     assert (chunk.state, chunk.attempts, chunk.frames) == ("quarantined", 3, 1)
-    check_run_is_complete(street, run_of(street, rerun(street)))
+    again = street.run(FROM_PIXELS)
+    check_run_is_complete(street, run_of(street, again.id))
 
 
-def rerun(street):
-    return street.run(FROM_PIXELS).id
-
-
-def test_consecutive_killing_frames_are_quarantined_together(street):
-    run_id = request_run_with_attempts(
-        street, (0, 0, MOST_ATTEMPTS), (1, 5, MOST_ATTEMPTS), (6, 11, 0)
-    )
-
-    run = drive_run(street, run_id)
-
-    assert run.error is not None
-    assert run.error["detail"].startswith("frames '00', '01' to '05' crashed")
-    assert run.done == FRAMES - 6
-
-
-def test_consecutive_frames_are_those_of_one_dataset(services):
+def test_consecutive_killing_frames_are_quarantined_together(services):
     """Frames of another dataset, stored at the same time, have the ids in between."""
     street, other = services.dataset(), services.dataset()
     for number in range(FRAMES):
@@ -168,8 +153,13 @@ def test_consecutive_frames_are_those_of_one_dataset(services):
 
     run = drive_run(street, run_id)
 
+    assert detail_of(run).startswith("frames '00', '01' to '05' crashed")
+    assert run.done == FRAMES - 6
+
+
+def detail_of(run):
     assert run.error is not None
-    assert run.error["detail"].startswith("frames '00', '01' to '05' crashed")
+    return run.error["detail"]
 
 
 def test_measured_frame_separates_killing_frames(street):
@@ -184,8 +174,7 @@ def test_measured_frame_separates_killing_frames(street):
 
     run = drive_run(street, run_id)
 
-    assert run.error is not None
-    assert run.error["detail"].startswith("frames '00', '03' crashed the process")
+    assert detail_of(run).startswith("frames '00', '03' crashed the process")
 
 
 def test_unreadable_frame_does_not_separate_killing_frames(street):
@@ -198,17 +187,12 @@ def test_unreadable_frame_does_not_separate_killing_frames(street):
 
     run = drive_run(street, run_id)
 
-    assert run.error is not None
-    assert run.error["detail"].startswith("frames '00', '02' to '05' crashed")
-    assert run.error["detail"].endswith("frame '01' cannot be read: it is so")
+    assert detail_of(run).startswith("frames '00', '02' to '05' crashed")
+    assert detail_of(run).endswith("frame '01' cannot be read: it is so")
 
 
-def run_with_unreadable_frame(services):
-    """A run whose first frame cannot be read, and that is processed frame by frame.
-
-    Returns its dataset, its id, the id of that frame, and a `look` for `ObservedEngine`
-    that stops the engine when the second frame begins.
-    """
+def test_unreadable_frame_is_not_counted_as_killing_its_process(services):
+    """It is put into quarantine before the next frame is measured and kills it."""
     street = services.dataset()
     put_large(street, "00")
     for number in range(1, FRAMES):
@@ -221,44 +205,23 @@ def run_with_unreadable_frame(services):
             engine.stopping.set()
             raise JobStopped(run_job(run_id))
 
-    return street, run_id, large, stop
-
-
-def test_unreadable_frame_is_not_counted_as_killing_its_process(services):
-    """The unreadable frame is first, and refused before the next ends the process."""
-    street, run_id, large, stop = run_with_unreadable_frame(services)
-
     with closing(PixelPool(1, memory_bytes=16 * 2**20)) as pixels:
         drive_run(street, run_id, stop, pixels=pixels)
+        chunks = {
+            chunk.state: (chunk.first_frame_id, chunk.frames, chunk.attempts)
+            for chunk in remaining_rows(street, Chunk, run_of(street, run_id))
+        }
+        assert chunks["quarantined"][:2] == (large, 1)
+        assert chunks["waiting"] == (large + 1, FRAMES - 1, 0)
         with street.context.database.write() as session:
             chunk = session.get_one(Chunk, ("run", run_id, 1))
-            assert (chunk.first_frame_id, chunk.frames) == (large + 1, FRAMES - 1)
             chunk.attempts = MOST_ATTEMPTS
         run = drive_run(street, run_id, pixels=pixels)
 
-    assert run.error is not None
-    assert run.error["detail"].startswith("frame '01' crashed the process that worked")
-    assert "; frame '00' cannot be read: " in run.error["detail"]
+    detail = detail_of(run)
+    assert detail.startswith("frame '01' crashed the process that worked")
+    assert "; frame '00' cannot be read: " in detail
     assert run.done == FRAMES - 2
-
-
-def test_unreadable_frame_is_quarantined_before_the_next_is_measured(services):
-    """So the unreadable frame is not taken for the cause if the next one kills it."""
-    street, run_id, large, stop = run_with_unreadable_frame(services)
-
-    with (
-        closing(PixelPool(1, memory_bytes=16 * 2**20)) as pixels,
-        context_with_engine(street, ObservedEngine(stop)) as context,
-    ):
-        outcome = work_on_chunk(replace(context, pixels=pixels), "run", run_id, 1)
-
-    assert outcome == RETURNED
-    chunks = {
-        chunk.state: (chunk.first_frame_id, chunk.frames, chunk.attempts)
-        for chunk in remaining_rows(street, Chunk, run_of(street, run_id))
-    }
-    assert chunks["quarantined"][:2] == (large, 1)
-    assert chunks["waiting"] == (large + 1, FRAMES - 1, 0)
 
 
 def test_unreadable_last_frame_is_quarantined_when_measured_singly(services):
@@ -271,8 +234,7 @@ def test_unreadable_last_frame_is_quarantined_when_measured_singly(services):
     with closing(PixelPool(1, memory_bytes=16 * 2**20)) as pixels:
         run = drive_run(street, run_id, pixels=pixels)
 
-    assert run.error is not None
-    assert run.error["detail"].startswith("frame 'last' cannot be read: ")
+    assert detail_of(run).startswith("frame 'last' cannot be read: ")
     assert (run.state, run.done) == ("failed", FRAMES - 1)
 
 
@@ -355,10 +317,9 @@ def test_decision_attempt_is_stored_before_it_begins(street):
 
 def test_decision_that_killed_processes_fails_as_quarantined(street):
     before = street.reasons()
+    run_id = request_run_with_decision_attempts(street, MOST_ATTEMPTS)
 
-    run = drive_decision(
-        street, request_run_with_decision_attempts(street, MOST_ATTEMPTS)
-    )
+    run = drive_decision(street, run_id)
 
     assert run.state == "failed"
     assert run.error == {
@@ -367,21 +328,12 @@ def test_decision_that_killed_processes_fails_as_quarantined(street):
         "the log of the process may show the cause",
     }
     assert street.reasons() == before
-    assert street.run(NOTHING_VISIBLE).state == "done"
-
-
-def test_quarantined_decision_is_not_withdrawn(street):
-    """It stays on record, also if a cancellation comes too late."""
-    run = drive_decision(
-        street, request_run_with_decision_attempts(street, MOST_ATTEMPTS)
-    )
-
+    # It stays on record, also if a cancellation comes too late.
     with street.context.database.write() as session:
-        ChunkRepository(session).withdraw_final_step(run_job(run.id))
-
-    assert [chunk.state for chunk in remaining_rows(street, Chunk, run)] == [
-        "quarantined"
-    ]
+        ChunkRepository(session).withdraw_final_step(run_job(run_id))
+    chunks = remaining_rows(street, Chunk, run)
+    assert [chunk.state for chunk in chunks] == ["quarantined"]
+    assert street.run(NOTHING_VISIBLE).state == "done"
 
 
 def test_decision_interrupted_by_shutdown_is_not_counted_as_an_attempt(street):

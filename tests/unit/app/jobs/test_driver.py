@@ -70,11 +70,11 @@ def test_chunk_that_kills_its_worker_is_quarantined_and_no_other(street):
     assert run.error["code"] == "quarantined"
     # First its first frame, after three deaths, and after three more all behind it.
     assert "frames '03', '04' to '05' crashed" in run.error["detail"]
-    chunks = remaining_rows(street, Chunk, run)
-    found = {
-        chunk.number: (chunk.state, chunk.frames, chunk.attempts) for chunk in chunks
+    chunks = {
+        chunk.number: (chunk.state, chunk.frames, chunk.attempts)
+        for chunk in remaining_rows(street, Chunk, run)
     }
-    assert found == {
+    assert chunks == {
         5: ("quarantined", 1, MOST_ATTEMPTS),
         2: ("quarantined", 2, MOST_ATTEMPTS),
     }
@@ -110,15 +110,6 @@ def test_returned_chunk_is_retried_without_other_chunks(street):
     check_run_is_complete(street, run)
     beside = [beside for number, beside in engine.begun if number == 2]
     assert beside[2:] == [{2}]
-
-
-def test_new_run_measures_quarantined_frames(street):
-    failed = run_with(street, CrashingEngine(2))
-
-    run = run_with(street, SmallChunks())
-
-    assert failed.state == "failed"
-    check_run_is_complete(street, run)
 
 
 def test_chunk_that_is_worked_on_twice_counts_once(street):
@@ -194,16 +185,12 @@ def test_worker_of_another_installation_fails_the_run(street):
     assert (run.state, run.error["code"]) == ("failed", "worker_elsewhere")
 
 
-def test_chunk_of_a_finished_run_is_unwanted(street):
+def test_chunk_of_a_finished_run_is_unwanted_and_one_without_a_database_returned(
+    street,
+):
     run = street.run({"threshold_small_box": 99})
+    nowhere = Database("postgresql+psycopg://postgres@127.0.0.1:1/nowhere")
+    away = replace(street.context, database=nowhere)
 
     assert work_on_chunk(street.context, "run", run.id, 1) == "unwanted"
-
-
-def test_worker_without_a_database_returns_its_chunk(street):
-    nowhere = Database("postgresql+psycopg://postgres@127.0.0.1:1/nowhere")
-    asked = ("run", 1, 1)
-
-    outcome = work_in_worker(replace(street.context, database=nowhere), asked, "one")
-
-    assert outcome == RETURNED
+    assert work_in_worker(away, ("run", 1, 1), "one") == RETURNED

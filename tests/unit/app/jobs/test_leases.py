@@ -182,37 +182,29 @@ def test_job_left_unfinished_by_its_driver_is_abandoned_immediately(services, wr
 
 
 @pytest.mark.parametrize("ahead", [timedelta(hours=1), timedelta(hours=-1)])
-def test_job_without_a_driver_is_abandoned_whatever_its_creation_time(
+def test_job_without_a_driver_is_abandoned_some_time_after_it_was_driven(
     services, write, ahead
 ):
+    """Its creation time, by the clock of another machine, does not matter."""
     now = [100.0]
     watch = Watchdog(services.context, clock=lambda: now[0])
     run_id = services.dataset().request({})
+    job = run_job(run_id)
     with write() as session:
         job_with_id(session, Run, run_id).created_at += ahead
 
-    seen = []
-    for seconds in (0, UNDRIVEN_FOR_S - 1, 2):
-        now[0] += seconds
-        seen.append(run_job(run_id) in watch.abandoned())
+    def are_abandoned():
+        for seconds in (0, UNDRIVEN_FOR_S - 1, 2):
+            now[0] += seconds
+            yield job in watch.abandoned()
 
-    assert seen == [False, False, True]
-
-
-def test_waiting_time_restarts_after_a_job_was_driven(services, write):
-    now = [100.0]
-    watch = Watchdog(services.context, clock=lambda: now[0])
-    run_id = services.dataset().request({})
-    watch.abandoned()
-    now[0] += UNDRIVEN_FOR_S
-
+    assert list(are_abandoned()) == [False, False, True]
     with write() as session:
-        give_lease(session, run_job(run_id), HOLDER_ELSEWHERE)
-    driven = watch.abandoned()
+        give_lease(session, job, HOLDER_ELSEWHERE)
+    assert job not in watch.abandoned()
     with write() as session:
-        delete_lease(session, run_job(run_id))
-
-    assert run_job(run_id) not in driven + watch.abandoned()
+        delete_lease(session, job)
+    assert list(are_abandoned()) == [False, False, True]
 
 
 def test_leases_of_dead_processes_are_deleted_with_their_jobs(services, write):
@@ -232,14 +224,14 @@ def test_leases_of_dead_processes_are_deleted_with_their_jobs(services, write):
 
 
 def test_process_has_ended_only_for_processes_that_ended():
-    assert this_process() != this_process()
-    assert not process_has_ended(this_process())
-    assert process_has_ended(ended_process())
-    assert not process_has_ended(HOLDER_ELSEWHERE)
-    assert not process_has_ended("nonsense")
-
-
-def test_reused_process_id_counts_as_an_ended_process():
     machine, pid, started, rest = this_process().split("/")
+    with_reused_id = "/".join((machine, pid, str(int(started) - 1), rest))
 
-    assert process_has_ended("/".join((machine, pid, str(int(started) - 1), rest)))
+    ended = [
+        process_has_ended(process)
+        for process in (ended_process(), with_reused_id, this_process(), "nonsense")
+    ]
+
+    assert ended == [True, True, False, False]
+    assert not process_has_ended(HOLDER_ELSEWHERE)
+    assert this_process() != this_process()

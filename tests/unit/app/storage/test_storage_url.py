@@ -42,28 +42,25 @@ def test_invalid_storage_setting_is_refused(text):
 
 
 @pytest.mark.parametrize(
-    "address",
+    ("address", "allow_http"),
     [
-        "https://s3.lab.example",
-        "https://10.0.0.7:9000",
-        "http://127.0.0.1:9000",
-        "http://[::1]:9000",
-        "http://localhost:9000/",
+        ("https://s3.lab.example", False),
+        ("https://10.0.0.7:9000", False),
+        ("http://127.0.0.1:9000", False),
+        ("http://[::1]:9000", False),
+        ("http://localhost:9000/", False),
+        ("http://10.0.0.7:9000", True),
     ],
 )
-def test_endpoint_with_tls_or_on_this_machine_is_accepted(address):
-    settings = Settings(storage_endpoint=address)
+def test_endpoint_with_tls_or_on_this_machine_or_as_allowed_is_accepted(
+    address, allow_http
+):
+    settings = Settings(storage_endpoint=address, storage_allow_http=allow_http)
 
     assert settings.storage_endpoint == address.rstrip("/")
-
-
-def test_remote_endpoint_without_tls_needs_allow_http():
-    address = "http://10.0.0.7:9000"
-
-    with pytest.raises(ValidationError, match="UNGHOST_STORAGE_ALLOW_HTTP"):
-        Settings(storage_endpoint=address)
-    chosen = Settings(storage_endpoint=address, storage_allow_http=True)
-    assert chosen.storage_endpoint == address
+    if allow_http:
+        with pytest.raises(ValidationError, match="UNGHOST_STORAGE_ALLOW_HTTP"):
+            Settings(storage_endpoint=address)
 
 
 @pytest.mark.parametrize(

@@ -103,6 +103,8 @@ def test_missing_several_or_invalid_geometries_are_reported(box, pointer, code, 
         ({"instance_id": True}, "not_an_integer", "expected an integer, found true"),
         ({"instance_id": -1}, "out_of_range",
          "expected an integer from 0 to 2^63 - 1, found -1"),
+        ({"class": None}, "missing_class",
+         "expected a class or a type_id, found neither"),
         ({"class": 7}, "not_a_text", "expected a text, found 7"),
         ({"class": " "}, "empty", 'expected a text that is not empty, found " "'),
         ({"class": "x" * 257}, "text_too_long",
@@ -125,13 +127,6 @@ def test_invalid_box_field_is_reported_with_its_pointer(keys, code, words):
     found = box_faults({"xyxy": [1, 2, 3, 4], **keys})
 
     assert found == [(f"/{field}", code, f", {field}: {words}")]
-
-
-def test_box_without_class_and_type_id_is_a_fault():
-    found = box_faults({"class": None, "xyxy": [1, 2, 3, 4]})
-
-    words = ", class: expected a class or a type_id, found neither"
-    assert found == [("/class", "missing_class", words)]
 
 
 @pytest.mark.parametrize(
@@ -164,14 +159,9 @@ def test_duplicate_box_id_is_a_fault(again):
         "id: expected an id that occurs once in the frame, "
         'found "217" again, after box 0'
     )
-
-
-def test_default_id_equal_to_another_box_id_is_a_fault():
-    box = {"class": "car", "xyxy": [1, 2, 3, 4]}
-
-    found = faults_of({"boxes": [{**box, "id": "1"}, box]})
-
-    assert [fault[:2] for fault in found] == [("/boxes/1/id", "duplicate_id")]
+    # The id of a box without one is its index.
+    by_default = faults_of({"boxes": [{**box, "id": "1"}, box]})
+    assert [fault[:2] for fault in by_default] == [("/boxes/1/id", "duplicate_id")]
 
 
 def test_long_text_is_truncated_in_the_message():

@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from filter_core.annotation.frame import BoxAnnotation, FrameAnnotation, frame_boxes_2d
+from filter_core.annotation.frame import frame_boxes_2d
 from filter_core.annotation.parsing import parse_annotation
 from filter_core.errors import AnnotationError, ImageSizeMismatch
 from filter_core.evidence_numbers import BoxState
 from filter_core.geometry.boxes import correct_xyxy
 
 WH = (1280, 720)
-CAMERA = {
-    "width": 1280,
-    "height": 720,
-    "fov": 90,
-    "transform": {"x": 0, "y": 0, "z": 0},
-}
+ORIGIN = {"x": 0, "y": 0, "z": 0}
+CAMERA = {"width": 1280, "height": 720, "fov": 90, "transform": ORIGIN}
 FLAT = {"class": "car", "xywh": [10, 20, 30, 40]}
 
 
@@ -100,11 +98,8 @@ def test_distance_is_given_or_computed_from_3d_box_or_nan():
 def test_a_frame_without_boxes_has_empty_arrays():
     found = geometry_of()
 
-    assert (len(found), found.xyxy.shape, found.vertices.shape) == (
-        0,
-        (0, 4),
-        (0, 8, 3),
-    )
+    assert len(found) == 0
+    assert (found.xyxy.shape, found.vertices.shape) == ((0, 4), (0, 8, 3))
 
 
 def test_image_size_different_from_camera_is_refused():
@@ -116,20 +111,10 @@ def test_image_size_different_from_camera_is_refused():
 
 
 def test_3d_box_without_camera_raises_annotation_error():
-    box = BoxAnnotation(
-        id="7",
-        index=0,
-        class_name="car",
-        type_id=None,
-        base_type=None,
-        form="box3d",
-        values=(0.0,) * 15,
-        distance=None,
-        instance_id=None,
-        raw={},
-    )
+    box = {**make_3d_box(10), "id": "7"}
+    annotation = parse_annotation({"boxes": [box], "camera": CAMERA})
 
     with pytest.raises(
         AnnotationError, match=r'box 0 \(id "7"\), box3d: expected a cam'
     ):
-        frame_boxes_2d(FrameAnnotation(boxes=(box,)), WH)
+        frame_boxes_2d(replace(annotation, camera=None), WH)

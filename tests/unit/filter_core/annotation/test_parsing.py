@@ -48,18 +48,14 @@ EXAMPLE = frame(
 )
 
 
-def test_frame_fields_of_example_annotation_are_parsed():
+def test_example_annotation_is_parsed():
     read = parse_annotation(EXAMPLE)
 
     assert (read.carla_version, read.map) == ("0.9.15", "Town10HD")
     assert read.captured_at == EXAMPLE["captured_at"]
     assert read.raw == EXAMPLE
     assert read.camera_wh == (1280, 720)
-
-
-def test_boxes_of_example_annotation_are_parsed():
-    boxes = parse_annotation(EXAMPLE).boxes
-
+    boxes = read.boxes
     assert [box.id for box in boxes] == ["217", "218", "219", "220"]
     assert [box.class_name for box in boxes] == ["car", None, "van", "walker"]
     assert [box.distance for box in boxes] == [12.5, None, None, None]
@@ -96,16 +92,11 @@ def test_box_id_becomes_text_and_null_id_becomes_the_index(given, expected):
 
 
 def test_null_values_are_treated_as_missing():
-    box = parse_one_box(
-        id=None, type_id=None, distance=None, instance_id=None, extra=None
-    )
+    keys = ("id", "type_id", "distance", "instance_id", "extra")
+    box = parse_one_box(**dict.fromkeys(keys))
 
-    assert (box.id, box.type_id, box.distance, box.instance_id) == (
-        "0",
-        None,
-        None,
-        None,
-    )
+    assert (box.id, box.type_id) == ("0", None)
+    assert (box.distance, box.instance_id) == (None, None)
     everything = ("camera", "map", "weather", "sensors", "captured_at", "carla_version")
     read = parse_annotation(frame(car(), **dict.fromkeys(everything)))
     assert (read.camera, read.map, read.sensors) == (None, None, {})
@@ -121,18 +112,18 @@ def test_unknown_keys_are_kept_as_given():
     assert read.boxes[0].raw == given
 
 
-def test_negative_zero_and_integral_floats_are_accepted():
-    assert parse_one_box(xyxy=[-0.0, 0, 1e9, -1e9]).values == (0.0, 0.0, 1e9, -1e9)
+@pytest.mark.parametrize(
+    ("xyxy", "values"),
+    [
+        ([-0.0, 0, 1e9, -1e9], (0.0, 0.0, 1e9, -1e9)),
+        (np.array([1, 2, 3, 4], dtype=np.float32), (1, 2, 3, 4)),
+        ((1, np.int64(2), 3, 4), (1, 2, 3, 4)),
+    ],
+)
+def test_numbers_may_be_of_python_or_numpy(xyxy, values):
+    assert parse_one_box(xyxy=xyxy).values == values
     assert parse_one_box(distance=-0.0).distance == 0
-
-
-def test_numpy_numbers_and_arrays_are_accepted():
-    box = parse_one_box(
-        xyxy=np.array([1, 2, 3, 4], dtype=np.float32), distance=np.float32(2)
-    )
-
-    assert (box.values, box.distance) == ((1, 2, 3, 4), 2)
-    assert parse_one_box(xyxy=(1, np.int64(2), 3, 4)).values == (1, 2, 3, 4)
+    assert parse_one_box(distance=np.float32(2)).distance == 2
 
 
 def test_vertices_may_be_lists_objects_or_arrays():
@@ -145,23 +136,20 @@ def test_vertices_may_be_lists_objects_or_arrays():
 
 
 @pytest.mark.parametrize(
-    "box3d",
+    ("box3d", "numbers"),
     [
-        {"transform": {"x": 1, "y": 2, "z": 3, "pitch": 4, "yaw": 5, "roll": 6},
-         "location": {"x": 7, "y": 8, "z": 9}, "extent": {"x": 10, "y": 11, "z": 12},
-         "rotation": {"pitch": 13, "yaw": 14, "roll": 15}},
-        {"transform": {"location": [1, 2, 3], "rotation": [4, 5, 6]},
-         "location": [7, 8, 9], "extent": [10, 11, 12], "rotation": [13, 14, 15]},
+        ({"transform": {"x": 1, "y": 2, "z": 3, "pitch": 4, "yaw": 5, "roll": 6},
+          "location": {"x": 7, "y": 8, "z": 9}, "extent": {"x": 10, "y": 11, "z": 12},
+          "rotation": {"pitch": 13, "yaw": 14, "roll": 15}}, range(1, 16)),
+        ({"transform": {"location": [1, 2, 3], "rotation": [4, 5, 6]},
+          "location": [7, 8, 9], "extent": [10, 11, 12], "rotation": [13, 14, 15]},
+         range(1, 16)),
+        ({"location": [7, 8, 9], "extent": [1, 2, 0]},
+         (0,) * 6 + (7, 8, 9, 1, 2, 0) + (0,) * 3),
     ],
 )  # fmt: skip
-def test_box3d_in_carla_notation_is_parsed_to_15_numbers(box3d):
-    assert geometry("box3d", box3d) == ("box3d", tuple(range(1, 16)))
-
-
-def test_box3d_without_transform_and_rotation_defaults_to_zero():
-    form, values = geometry("box3d", {"location": [7, 8, 9], "extent": [1, 2, 0]})
-
-    assert (form, values) == ("box3d", (0,) * 6 + (7, 8, 9, 1, 2, 0) + (0,) * 3)
+def test_box3d_in_carla_notation_is_parsed_to_15_numbers(box3d, numbers):
+    assert geometry("box3d", box3d) == ("box3d", tuple(numbers))
 
 
 @pytest.mark.parametrize(
@@ -184,16 +172,14 @@ def test_equivalent_camera_notations_are_parsed_equally(camera):
     np.testing.assert_allclose(read.intrinsic[0], [640, 0, 640])
 
 
-def test_camera_without_pose_still_gives_the_image_size():
-    read = parse_annotation(frame(car(), camera={"width": 1280, "height": 720}))
+def test_camera_may_lack_a_pose_and_sensors_have_their_own():
+    lidar = {"transform": POSE, "channels": 64}
+    camera = {"width": 1280, "height": 720}
+    sensors = {"lidar": lidar, "radar": {}}
+
+    read = parse_annotation(frame(car(), camera=camera, sensors=sensors))
 
     assert (read.camera, read.camera_wh) == (None, (1280, 720))
-
-
-def test_sensors_have_their_own_transform():
-    lidar = {"transform": POSE, "channels": 64}
-    read = parse_annotation(frame(sensors={"lidar": lidar, "radar": {}}))
-
     assert read.sensors == {"lidar": Transform((0, 0, 2.4)), "radar": None}
 
 

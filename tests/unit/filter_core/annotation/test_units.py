@@ -24,9 +24,9 @@ SHARES = [186 / WIDTH, 180 / HEIGHT, 260 / WIDTH, 223 / HEIGHT]
 PERCENT = [100 * share for share in SHARES]
 
 
-def decide(*boxes, profile="paper"):
+def decide(*boxes, **settings):
     """Decisions of boxes given as (form, values), in an image of one car."""
-    config = FilterConfig(profile=profile)
+    config = FilterConfig(**settings)
     annotation = {
         "carla_version": "0.9.15",
         "boxes": [{"class": "car", form: values} for form, values in boxes],
@@ -37,7 +37,7 @@ def decide(*boxes, profile="paper"):
 def faults(*boxes):
     """(code, pointer) of each fault, and the text of all."""
     with pytest.raises(AnnotationErrors) as caught:
-        decide(*boxes)
+        decide(*boxes, profile="paper")
     errors = caught.value.errors
     return [(one.kind, one.pointer) for one in errors], str(errors[0])
 
@@ -96,27 +96,19 @@ def test_wrong_boxes_among_right_ones_are_named():
     ],
 )
 def test_rectangles_that_may_be_meant_are_decided(box, reason):
-    config = FilterConfig(threshold_small_box=1, threshold_big_box=1)
-    annotation = {
-        "carla_version": "0.9.15",
-        "boxes": [{"class": "car", box[0]: box[1]}],
-    }
-
-    (decision,) = filter_frame(annotation, TAGS, config).decisions
+    (decision,) = decide(box, threshold_small_box=1, threshold_big_box=1)
 
     assert decision["reason"] == reason
 
 
-def test_rest_of_a_box_in_the_first_pixel_is_in_pixels_beside_others():
-    first, _ = decide(("xyxy", [0, 0, 0.6, 0.4]), ("xyxy", CORNERS))
+def test_what_may_be_meant_depends_on_other_boxes_and_on_the_profile():
+    # The rest of a box in the first pixel: that it is in pixels, the other box shows.
+    boxes = ("xyxy", [0, 0, 0.6, 0.4]), ("xyxy", CORNERS)
+    first, _ = decide(*boxes, profile="paper")
+    (exchanged,) = decide(("xyxy", [260, 223, 186, 180]), profile="carlasimu")
 
     assert first["reason"] == "no_visible_pixels"
-
-
-def test_profile_of_the_published_code_takes_numbers_as_they_are():
-    (decision,) = decide(("xyxy", [260, 223, 186, 180]), profile="carlasimu")
-
-    assert decision["reason"] == "degenerate"
+    assert exchanged["reason"] == "degenerate"
 
 
 CLASSES = {"classes.txt": b"car\n"}
@@ -154,12 +146,8 @@ def coco(bbox):
     ],
 )  # fmt: skip
 def test_wrong_unit_is_refused_in_every_format(tmp_path, name, content, code):
-    images = {
-        "labels": "images",
-        "annotations.json": "images",
-        "Annotations": "JPEGImages",
-        "label_2": "image_2",
-    }[name.split("/")[0]]
+    folders = {"Annotations": "JPEGImages", "label_2": "image_2"}
+    images = folders.get(name.split("/")[0], "images")
     image = png(np.zeros((HEIGHT, WIDTH, 3), np.uint8))
     files = {name: content, f"{images}/1.png": image, **CLASSES}
     source = read_source(write_files(tmp_path, files))

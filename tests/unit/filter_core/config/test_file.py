@@ -41,18 +41,11 @@ def test_empty_file_gives_the_default_configuration(text):
 
 def test_filter_config_keys_load_from_yaml_and_json():
     yaml = "threshold_small_box: 5\nclasses:\n  van: {accept: [Truck, Car]}\n"
-    json = (
-        '{"classes": {"van": {"accept": ["Car", "Truck"]}}, "threshold_small_box": 5}'
-    )
+    classes = '{"van": {"accept": ["Car", "Truck"]}}'
+    json = f'\n{{\n\t"classes": {classes}, "threshold_small_box": 0.5e1}}'
 
     assert load_config(yaml).config == load_config(json.encode()).config
     assert load_config(yaml).unused_keys == ()
-
-
-def test_json_with_tabs_and_exponents_is_loaded():
-    loaded = load_config('\n{\n\t"threshold_small_box": 2.5e1\n}')
-
-    assert loaded.config == FilterConfig(threshold_small_box=25)
 
 
 def test_carlasimu_config_file_loads_and_lists_unused_keys():
@@ -85,13 +78,6 @@ def test_filter_false_in_carlasimu_config_leaves_every_class_as_it_came():
 
     for name in ("car", "walker", "street_light"):
         assert config.limits_by_class((name,)).passed.all()
-    with pytest.raises(ConfigError, match="expected true or false, found 3"):
-        load_config("sitting: {cam_rgb: {filter: 3}}")
-
-
-def test_out_of_range_number_in_carlasimu_config_is_refused():
-    with pytest.raises(ConfigError, match="threshold_small_box: expected a number"):
-        load_config("sitting: {threshold_small_box: 120}")
 
 
 @pytest.mark.parametrize(
@@ -151,6 +137,11 @@ def test_another_file_of_carlasimu_is_refused(text, found):
         ("sitting: 3", "expected one root key 'sitting'"),
         ("sitting: {}\nprofile: paper", "found 'sitting', 'profile'"),
         ("--- {}\n--- {}", "another document"),
+        ("sitting: {cam_rgb: {filter: 3}}", "expected true or false, found 3"),
+        (
+            "sitting: {threshold_small_box: 120}",
+            "threshold_small_box: expected a number",
+        ),
     ],
 )
 def test_invalid_configuration_file_is_refused(text, words):

@@ -19,12 +19,8 @@ from filter_core.evidence_numbers import N_TAGS
 from filter_core.segmentation.palettes import FAMILIES
 from filter_core.verdicts import HiddenBy, Reason
 
-VEGETATION: HiddenBy = {
-    "tag": 9,
-    "name": "Vegetation",
-    "rgb": [107, 142, 35],
-    "percent": 71.2,
-}
+COLOR = [107, 142, 35]
+VEGETATION: HiddenBy = {"tag": 9, "name": "Vegetation", "rgb": COLOR, "percent": 71.2}
 
 
 CHANNEL_OF: dict[Reason, ChannelName] = {
@@ -37,109 +33,44 @@ CHANNEL_OF: dict[Reason, ChannelName] = {
 
 
 @pytest.mark.parametrize(
-    ("box", "sentence"),
+    ("reason", "numbers", "sentence"),
     [
-        (
-            ExplainedBox(
-                Reason.BELOW_THRESHOLD,
-                "car",
-                match_percent=4.1,
-                threshold=10,
-                accepted=("Car",),
-                hidden_by=[VEGETATION],
-            ),
-            "rejected: 4.1 % of its pixels are Car, 10 % are needed; "
-            "Vegetation covers 71 %",
-        ),
-        (
-            ExplainedBox(
-                Reason.VISIBLE, "car", match_percent=74, threshold=10, accepted=("Car",)
-            ),
-            "kept: 74 % of its pixels are Car, 10 % are needed",
-        ),
-        (
-            ExplainedBox(
-                Reason.LARGE_BELOW_THRESHOLD,
-                "van",
-                match_percent=41,
-                threshold=50,
-                area_percent=83,
-                large=True,
-                accepted=("Car", "Truck"),
-            ),
-            "rejected: it covers 83 % of the image and 41 % of its pixels are "
-            "Car or Truck, 50 % are needed",
-        ),
-        (
-            ExplainedBox(
-                Reason.BELOW_THRESHOLD,
-                "car",
-                match_percent=10,
-                threshold=10,
-                accepted=("Car",),
-                as_carlasimu=True,
-            ),
-            "rejected: 10 % of its pixels are Car, more than 10 % are needed",
-        ),
-        (  # an ignore mask covers all of the box
-            ExplainedBox(
-                Reason.BELOW_THRESHOLD, "car", threshold=10, accepted=("Car",)
-            ),
-            "rejected: none of its pixels count",
-        ),
-        (
-            ExplainedBox(
-                Reason.NO_VISIBLE_PIXELS,
-                "car",
-                matched_pixels=0,
-                accepted=("Car",),
-                hidden_by=[VEGETATION],
-            ),
-            "rejected: none of its pixels are Car; Vegetation covers 71 %",
-        ),
-        (
-            ExplainedBox(
-                Reason.NO_VISIBLE_PIXELS,
-                "car",
-                matched_pixels=1,
-                pixels_needed=5,
-                accepted=("Car",),
-            ),
-            "rejected: only 1 of its pixels is Car, 5 are needed",
-        ),
-        (
-            ExplainedBox(
-                Reason.OUT_OF_RANGE,
-                "car",
-                distance=312.4,
-                limits=ClassLimits(max_distance=200),
-            ),
-            "rejected: it is 312 m away, at most 200 m are allowed",
-        ),
-        (
-            ExplainedBox(
-                Reason.OUT_OF_RANGE,
-                "car",
-                distance=4.996,
-                limits=ClassLimits(min_distance=5),
-            ),
-            "rejected: it is 4.996 m away, at least 5 m are needed",
-        ),
-        (
-            ExplainedBox(Reason.UNMAPPED_CLASS, "bike"),
-            "unmeasured: no tag is accepted for the class 'bike'",
-        ),
-        (
-            ExplainedBox(Reason.NO_SEGMENTATION, "car"),
-            "unmeasured: there is no segmentation to measure with",
-        ),
-        (
-            ExplainedBox(Reason.OUTSIDE_IMAGE, "car"),
-            "rejected: the box lies outside the image",
-        ),
+        (Reason.BELOW_THRESHOLD,
+         {"match_percent": 4.1, "threshold": 10, "hidden_by": [VEGETATION]},
+         "rejected: 4.1 % of its pixels are Car, 10 % are needed; "
+         "Vegetation covers 71 %"),
+        (Reason.VISIBLE, {"match_percent": 74, "threshold": 10},
+         "kept: 74 % of its pixels are Car, 10 % are needed"),
+        (Reason.LARGE_BELOW_THRESHOLD,
+         {"match_percent": 41, "threshold": 50, "area_percent": 83, "large": True},
+         "rejected: it covers 83 % of the image and 41 % of its pixels are Car, "
+         "50 % are needed"),
+        (Reason.BELOW_THRESHOLD,
+         {"match_percent": 10, "threshold": 10, "as_carlasimu": True},
+         "rejected: 10 % of its pixels are Car, more than 10 % are needed"),
+        # An ignore mask covers all of the box.
+        (Reason.BELOW_THRESHOLD, {"threshold": 10},
+         "rejected: none of its pixels count"),
+        (Reason.NO_VISIBLE_PIXELS, {"matched_pixels": 0, "hidden_by": [VEGETATION]},
+         "rejected: none of its pixels are Car; Vegetation covers 71 %"),
+        (Reason.NO_VISIBLE_PIXELS, {"matched_pixels": 1, "pixels_needed": 5},
+         "rejected: only 1 of its pixels is Car, 5 are needed"),
+        (Reason.OUT_OF_RANGE,
+         {"distance": 312.4, "limits": ClassLimits(max_distance=200)},
+         "rejected: it is 312 m away, at most 200 m are allowed"),
+        (Reason.OUT_OF_RANGE,
+         {"distance": 4.996, "limits": ClassLimits(min_distance=5)},
+         "rejected: it is 4.996 m away, at least 5 m are needed"),
+        (Reason.UNMAPPED_CLASS, {},
+         "unmeasured: no tag is accepted for the class 'car'"),
+        (Reason.NO_SEGMENTATION, {},
+         "unmeasured: there is no segmentation to measure with"),
+        (Reason.OUTSIDE_IMAGE, {}, "rejected: the box lies outside the image"),
     ],
-)
-def test_explain_returns_the_sentence_of_a_decision(box, sentence):
+)  # fmt: skip
+def test_explain_returns_the_sentence_of_a_decision(reason, numbers, sentence):
+    box = ExplainedBox(reason, "car", accepted=("Car",), **numbers)
+
     assert explain(box) == sentence
 
 
@@ -255,12 +186,11 @@ def test_hidden_by_omits_ground_and_sky():
     assert hidden_by([0] * N_TAGS, 1 << 14, "carla-0.9.14") == []
 
 
-def test_hidden_by_names_unknown_pixels_and_sorts_ties_by_tag():
-    row = counts(t30=5, t3=5)
+def test_hidden_by_names_and_colours_unknown_pixels_and_sorts_ties_by_tag():
+    building, unknown = hidden_by(counts(t30=5, t3=5), 0, "carla-0.9.14")
 
-    names = [one["name"] for one in hidden_by(row, 0, "carla-0.9.14")]
-
-    assert names == ["Building", "Unknown"]
+    assert (building["name"], unknown["name"]) == ("Building", "Unknown")
+    assert unknown["rgb"] == [255, 255, 255]
 
 
 @pytest.mark.parametrize("palette", FAMILIES.values(), ids=FAMILIES)
@@ -271,9 +201,3 @@ def test_hidden_by_has_the_colours_of_the_frames_palette(palette):
         found = [one["rgb"] for one in hidden_by(row, 0, palette.name)]
 
         assert found in ([list(tag.rgb)], []), tag.name
-
-
-def test_hidden_by_shows_unknown_pixels_in_the_colour_of_a_drawn_segmentation():
-    (unknown,) = hidden_by(counts(t30=1), 0, "carla-0.9.14")
-
-    assert unknown["rgb"] == [255, 255, 255]

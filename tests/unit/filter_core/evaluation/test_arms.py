@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from typing import Any
+
 import numpy as np
 import pytest
 
 from filter_core.config.filter import FilterConfig
 from filter_core.errors import ConfigError
 from filter_core.evaluation.arms import ARMS, Arm, LabelNoise, truth_of_pixels
-from filter_core.formats.reading import FrameSource, GivenAnswer
+from filter_core.formats.reading import GivenAnswer
 from filter_core.local import (
     ArmsTask,
     KnownBox,
@@ -16,28 +19,17 @@ from filter_core.local import (
     label_sources,
     read_box_truth,
 )
-from tests.support.pictures import painted, png
-from tests.support.sensors import ANNOTATION, cube, depth_png, instance_png, scene
+from tests.support.sensors import ANNOTATION, cube, scene_source
 
 EVERY_ARM = tuple(map(Arm, ARMS))
+KNOWN = {"a": {"217": KnownBox(-1, 4), "218": KnownBox(1, 12)}}
 # Seen; hidden behind it; behind the camera, where the corners are mirrored into view.
 BOXES = [cube("217", 10.0), cube("218", 40.0), cube("219", -12.0)]
 
 
 @pytest.fixture
 def source(tmp_path):
-    tags, metres, ids = scene()
-    files = {
-        "seg": png(painted(tags)),
-        "depth": depth_png(metres),
-        "instances": instance_png(tags, ids),
-    }
-    paths = {kind: tmp_path / kind for kind in files}
-    for kind, content in files.items():
-        paths[kind].write_bytes(content)
-    segmentation = paths.pop("seg")
-    annotation = {**ANNOTATION, "boxes": BOXES}
-    return FrameSource("a", annotation, segmentation=segmentation, others=paths)
+    return scene_source(tmp_path, boxes=BOXES)
 
 
 def labelled(source, **task):
@@ -54,17 +46,15 @@ def test_arms_label_what_their_filter_keeps(source):
     drawn = kept.pop("random")
     every = {"raw": [True, True, True], "clipped": [True, True, False]}
     by_tags, exact = [True, True, False], [True, False, False]
-    assert kept == every | {
+    others = ("ordered", "depth", "instance", "auto", "perfect")
+    assert kept == every | dict.fromkeys(others, exact) | {
         "paper": by_tags,
         "carlasimu": [*by_tags[:2], kept["carlasimu"][2]],
-        "ordered": exact,
-        "depth": exact,
-        "instance": exact,
-        "auto": exact,
-        "perfect": exact,
     }
     assert sum(drawn) == 1
     assert not drawn[2]
+    # The control draws the same boxes each time.
+    assert labelled(source).labelled["random"].tolist() == drawn
 
 
 def test_raw_rectangles_are_those_of_all_eight_corners_and_others_exact(source):
@@ -77,9 +67,9 @@ def test_raw_rectangles_are_those_of_all_eight_corners_and_others_exact(source):
 
 
 def test_frame_without_an_image_is_labelled_too(source):
-    annotation = {**ANNOTATION, "boxes": BOXES[:1], "camera": None}
-    annotation["boxes"] = [{"id": "1", "class": "car", "xyxy": [61, 41, 99, 79]}]
-    flat = FrameSource(**{**vars_of(source), "annotation": annotation})
+    boxes = [{"id": "1", "class": "car", "xyxy": [61, 41, 99, 79]}]
+    annotation = {**ANNOTATION, "boxes": boxes, "camera": None}
+    flat = replace(source, annotation=annotation)
 
     (frame,) = label_sources([flat], ArmsTask((Arm("raw"), Arm("ordered"))))
 
@@ -87,35 +77,22 @@ def test_frame_without_an_image_is_labelled_too(source):
     assert frame.boxes.labelled["raw"].tolist() == [True]
 
 
-def test_control_labels_the_same_boxes_each_time(source):
-    first, second = (labelled(source).labelled["random"] for _ in range(2))
-
-    assert first.tolist() == second.tolist()
-
-
 @pytest.mark.parametrize(
-    ("given", "truth"),
+    ("verdicts", "task", "truth"),
     [
-        ("reviews", [1, 0, 0]),
-        ({"a": {"217": KnownBox(-1, 4), "218": KnownBox(1, 12)}}, [-1, 1, 0]),
+        (["keep", "reject"], "reviews", [1, 0, 0]),
+        ([], "reviews", [-1, -1, 0]),  # nobody has answered
+        (["keep", "reject"], KNOWN, [-1, 1, 0]),
     ],
 )
-def test_truth_comes_from_answers_or_from_a_file(source, given, truth):
+def test_truth_comes_from_answers_or_from_a_file(source, verdicts, task, truth):
     answers = [
         GivenAnswer(box, verdict, "ada", "", "2026-01-01T00:00:00Z")
-        for box, verdict in (("217", "keep"), ("218", "reject"))
+        for box, verdict in zip(("217", "218"), verdicts, strict=False)
     ]
-    reviewed = FrameSource(**{**vars_of(source), "answers": answers})
 
-    assert labelled(reviewed, truth=given).truth.tolist() == truth
-
-
-def vars_of(source):
-    return {name: getattr(source, name) for name in source.__dataclass_fields__}
-
-
-def test_box_that_nobody_answered_is_doubtful(source):
-    assert labelled(source, truth="reviews").truth.tolist() == [-1, -1, 0]
+    boxes = labelled(replace(source, answers=answers), truth=task)
+    assert boxes.truth.tolist() == truth
 
 
 def test_few_pixels_are_a_doubt_and_none_is_a_ghost():
@@ -137,31 +114,26 @@ def test_truth_file_tells_pixels_where_it_has_them(tmp_path):
 
 def test_label_noise_counts_ghosts_and_lost_objects(source):
     noise = LabelNoise(ARMS)
+    truth = {"a": {"217": KnownBox(0, 0), "218": KnownBox(1, 50)}}
 
     noise.add(labelled(source))
-    noise.add(
-        labelled(source, truth={"a": {"217": KnownBox(0, 0), "218": KnownBox(1, 50)}})
-    )
+    noise.add(labelled(source, truth=truth))
 
-    found = noise.as_dict()
+    found: dict[str, Any] = {**noise.as_dict()}
     counts = {name: found[name] for name in ("frames", "objects", "ghosts", "doubtful")}
     assert counts == {"frames": 2, "objects": 2, "ghosts": 4, "doubtful": 0}
     depth = found["arms"]["depth"]
-    assert (depth["labels"], depth["kept_hidden"], depth["rejected_visible"]) == (
-        2,
-        1,
-        1,
-    )
+    keys = ("labels", "kept_hidden", "rejected_visible")
+    assert [depth[key] for key in keys] == [2, 1, 1]
     assert found["arms"]["raw"]["kept_hidden"] == 4
     by_class = depth["by_class"]["car"]
     assert (by_class["kept_visible"], by_class["kept_hidden"]) == (1, 1)
     groups = {one["pixels"]: one["labelled"] for one in depth["by_pixels"]}
-    assert groups["100+"] == 1
-    assert groups["0"] == 1
+    assert (groups["100+"], groups["0"]) == (1, 1)
 
 
 def test_evidence_that_is_not_there_is_counted(source):
-    without = FrameSource(**{**vars_of(source), "others": {}})
+    without = replace(source, others={})
     noise = LabelNoise(["depth", "ordered"])
     truth = {"a": {"217": KnownBox(1, 99)}}
 

@@ -44,41 +44,25 @@ def test_evaluation_scores_every_channel_on_the_same_boxes():
     assert f1["value"] == 1.0
 
 
-def test_judged_is_zero_for_a_channel_without_measurements():
+def test_scores_are_grouped_and_judged_is_zero_without_measurements():
     evaluation = Evaluation(FilterConfig(), ("semantic", "depth", "ordered"))
 
     evaluation.add(measured(), TRUTH)
 
     judged = {name: one.judged for name, one in evaluation.scores.items()}
     assert judged == {"semantic": 2, "depth": 0, "ordered": 2}
-
-
-def test_scores_are_grouped_by_class_and_distance():
-    evaluation = Evaluation(FilterConfig(), ("semantic",))
-
-    evaluation.add(measured(), TRUTH)
-
     semantic = evaluation.as_dict()["channels"]["semantic"]
     assert semantic["by_class"]["car"]["kept_hidden"] == 1
     assert [one["band"] for one in semantic["by_distance"]] == ["0-50"]
 
 
-def test_unmeasured_box_of_an_unknown_class_is_not_counted():
-    evaluation = Evaluation(FilterConfig(), ("semantic",))
+def test_box_of_an_unknown_class_or_without_measurement_is_not_counted():
     boxes = [{**box, "class": "alien"} for box in ANNOTATION["boxes"]]
-    tags, _, _ = scene()
-    annotation = {**ANNOTATION, "boxes": boxes}
+    alien = filter_frame({**ANNOTATION, "boxes": boxes}, scene()[0])
+    unseen = filter_frame(ANNOTATION, None, options=FrameOptions(image_wh=(160, 120)))
 
-    evaluation.add(filter_frame(annotation, tags).measured.evidence, TRUTH)
-
-    assert evaluation.scores["semantic"].judged == 0
-
-
-def test_box_that_no_channel_measured_is_not_counted():
-    evaluation = Evaluation(FilterConfig(), ("semantic",))
-    options = FrameOptions(image_wh=(160, 120))
-    unseen = filter_frame(ANNOTATION, None, options=options).measured.evidence
-
-    evaluation.add(unseen, TRUTH)
-
+    for result in (alien, unseen):
+        evaluation = Evaluation(FilterConfig(), ("semantic",))
+        evaluation.add(result.measured.evidence, TRUTH)
+        assert evaluation.scores["semantic"].judged == 0
     assert evaluation.scores["semantic"].total.boxes == 0

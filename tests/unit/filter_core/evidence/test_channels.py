@@ -49,86 +49,59 @@ def decided(evidence: EvidenceChoice, **contents: bytes) -> list[Decision]:
     ).decisions
 
 
-def test_semantic_evidence_keeps_the_car_hidden_behind_a_car():
-    assert [one["verdict"] for one in decided("semantic")] == ["kept", "kept"]
+FILES = {"instances": instance_file(), "depth": depth_file()}
 
 
 @pytest.mark.parametrize(
-    ("evidence", "contents", "explanation"),
+    ("evidence", "explanation"),
     [
-        (
-            "ordered",
-            {},
-            "rejected: its Car pixels belong to nearer boxes, above all car 217",
-        ),
-        (
-            "depth",
-            {"depth": depth_file()},
-            "rejected: all Car pixels here are 30 m nearer than the box",
-        ),
-        (
-            "depth_center",
-            {"depth": depth_file()},
-            "rejected: what is seen at its centre is 30 m nearer than the box",
-        ),
-        (
-            "instance",
-            {"instances": instance_file()},
-            "rejected: no instance in the image belongs to it",
-        ),
-        (
-            "auto",
-            {"instances": instance_file(), "depth": depth_file()},
-            "rejected: no instance in the image belongs to it",
-        ),
+        ("ordered", "its Car pixels belong to nearer boxes, above all car 217"),
+        ("depth", "all Car pixels here are 30 m nearer than the box"),
+        ("depth_center", "what is seen at its centre is 30 m nearer than the box"),
+        ("instance", "no instance in the image belongs to it"),
+        ("auto", "no instance in the image belongs to it"),
     ],
-    ids=["ordered", "depth", "depth_center", "instance", "auto"],
 )
-def test_each_channel_rejects_the_hidden_car(evidence, contents, explanation):
-    near, far = decided(evidence, **contents)
+def test_each_channel_rejects_the_hidden_car(evidence, explanation):
+    near, far = decided(evidence, **FILES)
 
     assert near["verdict"] == "kept"
-    assert far["explanation"] == explanation
+    assert far["explanation"] == f"rejected: {explanation}"
     assert far["evidence"] == ("instance" if evidence == "auto" else evidence)
     assert far["threshold"] is None
 
 
+def test_decision_has_the_numbers_of_its_channel():
+    near, far = decided("instance", **FILES)
+    assert near["tight_xyxy"] == [61.0, 41.0, 99.0, 79.0]
+    assert near["visible_pixels"] == 38 * 38
+    assert (far["tight_xyxy"], far["visible_pixels"]) == (None, 0)
+    assert near["truncated"] == pytest.approx(0.0)
+
+    near, far = decided("depth", **FILES)
+    assert (near["occluded"], far["occluded"]) == (0, 2)
+
+    near, far = decided("ordered")
+    assert (near["explained_by"], far["explained_by"]) == (None, "217")
+
+    near, far = decided("semantic")
+    assert (near["verdict"], far["verdict"]) == ("kept", "kept")
+    assert near["occluded"] == 3
+
+
 def test_pixels_decide_as_the_files_that_have_them_and_other_arrays_are_refused():
-    files = {"depth": depth_file(), "instances": instance_file()}
-    pixels = {name: pixels_of(content)[..., :3] for name, content in files.items()}
+    pixels = {name: pixels_of(content)[..., :3] for name, content in FILES.items()}
     tags, _, _ = scene()
 
     result = filter_frame(ANNOTATION, tags, options=FrameOptions(pixels=pixels))
 
-    assert result.decisions == decided("auto", **files)
+    assert result.decisions == decided("auto", **FILES)
     for name, picture in pixels.items():
         wide: Any = picture.astype(np.uint16)
         for wrong in (picture[..., 0], wide):
             options = FrameOptions(pixels={name: wrong})
             with pytest.raises(ImageError, match=f"{name}: pixels: expected"):
                 filter_frame(ANNOTATION, tags, options=options)
-
-
-def test_instance_decision_has_tight_rectangle_and_visible_pixels():
-    near, far = decided("instance", instances=instance_file())
-
-    assert near["tight_xyxy"] == [61.0, 41.0, 99.0, 79.0]
-    assert near["visible_pixels"] == 38 * 38
-    assert (far["tight_xyxy"], far["visible_pixels"]) == (None, 0)
-    assert near["truncated"] == pytest.approx(0.0)
-
-
-def test_depth_decision_has_the_occlusion_level():
-    near, far = decided("depth", depth=depth_file())
-
-    assert (near["occluded"], far["occluded"]) == (0, 2)
-    assert decided("semantic")[0]["occluded"] == 3
-
-
-def test_ordered_decision_names_the_explaining_box():
-    near, far = decided("ordered")
-
-    assert (near["explained_by"], far["explained_by"]) == (None, "217")
 
 
 def test_channel_without_its_file_falls_back_to_the_segmentation():
@@ -158,13 +131,13 @@ def test_too_coarse_depth_refuses_the_frame_except_in_auto():
 
 
 def measured_notes(**contents: bytes) -> tuple[str, ...]:
-    result = filter_frame(
-        ANNOTATION,
-        scene()[0],
-        FilterConfig(evidence="auto"),
-        FrameOptions(sensors=contents),
-    )
-    return result.measured.notes
+    """The notes on sensors, which are also in the report of the segmentation."""
+    options, config = FrameOptions(sensors=contents), FilterConfig(evidence="auto")
+    measured = filter_frame(ANNOTATION, scene()[0], config, options).measured
+    report: Any = measured.segmentation
+    count = len(measured.notes)
+    assert count == 0 or report["notes"][-count:] == list(measured.notes)
+    return measured.notes
 
 
 STEPS = (street_metres(HEIGHT, WIDTH) / 1000 * 255).astype(np.uint8)
@@ -235,45 +208,26 @@ def test_millimetres_of_16_bits_decide_as_raw_depth_and_are_noted():
     ]
 
 
-def test_notes_of_sensors_are_in_the_report_of_the_segmentation():
-    tags, _, ids = scene()
-    options = FrameOptions(sensors={"instances": instance_png(tags, ids, swapped=True)})
-
-    result = filter_frame(ANNOTATION, tags, FilterConfig(evidence="auto"), options)
-
-    assert result.measured.segmentation is not None
-    assert result.measured.segmentation["notes"][-1] == result.measured.notes[0]
-
-
 def test_file_that_no_channel_needs_is_not_read():
     assert decided("semantic", depth=b"no image at all")[0]["verdict"] == "kept"
 
 
 @pytest.mark.parametrize(
-    ("config", "boxes", "explanation"),
+    ("needed", "boxes", "explanation"),
     [
-        ({}, [FAR], "kept: 1 of its Car pixels belongs to no nearer box"),
-        (
-            {"min_visible_pixels": 2},
-            [FAR],
-            "rejected: only 1 of its pixels is Car, 2 are needed",
-        ),
-        (
-            {},
-            [NEAR, FAR],
-            "rejected: its Car pixels belong to nearer boxes, above all car 0",
-        ),
+        (1, [FAR], "kept: 1 of its Car pixels belongs to no nearer box"),
+        (2, [FAR], "rejected: only 1 of its pixels is Car, 2 are needed"),
+        (1, [NEAR, FAR],
+         "rejected: its Car pixels belong to nearer boxes, above all car 0"),
     ],
-    ids=["nothing nearer", "more are asked for", "something nearer"],
-)
-def test_ordered_decision_of_a_box_with_one_visible_pixel(config, boxes, explanation):
+)  # fmt: skip
+def test_ordered_decision_of_a_box_with_one_visible_pixel(needed, boxes, explanation):
     tags = np.full((HEIGHT, WIDTH), ROAD, np.uint8)
     tags[HEIGHT // 2, WIDTH // 2] = CAR
     cubes = [cube(str(place), distance) for place, distance in enumerate(boxes)]
+    config = FilterConfig(evidence="ordered", min_visible_pixels=needed)
 
-    found = filter_frame(
-        {**ANNOTATION, "boxes": cubes}, tags, FilterConfig(evidence="ordered", **config)
-    )
+    found = filter_frame({**ANNOTATION, "boxes": cubes}, tags, config)
 
     assert found.decisions[-1]["explanation"] == explanation
 
@@ -299,23 +253,21 @@ def test_configs_of_equal_digest_ignore_the_same_coarse_depth_image():
         assert (numbers.depth_pixels == NOT_MEASURED).all()
 
 
-def test_boxes_can_be_measured_without_an_annotation():
-    tags, _, _ = scene()
-    boxes = FrameBoxes.of(
-        [[60, 40, 100, 80], [65, 45, 95, 75], [0, 0, 9, 9]],
-        ["car"] * 3,
-        {"car": 1 << CAR},
-        (WIDTH, HEIGHT),
-        distance=[NEAR, FAR, np.nan],
-    )
-    sensors = Sensors(
-        segmentation=segmentation_from_tags(tags, "carla-0.9.14"),
-        contents={"depth": depth_file(), "instances": instance_file()},
-    )
+SEGMENTED = segmentation_from_tags(scene()[0], "carla-0.9.14")
 
-    evidence, _ = measure_evidence(
-        boxes, sensors, MeasureConfig(channels=("ordered", "depth", "instance"))
-    )
+
+def cars(xyxy, distance):
+    """Boxes of cars without an annotation."""
+    accept = {"car": 1 << CAR}
+    return FrameBoxes.of(xyxy, ["car"] * len(xyxy), accept, (WIDTH, HEIGHT), distance)
+
+
+def test_boxes_can_be_measured_without_an_annotation():
+    xyxy = [[60, 40, 100, 80], [65, 45, 95, 75], [0, 0, 9, 9]]
+    sensors = Sensors(segmentation=SEGMENTED, contents=FILES)
+    config = MeasureConfig(channels=("ordered", "depth", "instance"))
+
+    evidence, _ = measure_evidence(cars(xyxy, [NEAR, FAR, np.nan]), sensors, config)
 
     found = evidence.channels
     assert found is not None
@@ -328,20 +280,15 @@ def test_boxes_can_be_measured_without_an_annotation():
 
 
 def test_boxes_without_corners_have_no_depth_or_lidar_numbers():
-    tags, _, _ = scene()
-    boxes = FrameBoxes.of(
-        [[60, 40, 100, 80]] * 2, ["car"] * 2, {"car": 1 << CAR}, (WIDTH, HEIGHT), [9, 9]
-    )
+    point = npy(np.array([[9.0, 0.0, 0.0, 1.0, 7.0, CAR]]))
     sensors = Sensors(
-        segmentation=segmentation_from_tags(tags, "carla-0.9.14"),
+        segmentation=SEGMENTED,
         camera=Camera.from_fov(WIDTH, HEIGHT, 90, Transform()),
         lidar=Transform(),
-        contents={
-            "depth": depth_file(),
-            "lidar": npy(np.array([[9.0, 0.0, 0.0, 1.0, 7.0, CAR]])),
-        },
+        contents={"depth": depth_file(), "lidar": point},
     )
     config = MeasureConfig(channels=("ordered", "depth", "depth_center", "lidar"))
+    boxes = cars([[60, 40, 100, 80]] * 2, [9, 9])
 
     found = measure_evidence(boxes, sensors, config)[0].channels
 
@@ -355,12 +302,10 @@ def test_boxes_without_corners_have_no_depth_or_lidar_numbers():
 
 def test_channels_measure_the_rectangle_clipped_to_the_image():
     tags = np.full((HEIGHT, WIDTH), CAR, np.uint8)
-    boxes = FrameBoxes.of(
-        [[-40, -40, 20, 10]], ["car"], {"car": 1 << CAR}, (WIDTH, HEIGHT), distance=[9]
-    )
     sensors = Sensors(segmentation=segmentation_from_tags(tags, "carla-0.9.14"))
+    config = MeasureConfig(channels=("ordered",))
 
-    evidence, _ = measure_evidence(boxes, sensors, MeasureConfig(channels=("ordered",)))
+    evidence, _ = measure_evidence(cars([[-40, -40, 20, 10]], [9]), sensors, config)
 
     assert evidence.channels is not None
     assert evidence.channels.owned_pixels.tolist() == [20 * 10]
@@ -369,11 +314,9 @@ def test_channels_measure_the_rectangle_clipped_to_the_image():
 @pytest.mark.parametrize("kind", ["segmentation", "depth", "instances"])
 def test_image_larger_than_max_side_is_refused(kind):
     tags, _, _ = scene()
-    contents = {"depth": depth_file(), "instances": instance_file()}
     given = png(np.dstack([tags] * 3)) if kind == "segmentation" else tags
-    options = FrameOptions(
-        sensors={kind: contents[kind]} if kind in contents else {}, max_side=WIDTH - 1
-    )
+    contents = {kind: FILES[kind]} if kind in FILES else {}
+    options = FrameOptions(sensors=contents, max_side=WIDTH - 1)
 
     with pytest.raises(ImageTooLarge, match=f"may exceed {WIDTH - 1}"):
         filter_frame(ANNOTATION, given, FilterConfig(evidence="auto"), options)

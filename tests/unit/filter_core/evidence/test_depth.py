@@ -21,6 +21,7 @@ from tests.support.pictures import pixels_of, png, with_alpha
 from tests.support.sensors import box_ahead, depth_png, street_metres
 
 ALL_PIXELS = np.s_[:, :]
+CAMERA = Camera.from_fov(64, 48, 90.0, {"x": 0, "y": 0, "z": 0})
 
 
 @pytest.mark.parametrize("metres", [0.0, 0.06, 3.9, 12.5, 255.999, 1000.0])
@@ -108,38 +109,31 @@ def test_named_encoding_that_the_image_contradicts_is_refused(pixels, encoding, 
     assert refused.value.kind == code
 
 
-def test_named_encoding_is_used_where_the_content_shows_none():
-    flat = pixels_of(depth_png(np.full((48, 64), 5.0)))
-
-    image = read_depth(png(flat[..., ::-1], "bgr"), "carla-bgr")
-
-    np.testing.assert_allclose(image.metres(ALL_PIXELS), 5.0, atol=1e-4)
+def whole(row: int) -> AcceptedPixels:
+    """A box whose pixels are all of an image of 64 x 48, and are all accepted."""
+    return AcceptedPixels(Silhouette(row, 0, 0, 64, 48), np.ones((48, 64), bool))
 
 
 def settled(content: bytes, low: float, high: float):
-    """The image as one box shows it, whose pixels are all accepted."""
-    depth = read_depth(content)
-    width, height = depth.wh
-    accepted = AcceptedPixels(
-        Silhouette(0, 0, 0, width, height), np.ones((height, width), bool)
-    )
-    return settled_depth(depth, [accepted], np.array([[low, high]]))
+    """The image of 64 x 48 as one box shows it."""
+    return settled_depth(read_depth(content), [whole(0)], np.array([[low, high]]))
 
 
-@pytest.mark.parametrize("order", ["rgb", "bgr"])
-def test_box_shows_the_order_of_a_flat_image(order):
-    flat = pixels_of(depth_png(np.full((48, 64), 5.0)))
-
-    image = settled(png(flat[..., ::-1], order), 4.0, 6.0)
-
-    assert image.encoding == ("carla" if order == "rgb" else "carla-bgr")
-    np.testing.assert_allclose(image.metres(ALL_PIXELS), 5.0, atol=1e-4)
+FLAT = pixels_of(depth_png(np.full((48, 64), 5.0)))
 
 
-def test_flat_image_that_fits_no_box_is_refused():
+@pytest.mark.parametrize(
+    ("order", "encoding"), [("rgb", "carla"), ("bgr", "carla-bgr")]
+)
+def test_box_or_name_tells_the_order_of_a_flat_image(order, encoding):
+    content = png(FLAT[..., ::-1], order)
+    by_box, by_name = settled(content, 4.0, 6.0), read_depth(content, encoding)
+
+    assert by_box.encoding == by_name.encoding == encoding
+    for image in (by_box, by_name):
+        np.testing.assert_allclose(image.metres(ALL_PIXELS), 5.0, atol=1e-4)
     with pytest.raises(ImageError, match="none of the boxes") as refused:
-        settled(depth_png(np.full((48, 64), 5.0)), 20.0, 24.0)
-
+        settled(content, 20.0, 24.0)
     assert refused.value.kind == "unknown_depth"
 
 
@@ -179,18 +173,14 @@ def test_sixteen_bits_are_millimetres_where_boxes_show_it():
 
 
 def test_sixteen_bits_tell_nothing_of_far_boxes_and_unknown_pixels():
-    near, far = box_ahead(20.0, half=2.0), box_ahead(90.0, half=2.0)
-    camera = Camera.from_fov(64, 48, 90.0, {"x": 0, "y": 0, "z": 0})
-    whole = AcceptedPixels(Silhouette(0, 0, 0, 64, 48), np.ones((48, 64), bool))
-    beyond = AcceptedPixels(Silhouette(1, 0, 0, 64, 48), np.ones((48, 64), bool))
-    both = np.stack([near, far])
+    both = np.stack([box_ahead(metres, half=2.0) for metres in (20.0, 90.0)])
+    interval = depth_interval(both, CAMERA, 0.15)
     numbers = {}
     for name, value in (("known", 65_535), ("unknown", 0)):
         depth = read_depth(png(np.full((48, 64), value, np.uint16)), "millimetres16")
         numbers[name] = ChannelNumbers.absent(2)
-        interval = depth_interval(both, camera, 0.15)
-        fill_depth(numbers[name], [whole, beyond], depth, interval)
-        numbers[name].center_gap[:] = center_gaps(both, camera, depth)
+        fill_depth(numbers[name], [whole(0), whole(1)], depth, interval)
+        numbers[name].center_gap[:] = center_gaps(both, CAMERA, depth)
 
     assert numbers["known"].depth_pixels.tolist() == [0, -1]
     assert np.isnan(numbers["known"].center_gap).tolist() == [False, True]
@@ -206,63 +196,37 @@ def test_depth_image_of_wrong_size_is_refused():
 def test_only_accepted_pixels_at_the_boxs_own_depth_count():
     depth = read_depth(depth_png(np.array([[5.0, 10.0, 10.5, 30.0, 10.2]])))
     accepted = np.array([[True, True, True, True, False]])
-    numbers = ChannelNumbers.absent(1)
+    boxes = [AcceptedPixels(Silhouette(row, 0, 0, 5, 1), accepted) for row in range(2)]
+    numbers = ChannelNumbers.absent(2)
 
-    fill_depth(
-        numbers,
-        [AcceptedPixels(Silhouette(0, 0, 0, 5, 1), accepted)],
-        depth,
-        np.array([[9.5, 11.0]]),
-    )
+    fill_depth(numbers, boxes, depth, np.array([[9.5, 11.0], [np.nan, np.nan]]))
 
-    assert numbers.depth_pixels.tolist() == [2]
-    assert numbers.nearer_percent.tolist() == [20.0]
-    assert numbers.tight_xyxy.tolist() == [[1.0, 0.0, 3.0, 1.0]]
-
-
-def test_box_without_a_depth_interval_is_not_measured():
-    depth = read_depth(depth_png(np.ones((1, 1))))
-    numbers = ChannelNumbers.absent(1)
-
-    fill_depth(
-        numbers,
-        [AcceptedPixels(Silhouette(0, 0, 0, 1, 1), np.ones((1, 1), bool))],
-        depth,
-        np.full((1, 2), np.nan),
-    )
-
-    assert numbers.depth_pixels.tolist() == [-1]
+    # The second box has no interval of depth, and is not measured.
+    assert numbers.depth_pixels.tolist() == [2, -1]
+    assert numbers.nearer_percent[0] == 20.0
+    assert numbers.tight_xyxy[0].tolist() == [1.0, 0.0, 3.0, 1.0]
 
 
 def test_depth_interval_spans_the_corners_plus_tolerance():
-    camera = Camera.from_fov(64, 48, 90.0, {"x": 0, "y": 0, "z": 0})
-
-    interval = depth_interval(box_ahead(20.0, half=2.0)[None], camera, 0.15)
+    interval = depth_interval(box_ahead(20.0, half=2.0)[None], CAMERA, 0.15)
 
     np.testing.assert_allclose(interval, [[17.85, 22.15]])
 
 
-@pytest.mark.parametrize(("surface", "gap"), [(10.0, 8.0), (18.5, -0.5), (40.0, -22.0)])
-def test_center_gap_is_nearest_corner_minus_surface_at_the_centre(surface, gap):
-    camera = Camera.from_fov(64, 48, 90.0, {"x": 0, "y": 0, "z": 0})
-    depth = read_depth(depth_png(np.full((48, 64), surface)))
-
-    gaps = center_gaps(box_ahead(20.0, half=2.0)[None], camera, depth)
-
-    np.testing.assert_allclose(gaps, [gap], atol=1e-3)
-
-
 @pytest.mark.parametrize(
-    "box",
+    ("box", "surface", "gap"),
     [
-        pytest.param(box_ahead(-20.0, half=2.0), id="behind the camera"),
-        pytest.param(box_ahead(20.0, half=2.0, right=21.0), id="beside the image"),
+        (box_ahead(20.0, half=2.0), 10.0, 8.0),
+        (box_ahead(20.0, half=2.0), 18.5, -0.5),
+        (box_ahead(20.0, half=2.0), 40.0, -22.0),
+        # Its centre is not in the image: behind the camera, and beside the image.
+        (box_ahead(-20.0, half=2.0), 5.0, np.nan),
+        (box_ahead(20.0, half=2.0, right=21.0), 5.0, np.nan),
     ],
 )
-def test_center_gap_is_nan_where_the_centre_is_not_in_the_image(box):
-    camera = Camera.from_fov(64, 48, 90.0, {"x": 0, "y": 0, "z": 0})
-    depth = read_depth(depth_png(np.full((48, 64), 5.0)))
+def test_center_gap_is_nearest_corner_minus_surface_at_the_centre(box, surface, gap):
+    depth = read_depth(depth_png(np.full((48, 64), surface)))
 
-    gaps = center_gaps(box[None], camera, depth)
+    gaps = center_gaps(box[None], CAMERA, depth)
 
-    assert np.isnan(gaps).all()
+    np.testing.assert_allclose(gaps, [gap], atol=1e-3)

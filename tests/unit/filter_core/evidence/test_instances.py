@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import cv2
 import numpy as np
 import pytest
 
@@ -115,55 +114,57 @@ def test_channel_that_is_empty_holds_no_tags(swapped):
 NOISE = np.random.default_rng(1).integers(0, 256, (60, 80, 3)).astype(np.uint8)
 
 
+OTHER_IMAGES = {
+    "segmentation": (png(painted(street_of_cars()[0])), "bad_instances"),
+    "photo": (png(with_alpha(NOISE)), "bad_instances"),
+    "jpeg": (jpeg(NOISE), "lossy_instances"),
+    "depth": (depth_png(street_metres(60, 80)), "bad_instances"),
+    "black": (png(np.zeros((60, 80, 3), np.uint8)), "bad_instances"),
+    "grey": (png(np.zeros((60, 80), np.uint8)), "bad_instances"),
+    "no tags": (png(np.full((60, 80, 3), 99, np.uint8)), "bad_instances"),
+}
+
+
 @pytest.mark.parametrize("has_segmentation", [False, True])
-@pytest.mark.parametrize(
-    "content",
-    [
-        pytest.param(png(painted(street_of_cars()[0])), id="segmentation"),
-        pytest.param(png(with_alpha(NOISE)), id="photo"),
-        pytest.param(jpeg(NOISE), id="jpeg"),
-        pytest.param(depth_png(street_metres(60, 80)), id="depth"),
-        pytest.param(png(np.zeros((60, 80, 3), np.uint8)), id="black"),
-    ],
-)
-def test_image_of_another_sensor_is_refused(content, has_segmentation):
+@pytest.mark.parametrize(("content", "code"), OTHER_IMAGES.values(), ids=OTHER_IMAGES)
+def test_image_of_another_sensor_is_refused(content, code, has_segmentation):
     tags = street_of_cars()[0].astype(np.uint8)
     segmentation = segmentation_from_tags(tags, FAMILY) if has_segmentation else None
 
     with pytest.raises(ImageError) as refused:
         read_instances(content, segmentation)
 
-    assert refused.value.kind in ("bad_instances", "lossy_instances")
-
-
-@pytest.mark.parametrize(
-    ("extension", "pixels", "code"),
-    [
-        (".jpg", np.zeros((8, 8, 3), np.uint8), "lossy_instances"),
-        (".png", np.zeros((4, 4), np.uint8), "bad_instances"),
-        (".png", np.full((4, 4, 3), 99, np.uint8), "bad_instances"),
-    ],
-    ids=["jpeg", "grey", "no tags in any channel"],
-)
-def test_file_that_is_not_an_instance_image_is_refused(extension, pixels, code):
-    with pytest.raises(ImageError) as refused:
-        read_instances(cv2.imencode(extension, pixels)[1].tobytes())
-
     assert refused.value.kind == code
 
 
-def test_each_box_gets_its_own_instance():
-    numbers = measured(*two_cars(), [[8, 1, 11, 5], [1, 1, 7, 5]])
+SIX_BY_FOUR, THREE_BY_FOUR = [1, 1, 7, 5], [8, 1, 11, 5]
+BOXES = {
+    "each has its own instance": ([THREE_BY_FOUR, SIX_BY_FOUR], {}, [12, 24]),
+    "a ghost behind a car has none": (
+        [SIX_BY_FOUR, [2, 2, 6, 4]],
+        {"distance": [10.0, 40.0]},
+        [24, 0],
+    ),
+    "a given instance also counts outside of the box": (
+        [SIX_BY_FOUR, [0, 0, 2, 2]],
+        {"given": [-1, 0x1_0000 + 77]},
+        [24, 12],
+    ),
+    "a given instance is not in the image": ([SIX_BY_FOUR], {"given": [4]}, [0]),
+    "its tags are not accepted": ([SIX_BY_FOUR], {"accept": 1 << WALKER}, [0]),
+}
 
-    assert numbers.instance_pixels.tolist() == [12, 24]
-    assert numbers.tight_xyxy.tolist() == [[8, 1, 11, 5], [1, 1, 7, 5]]
 
+@pytest.mark.parametrize(("boxes", "options", "pixels"), BOXES.values(), ids=BOXES)
+def test_pixels_of_a_box_are_those_of_its_instance(boxes, options, pixels):
+    numbers = measured(*two_cars(), boxes, **options)
 
-def test_ghost_behind_a_car_gets_no_instance():
-    numbers = measured(*two_cars(), [[1, 1, 7, 5], [2, 2, 6, 4]], distance=[10.0, 40.0])
-
-    assert numbers.instance_pixels.tolist() == [24, 0]
-    assert np.isnan(numbers.tight_xyxy[1]).all()
+    assert numbers.instance_pixels.tolist() == pixels
+    for tight, box, count in zip(numbers.tight_xyxy, boxes, pixels, strict=True):
+        if not count:
+            assert np.isnan(tight).all()
+        elif "given" not in options:
+            assert tight.tolist() == box
 
 
 def test_fragment_is_assigned_to_the_nearer_box_not_by_size():
@@ -176,28 +177,6 @@ def test_fragment_is_assigned_to_the_nearer_box_not_by_size():
     )
 
     assert numbers.instance_pixels.tolist() == [0, 8]
-
-
-def test_given_instance_id_counts_pixels_outside_the_box():
-    numbers = measured(
-        *two_cars(), [[1, 1, 7, 5], [0, 0, 2, 2]], given=[-1, 0x1_0000 + 77]
-    )
-
-    assert numbers.instance_pixels.tolist() == [24, 12]
-
-
-def test_given_instance_id_missing_in_the_image_has_no_pixels():
-    numbers = measured(*two_cars(), [[1, 1, 7, 5]], given=[4])
-
-    assert numbers.instance_pixels.tolist() == [0]
-
-
-def test_pixels_of_unaccepted_tags_do_not_count():
-    tags, ids = two_cars()
-
-    numbers = measured(tags, ids, [[1, 1, 7, 5]], accept=1 << WALKER)
-
-    assert numbers.instance_pixels.tolist() == [0]
 
 
 @pytest.mark.parametrize("mask", [0, 1, CARS, 0b101 << 13, 1 << 29, (1 << 63) - 1])

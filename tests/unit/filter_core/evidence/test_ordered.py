@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from filter_core.evidence.ordered import owned_pixels
 from filter_core.evidence.silhouettes import AcceptedPixels, Silhouette
@@ -29,12 +30,12 @@ def drawing(row, x0, y0, picture, centred=None):
     return AcceptedPixels(outline, mask, mask)
 
 
-def test_nearer_box_owns_the_shared_pixels():
+def test_nearest_box_owns_the_shared_pixels_and_explains_the_others():
     assert owned([box(0, 0, 10), box(1, 4, 14)], [30.0, 10.0]) == ([4, 10], [1, -1])
-
-
-def test_fully_explained_box_owns_no_pixels_and_names_the_nearer_box():
     assert owned([box(0, 2, 6), box(1, 0, 10)], [30.0, 10.0]) == ([0, 10], [1, -1])
+    # The one that explains most is named.
+    boxes = [box(0, 0, 10), box(1, 0, 3), box(2, 3, 10)]
+    assert owned(boxes, [50.0, 10.0, 20.0]) == ([0, 3, 7], [2, -1, -1])
 
 
 def test_nearer_ghost_without_pixels_does_not_explain_the_box_behind():
@@ -54,12 +55,6 @@ def test_boxes_at_equal_distance_are_ordered_by_id():
     )
 
 
-def test_explained_by_names_the_box_that_explains_most():
-    boxes = [box(0, 0, 10), box(1, 0, 3), box(2, 3, 10)]
-
-    assert owned(boxes, [50.0, 10.0, 20.0])[1] == [2, -1, -1]
-
-
 CAR_WITH_A_VIEW_OVER_ITS_BONNET = [
     "..........",
     "..####....",
@@ -72,22 +67,24 @@ CAR_WITH_A_VIEW_OVER_ITS_BONNET = [
 ]
 
 
-def test_pixels_above_a_bonnet_belong_to_the_box_behind():
+BONNET = CAR_WITH_A_VIEW_OVER_ITS_BONNET[1:4]
+LARGE = ["." * 16] + [row[6:10] + "." * 12 for row in BONNET] + ["." * 16] * 9
+
+
+@pytest.mark.parametrize(
+    ("behind", "expected"),
+    [
+        (drawing(1, 6, 1, [row[6:10] for row in BONNET]), ([34, 4], [-1, -1])),
+        # It does not contain the patch.
+        (drawing(1, 8, 1, [row[8:10] for row in BONNET]), ([34, 0], [-1, 0])),
+        # It is much larger than the patch.
+        (drawing(1, 6, 0, LARGE), ([34, 0], [-1, 0])),
+    ],
+)
+def test_pixels_above_a_bonnet_belong_to_the_box_behind(behind, expected):
     near = drawing(0, 0, 0, CAR_WITH_A_VIEW_OVER_ITS_BONNET)
-    behind = drawing(1, 6, 1, [line[6:10] for line in near_rows(1, 4)])
 
-    assert owned([near, behind], [10.0, 40.0], wh=(12, 8)) == ([34, 4], [-1, -1])
-
-
-def near_rows(first, last):
-    return CAR_WITH_A_VIEW_OVER_ITS_BONNET[first:last]
-
-
-def test_patch_belongs_to_nearer_box_unless_box_behind_contains_it():
-    near = drawing(0, 0, 0, CAR_WITH_A_VIEW_OVER_ITS_BONNET)
-    behind = drawing(1, 8, 1, [line[8:10] for line in near_rows(1, 4)])
-
-    assert owned([near, behind], [10.0, 40.0], wh=(12, 8)) == ([34, 0], [-1, 0])
+    assert owned([near, behind], [10.0, 40.0], wh=(30, 20)) == expected
 
 
 def test_both_halves_of_a_car_behind_a_tree_belong_to_it():
@@ -96,14 +93,6 @@ def test_both_halves_of_a_car_behind_a_tree_belong_to_it():
     ghost = drawing(1, 4, 0, [line[4:9] for line in halves])
 
     assert owned([near, ghost], [10.0, 40.0], wh=(12, 8)) == ([12, 0], [-1, 0])
-
-
-def test_small_patch_is_not_given_to_a_much_larger_box_behind():
-    near = drawing(0, 0, 0, CAR_WITH_A_VIEW_OVER_ITS_BONNET)
-    rows = ["." * 16] + [line[6:10] + "." * 12 for line in near_rows(1, 4)]
-    behind = drawing(1, 6, 0, rows + ["." * 16] * 9)
-
-    assert owned([near, behind], [10.0, 40.0], wh=(30, 20)) == ([34, 0], [-1, 0])
 
 
 def test_pixel_with_centre_outside_the_nearer_outline_is_not_taken():

@@ -5,10 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from filter_core.evidence.silhouettes import (
-    frame_silhouettes,
-    touched_pixels,
-)
+from filter_core.evidence.silhouettes import frame_silhouettes, touched_pixels
 
 DIAMOND = [(2, 0), (4, 2), (2, 4), (0, 2)]
 RECTANGLE = [(1.5, 0.5), (3.2, 0.5), (3.2, 2), (1.5, 2)]

@@ -27,40 +27,28 @@ NEAR, MIDDLE, FAR = (f"0 0.{n} 0.5 0.1 0.2" for n in (2, 4, 6))
 BOXES = [(FAR, 180.0), (NEAR, 50.0), (MIDDLE, 50.1), (NEAR, 120.0)]
 
 
-@pytest.mark.parametrize("given", ["", "out", "out/cam"])
-def test_tree_of_windows_is_read_from_any_of_its_folders(tmp_path, given):
-    write_carlasimu(tmp_path, BOXES)
+@pytest.mark.parametrize(
+    ("given", "separator"),
+    [("", "/"), ("out", "/"), ("out/cam", "/"), ("", "\\"), (r"out\cam", "\\")],
+)
+def test_tree_is_read_from_any_of_its_folders(tmp_path, given, separator):
+    write_carlasimu(tmp_path, BOXES, separator=separator)
 
-    check_tree(tmp_path / given, tmp_path / "out", "/")
-
-
-@pytest.mark.parametrize("given", ["", r"out\cam"])
-def test_tree_of_linux_is_read_from_its_folders(tmp_path, given):
-    write_carlasimu(tmp_path, BOXES, separator="\\")
-
-    check_tree(tmp_path / given, tmp_path, "\\")
-
-
-def check_tree(given, place, separator):
-    frames = read_source(given)
+    frames = read_source(tmp_path / given)
     (frame,) = frames
 
     assert frames.layout == "carlasimu"
-    above = "" if separator == "/" else "out\\"
-    name = "00000993"
-    assert frame.segmentation == place / f"{above}seg" / f"{name}.png"
-    assert dict(frame.others) == {
-        "depth": place / f"{above}depth" / f"{name}.png",
-        "radar": place / f"{above}radar" / f"{name}.ply",
-    }
+    above, name = f"{tmp_path}/out{separator}", "00000993"
+    assert str(frame.segmentation) == f"{above}seg/{name}.png"
+    others = {role: str(path) for role, path in frame.others.items()}
+    radar = f"{above}radar/{name}.ply"
+    assert others == {"depth": f"{above}depth/{name}.png", "radar": radar}
     annotation = annotation_of(frame)
     assert annotation["map"] == "Town10HD_Opt"
     assert annotation["weather"] == {"cloudiness": 20, "fog_distance": 0.75}
     # Of two boxes with the same line, the nearer one comes first.
-    assert [one["distance_range"] for one in annotation["boxes"]] == [
-        *([150, 200], [0, 50]),
-        *([50, 100], [100, 150]),
-    ]
+    ranges = [box["distance_range"] for box in annotation["boxes"]]
+    assert ranges == [[150, 200], [0, 50], [50, 100], [100, 150]]
     assert any("LiDAR files are not measured" in note for note in frames.notes())
 
 
@@ -71,14 +59,11 @@ def test_distance_range_is_in_decisions_and_counts_for_limits(tmp_path):
     (outcome,) = filter_source(frames, config)
 
     decisions = outcome.decisions or []
-    assert [(one["distance"], one["distance_range"]) for one in decisions] == [
-        (None, [150, 200]), (None, [0, 50]), (None, [50, 100]), (None, [100, 150]),
-    ]  # fmt: skip
+    ranges = [(one["distance"], one["distance_range"]) for one in decisions]
+    assert ranges == [(None, [n, n + 50]) for n in (150, 0, 50, 100)]
     # The third may be nearer or farther than 51 m.
-    assert [one["reason"] == "out_of_range" for one in decisions] == [
-        *(True, True),
-        *(False, False),
-    ]
+    refused = [one["reason"] == "out_of_range" for one in decisions]
+    assert refused == [True, True, False, False]
     assert decisions[0]["explanation"] == (
         "rejected: it is 150 to 200 m away, at most 150 m are allowed"
     )
@@ -101,14 +86,8 @@ def test_invalid_distance_range_is_refused(wrong):
         filter_frame({"boxes": [box]}, None, FilterConfig())
 
 
-THEIR_NUMBERS = {
-    "car": 0,
-    "bus": 1,
-    "truck": 2,
-    "van": 3,
-    "walker": 4,
-    "street_light": 5,
-}
+THEIR_CLASSES = ("car", "bus", "truck", "van", "walker", "street_light")
+THEIR_NUMBERS = dict(zip(THEIR_CLASSES, range(6), strict=True))
 
 
 def test_their_own_tree_comes_back_with_its_files_and_numbers(tmp_path):
@@ -116,22 +95,16 @@ def test_their_own_tree_comes_back_with_its_files_and_numbers(tmp_path):
 
     files = convert("carlasimu", source, "carlasimu", drawn=True, pictures=1)
 
-    (theirs,), (ours,) = (
-        read_source(write_files(tmp_path / "again", files)),
-        read_source(source),
-    )
+    (theirs,) = read_source(write_files(tmp_path / "again", files))
+    (ours,) = read_source(source)
     assert annotation_of(theirs) == {**annotation_of(ours), "split": "val"}
-    for name in (
-        *("out/cam/images/00000993.png", "out/seg/00000993.png"),
-        *("out/depth/00000993.png", "out/radar/00000993.ply"),
-        "out/lidar/00000993.ply",
-    ):
+    pictures = [f"out/{kind}/00000993.png" for kind in ("cam/images", "seg", "depth")]
+    for name in (*pictures, "out/radar/00000993.ply", "out/lidar/00000993.ply"):
         assert files[name] == (source / name).read_bytes(), name
-    theirs = json.loads((source / "out/cam/Readme.txt").read_text())
-    theirs["distance"].pop("min_distance")
-    assert json.loads(files["out/cam/Readme.txt"]) == theirs | {
-        "classes": THEIR_NUMBERS
-    }
+    readme = json.loads((source / "out/cam/Readme.txt").read_text())
+    readme["distance"].pop("min_distance")
+    written = json.loads(files["out/cam/Readme.txt"])
+    assert written == readme | {"classes": THEIR_NUMBERS}
     before, after = (
         decoded(files[f"out/cam/{folder}/00000993.png"])
         for folder in ("images_bbox", "images_bbox_filter")
@@ -139,12 +112,9 @@ def test_their_own_tree_comes_back_with_its_files_and_numbers(tmp_path):
     assert before.shape == (60, 80, 3)
     assert before.any()
     np.testing.assert_array_equal(before, after)  # every box is included
-    assert {name for name in files if name.startswith("pictures/")} == {
-        "pictures/after/00000993.png",
-        "pictures/before/00000993.png",
-        "pictures/index.html",
-        "pictures/sheet.png",
-    }
+    drawn = {f"pictures/{part}/00000993.png" for part in ("after", "before")}
+    drawn |= {"pictures/index.html", "pictures/sheet.png"}
+    assert {name for name in files if name.startswith("pictures/")} == drawn
     page = files["pictures/index.html"].decode()
     assert "4 of 4 boxes are written" in page
     assert decoded(files["pictures/sheet.png"]).shape[1] == 480
@@ -153,71 +123,44 @@ def test_their_own_tree_comes_back_with_its_files_and_numbers(tmp_path):
 def test_a_capture_becomes_their_tree_with_colours_and_points_and_is_read_again(
     tmp_path,
 ):
-    line = {
-        "key": "a",
-        "segmentation": "tags.png",
-        "carla_version": "0.9.15",
-        "boxes": [{"class": "car", "xyxy": [10, 20, 30, 40], "distance": 60}],
-        "extra": {"files": {"lidar_intensity": "points.ply"}},
-        "image": "rgb.png",
+    car = {"class": "car", "xyxy": [10, 20, 30, 40], "distance": 60}
+    images = {"image": "rgb.png", "segmentation": "tags.png"}
+    extra = {"files": {"lidar_intensity": "points.ply"}}
+    line = {"key": "a", "carla_version": "0.9.15", "boxes": [car], "extra": extra}
+    captured = {
+        "manifest.jsonl": json.dumps({**line, **images}),
+        "tags.png": png(street_tags()),
+        "rgb.png": png(np.zeros((60, 80, 3), np.uint8)),
+        "points.ply": "ply",
     }
-    source = write_files(
-        tmp_path / "capture",
-        {
-            "manifest.jsonl": json.dumps(line),
-            "tags.png": png(street_tags()),
-            "rgb.png": png(np.zeros((60, 80, 3), np.uint8)),
-            "points.ply": "ply",
-        },
-    )
 
-    files = convert("carlasimu", source)
+    files = convert("carlasimu", write_files(tmp_path / "capture", captured))
 
     assert files["out/lidar/a.ply"] == b"ply"
-    np.testing.assert_array_equal(
-        decoded(files["out/seg/a.png"]), decoded(png(painted(street_tags())))
-    )
+    colours = decoded(png(painted(street_tags())))
+    np.testing.assert_array_equal(decoded(files["out/seg/a.png"]), colours)
     found = read_source(write_files(tmp_path / "again", files))
     (again,) = filter_source(found, FilterConfig())
     assert (again.decisions or [])[0]["distance_range"] == [50, 100]
 
 
 def test_boxes_lie_in_the_bands_of_their_true_distance_under_their_numbers():
-    metres = {
-        "car": 50.0,
-        "pedestrian": 50.01,
-        "Traffic Light": 150.0,
-        "motorcycle": 200.0,
-        "truck": 200.5,
-    }
+    metres = {"car": 50.0, "pedestrian": 50.01, "Traffic Light": 150.0}
+    metres |= {"motorcycle": 200.0, "truck": 200.5}
     boxes = [
         box(number, class_name=name, distance=distance)
         for number, (name, distance) in enumerate(metres.items())
     ]
+    head = replace(HEAD, classes=tuple(metres))
 
-    files = export(
-        "carlasimu",
-        [frame("a", *boxes, map="Town01")],
-        replace(HEAD, classes=tuple(metres)),
-    )
+    files = export("carlasimu", [frame("a", *boxes, map="Town01")], head)
 
-    numbers = {
-        band: [
-            line.split()[0]
-            for line in files[f"out/cam/labels/label{band}/a.txt"].decode().splitlines()
-        ]
-        for band in (50, 100, 150, 200)
-    }
+    bands = {50: "0", 100: "04", 150: "045", 200: "0456"}
+    for band, numbers in bands.items():
+        lines = files[f"out/cam/labels/label{band}/a.txt"].decode().splitlines()
+        assert [line.split()[0] for line in lines] == [*numbers]
     assert json.loads(files["manifest.json"])["beyond_all_bands"] == 1
     readme = json.loads(files["out/cam/Readme.txt"])
     assert readme["classes"] == THEIR_NUMBERS | {"motorcycle": 6}
-    assert numbers == {
-        50: ["0"],
-        100: ["0", "4"],
-        150: ["0", "4", "5"],
-        200: ["0", "4", "5", "6"],
-    }
-    assert (readme["map"], readme["distance"]) == (
-        "Town01",
-        {"max_distance": [50, 100, 150, 200]},
-    )
+    assert readme["map"] == "Town01"
+    assert readme["distance"] == {"max_distance": [*bands]}

@@ -32,41 +32,46 @@ def coco(images, annotations, **more):
     return json.dumps({**document, **more})
 
 
+A, B = image(1, "a.png"), image(2, "b.png")
+
+
+def read(folder, images, rows, files=(), **more):
+    """The frames of a folder with a COCO file and other, empty ones."""
+    content = coco(images, rows, **more)
+    return read_source(write_files(folder, {"a.json": content, **dict.fromkeys(files)}))
+
+
+def ids_of(frames):
+    return [[box["id"] for box in annotation_of(frame)["boxes"]] for frame in frames]
+
+
 def test_annotations_are_joined_to_images_in_any_order(tmp_path):
     rows = [annotation(1, "b"), annotation(2, "a"), annotation(3, "b", category_id=7)]
     document = json.loads(coco([image("a", "x/1.png"), image("b", "x/2.png")], rows))
     backwards = json.dumps(dict(reversed(document.items())), indent=3)
-    folder = write_files(
-        tmp_path,
-        {
-            "annotations/instances_train.json": f"\ufeff{backwards}",
-            "images/train/x/1.png": None,
-            "images/train/x/2.png": None,
-            "seg/1.png": None,
-        },
-    )
+    names = ("images/train/x/1.png", "images/train/x/2.png", "seg/1.png")
+    write_files(tmp_path, dict.fromkeys(names))
+    write_files(tmp_path, {"annotations/instances_train.json": f"\ufeff{backwards}"})
 
-    frames = read_source(folder)
+    frames = read_source(tmp_path)
     first, second = frames
 
     assert (frames.layout, frames.classes) == ("coco", ("car", "walker"))
     assert (first.key, second.key) == ("x/1", "x/2")
-    assert first.image == folder / "images/train/x/1.png"
-    assert first.segmentation == folder / "seg/1.png"
-    assert annotation_of(first)["boxes"] == [
-        {"id": "2", "class": "car", "xywh": [1, 2, 3, 4]}
-    ]
-    assert [one["id"] for one in annotation_of(second)["boxes"]] == ["1", "3"]
+    assert first.image == tmp_path / "images/train/x/1.png"
+    assert first.segmentation == tmp_path / "seg/1.png"
+    (box,) = annotation_of(first)["boxes"]
+    assert box == {"id": "2", "class": "car", "xywh": [1, 2, 3, 4]}
+    assert ids_of([second]) == [["1", "3"]]
     assert annotation_of(second)["camera"] == {"width": 80, "height": 60}
     assert frames.unmatched == ()
 
 
 def test_unknown_coco_keys_are_kept(tmp_path):
     strange = {"xyxy": "no", "distance": "far", "score": 0.5, "segmentation": [[1, 2]]}
-    rows = [annotation(1, 1, **strange)]
-    content = coco([image(1, "a.png", camera="left", license=4)], rows)
+    images = [image(1, "a.png", camera="left", license=4)]
 
-    (frame,) = read_source(write_files(tmp_path, {"boxes.json": content}))
+    (frame,) = read(tmp_path, images, [annotation(1, 1, **strange)])
 
     parsed = parse_annotation(annotation_of(frame))
     given = GivenAnnotation(lambda: parsed.raw, (1, 1))
@@ -76,10 +81,7 @@ def test_unknown_coco_keys_are_kept(tmp_path):
 
 
 def test_duplicate_annotation_ids_are_replaced_by_indexes(tmp_path):
-    rows = [annotation(5, 1), annotation(5, 1)]
-    folder = write_files(tmp_path, {"a.json": coco([image(1, "a.png")], rows)})
-
-    (frame,) = read_source(folder)
+    (frame,) = read(tmp_path, [A], [annotation(5, 1), annotation(5, 1)])
 
     boxes = parse_annotation(annotation_of(frame)).boxes
     assert [one.id for one in boxes] == ["0", "1"]
@@ -88,20 +90,13 @@ def test_duplicate_annotation_ids_are_replaced_by_indexes(tmp_path):
 @pytest.mark.parametrize(
     ("images", "rows", "words"),
     [
-        ([image(1, "a.png")], [annotation(1, 1, category_id=9)], "annotation '1': ex"),
-        ([image(1, "a.png"), image(2, "a.png")], [], "each file_name once, found 'a'"),
-        (
-            [image(1, "a.png"), image(1, "b.png")],
-            [annotation(1, 1)],
-            "the 1 boxes belong",
-        ),
+        ([A], [annotation(1, 1, category_id=9)], "annotation '1': ex"),
+        ([A, image(2, "a.png")], [], "each file_name once, found 'a'"),
+        ([A, image(1, "b.png")], [annotation(1, 1)], "the 1 boxes belong"),
     ],
 )
 def test_ambiguous_entry_is_a_problem_of_its_frame_only(tmp_path, images, rows, words):
-    good = [*images, image("z", "z.png")]
-    folder = write_files(tmp_path, {"a.json": coco(good, rows)})
-
-    *bad, last = read_source(folder)
+    *bad, last = read(tmp_path, [*images, image("z", "z.png")], rows)
 
     assert all(words in str(one.problem) for one in bad)
     assert bad
@@ -109,19 +104,14 @@ def test_ambiguous_entry_is_a_problem_of_its_frame_only(tmp_path, images, rows, 
 
 
 def test_unmatched_images_and_annotations_are_listed(tmp_path):
-    content = coco([image(1, "a.png")], [annotation(1, 2), annotation(2, 3)])
-    folder = write_files(tmp_path, {"a.json": content, "images/other.png": None})
+    rows = [annotation(1, 2), annotation(2, 3)]
 
-    frames = read_source(folder)
+    frames = read(tmp_path, [A], rows, ["images/other.png"])
 
-    assert [(one.path, one.why) for one in frames.unmatched] == [
-        ("images/other.png", "no COCO file lists this image"),
-        (
-            "a.json",
-            "2 annotations of images that it does not list: annotations[0], "
-            "annotations[1]",
-        ),
-    ]
+    rest = "2 annotations of images that it does not list: annotations[0], annotations["
+    image, file = [(one.path, one.why) for one in frames.unmatched]
+    assert image == ("images/other.png", "no COCO file lists this image")
+    assert file == ("a.json", f"{rest}1]")
 
 
 NAN = float("nan")
@@ -130,10 +120,7 @@ NAN = float("nan")
 @pytest.mark.parametrize(
     ("bad", "words"),
     [
-        (
-            annotation(6, None),
-            "annotations[1] (id 6): expected an object with 'image_id'",
-        ),
+        (annotation(6, None), "[1] (id 6): expected an object with 'image_id'"),
         (annotation(6, NAN), "image_id', a number or text, found NaN"),
         ({"id": 6, "bbox": []}, "(id 6): expected"),
         ({}, "annotations[1]: expected"),
@@ -142,15 +129,9 @@ NAN = float("nan")
     ],
 )
 def test_annotation_of_no_image_is_reported_and_the_rest_is_read(tmp_path, bad, words):
-    rows = [annotation(5, 1), bad, annotation(7, 2.0)]
-    content = coco([image(1, "a.png"), image(2, "b.png")], rows)
-    folder = write_files(tmp_path, {"a.json": content})
+    frames = read(tmp_path, [A, B], [annotation(5, 1), bad, annotation(7, 2.0)])
 
-    frames = read_source(folder)
-
-    assert [
-        [box["id"] for box in annotation_of(frame)["boxes"]] for frame in frames
-    ] == [["5"], ["7"]]
+    assert ids_of(frames) == [["5"], ["7"]]
     (reported,) = frames.unmatched
     assert reported.path == "a.json"
     assert words in reported.why
@@ -159,15 +140,13 @@ def test_annotation_of_no_image_is_reported_and_the_rest_is_read(tmp_path, bad, 
 @pytest.mark.parametrize("number", [int, float])
 @pytest.mark.parametrize("other", [int, float])
 def test_a_whole_number_is_the_same_id_with_a_point(tmp_path, number, other):
-    box = annotation(number(5), number(1), category_id=number(1))
+    row = annotation(number(5), number(1), category_id=number(1))
     categories = [{"id": other(1), "name": "car"}]
-    content = coco([image(other(1), "a.png")], [box], categories=categories)
-    folder = write_files(tmp_path, {"a.json": content})
 
-    (frame,) = read_source(folder)
+    (frame,) = read(tmp_path, [image(other(1), "a.png")], [row], categories=categories)
 
-    (read,) = annotation_of(frame)["boxes"]
-    assert (read["id"], read["class"]) == ("5", "car")
+    (box,) = annotation_of(frame)["boxes"]
+    assert (box["id"], box["class"]) == ("5", "car")
 
 
 @pytest.mark.parametrize(
@@ -183,13 +162,9 @@ def test_a_whole_number_is_the_same_id_with_a_point(tmp_path, number, other):
     ],
 )
 def test_annotation_that_cannot_be_read_spoils_its_own_frame(tmp_path, wrong, words):
-    rows = [annotation(5, 1), annotation(6, 2, **wrong)]
-    content = coco([image(1, "a.png"), image(2, "b.png")], rows)
-    folder = write_files(tmp_path, {"a.json": content})
+    good, bad = read(tmp_path, [A, B], [annotation(5, 1), annotation(6, 2, **wrong)])
 
-    good, bad = read_source(folder)
-
-    assert [box["id"] for box in annotation_of(good)["boxes"]] == ["5"]
+    assert ids_of([good]) == [["5"]]
     problem = bad.problem
     if problem is None:
         with pytest.raises(AnnotationErrors) as caught:
@@ -211,13 +186,9 @@ def test_annotation_that_cannot_be_read_spoils_its_own_frame(tmp_path, wrong, wo
     ],
 )
 def test_faulty_image_or_category_is_reported(tmp_path, images, categories, words):
-    document = coco([image("z", "z.png"), *images], [annotation(1, "z")])
-    content = json.dumps(
-        {**json.loads(document), "categories": CATEGORIES + categories}
-    )
-    folder = write_files(tmp_path, {"a.json": content})
+    images, rows = [image("z", "z.png"), *images], [annotation(1, "z")]
 
-    frames = read_source(folder)
+    frames = read(tmp_path, images, rows, categories=CATEGORIES + categories)
     (frame,) = frames
 
     assert [box["class"] for box in annotation_of(frame)["boxes"]] == ["car"]
@@ -226,9 +197,8 @@ def test_faulty_image_or_category_is_reported(tmp_path, images, categories, word
 
 def test_ten_faulty_annotations_are_named_and_the_others_counted(tmp_path):
     rows = [annotation(number, None) for number in range(1244)]
-    folder = write_files(tmp_path, {"a.json": coco([image(1, "a.png")], rows)})
 
-    *named, last = [one.why for one in read_source(folder).unmatched]
+    *named, last = [one.why for one in read(tmp_path, [A], rows).unmatched]
 
     assert len(named) == 10
     assert last == "annotations: 1,234 more like this"
@@ -246,33 +216,27 @@ def test_ten_faulty_annotations_are_named_and_the_others_counted(tmp_path):
     ],
 )
 def test_path_from_elsewhere_is_the_file_whose_path_ends_most_alike(tmp_path, name):
-    there = {
-        f"{kind}/{camera}/1.png": None
-        for kind in ("images", "seg")
-        for camera in ("front", "left")
-    }
-    content = coco([image(1, name)], [annotation(1, 1)])
-    folder = write_files(tmp_path, {"a.json": content, **there})
+    there = [f"{kind}/{camera}/1.png" for kind in KINDS for camera in ("front", "left")]
 
-    (frame,) = read_source(folder)
+    (frame,) = read(tmp_path, [image(1, name)], [annotation(1, 1)], there)
 
     assert frame.key == "front/1"
-    assert frame.image == folder / "images/front/1.png"
-    assert frame.segmentation == folder / "seg/front/1.png"
+    assert frame.image == tmp_path / "images/front/1.png"
+    assert frame.segmentation == tmp_path / "seg/front/1.png"
+
+
+KINDS = ("images", "seg")
 
 
 def test_paths_from_elsewhere_that_could_be_one_file_get_none(tmp_path):
     names = ["/a/front/1.png", "/b/front/1.png", "/b/left/2.png"]
     images = [image(number, name) for number, name in enumerate(names)]
-    folder = write_files(
-        tmp_path, {"a.json": coco(images, []), "front/1.png": None, "x/2.png": None}
-    )
 
-    assert {one.key: one.image for one in read_source(folder)} == {
-        "a/front/1": None,
-        "b/front/1": None,
-        "x/2": folder / "x/2.png",
-    }
+    frames = read(tmp_path, images, [], ["front/1.png", "x/2.png"])
+
+    known = {"x/2": tmp_path / "x/2.png"}
+    expected = {"a/front/1": None, "b/front/1": None, **known}
+    assert {one.key: one.image for one in frames} == expected
 
 
 @pytest.mark.parametrize("is_absolute", [True, False])
@@ -303,28 +267,21 @@ def test_image_elsewhere_is_read_where_it_lies_if_that_is_allowed(
 def test_images_that_differ_in_their_suffix_are_two_frames(tmp_path, folder):
     images = [image(1, f"{folder}a.png"), image(2, f"{folder}a.jpg")]
     rows = [annotation(1, 1), annotation(2, 2, category_id=7)]
-    files = {"images/a.png": None, "images/a.jpg": None}
-    tags = {"seg/a.png": None}
-    source = write_files(tmp_path, {"a.json": coco(images, rows), **files, **tags})
 
-    frames = read_source(source)
+    frames = read(tmp_path, images, rows, ["images/a.png", "images/a.jpg", "seg/a.png"])
     jpeg, lossless = frames
 
     assert frames.unmatched == ()
     assert (jpeg.key, lossless.key) == ("a.jpg", "a.png")
-    assert [one.image for one in frames] == [
-        source / "images/a.jpg",
-        source / "images/a.png",
-    ]
-    assert [one.segmentation for one in frames] == [None, source / "seg/a.png"]
-    assert [annotation_of(one)["boxes"][0]["class"] for one in frames] == [
-        "walker",
-        "car",
-    ]
+    pictures = [tmp_path / "images" / one.key for one in frames]
+    assert [one.image for one in frames] == pictures
+    assert [one.segmentation for one in frames] == [None, tmp_path / "seg/a.png"]
+    classes = [annotation_of(one)["boxes"][0]["class"] for one in frames]
+    assert classes == ["walker", "car"]
 
 
 def test_letter_of_a_category_that_is_no_utf8_spoils_nothing(tmp_path):
-    content = coco([image(1, "a.png")], [annotation(1, 1)]).encode()
+    content = coco([A], [annotation(1, 1)]).encode()
     text = content.replace(b'"name"', b'"x": "\xff", "name"', 1)
     write_files(tmp_path, {"a.json": text, "a.png": b""})
 
@@ -334,17 +291,10 @@ def test_letter_of_a_category_that_is_no_utf8_spoils_nothing(tmp_path):
 
 
 def test_keypoints_beside_instances_are_not_read_twice(tmp_path):
-    content = coco([image(1, "a.png")], [annotation(1, 1, keypoints=[1, 2, 2])])
-    both = write_files(
-        tmp_path / "both",
-        {
-            "annotations/instances_val2017.json": content,
-            "annotations/person_keypoints_val2017.json": content,
-        },
-    )
-    alone = write_files(
-        tmp_path / "alone", {"annotations/person_keypoints_val2017.json": content}
-    )
+    content = coco([A], [annotation(1, 1, keypoints=[1, 2, 2])])
+    names = [f"annotations/{n}_val2017.json" for n in ("instances", "person_keypoints")]
+    both = write_files(tmp_path / "both", dict.fromkeys(names, content))
+    alone = write_files(tmp_path / "alone", {names[1]: content})
 
     frames = read_source(both)
     (frame,) = frames

@@ -83,6 +83,21 @@ def annotation(path):
     return {"boxes": [{"class": "car", "xyxy": corners}]}
 
 
+def of_frame(annotation, count=1, **more):
+    """A format whose reader gives one frame, perhaps again and again."""
+    frames = [FrameSource("a", annotation, **more)] * count
+    return strict_format(frames=lambda: iter(frames))
+
+
+ONCE = strict_format(frames=iter([FrameSource("a", {"boxes": []})]).__iter__)
+BAD = Format(name="none", title="", docs_row="a|b", read_options=frozenset("x"))
+NO_READER = Format(name="none", title="", docs_row="")
+TWICE = of_frame({"boxes": []}, 2)
+NO_ORIGIN = with_spans(lambda file: [], None)
+NO_PLACES = with_spans(lambda file: [], BoxOrigin(Path(__file__)))
+OF_FRAME = "Frame 'a' of the example: "
+
+
 @pytest.mark.parametrize(
     ("candidate", "sentence"),
     [
@@ -91,56 +106,18 @@ def annotation(path):
         (strict_format("Mine!"), "name: expected 1 to 40 of a-z, 0-9 and dash"),
         (strict_format("other"), "FrameSet.layout: expected 'other', found 'mine'."),
         (strict_format(count=3), "FrameSet.count is 3, but 2 frames are read."),
-        (
-            strict_format(frames=lambda: iter([FrameSource("a", {"boxes": []})] * 2)),
-            "The key 'a' is that of 2 frames; each has its own.",
-        ),
-        (
-            strict_format(frames=lambda: iter([FrameSource("a", {"boxes": []})] * 2)),
-            "The example has no box, so that reading boxes is not checked.",
-        ),
-        (
-            strict_format(frames=lambda: iter([FrameSource("a", {"boxes": 1})])),
-            "Frame 'a' of the example: its annotation is refused: ",
-        ),
-        (
-            strict_format(frames=lambda: iter([FrameSource("a", None)])),
-            "Frame 'a' of the example: neither an annotation nor a problem.",
-        ),
-        (
-            strict_format(
-                frames=lambda: iter([FrameSource("a", {}, image=Path("/no/a.png"))])
-            ),
-            "Frame 'a' of the example: /no/a.png is not there.",
-        ),
-        (
-            strict_format(frames=iter([FrameSource("a", {"boxes": []})]).__iter__),
-            "The example's frames differ when they are read again",
-        ),
-        (
-            Format(name="none", title="", docs_row="a|b", read_options=frozenset("x")),
-            "title: expected a text of one line",
-        ),
-        (
-            Format(name="none", title="", docs_row="a|b", read_options=frozenset("x")),
-            "docs_row: expected a text of one line without '|'",
-        ),
-        (
-            Format(name="none", title="", docs_row="a|b", read_options=frozenset("x")),
-            "read_options: 'x' is no option of readers; these are cameras, class",
-        ),
-        (
-            with_spans(lambda file: [], None),
-            "Frame 'a' of the example has no origin, which spans need.",
-        ),
-        (
-            with_spans(lambda file: [], BoxOrigin(Path(__file__))),
-            "Frame 'a' of the example: box_spans does not have the places of all 1 ",
-        ),
-        (
-            Format(name="none", title="", docs_row=""),
-            "The format has no function with the decorator `reader`.",
-        ),
+        (TWICE, "The key 'a' is that of 2 frames; each has its own."),
+        (TWICE, "The example has no box, so that reading boxes is not checked."),
+        (of_frame({"boxes": 1}), f"{OF_FRAME}its annotation is refused: "),
+        (of_frame(None), f"{OF_FRAME}neither an annotation nor a problem."),
+        (of_frame({}, image=Path("/no/a.png")), f"{OF_FRAME}/no/a.png is not there."),
+        (ONCE, "The example's frames differ when they are read again"),
+        (BAD, "title: expected a text of one line"),
+        (BAD, "docs_row: expected a text of one line without '|'"),
+        (BAD, "read_options: 'x' is no option of readers; these are cameras, class"),
+        (NO_ORIGIN, "Frame 'a' of the example has no origin, which spans need."),
+        (NO_PLACES, f"{OF_FRAME}box_spans does not have the places of all 1 "),
+        (NO_READER, "The format has no function with the decorator `reader`."),
     ],
 )
 def test_fault_of_a_format_is_a_sentence(candidate, sentence, tmp_path):
@@ -153,11 +130,8 @@ def test_option_that_is_used_but_not_declared_is_told(tmp_path):
     assert read is not None
     candidate.reader(lambda root, options: options.classes or read(root, options))
 
-    text = faults(candidate, tmp_path)
-
-    assert (
-        "The reader uses the option 'classes'; read_options does not list it." in text
-    )
+    told = "The reader uses the option 'classes'; read_options does not list it."
+    assert told in faults(candidate, tmp_path)
 
 
 @pytest.mark.parametrize(

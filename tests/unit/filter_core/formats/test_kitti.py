@@ -28,15 +28,14 @@ SIGNS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
 AHEAD = SIGNS * [2.0, 1.0, 0.8] + [10.0, 0.0, 0.8]
 
 
-def folder(tmp_path, label, calibration=f"P0: 1\n{P2}\n", wh=(1224, 370)):
-    return write_files(
-        tmp_path,
-        {
-            "training/label_2/000000.txt": label,
-            "training/image_2/000000.png": png(np.zeros((wh[1], wh[0], 3), np.uint8)),
-            "training/calib/000000.txt": calibration,
-        },
-    )
+def folder(tmp_path, label, calibration=f"P0: 1\n{P2}\n"):
+    files = {
+        "label_2/000000.txt": label,
+        "image_2/000000.png": png(np.zeros((370, 1224, 3), np.uint8)),
+        "calib/000000.txt": calibration,
+    }
+    write_files(tmp_path / "training", files)
+    return tmp_path
 
 
 def test_kitti_line_is_read_as_rectangle_with_kitti_fields(tmp_path):
@@ -50,18 +49,12 @@ def test_kitti_line_is_read_as_rectangle_with_kitti_fields(tmp_path):
     (read,) = parsed.boxes
     assert (read.class_name, read.form) == ("Pedestrian", "xyxy")
     assert read.values == (712.4, 143.0, 810.73, 307.92)
-    assert read.raw["kitti"] == {
-        "truncated": 0.0,
-        "occluded": 0,
-        "alpha": -0.2,
-        "dimensions": [1.89, 0.48, 1.2],
-        "location": [1.84, 1.47, 8.41],
-        "rotation_y": 0.01,
-    }
+    solid = {"dimensions": [1.89, 0.48, 1.2], "location": [1.84, 1.47, 8.41]}
+    turned = {"alpha": -0.2, "rotation_y": 0.01}
+    assert read.raw["kitti"] == {"truncated": 0.0, "occluded": 0, **solid, **turned}
     # The centre is half a height above the bottom; P2's camera is 6 cm to the left.
-    assert read.distance == pytest.approx(
-        np.linalg.norm([1.84 + 0.0604, 1.47 - 0.945, 8.41 + 0.005]), abs=2e-3
-    )
+    centre = [1.84 + 0.0604, 1.47 - 0.945, 8.41 + 0.005]
+    assert read.distance == pytest.approx(np.linalg.norm(centre), abs=2e-3)
     assert annotation_of(one)["dontcare"] == [[5.0, 6.0, 7.0, 9.0]]
 
 
@@ -155,15 +148,14 @@ def test_kitti_3d_columns_and_calibration_are_those_of_the_camera():
     assert " ".join(rows) == "P0 P1 P2 P3 R0_rect Tr_velo_to_cam Tr_imu_to_velo"
 
 
+NOT_FINITE = PEDESTRIAN.replace("8.41", "nan")
+
+
 @pytest.mark.parametrize(
     ("label", "calibration", "words"),
     [
         ("car 0 0", P2, "000000.txt, line 1: expected 15 columns"),
-        (
-            PEDESTRIAN.replace("8.41", "nan"),
-            P2,
-            "expected a finite number, found 'nan'",
-        ),
+        (NOT_FINITE, P2, "expected a finite number, found 'nan'"),
         (PEDESTRIAN, "P3: 1", "expected a line 'P2:', found none"),
         (PEDESTRIAN, "P2: 1 2", "P2: expected 12 numbers, found 2"),
         (PEDESTRIAN, f"P2: {'0 ' * 12}", "P2: not a valid camera"),
@@ -191,26 +183,15 @@ def test_calibration_without_label_file_is_listed_as_unmatched(tmp_path):
 
 
 def test_label_folders_of_parts_are_one_recording(tmp_path):
-    files = {
-        "label_2/a.txt": PEDESTRIAN,
-        "image_2/a.png": png(np.zeros((9, 9, 3), np.uint8)),
-    }
-    parts = {"val": files, "train": files}
-    write_files(
-        tmp_path,
-        {
-            f"{part}/{name}": content
-            for part, of_part in parts.items()
-            for name, content in of_part.items()
-        },
-    )
+    picture = png(np.zeros((9, 9, 3), np.uint8))
+    for part in ("val", "train"):
+        files = {"label_2/a.txt": PEDESTRIAN, "image_2/a.png": picture}
+        write_files(tmp_path / part, files)
 
     found = read_source(tmp_path)
 
     frames = {one.key: annotation_of(one) for one in found}
     assert (found.layout, found.count, found.unmatched) == ("kitti", 2, ())
-    assert {key: one["split"] for key, one in frames.items()} == {
-        "train/a": "train",
-        "val/a": "val",
-    }
+    parts = {key: one["split"] for key, one in frames.items()}
+    assert parts == {"train/a": "train", "val/a": "val"}
     assert all(len(one["boxes"]) == 1 for one in frames.values())

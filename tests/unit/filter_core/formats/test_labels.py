@@ -68,15 +68,12 @@ def coco(boxes):
 
 def voc(boxes):
     names = ("xmin", "ymin", "xmax", "ymax")
-    objects = [
-        "<object><name>car</name><bndbox>"
-        + "".join(
-            f"<{key}>{value}</{key}>" for key, value in zip(names, box, strict=True)
-        )
-        + "</bndbox></object>"
-        for box in boxes
-    ]
-    text = f"<annotation>{''.join(objects)}</annotation>"
+    text = "<annotation>"
+    for box in boxes:
+        edges = [f"<{key}>{at}</{key}>" for key, at in zip(names, box, strict=True)]
+        rectangle = f"<bndbox>{''.join(edges)}</bndbox>"
+        text += f"<object><name>car</name>{rectangle}</object>"
+    text += "</annotation>"
     return {f"Annotations/{n}.xml": text for n in range(FRAMES)}
 
 
@@ -183,12 +180,22 @@ def test_notation_is_told_in_the_unit_that_is_described(
         np.testing.assert_allclose(found, BOXES, atol=1e-9)
 
 
-@pytest.mark.parametrize(("count", "is_refused"), [(24, True), (12, False)])
-def test_many_boxes_show_percent_in_smaller_pictures(tmp_path, count, is_refused):
-    picture = png(np.zeros((180, 320, 3), np.uint8))
+STARTS = np.linspace(1, 80, 12).tolist()
+MANY = [[x, 0.5 * x, x + 9.5, 0.5 * x + 20] for x in STARTS]
+FEW = [[3.5, 4, 40, 50], [60, 12.5, 98, 31], [1, 1, 9, 9.5]]
+
+
+@pytest.mark.parametrize(
+    ("boxes", "size", "is_refused"),
+    [
+        (MANY, (180, 320), True),
+        (MANY[::2], (180, 320), False),
+        (FEW, (100, 100), False),
+    ],
+)
+def test_many_boxes_show_percent_in_smaller_pictures(tmp_path, boxes, size, is_refused):
+    picture = png(np.zeros((*size, 3), np.uint8))
     pictures = {f"images/{n}.png": picture for n in range(FRAMES)}
-    starts = np.linspace(1, 80, count // FRAMES).tolist()
-    boxes = [[x, 0.5 * x, x + 9.5, 0.5 * x + 20] for x in starts]
     folder = write_files(tmp_path, pictures | manifest("xyxy")(boxes))
 
     if not is_refused:
@@ -223,15 +230,6 @@ def test_boxes_that_may_be_meant_are_not_refused(tmp_path, write, boxes):
     source = read_source(recording(tmp_path, write, boxes))
 
     assert [len(each) for each in boxes_of(source)] == [len(boxes)] * FRAMES
-
-
-def test_percent_in_small_images_is_not_told(tmp_path):
-    picture = png(np.zeros((100, 100, 3), np.uint8))
-    pictures = {f"images/{n}.png": picture for n in range(FRAMES)}
-    boxes = [[3.5, 4, 40, 50], [60, 12.5, 99, 31], [1, 1, 9, 9.5]]
-    folder = write_files(tmp_path, pictures | manifest("xyxy")(boxes))
-
-    assert len(list(read_source(folder))) == FRAMES
 
 
 def test_class_of_another_name_is_joined_to_it(tmp_path):

@@ -15,13 +15,10 @@ from tests.support.folders import annotation_of, write_files
 from tests.support.nuscenes import BACK, FRONT, nuscenes_files
 from tests.support.pictures import jpeg
 
+WALKER = "human.pedestrian.adult"
 BY_DEVKIT = {
     "CAM_FRONT": ("car 1", "vehicle.car", [781.8896, 456.7122, 1397.1888, 735.0147]),
-    "CAM_BACK": (
-        "walker 1",
-        "human.pedestrian.adult",
-        [791.2077, 445.9198, 903.1245, 680.3321],
-    ),
+    "CAM_BACK": ("walker 1", WALKER, [791.2077, 445.9198, 903.1245, 680.3321]),
 }
 """By camera: the instance and the class of the box in front of it, and the rectangle
 around its eight corners, as nuscenes-devkit 1.2.0 computes them of the same tables:
@@ -43,14 +40,9 @@ def test_boxes_lie_where_the_devkit_of_nuscenes_projects_them(tmp_path):
     for name, frame in frames.items():
         annotation = parse_annotation(annotation_of(frame))
         instance, category, rectangle = BY_DEVKIT[name]
-        seen = {
-            (box.id, box.class_name): xyxy
-            for box, xyxy in zip(
-                annotation.boxes,
-                frame_boxes_2d(annotation, (1600, 900)).xyxy.tolist(),
-                strict=True,
-            )
-        }
+        names = [(box.id, box.class_name) for box in annotation.boxes]
+        xyxy = frame_boxes_2d(annotation, (1600, 900)).xyxy.tolist()
+        seen = dict(zip(names, xyxy, strict=True))
         assert seen.pop((instance, category)) == pytest.approx(rectangle, abs=1e-3)
         (behind,) = seen.values()
         assert max(behind) < 0
@@ -59,15 +51,12 @@ def test_boxes_lie_where_the_devkit_of_nuscenes_projects_them(tmp_path):
 def test_boxes_in_a_world_without_turns_are_computed_by_hand(tmp_path):
     """The camera looks along the world's x, 2 m above the origin; a box of 4 m length,
     2 m width and 1 m height lies 10 m before it, 1 m to the left."""
-    looks_along_x = [0.5, -0.5, 0.5, -0.5]
-    changes: dict[str, dict[str, list[float]]] = {
-        "ego_pose": {"translation": [0, 0, 0], "rotation": [1, 0, 0, 0]},
-        "calibrated_sensor": {"translation": [0, 0, 2], "rotation": looks_along_x},
-        "sample_annotation": {
-            "translation": [10, 1, 1],
-            "size": [2, 4, 1],
-            "rotation": [1, 0, 0, 0],
-        },
+    along_x, straight = [0.5, -0.5, 0.5, -0.5], [1, 0, 0, 0]
+    box = {"translation": [10, 1, 1], "size": [2, 4, 1], "rotation": straight}
+    changes: dict[str, dict[str, object]] = {
+        "ego_pose": {"translation": [0, 0, 0], "rotation": straight},
+        "calibrated_sensor": {"translation": [0, 0, 2], "rotation": along_x},
+        "sample_annotation": {**box},
     }
     files = nuscenes_files("front")
     for table, change in changes.items():
@@ -88,11 +77,7 @@ def test_boxes_in_a_world_without_turns_are_computed_by_hand(tmp_path):
 @pytest.mark.parametrize(
     ("table", "change", "words"),
     [
-        (
-            "ego_pose",
-            {"token": "other"},
-            "ego_pose.json: expected a row with the token",
-        ),
+        ("ego_pose", {"token": "b"}, "ego_pose.json: expected a row with the token"),
         ("sample_annotation", {"size": [1, 2]}, "size: expected 3 numbers, found"),
         ("sample_annotation", {"rotation": [0, 0, 0, 0]}, "expected a quaternion"),
         ("sample_data", {"ego_pose_token": [1]}, "ego_pose.json: expected a row with"),

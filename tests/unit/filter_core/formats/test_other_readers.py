@@ -37,29 +37,34 @@ def street(*, empty="empty"):
         yield frame(key, *boxes, map=f"Town0{number % 2}")
 
 
-def test_pycocotools_scores_perfect_detections_with_1(tmp_path, capsys):
-    files = export("coco", street(), images="none", split=1.0)
+def scored(tmp_path, capsys, files, detected):
+    """The truth of a COCO file as pycocotools reads it, and the mean precision."""
     truth = tmp_path / "truth.json"
     truth.write_bytes(files["annotations/instances_train.json"])
-
     loaded = COCO(str(truth))
-    perfect = [
-        {
-            "image_id": one["image_id"],
-            "category_id": one["category_id"],
-            "bbox": one["bbox"],
-            "score": 0.9,
-        }
-        for one in loaded.anns.values()
-    ]
-    scored = COCOeval(loaded, loaded.loadRes(perfect), "bbox")
-    scored.evaluate()
-    scored.accumulate()
-    scored.summarize()
+    rows = detected(loaded)
+    scores = COCOeval(loaded, loaded.loadRes(rows), "bbox")
+    scores.evaluate()
+    scores.accumulate()
+    scores.summarize()
     capsys.readouterr()
+    return loaded, scores.stats[0]
 
-    assert len(perfect) == 25
-    assert scored.stats[0] == pytest.approx(1.0)
+
+def test_pycocotools_scores_perfect_detections_with_1(tmp_path, capsys):
+    files = export("coco", street(), images="none", split=1.0)
+
+    def perfect(loaded):
+        keys = ("image_id", "category_id", "bbox")
+        return [
+            {"score": 0.9, **{key: row[key] for key in keys}}
+            for row in loaded.anns.values()
+        ]
+
+    loaded, precision = scored(tmp_path, capsys, files, perfect)
+
+    assert len(loaded.anns) == 25
+    assert precision == pytest.approx(1.0)
     assert [one["name"] for one in loaded.loadCats(loaded.getCatIds())] == list(CLASSES)
     assert len(loaded.getImgIds()) == len(KEYS)
 
@@ -67,22 +72,15 @@ def test_pycocotools_scores_perfect_detections_with_1(tmp_path, capsys):
 def test_pycocotools_ignores_dontcare_boxes(tmp_path, capsys):
     ghost = box("ghost", (50, 10, 70, 30), "rejected")
     files = export("coco", [frame("a", box(0), ghost)], split=1.0, rejected="dontcare")
-    truth = tmp_path / "truth.json"
-    truth.write_bytes(files["annotations/instances_train.json"])
-
-    loaded = COCO(str(truth))
-    found = [
+    detected = [
         {"image_id": 1, "category_id": 1, "bbox": bbox, "score": score}
         for bbox, score in (([10, 20, 20, 40], 0.5), ([50, 10, 20, 20], 0.9))
     ]
-    scored = COCOeval(loaded, loaded.loadRes(found), "bbox")
-    scored.evaluate()
-    scored.accumulate()
-    scored.summarize()
-    capsys.readouterr()
+
+    _, precision = scored(tmp_path, capsys, files, lambda _: detected)
 
     # If it counted as an object, the ghost would be a false positive.
-    assert scored.stats[0] == pytest.approx(1.0)
+    assert precision == pytest.approx(1.0)
 
 
 def ultralytics_labels(root):
@@ -97,9 +95,8 @@ def ultralytics_labels(root):
         folder = (root / data[part]).resolve()
         assert folder.is_dir()
         for image in sorted(folder.rglob("*.*")):
-            assert (
-                cv2.imdecode(np.frombuffer(image.read_bytes(), np.uint8), 1) is not None
-            )
+            content = np.frombuffer(image.read_bytes(), np.uint8)
+            assert cv2.imdecode(content, 1) is not None
             # The last images/ in the path becomes labels/, the suffix .txt.
             before, _, after = str(image).rpartition("/images/")
             label = Path(f"{before}/labels/{after}").with_suffix(".txt")
@@ -144,15 +141,8 @@ def test_kitti_export_follows_the_development_kit_format():
             assert float(alpha) == -10
             assert 0 <= float(left) < float(right) <= 100
             assert 0 <= float(top) < float(bottom) <= 80
-            assert [float(one) for one in solid] == [
-                -1,
-                -1,
-                -1,
-                -1000,
-                -1000,
-                -1000,
-                -10,
-            ]
+            unknown = [*[-1.0] * 3, *[-1000.0] * 3, -10.0]
+            assert [float(one) for one in solid] == unknown
             count += 1
     assert stems == [f"{number:06}" for number in range(len(KEYS))]
     assert count == 25

@@ -122,12 +122,10 @@ CAR = {"boxes": [{"class": "car", "xyxy": [10, 10, 50, 40]}], "carla_version": "
 def test_image_of_tags_is_a_frame_of_its_size_where_there_is_no_picture(
     tmp_path, names, key, label
 ):
-    contents = {
-        name: SEGMENTATION if "sem" in name or "seg/" in name else INSTANCES
-        for name in names
-    }
-    text = {f"{label or key}.json": json.dumps(CAR)}
-    write_files(tmp_path, {**contents, **text})
+    write_files(tmp_path, {f"{label or key}.json": json.dumps(CAR)})
+    for name in names:
+        is_semantic = "sem" in name or "seg/" in name
+        write_files(tmp_path, {name: SEGMENTATION if is_semantic else INSTANCES})
 
     found = read_source(tmp_path)
     (frame,) = found
@@ -138,15 +136,13 @@ def test_image_of_tags_is_a_frame_of_its_size_where_there_is_no_picture(
     assert outcome.decisions is not None, outcome.error
     (decision,) = outcome.decisions
     assert (decision["verdict"], decision["box_pixels"]) == ("kept", 1200)
-    assert decision["evidence"] == (
-        "instance" if "instances" in frame.others else "semantic"
-    )
+    channel = "instance" if "instances" in frame.others else "semantic"
+    assert decision["evidence"] == channel
 
 
 def test_images_of_tags_beside_pictures_are_no_frames(tmp_path):
-    write_files(
-        tmp_path, {"rgb/1.png": None, "inst/1.png": INSTANCES, "inst/2.png": INSTANCES}
-    )
+    tags = dict.fromkeys(("inst/1.png", "inst/2.png"), INSTANCES)
+    write_files(tmp_path, {"rgb/1.png": None, **tags})
 
     found = read_source(tmp_path)
 

@@ -36,6 +36,7 @@ BOX = {"location": {"x": 20, "y": 0, "z": 1.5}, "extent": {"x": 1, "y": 1, "z": 
 ORIGIN = {"Location": {"x": 0, "y": 0, "z": 0}, "Rotation": {"yaw": 0}}
 MOUNT = {"sensor_name": "CAM_FRONT", "translation": [0, 0, 1.5]}
 CARLA = {"xmin": 1, "ymin": 2, "xmax": 30, "ymax": 40}
+KINDS, SIDES = ("semantic", "instance", "depth"), ("front", "top_down")
 
 
 def gzipped(value):
@@ -76,39 +77,46 @@ LIGHT = {
     "rotation": [0.0, 0.0, 90.0],
     "distance": 20.1,
 }
-ANNO = {
-    "x": 10.0,
-    "weather": {},
-    "bounding_boxes": [EGO, VEHICLE, LIGHT],
-    "sensors": {
-        name: {
-            "intrinsic": INTRINSIC,
-            "world2cam": matrix,
-            "fov": 90.0,
-            "image_size_x": 1600,
-            "image_size_y": 900,
-        }
-        for name, matrix in {"CAM_FRONT": FORWARD, "CAM_BACK": BACKWARD}.items()
-    },
+LENS = {"intrinsic": INTRINSIC, "fov": 90.0, "image_size_x": 1600, "image_size_y": 900}
+SENSORS = {
+    name: {**LENS, "world2cam": matrix}
+    for name, matrix in {"CAM_FRONT": FORWARD, "CAM_BACK": BACKWARD}.items()
 }
+OBJECTS = [EGO, VEHICLE, LIGHT]
+ANNO = {"x": 10.0, "weather": {}, "bounding_boxes": OBJECTS, "sensors": SENSORS}
 KITTI_3D = "1.5 1.6 4 1 2 20 0.1"
 TRACKS = f"""0 2 Car 0 0 -1.57 296.75 161.75 455.25 292.5 {KITTI_3D}
 0 -1 DontCare -1 -1 -10 219.5 188.5 245.5 218.5 -1000 -1000 -1000 -10 -1 -1 -1
 1 2 Van 0 0 -1.6 294 156 452 284 {KITTI_3D}
 """
 BOX2D = {"x1": 10.0, "y1": 5.0, "x2": 19.0, "y2": 15.0}
+SCALABEL = {"category": "car", "box2d": BOX2D, "attributes": {}}
+FOCAL = {"focal": [640, 640], "center": [640, 400], "skew": 0}
 SCALABEL_FRAMES = [
     {
         "name": "00000000_img_front.jpg",
         "videoName": video,
-        "intrinsics": {"focal": [640, 640], "center": [640, 400], "skew": 0},
+        "intrinsics": FOCAL,
         "labels": labels,
     }
     for video, labels in {
-        "0003-17fb": [{"id": "7", "category": "car", "box2d": BOX2D, "attributes": {}}],
+        "0003-17fb": [{"id": "7", **SCALABEL}],
         "0004-aaaa": None,
     }.items()
 ]
+SELMAS_BOX = {**BOX, "label": 100, "bp_id": "vehicle.a.b", "instance_id": "7"}
+CARLAS_CAR = {"class": "car", "blueprint_id": "a"}
+CARLAS_OBJECTS = [
+    {"id": 5, **CARLAS_CAR, "bbox_2d": CARLA},
+    {"id": 6, **CARLAS_CAR, "bbox_2d": None},
+]
+REMOVED = [[[5, 6], [7, 8]]] * 2
+CARLA_2DBBOX = {
+    "bboxes": [[[1.5, 2], [3, 4]]],
+    "vehicle_class": [1],
+    "removed_bboxes": REMOVED,
+    "removed_vehicle_class": [0, 0],
+}
 RECORDED: dict[str, dict[str, str | bytes | None]] = {
     "carla-dataset-runner": {
         **dict.fromkeys(("rgb20191104-1.jpeg", "sem20191104-1.png")),
@@ -117,31 +125,19 @@ RECORDED: dict[str, dict[str, str | bytes | None]] = {
     "SELMA": {
         **dict.fromkeys(("CAM_FRONT/T_1.jpg", "SEGCAM_FRONT/T_1.png")),
         "DEPTHCAM_FRONT/T_1.png": None,
-        "BBOX_LABELS/T_1.json": json.dumps(
-            [{**BOX, "label": 100, "bp_id": "vehicle.a.b", "instance_id": "7"}]
-        ),
+        "BBOX_LABELS/T_1.json": json.dumps([SELMAS_BOX]),
         "calibrated_sensor.json": json.dumps([{**MOUNT, "rotation": {"pitch": -5}}]),
         "waypoints.json": json.dumps({"1": ORIGIN}),
     },
     "CARLA's bounding_boxes.py": {
         "00000123.png": None,
         "123.json": json.dumps(
-            {
-                "frame_id": 123,
-                "timestamp": 1.5,
-                "objects": [
-                    {"id": 5, "class": "car", "blueprint_id": "a", "bbox_2d": CARLA},
-                    {"id": 6, "class": "car", "blueprint_id": "a", "bbox_2d": None},
-                ],
-            }
+            {"frame_id": 123, "timestamp": 1.5, "objects": CARLAS_OBJECTS}
         ),
     },
     "Bench2Drive": {
-        "camera/rgb_front/00007.jpg": None,
-        "camera/semantic_front/00007.png": None,
-        "camera/instance_front/00007.png": None,
-        "camera/depth_front/00007.png": None,
-        "camera/rgb_top_down/00007.jpg": None,
+        **dict.fromkeys(f"camera/{kind}_front/00007.png" for kind in KINDS),
+        **dict.fromkeys(f"camera/rgb_{side}/00007.jpg" for side in SIDES),
         "anno/00007.json.gz": gzipped({**ANNO, "bounding_boxes": [EGO, VEHICLE]}),
         "expert_assessment/00006.npz": npz(arr_0=np.zeros(3)),
     },
@@ -159,26 +155,16 @@ RECORDED: dict[str, dict[str, str | bytes | None]] = {
     },
     "CARLA-2DBBox": {
         **dict.fromkeys(("out_rgb/000007.png", "out_rgb_bbox/000007.png")),
-        "out_bbox/000007.txt": json.dumps(
-            {
-                "bboxes": [[[1.5, 2], [3, 4]]],
-                "vehicle_class": [1],
-                "removed_bboxes": [[[5, 6], [7, 8]], [[5, 6], [7, 8]]],
-                "removed_vehicle_class": [0, 0],
-            }
-        ),
+        "out_bbox/000007.txt": json.dumps(CARLA_2DBBOX),
     },
 }
+TRACK: dict[str, object] = {"id": "2", "xyxy": [296.75, 161.75, 455.25, 292.5]}
 READ: dict[str, tuple[str, str, dict[str, object]]] = {
     "carla-dataset-runner": ("20191104-1", "vehicle", {"xyxy": [30, 10, 50, 20]}),
     "SELMA": ("T/FRONT/1", "car", {"instance_id": 7, "type_id": "vehicle.a.b"}),
     "CARLA's bounding_boxes.py": ("00000123", "car", {"xyxy": [1, 2, 30, 40]}),
     "Bench2Drive": ("front/00007", "vehicle", {"id": "217", "distance": 10.1}),
-    "KITTI's tracking format": (
-        "0001/000000",
-        "Car",
-        {"id": "2", "xyxy": [296.75, 161.75, 455.25, 292.5]},
-    ),
+    "KITTI's tracking format": ("0001/000000", "Car", TRACK),
     "SHIFT": ("front/0003-17fb/00000000", "car", {"id": "7", "xyxy": [10, 5, 20, 16]}),
     "CARLA-2DBBox": ("000007", "truck", {"xyxy": [1.5, 2, 3, 4]}),
 }
@@ -264,15 +250,9 @@ def test_recorded_npz_boxes_have_the_verdicts_that_were_counted():
     }
 
 
-TAGS = {
-    "person": (40,),
-    "car": (100,),
-    "truck": (101,),
-    "train": (103,),
-    "motorcycle": (104, 41),
-    "bicycle": (105, 41),
-}
-"""Of SELMA's changed CARLA, by class."""
+TAGS: dict[str, tuple[int, ...]]
+TAGS = {"person": (40,), "car": (100,), "truck": (101,), "train": (103,)}
+TAGS |= {"motorcycle": (104, 41), "bicycle": (105, 41)}
 
 
 @pytest.mark.parametrize("below", ["", "Town01_Opt_ClearNight"])
@@ -320,9 +300,8 @@ def projected(corners, world_to_camera, intrinsic):
 
 
 def test_bench2drives_boxes_lie_where_each_of_its_cameras_shows_them(tmp_path):
-    cameras = ("front", "back")
     run = tmp_path / "Parking_Town05_Route68_Weather8"
-    for camera in cameras:
+    for camera in ("front", "back"):
         pictures = (f"camera/{kind}_{camera}/00007.png" for kind in KINDS)
         write_files(run, {f"camera/rgb_{camera}/00007.jpg": None})
         write_files(run, dict.fromkeys(pictures))
@@ -337,19 +316,10 @@ def test_bench2drives_boxes_lie_where_each_of_its_cameras_shows_them(tmp_path):
         assert [box.id for box in annotation.boxes] == ["217", "30"]
         boxes[frame.key.split("/")[-2]] = frame_boxes_2d(annotation, (1600, 900)).xyxy
     # Turned by 90 degrees, the light's half sizes along x and y are exchanged.
-    light = cube([30, 18, 6], [0.5, 0.2, 1.0])
-    assert boxes["front"] == pytest.approx(
-        np.array(
-            [
-                projected(VEHICLE["world_cord"], FORWARD, INTRINSIC),
-                projected(light, FORWARD, INTRINSIC),
-            ]
-        )
-    )
+    solids = [VEHICLE["world_cord"], cube([30, 18, 6], [0.5, 0.2, 1.0])]
+    seen = [projected(solid, FORWARD, INTRINSIC) for solid in solids]
+    assert boxes["front"] == pytest.approx(np.array(seen))
     assert (boxes["back"] < 0).all()  # behind it
-
-
-KINDS = ("semantic", "instance", "depth")
 
 
 def test_tracks_of_kitti_belong_to_the_frames_of_their_sequence(tmp_path):
@@ -362,14 +332,13 @@ def test_tracks_of_kitti_belong_to_the_frames_of_their_sequence(tmp_path):
 
     assert [*frames] == [*names[:3]]
     assert [one.path for one in recording.unmatched] == ["image_02/0002/000000.png"]
-    assert frames[names[0]]["boxes"] == [
-        {"id": "2", "class": "Car", "xyxy": [296.75, 161.75, 455.25, 292.5]}
-    ]
-    assert frames[names[0]]["dontcare"] == [[219.5, 188.5, 245.5, 218.5]]
-    assert frames[names[1]]["boxes"] == [
+    first, second, third = frames.values()
+    assert first["boxes"] == [{**TRACK, "class": "Car"}]
+    assert first["dontcare"] == [[219.5, 188.5, 245.5, 218.5]]
+    assert second["boxes"] == [
         {"id": "2", "class": "Van", "xyxy": [294, 156, 452, 284]}
     ]
-    assert frames[names[2]] == {"boxes": []}
+    assert third == {"boxes": []}
 
 
 def test_frames_of_shift_are_told_by_their_video(tmp_path):
@@ -425,33 +394,25 @@ CALIBRATION = (
     "Tr_velo_to_cam: 0 -1 0 0 0 0 -1 0 1 0 0 0",
     "TR_imu_to_velo: 1.0 0.0 0.0 0.0 0.0 1.0 0.0 0.0 0.0 0.0 1.0 0.0",
 )
+USUAL = {
+    "voc": {"output/023235.png": SMALL, "output/023235.xml": VOC},
+    "coco": {"023235.png": SMALL, "simulation_data.json": json.dumps(COCO)},
+    "kitti": {
+        "training/image_2/000000.png": png(np.zeros((384, 1248, 3), np.uint8)),
+        "training/label_2/000000.txt": CARLA_DATA_EXPORT,
+        "training/calib/000000.txt": "\n".join(CALIBRATION),
+        "training/planes/000000.txt": "# Plane\nWidth 4\nHeight 1\n0 -1 0 1.8",
+        "training/velodyne/000000.bin": b"\0" * 16,
+        "training/train.txt": "000000\n",
+    },
+}
 
 
-@pytest.mark.parametrize(
-    ("files", "layout"),
-    [
-        ({"output/023235.png": SMALL, "output/023235.xml": VOC}, "voc"),
-        ({"023235.png": SMALL, "simulation_data.json": json.dumps(COCO)}, "coco"),
-        (
-            {
-                "training/image_2/000000.png": png(np.zeros((384, 1248, 3), np.uint8)),
-                "training/label_2/000000.txt": CARLA_DATA_EXPORT,
-                "training/calib/000000.txt": "\n".join(CALIBRATION),
-                "training/planes/000000.txt": "# Plane\nWidth 4\nHeight 1\n0 -1 0 1.8",
-                "training/velodyne/000000.bin": b"\0" * 16,
-                "training/train.txt": "000000\n",
-            },
-            "kitti",
-        ),
-    ],
-    ids=["CARLA's tutorial, VOC", "CARLA's tutorial, COCO", "carla-data-export"],
-)
-def test_recorders_that_write_a_usual_format_need_no_description(
-    tmp_path, files, layout
-):
+@pytest.mark.parametrize("layout", USUAL)
+def test_recorders_that_write_a_usual_format_need_no_description(tmp_path, layout):
     """Structures of CARLA's tutorial ``tuto_G_bounding_boxes`` and of Ozzyz's
     carla-data-export (``dataexport.py``, ``datadescriptor.py``)."""
-    recording = read_source(write_files(tmp_path, files))
+    recording = read_source(write_files(tmp_path, USUAL[layout]))
     (frame,) = recording
 
     annotation = parse_annotation(annotation_of(frame))
@@ -459,9 +420,7 @@ def test_recorders_that_write_a_usual_format_need_no_description(
     assert frame.image is not None
     size = read_image_header(frame.image.read_bytes()).wh
     xyxy = frame_boxes_2d(annotation, size).xyxy
-    assert (recording.layout, box.class_name) == (
-        layout,
-        "Car" if layout == "kitti" else "vehicle",
-    )
+    name = "Car" if layout == "kitti" else "vehicle"
+    assert (recording.layout, box.class_name) == (layout, name)
     assert xyxy.tolist() == [[503.25, 310.5, 511.75, 321.125]]
     assert [one.path for one in recording.unmatched] == []

@@ -54,21 +54,15 @@ def test_every_key_of_a_description_reaches_reader_or_configuration(tmp_path):
     (box,) = annotation.boxes
     assert (box.class_name, box.form, annotation.map) == ("car", "xyxyn", "Town04")
     assert box.values == pytest.approx([0.2, 0.3, 0.4, 0.5])
+    settings = {"palette": "carla-0.9.14", "encoding": "raw", "channel_order": "bgr"}
+    settings["lossy_segmentation"] = "nearest"
+    assert description.segmentation_settings() == settings
     assert description.config_keys() == {
-        "palette": "carla-0.9.14",
-        "encoding": "raw",
-        "channel_order": "bgr",
-        "lossy_segmentation": "nearest",
+        **settings,
         "tags": {"40": "Pedestrian", "#0a00ff": "Car", "#dc143c": "Rider"},
         "tag_scale": 2,
         "depth_encoding": "carla-bgr",
         "classes": {"sign": {"accept": ["TrafficSign"]}},
-    }
-    assert description.segmentation_settings() == {
-        "palette": "carla-0.9.14",
-        "encoding": "raw",
-        "channel_order": "bgr",
-        "lossy_segmentation": "nearest",
     }
 
 

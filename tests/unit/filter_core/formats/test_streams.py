@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from itertools import product
 
 import numpy as np
 import pytest
@@ -149,14 +150,12 @@ def test_segmentation_is_told_by_words_of_its_path(tmp_path, key, segmentation):
 
 def test_each_camera_keeps_its_own_images_of_every_kind(tmp_path):
     """24 of 36 images are no pictures; left has no depth, and gets none of front."""
-    names = [f"{n:06d}" for n in range(6)]
-    files = {}
-    for camera in ("front", "left"):
-        for name in names:
-            files[f"{camera}/rgb/{name}.png"] = png(photo())
-            files[f"{camera}/seg/{name}.png"] = png(painted(street_tags()))
-            files[f"{camera}/instances/{name}.png"] = png(instances())
-    write_files(tmp_path, {**files, "front/depth/000000.png": png(depth())})
+    drawn = {"rgb": photo(), "seg": painted(street_tags()), "instances": instances()}
+    contents = {kind: png(pixels) for kind, pixels in drawn.items()}
+    for camera, number in product(("front", "left"), range(6)):
+        names = {f"{camera}/{kind}/{number:06d}.png": kind for kind in contents}
+        write_files(tmp_path, {name: contents[kind] for name, kind in names.items()})
+    write_files(tmp_path, {"front/depth/000000.png": png(depth())})
 
     found = read_source(tmp_path)
     frames = frames_of(found)
@@ -164,9 +163,10 @@ def test_each_camera_keeps_its_own_images_of_every_kind(tmp_path):
     assert len(frames) == 12
     assert found.unmatched == ()
     assert frames["front/rgb/000000"]["depth"] == "front/depth/000000.png"
-    assert frames["left/rgb/000000"] == {
-        "segmentation": "left/seg/000000.png",
-        "instances": "left/instances/000000.png",
+    left = frames["left/rgb/000000"]
+    assert left == {
+        role: f"left/{folder}/000000.png"
+        for role, folder in (("segmentation", "seg"), ("instances", "instances"))
     }
 
 
@@ -174,15 +174,11 @@ def test_each_camera_keeps_its_own_images_of_every_kind(tmp_path):
     ("files", "expected"),
     [
         # Names of folders that nobody could know.
-        (
-            {"x/1.png": photo(), "y/1.png": painted(street_tags())},
-            {"x/1": {"segmentation": "y/1.png"}},
-        ),
+        ({"x/1.png": photo(), "y/1.png": painted(street_tags())},
+         {"x/1": {"segmentation": "y/1.png"}}),
         # One folder with names that differ in the kind by a word that nobody knows.
-        (
-            {"1.png": photo(), "2.png": painted(street_tags()), "3.png": photo()},
-            {"1": {}, "3": {}},
-        ),
+        ({"1.png": photo(), "2.png": painted(street_tags()), "3.png": photo()},
+         {"1": {}, "3": {}}),
         ({"masks/1.png": raw_tags(), "1.png": photo()},
          {"1": {"segmentation": "masks/1.png"}}),
         ({"masks/1.png": photo(grey=True), "1.png": photo()}, {"1": {}}),
@@ -231,8 +227,7 @@ def test_auxiliary_images_are_no_images_of_labels(tmp_path):
 
 
 def test_segmentations_of_a_folder_that_was_named_win(tmp_path):
-    files = dict.fromkeys(("rgb/1.png", "seg/1.png", "better/1.png"))
-    write_files(tmp_path, files)
+    write_files(tmp_path, dict.fromkeys(("rgb/1.png", "seg/1.png", "better/1.png")))
     options = RecordingDescription(segmentation=tmp_path / "better")
 
     (frame,) = read_source(tmp_path, options=options)
@@ -287,23 +282,20 @@ NAMES = ("0000", "0001", "0002")
         ("dog{}x", "dog{}x_gt"),
     ],
 )
-@pytest.mark.parametrize("suffix", ["png", "jpg"])
+@pytest.mark.parametrize("encode", [png, jpeg])
 def test_names_that_differ_by_an_ending_are_two_streams(
-    tmp_path, picture, segmentation, suffix
+    tmp_path, picture, segmentation, encode
 ):
-    encode = png if suffix == "png" else jpeg
-    for name in NAMES:
-        files = {f"{picture.format(name)}.{suffix}": encode(photo())}
-        write_files(
-            tmp_path, {**files, f"{segmentation.format(name)}.png": png(raw_tags())}
-        )
+    suffix = "png" if encode is png else "jpg"
+    pairs = {picture.format(n): f"{segmentation.format(n)}.png" for n in NAMES}
+    for key, tags in pairs.items():
+        write_files(tmp_path, {f"{key}.{suffix}": encode(photo())})
+        write_files(tmp_path, {tags: png(raw_tags())})
 
     found = read_source(tmp_path)
 
-    assert frames_of(found) == {
-        picture.format(name): {"segmentation": f"{segmentation.format(name)}.png"}
-        for name in NAMES
-    }
+    expected = {key: {"segmentation": tags} for key, tags in pairs.items()}
+    assert frames_of(found) == expected
     assert found.unmatched == ()
 
 
@@ -370,18 +362,12 @@ def test_a_grey_picture_among_pictures_costs_no_look_at_each(tmp_path):
     assert found.notes() == ()
 
 
-_COCO_IMAGES = [
-    {"id": number, "file_name": f"{camera}/0.png", "width": 80, "height": 60}
-    for number, camera in enumerate(("front", "left"))
-]
-_COCO = json.dumps({"images": _COCO_IMAGES, "annotations": [], "categories": []})
-_COCO_DRAFT = json.dumps(
-    {
-        "images": [{"id": 9, "file_name": "drafts/9.png"}],
-        "annotations": [],
-        "categories": [],
-    }
-)
+def _coco(*names):
+    images = [
+        {"id": number, "file_name": f"{name}.png", "width": 80, "height": 60}
+        for number, name in enumerate(names)
+    ]
+    return json.dumps({"images": images, "annotations": [], "categories": []})
 
 
 def _cvat(*names):
@@ -395,47 +381,42 @@ def _tasks(*names):
     return json.dumps([*tasks])
 
 
+def _both(write, name):
+    """The labels of two frames, and those of another one that is a draft."""
+    drafts = {name.format("draft"): write("drafts/9")}
+    return {name.format("a"): write("front/0", "left/0"), **drafts}
+
+
 _OF_LAYOUT = {
     "yolo": ("images", {"labels/{}.txt": "", "classes.txt": "car"}),
     "kitti": ("image_2", {"label_2/{}.txt": ""}),
     "voc": ("JPEGImages", {"Annotations/{}.xml": "<annotation></annotation>"}),
     "carlasimu": ("images", {"labels/label50/{}.txt": ""}),
-    "coco": (
-        "images",
-        {"annotations/a.json": _COCO, "annotations/draft.json": _COCO_DRAFT},
-    ),
-    "cvat": (
-        "images",
-        {"a.xml": _cvat("front/0", "left/0"), "draft.xml": _cvat("drafts/9")},
-    ),
-    "label-studio": (
-        "images",
-        {"a.json": _tasks("front/0", "left/0"), "draft.json": _tasks("drafts/9")},
-    ),
+    "coco": ("images", _both(_coco, "annotations/{}.json")),
+    "cvat": ("images", _both(_cvat, "{}.xml")),
+    "label-studio": ("images", _both(_tasks, "{}.json")),
     "pairs": ("images", {"images/{}.json": '{"boxes": []}'}),
     "table": ("images", {"labels/{}.csv": "class,x1,y1,x2,y2\ncar,1,2,3,4\n"}),
 }
-"""By layout: the folder of its pictures, and its labels of a frame."""
+
+
+def of_each(names, labels):
+    """The label files of frames, by names with braces for those of frames."""
+    return {
+        label.format(name): text for label, text in labels.items() for name in names
+    }
 
 
 @pytest.mark.parametrize("layout", _OF_LAYOUT)
 def test_description_says_roles_in_every_layout_whatever_names_say(tmp_path, layout):
     pictures, labels = _OF_LAYOUT[layout]
     names = ("front/0", "left/0", "drafts/9")
-    write_files(
-        tmp_path,
-        {
-            **{
-                label.format(name): text
-                for label, text in labels.items()
-                for name in names
-            },
-            **{f"{pictures}/{name}.png": None for name in names},
-            **{f"depth/{name}.png": None for name in names},
-            **{f"scans/{name.replace('/', '_')}.ply": "ply" for name in names},
-            "semantic/view 0 of front.png": None,
-        },
-    )
+    folders = (pictures, "depth")
+    images = [f"{folder}/{name}.png" for folder in folders for name in names]
+    scans = [f"scans/{name.replace('/', '_')}.ply" for name in names]
+    write_files(tmp_path, of_each(names, labels))
+    write_files(tmp_path, dict.fromkeys((*images, "semantic/view 0 of front.png")))
+    write_files(tmp_path, dict.fromkeys(scans, "ply"))
     keys = [frame.key for frame in read_source(tmp_path, layout)]
     described = """
     files:
@@ -449,15 +430,12 @@ def test_description_says_roles_in_every_layout_whatever_names_say(tmp_path, lay
     recording = read_source(tmp_path)
     front, left = recording
 
-    assert recording.layout == layout
-    assert recording.unmatched == ()
+    assert (recording.layout, recording.unmatched) == (layout, ())
     assert [front.key, left.key] == [key for key in keys if "9" not in key]
     assert front.segmentation == tmp_path / "depth/front/0.png"
     assert left.segmentation == tmp_path / "depth/left/0.png"
-    assert front.others == {
-        "depth": tmp_path / "semantic/view 0 of front.png",
-        "lidar": tmp_path / "scans/front_0.ply",
-    }
+    view = tmp_path / "semantic/view 0 of front.png"
+    assert front.others == {"depth": view, "lidar": tmp_path / "scans/front_0.ply"}
     assert left.others == {"lidar": tmp_path / "scans/left_0.ply"}
     told = {(one.role, one.images) for one in recording.streams if one.told_by}
     assert {("segmentation", 2), ("depth", 1), ("lidar", 2)} <= told
@@ -479,42 +457,31 @@ def test_labels_of_many_frames_must_be_a_file(tmp_path, layout):
 @pytest.mark.parametrize("layout", ["yolo", "pairs", "table"])
 def test_described_pictures_share_what_their_names_in_braces_say(tmp_path, layout):
     """Both cameras have one point file, and numbers may differ in zeros before them."""
-    _, labels = _OF_LAYOUT[layout]
-    names = ("front/07", "left/07")
+    labels = {
+        label.replace("images/", ""): text
+        for label, text in _OF_LAYOUT[layout][1].items()
+    }
     described = """
     files:
       image: "seg/{camera}/{frame}.png"
       segmentation: "rgb/{frame}_{camera}.png"
       lidar: "scan/{frame}.ply"
     """
-    write_files(
-        tmp_path,
-        {
-            RECORDING_NAME: described,
-            **{
-                label.format(f"seg/{name}").replace("images/", ""): text
-                for label, text in labels.items()
-                for name in names
-            },
-            **{f"seg/{name}.png": None for name in names},
-            **dict.fromkeys(("rgb/7_front.png", "rgb/7_left.png", "rgb/8_left.png")),
-            "scan/7.ply": "ply",
-            "depth/left/07.png": None,
-        },
-    )
+    files = {RECORDING_NAME: described, "scan/7.ply": "ply", "depth/left/07.png": None}
+    pictures = ("seg/front/07.png", "seg/left/07.png")
+    tags = ("rgb/7_front.png", "rgb/7_left.png", "rgb/8_left.png")
+    write_files(tmp_path, of_each(("seg/front/07", "seg/left/07"), labels))
+    write_files(tmp_path, {**files, **dict.fromkeys((*pictures, *tags))})
 
     recording = read_source(tmp_path, layout)
     front, left = recording
 
     lidar, depth = tmp_path / "scan/7.ply", tmp_path / "depth/left/07.png"
-    assert front.image == tmp_path / "seg/front/07.png"
-    assert left.image == tmp_path / "seg/left/07.png"
+    assert [one.image for one in recording] == [tmp_path / name for name in pictures]
     assert front.segmentation == tmp_path / "rgb/7_front.png"
     assert left.segmentation == tmp_path / "rgb/7_left.png"
-    assert (front.others, left.others) == (
-        {"lidar": lidar},
-        {"depth": depth, "lidar": lidar},
-    )
+    assert front.others == {"lidar": lidar}
+    assert left.others == {"depth": depth, "lidar": lidar}
     assert [one.path for one in recording.unmatched] == ["rgb/8_left.png"]
 
 
@@ -599,31 +566,27 @@ def test_a_role_may_have_several_patterns(tmp_path):
     text = json.dumps({"files": {"segmentation": patterns, "depth": "d/{frame}.png"}})
     write_files(tmp_path, {RECORDING_NAME: text, **dict.fromkeys(names)})
 
-    recording = read_source(tmp_path)
-    frames = {frame.key: frame.segmentation for frame in recording}
+    frames = {frame.key: frame.segmentation for frame in read_source(tmp_path)}
 
-    assert frames == {
-        "a/1": tmp_path / "a/gt/1.png",
-        "b/c/2": tmp_path / "b/c/classes/2.png",
-    }
+    assert frames == {"a/1": tmp_path / names[0], "b/c/2": tmp_path / names[2]}
     description = describe(tmp_path)
     assert description.files.document["segmentation"] == patterns
     assert description_text(description, tmp_path).count("{frame}") == 3
 
 
 @pytest.mark.parametrize(
-    ("segmentation", "belongs"),
+    ("picture", "segmentation", "belongs"),
     [
-        pytest.param("run/semantic_id.png", True, id="the only one of its folder"),
-        pytest.param("run/semantic_8.png", False, id="numbers differ"),
-        pytest.param("other/semantic_id.png", False, id="another folder"),
+        pytest.param("rgb", "run/semantic_id", True, id="the only one of its folder"),
+        pytest.param("rgb_7", "run/semantic_8", False, id="numbers differ"),
+        pytest.param("rgb_7", "other/semantic_id", False, id="another folder"),
     ],
 )
-def test_only_images_of_a_folder_belong_together(tmp_path, segmentation, belongs):
-    picture = "run/scene_rgb_7.png" if not belongs else "run/scene_rgb.png"
-    write_files(
-        tmp_path, {picture: png(photo()), segmentation: png(painted(street_tags()))}
-    )
+def test_only_images_of_a_folder_belong_together(
+    tmp_path, picture, segmentation, belongs
+):
+    write_files(tmp_path, {f"run/scene_{picture}.png": png(photo())})
+    write_files(tmp_path, {f"{segmentation}.png": png(painted(street_tags()))})
 
     (frame,) = read_source(tmp_path)
 

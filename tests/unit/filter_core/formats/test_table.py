@@ -18,17 +18,10 @@ from filter_core.formats.reading import RECORDING_NAME
 from filter_core.formats.registry import read_source
 from tests.support.folders import annotation_of, write_files
 
+KEYS = ("frame", "id", "label", "xmin", "ymin", "xmax", "ymax")
 ROWS = [
-    {
-        "frame": "7",
-        "id": 3,
-        "label": "car",
-        "xmin": 1.5,
-        "ymin": 2,
-        "xmax": 3,
-        "ymax": 4,
-    },
-    {"frame": "8", "id": 4, "label": "bus", "xmin": 5, "ymin": 6, "xmax": 7, "ymax": 8},
+    dict(zip(KEYS, ("7", 3, "car", 1.5, 2, 3, 4), strict=True)),
+    dict(zip(KEYS, ("8", 4, "bus", 5, 6, 7, 8), strict=True)),
 ]
 BOXES = {
     "7": [{"id": 3, "class": "car", "xyxy": [1.5, 2, 3, 4]}],
@@ -81,6 +74,9 @@ def without(rows, key):
     return [{name: value for name, value in row.items() if name != key} for row in rows]
 
 
+BY_FRAME = [
+    {"frame": int(str(row["frame"])), "boxes": without([row], "frame")} for row in ROWS
+]
 MANY = {
     "boxes.csv": delimited(ROWS),
     "semicolons/boxes.csv": delimited(ROWS, ";"),
@@ -88,12 +84,7 @@ MANY = {
     "boxes.csv.gz": packed(delimited(ROWS)),
     "boxes.json": json.dumps(ROWS),
     "by frame/boxes.json": json.dumps({row["frame"]: [row] for row in ROWS}),
-    "frames/boxes.json": json.dumps(
-        [
-            {"frame": int(str(row["frame"])), "boxes": without([row], "frame")}
-            for row in ROWS
-        ]
-    ),
+    "frames/boxes.json": json.dumps(BY_FRAME),
     "boxes.json.gz": packed(json.dumps(ROWS)),
     "boxes.jsonl.gz": packed(lines(ROWS)),
     "boxes.npz": npz(**columns(ROWS)),
@@ -105,13 +96,10 @@ def test_one_file_holds_the_boxes_of_many_frames(tmp_path, name):
     """Columns have their usual names; the frame may be a number without zeros."""
     frames = read(tmp_path, {**IMAGES, f"labels/{name}": MANY[name]})
 
-    assert (frames.layout, frames.count) == ("table", 3)
-    found = boxes_of(frames)
-    assert list(found) == ["0007", "0008", "0009"]
-    assert ids_as_text(found["0007"]) == ids_as_text(BOXES["7"])
-    assert ids_as_text(found["0008"]) == ids_as_text(BOXES["8"])
-    assert found["0009"] == []
-    assert frames.unmatched == ()
+    assert (frames.layout, frames.count, frames.unmatched) == ("table", 3, ())
+    boxes = {key: ids_as_text(boxes) for key, boxes in boxes_of(frames).items()}
+    cars, buses = (ids_as_text(boxes) for boxes in BOXES.values())
+    assert boxes == {"0007": cars, "0008": buses, "0009": []}
 
 
 ONE = without(ROWS[:1], "frame")
@@ -129,9 +117,8 @@ OF_A_FRAME = {
 
 @pytest.mark.parametrize("name", OF_A_FRAME)
 def test_a_file_holds_the_boxes_of_one_frame(tmp_path, name):
-    frames = read(
-        tmp_path, {**IMAGES, f"boxes/{name}": OF_A_FRAME[name]}, "layout: table"
-    )
+    files = {**IMAGES, f"boxes/{name}": OF_A_FRAME[name]}
+    frames = read(tmp_path, files, "layout: table")
     (boxes,) = boxes_of(frames).values()
     assert ids_as_text(boxes) == ids_as_text(BOXES["7"])
     assert [one.path for one in frames.unmatched] == ["rgb/0008.png", "rgb/0009.png"]
@@ -219,13 +206,14 @@ def test_unit_corners_and_classes_of_a_description_hold_for_tables_too(tmp_path)
 
 
 def test_columns_without_names_are_numbered(tmp_path):
-    description = (
-        "layout: table\nfiles: {image: '{frame}.png', labels: '{frame}.txt'}\n"
-    )
-    fields = "boxes: {fields: {class: 0, x1: 1, y1: 2, x2: 3, y2: 4}}"
     files = {"1.png": None, "1.txt": "car 1 2 3 4\nbus 5 6 7 8\n"}
 
-    (frame,) = read(tmp_path, files, description + fields)
+    (frame,) = read(
+        tmp_path,
+        files,
+        "layout: table\nfiles: {image: '{frame}.png', labels: '{frame}.txt'}\n"
+        "boxes: {fields: {class: 0, x1: 1, y1: 2, x2: 3, y2: 4}}",
+    )
 
     assert [box["class"] for box in annotation_of(frame)["boxes"]] == ["car", "bus"]
 
@@ -256,12 +244,9 @@ def test_row_may_call_its_frame_by_the_number_of_the_picture(tmp_path, frame):
     images = {f"rgb_000{number}.png": None for number in (7, 8)}
     write_files(tmp_path, {"boxes.csv": text, **images})
 
-    frames = {one.key: annotation_of(one)["boxes"] for one in read_source(tmp_path)}
+    counts = {key: len(boxes) for key, boxes in boxes_of(read_source(tmp_path)).items()}
 
-    assert {key: len(boxes) for key, boxes in frames.items()} == {
-        "rgb_0007": 1,
-        "rgb_0008": 0,
-    }
+    assert counts == {"rgb_0007": 1, "rgb_0008": 0}
 
 
 def test_rows_of_no_frame_are_listed_with_their_place(tmp_path):
@@ -334,10 +319,9 @@ def test_file_of_many_frames_that_cannot_be_read_is_refused(
 )  # fmt: skip
 def test_fault_in_a_frames_labels_is_its_problem(tmp_path, content, fields, words):
     description = f"layout: table\nboxes: {{classes: [car, bus], fields: {fields}}}"
+    files = {"1.png": None, "1.json": json.dumps(content)}
 
-    (frame,) = read(
-        tmp_path, {"1.png": None, "1.json": json.dumps(content)}, description
-    )
+    (frame,) = read(tmp_path, files, description)
 
     assert words in str(frame.problem)
 
@@ -391,13 +375,11 @@ def test_camera_of_3d_boxes_is_found_where_the_description_says(
     (frame,) = frames
 
     annotation = parse_annotation(annotation_of(frame))
-    geometry = frame_boxes_2d(annotation, (80, 60))
     assert (annotation.camera_wh, frame.key) == ((80, 60), "left/1")
-    x_min, y_min, x_max, y_max = geometry.xyxy[0]
+    x_min, y_min, x_max, y_max = frame_boxes_2d(annotation, (80, 60)).xyxy[0]
     assert (x_min + x_max) / 2 == pytest.approx(40)
-    assert (y_min + y_max) / 2 == pytest.approx(
-        30 - 40 * np.tan(np.radians(10)), abs=0.1
-    )
+    below = 30 - 40 * np.tan(np.radians(10))
+    assert (y_min + y_max) / 2 == pytest.approx(below, abs=0.1)
     assert frames.unmatched == ()
 
 
@@ -467,15 +449,11 @@ def test_examples_of_the_documentation_are_read(tmp_path):
     ],
 )
 def test_table_is_recognised_by_columns_that_speak_for_themselves(tmp_path, names):
-    keys = dict(zip(names, ("xmin", "ymin", "xmax", "ymax"), strict=True))
-    rows = [
-        {"image": row["frame"], "label": row["label"]}
-        | {name: row[key] for name, key in keys.items()}
-        for row in ROWS
-    ]
-    root = write_files(tmp_path, {**IMAGES, "boxes.csv": delimited(rows)})
+    columns = ("image", "id", "label", *names)
+    rows = [dict(zip(columns, row.values(), strict=True)) for row in ROWS]
+    files = {**IMAGES, "boxes.csv": delimited(without(rows, "id"))}
 
-    frames = read_source(root)
+    frames = read_source(write_files(tmp_path, files))
 
     assert frames.layout == "table"
     boxes = [box for frame in frames for box in annotation_of(frame)["boxes"]]

@@ -106,29 +106,18 @@ def test_images_of_one_name_in_two_folders_are_two_frames(tmp_path):
         names = f"<folder>{folder}</folder><filename>1.png</filename><size>".encode()
         return voc().replace(b"<size>", names)
 
-    write_files(
-        tmp_path,
-        {
-            "JPEGImages/front/1.png": None,
-            "JPEGImages/left/1.png": None,
-            "seg/front/1.png": None,
-            "seg/left/1.png": None,
-            "Annotations/front_1.xml": named("front"),
-            "Annotations/x/left_1.xml": named("C:\\data\\left"),
-        },
-    )
+    labels = {"front_1": named("front"), "x/left_1": named("C:\\data\\left")}
+    write_files(tmp_path, {f"Annotations/{key}.xml": labels[key] for key in labels})
+    names = ("JPEGImages/front/1.png", "JPEGImages/left/1.png")
+    tags = ("seg/front/1.png", "seg/left/1.png")
+    write_files(tmp_path, dict.fromkeys((*names, *tags)))
 
     found = read_source(tmp_path)
 
     assert found.unmatched == ()
-    assert {one.key: one.image for one in found} == {
-        "front_1": tmp_path / "JPEGImages/front/1.png",
-        "x/left_1": tmp_path / "JPEGImages/left/1.png",
-    }
-    assert {one.segmentation for one in found} == {
-        tmp_path / "seg/front/1.png",
-        tmp_path / "seg/left/1.png",
-    }
+    expected = dict(zip(labels, (tmp_path / name for name in names), strict=True))
+    assert {one.key: one.image for one in found} == expected
+    assert [one.segmentation for one in found] == [tmp_path / name for name in tags]
 
 
 def test_xml_text_is_unescaped_and_comments_are_ignored():
@@ -227,17 +216,10 @@ def test_usual_xml_namespaces_are_ignored():
 
 
 def test_voc_folder_is_read_and_an_invalid_file_is_reported(tmp_path):
-    write_files(
-        tmp_path,
-        {
-            "JPEGImages/7.png": None,
-            "Annotations/7.xml": voc(),
-            "Annotations/bad.xml": b"<a",
-            "SegmentationClass/ignored.txt": "",
-        },
-    )
+    files = {"Annotations/7.xml": voc(), "Annotations/bad.xml": b"<a"}
+    others = {"JPEGImages/7.png": None, "SegmentationClass/ignored.txt": ""}
 
-    good, bad = read_source(tmp_path)
+    good, bad = read_source(write_files(tmp_path, {**files, **others}))
 
     assert (good.key, good.image) == ("7", tmp_path / "JPEGImages/7.png")
     assert "Annotations/bad.xml, line 1" in str(bad.problem)

@@ -28,59 +28,42 @@ def elements(files, name):
 
 
 def test_coco_export_has_ids_from_one_and_xywh_boxes():
-    files = export(
-        "coco",
-        [frame("a/7", box(0), box(1, class_name="walker")), frame("b", CLIPPED)],
-        split=1.0,
-    )
-    made = document(files, "annotations/instances_train.json")
+    walker = box(1, class_name="walker")
+    files = export("coco", [frame("a/7", box(0), walker), frame("b", CLIPPED)], split=1)
+    made = document(files, COCO_TRAIN)
 
-    assert [one["id"] for one in made["categories"]] == [1, 2, 3]
-    assert [one["name"] for one in made["categories"]] == list(HEAD.classes)
-    assert [(one["id"], one["file_name"]) for one in made["images"]] == [
-        (1, "a/7.png"),
-        (2, "b.png"),
-    ]
-    rows = [
-        (one["id"], one["image_id"], one["category_id"], one["bbox"], one["area"])
-        for one in made["annotations"]
-    ]
+    categories = [(one["id"], one["name"]) for one in made["categories"]]
+    assert categories == [*enumerate(HEAD.classes, 1)]
+    images = [(one["id"], one["file_name"]) for one in made["images"]]
+    assert images == [(1, "a/7.png"), (2, "b.png")]
+    keys = ("id", "image_id", "category_id", "bbox", "area", "iscrowd", "segmentation")
+    rows = [tuple(one[key] for key in keys) for one in made["annotations"]]
     assert rows == [
-        (1, 1, 1, [10.0, 20.0, 20.0, 40.0], 800.0),
-        (2, 1, 3, [10.0, 20.0, 20.0, 40.0], 800.0),
-        (3, 2, 1, [0.0, 20.0, 30.0, 40.0], 1200.0),
+        (1, 1, 1, [10.0, 20.0, 20.0, 40.0], 800.0, 0, []),
+        (2, 1, 3, [10.0, 20.0, 20.0, 40.0], 800.0, 0, []),
+        (3, 2, 1, [0.0, 20.0, 30.0, 40.0], 1200.0, 0, []),
     ]
-    assert all(
-        (one["iscrowd"], one["segmentation"]) == (0, []) for one in made["annotations"]
-    )
     assert document(files, "annotations/instances_val.json")["images"] == []
 
 
 def test_coco_export_keeps_coco_keys_of_the_input():
-    given = {
-        "area": 17.5,
-        "ignore": 0,
-        "track": 3,
-        "segmentation": [[1, 2, 3, 4, 5, 6]],
-    }
-    files = export(
-        "coco", [frame("a", box("x", given=given, distance=12.5))], split=1.0
-    )
+    outline = [[1, 2, 3, 4, 5, 6]]
+    given = {"area": 17.5, "ignore": 0, "track": 3, "segmentation": outline}
+    files = export("coco", [frame("a", box("x", given=given, distance=12.5))], split=1)
 
-    (one,) = document(files, "annotations/instances_train.json")["annotations"]
+    (row,) = document(files, COCO_TRAIN)["annotations"]
 
-    assert {key: one[key] for key in given} == given
-    assert one["attributes"] == {"id": "x", "distance": 12.5}
+    assert {key: row[key] for key in given} == given
+    assert row["attributes"] == {"id": "x", "distance": 12.5}
 
 
 def test_coco_export_contains_3d_vertices_and_camera():
     corners = [[float(n), 0.0, 1.0] for n in range(8)]
     camera = {"width": 100, "height": 80, "fov": 90.0, "transform": POSE}
     solid = box(0, given={"vertices": corners})
-    one = frame("a", solid, annotation={"camera": camera})
 
-    files = export("coco", [one], split=1.0)
-    made = document(files, "annotations/instances_train.json")
+    files = export("coco", [frame("a", solid, annotation={"camera": camera})], split=1)
+    made = document(files, COCO_TRAIN)
 
     assert made["annotations"][0]["attributes"]["vertices"] == corners
     assert made["images"][0]["camera"] == camera
@@ -107,23 +90,17 @@ def test_rejected_boxes_are_exported_as_dontcare_regions(name, file, says):
 
 
 def test_kitti_export_has_15_columns_and_defaults_for_unknown_values():
-    files = export("kitti", [frame("x/y z", box(0), CLIPPED)], split=1.0)
+    frames = [frame("x/y z", box(0), CLIPPED, box(1, occluded=2))]
+    files = export("kitti", frames, split=1.0)
 
+    rest = "60.00 -1.00 -1.00 -1.00 -1000.00 -1000.00 -1000.00 -10.00"
     assert files["training/label_2/000000.txt"].decode().splitlines() == [
-        "car 0.00 3 -10.00 10.00 20.00 30.00 60.00 "
-        "-1.00 -1.00 -1.00 -1000.00 -1000.00 -1000.00 -10.00",
-        "car 0.25 3 -10.00 0.00 20.00 30.00 60.00 "
-        "-1.00 -1.00 -1.00 -1000.00 -1000.00 -1000.00 -10.00",
+        f"car 0.00 3 -10.00 10.00 20.00 30.00 {rest}",
+        f"car 0.25 3 -10.00 0.00 20.00 30.00 {rest}",
+        f"car 0.00 2 -10.00 10.00 20.00 30.00 {rest}",
     ]
     assert files["ImageSets/train.txt"] == b"000000\n"
     assert json.loads(files["frames.jsonl"])["key"] == "x/y z"
-
-
-def test_kitti_export_uses_the_measured_occlusion():
-    files = export("kitti", [frame("a", box(0, occluded=2))], split=1.0)
-
-    line = files["training/label_2/000000.txt"].decode().split()
-    assert line[2] == "2"
 
 
 def test_kitti_export_ignores_invalid_values_under_its_keys():
@@ -140,15 +117,10 @@ def test_kitti_export_ignores_invalid_values_under_its_keys():
 
 
 def test_kitti_types_are_unique_and_without_spaces():
-    words = kitti_types(("traffic light", "traffic_light", "dontcare", "Car", "car"))
+    classes = ("traffic light", "traffic_light", "dontcare", "Car", "car")
+    types = ("traffic_light", "traffic_light_2", "dontcare_2", "Car", "car")
 
-    assert words == {
-        "traffic light": "traffic_light",
-        "traffic_light": "traffic_light_2",
-        "dontcare": "dontcare_2",
-        "Car": "Car",
-        "car": "car",
-    }
+    assert kitti_types(classes) == dict(zip(classes, types, strict=True))
     made = export("kitti", [frame("a", box(0, class_name="traffic light"))])
     assert made["training/label_2/000000.txt"].split()[0] == b"traffic_light"
     said = document(made, "manifest.json")["kitti_types"]
@@ -160,16 +132,10 @@ def test_coco_export_of_tight_boxes_has_no_outline_of_another_rectangle():
     given = {"xyxy": [0, 0, 90, 70], "area": 6300.0, "segmentation": outline}
     tight = box(0, (0, 0, 90, 70), given=given, tight_xyxy=[10, 10, 30, 30])
 
-    rows = {
-        boxes: document(
-            export("coco", [frame("a", tight)], split=1.0, boxes=boxes),
-            "annotations/instances_train.json",
-        )["annotations"][0]
-        for boxes in ("visible", "tight")
-    }
-
-    seen = {name: (row["area"], row["segmentation"]) for name, row in rows.items()}
-    assert seen == {"visible": (6300.0, outline), "tight": (400.0, [])}
+    for boxes, seen in (("visible", (6300.0, outline)), ("tight", (400.0, []))):
+        files = export("coco", [frame("a", tight)], split=1.0, boxes=boxes)
+        (row,) = document(files, COCO_TRAIN)["annotations"]
+        assert (row["area"], row["segmentation"]) == seen
 
 
 def test_label_file_is_never_called_like_a_list_of_classes():
@@ -178,17 +144,6 @@ def test_label_file_is_never_called_like_a_list_of_classes():
     labels = [name for name in files if name.startswith("labels/")]
     assert len(labels) == 1
     assert not labels[0].endswith("/classes.txt")
-
-
-def test_voc_flags_are_0_or_1_and_the_pose_is_text():
-    flags = {"truncated": True, "difficult": 0.35, "occluded": None}
-    given = {**flags, "pose": {"x": 1}}
-
-    made = export("voc", [frame("a", box(0, given=given))])
-
-    (one,) = elements(made, "Annotations/a.xml").iter("object")
-    names = ("pose", "truncated", "difficult", "occluded")
-    assert [one.findtext(name) for name in names] == ["Unspecified", "1", "0", "0"]
 
 
 @pytest.mark.parametrize(
@@ -213,18 +168,19 @@ def test_voc_export_uses_integer_pixels_from_one(xyxy, voc):
     assert whole_pixels(xyxy, (100, 80)) == voc
 
 
-def test_voc_export_has_a_file_per_image_and_truncated_flags():
-    given = {"pose": "Left", "difficult": 1, "occluded": 1}
-    files = export(
-        "voc", [frame("a", box(0, given=given), CLIPPED), frame("b/c")], split=1.0
-    )
+def test_voc_export_has_a_file_per_image_and_flags_of_0_or_1():
+    known = {"pose": "Left", "difficult": 1, "occluded": 1}
+    flags = {"truncated": True, "difficult": 0.35, "occluded": None, "pose": {"x": 1}}
+    boxes = [box(0, given=known), CLIPPED, box(1, given=flags)]
+    files = export("voc", [frame("a", *boxes), frame("b/c")], split=1.0)
 
     root = elements(files, "Annotations/a.xml")
-    flags = [
-        [one.findtext(key) for key in ("pose", "truncated", "difficult", "occluded")]
-        for one in root.iter("object")
+    keys = ("pose", "truncated", "difficult", "occluded")
+    assert [[one.findtext(key) for key in keys] for one in root.iter("object")] == [
+        ["Left", "0", "1", "1"],
+        ["Unspecified", "1", "0", "0"],
+        ["Unspecified", "1", "0", "0"],
     ]
-    assert flags == [["Left", "0", "1", "1"], ["Unspecified", "1", "0", "0"]]
     assert root.findtext("size/depth") == "3"
     assert not list(elements(files, "Annotations/b__c.xml").iter("object"))
     assert files["ImageSets/Main/train.txt"] == b"a\nb__c\n"
@@ -232,20 +188,14 @@ def test_voc_export_has_a_file_per_image_and_truncated_flags():
 
 
 def test_cvat_export_contains_verdict_and_reason_of_each_box():
-    root = elements(
-        export("cvat", [frame("a<b", CLIPPED, GHOST)], include="all"), "annotations.xml"
-    )
+    files = export("cvat", [frame("a<b", CLIPPED, GHOST)], include="all")
+    root = elements(files, "annotations.xml")
 
     assert root.findtext("version") == "1.1"
     assert [one.findtext("name") for one in root.iter("label")] == list(HEAD.classes)
     (image,) = root.iter("image")
-    assert image.attrib == {
-        "id": "0",
-        "name": "a%3Cb.png",
-        "subset": "train",
-        "width": "100",
-        "height": "80",
-    }
+    size = {"width": "100", "height": "80"}
+    assert image.attrib == {"id": "0", "name": "a%3Cb.png", "subset": "train", **size}
     first, second = image.iter("box")
     corners = [first.attrib[key] for key in ("xtl", "ytl", "xbr", "ybr")]
     assert corners == ["0.00", "20.00", "30.00", "60.00"]
@@ -254,14 +204,12 @@ def test_cvat_export_contains_verdict_and_reason_of_each_box():
 
 
 def test_label_studio_has_the_whole_labelling_and_what_the_filter_says():
-    person = box(
-        "p", verdict="rejected", review={"verdict": "keep"}, effective_verdict="kept"
-    )
+    review = {"review": {"verdict": "keep"}, "effective_verdict": "kept"}
+    person = box("p", verdict="rejected", **review)
     ghosts = frame("done", box(0, verdict="rejected"))
-    files = export(
-        "label-studio", [frame("a b", box(0, match_percent=40.0), person), ghosts]
-    )
+    frames = [frame("a b", box(0, match_percent=40.0), person), ghosts]
 
+    files = export("label-studio", frames)
     task, done = document(files, "tasks.json")
 
     # A frame without an annotation would not be labelled yet.
@@ -272,14 +220,8 @@ def test_label_studio_has_the_whole_labelling_and_what_the_filter_says():
     assert prediction["model_version"] == "unghost-000000000000"
     (region,) = prediction["result"]
     assert (region["score"], region["id"]) == (0.4, "0")
-    assert region["value"] == {
-        "x": 10.0,
-        "y": 25.0,
-        "width": 20.0,
-        "height": 50.0,
-        "rotation": 0,
-        "rectanglelabels": ["car"],
-    }
+    percent = {"x": 10.0, "y": 25.0, "width": 20.0, "height": 50.0}
+    assert region["value"] == {**percent, "rotation": 0, "rectanglelabels": ["car"]}
     (annotation,) = task["annotations"]
     people = {one["id"]: one["origin"] for one in annotation["result"]}
     assert people == {"0": "prediction", "p": "manual"}
@@ -289,19 +231,15 @@ def test_label_studio_has_the_whole_labelling_and_what_the_filter_says():
 
 def test_manifest_export_returns_the_input_without_rejected_boxes():
     given = {"id": "7", "cxcywhn": [0.5, 0.5, 0.1, 0.1], "mine": {"deep": [1]}}
-    one = box("7", given=given)
-    annotation = {"weather": {"fog_density": 2.0}, "mine": 1, "boxes": ["all of them"]}
-    files = export("manifest", [frame("a/b", one, GHOST, annotation=annotation)])
+    kept = box("7", given=given)
+    own = {"weather": {"fog_density": 2.0}, "mine": 1}
+    annotation = {**own, "boxes": ["all of them"]}
+    files = export("manifest", [frame("a/b", kept, GHOST, annotation=annotation)])
 
     line = json.loads(files["manifest.jsonl"])
 
-    assert line == {
-        "key": "a/b",
-        "image": "images/a/b.png",
-        "weather": {"fog_density": 2.0},
-        "mine": 1,
-        "boxes": [one.given],
-    }
+    named = {"key": "a/b", "image": "images/a/b.png"}
+    assert line == {**named, **own, "boxes": [kept.given]}
     assert files["images/a/b.png"].startswith(b"\x89PNG")
 
 
@@ -317,6 +255,7 @@ def test_yolo_data_yaml_replaces_an_empty_split_by_the_other():
         ("yolo", "{band}/train/a.txt", b"\n"),
         ("voc", "{band}/a.xml", b"<object>"),
         ("kitti", "training/{band}/000000.txt", b"\n"),
+        ("coco", "annotations/{band}/instances_train.json", b'"bbox"'),
     ],
 )
 def test_distance_bands_contain_near_and_unknown_distance_boxes(name, file, mark):
@@ -327,22 +266,15 @@ def test_distance_bands_contain_near_and_unknown_distance_boxes(name, file, mark
         assert files[file.format(band=band)].count(mark) == count
     bands = document(files, "manifest.json")["counts"]["bands"]
     assert bands == {"label50": 2, "label100": 3}
-
-
-def test_coco_has_a_file_for_each_band():
-    boxes = [box(0, distance=49.9), box(1, distance=50.1)]
-    files = export("coco", [frame("a", *boxes)], split=1.0, bands=50)
-
-    near = document(files, "annotations/label50/instances_train.json")["annotations"]
-
-    assert [one["attributes"]["id"] for one in near] == ["0"]
+    near = file.format(band="label50")
+    assert export(name, [frame("a", *boxes)], split=1.0, bands=50)[near] == files[near]
 
 
 def test_missing_tight_rectangle_falls_back_to_visible_and_is_counted():
     tight = box(0, tight_xyxy=[12, 22, 28, 58])
     files = export("coco", [frame("a", tight, box(1))], split=1.0, boxes="tight")
 
-    made = document(files, "annotations/instances_train.json")["annotations"]
+    made = document(files, COCO_TRAIN)["annotations"]
 
     assert [one["bbox"][:2] for one in made] == [[12.0, 22.0], [10.0, 20.0]]
     counts = document(files, "manifest.json")["counts"]
@@ -351,16 +283,14 @@ def test_missing_tight_rectangle_falls_back_to_visible_and_is_counted():
 
 
 def test_crowd_box_is_dropped_by_formats_without_crowds():
-    crowd = box(0, given={"iscrowd": 1})
-    made = {
-        name: export(name, [frame("a", crowd)], split=1.0) for name in ("yolo", "coco")
-    }
+    frames = [frame("a", box(0, given={"iscrowd": 1}))]
+    yolo, coco = (export(name, frames, split=1.0) for name in ("yolo", "coco"))
 
-    assert made["yolo"]["labels/train/a.txt"] == b""
-    reasons = document(made["yolo"], "manifest.json")["counts"]["not_kept_by_reason"]
-    assert reasons == {"crowd": 1}
-    (one,) = document(made["coco"], "annotations/instances_train.json")["annotations"]
-    assert one["iscrowd"] == 1
+    assert yolo["labels/train/a.txt"] == b""
+    counts = document(yolo, "manifest.json")["counts"]
+    assert counts["not_kept_by_reason"] == {"crowd": 1}
+    (row,) = document(coco, COCO_TRAIN)["annotations"]
+    assert row["iscrowd"] == 1
 
 
 OWN_LINES = (
@@ -377,9 +307,8 @@ OWN_XML = (
 )
 OWN_SHARES = ("0 0.2 0.50 0.200 0.5 0.9 \n", "0 0.6 0.25 0.2 0.25")
 OWN_TEXT = {
-    "kitti": "".join(OWN_LINES),
-    "voc": "".join(OWN_XML),
-    "yolo": "".join(OWN_SHARES),
+    form: "".join(parts)
+    for form, parts in {"kitti": OWN_LINES, "voc": OWN_XML, "yolo": OWN_SHARES}.items()
 }
 OWN_FILE = {
     "kitti": "training/label_2/000007.txt",
@@ -414,11 +343,8 @@ def test_labels_that_came_in_the_format_are_written_as_they_came(name, left):
 
 
 def test_kitti_export_writes_own_lines_with_the_present_class_and_numbers():
-    frames = [
-        came_as("kitti", "a"),
-        came_as("kitti", "b", class_name="walker"),
-        frame("c", box(0)),
-    ]
+    walker = came_as("kitti", "b", class_name="walker")
+    frames = [came_as("kitti", "a"), walker, frame("c", box(0))]
 
     files = export("kitti", frames, split=1, rejected="dontcare")
 
@@ -462,31 +388,22 @@ def test_other_labels_than_those_of_the_boxes_are_not_written(name, changed):
 
 
 def test_coco_export_has_own_ids_where_they_are_different():
-    categories = {"walker": {"id": 90, "name": "walker", "supercategory": "person"}}
-    stored = {"format": "coco", "image_id": 7, "categories": categories}
+    person = {"id": 90, "name": "walker", "supercategory": "person"}
+    stored = {"format": "coco", "image_id": 7, "categories": {"walker": person}}
     given = {"id": "31", "xywh": [10, 20.0, 20, 40], "track": 3}
     frames = [
-        frame(
-            key,
-            box(31, class_name="walker", given=dict(given)),
-            annotation={"source_labels": stored},
-        )
+        frame(key, walker, annotation={"source_labels": stored})
         for key in ("a", "b")
+        for walker in [box(31, class_name="walker", given=dict(given))]
     ]
 
-    written = document(
-        export("coco", [*frames, frame("c", box(0))], split=1), COCO_TRAIN
-    )
+    files = export("coco", [*frames, frame("c", box(0))], split=1)
+    written = document(files, COCO_TRAIN)
 
     assert [one["id"] for one in written["images"]] == [7, 1, 2]
     first, second, third = written["annotations"]
-    assert first == {
-        "id": 31,
-        "image_id": 7,
-        "category_id": 90,
-        "bbox": [10, 20.0, 20, 40],
-        "track": 3,
-    }
+    ids = {"id": 31, "image_id": 7, "category_id": 90}
+    assert first == {**ids, "bbox": [10, 20.0, 20, 40], "track": 3}
     assert (second["id"], second["image_id"], third["id"]) == (1, 1, 2)
     assert [one["id"] for one in written["categories"]] == [1, 2, 90]
     assert written["categories"][2]["supercategory"] == "person"

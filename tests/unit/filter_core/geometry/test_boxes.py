@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from typing import Any
 
 import numpy as np
 import pytest
@@ -21,29 +22,6 @@ SMALL = CHECKOUT / "tests" / "data" / "published_corrections.json"
 def corrected(box, profile="paper"):
     rows, states = correct_xyxy([box], WH, profile)
     return rows[0].tolist(), BoxState(int(states[0]))
-
-
-@pytest.mark.parametrize(
-    ("form", "values"),
-    [
-        ("xyxy", [20, 10, 60, 40]),
-        ("xyxyn", [0.1, 0.1, 0.3, 0.4]),
-        ("xywh", [20, 10, 40, 30]),
-        ("cxcywh", [40, 25, 40, 30]),
-        ("cxcywhn", [0.2, 0.25, 0.2, 0.3]),
-    ],
-)
-def test_every_form_of_the_same_rectangle_gives_the_same_xyxy(form, values):
-    xyxy = to_xyxy(form, [values], WH)
-
-    np.testing.assert_allclose(xyxy, [[20, 10, 60, 40]], rtol=1e-12)
-
-
-def test_unknown_form_error_lists_the_known_forms():
-    with pytest.raises(FilterError, match="expected one of xyxy, xyxyn, xywh") as fault:
-        to_xyxy("ltrb", [[1, 2, 3, 4]], WH)
-
-    assert fault.value.kind == "bad_form"
 
 
 @pytest.mark.parametrize("values", [[1, 2, 3, 4], [[1, 2, 3]], [[[1, 2, 3, 4]]]])
@@ -93,26 +71,18 @@ def test_correct_xyxy_follows_algorithm_1(box, expected, state):
     assert corrected(box) == (pytest.approx(expected, abs=0, nan_ok=True), state)
 
 
-@pytest.mark.parametrize(
-    ("box", "expected"),
-    [
-        pytest.param(
-            [101, 53.0002, 107, 59.0002], [101, 53, 107, 59], id="six decimals of YOLO"
-        ),
-        pytest.param(
-            [100.99, 53.01, 107.01, 58.99], [101, 53, 107, 59], id="at the tolerance"
-        ),
-        pytest.param(
-            [100.98, 53.011, 107, 59.02], [100.98, 53.011, 107, 59.02], id="beyond it"
-        ),
-        pytest.param([0.5, 1.25, 2.5, 3], [0.5, 1.25, 2.5, 3], id="fractions"),
-        pytest.param([-0.004, 0, 5, 5], [0, 0, 5, 5], id="around zero"),
-        pytest.param([0, 0, 199.995, 100.004], [0, 0, 200, 100], id="at the image"),
-        pytest.param(
-            [9.996, 20, 10.004, 30.001], [9.996, 20, 10.004, 30], id="thinner than that"
-        ),
-    ],
-)
+ROUNDED = {
+    "six decimals of YOLO": ([101, 53.0002, 107, 59.0002], [101, 53, 107, 59]),
+    "at the tolerance": ([100.99, 53.01, 107.01, 58.99], [101, 53, 107, 59]),
+    "beyond it": ([100.98, 53.011, 107, 59.02], [100.98, 53.011, 107, 59.02]),
+    "fractions": ([0.5, 1.25, 2.5, 3], [0.5, 1.25, 2.5, 3]),
+    "around zero": ([-0.004, 0, 5, 5], [0, 0, 5, 5]),
+    "at the image": ([0, 0, 199.995, 100.004], [0, 0, 200, 100]),
+    "thinner than that": ([9.996, 20, 10.004, 30.001], [9.996, 20, 10.004, 30]),
+}
+
+
+@pytest.mark.parametrize(("box", "expected"), ROUNDED.values(), ids=ROUNDED)
 def test_edges_that_were_rounded_become_whole_numbers_again(box, expected):
     rectangle, state = corrected(box)
     as_given, _ = correct_xyxy([box], WH, rounded_edges=False)
@@ -123,21 +93,17 @@ def test_edges_that_were_rounded_become_whole_numbers_again(box, expected):
     assert as_given[0].tolist() == as_published[0].tolist() == clamped
 
 
-@pytest.mark.parametrize(
-    ("box", "state"),
-    [
-        pytest.param(
-            [200, 0, 300, 50], BoxState.OUTSIDE_IMAGE, id="x_min at the width"
-        ),
-        pytest.param([0, 100, 9, 150], BoxState.DEGENERATE, id="y_min at the height"),
-        pytest.param([-1, -1, 201, 101], BoxState.COVERS_IMAGE, id="covers the image"),
-        pytest.param([0, 0, 200, 99.9], BoxState.MEASURABLE, id="nearly covers it"),
-        pytest.param([1, 1, 1 + 1e-9, 2], BoxState.MEASURABLE, id="a sliver"),
-        pytest.param(
-            [0, 0, 1e-200, 1e-200], BoxState.DEGENERATE, id="area rounds to 0"
-        ),
-    ],
-)
+PUBLISHED = {
+    "x_min at the width": ([200, 0, 300, 50], BoxState.OUTSIDE_IMAGE),
+    "y_min at the height": ([0, 100, 9, 150], BoxState.DEGENERATE),
+    "covers the image": ([-1, -1, 201, 101], BoxState.COVERS_IMAGE),
+    "nearly covers it": ([0, 0, 200, 99.9], BoxState.MEASURABLE),
+    "a sliver": ([1, 1, 1 + 1e-9, 2], BoxState.MEASURABLE),
+    "area rounds to 0": ([0, 0, 1e-200, 1e-200], BoxState.DEGENERATE),
+}
+
+
+@pytest.mark.parametrize(("box", "state"), PUBLISHED.values(), ids=PUBLISHED)
 def test_profile_carlasimu_decides_as_the_published_code(box, state):
     assert corrected(box, "carlasimu")[1] is state
 
@@ -173,8 +139,11 @@ def test_non_finite_number_raises_error_naming_the_box(number, profile):
     assert (fault.value.kind, fault.value.pointer) == ("not_finite", "/boxes/1")
 
 
-@pytest.mark.parametrize("profile", ["papre"])
-def test_an_unknown_profile_is_refused(profile):
+def test_unknown_form_or_profile_is_refused():
+    with pytest.raises(FilterError, match="expected one of xyxy, xyxyn, xywh") as fault:
+        to_xyxy("ltrb", [[1, 2, 3, 4]], WH)
+    assert fault.value.kind == "bad_form"
+    profile: Any = "papre"
     with pytest.raises(FilterError, match="expected paper or carlasimu, found 'papre'"):
         correct_xyxy([[1, 2, 3, 4]], WH, profile)
 

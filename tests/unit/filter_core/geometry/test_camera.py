@@ -49,22 +49,16 @@ def test_transform_is_parsed_from_four_notations(value):
     assert as_transform(value).as_dict() == POSE
 
 
-def test_missing_rotation_angles_default_to_zero():
-    turned = {"location": [1, 2, 3], "rotation": {"yaw": 90}}
-    assert as_transform(turned).rotation == (0, 90, 0)
-    assert as_transform({"x": 1, "y": 2, "z": 3}).rotation == (0, 0, 0)
-    assert as_transform({"location": [1, 2, 3]}).rotation == (0, 0, 0)
+@pytest.mark.parametrize(
+    "location", [{"z": 3, "y": 2, "x": 1}, [1, 2, 3], np.array([1, 2, 3], np.float32)]
+)
+def test_vector_has_several_forms_and_missing_angles_are_zero(location):
+    pose = as_transform({"location": location})
+    turned = as_transform({"location": location, "rotation": {"yaw": 90}})
 
-
-def test_vector_may_be_an_object_list_or_array():
-    expected = (1, 2, 3)
-
-    for vector in (
-        {"z": 3, "y": 2, "x": 1},
-        [1, 2, 3],
-        np.array([1, 2, 3], np.float32),
-    ):
-        assert as_transform({"location": vector}).location == expected
+    assert (pose.location, pose.rotation) == ((1, 2, 3), (0, 0, 0))
+    assert turned.rotation == (0, 90, 0)
+    assert as_transform({"x": 1, "y": 2, "z": 3}) == pose
 
 
 @pytest.mark.parametrize(
@@ -88,17 +82,14 @@ def test_invalid_transform_error_says_what_was_expected(value, words):
 
 
 @pytest.mark.parametrize("fov", [0, -10, 180, 270, float("nan")])
-def test_invalid_field_of_view_is_refused(fov):
+def test_invalid_field_of_view_or_size_is_refused(fov):
     with pytest.raises(FilterError, match=r"camera\.fov: expected degrees") as fault:
         Camera.from_fov(1280, 720, fov, POSE)
 
     assert (fault.value.kind, fault.value.pointer) == ("bad_camera", "/camera/fov")
-
-
-@pytest.mark.parametrize(("width", "height"), [(0, 720), (1280, -1)])
-def test_image_size_below_one_pixel_is_refused(width, height):
-    with pytest.raises(FilterError, match="expected at least 1 px"):
-        Camera.from_fov(width, height, 90, POSE)
+    for width, height in ((0, 720), (1280, -1)):
+        with pytest.raises(FilterError, match="expected at least 1 px"):
+            Camera.from_fov(width, height, 90, POSE)
 
 
 OPENCV = [[0, 1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1]]

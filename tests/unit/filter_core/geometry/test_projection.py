@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -27,11 +26,6 @@ from tests.support.geometry_oracle import (
 from tests.support.shared_data import shared
 
 AHEAD = Camera.from_fov(1280, 720, 90, {"x": 0, "y": 0, "z": 0})
-
-
-def load_all_cases():
-    path: Path = shared("oracles/geometry.json")
-    return json.loads(path.read_text())["cases"]
 
 
 def unit_box(x=10.0, y=0.0, z=0.0, extent=(1, 1, 1)):
@@ -66,48 +60,29 @@ def check_carla(case):
 
 
 @pytest.mark.parametrize("case", SMALL, ids=lambda case: f"{case['id']}")
-def test_clipped_rectangles_are_exact_in_any_order_of_the_corners(case):
+def test_some_cases_are_projected_exactly_and_as_by_carla(case):
     check_clipped(case, np.arange(8))
     check_clipped(case, np.random.default_rng(case["id"]).permutation(8))
-
-
-@pytest.mark.parametrize("case", SMALL, ids=lambda case: f"{case['id']}")
-def test_vertices_and_projected_pixels_equal_carlas(case):
     check_carla(case)
 
 
-def test_all_240_clipped_rectangles_are_exact_in_any_order_of_the_corners():
-    cases = load_all_cases()
+def test_all_240_cases_are_projected_exactly_and_as_by_carla():
+    """Near depth 0 CARLA's tutorial depends on its float32, hence the tolerance."""
+    cases = json.loads(shared("oracles/geometry.json").read_text())["cases"]
     rng = np.random.default_rng(0)
 
     for case in cases:
         check_clipped(case, np.arange(8))
         check_clipped(case, rng.permutation(8))
+        check_carla(case)
+        vertices, camera, carla = vertices_of(case), camera_of(case), case["carla"]
+        (forward,) = forward_distances(vertices[None], camera)
+        assert forward == pytest.approx(np.mean(carla["vertex_depth"]), abs=1e-3)
+        naive = project_boxes(vertices, camera, "naive").amodal_xyxy
+        beam = [carla["tutorial_minmax_box"]]
+        np.testing.assert_allclose(naive, beam, rtol=0.005, atol=0.75)
 
     assert len(cases) == 240
-
-
-def test_all_240_vertices_and_projected_pixels_equal_carlas():
-    for case in load_all_cases():
-        check_carla(case)
-
-
-def test_centres_of_all_240_cases_are_as_far_ahead_as_carla_says():
-    for case in load_all_cases():
-        (forward,) = forward_distances(vertices_of(case)[None], camera_of(case))
-
-        assert forward == pytest.approx(
-            np.mean(case["carla"]["vertex_depth"]), abs=1e-3
-        )
-
-
-def test_naive_rectangles_of_all_240_cases_equal_carlas_tutorial():
-    """Near depth 0 CARLA's tutorial depends on its float32, hence the tolerance."""
-    for case in load_all_cases():
-        beam = case["carla"]["tutorial_minmax_box"]
-        found = project_boxes(vertices_of(case), camera_of(case), "naive").amodal_xyxy
-
-        np.testing.assert_allclose(found, [beam], rtol=0.005, atol=0.75)
 
 
 def test_project_boxes_equals_project_box_of_each_box():
@@ -216,12 +191,13 @@ def test_edges_differ_in_one_axis():
     assert len({(int(a), int(b)) for a, b in EDGES}) == 12
 
 
-@pytest.mark.parametrize("mode", ["exact"])
-def test_an_unknown_projection_is_refused(mode):
-    with pytest.raises(FilterError, match="expected clipped or naive, found 'exact'"):
-        project_box(unit_box(), AHEAD, mode)
-
-
-def test_number_of_points_other_than_eight_is_refused():
-    with pytest.raises(FilterError, match=r"shape \(N, 8, 3\), found \(7, 3\)"):
-        project_box(unit_box()[:7], AHEAD)
+@pytest.mark.parametrize(
+    ("points", "mode", "words"),
+    [
+        (8, "exact", "expected clipped or naive, found 'exact'"),
+        (7, "clipped", r"shape \(N, 8, 3\), found \(7, 3\)"),
+    ],
+)
+def test_unknown_projection_or_number_of_points_is_refused(points, mode, words):
+    with pytest.raises(FilterError, match=words):
+        project_box(unit_box()[:points], AHEAD, mode)

@@ -66,45 +66,40 @@ def filtered(pixels, filters, pieces=1, kept=slice(None)) -> bytes:
     return framed(pixels, bytes([8, RGB, 0, 0, 0]), *bodies)
 
 
+def encoded(pixels, *flags) -> bytes:
+    return cv2.imencode(".png", pixels, flags)[1].tobytes()
+
+
+COLORS = PIXELS[..., :3]
+WHOLE = png(COLORS, RGB)
+TRANSPARENT = chunk(b"tRNS", struct.pack(">3H", *PIXELS[0, 0, :3]))
+GAMMA = chunk(b"gAMA", struct.pack(">I", 100_000))
+ANIMATION = chunk(b"acTL", bytes(8)) + chunk(b"IDAT", b"no pixels")
+ALL_FILTERS = (cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_ALL_FILTERS)
 FILES = {
-    "rgb": png(PIXELS[..., :3], RGB),
+    "rgb": WHOLE,
     "rgba": png(PIXELS, RGBA),
-    "rgb with a transparent colour": png(
-        PIXELS[..., :3], RGB, chunk(b"tRNS", struct.pack(">3H", *PIXELS[0, 0, :3]))
-    ),
-    "rgb with a gamma": png(
-        PIXELS[..., :3], RGB, chunk(b"gAMA", struct.pack(">I", 100_000))
-    ),
-    "rgb with fewer significant bits": png(
-        PIXELS[..., :3], RGB, chunk(b"sBIT", b"\5\6\5")
-    ),
-    "interlaced": png(PIXELS[..., :3], RGB, interlaced=True),
-    "16 bits": png(PIXELS[..., :3].astype(">u2") * 257, RGB, depth=16),
+    "rgb with a transparent colour": png(COLORS, RGB, TRANSPARENT),
+    "rgb with a gamma": png(COLORS, RGB, GAMMA),
+    "rgb with fewer significant bits": png(COLORS, RGB, chunk(b"sBIT", b"\5\6\5")),
+    "interlaced": png(COLORS, RGB, interlaced=True),
+    "16 bits": png(COLORS.astype(">u2") * 257, RGB, depth=16),
     "indexed": png(PIXELS[..., 0], INDEXED, chunk(b"PLTE", bytes(range(256)) * 3)),
     "grey": png(PIXELS[..., 0], GREY),
-    "followed by notes": png(PIXELS[..., :3], RGB) + b"notes of an editor",
-    "followed by much": png(PIXELS[..., :3], RGB) + bytes(50_000),
-    "followed by another picture": png(PIXELS[..., :3], RGB)
-    + png(PIXELS[::-1, ..., :3], RGB),
-    "by opencv, followed by another": cv2.imencode(".png", PIXELS[..., :3])[1].tobytes()
-    + cv2.imencode(".png", PIXELS[::-1, ..., :3])[1].tobytes(),
-    "followed by an animation's chunks": png(PIXELS[..., :3], RGB)
-    + chunk(b"acTL", bytes(8))
-    + chunk(b"IDAT", b"no pixels")
-    + chunk(b"IEND", b""),
-    "jpeg": cv2.imencode(".jpg", PIXELS[..., :3])[1].tobytes(),
-    "by opencv": cv2.imencode(".png", np.sort(PIXELS, 1)[..., :3])[1].tobytes(),
-    "by opencv with alpha": cv2.imencode(".png", PIXELS)[1].tobytes(),
-    "differences, in pieces": filtered(PIXELS[..., :3], b"\1", pieces=5),
-    "some differences": filtered(PIXELS[..., :3], b"\0\1\1"),
-    "rows above": filtered(PIXELS[..., :3], b"\1\2"),
+    "followed by notes": WHOLE + b"notes of an editor",
+    "followed by much": WHOLE + bytes(50_000),
+    "followed by another picture": WHOLE + png(COLORS[::-1], RGB),
+    "by opencv, followed by another": encoded(COLORS) + encoded(COLORS[::-1]),
+    "followed by an animation's chunks": WHOLE + ANIMATION + chunk(b"IEND", b""),
+    "jpeg": cv2.imencode(".jpg", COLORS)[1].tobytes(),
+    "by opencv": encoded(np.sort(PIXELS, 1)[..., :3]),
+    "by opencv with alpha": encoded(PIXELS),
+    "differences, in pieces": filtered(COLORS, b"\1", pieces=5),
+    "some differences": filtered(COLORS, b"\0\1\1"),
+    "rows above": filtered(COLORS, b"\1\2"),
     "rows above, in many blocks": filtered(STREET, b"\1\2"),
     "rows above, in full blocks": filtered(STREET[:, :, :1].repeat(3, 2), b"\2"),
-    "every filter": cv2.imencode(
-        ".png",
-        np.sort(PIXELS, 1)[..., :3],
-        [cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_ALL_FILTERS],
-    )[1].tobytes(),
+    "every filter": encoded(np.sort(PIXELS, 1)[..., :3], *ALL_FILTERS),
 }
 IN_STEPS = [
     *("rgb", "rgba", "by opencv", "by opencv with alpha"),
@@ -167,16 +162,20 @@ def test_common_png_files_use_the_fast_decoder(name):
 
 
 def test_very_large_image_is_decoded_only_by_opencv():
-    small, large = (
-        cv2.imencode(".png", np.zeros((side, side, 3), np.uint8))[1].tobytes()
-        for side in (100, 5000)
-    )
+    small, large = (encoded(np.zeros((n, n, 3), np.uint8)) for n in (100, 5000))
 
     with record_opencv_input() as asked:
         shapes = [decoded(content, "rgb").shape for content in (small, large)]
 
     assert shapes == [(100, 100, 3), (5000, 5000, 3)]
     assert asked == [large]
+
+
+def check_like_opencv(content):
+    found, expected = decoded(content, "rgb"), by_opencv(content, "rgb")
+
+    assert type(found) is type(expected)
+    np.testing.assert_array_equal(found, expected)
 
 
 @pytest.mark.parametrize("seed", range(9 * 16))
@@ -189,43 +188,37 @@ def test_damaged_file_gives_the_same_result_as_opencv(seed):
         at = int(rng.integers(40, len(content) - 40))
         del content[at : at + int(rng.integers(1, 30))]
 
-    found, expected = decoded(bytes(content), "rgb"), by_opencv(bytes(content), "rgb")
-
-    assert type(found) is type(expected)
-    np.testing.assert_array_equal(found, expected)
+    check_like_opencv(bytes(content))
 
 
 BODY = zlib.compress(rows(PIXELS[..., :3], b"\1"))
 FORM = bytes([8, RGB, 0, 0, 0])
 LARGER = struct.pack(">IIIIIHHBB", 0, WIDTH + 1, HEIGHT, 0, 0, 1, 10, 0, 0)
+WRONG_FILTER = zlib.compress(rows(COLORS).replace(b"\0", b"\5", 1))
+NO_SUM = FILES["by opencv"][:29] + b"1234" + FILES["by opencv"][33:]
+MORE = chunk(b"tEXt", b"a\0b") + chunk(b"IDAT", BODY[900:]) + chunk(b"IEND", b"")
 MALFORMED = {
-    "half a row too few": filtered(PIXELS[..., :3], b"\1", kept=slice(None, -50)),
+    "half a row too few": filtered(COLORS, b"\1", kept=slice(None, -50)),
     "a row too many": framed(PIXELS[:-1, :, :3], FORM, BODY),
     "a wrong sum behind": framed(PIXELS, FORM, BODY[:-1] + bytes([BODY[-1] ^ 1])),
     "something behind the sum": framed(PIXELS, FORM, BODY + b"more"),
-    "no such filter": framed(
-        PIXELS, FORM, zlib.compress(rows(PIXELS[..., :3]).replace(b"\0", b"\5", 1))
-    ),
-    "no sum of the header": FILES["by opencv"][:29] + b"1234" + FILES["by opencv"][33:],
+    "no such filter": framed(PIXELS, FORM, WRONG_FILTER),
+    "no sum of the header": NO_SUM,
     "no pixels": framed(PIXELS, FORM),
     "a frame of an animation, which is larger": framed(
         PIXELS, FORM, BODY, extra=(chunk(b"fcTL", LARGER),)
     ),
     "no compression known": framed(PIXELS, bytes([8, RGB, 1, 0, 0]), BODY),
     "no filters known": framed(PIXELS, bytes([8, RGB, 0, 1, 0]), BODY),
-    "other chunks between": framed(PIXELS, FORM, BODY[:900], extra=()).replace(
-        chunk(b"IEND", b""),
-        chunk(b"tEXt", b"a\0b") + chunk(b"IDAT", BODY[900:]) + chunk(b"IEND", b""),
+    "other chunks between": framed(PIXELS, FORM, BODY[:900]).replace(
+        chunk(b"IEND", b""), MORE
     ),
 }
 
 
 @pytest.mark.parametrize("content", MALFORMED.values(), ids=list(MALFORMED))
 def test_malformed_png_gives_the_same_result_as_opencv(content):
-    found, expected = decoded(content, "rgb"), by_opencv(content, "rgb")
-
-    assert type(found) is type(expected)
-    np.testing.assert_array_equal(found, expected)
+    check_like_opencv(content)
 
 
 END = chunk(b"IEND", b"")

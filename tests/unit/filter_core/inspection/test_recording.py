@@ -75,10 +75,8 @@ def test_everything_that_may_have_to_be_corrected_is_shown(tmp_path):
     )
     assert counts(found.left_over) == {"no label file for this image": 25}
     assert len(found.left_over[0].examples) == 10
-    assert counts(found.not_read) == {
-        "no reader opens *.md": 1,
-        "no reader opens *.bin": 1,
-    }
+    unknown = {f"no reader opens *.{suffix}": 1 for suffix in ("md", "bin")}
+    assert counts(found.not_read) == unknown
     assert [(one.name, one.boxes, one.measured_as) for one in found.classes] == [
         ("car", 42, "car"),
         ("walker", 21, "walker"),
@@ -94,38 +92,30 @@ def test_everything_that_may_have_to_be_corrected_is_shown(tmp_path):
     assert counts(found.boxes.faults) == {"outside": 3}
     assert found.boxes.faults[0].examples[0].name == "test/001"
     assert found.segmentation is not None
-    assert found.segmentation.readings == (
-        Reading("carla-0.9.14", "raw", "rgb", lossy=False, images=21),
-    )
-    assert found.splits == (
-        Split("test", "folder", 3),
-        Split("train", "folder", 14),
-        Split("valid", "folder", 4),
-    )
+    reading = Reading("carla-0.9.14", "raw", "rgb", lossy=False, images=21)
+    assert found.segmentation.readings == (reading,)
+    parts = {"test": 3, "train": 14, "valid": 4}
+    assert found.splits == tuple(Split(one, "folder", n) for one, n in parts.items())
     assert found.cameras == ()
     assert found.sizes == (Size(320, 180, 21),)
-    folders = [frame.key.split("/")[0] for frame in found.drawn]
-    assert sorted(folders) == ["test", "train", "valid"]
+    assert sorted(frame.key.split("/")[0] for frame in found.drawn) == [*parts]
     verdicts = [box.verdict for box in found.drawn[0].boxes]
-    assert [verdicts.count(word) for word in ("kept", "rejected", "unmeasured")] in (
-        [2, 1, 2],
-        [2, 2, 2],
-    )
+    drawn = [verdicts.count(word) for word in ("kept", "rejected", "unmeasured")]
+    assert drawn in ([2, 1, 2], [2, 2, 2])
     assert found.drawn[0].jpeg is not None
 
 
+COLOURS = jpeg(painted(street_tags(), "carla-0.9.14"))
+
+
 @pytest.mark.parametrize(
-    ("segmentation", "remedy"),
+    ("suffix", "segmentation", "remedy"),
     [
-        (png(street_tags()), "Name the palette by `segmentation: {palette: NAME}` in"),
-        (
-            jpeg(painted(street_tags(), "carla-0.9.14")),
-            "`segmentation: {lossy: nearest}` in recording.yaml",
-        ),
+        ("png", png(street_tags()), "Name the palette by `segmentation: {palette: NAM"),
+        ("jpg", COLOURS, "`segmentation: {lossy: nearest}` in recording.yaml"),
     ],
 )
-def test_remedies_are_keys_of_a_description(tmp_path, segmentation, remedy):
-    suffix = "jpg" if segmentation.startswith(b"\xff") else "png"
+def test_remedies_are_keys_of_a_description(tmp_path, suffix, segmentation, remedy):
     files = {"images/1.png": None, f"seg/1.{suffix}": segmentation}
     files |= {"labels/1.txt": YOLO_LINE, "classes.txt": "car"}
 
@@ -172,33 +162,26 @@ def test_boxes_outside_of_a_drawn_frame_are_counted(tmp_path):
 def test_tutorial_has_one_family_that_some_of_its_images_tell_and_coarse_depth():
     found = inspect_recording(shared("cases/recordings/carla_tutorial"))
 
-    assert {one.role: one.told_by for one in found.streams} == {
-        "image": ("pixels",),
-        "depth": ("name",),
-        "segmentation": ("name", "pixels"),
-    }
-    tags = found.segmentation
+    told = {one.role: one.told_by for one in found.streams}
+    both = ("name", "pixels")
+    assert told == {"image": ("pixels",), "depth": ("name",), "segmentation": both}
+    tags, depth = found.segmentation, found.depth
     assert tags is not None
     assert (tags.family, tags.agreeing, tags.told) == ("carla-0.9.0", 3, 2)
     assert tags.is_certain
     assert found.described.palette == "carla-0.9.0"
-    assert found.depth is not None
-    assert (found.depth.encoding, counts(found.depth.refused)) == (
-        None,
-        {"depth_too_coarse": 3},
-    )
+    assert depth is not None
+    assert (depth.encoding, counts(depth.refused)) == (None, {"depth_too_coarse": 3})
 
 
 def test_boxes_in_another_unit_are_read_in_it_and_the_description_says_so(tmp_path):
     boxes = [[10.5, 20.5, 10.5, 30], [40, 10, 5, 8.25], [70, 60, 20, 20]]
-    document = {
-        "images": [{"id": 1, "file_name": "7.png"}],
-        "categories": [{"id": 1, "name": "car"}],
-        "annotations": [
-            {"id": number, "image_id": 1, "category_id": 1, "bbox": bbox}
-            for number, bbox in enumerate(boxes)
-        ],
-    }
+    rows = [
+        {"id": number, "image_id": 1, "category_id": 1, "bbox": bbox}
+        for number, bbox in enumerate(boxes)
+    ]
+    document = {"images": [{"id": 1, "file_name": "7.png"}], "annotations": rows}
+    document["categories"] = [{"id": 1, "name": "car"}]
     # Larger than the part of a file that is read for its size.
     noise = np.random.default_rng(0).integers(0, 256, (600, 800, 3), np.uint8)
     files = {"instances.json": json.dumps(document).encode(), "7.png": png(noise)}
@@ -244,10 +227,8 @@ def test_folder_of_two_layouts_is_read_in_the_likelier_and_it_is_said(tmp_path):
 
 
 def test_frames_that_cannot_be_used_are_listed_by_their_faults(tmp_path):
-    lines = [
-        {"key": f"a/{number}", "boxes": [{"class": "car", "xyxy": [9, 9, 5, 5]}]}
-        for number in range(12)
-    ]
+    inverted = [{"class": "car", "xyxy": [9, 9, 5, 5]}]
+    lines = [{"key": f"a/{number}", "boxes": inverted} for number in range(12)]
     lines += [{"key": "b", "boxes": [{"xyxy": [1, 2, 3, 4]}]}, {"key": "c"}]
     camera = {"camera": {"width": 80, "height": 60}}
     text = "".join(f"{json.dumps({**camera, **line})}\n" for line in lines)
@@ -256,44 +237,34 @@ def test_frames_that_cannot_be_used_are_listed_by_their_faults(tmp_path):
     found = inspect_recording(root)
 
     first, second, third = found.refused
-    assert (first.kind, first.count, len(first.examples)) == (
-        "exchanged_corners",
-        12,
-        10,
-    )
-    assert {second.count, third.count} == {1}
+    assert (first.kind, first.count) == ("exchanged_corners", 12)
+    assert (len(first.examples), second.count, third.count) == (10, 1, 1)
     assert counts(found.boxes.faults) == {"inverted": 12}
     assert counts(found.not_read) == {"no line of the manifest names it": 1}
 
 
 def test_cameras_parts_and_lists_are_recognised(tmp_path):
-    picture, line = png(np.zeros((60, 80, 3), np.uint8)), YOLO_LINE
+    picture = png(np.zeros((60, 80, 3), np.uint8))
     files = {"classes.txt": b"car", "train.txt": b"1\n2\n", "depth_test/x.txt": b""}
-    for camera in ("CAM_FRONT", "CAM_LEFT"):
-        for number in range(4):
-            files[f"images/{camera}/{number}.png"] = picture
-            files[f"labels/{camera}/{number}.txt"] = line
-    files |= {"images/single/9.png": picture, "labels/single/9.txt": line}
-    root = write_files(tmp_path, files)
+    folders = ("CAM_FRONT", "CAM_LEFT")
+    for name in ("single/9", *(f"{one}/{n}" for one in folders for n in range(4))):
+        files |= {f"images/{name}.png": picture, f"labels/{name}.txt": YOLO_LINE}
 
-    found = inspect_recording(root)
+    found = inspect_recording(write_files(tmp_path, files))
 
-    folders = ("images/CAM_FRONT", "images/CAM_LEFT")
-    assert found.cameras == (Cameras(folders, 4),)
+    assert found.cameras == (Cameras(tuple(f"images/{one}" for one in folders), 4),)
     assert found.splits == (Split("train.txt", "list", 2),)
 
 
 def test_files_of_labels_are_parts(tmp_path):
     coco = json.loads(LAYOUT_FILES["coco"]["annotations/instances_val.json"])
     coco["images"][0]["file_name"] = "8.png"
-    files = {
-        **LAYOUT_FILES["coco"],
-        "annotations/instances_train.json": json.dumps(coco).encode(),
-        "images/8.png": b"",
-        "ImageSets/Main/val.txt": b"7\n",
-    }
+    train = {"annotations/instances_train.json": json.dumps(coco).encode()}
+    files = {**LAYOUT_FILES["coco"], **train, "images/8.png": b""}
 
-    found = inspect_recording(write_files(tmp_path, files))
+    found = inspect_recording(
+        write_files(tmp_path, {**files, "ImageSets/Main/val.txt": b"7\n"})
+    )
 
     assert found.splits == (
         Split("instances_val.json", "labels", 1),
@@ -311,26 +282,21 @@ def test_depth_and_tags_of_a_recording_are_told_by_its_images(tmp_path):
     (root / "manifest.jsonl").write_text(text)
 
     found = inspect_recording(root)
+    depth = found.depth
 
-    assert found.depth is not None
-    assert (found.depth.encoding, found.depth.shown) == (
-        "carla",
-        (Counted("carla", 3),),
-    )
+    assert depth is not None
+    assert (depth.encoding, depth.shown) == ("carla", (Counted("carla", 3),))
     assert found.described.depth_encoding == "carla"
     assert found.with_role["depth"] == 3
 
 
 def test_image_of_few_colours_does_not_tell_the_family(tmp_path):
-    sky = np.full((60, 80), 11, np.uint8)
     picture = png(np.random.default_rng(0).integers(0, 256, (60, 80, 3), np.uint8))
-    files = {
-        **{f"rgb/{n}.png": picture for n in range(2)},
-        "seg/0.png": png(painted(sky)),
-        "seg/1.png": png(painted(street_tags())),
-    }
+    for number, tags in enumerate((np.full((60, 80), 11, np.uint8), street_tags())):
+        files = {f"rgb/{number}.png": picture, f"seg/{number}.png": png(painted(tags))}
+        write_files(tmp_path, files)
 
-    tags = inspect_recording(write_files(tmp_path, files)).segmentation
+    tags = inspect_recording(tmp_path).segmentation
 
     assert tags is not None
     assert (tags.looked_at, tags.agreeing) == (2, 2)
@@ -351,10 +317,8 @@ def test_few_pictures_are_looked_at_and_one_of_each_class(tmp_path):
     )
 
     assert (found.frames, found.pictures) == (100, 7)
-    assert {one.name: one.looked_at.boxes for one in found.classes} == {
-        "car": 6,
-        "bus": 1,
-    }
+    looked_at = {one.name: one.looked_at.boxes for one in found.classes}
+    assert looked_at == {"car": 6, "bus": 1}
     assert seen == [(number, 100) for number in range(1, 101)]
     assert inspect_recording(root, pictures=0).drawn == ()
 

@@ -86,12 +86,17 @@ def test_more_colours_of_one_family_outweigh_a_stray_one_of_another():
     assert found.missing == {CODE_OF[packed(TERRAIN_BEFORE_0_9_14)]}
 
 
-def test_named_family_is_used_where_the_colours_are_ambiguous():
-    codes = street(TERRAIN, TERRAIN_BEFORE_0_9_14)
+@pytest.mark.parametrize(
+    ("family", "other"),
+    [
+        ("carla-0.9.10", TERRAIN_BEFORE_0_9_14),  # the colours are ambiguous
+        ("paper-table1", TRUCK),  # it may be named for images of other families
+    ],
+)
+def test_named_family_is_used_and_lacks_a_colour_of_another(family, other):
+    found = recognise(street(TERRAIN, other), NamedReading(family=family))
 
-    found = recognise(codes, NamedReading(family="carla-0.9.10"))
-
-    assert found.family == "carla-0.9.10"
+    assert found.family == family
     assert found.missing == {CODE_OF[packed(TERRAIN)]}
 
 
@@ -128,24 +133,13 @@ def test_named_family_or_order_that_contradicts_colours_is_refused(
     assert caught.value.kind == "segmentation_contradiction"
 
 
-def test_the_papers_table_may_be_named_for_images_of_other_families():
-    found = recognise(street(TERRAIN, TRUCK), NamedReading(family="paper-table1"))
+def test_swapped_sky_is_not_taken_for_rock_nor_rock_for_swapped_sky():
+    swapped = recognise(street(SKY, CAR_OR_VEHICLE, order="bgr"), NamedReading())
+    rock = recognise(street(SKY, ROCK, CAR_OR_VEHICLE), NamedReading())
 
-    assert found.family == "paper-table1"
-    assert found.missing == {CODE_OF[packed(TERRAIN)]}
-
-
-def test_swapped_sky_is_not_taken_for_rock():
-    found = recognise(street(SKY, CAR_OR_VEHICLE, order="bgr"), NamedReading())
-
-    assert found.order == "bgr"
-    assert found.notes[-1] == "red and blue are swapped in the file; read as bgr"
-
-
-def test_rock_is_not_taken_for_swapped_sky():
-    found = recognise(street(SKY, ROCK, CAR_OR_VEHICLE), NamedReading())
-
-    assert (found.family, found.order) == ("carla-0.9.14", "rgb")
+    assert swapped.order == "bgr"
+    assert swapped.notes[-1] == "red and blue are swapped in the file; read as bgr"
+    assert (rock.family, rock.order) == ("carla-0.9.14", "rgb")
 
 
 def test_undetermined_channel_order_is_read_as_rgb_with_a_note():

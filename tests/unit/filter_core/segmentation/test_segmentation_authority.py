@@ -38,45 +38,40 @@ def test_contradicting_option_sources_raise_error_naming_both():
     )
 
 
+CONTRADICTIONS = {
+    "palette and version": (
+        png(painted(STREET)),
+        SegmentationOptions(palette="carla-0.9.14", carla_version="0.9.12"),
+        r"the caller says palette carla-0\.9\.14, "
+        r"carla_version 0\.9\.12 renders carla-0\.9\.10",
+    ),
+    "version and colours": (
+        png(painted(STREET)),
+        SegmentationOptions(carla_version="0.9.12"),
+        r"carla_version 0\.9\.12 says palette carla-0\.9\.10, the colours that "
+        r"occur prove carla-0\.9\.14: \(0, 0, 70\) is Truck there",
+    ),
+    "palette and raw tags": (
+        png(np.full((4, 4), 25, np.uint8)),
+        SegmentationOptions(palette="carla-0.9.10", sources={"palette": "the dataset"}),
+        r"the dataset says palette carla-0\.9\.10, the raw tag 25 that occurs "
+        r"proves carla-0\.9\.14",
+    ),
+    "order and raw channel": (
+        png(np.dstack([STREET * 0, STREET * 0, STREET])),
+        SegmentationOptions(encoding="raw", channel_order="rgb", palette=FAMILY),
+        "channel_order rgb, but the raw tags are in the blue channel alone",
+    ),
+    "encoding and form": (
+        png(STREET),
+        SegmentationOptions(encoding="palette"),
+        "the caller says encoding palette, the image is grey",
+    ),
+}
+
+
 @pytest.mark.parametrize(
-    ("content", "options", "message"),
-    [
-        pytest.param(
-            png(painted(STREET)),
-            SegmentationOptions(palette="carla-0.9.14", carla_version="0.9.12"),
-            r"the caller says palette carla-0\.9\.14, "
-            r"carla_version 0\.9\.12 renders carla-0\.9\.10",
-            id="palette and version",
-        ),
-        pytest.param(
-            png(painted(STREET)),
-            SegmentationOptions(carla_version="0.9.12"),
-            r"carla_version 0\.9\.12 says palette carla-0\.9\.10, the colours that "
-            r"occur prove carla-0\.9\.14: \(0, 0, 70\) is Truck there",
-            id="version and colours",
-        ),
-        pytest.param(
-            png(np.full((4, 4), 25, np.uint8)),
-            SegmentationOptions(
-                palette="carla-0.9.10", sources={"palette": "the dataset"}
-            ),
-            r"the dataset says palette carla-0\.9\.10, the raw tag 25 that occurs "
-            r"proves carla-0\.9\.14",
-            id="palette and raw tags",
-        ),
-        pytest.param(
-            png(np.dstack([STREET * 0, STREET * 0, STREET])),
-            SegmentationOptions(encoding="raw", channel_order="rgb", palette=FAMILY),
-            "channel_order rgb, but the raw tags are in the blue channel alone",
-            id="order and raw channel",
-        ),
-        pytest.param(
-            png(STREET),
-            SegmentationOptions(encoding="palette"),
-            "the caller says encoding palette, the image is grey",
-            id="encoding and form",
-        ),
-    ],
+    ("content", "options", "message"), CONTRADICTIONS.values(), ids=CONTRADICTIONS
 )
 def test_contradicting_options_or_image_raise_error_naming_both(
     content, options, message
@@ -87,18 +82,13 @@ def test_contradicting_options_or_image_raise_error_naming_both(
     assert caught.value.kind == "segmentation_contradiction"
 
 
-def test_the_papers_table_may_be_named_for_any_version():
-    options = SegmentationOptions(palette="paper-table1", carla_version="0.9.15")
+def test_version_yields_to_the_papers_table_and_to_colours_if_it_is_unknown():
+    table = SegmentationOptions(palette="paper-table1", carla_version="0.9.15")
+    unknown = SegmentationOptions(carla_version="nightly")
 
-    segmentation = read_segmentation(png(painted(STREET)), options)
+    of_table, of_colours = (
+        read_segmentation(png(painted(STREET)), options) for options in (table, unknown)
+    )
 
-    assert segmentation.family == "paper-table1"
-
-
-def test_unknown_carla_version_is_ignored_with_a_note():
-    options = SegmentationOptions(carla_version="nightly")
-
-    segmentation = read_segmentation(png(painted(STREET)), options)
-
-    assert segmentation.family == FAMILY
-    assert "found 'nightly'; not used" in segmentation.notes[-1]
+    assert (of_table.family, of_colours.family) == ("paper-table1", FAMILY)
+    assert "found 'nightly'; not used" in of_colours.notes[-1]

@@ -49,10 +49,7 @@ def test_two_wheeler_without_width_is_repaired_or_omitted(kind):
     assert repaired.location[2] == repaired.extent[2]
     assert checked_vehicle(flat, kind, repair=False) is None
     assert checked_vehicle(flat, "car", repair=True) is None
-
-
-def test_sane_vehicle_box_is_unchanged():
-    assert checked_vehicle(CAR, "bicycle", repair=True) is CAR
+    assert checked_vehicle(CAR, kind, repair=True) is CAR
 
 
 def test_walker_capsule_is_flagged_and_widened_sideways():
@@ -112,20 +109,17 @@ def test_prop_rotation_is_reset_and_impossible_size_replaced():
 
 
 @pytest.mark.parametrize(
-    ("half", "expected", "flags"),
+    ("half", "checked"),
     [
-        ((0.2, 0.3, 0.5), (0.2, 0.3, 0.5), ()),
-        ((0.05, 0.3, 0.5), (0.2, 0.3, 0.5), ("thickened",)),
-        ((0.05, 0.02, 0.5), (0.2, 0.2, 0.5), ("thickened",)),
+        ((0.2, 0.3, 0.5), ((0.2, 0.3, 0.5), ())),
+        ((0.05, 0.3, 0.5), ((0.2, 0.3, 0.5), ("thickened",))),
+        ((0.05, 0.02, 0.5), ((0.2, 0.2, 0.5), ("thickened",))),
+        ((0.1, 0.1, 0.19), None),
+        ((20, 0.2, 0.5), None),
+        ((math.inf, 1, 1), None),
     ],
 )
-def test_thin_traffic_light_heads_are_thickened(half, expected, flags):
+def test_thin_light_heads_are_thickened_and_impossible_ones_omitted(half, checked):
     box = checked_light(LocalBox((22, 8, 4.5), half))
 
-    assert box is not None
-    assert (box.extent, box.flags) == (expected, flags)
-
-
-@pytest.mark.parametrize("half", [(0.1, 0.1, 0.19), (20, 0.2, 0.5), (math.inf, 1, 1)])
-def test_boxes_too_small_or_large_for_light_heads_are_omitted(half):
-    assert checked_light(LocalBox((22, 8, 1), half)) is None
+    assert (box and (box.extent, box.flags)) == checked

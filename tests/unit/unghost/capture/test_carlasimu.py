@@ -149,21 +149,28 @@ def test_unconverted_settings_are_listed_in_yaml_comments(folder):
     assert any("keys that are not used: wait_for_tick" in line for line in comments)
 
 
-def test_differing_camera_attributes_are_reported_in_notes(folder):
-    other = {**FILES["sensors.yaml"], "depth_camera": {**CAMERA, "fov": 60}}
-    write_config_file(folder, "sensors.yaml", other)
-
-    notes = convert_carlasimu(folder).notes
-
-    assert any("depth_camera differs" in note for note in notes)
+NO_SEGMENTATION = {"image_segmentation": {"save_to_file": False}}
+OTHER_CAMERA = {"rgb_camera": CAMERA, "depth_camera": {**CAMERA, "fov": 60}}
+UNUSED = {"cam_rgb": {"3D": False, "save_dir": "x"}, "lidar_sensor": {"save_dir": "y"}}
 
 
-def test_incomplete_set_of_files_is_converted(tmp_path):
-    write_config_file(tmp_path, "weather.yaml", {"fog_density": 3})
+@pytest.mark.parametrize(
+    ("sensors", "saved", "words"),
+    [
+        (OTHER_CAMERA, {}, "depth_camera differs"),
+        ({}, UNUSED, "boundingBox.yaml: keys that are not used: save_dir, 3D"),
+        ({}, NO_SEGMENTATION, "the segmentation is recorded all the same"),
+        ({"semantic_lidar": {"range": 9}}, {}, "semantic_lidar is not recorded"),
+    ],
+)
+def test_what_is_recorded_otherwise_is_noted(tmp_path, sensors, saved, words):
+    write_config_file(tmp_path, "sensors.yaml", sensors)
+    write_config_file(tmp_path, "boundingBox.yaml", saved)
 
     converted = convert_carlasimu(tmp_path)
 
-    assert converted.scenario == {"weather": {"parameters": {"fog_density": 3.0}}}
+    assert any(words in note for note in converted.notes)
+    assert parse_scenario(converted.scenario, "x").sensors.segmentation is not None
 
 
 def test_empty_values_leave_what_the_simulator_has(tmp_path):
@@ -233,14 +240,15 @@ def test_invalid_setting_raises_scenario_error_that_names_it(
         convert_carlasimu(tmp_path)
 
 
-def test_sensor_without_attributes_has_default_values(tmp_path):
-    write_config_file(
-        tmp_path, "sensors.yaml", {"rgb_camera": None, "radar_sensor": None}
-    )
+def test_attributes_of_sensors_are_optional_and_their_own(tmp_path):
+    sensors = {"rgb_camera": None, "radar_sensor": {"fov": 30}}
+    write_config_file(tmp_path, "sensors.yaml", sensors)
 
     scenario = parse_scenario(convert_carlasimu(tmp_path).scenario, "x")
 
-    assert (scenario.camera.width, scenario.sensors.radar is None) == (1280, False)
+    assert scenario.camera.width == 1280
+    assert scenario.sensors.radar is not None
+    assert scenario.sensors.radar.attributes == {"fov": 30}
 
 
 def test_truth_values_in_words_are_read_as_the_scenario_reads_them(tmp_path):
@@ -255,55 +263,17 @@ def test_truth_values_in_words_are_read_as_the_scenario_reads_them(tmp_path):
     assert scenario.vehicles.lights == ("LowBeam",)
 
 
-def test_unused_keys_of_parts_are_listed_in_notes(tmp_path):
-    write_config_file(
-        tmp_path,
-        "boundingBox.yaml",
-        {"cam_rgb": {"3D": False, "save_dir": "x"}, "lidar_sensor": {"save_dir": "y"}},
-    )
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("sitting: {port: 1}\nsetting: {port: 2}", r"data\.yaml: setting: unknown key"),
+        ("host: 127.0.0.1", "expected keys under 'sitting'"),
+        (None, r"at least one of data\.yaml"),
+    ],
+)
+def test_file_of_another_form_or_no_file_raises_scenario_error(tmp_path, text, words):
+    if text is not None:
+        (tmp_path / "data.yaml").write_text(text)
 
-    notes = convert_carlasimu(tmp_path).notes
-
-    assert "boundingBox.yaml: keys that are not used: save_dir, 3D" in notes
-
-
-def test_sensors_that_carlasimu_does_not_save_are_listed_in_notes(tmp_path):
-    write_config_file(tmp_path, "sensors.yaml", {"semantic_lidar": {"range": 9}})
-    write_config_file(
-        tmp_path, "boundingBox.yaml", {"image_segmentation": {"save_to_file": False}}
-    )
-
-    converted = convert_carlasimu(tmp_path)
-
-    notes = converted.notes
-    assert parse_scenario(converted.scenario, "x").sensors.segmentation is not None
-    assert any("the segmentation is recorded all the same" in note for note in notes)
-    assert any("semantic_lidar is not recorded" in note for note in notes)
-
-
-def test_attribute_that_cameras_share_stays_with_a_sensor_that_is_no_camera(tmp_path):
-    write_config_file(tmp_path, "sensors.yaml", {"radar_sensor": {"fov": 30}})
-
-    scenario = parse_scenario(convert_carlasimu(tmp_path).scenario, "x")
-
-    assert scenario.sensors.radar is not None
-    assert scenario.sensors.radar.attributes == {"fov": 30}
-
-
-def test_second_key_beside_sitting_raises_scenario_error(tmp_path):
-    (tmp_path / "data.yaml").write_text("sitting: {port: 1}\nsetting: {port: 2}")
-
-    with pytest.raises(ScenarioError, match=r"data\.yaml: setting: unknown key"):
-        convert_carlasimu(tmp_path)
-
-
-def test_folder_without_carlasimu_files_raises_scenario_error(tmp_path):
-    with pytest.raises(ScenarioError, match=r"at least one of data\.yaml"):
-        convert_carlasimu(tmp_path)
-
-
-def test_file_without_sitting_key_raises_scenario_error(tmp_path):
-    (tmp_path / "data.yaml").write_text("host: 127.0.0.1")
-
-    with pytest.raises(ScenarioError, match="expected keys under 'sitting'"):
+    with pytest.raises(ScenarioError, match=words):
         convert_carlasimu(tmp_path)

@@ -33,7 +33,13 @@ def manifest_lines(folder):
     return [json.loads(line) for line in text.splitlines()]
 
 
-def test_adding_a_frame_writes_its_files_and_a_manifest_line(folder):
+def test_adding_a_frame_writes_its_files_and_a_manifest_line(folder, tmp_path):
+    private = tmp_path / "private.txt"
+    private.write_text("mine")
+    (folder.path / "rgb").mkdir()
+    laid = folder.path / "rgb" / ".000000.png.part"
+    laid.symlink_to(private)
+
     folder.add("Town01/000000", FILES, {"boxes": [], "extra": {}})
 
     assert manifest_lines(folder) == [
@@ -46,46 +52,30 @@ def test_adding_a_frame_writes_its_files_and_a_manifest_line(folder):
     ]
     assert (folder.path / "rgb/000000.png").read_bytes() == b"picture"
     assert (folder.path / "lidar/000000.ply").read_bytes() == b"points"
-    assert list(folder.path.rglob("*.part")) == []
-
-
-def test_capture_writes_through_no_link_that_others_laid(folder, tmp_path):
-    private = tmp_path / "private.txt"
-    private.write_text("mine")
-    (folder.path / "rgb").mkdir()
-    (folder.path / "rgb" / ".000000.png.part").symlink_to(private)
-
-    folder.add("Town01/000000", FILES, {"extra": {}})
-
     assert private.read_text() == "mine"
-    assert (folder.path / "rgb/000000.png").read_bytes() == b"picture"
+    assert list(folder.path.rglob("*.part")) == [laid]
 
 
-def test_capture_with_a_link_in_place_of_a_sensors_folder_is_refused(folder, tmp_path):
-    private = tmp_path / "my capture" / "rgb"
-    private.mkdir(parents=True)
-    (private / "000000.png").write_bytes(b"mine")
-    (folder.path / "rgb").symlink_to(private)
+@pytest.mark.parametrize(
+    ("name", "error"), [("rgb", CaptureError), ("manifest.jsonl", OSError)]
+)
+def test_capture_with_a_link_in_place_of_a_part_is_refused(
+    folder, tmp_path, name, error
+):
+    private = tmp_path / "private"
+    image = private
+    if name == "rgb":
+        private.mkdir()
+        image = private / "000000.png"
+    image.write_text("mine, without a line break")
+    (folder.path / name).symlink_to(private)
 
-    with pytest.raises(CaptureError, match="rgb is a link"):
+    with pytest.raises(CaptureError, match=f"{name} is a link"):
         CaptureFolder(folder.path).open(RECORDING)
-    with pytest.raises(CaptureError, match="rgb is a link"):
+    with pytest.raises(error, match=name):
         folder.add("Town01/000000", FILES, {"extra": {}})
 
-    assert (private / "000000.png").read_bytes() == b"mine"
-
-
-def test_capture_with_a_link_in_place_of_its_manifest_is_refused(folder, tmp_path):
-    private = tmp_path / "private.txt"
-    private.write_text("mine, without a line break")
-    (folder.path / "manifest.jsonl").symlink_to(private)
-
-    with pytest.raises(CaptureError, match=r"manifest\.jsonl is a link"):
-        CaptureFolder(folder.path).open(RECORDING)
-    with pytest.raises(OSError, match=r"manifest\.jsonl"):
-        folder.add("Town01/000000", FILES, {"extra": {}})
-
-    assert private.read_text() == "mine, without a line break"
+    assert image.read_text() == "mine, without a line break"
 
 
 def test_capture_resumes_after_last_complete_manifest_line(folder):
@@ -120,23 +110,22 @@ def test_folder_without_frames_accepts_a_changed_scenario(folder):
     assert json.loads((folder.path / "capture.json").read_bytes()) == mended
 
 
-@pytest.mark.parametrize("content", ["[]", '{"lens": "50 mm"}'])
-def test_foreign_capture_json_raises_and_is_not_overwritten(tmp_path, content):
-    (tmp_path / "capture.json").write_text(content)
+@pytest.mark.parametrize(
+    ("name", "content", "words"),
+    [
+        ("capture.json", "[]", "contains no capture"),
+        ("capture.json", '{"lens": "50 mm"}', "contains no capture"),
+        ("thesis.tex", "x", "is not empty and contains no capture"),
+    ],
+)
+def test_foreign_folder_raises_and_is_unchanged(tmp_path, name, content, words):
+    (tmp_path / name).write_text(content)
 
-    with pytest.raises(CaptureError, match="contains no capture"):
+    with pytest.raises(CaptureError, match=words):
         CaptureFolder(tmp_path).open(RECORDING)
 
-    assert (tmp_path / "capture.json").read_text() == content
-
-
-def test_folder_with_other_files_raises_capture_error(tmp_path):
-    (tmp_path / "thesis.tex").write_text("x")
-
-    with pytest.raises(CaptureError, match="is not empty and contains no capture"):
-        CaptureFolder(tmp_path).open(RECORDING)
-
-    assert [path.name for path in tmp_path.iterdir()] == ["thesis.tex"]
+    assert [path.name for path in tmp_path.iterdir()] == [name]
+    assert (tmp_path / name).read_text() == content
 
 
 def test_frame_with_nan_raises_and_is_not_written(folder):

@@ -101,9 +101,10 @@ def test_empty_file_gives_the_default_scenario(tmp_path):
 
 
 def test_sensors_are_enabled_by_true_or_by_settings():
+    flare = {"attributes": {"lens_flare_intensity": 0.1}}  # of a single camera
     given = {"depth": True, "segmentation": False, "radar": {"mount": {"x": 2}}}
 
-    sensors = parse_scenario({"sensors": given}, "x").sensors
+    sensors = parse_scenario({"sensors": {**given, "rgb": flare}}, "x").sensors
 
     assert sensors.rgb is not None
     assert sensors.depth is not None
@@ -113,25 +114,27 @@ def test_sensors_are_enabled_by_true_or_by_settings():
     assert sensors.radar.mount.x == 2
 
 
-def test_lens_flare_attribute_of_a_single_camera_is_allowed():
-    given = {"rgb": {"attributes": {"lens_flare_intensity": 0.1}}}
-
-    assert parse_scenario({"sensors": given}, "x").sensors.rgb is not None
-
-
 @pytest.mark.parametrize(
-    ("interval", "ticks"), [(0.05, 1), (0.1, 2), (1.0, 20), (0.12, 2)]
+    ("interval", "ticks", "is_exact"),
+    [
+        (0.05, 1, True),
+        (0.1, 2, True),
+        (0.15, 3, True),
+        (1.0, 20, True),
+        (0.12, 2, False),
+    ],
 )
-def test_ticks_per_frame_follow_from_the_interval(interval, ticks):
-    assert parse_scenario({"interval_s": interval}, "x").ticks_per_frame == ticks
+def test_interval_is_rounded_to_ticks_and_that_is_put_in_words(
+    interval, ticks, is_exact
+):
+    scenario = parse_scenario({"interval_s": interval, "delta_s": 0.05}, "x")
 
-
-def test_interval_that_is_not_a_whole_number_of_ticks_is_put_in_words():
-    assert parse_scenario({"interval_s": 0.15, "delta_s": 0.05}, "x").rounding is None
-    assert parse_scenario({"interval_s": 0.12}, "x").rounding == (
+    assert scenario.ticks_per_frame == ticks
+    words = (
         "interval_s 0.12 is not a whole number of ticks (delta_s 0.05): frames are "
         "0.1 s apart"
     )
+    assert scenario.rounding == (None if is_exact else words)
 
 
 def test_digest_stays_that_of_earlier_versions():

@@ -6,22 +6,18 @@ from unghost.capture.scenario import Sweep, Weather
 from unghost.capture.weather import preset_of, weather_numbers
 
 
-@pytest.mark.parametrize(("index", "angle"), [(0, 70), (5, 45), (10, 20)])
-def test_sweep_is_linear_from_first_frame_to_last(index, angle):
+@pytest.mark.parametrize(
+    ("index", "count", "angle"), [(0, 11, 70), (5, 11, 45), (10, 11, 20), (0, 1, 70)]
+)
+def test_sweep_is_linear_from_first_frame_to_last(index, count, angle):
     weather = Weather(
         parameters={"wetness": 4},
         sweep={"sun_altitude_angle": Sweep(first=70, last=20)},
     )
 
-    numbers = weather_numbers(weather, index, 11)
+    numbers = weather_numbers(weather, index, count)
 
     assert numbers == {"wetness": 4, "sun_altitude_angle": pytest.approx(angle)}
-
-
-def test_sweep_over_one_frame_has_its_first_value():
-    weather = Weather(sweep={"wetness": Sweep(first=7, last=20)})
-
-    assert weather_numbers(weather, 0, 1) == {"wetness": 7}
 
 
 def test_weather_presets_alternate_every_frames_per_preset():

@@ -10,6 +10,7 @@ import pytest
 from typer.testing import CliRunner
 
 from filter_core.errors import LayoutError
+from tests.support import response_checks
 from tests.support.frames import write_manifest
 from tests.support.scripted_server import json_reply, problem
 from unghost import wire
@@ -21,18 +22,10 @@ from unghost.client.discovery import BadServerUrl, ForeignServer
 
 ADDRESS = "http://127.0.0.1:8000"
 TOWN = {
-    "name": "town",
+    **response_checks.DATASET,
     "description": "",
-    "classes": ["car"],
     "classes_frozen": True,
-    "palette": "auto",
-    "encoding": "auto",
-    "channel_order": "auto",
-    "lossy_segmentation": "refuse",
     "has_ignore_mask": False,
-    "created_at": "2026-01-01T00:00:00Z",
-    "config": "x",
-    "active_run": 1,
     "thumbnail_frame_id": None,
     "counts": dict.fromkeys(wire.DatasetCounts.model_fields, 0),
 }
@@ -103,25 +96,31 @@ def test_connection_error_message_names_address_and_its_origin(
     ]
 
 
-def test_message_of_refused_request_lists_all_faults():
-    lines = list(error_lines(errors.Invalid(422, PROBLEM)))
-
-    assert lines == ["two faults (bad_annotation)", "  /boxes/0: is wrong"]
+SINGLE = [{"pointer": "/name", "code": "x", "detail": "expected a text"}]
 
 
-def test_message_has_the_number_of_unlisted_faults():
-    problem = {**PROBLEM, "more_errors": 2400}
-
-    assert list(error_lines(errors.Invalid(422, problem)))[-1] == "  and 2400 more"
-
-
-def test_message_does_not_repeat_a_single_fault():
-    fault = {"pointer": "/name", "code": "x", "detail": "expected a text"}
-    problem = {**PROBLEM, "detail": "/name: expected a text", "errors": [fault]}
-
-    assert list(error_lines(errors.Invalid(422, problem))) == [
-        "/name: expected a text (bad_annotation)"
-    ]
+@pytest.mark.parametrize(
+    ("changed", "lines"),
+    [
+        pytest.param(
+            {"more_errors": 2400},
+            ["two faults (bad_annotation)", "  /boxes/0: is wrong", "  and 2400 more"],
+            id="all faults, and how many are not listed",
+        ),
+        pytest.param(
+            {"detail": "/name: expected a text", "errors": SINGLE},
+            ["/name: expected a text (bad_annotation)"],
+            id="a single fault once",
+        ),
+        pytest.param(
+            {"detail": "no\n\x1b[2Junghost: done", "errors": []},
+            [r"no\u000a\u001b[2Junghost: done (bad_annotation)"],
+            id="control characters that would look like another line",
+        ),
+    ],
+)
+def test_message_of_a_refused_request_has_its_faults(changed, lines):
+    assert list(error_lines(errors.Invalid(422, {**PROBLEM, **changed}))) == lines
 
 
 def test_message_about_a_refused_token_says_where_tokens_come_from():
@@ -141,12 +140,9 @@ def test_help_lists_all_exit_codes():
     assert [int(one.split()[0]) for one in told.split("; ")] == list(EXIT_CODES)
 
 
-def test_control_characters_of_a_server_do_not_look_like_another_line():
-    hostile = {**PROBLEM, "detail": "no\n\x1b[2Junghost: done", "errors": []}
-
-    (line,) = error_lines(errors.Forbidden(403, hostile))
-
-    assert line == r"no\u000a\u001b[2Junghost: done (bad_annotation)"
+def run(server, *words):
+    place = ("--server", server.url, "--token", "secret")
+    return CliRunner().invoke(app, [*map(str, words), *place])
 
 
 def test_settings_of_an_empty_dataset_that_cannot_be_changed_are_named(
@@ -156,17 +152,11 @@ def test_settings_of_an_empty_dataset_that_cannot_be_changed_are_named(
     replies = [json_reply(VERSION), *[json_reply(TOWN)] * 2, problem(409, "run_open")]
     scripted.answer(*replies)
 
-    answer = CliRunner().invoke(
-        app,
-        [
-            *("push", str(tmp_path / "frames"), "--dataset", "town"),
-            *("--lossy-segmentation", "nearest"),
-            *("--server", scripted.url, "--token", "secret"),
-        ],
-    )
+    option = ("--lossy-segmentation", "nearest")
+    result = run(scripted, "push", tmp_path / "frames", "--dataset", "town", *option)
 
-    assert answer.exit_code == 1
-    assert str(answer.exception or answer.output).startswith(
+    assert result.exit_code == 1
+    assert str(result.exception or result.output).startswith(
         "lossy_segmentation of dataset 'town' cannot be changed: it is run_open"
     )
 

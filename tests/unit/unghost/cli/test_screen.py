@@ -23,32 +23,24 @@ def test_records_are_json_lines_with_json_option(capsys):
     assert err == ""
 
 
-def test_record_without_json_option_prints_only_its_text(capsys):
-    screen = Screen()
+@pytest.mark.parametrize(
+    ("as_json", "out"),
+    [
+        (False, "for people\ntext\na b c\t1\n\t2\n"),
+        (True, '{"key": "a"}\n{"key": "b"}\n'),
+    ],
+)
+def test_json_option_chooses_between_records_and_what_is_for_people(
+    capsys, as_json, out
+):
+    screen = Screen(as_json=as_json)
     screen.record({"key": "a"}, "for people")
     screen.record({"key": "b"})
+    screen.text("text")
+    screen.table(("name", "number"), [("a\tb\nc", 1), (None, 2)])
+    screen.note("by the way")
 
-    assert capsys.readouterr().out == "for people\n"
-
-
-def test_text_and_table_print_nothing_with_json_option(capsys):
-    screen = Screen(as_json=True)
-    screen.text("for people")
-    screen.table(("a",), [(1,)])
-
-    assert capsys.readouterr().out == ""
-
-
-def test_table_off_terminal_is_tab_separated_lines(capsys):
-    Screen().table(("name", "number"), [("a\tb\nc", 1), (None, 2)])
-
-    assert capsys.readouterr().out == "a b c\t1\n\t2\n"
-
-
-def test_note_is_written_to_stderr(capsys):
-    Screen(as_json=True).note("by the way")
-
-    assert capsys.readouterr() == ("", "by the way\n")
+    assert capsys.readouterr() == (out, "by the way\n")
 
 
 def test_progress_off_terminal_is_one_final_line(capsys):
@@ -77,7 +69,7 @@ def test_progress_on_terminal_is_a_bar(capsys, monkeypatch, total):
     assert f"3/{total or '?'}" in err
 
 
-def test_control_characters_in_text_for_people_are_escaped(capsys):
+def test_control_characters_are_escaped(capsys):
     screen = Screen()
     screen.text(f"a\t{HOSTILE}\nb")
     screen.record({}, HOSTILE)
@@ -87,8 +79,6 @@ def test_control_characters_in_text_for_people_are_escaped(capsys):
     assert out == f"a\t{ESCAPED}\nb\n{ESCAPED}\n"
     assert err == f"a\t{ESCAPED}\nb\n"
 
-
-def test_control_characters_in_records_are_escaped_as_in_json(capsys):
     Screen(as_json=True).record({"key": HOSTILE})
 
     out = capsys.readouterr().out

@@ -91,17 +91,17 @@ def test_note_applies_to_every_form_of_its_address(home, noted, asked):
     assert found.token == "noted"
 
 
-def test_local_token_is_not_used_for_a_remote_server(home):
+@pytest.mark.parametrize(
+    ("host", "token"),
+    [
+        *((host, "guess") for host in ("localhost", "127.0.0.1", "127.9.9.9", "[::1]")),
+        ("labels.example", None),
+    ],
+)
+def test_local_token_is_used_for_loopback_addresses_only(home, host, token):
     write_token(home / "unghost-data", "guess")
 
-    assert find_server("http://labels.example", environ=env_of(home)).token is None
-
-
-@pytest.mark.parametrize("host", ["localhost", "127.0.0.1", "127.9.9.9", "[::1]"])
-def test_local_token_is_used_for_all_loopback_addresses(home, host):
-    write_token(home / "unghost-data", "guess")
-
-    assert find_server(f"http://{host}:8000", environ=env_of(home)).token == "guess"
+    assert find_server(f"http://{host}:8000", environ=env_of(home)).token == token
 
 
 def test_unreadable_note_is_ignored(home):

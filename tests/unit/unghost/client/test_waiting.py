@@ -8,17 +8,13 @@ from contextlib import contextmanager
 
 import pytest
 
+from tests.support.response_checks import EXPORT, RUN
 from tests.support.scripted_server import SHORT_RETRIES, Reply, json_reply, problem
 from unghost import Client, Export, NoResponse, Run, UnexpectedAnswer
 from unghost.cli.export import wait_for_export
 from unghost.cli.remote.runs import wait_for_run
 from unghost.cli.screen import Screen
 from unghost.client.jobs import MAX_EVENT_BYTES
-
-JOB = {"dataset": "town", "total": 9, "created_at": "2026-01-01T00:00:00Z"}
-EXPORT = {**JOB, "id": 4, "state": "done", "done": 9, "format": "yolo", "options": {}}
-RUN = {**JOB, "id": 21, "state": "running", "done": 3, "kind": "decide"}
-RUN |= {"config": "", "activate": False, "changed": 0, "created_by": "ada"}
 
 
 class InterruptingScreen(Screen):
@@ -90,21 +86,15 @@ def test_interrupting_wait_for_run_with_cancel_says_what_became_of_it(
     assert scripted.received_requests[-1].path == "/api/v1/runs/21/cancel"
 
 
-def test_waiting_for_a_run_survives_a_server_restart(scripted, client):
+def test_waiting_survives_a_server_restart(scripted, client):
     silence = [Reply(hang_up=0)] * 5
     done = {**RUN, "state": "done", "done": 9}
     scripted.answer(json_reply(RUN), *silence, json_reply(done))
-
-    run = client.wait(21, timeout_s=60)
-
-    assert (run.state, scripted.replies) == ("done", [])
-
-
-def test_waiting_for_an_export_survives_a_server_restart(scripted, client):
-    silence = [Reply(hang_up=0)] * 5
     scripted.answer(*silence, json_reply(EXPORT))
 
+    assert client.wait(21, timeout_s=60).state == "done"
     assert client.wait_for_export(4, timeout_s=60).state == "done"
+    assert scripted.replies == []
 
 
 @pytest.mark.parametrize("end", [b"", b"\n"], ids=["one line", "many lines"])
