@@ -9,11 +9,7 @@ from typing import Any, cast
 
 import httpx
 import pytest
-from playwright.sync_api import (
-    Browser,
-    StorageState,
-    expect,
-)
+from playwright.sync_api import Browser, StorageState, expect
 
 from tests.support import plain_http
 from tests.support.api import BY_TAGS

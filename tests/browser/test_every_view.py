@@ -19,12 +19,7 @@ from tests.support.page import many_boxes, scenes
 from tests.support.page.accessibility import findings
 from tests.support.page.scenes import MakeScene
 from tests.support.page.tuning import car_at
-from tests.support.page.windows import (
-    OVERFLOW,
-    Visitor,
-    go_offline,
-    lose_session,
-)
+from tests.support.page.windows import OVERFLOW, Visitor, go_offline, lose_session
 from tests.support.sensors import ANNOTATION, sensors
 
 pytestmark = pytest.mark.browser

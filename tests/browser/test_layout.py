@@ -9,13 +9,7 @@ from playwright.sync_api import Route, expect
 from tests.support.page import many_boxes
 from tests.support.page.accessibility import findings
 from tests.support.page.scenes import MakeScene, Scene
-from tests.support.page.windows import (
-    OVERFLOW,
-    PHONE,
-    WIDE,
-    OpenWindow,
-    Visitor,
-)
+from tests.support.page.windows import OVERFLOW, PHONE, WIDE, OpenWindow, Visitor
 
 pytestmark = pytest.mark.browser
 

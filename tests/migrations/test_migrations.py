@@ -17,13 +17,7 @@ from sqlalchemy.orm import Session
 from app.db import tables
 from app.db.base import Base, utc_now
 from app.db.engine import make_engine
-from app.db.migrate import (
-    WouldLose,
-    current_revision,
-    head_revision,
-    is_known,
-    migrate,
-)
+from app.db.migrate import WouldLose, current_revision, head_revision, is_known, migrate
 from app.db.tables import access as access_tables
 from app.package import migrations_dir
 from filter_core.verdicts import Reason

@@ -178,10 +178,7 @@ def test_idempotency_key_sent_to_both_servers_is_stored_once(replicas, make_revi
 
     def post_review_with_key(api, number):
         path = f"{BASE}/boxes/{box}/reviews"
-        body = {
-            "verdict": ("keep", "reject")[number % 2],
-            "seen_revision": number,
-        }
+        body = {"verdict": ("keep", "reject")[number % 2], "seen_revision": number}
         headers = {"Idempotency-Key": f"{name}-{number}"}
         return api.http.post(path, json=body, headers=headers)
 
@@ -205,12 +202,7 @@ def test_queue_returns_no_box_to_two_people(replicas, make_reviewer):
         taken: list[int] = []
         for order in ("doubt", "random", "class"):
             filters = {"review": "undecided"}  # in doubt or not
-            wanted = {
-                "limit": 2,
-                "order": order,
-                "exclude": taken,
-                "filters": filters,
-            }
+            wanted = {"limit": 2, "order": order, "exclude": taken, "filters": filters}
             answer = clients[number].post(f"/datasets/{name}/queue", wanted)
             assert answer.status_code == 200, answer.text
             taken += [item["box_id"] for item in answer.json()["items"]]

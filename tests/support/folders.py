@@ -199,10 +199,7 @@ LAYOUT_FILES = {
         "images/7.png": b"",
     },
     "cvat": {"annotations.xml": CVAT_FILE, "images/a/1.png": b""},
-    "label-studio": {
-        "tasks.json": json.dumps([TASK]).encode(),
-        "images/1.png": b"",
-    },
+    "label-studio": {"tasks.json": json.dumps([TASK]).encode(), "images/1.png": b""},
     "decisions-jsonl": {
         "decisions.jsonl": json.dumps(DECIDED).encode(),
         "images/a/1.png": b"",

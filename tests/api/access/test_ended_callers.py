@@ -21,11 +21,7 @@ from tests.support import frames as scene
 from tests.support import plain_http
 from tests.support.api import BASE
 from tests.support.archives import Connection, frame, tar_without_end
-from tests.support.connections import (
-    open_connection,
-    read_until_closed,
-    request_head,
-)
+from tests.support.connections import open_connection, read_until_closed, request_head
 from tests.support.servers import RunningServer
 
 _numbers = count()

@@ -208,8 +208,7 @@ def test_every_route_refuses_requests_without_a_valid_token(
 
 
 @pytest.mark.parametrize(
-    ("which", "code"),
-    [("expired", "token_expired"), ("revoked", "token_revoked")],
+    ("which", "code"), [("expired", "token_expired"), ("revoked", "token_revoked")]
 )
 def test_expired_and_revoked_tokens_have_their_own_error_codes(
     service, admin, which, code

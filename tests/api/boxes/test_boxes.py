@@ -8,12 +8,7 @@ from tests.support import frames as scene
 
 
 @pytest.mark.parametrize(
-    ("filters", "total"),
-    [
-        ({}, 6),
-        ({"conflict": "true"}, 1),
-        ({"class": "van"}, 0),
-    ],
+    ("filters", "total"), [({}, 6), ({"conflict": "true"}, 1), ({"class": "van"}, 0)]
 )
 def test_list_of_boxes_returns_the_total_count_on_request(api, dataset, filters, total):
     real, ghost = api.box_ids(dataset)[:2]

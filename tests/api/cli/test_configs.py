@@ -145,10 +145,7 @@ def test_push_puts_a_class_map_into_the_configuration_of_a_new_dataset(
     _, active = versions(api, "push-class-map")
     assert {
         name: one["measures_as"] for name, one in active["config"]["classes"].items()
-    } == {
-        "Caar": "car",
-        "Misc": "pass",
-    }
+    } == {"Caar": "car", "Misc": "pass"}
     _, active = versions(api, "push-class-map-file")
     assert active["config"]["classes"]["Caar"]["measures_as"] == "truck"
     assert refused.code == EXIT_REFUSED

@@ -95,10 +95,7 @@ def test_doctor_finds_database_faults(filled, unghost, url, statements, check, t
 
 @pytest.mark.long
 def test_doctor_warns_of_synchronous_commit_off(filled, unghost, url):
-    change(
-        url,
-        f"ALTER DATABASE {make_url(url).database} SET synchronous_commit = off",
-    )
+    change(url, f"ALTER DATABASE {make_url(url).database} SET synchronous_commit = off")
 
     found = findings_by_check(unghost("doctor", "--json"))["durability"]
 

@@ -248,9 +248,7 @@ def test_download_link_expires_and_ends_with_its_revoked_token(server, api, expo
     ended = "expires_at = '2001-01-01 00:00:00'"
     digest = hashlib.sha256(late.params["key"].encode()).hexdigest()
     databases.change(
-        server.data,
-        f"update download_links set {ended} where hash = :one",
-        one=digest,
+        server.data, f"update download_links set {ended} where hash = :one", one=digest
     )
 
     found = [plain_http.get(url).json()["code"] for url in (gone, late)]

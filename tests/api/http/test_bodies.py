@@ -13,11 +13,7 @@ from app.http.routing import ApiRoute, OpenRoute
 from app.main import create_app
 from app.settings import Settings
 from tests.support.archives import header_of
-from tests.support.connections import (
-    open_connection,
-    read_until_closed,
-    request_head,
-)
+from tests.support.connections import open_connection, read_until_closed, request_head
 from tests.support.live import live
 from tests.support.routes import every_route, fill_path, operations, values_of_paths
 

@@ -9,11 +9,7 @@ import re
 import pytest
 
 from app.errors import NotFound
-from app.http.static import (
-    content_security_policy,
-    page_file,
-    version_of,
-)
+from app.http.static import content_security_policy, page_file, version_of
 from app.package import static_dir
 
 FILES = sorted(

@@ -145,7 +145,7 @@ def test_request_over_a_limit_is_refused_and_names_the_limit(admin, name):
 
 def test_frame_at_its_limits_is_stored(serve):
     service = serve(
-        **LIMITS | {"max_boxes_per_frame": 2, "max_parts": 3, "max_image_side_px": 64},
+        **LIMITS | {"max_boxes_per_frame": 2, "max_parts": 3, "max_image_side_px": 64}
     )
     with service.admin() as client:
         client.post("/api/v1/datasets", json={"name": "street"})

@@ -9,17 +9,10 @@ from contextlib import ExitStack, contextmanager
 
 import pytest
 
-from app.process.connections import (
-    raise_descriptor_limit,
-    room_for_connections,
-)
+from app.process.connections import raise_descriptor_limit, room_for_connections
 from tests.support import frames as scene
 from tests.support import plain_http
-from tests.support.connections import (
-    open_connection,
-    read_until_closed,
-    request_head,
-)
+from tests.support.connections import open_connection, read_until_closed, request_head
 from tests.support.live import live
 from tests.support.servers import start_anew, stop, token_of, wait_for_link
 
@@ -117,11 +110,7 @@ def test_soft_descriptor_limit_is_raised_and_logged(tmp_path):
 
 def test_service_recovers_after_running_out_of_descriptors(tmp_path):
     full = limited_server(
-        tmp_path / "data",
-        soft=400,
-        hard=400,
-        taken=345,
-        UNGHOST_MAX_CONNECTIONS="40",
+        tmp_path / "data", soft=400, hard=400, taken=345, UNGHOST_MAX_CONNECTIONS="40"
     )
     with full as (admin, log):
         with ExitStack() as held:

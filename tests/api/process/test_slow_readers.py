@@ -11,11 +11,7 @@ import pytest
 from app.package import static_dir
 from app.process.server import MOST_PIPELINED
 from tests.support.archives import frame, tar_without_end
-from tests.support.connections import (
-    open_connection,
-    read_until_closed,
-    request_head,
-)
+from tests.support.connections import open_connection, read_until_closed, request_head
 from tests.support.live import live
 from tests.support.probe_routes import endless_response_stopped
 from tests.support.waiting import until

@@ -143,8 +143,7 @@ def edited_label_studio(folder):
 
 
 @pytest.mark.parametrize(
-    ("form", "edit"),
-    [("cvat", edited_cvat), ("label-studio", edited_label_studio)],
+    ("form", "edit"), [("cvat", edited_cvat), ("label-studio", edited_label_studio)]
 )
 def test_boxes_kept_and_deleted_in_another_program_are_answers(
     server, client, tmp_path, form, edit

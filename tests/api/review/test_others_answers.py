@@ -303,11 +303,7 @@ def test_answer_is_undone_only_by_its_reviewer_or_an_admin(street, person, admin
     items = admin.get(f"{BASE}/audit").json()["items"]
     noted = [one for one in items if one["action"] == "review.undone"]
     assert [(one["actor"], one["subject"], one["details"]) for one in noted[:1]] == [
-        (
-            boss,
-            str(boxes[0]),
-            {"dataset": name, "revision": 1, "reviewer": grace},
-        )
+        (boss, str(boxes[0]), {"dataset": name, "revision": 1, "reviewer": grace})
     ]
 
 

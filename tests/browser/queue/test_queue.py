@@ -564,8 +564,7 @@ the stage is kept for the box that is shown, before the page gets the key."""
 
 
 @pytest.mark.parametrize(
-    "frames",
-    [5, pytest.param(250, marks=[pytest.mark.long, pytest.mark.timeout(900)])],
+    "frames", [5, pytest.param(250, marks=[pytest.mark.long, pytest.mark.timeout(900)])]
 )
 def test_no_answer_by_keyboard_is_on_a_box_whose_picture_was_not_painted(
     make_scene, user, frames

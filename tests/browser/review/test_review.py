@@ -226,8 +226,7 @@ def test_box_is_described_in_text_and_numbers(scene, user):
     expect(panel.locator(".inspector__sentence")).to_contain_text("4 % of its pixels")
     stage = page.get_by_role("img", name="Frame run/000001")
     expect(stage).to_have_attribute(
-        "aria-label",
-        re.compile(r"4 % Car < 10 % · hidden by Vegetation 96 %$"),
+        "aria-label", re.compile(r"4 % Car < 10 % · hidden by Vegetation 96 %$")
     )
 
 

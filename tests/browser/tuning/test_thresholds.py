@@ -17,13 +17,7 @@ from filter_core.formats.recording import DATASET_SETTINGS
 from tests.support.page import scenes
 from tests.support.page.scenes import MakeScene, Scene
 from tests.support.page.tuning import applied_config, car_at, count_bar_colours, dragged
-from tests.support.page.windows import (
-    PHONE,
-    WIDTHS,
-    OpenWindow,
-    Visitor,
-    route_loaded,
-)
+from tests.support.page.windows import PHONE, WIDTHS, OpenWindow, Visitor, route_loaded
 from tests.support.sensors import ANNOTATION, sensors
 from tests.support.waiting import until
 

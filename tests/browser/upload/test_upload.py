@@ -14,12 +14,7 @@ import pytest
 from playwright.sync_api import Locator, Page, Route, expect
 
 from tests.support.page import scenes
-from tests.support.page.windows import (
-    Visitor,
-    first_held,
-    hold_timers,
-    route_loaded,
-)
+from tests.support.page.windows import Visitor, first_held, hold_timers, route_loaded
 
 pytestmark = pytest.mark.browser
 

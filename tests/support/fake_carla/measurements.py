@@ -99,10 +99,7 @@ class LidarMeasurement(Shot):
         if not self.kind.endswith("semantic"):
             shine = np.ones((len(places), 1), "<f4")
             return memoryview(np.hstack([places, shine]).tobytes())
-        table = np.zeros(
-            len(places),
-            np.dtype("<f4,<f4,<f4,<f4,<u4,<u4"),
-        )
+        table = np.zeros(len(places), np.dtype("<f4,<f4,<f4,<f4,<u4,<u4"))
         table["f0"], table["f1"], table["f2"] = places.T
         table["f4"], table["f5"] = owner[hit], tag[hit]
         return memoryview(table.tobytes())
