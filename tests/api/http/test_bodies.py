@@ -183,14 +183,6 @@ def test_too_large_body_without_a_token_returns_401_not_413(anonymous):
     assert anonymous.post("/probe/stream", content=too_large).status_code == 401
 
 
-def test_too_large_login_body_returns_413(anonymous):
-    too_large = {"token": "x" * (MAX_UNASKED_BYTES + 1)}
-
-    answer = anonymous.post("/api/v1/session", json=too_large)
-
-    assert (answer.status_code, answer.json()["code"]) == (413, "too_large")
-
-
 def test_every_body_limit_is_a_setting():
     named = {setting_of(route) for route in every_route()} - {""}
 

@@ -353,11 +353,3 @@ def test_batch_releases_the_counted_bytes_of_stored_frames(service, bearers):
 
     assert len(lines_of(answer.text)) >= 2
     until_free(service)
-
-
-def test_frame_within_the_open_body_limit_is_stored(service, bearers):
-    files = {"annotation": scene.as_json(scene.annotation()), "image": scene.image(0)}
-    with service.client(Authorization=bearers[1]) as client:
-        stored = client.put("/api/v1/datasets/street/frames/one", files=files)
-
-    assert stored.is_success
