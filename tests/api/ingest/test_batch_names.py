@@ -6,19 +6,13 @@ import tarfile
 
 import pytest
 
-from tests.support.api import BASE
-from tests.support.archives import frame, lines_of, tar_archive
+from tests.support.archives import batch_results, frame, send, tar_archive
 
-TAR = {"Content-Type": "application/x-tar"}
 NOT_JSON = b"{"
 
 
 def send_members(api, dataset, members):
-    path = f"{BASE}/datasets/{dataset}/batches"
-    content = tar_archive(members, tarfile.PAX_FORMAT)
-    answer = api.http.post(path, content=content, headers=TAR)
-    *lines, end = lines_of(answer.text)
-    return [(line["key"], line["status"]) for line in lines], end
+    return batch_results(send(api, dataset, tar_archive(members, tarfile.PAX_FORMAT)))
 
 
 @pytest.mark.parametrize("key", ["\ud800", "a\udfffb", "a\0b"])
