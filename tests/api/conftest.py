@@ -13,6 +13,7 @@ import pytest
 from app.security import TOKEN_PREFIX, hash_secret, new_secret
 from tests.support import frames as scene
 from tests.support.api import Api
+from tests.support.command_line import CommandLine
 from tests.support.live import Live, live
 from tests.support.sensors import depth_png, experiment_report, street_metres
 from tests.support.servers import RunningServer
@@ -106,6 +107,13 @@ def api(server: RunningServer) -> Iterator[Api]:
     opened = Api.at(server.url, server.headers)
     with opened.http:
         yield opened
+
+
+@pytest.fixture
+def unghost(server: RunningServer, tmp_path: Path) -> CommandLine:
+    """The command line in an empty folder, with that server's address and a token."""
+    settings = {"UNGHOST_SERVER": server.url, "UNGHOST_TOKEN": server.token}
+    return CommandLine(tmp_path, settings)
 
 
 @pytest.fixture

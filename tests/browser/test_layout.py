@@ -73,6 +73,10 @@ def test_notices_are_below_the_header_and_their_buttons_do_not_touch(user, empty
         assert notice.evaluate(TOP) < 240
 
     page.set_viewport_size(WIDE)
+    for view in ("grid", "thresholds"):
+        user.open(f"#/datasets/{empty}/{view}")
+        shown = page.locator(f"[data-view={view}]")
+        expect(shown.get_by_role("heading", name="No boxes yet")).to_be_visible()
     user.open(f"#/datasets/{empty}/quality")
     buttons = page.locator(".notice__actions .button")
     expect(buttons).to_have_count(2)

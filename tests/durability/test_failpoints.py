@@ -19,7 +19,7 @@ from app.settings import Settings
 from app.storage.base import sha256_of
 from tests.support import frames as scene
 from tests.support.api import BASE, Api
-from tests.support.archives import frame, tar_archive
+from tests.support.archives import TAR, frame, tar_archive
 from tests.support.crash_points import Point, crashing_servers
 from tests.support.data_folders import blobs, silently
 from tests.support.pictures import painted, png
@@ -129,7 +129,7 @@ def batch(dataset, number):
                 "POST",
                 f"{BASE}/datasets/{dataset}/batches",
                 content=content,
-                headers={"Content-Type": "application/x-tar"},
+                headers=TAR,
             ) as answer:
                 lines += answer.iter_lines()
         except httpx.TransportError:

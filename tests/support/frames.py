@@ -108,14 +108,13 @@ def write_jpeg_segmentation(folder: Path) -> Path:
 
 
 def put(
-    client: Client, dataset: str, key: str, number: int = 0, **options: Any
+    client: Client, dataset: str, key: str, number: int = 0, **changed: Any
 ) -> StoredFrame:
-    """Send one frame with an image, a segmentation and two boxes."""
+    """Send one frame with two boxes; `changed` are keys of its annotation."""
     return client.put_frame(
         dataset,
         key,
-        annotation(),
+        {**annotation(), **changed},
         image=image(number),
         segmentation=segmentation(),
-        **options,
     )

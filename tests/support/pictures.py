@@ -72,10 +72,9 @@ def jpeg(rgb: np.ndarray, quality: int = 95) -> bytes:
     ].tobytes()
 
 
-def with_alpha(rgb: np.ndarray, alpha: int = 255) -> np.ndarray:
-    """RGB pixels with an alpha channel of one value added."""
-    fourth = np.full((*rgb.shape[:2], 1), alpha, np.uint8)
-    return np.concatenate([rgb, fourth], axis=2)
+def with_alpha(rgb: np.ndarray, alpha: np.ndarray | int = 255) -> np.ndarray:
+    """RGB pixels with an alpha channel added: (H, W), or one value for all."""
+    return np.dstack([rgb, np.broadcast_to(np.uint8(alpha), rgb.shape[:2])])
 
 
 def chunk(kind: bytes, body: bytes = b"") -> bytes:

@@ -33,7 +33,6 @@ CANCELS = {
     ("POST", "/api/v1/runs/{run_id}/cancel", 202),
     ("POST", "/api/v1/exports/{export_id}/cancel", 202),
 }
-TAR = {"Content-Type": "application/x-tar"}
 LINES = "application/x-ndjson"
 
 
@@ -113,7 +112,7 @@ def street(api: Api) -> str:
         *archives.frame("b", number=1),
         *archives.frame("c", boxes=[{"id": 1}]),
     ]
-    told = archives.send(api, name, archives.tar_archive(archive), TAR)
+    told = archives.send(api, name, archives.tar_archive(archive))
     assert told.is_success, told.text
     return name
 
@@ -304,10 +303,10 @@ def test_every_ndjson_line_has_every_field_of_its_model(api, folder):
     archive = [*archives.frame("a"), *archives.frame("c", boxes=[{"id": 1}])]
     asked = {
         f"{BASE}/folders": api.http.post(
-            f"{BASE}/folders", content=folder, headers=TAR
+            f"{BASE}/folders", content=folder, headers=archives.TAR
         ),
         f"{BASE}/datasets/{{dataset}}/batches": archives.send(
-            api, name, archives.tar_archive(archive), TAR
+            api, name, archives.tar_archive(archive)
         ),
     }
     described = {
@@ -327,6 +326,16 @@ def test_every_ndjson_line_has_every_field_of_its_model(api, folder):
         assert set(kinds) == set(names)
         for line, kind in zip(lines, kinds, strict=True):
             assert_matches_model(getattr(wire, kind), line)
+
+
+def test_last_line_for_a_truncated_archive_has_every_field(api):
+    whole = archives.tar_archive([*archives.frame("a"), *archives.frame("b")])
+
+    response = archives.send(api, api.dataset(), whole[: len(whole) // 2])
+
+    end = archives.lines_of(response.text)[-1]
+    assert end["problem"]["status"] == 422
+    assert_matches_model(wire.BatchEnd, end)
 
 
 def _kind_of(line: Any, names: list[str]) -> str:

@@ -10,7 +10,8 @@ import pytest
 
 from app.settings import Settings
 from tests.support import frames as scene
-from tests.support.archives import frame, tar_archive
+from tests.support.api import Api
+from tests.support.archives import TAR, frame, send, tar_archive
 from tests.support.live import live
 from tests.support.sources import names_of_tests
 
@@ -64,7 +65,6 @@ TESTED_ELSEWHERE = {
     "max_event_streams": "tests/api/runs/test_run_events.py::"
     "test_event_streams_are_limited_and_freed_on_disconnect",
 }
-TAR = {"Content-Type": "application/x-tar"}
 STREET = "/api/v1/datasets/street"
 AVENUE = "/api/v1/datasets/avenue/batches"
 
@@ -102,9 +102,7 @@ REFUSED = {
     ),
     "max_batch_members": (
         413,
-        lambda c: c.post(
-            f"{STREET}/batches", content=tar_archive(frame("a")), headers=TAR
-        ),
+        lambda c: send(Api(c), "street", tar_archive(frame("a"))),
     ),
     "max_folder_files": (
         413,

@@ -10,8 +10,8 @@ from contextlib import ExitStack, contextmanager
 import pytest
 
 from app.process.connections import raise_descriptor_limit, room_for_connections
-from tests.support import frames as scene
 from tests.support import plain_http
+from tests.support.api import Api
 from tests.support.connections import open_connection, read_until_closed, request_head
 from tests.support.live import live
 from tests.support.servers import start_anew, stop, token_of, wait_for_link
@@ -23,7 +23,6 @@ pytestmark = [
 
 LONG_S = 60
 IDLE_CONNECTIONS = 3_000
-STREET = "/api/v1/datasets/street"
 UNFINISHED_REQUESTS = {
     "nothing": b"",
     "half a head": b"GET /healthz HTTP/1.1\r\nHost: loc",
@@ -66,13 +65,8 @@ def client_of(url, headers):
 
 def put(client, key):
     """Upload a frame on a connection of its own; return the status."""
-    files = {
-        "annotation": scene.as_json(scene.annotation()),
-        "image": scene.image(),
-        "segmentation": scene.segmentation(),
-    }
     with client_of(client.base_url, client.headers) as once:
-        return once.put(f"{STREET}/frames/{key}", files=files).status_code
+        return Api(once).put("street", key).status_code
 
 
 def test_uploads_succeed_while_thousands_of_idle_connections_are_opened(tmp_path):

@@ -38,13 +38,7 @@ def answered(client, person):
     name = f"answered-{next(_numbers)}"
     client.create_dataset(name)
     for key in ("run/1", "run/2"):
-        client.put_frame(
-            name,
-            key,
-            scene.annotation(),
-            image=scene.image(),
-            segmentation=scene.segmentation(),
-        )
+        scene.put(client, name, key)
     boxes = list(client.boxes(name))
     for box, verdict in zip(boxes, ("reject", "unsure"), strict=False):
         reviewer, _, _ = person()
@@ -152,9 +146,7 @@ def test_boxes_kept_and_deleted_in_another_program_are_answers(
     client.create_dataset(name)
     boxes = [{"id": n, "class": "car", "xyxy": scene.ON_THE_CAR} for n in "abc"]
     for key in ("run/1", "run/2"):
-        annotation = scene.annotation() | {"boxes": boxes}
-        sent = {"image": scene.image(), "segmentation": scene.segmentation()}
-        client.put_frame(name, key, annotation, **sent)
+        scene.put(client, name, key, boxes=boxes)
     folder = exported(client, name, tmp_path, form)
     edited = edit(folder)
     labelled = ("run/1", "run/2") if form == "cvat" else ("run/1",)

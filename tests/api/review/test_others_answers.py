@@ -62,14 +62,10 @@ def replace_in_a_batch(api, name):
         (f"{key}.json", json.dumps({**document, "key": key}).encode())
         for key, document in documents.items()
     ]
-    answer = api.http.post(
-        f"{BASE}/datasets/{name}/batches",
-        params={"replace": "true"},
-        content=archives.tar_archive(members),
-        headers={"Content-Type": "application/x-tar"},
-    )
-    lines = [json.loads(line) for line in answer.text.splitlines()]
-    lines_by_key = {line["key"]: line for line in lines if "key" in line}
+    archive = archives.tar_archive(members)
+    response = archives.send(api, name, archive, replace="true")
+    *lines, _ = archives.lines_of(response.text)
+    lines_by_key = {line["key"]: line for line in lines}
     assert lines_by_key["1"]["status"] == 201
     return lines_by_key["0"]
 

@@ -105,17 +105,6 @@ def test_cancelled_queued_run_never_starts(held):
     assert (run["state"], run["started_at"]) == ("cancelled", None)
 
 
-def test_cancelling_a_finished_run_returns_409(api):
-    dataset = api.dataset_of_one_frame()
-    run = api.run(dataset, NOTHING_VISIBLE)
-
-    answer = api.post(f"/runs/{run['id']}/cancel")
-
-    assert (answer.status_code, answer.json()["code"]) == (409, "run_over")
-    assert answer.json()["detail"] == f"run {run['id']} is done already"
-    assert api.json(f"/runs/{run['id']}") == run
-
-
 def test_second_cancel_returns_409_but_idempotency_key_replays_it(held):
     _, api, dataset, _ = held
     working = start_run(api, dataset)

@@ -11,13 +11,12 @@ import pytest
 from playwright.sync_api import Route, expect
 
 from tests.support.page import many_boxes, scenes
-from tests.support.page.many_boxes import cell, grid, selected
+from tests.support.page.many_boxes import cell, grid, open_grid, selected
 from tests.support.page.scenes import MakeScene, Scene
 from tests.support.page.windows import (
     OVERFLOW,
     WIDTHS,
     OpenWindow,
-    Visitor,
     hold_timers,
 )
 from tests.support.waiting import until
@@ -29,12 +28,6 @@ pytestmark = pytest.mark.browser
 def sixty_boxes(make_scene: MakeScene) -> Scene:
     """Sixty boxes: b0, b2, ... are kept, b1, b3, ... are rejected."""
     return make_scene(boxes=many_boxes.alternating_boxes(60))
-
-
-def open_grid(user: Visitor, scene: Scene, **query: str):
-    page = user.open(grid(scene, **query))
-    expect(page.get_by_role("grid")).to_have_attribute("aria-busy", "false")
-    return page
 
 
 @pytest.mark.parametrize("width", WIDTHS)
@@ -393,14 +386,6 @@ def test_more_filters_open_inside_the_window(make_scene, open_window, width):
     assert panel["x"] >= 0
     assert panel["x"] + panel["width"] <= width
     assert page.evaluate(OVERFLOW) <= 0
-
-
-def test_grid_of_an_empty_dataset_shows_no_boxes_message(http, user):
-    http.post("/datasets", json={"name": "bare"})
-
-    page = user.open("#/datasets/bare/grid")
-
-    expect(page.get_by_role("heading", name="No boxes yet")).to_be_visible()
 
 
 def test_grid_reloads_its_box_list_after_a_run(sixty_boxes, user):

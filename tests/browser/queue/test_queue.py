@@ -11,8 +11,7 @@ import pytest
 from playwright.sync_api import Page, expect
 
 from tests.support.page import many_boxes, scenes
-from tests.support.page.many_boxes import answers, queue, queued_box_id
-from tests.support.page.scenes import Scene
+from tests.support.page.many_boxes import answers, open_queue, queue, queued_box_id
 from tests.support.page.stage import layer, wait_for_drawing
 from tests.support.page.windows import (
     OVERFLOW,
@@ -37,12 +36,6 @@ SCALE = "parseFloat(document.querySelector('.stage').dataset.view)"
 
 ORDERS = {"Random": "random", "By class": "class", "Doubtful": "doubt"}
 LONG_KEY = f"{'a-long-name-of-a-drive-' * 4}/camera-front/0000000042"
-
-
-def open_queue(user: Visitor, scene: Scene, **query: str) -> Page:
-    page = user.open(queue(scene, **query))
-    expect(page.locator(".stage")).to_have_attribute("data-picture", "shown")
-    return page
 
 
 def shows(page: Page, name: str) -> None:

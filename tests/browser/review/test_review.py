@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 
 import numpy as np
@@ -234,17 +233,12 @@ def test_hiding_tag_has_the_colour_of_the_frames_palette(http, user):
     palette = FAMILIES["carla-0.9.10"]
     tags = np.full((scenes.HEIGHT, scenes.WIDTH), palette.tag_of("Vehicle"), np.uint8)
     walker = {"class": "walker", "xyxy": scenes.WALKER}
-    files = {
-        "image": ("image.png", scenes.picture(), "image/png"),
-        "segmentation": ("tags.png", png(palette.paint(tags)), "image/png"),
-        "annotation": ("a.json", json.dumps({"boxes": [walker]}), "application/json"),
-    }
+    files = {"image": scenes.picture(), "segmentation": png(palette.paint(tags))}
     made = http.post("/datasets", json={"name": "older", "palette": palette.name})
     assert made.status_code == 201, made.text
-    frame = http.put("/datasets/older/frames/1", files=files).json()
+    frame = scenes.put(http, "older", "1", {"boxes": [walker]}, **files)
 
-    box_id = frame["decisions"][0]["box_id"]
-    page = user.open(f"#/frames/{frame['frame']['id']}?box={box_id}")
+    page = user.open(f"#/frames/{frame['id']}?box={frame['boxes'][0]['box_id']}")
 
     hider = page.locator(".hidden-by li").first
     expect(hider).to_contain_text("Vehicle100 %")

@@ -423,15 +423,9 @@ def test_yaml_of_tried_configuration_is_accepted_by_the_api(user, street):
     assert config["classes"] == {"car": {"accept": [14]}}
 
 
-def test_thresholds_of_an_empty_dataset_show_no_boxes_message(user, http):
-    http.post("/datasets", json={"name": "no-boxes"})
-
-    page = user.open("#/datasets/no-boxes/thresholds")
-
-    expect(page.get_by_role("heading", name="No boxes yet")).to_be_visible()
-
-
-def test_bars_are_hatched_below_the_threshold_and_solid_above(user, street):
+def test_bars_are_hatched_below_the_threshold_and_redrawn_in_other_colours(
+    user, street
+):
     page = open_thresholds(user, street, "?threshold_small_box=50")
     drawing = page.locator(".histogram--large .histogram__drawing canvas")
 
@@ -442,17 +436,11 @@ def test_bars_are_hatched_below_the_threshold_and_solid_above(user, street):
 
     assert below > 1, "a rejected bar is slanted lines over a tint"
     assert above == 1, "a kept bar is one solid colour"
-
-
-def test_histograms_are_redrawn_when_the_colour_scheme_changes(user, street):
-    page = open_thresholds(user, street)
-    drawing = page.locator(".histogram--large .histogram__drawing")
-    expect(drawing).to_have_attribute("data-drawn", "1")
+    drawings = page.locator(".histogram--large .histogram__drawing")
+    expect(drawings).to_have_attribute("data-drawn", "1")
     page.get_by_role("button", name="Settings").click()
-
     page.get_by_role("button", name="Dark").click()
-
-    expect(drawing).to_have_attribute("data-drawn", "2")
+    expect(drawings).to_have_attribute("data-drawn", "2")
 
 
 def test_a_threshold_is_moved_by_touch(street, open_window):
@@ -540,8 +528,7 @@ def test_other_evidence_is_tried_applied_and_undone_with_one_click_each(user, ht
     dataset = "other-evidence"
     by_tags = {"name": dataset, "config": {"evidence": "auto"}}
     assert http.post("/datasets", json=by_tags).status_code == 201
-    files = {"annotation": json.dumps(ANNOTATION).encode(), **sensors()}
-    assert http.put(f"/datasets/{dataset}/frames/a", files=files).status_code == 201
+    scenes.put(http, dataset, "a", ANNOTATION, **sensors())
     run = {"config": {"profile": "paper"}, "activate": True}
     assert http.post(f"/datasets/{dataset}/runs", json=run).status_code == 202
     until(lambda: kept_boxes(http, dataset) == 2)
