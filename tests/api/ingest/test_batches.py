@@ -110,6 +110,21 @@ def test_problem_is_deleted_with_its_frame(api):
     assert api.json(f"/datasets/{dataset}/problems")["items"] == []
 
 
+@pytest.mark.parametrize("replace", [False, True])
+def test_repeated_key_with_other_content_is_409_unless_replaced(api, replace):
+    dataset = api.dataset()
+    members = frame("a") + frame("b", key="run/a", map="Town01") + frame("a")
+
+    wanted = {"replace": "true"} if replace else {}
+    statuses, _ = batch_results(send(api, dataset, tar_archive(members), **wanted))
+
+    assert [status for _, status in statuses] == (
+        [201, 201, 201] if replace else [201, 409, 200]
+    )
+    revision = api.json(f"/datasets/{dataset}/frames/run/a")["revision"]
+    assert revision == (3 if replace else 1)
+
+
 def test_batch_reports_the_answers_that_replacing_a_frame_has_set_aside(api):
     dataset = api.dataset()
     (box, *_) = api.upload_frame(dataset, "run/a")["decisions"]
