@@ -126,10 +126,7 @@ def client(server: RunningServer) -> Iterator[Client]:
 @pytest.fixture
 def dataset(api: Api) -> str:
     """A dataset of three frames, each with a car and a ghost."""
-    name = api.dataset()
-    for number in range(3):
-        api.upload_frame(name, str(number), {**scene.annotation(), "number": number})
-    return name
+    return api.dataset_of_frames(3)
 
 
 @pytest.fixture

@@ -1,7 +1,4 @@
-"""Every view, in each of its states, is checked for cut-off content and by axe.
-
-axe is a checker of accessibility; it must find nothing serious.
-"""
+"""Every view, in each of its states, is checked for cut-off content and by axe."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""What `unghost certificates` writes, and what other commands refuse.
-
-`unghost scheduler` and `unghost worker` name what they lack or cannot use.
-"""
+"""What `unghost certificates` writes, and what other commands refuse."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""A dataset gives the same labels with every combination of engine, database, store.
-
-Each of the three has an address in the settings.
-"""
+"""A dataset gives the same labels with every combination of engine, database, store."""
 
 from __future__ import annotations
 

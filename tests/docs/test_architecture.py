@@ -1,7 +1,4 @@
-"""ARCHITECTURE.md agrees with the code where a program can compare them.
-
-That is: files, names, steps of walks and imports.
-"""
+"""ARCHITECTURE.md agrees with the code where a program can compare them."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""An answer is sent only after all that it confirms was flushed in the right order.
-
-This is checked from outside, in the system calls of a real server.
-"""
+"""An answer is sent only after all that it confirms was flushed in the right order."""
 
 from __future__ import annotations
 

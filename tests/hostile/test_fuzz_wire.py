@@ -1,7 +1,4 @@
-"""Fuzzing of what clients send: archives, forms, cursors, ranges, entity tags.
-
-First the parsers alone, then a real server.
-"""
+"""Fuzzing of what clients send: archives, forms, cursors, ranges, entity tags."""
 
 from __future__ import annotations
 

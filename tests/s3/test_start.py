@@ -1,7 +1,4 @@
-"""A service that cannot use its bucket says at the start which bucket and why.
-
-The message shows no secrets.
-"""
+"""A service that cannot use its bucket says at the start which bucket and why."""
 
 from __future__ import annotations
 

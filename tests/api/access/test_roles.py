@@ -103,7 +103,6 @@ def test_role_is_forbidden_on_a_dataset_of_others_and_changes_nothing(
 
 
 def test_a_viewer_may_read_datasets_of_others(as_role, path_values):
-    """Datasets are not private: every viewer may read all of them."""
     reading = {one for one, role in NEEDING_A_ROLE.items() if role == "viewer"}
     gets = {one for one in reading if one[0] == "GET"}
 

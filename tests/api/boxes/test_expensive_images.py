@@ -96,7 +96,6 @@ def test_image_over_memory_limit_refuses_only_its_frame_of_a_batch(serve):
 
 
 def test_reads_and_answers_do_not_wait_for_frames_being_measured(serve):
-    """Requests are answered while sixteen large frames are being measured."""
     with serving(serve, workers=1) as (_, api):
         name = api.dataset()
         api.upload_frame(name, "small")

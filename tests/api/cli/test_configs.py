@@ -106,7 +106,6 @@ def test_push_gives_its_configuration_to_a_dataset_without_frames(
 def test_push_does_not_change_the_configuration_of_a_dataset_with_frames(
     unghost, api, tmp_path
 ):
-    """The refusal names what differs, and commands that apply the file or try it."""
     dataset, file = api.dataset_of_one_frame(), tmp_path / "filter.yaml"
     file.write_text("threshold_small_box: 25")
     before = versions(api, dataset)

@@ -188,7 +188,8 @@ def call_box_routes(api: Api, street: str) -> None:
     api.json(f"/boxes/{api.box_ids(measured)[0]}/slice")
     every = ",".join(BOX_COLUMNS)
     assert api.json("/boxes/table", dataset=street, fields=every)["rows"]
-    review_as_second_reviewer(api, first)
+    with (second := api.person()).http:
+        successful_json(second.review(first, "keep", seen=1))
     quality = api.json(f"/datasets/{street}/quality")
     assert quality["suggested"]
     assert quality["agreement"]["pairs"]
@@ -207,15 +208,6 @@ def call_box_routes(api: Api, street: str) -> None:
         api.post(f"/datasets/{street}/reviews/import", {"answers": [answer]})
     )
     api.json(f"/boxes/{others[0]}")
-
-
-def review_as_second_reviewer(api: Api, box: int) -> None:
-    made = successful_json(api.post("/tokens", {"name": "second", "role": "reviewer"}))
-    second = Api.at(
-        str(api.http.base_url), {"Authorization": f"Bearer {made['token']}"}
-    )
-    with second.http:
-        successful_json(second.review(box, "keep", seen=1))
 
 
 def call_config_routes(api: Api, street: str) -> None:

@@ -166,7 +166,6 @@ def test_ignore_mask_is_applied_by_a_run_and_can_be_removed(api):
 
 
 def test_dataset_setting_takes_effect_only_when_its_run_succeeds(api):
-    """A new setting takes effect when its run is done, and not if the run fails."""
     name = api.dataset()
     api.upload_frame(name, "town/7")
     path = f"{BASE}/datasets/{name}"

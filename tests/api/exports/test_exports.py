@@ -17,7 +17,6 @@ from app.engine.local import CHUNK_FRAMES
 from app.storage.durable import MAINTENANCE_LOCK, locked
 from app.storage.room import DeletionSignal
 from tests.support import databases, plain_http
-from tests.support import frames as scene
 from tests.support.api import BASE, Api
 from tests.support.archives import frame, send, tar_archive
 from tests.support.data_folders import blobs
@@ -36,12 +35,7 @@ SOME_FORMATS = ("coco", "decisions-csv", "decisions-jsonl")
 def dataset(server):
     api = Api.at(server.url, server.headers)
     with api.http:
-        name = api.dataset()
-        for number in range(FRAMES):
-            api.upload_frame(
-                name, f"{number}", {**scene.annotation(), "number": number}
-            )
-        return name
+        return api.dataset_of_frames(FRAMES)
 
 
 def run_export(api, dataset, form="yolo", **options):

@@ -155,7 +155,6 @@ def test_every_operation_has_a_unique_id_and_a_description(operations):
 
 
 def test_no_route_takes_a_url(schema, operations):
-    """The service never fetches or calls an address that a client gives."""
     assert "webhooks" not in schema
     assert [where for where, one in operations.items() if "callbacks" in one] == []
     assert set(formats(schema)) & {"uri", "uri-reference", "iri", "url"} == set()

@@ -56,7 +56,6 @@ def test_no_get_has_a_side_effect(service, admin, path_values):
 
 
 def test_only_the_page_and_the_api_docs_are_html(admin, path_values):
-    """Only the page and the API's description are HTML; others may repeat user text."""
     pages, with_markup = set(), 0
     for path in paths_of_get_routes(path_values):
         answer = admin.get(path)

@@ -29,10 +29,7 @@ def test_invalid_key_in_a_batch_is_refused_and_other_frames_are_stored(api, key)
 
 
 def test_key_of_a_problem_is_truncated_to_512_characters(api):
-    """The key of a problem is cut to 512 characters.
-
-    PostgreSQL refused longer ones, which ended the batch.
-    """
+    """PostgreSQL refused longer ones, which ended the batch."""
     dataset, name = api.dataset(), "ü" * 600
 
     statuses, _ = send_members(api, dataset, [(f"{name}.json", NOT_JSON), *frame("b")])

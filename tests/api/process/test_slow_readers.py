@@ -134,7 +134,6 @@ def bytes_read_by_this_process():
 
 @pytest.mark.skipif(not IO.exists(), reason="only Linux counts what a process reads")
 def test_file_is_not_read_further_after_the_client_disconnects(service, tmp_path):
-    """A large download that the client abandons must not be read to its end."""
     size = 1 << 30
     large = service.app.state.large_file = tmp_path / "large"
     with large.open("wb") as file:

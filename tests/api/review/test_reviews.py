@@ -44,7 +44,6 @@ def test_each_answer_changes_the_effective_verdict_and_stats(api, dataset, ghost
 
 @pytest.mark.parametrize("has_numbers", [True, False], ids=["new runs", "old runs"])
 def test_history_is_in_the_order_of_storing_not_of_the_clock(service, has_numbers):
-    """The order does not change if the clock is set back between two answers."""
     api = Api(service.admin())
     with api.http:
         name = api.dataset()

@@ -90,9 +90,7 @@ def migrate_back_to(data, revision):
 def test_run_interrupted_by_a_crash_resumes_after_an_upgrade(start_api):
     """The server is upgraded from schema 0005, which had no chunks and no leases."""
     first, api = start_api()
-    name = api.dataset()
-    for number in range(3):
-        api.upload_frame(name, str(number), {**scene.annotation(), "number": number})
+    name = api.dataset_of_frames(3)
     run = api.run(name, {"profile": "carlasimu"})
     first.process.kill()
     first.process.wait(STOP_WAIT_S)

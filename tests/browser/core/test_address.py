@@ -1,7 +1,4 @@
-"""The address holds filters and selection: they survive a reload and can be shared.
-
-Also: the list of frames and its search, going back, and addresses of nothing.
-"""
+"""The address holds filters and selection: they survive a reload and can be shared."""
 
 from __future__ import annotations
 

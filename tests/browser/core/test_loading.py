@@ -1,7 +1,4 @@
-"""Which modules and requests a view needs.
-
-The first view loads little; a later view loads its modules when it is opened.
-"""
+"""Which modules and requests a view needs."""
 
 from __future__ import annotations
 

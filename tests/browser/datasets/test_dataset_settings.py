@@ -1,7 +1,4 @@
-"""The settings of a dataset: refused frames, description, reading of segmentations.
-
-Also: deleting the dataset.
-"""
+"""The settings of a dataset: refused frames, description, reading of segmentations."""
 
 from __future__ import annotations
 

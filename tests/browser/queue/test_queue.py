@@ -12,7 +12,7 @@ from playwright.sync_api import Page, expect
 
 from tests.support.page import many_boxes, scenes
 from tests.support.page.many_boxes import answers, open_queue, queue, queued_box_id
-from tests.support.page.stage import layer, wait_for_drawing
+from tests.support.page.stage import bounds, layer, wait_for_drawing
 from tests.support.page.windows import (
     OVERFLOW,
     PHONE,
@@ -351,8 +351,7 @@ def test_phone_has_large_answer_buttons_at_the_bottom(
     page = open_queue(bo, twenty_boxes)
     first = queued_box_id(page)
     reject = page.get_by_role("button", name="Reject")
-    box = reject.bounding_box()
-    assert box is not None
+    box = bounds(reject)
     assert box["height"] >= 48
     assert box["width"] >= 88
     assert box["y"] + box["height"] > PHONE["height"] - 40

@@ -1,7 +1,4 @@
-"""The pixels that the stage really draws, and how it zooms and pans.
-
-Looked at are strokes, mask, highlighted pixels, 3D edges and marks of answers.
-"""
+"""The pixels that the stage really draws, and how it zooms and pans."""
 
 from __future__ import annotations
 

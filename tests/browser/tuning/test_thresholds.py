@@ -1,7 +1,4 @@
-"""The view that tries thresholds: previews, flips, saving and applying a version.
-
-Thresholds are moved by mouse, keyboard and touch; the address holds them.
-"""
+"""The view that tries thresholds: previews, flips, saving and applying a version."""
 
 from __future__ import annotations
 
@@ -16,6 +13,7 @@ from filter_core.config.keys import keys_of
 from filter_core.formats.recording import DATASET_SETTINGS
 from tests.support.page import scenes
 from tests.support.page.scenes import MakeScene, Scene
+from tests.support.page.stage import bounds
 from tests.support.page.tuning import applied_config, car_at, count_bar_colours, dragged
 from tests.support.page.windows import PHONE, WIDTHS, OpenWindow, Visitor, route_loaded
 from tests.support.sensors import ANNOTATION, sensors
@@ -75,10 +73,8 @@ def test_flip_shows_its_box_and_both_sides_and_links_to_its_frame(user, street):
     expect(sides.nth(1)).to_have_text("would be rejected: match 30 % < 30.04 %")
 
     expect(flip.locator("img")).to_be_visible()
-    picture = flip.locator(".flip__picture").bounding_box()
-    outline = flip.locator(".cell__box--rejected").bounding_box()
-    assert picture is not None
-    assert outline is not None
+    picture = bounds(flip.locator(".flip__picture"))
+    outline = bounds(flip.locator(".cell__box--rejected"))
     x0, y0, x1, y1 = car_at(30, 1)["xyxy"]
     assert outline["width"] / outline["height"] == pytest.approx(
         (x1 - x0) / (y1 - y0), rel=0.05
@@ -283,9 +279,7 @@ def test_applied_version_is_reported_in_sight(street, open_window: OpenWindow, w
     strip = page.locator(".runstrip--done")
     expect(page.locator(".summary__state")).to_have_text("The active configuration")
     expect(strip).to_be_in_viewport(ratio=1)
-    shown, summary = strip.bounding_box(), page.locator(".summary").bounding_box()
-    assert shown is not None
-    assert summary is not None
+    shown, summary = bounds(strip), bounds(page.locator(".summary"))
     assert shown["y"] >= summary["y"] + summary["height"]
 
 
@@ -449,8 +443,7 @@ def test_a_threshold_is_moved_by_touch(street, open_window):
     line = handle(page, "all classes")
     line.scroll_into_view_if_needed()
 
-    place = line.bounding_box()
-    assert place is not None
+    place = bounds(line)
     assert place["width"] >= 44
     dragged(page, line, to=60)
 

@@ -1,7 +1,4 @@
-"""Dropped or picked files are matched to frames and sent.
-
-Files that belong to no frame and frames that are refused are listed.
-"""
+"""Dropped or picked files are matched to frames and sent."""
 
 from __future__ import annotations
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from playwright.sync_api import Page
+from playwright.sync_api import FloatRect, Locator, Page
 
 from tests.support.page.scenes import GREY
 
@@ -36,11 +36,17 @@ def view(page: Page) -> tuple[float, float, float]:
     return scale, x, y
 
 
+def bounds(element: Locator) -> FloatRect:
+    """The rectangle of an element that is shown, in px of the window."""
+    box = element.bounding_box()
+    assert box is not None
+    return box
+
+
 def point(page: Page, x: float, y: float) -> tuple[float, float]:
     """The place in the window of a place in the image, in px."""
     scale, x0, y0 = view(page)
-    corner = page.locator(".stage").bounding_box()
-    assert corner is not None
+    corner = bounds(page.locator(".stage"))
     return corner["x"] + x * scale + x0, corner["y"] + y * scale + y0
 
 
