@@ -1,7 +1,5 @@
 """Services and clients: one that tests share, one per module, one of a test's own."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path

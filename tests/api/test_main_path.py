@@ -1,7 +1,5 @@
 """The main path, from frames to labels, over HTTP and on the database under test."""
 
-from __future__ import annotations
-
 import io
 import json
 import zipfile

@@ -1,7 +1,5 @@
 """Fixtures of the browser tests: a browser, a real server, and data sent over HTTP."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import ExitStack
 from itertools import count

@@ -1,7 +1,5 @@
 """Every view, in each of its states, is checked for cut-off content and by axe."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass

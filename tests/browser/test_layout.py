@@ -1,7 +1,5 @@
 """The layout holds with long names, narrow windows and empty datasets."""
 
-from __future__ import annotations
-
 import httpx
 import pytest
 from playwright.sync_api import Route, expect

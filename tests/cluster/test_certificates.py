@@ -1,7 +1,5 @@
 """What `unghost certificates` writes, and what other commands refuse."""
 
-from __future__ import annotations
-
 import re
 import socket
 import ssl

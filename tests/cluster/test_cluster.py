@@ -3,8 +3,6 @@
 Its ports accept only clients with a certificate of the cluster's authority.
 """
 
-from __future__ import annotations
-
 import socket
 import ssl
 import time

@@ -1,7 +1,5 @@
 """A dataset gives the same labels with every combination of engine, database, store."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from itertools import product

@@ -1,7 +1,5 @@
 """ARCHITECTURE.md agrees with the code where a program can compare them."""
 
-from __future__ import annotations
-
 import ast
 import re
 from functools import cache

@@ -1,7 +1,5 @@
 """docs/configuration.md lists every key and setting with the default of the code."""
 
-from __future__ import annotations
-
 import re
 
 import yaml

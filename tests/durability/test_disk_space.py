@@ -1,7 +1,5 @@
 """On a disk with too little space, uploads are refused, but deletions still work."""
 
-from __future__ import annotations
-
 import json
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress

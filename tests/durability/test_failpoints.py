@@ -4,8 +4,6 @@ Frames and reviews are then stored completely or not at all. By default only som
 points are tried; ``make test-long`` tries all of them (FAILPOINTS=all).
 """
 
-from __future__ import annotations
-
 import json
 import os
 

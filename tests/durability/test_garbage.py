@@ -1,7 +1,5 @@
 """Garbage collection removes unreferenced files, but none that is being stored."""
 
-from __future__ import annotations
-
 import os
 import threading
 from itertools import count

@@ -1,7 +1,5 @@
 """An answer is sent only after all that it confirms was flushed in the right order."""
 
-from __future__ import annotations
-
 import re
 
 import pytest

@@ -3,8 +3,6 @@
 A process that is killed from outside causes no quarantine, however often it happens.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from contextlib import contextmanager
 from functools import partial

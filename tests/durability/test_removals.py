@@ -3,8 +3,6 @@
 That continues after a kill.
 """
 
-from __future__ import annotations
-
 import signal
 from contextlib import suppress
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """Fuzzing of what clients send: archives, forms, cursors, ranges, entity tags."""
 
-from __future__ import annotations
-
 import asyncio
 import base64
 import json

@@ -4,8 +4,6 @@ By default it runs a few fixed sequences; ``make test-long`` tries 500 random on
 (MACHINE_RUNS).
 """
 
-from __future__ import annotations
-
 import io
 import json
 import os

@@ -1,7 +1,5 @@
 """Migrations up and down, on SQLite and on PostgreSQL, and what they refuse."""
 
-from __future__ import annotations
-
 import importlib
 import json
 import subprocess

@@ -1,7 +1,5 @@
 """Two servers on two ports that share one PostgreSQL database and one data folder."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass

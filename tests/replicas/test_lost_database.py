@@ -3,8 +3,6 @@
 What was acknowledged is stored, and everything else gets an error to retry.
 """
 
-from __future__ import annotations
-
 import signal
 import threading
 import time

@@ -1,7 +1,5 @@
 """Two servers that share one database behave together as one server does."""
 
-from __future__ import annotations
-
 import time
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack

@@ -3,8 +3,6 @@
 The server answers 503 within seconds, and nothing that was stored is lost.
 """
 
-from __future__ import annotations
-
 import hashlib
 import random
 import threading

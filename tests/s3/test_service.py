@@ -1,7 +1,5 @@
 """A real service, over a real port, that keeps all its files in a bucket."""
 
-from __future__ import annotations
-
 import hashlib
 
 import pytest

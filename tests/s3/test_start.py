@@ -1,7 +1,5 @@
 """A service that cannot use its bucket says at the start which bucket and why."""
 
-from __future__ import annotations
-
 import sys
 
 import pytest

@@ -1,7 +1,5 @@
 """Writes small folders of files and images for tests that read them."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

@@ -4,8 +4,6 @@ Each one shows a road under the sky with one car on it: the box on the car is ke
 box on the empty sky is rejected.
 """
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

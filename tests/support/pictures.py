@@ -1,7 +1,5 @@
 """Makes small tag images from letters, and PNG and JPEG files of every kind."""
 
-from __future__ import annotations
-
 import struct
 import zlib
 from collections.abc import Mapping, Sequence

@@ -6,8 +6,6 @@ variable names already answers, it is used. Otherwise, where PostgreSQL is insta
 new one is started, and stopped when the command ends.
 """
 
-from __future__ import annotations
-
 import os
 import pwd
 import shutil

@@ -1,7 +1,5 @@
 """Authentication: tokens, sessions, roles, and requests from other web pages."""
 
-from __future__ import annotations
-
 import stat
 
 import pytest

@@ -1,7 +1,5 @@
 """The audit log: who did what, when and to what; entries are never changed."""
 
-from __future__ import annotations
-
 import threading
 
 import pytest

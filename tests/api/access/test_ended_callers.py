@@ -4,8 +4,6 @@ Nothing that arrives afterwards is stored, although the head of the request was 
 with a valid secret.
 """
 
-from __future__ import annotations
-
 import json
 import socket
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """Every route with every role and with invalid tokens: what is allowed and refused."""
 
-from __future__ import annotations
-
 import re
 from datetime import datetime, timedelta, timezone
 from itertools import count

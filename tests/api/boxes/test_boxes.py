@@ -1,7 +1,5 @@
 """Boxes over HTTP: how many a list has in total, and which boxes one overlaps."""
 
-from __future__ import annotations
-
 import pytest
 
 from tests.support import frames as scene

@@ -1,7 +1,5 @@
 """Pictures that take much memory or time are refused or limited; others are served."""
 
-from __future__ import annotations
-
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 

@@ -1,7 +1,5 @@
 """Files and pictures of a frame: exact bytes, caching, and requests for parts."""
 
-from __future__ import annotations
-
 import os
 
 import cv2

@@ -1,7 +1,5 @@
 """Configuration files that cannot be used: the messages of the commands."""
 
-from __future__ import annotations
-
 from tests.support.frames import write_manifest
 
 EXIT_REFUSED = 1

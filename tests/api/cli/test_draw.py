@@ -1,7 +1,5 @@
 """`unghost draw`, pictures before and after the filter, and `unghost replay`."""
 
-from __future__ import annotations
-
 import json
 import re
 from pathlib import Path

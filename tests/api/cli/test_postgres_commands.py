@@ -1,7 +1,5 @@
 """Commands on the server's own machine when its database is PostgreSQL."""
 
-from __future__ import annotations
-
 import shutil
 import subprocess
 from pathlib import Path

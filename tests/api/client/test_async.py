@@ -1,7 +1,5 @@
 """The client whose calls are awaited: the same calls, errors and retries."""
 
-from __future__ import annotations
-
 import asyncio
 import inspect
 

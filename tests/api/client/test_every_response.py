@@ -6,8 +6,6 @@ to be cancelled, in `tests/api/runs/test_run_cancel.py` and
 `tests/api/exports/test_exports.py`.
 """
 
-from __future__ import annotations
-
 import re
 from collections import defaultdict
 from collections.abc import Iterator

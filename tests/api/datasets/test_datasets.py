@@ -1,7 +1,5 @@
 """Datasets: created, listed page by page, changed, deleted."""
 
-from __future__ import annotations
-
 import pytest
 
 from tests.support import frames as scene

@@ -1,7 +1,5 @@
 """Many concurrent writers wait for each other, and all of them are answered."""
 
-from __future__ import annotations
-
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 

@@ -1,7 +1,5 @@
 """An export that is pushed again gives the same labels; options are checked."""
 
-from __future__ import annotations
-
 import json
 import zipfile
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Exports over HTTP: written in the background, downloaded in parts."""
 
-from __future__ import annotations
-
 import hashlib
 import io
 import json

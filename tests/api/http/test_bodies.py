@@ -1,7 +1,5 @@
 """Every route limits the size of its body, with or without a Content-Length."""
 
-from __future__ import annotations
-
 import re
 from contextlib import suppress
 

@@ -1,7 +1,5 @@
 """A cursor that the service did not make is refused by all lists in the same way."""
 
-from __future__ import annotations
-
 BY_NAME = {"/api/v1/datasets", "/api/v1/datasets/{dataset}/frames"}
 """Lists by name: their cursors are names, so any text that can be a name is valid."""
 OF_BOXES = {"/api/v1/boxes", "/api/v1/boxes/table"}

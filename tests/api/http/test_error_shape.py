@@ -1,7 +1,5 @@
 """Every error is a problem document, whichever part of the service made it."""
 
-from __future__ import annotations
-
 import json
 
 import pytest

@@ -1,7 +1,5 @@
 """Fields, filters and orders come from fixed lists: no request can name a column."""
 
-from __future__ import annotations
-
 import re
 
 import pytest

@@ -1,7 +1,5 @@
 """HEAD answers as GET does, with the same roles and headers but without a body."""
 
-from __future__ import annotations
-
 import pytest
 
 from tests.support.live import live

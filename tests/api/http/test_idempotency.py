@@ -1,7 +1,5 @@
 """A POST with an Idempotency-Key is done once, however often it is sent."""
 
-from __future__ import annotations
-
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest

@@ -1,7 +1,5 @@
 """Large JSON documents are parsed one at a time, beside other requests."""
 
-from __future__ import annotations
-
 import json
 from concurrent.futures import ThreadPoolExecutor
 

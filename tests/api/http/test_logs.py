@@ -1,7 +1,5 @@
 """The log of requests: each is identified, and no secret is logged."""
 
-from __future__ import annotations
-
 import json
 import re
 

@@ -1,7 +1,5 @@
 """Text with half of a surrogate pair is refused wherever it is sent, never a 500."""
 
-from __future__ import annotations
-
 import json
 
 import pytest

@@ -1,7 +1,5 @@
 """The limit on bytes of requests in memory."""
 
-from __future__ import annotations
-
 import gc
 import json
 import tracemalloc

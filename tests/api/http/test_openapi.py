@@ -1,7 +1,5 @@
 """The OpenAPI document is complete: errors, parameters and authentication."""
 
-from __future__ import annotations
-
 import threading
 from concurrent.futures import ThreadPoolExecutor
 

@@ -1,7 +1,5 @@
 """The HTML and the files of the page, and the description of the API."""
 
-from __future__ import annotations
-
 import base64
 import hashlib
 import re

@@ -1,7 +1,5 @@
 """GET changes nothing, and text from users is never sent as HTML."""
 
-from __future__ import annotations
-
 import re
 
 import pytest

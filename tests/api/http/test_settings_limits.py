@@ -1,7 +1,5 @@
 """Every limit of the settings is enforced, and the refusal names the limit."""
 
-from __future__ import annotations
-
 import json
 
 import cv2

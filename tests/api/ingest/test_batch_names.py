@@ -1,7 +1,5 @@
 """Names in an archive, and keys in its annotations, that no key of a frame can be."""
 
-from __future__ import annotations
-
 import tarfile
 
 import pytest

@@ -1,7 +1,5 @@
 """Many frames in one request: each has its own result, even if others are refused."""
 
-from __future__ import annotations
-
 import gzip
 import json
 import random

@@ -1,7 +1,5 @@
 """Reading a folder that a person drops on the page: nothing of it is stored."""
 
-from __future__ import annotations
-
 import base64
 import json
 import os

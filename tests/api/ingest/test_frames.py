@@ -1,7 +1,5 @@
 """Frames: stored once, replaced on request, listed, deleted."""
 
-from __future__ import annotations
-
 import json
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any

@@ -1,7 +1,5 @@
 """Uploaded files are stored under our own names and served only as data."""
 
-from __future__ import annotations
-
 import io
 import struct
 import zipfile

@@ -1,7 +1,5 @@
 """Depth, instances and order over HTTP: once measured, switched without pixels."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """Metrics for Prometheus: counted by route, never by a client's text, and cheap."""
 
-from __future__ import annotations
-
 import re
 import time
 

@@ -1,7 +1,5 @@
 """Readiness: each check is made to fail for real, and then to pass again."""
 
-from __future__ import annotations
-
 import sqlite3
 import time
 from contextlib import closing, contextmanager

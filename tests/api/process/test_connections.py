@@ -1,7 +1,5 @@
 """The limit on open connections: idle ones are closed so that requests are served."""
 
-from __future__ import annotations
-
 import os
 import sys
 import threading

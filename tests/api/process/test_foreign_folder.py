@@ -1,7 +1,5 @@
 """Commands that are started in a folder from somebody else run no file of it."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 from contextlib import closing

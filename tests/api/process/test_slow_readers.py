@@ -1,7 +1,5 @@
 """Clients that stop reading their answers are disconnected; slow ones are not."""
 
-from __future__ import annotations
-
 import threading
 import time
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Clients that stop in the middle of a request are answered 408 and disconnected."""
 
-from __future__ import annotations
-
 import select
 
 import pytest

@@ -1,7 +1,5 @@
 """The filter's verdicts compared with people's answers, over HTTP."""
 
-from __future__ import annotations
-
 import pytest
 
 from tests.support import frames as scene

@@ -1,7 +1,5 @@
 """Bulk answers: given only on boxes as they were seen, and undone together."""
 
-from __future__ import annotations
-
 import base64
 import json
 

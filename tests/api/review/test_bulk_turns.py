@@ -1,7 +1,5 @@
 """Bulk answers and other writers: bulk answers read before they block others."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing, contextmanager

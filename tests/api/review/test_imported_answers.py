@@ -1,7 +1,5 @@
 """Answers of people come back from a file of decisions, with reviewer and time."""
 
-from __future__ import annotations
-
 import json
 import re
 import zipfile

@@ -1,7 +1,5 @@
 """Reviewers cannot delete, undo or discard answers of others; admins can."""
 
-from __future__ import annotations
-
 import json
 from itertools import count
 

@@ -1,7 +1,5 @@
 """The queue: its order, its filters, and that no two people get the same box."""
 
-from __future__ import annotations
-
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from datetime import datetime, timedelta, timezone

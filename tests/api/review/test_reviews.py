@@ -1,7 +1,5 @@
 """Answers on one box: stored in full, and refused if the box has changed since."""
 
-from __future__ import annotations
-
 from concurrent.futures import ThreadPoolExecutor
 from datetime import datetime, timezone
 

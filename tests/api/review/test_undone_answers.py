@@ -1,7 +1,5 @@
 """Undoing an answer on one box: what the box gets, and what else follows from it."""
 
-from __future__ import annotations
-
 import pytest
 
 

@@ -1,7 +1,5 @@
 """Configurations, identified by their content, and previews of their verdicts."""
 
-from __future__ import annotations
-
 import pytest
 
 from tests.support import frames as scene

@@ -1,7 +1,5 @@
 """Cancelling a run: it stops soon, stays cancelled and changes no verdict."""
 
-from __future__ import annotations
-
 import pytest
 
 from tests.support.api import Api

@@ -1,7 +1,5 @@
 """The events of a run: in order, at a limited rate, resumed after the last one seen."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, suppress

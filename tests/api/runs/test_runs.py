@@ -1,7 +1,5 @@
 """Runs over HTTP, and a server that dies in the middle of one."""
 
-from __future__ import annotations
-
 import pytest
 
 from app.db.engine import make_engine

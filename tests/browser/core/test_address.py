@@ -1,7 +1,5 @@
 """The address holds filters and selection: they survive a reload and can be shared."""
 
-from __future__ import annotations
-
 import re
 
 import pytest

@@ -1,7 +1,5 @@
 """Which modules and requests a view needs."""
 
-from __future__ import annotations
-
 import pytest
 from playwright.sync_api import expect
 

@@ -1,7 +1,5 @@
 """Signing in by a login link or a pasted token, signing out, and expired sessions."""
 
-from __future__ import annotations
-
 import hashlib
 from uuid import uuid4
 

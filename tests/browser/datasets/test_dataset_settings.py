@@ -1,7 +1,5 @@
 """The settings of a dataset: refused frames, description, reading of segmentations."""
 
-from __future__ import annotations
-
 import pytest
 import yaml
 from playwright.sync_api import Page, expect

@@ -1,7 +1,5 @@
 """The grid of crops: what it shows, how boxes are selected, filters and order."""
 
-from __future__ import annotations
-
 import re
 
 import pytest

@@ -1,7 +1,5 @@
 """Answering many boxes at once in the grid: sending, undoing, offline, conflicts."""
 
-from __future__ import annotations
-
 import re
 
 import httpx

@@ -1,7 +1,5 @@
 """The grid of 100,000 boxes: few cells are in the document, whatever its length."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import httpx

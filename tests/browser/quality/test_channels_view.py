@@ -1,7 +1,5 @@
 """The view that compares measuring channels with instances and with people."""
 
-from __future__ import annotations
-
 import re
 
 import httpx

@@ -1,7 +1,5 @@
 """The view that compares the filter with people's answers, and suggests thresholds."""
 
-from __future__ import annotations
-
 import re
 
 import httpx

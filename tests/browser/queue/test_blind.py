@@ -1,7 +1,5 @@
 """With blind re-check on, nothing shows the filter's verdict before the answer."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The queue's question: its object, what hides it, other layers, and the depths."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from playwright.sync_api import expect

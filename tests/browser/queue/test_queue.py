@@ -1,7 +1,5 @@
 """The queue shows one box at a time: answering, undo, keys, orders, and its end."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable
 from typing import Any

@@ -1,7 +1,5 @@
 """The queue with several people, without a network, and in an audit (blind)."""
 
-from __future__ import annotations
-
 import pytest
 from playwright.sync_api import expect
 

@@ -1,7 +1,5 @@
 """A phone: answers by swiping, and targets that a finger can hit."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import pytest

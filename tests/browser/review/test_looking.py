@@ -1,7 +1,5 @@
 """Looking at a frame: clicks, the order of the list, and room for the picture."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from playwright.sync_api import expect

@@ -1,7 +1,5 @@
 """Boxes that overlap the selected one are listed and stay visible."""
 
-from __future__ import annotations
-
 import pytest
 from playwright.sync_api import expect
 

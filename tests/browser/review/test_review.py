@@ -1,7 +1,5 @@
 """Answering boxes of a frame: storing, undo, comments, history, refusals, touch."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

@@ -1,7 +1,5 @@
 """No answer is lost: offline, after a reload, signed out, overtaken, across tabs."""
 
-from __future__ import annotations
-
 import re
 
 import pytest

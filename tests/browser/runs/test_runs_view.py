@@ -1,7 +1,5 @@
 """The views of runs and exports: progress, cancelling, comparing, downloading."""
 
-from __future__ import annotations
-
 import hashlib
 import re
 import zipfile

@@ -3,8 +3,6 @@
 Pictures that programs show differently: turned by EXIF, or with an alpha channel.
 """
 
-from __future__ import annotations
-
 import struct
 from itertools import count
 

@@ -1,7 +1,5 @@
 """The pixels that the stage really draws, and how it zooms and pans."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from playwright.sync_api import expect

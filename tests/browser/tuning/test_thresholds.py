@@ -1,7 +1,5 @@
 """The view that tries thresholds: previews, flips, saving and applying a version."""
 
-from __future__ import annotations
-
 import json
 import re
 

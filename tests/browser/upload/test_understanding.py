@@ -1,7 +1,5 @@
 """The upload dialog shows how dropped files are understood, and takes corrections."""
 
-from __future__ import annotations
-
 import json
 import re
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Dropped or picked files are matched to frames and sent."""
 
-from __future__ import annotations
-
 import base64
 import json
 import re

@@ -1,7 +1,5 @@
 """What the fake sensors deliver; pixels are computed when they are first read."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property

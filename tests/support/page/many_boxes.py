@@ -1,7 +1,5 @@
 """Makes frames with many boxes, and reads what the grid and the queue show of them."""
 
-from __future__ import annotations
-
 from datetime import datetime, timezone
 from typing import Any
 

@@ -4,8 +4,6 @@ The picture is plain grey, so that all other colours on the stage were drawn by 
 page.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass

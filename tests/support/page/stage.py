@@ -1,7 +1,5 @@
 """Reads the pixels and the view of the stage, the canvas that shows a frame."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

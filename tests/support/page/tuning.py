@@ -1,7 +1,5 @@
 """Makes boxes with a known match, and moves and reads the page's histograms."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import cv2
