@@ -108,9 +108,8 @@ def test_service_recovers_after_running_out_of_descriptors(tmp_path):
         with ExitStack() as held:
             for _ in range(200):
                 last = held.enter_context(open_connection(str(admin.base_url)))
-            assert (
-                read_until_closed(last) == b""
-            )  # the server had no descriptor left to accept it
+            # The server had no descriptor left to accept it.
+            assert read_until_closed(last) == b""
         again = put(admin, "a"), admin.post("/api/v1/datasets", json={"name": "b"})
         said = log.read_text("utf-8").splitlines()
 
