@@ -1,7 +1,5 @@
 """Fixtures and settings for all tests: Hypothesis, data folders, databases, servers."""
 
-from __future__ import annotations
-
 import gc
 import os
 import signal

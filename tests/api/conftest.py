@@ -1,10 +1,9 @@
 """Services and clients: one that tests share, one per module, one of a test's own."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
+from typing import Any
 
 import httpx
 import pytest
@@ -12,7 +11,9 @@ import pytest
 from app.security import TOKEN_PREFIX, hash_secret, new_secret
 from tests.support import frames as scene
 from tests.support.api import Api
+from tests.support.command_line import CommandLine
 from tests.support.live import Live, live
+from tests.support.sensors import depth_png, experiment_report, street_metres
 from tests.support.servers import RunningServer
 from tests.support.slow_datasets import slow_server
 from unghost import Client
@@ -21,6 +22,8 @@ from unghost.wire.words import Role
 LIMITS: dict[str, object] = {"max_json_bytes": 5_000, "max_body_bytes": 10_000}
 LIMITS |= {"max_batch_bytes": 1_000_000, "max_answers_per_box": 12}
 LIMITS |= {"hook_hosts": ("127.0.0.1",)}
+MARKUP = "<img src=x onerror=alert(1)>"
+STREET = "/api/v1/datasets/street"
 Serve = Callable[..., Live]
 AsRole = Callable[[Role], httpx.Client]
 
@@ -105,6 +108,13 @@ def api(server: RunningServer) -> Iterator[Api]:
 
 
 @pytest.fixture
+def unghost(server: RunningServer, tmp_path: Path) -> CommandLine:
+    """The command line in an empty folder, with that server's address and a token."""
+    settings = {"UNGHOST_SERVER": server.url, "UNGHOST_TOKEN": server.token}
+    return CommandLine(tmp_path, settings)
+
+
+@pytest.fixture
 def client(server: RunningServer) -> Iterator[Client]:
     """A Python client of the server that all tests share, as admin."""
     with Client(server.url, server.token) as opened:
@@ -114,13 +124,55 @@ def client(server: RunningServer) -> Iterator[Client]:
 @pytest.fixture
 def dataset(api: Api) -> str:
     """A dataset of three frames, each with a car and a ghost."""
-    name = api.dataset()
-    for number in range(3):
-        api.upload_frame(name, str(number), {**scene.annotation(), "number": number})
-    return name
+    return api.dataset_of_frames(3)
 
 
 @pytest.fixture
 def ghosts(api: Api, dataset: str) -> list[int]:
     """The ids of the rejected boxes of `dataset`."""
     return api.box_ids(dataset, verdict="rejected")
+
+
+@pytest.fixture(scope="module")
+def path_values(service: Live) -> dict[str, Any]:
+    """Stores something for every GET route; gives the values for their paths."""
+    with service.admin() as admin:
+        wanted = {"name": "street", "description": MARKUP}
+        admin.post("/api/v1/datasets", json=wanted)
+        annotation: dict[str, Any] = scene.annotation()
+        marked = {"id": MARKUP, "class": MARKUP, "xyxy": scene.ON_THE_CAR}
+        boxes = [*annotation["boxes"], marked]
+        files = {
+            "annotation": scene.as_json({**annotation, "boxes": boxes}),
+            "image": scene.image(),
+            "segmentation": scene.segmentation(),
+            "depth": depth_png(street_metres(scene.HEIGHT, scene.WIDTH)),
+        }
+        frame = admin.put(f"{STREET}/frames/a", files=files).json()
+        box = frame["decisions"][0]["box_id"]
+        answer = {"verdict": "keep", "comment": MARKUP, "seen_revision": 0}
+        admin.post(f"/api/v1/boxes/{box}/reviews", json=answer)
+        admin.put(f"{STREET}/experiment", json=experiment_report())
+        export = admin.post(f"{STREET}/exports", json={"format": "yolo"}).json()["id"]
+        admin.get(f"/api/v1/exports/{export}/events")  # returns when the export is done
+        link = admin.post(f"/api/v1/exports/{export}/download-links").json()["url"]
+        code = admin.post("/api/v1/login-codes").json()["id"]
+        # Of a dataset where nothing happens, so that nothing is sent meanwhile.
+        admin.post("/api/v1/datasets", json={"name": "quiet"})
+        hook = {"url": "http://127.0.0.1:9/", "dataset": "quiet"}
+        hook_id = admin.post("/api/v1/hooks", json=hook).json()["id"]
+        dataset = admin.get(STREET).json()
+    return {
+        "code_id": code,
+        "hook_id": hook_id,
+        "key": link.partition("?key=")[2],
+        "dataset": "street",
+        "key:any": "a",
+        "kind": "image",
+        "name:path": "js/main.js",
+        "frame_id": frame["frame"]["id"],
+        "box_id": box,
+        "export_id": export,
+        "run_id": dataset["active_run"],
+        "digest": dataset["config"],
+    }

@@ -1,7 +1,5 @@
 """The main path, from frames to labels, over HTTP and on the database under test."""
 
-from __future__ import annotations
-
 import io
 import json
 import zipfile
@@ -10,7 +8,7 @@ import pytest
 
 from tests.support import frames as scene
 from tests.support.api import BASE
-from tests.support.archives import frame, lines_of, tar_archive
+from tests.support.archives import batch_results, frame, send, tar_archive
 
 FRAMES = 24
 NOTHING_VISIBLE = {"min_visible_pixels": 10**6}
@@ -26,13 +24,8 @@ def street(api):
         for number in range(FRAMES)
         for member in frame(f"{number:02}", number=number)
     ]
-    answer = api.http.post(
-        f"{BASE}/datasets/{name}/batches",
-        content=tar_archive(members),
-        headers={"Content-Type": "application/x-tar"},
-    )
-    *lines, end = lines_of(answer.text)
-    assert [line["status"] for line in lines] == [201] * FRAMES, lines
+    results, end = batch_results(send(api, name, tar_archive(members)))
+    assert [status for _, status in results] == [201] * FRAMES, results
     assert end["stored"] == FRAMES
     return name
 
@@ -58,14 +51,9 @@ def test_main_path_of_upload_review_undo_run_and_export(api, street):
     stale = api.review(queue["items"][0]["box_id"], "keep")
     left = take_from_queue(api, street, 5)["remaining"]
     ghosts = api.boxes(street, verdict="rejected", review="none", limit=1000)
-    bulk = api.post(
-        "/reviews/bulk",
-        {
-            "dataset": street,
-            "box_ids": [box["box_id"] for box in ghosts],
-            "verdict": "keep",
-        },
-    ).json()
+    ids = [box["box_id"] for box in ghosts]
+    body = {"dataset": street, "box_ids": ids, "verdict": "keep"}
+    bulk = api.post("/reviews/bulk", body).json()
     undone = api.post(f"/review-batches/{bulk['id']}/undo").json()
     hidden = api.run(street, NOTHING_VISIBLE)
     none_kept = stats(api, street)
@@ -97,11 +85,10 @@ def labels_of(api, name):
 
 
 def test_stats_are_right_after_replaced_repeated_and_deleted_frames(api, street):
-    first = api.put(street, "run/00", {**scene.annotation(), "number": 99})
-    replaced = api.put(
-        street, "run/00", {**scene.annotation(), "number": 99}, replace=True
-    )
-    repeated = api.put(street, "run/00", {**scene.annotation(), "number": 99})
+    other = {**scene.annotation(), "number": 99}
+    first = api.put(street, "run/00", other)
+    replaced = api.put(street, "run/00", other, replace=True)
+    repeated = api.put(street, "run/00", other)
     deleted = api.http.delete(f"{BASE}/datasets/{street}/frames/run/01")
 
     codes = [each.status_code for each in (first, replaced, repeated, deleted)]

@@ -1,7 +1,5 @@
 """Fixtures of the browser tests: a browser, a real server, and data sent over HTTP."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import ExitStack
 from itertools import count
@@ -9,11 +7,7 @@ from typing import Any, cast
 
 import httpx
 import pytest
-from playwright.sync_api import (
-    Browser,
-    StorageState,
-    expect,
-)
+from playwright.sync_api import Browser, StorageState, expect
 
 from tests.support import plain_http
 from tests.support.api import BY_TAGS

@@ -3,8 +3,6 @@
 The checks of axe are in `test_every_view`.
 """
 
-from __future__ import annotations
-
 import pytest
 from playwright.sync_api import expect
 

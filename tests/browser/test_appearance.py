@@ -1,7 +1,5 @@
 """The page in dark and in light colours, and in windows of any width."""
 
-from __future__ import annotations
-
 import re
 
 import pytest

@@ -1,7 +1,5 @@
 """The page that `unghost draw` writes, opened from the disk."""
 
-from __future__ import annotations
-
 import pytest
 from playwright.sync_api import expect
 

@@ -1,11 +1,5 @@
-"""Every view, in each of its states, is checked for cut-off content and by axe.
+"""Every view, in each of its states, is checked for cut-off content and by axe."""
 
-axe is a checker of accessibility; it must find nothing serious.
-"""
-
-from __future__ import annotations
-
-import json
 import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -15,16 +9,12 @@ from typing import Literal
 import pytest
 from playwright.sync_api import Page, expect
 
+from tests.support.folders import write_files
 from tests.support.page import many_boxes, scenes
 from tests.support.page.accessibility import findings
 from tests.support.page.scenes import MakeScene
 from tests.support.page.tuning import car_at
-from tests.support.page.windows import (
-    OVERFLOW,
-    Visitor,
-    go_offline,
-    lose_session,
-)
+from tests.support.page.windows import OVERFLOW, Visitor, go_offline, lose_session
 from tests.support.sensors import ANNOTATION, sensors
 
 pytestmark = pytest.mark.browser
@@ -87,14 +77,11 @@ def lists_and_menus(tools: Tools) -> Iterator[str]:
 
 def upload(tools: Tools) -> Iterator[str]:
     root = tools.folder / f"town-{tools.folder.name.strip('_').lower()}"
-    for folder in ("images", "labels", "seg"):
-        (root / folder).mkdir(parents=True)
-    (root / "data.yaml").write_text("names: [car, wlker]\n")
-    for name in ("1", "stray"):
-        (root / "images" / f"{name}.png").write_bytes(scenes.picture())
-    (root / "seg" / "1.png").write_bytes(scenes.segmentation("palette"))
+    files = dict.fromkeys(("images/1.png", "images/stray.png"), scenes.picture())
+    files |= {"seg/1.png": scenes.segmentation("palette")}
     boxes = "0 0.25 0.694444 0.25 0.277778\n1 0.5 0.2 0.05 0.25\n"
-    (root / "labels" / "1.txt").write_text(boxes)
+    labels = {"data.yaml": "names: [car, wlker]\n", "labels/1.txt": boxes}
+    write_files(root, files | labels)
     page = tools.user.open("#/datasets")
     page.get_by_label("Upload a folder").last.set_input_files(root)
     page.get_by_text("Did not match 1").click()
@@ -201,9 +188,7 @@ def thresholds(tools: Tools) -> Iterator[str]:
 
 def channels(tools: Tools) -> Iterator[str]:
     scene = tools.make_scene(boxes=[])
-    files = {"annotation": json.dumps(ANNOTATION).encode(), **sensors()}
-    stored = scene.http.put(f"/datasets/{scene.dataset}/frames/a", files=files)
-    assert stored.status_code == 201, stored.text
+    scenes.put(scene.http, scene.dataset, "a", ANNOTATION, **sensors())
     page = tools.user.open(f"#/datasets/{scene.dataset}/quality")
     panel = page.get_by_role("region", name="Kinds of evidence compared")
     measure = panel.get_by_role("button", name="Measure every kind")

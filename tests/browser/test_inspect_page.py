@@ -1,7 +1,5 @@
 """The page that `unghost inspect --html` writes, opened from the disk."""
 
-from __future__ import annotations
-
 import pytest
 import typer
 from playwright.sync_api import expect

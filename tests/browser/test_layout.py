@@ -1,7 +1,5 @@
 """The layout holds with long names, narrow windows and empty datasets."""
 
-from __future__ import annotations
-
 import httpx
 import pytest
 from playwright.sync_api import Route, expect
@@ -9,13 +7,7 @@ from playwright.sync_api import Route, expect
 from tests.support.page import many_boxes
 from tests.support.page.accessibility import findings
 from tests.support.page.scenes import MakeScene, Scene
-from tests.support.page.windows import (
-    OVERFLOW,
-    PHONE,
-    WIDE,
-    OpenWindow,
-    Visitor,
-)
+from tests.support.page.windows import OVERFLOW, PHONE, WIDE, OpenWindow, Visitor
 
 pytestmark = pytest.mark.browser
 
@@ -79,6 +71,10 @@ def test_notices_are_below_the_header_and_their_buttons_do_not_touch(user, empty
         assert notice.evaluate(TOP) < 240
 
     page.set_viewport_size(WIDE)
+    for view in ("grid", "thresholds"):
+        user.open(f"#/datasets/{empty}/{view}")
+        shown = page.locator(f"[data-view={view}]")
+        expect(shown.get_by_role("heading", name="No boxes yet")).to_be_visible()
     user.open(f"#/datasets/{empty}/quality")
     buttons = page.locator(".notice__actions .button")
     expect(buttons).to_have_count(2)

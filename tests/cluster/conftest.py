@@ -1,7 +1,5 @@
 """A running cluster for the tests of a module, and one of a test's own."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A worker that cannot reach its database waits, and then gives up with a message."""
 
-from __future__ import annotations
-
 import signal
 
 import pytest

@@ -1,9 +1,4 @@
-"""What `unghost certificates` writes, and what other commands refuse.
-
-`unghost scheduler` and `unghost worker` name what they lack or cannot use.
-"""
-
-from __future__ import annotations
+"""What `unghost certificates` writes, and what other commands refuse."""
 
 import re
 import socket

@@ -3,8 +3,6 @@
 Its ports accept only clients with a certificate of the cluster's authority.
 """
 
-from __future__ import annotations
-
 import socket
 import ssl
 import time
@@ -87,9 +85,7 @@ def test_cluster_exports_are_byte_identical_to_those_of_a_single_process(
 
 
 @pytest.mark.long
-def test_channel_evaluation_by_workers_equals_the_local_evaluation(
-    running_cluster,
-):
+def test_channel_evaluation_by_workers_equals_the_local_evaluation(running_cluster):
     def evaluate_channels(api):
         dataset = api.dataset()
         for number in range(25):

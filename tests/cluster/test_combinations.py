@@ -1,9 +1,4 @@
-"""A dataset gives the same labels with every combination of engine, database, store.
-
-Each of the three has an address in the settings.
-"""
-
-from __future__ import annotations
+"""A dataset gives the same labels with every combination of engine, database, store."""
 
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager

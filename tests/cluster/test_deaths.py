@@ -1,7 +1,5 @@
 """Each node of a cluster is killed or stopped in the middle of a run or an export."""
 
-from __future__ import annotations
-
 import os
 import signal
 import time

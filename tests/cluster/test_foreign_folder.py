@@ -1,7 +1,5 @@
 """Nodes of a cluster run no Python file of a folder from somebody else."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """PostgreSQL is killed while the workers of a cluster measure for a run."""
 
-from __future__ import annotations
-
 import time
 
 import httpx

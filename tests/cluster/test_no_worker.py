@@ -1,7 +1,5 @@
 """A service whose scheduler has no workers logs that at once, then only rarely."""
 
-from __future__ import annotations
-
 import time
 
 import pytest

@@ -1,7 +1,5 @@
 """`unghost worth-it` trains on the workers of a cluster."""
 
-from __future__ import annotations
-
 import json
 import os
 import shlex

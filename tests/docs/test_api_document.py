@@ -1,7 +1,5 @@
 """docs/api.md lists the routes of the OpenAPI document, and its examples are right."""
 
-from __future__ import annotations
-
 import json
 import re
 

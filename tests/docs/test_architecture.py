@@ -1,9 +1,4 @@
-"""ARCHITECTURE.md agrees with the code where a program can compare them.
-
-That is: files, names, steps of walks and imports.
-"""
-
-from __future__ import annotations
+"""ARCHITECTURE.md agrees with the code where a program can compare them."""
 
 import ast
 import re

@@ -1,7 +1,5 @@
 """docs/benchmarks.md lists every benchmark, and each of them has a docstring."""
 
-from __future__ import annotations
-
 import ast
 import re
 

@@ -1,7 +1,5 @@
 """The examples of docs/client.md are run in order, against a server."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

@@ -1,7 +1,5 @@
 """Commands in the documents exist, can be parsed, and have a help text."""
 
-from __future__ import annotations
-
 import os
 import re
 import shlex

@@ -1,7 +1,5 @@
 """docs/configuration.md lists every key and setting with the default of the code."""
 
-from __future__ import annotations
-
 import re
 
 import yaml
@@ -9,12 +7,7 @@ import yaml
 from app.settings import Settings
 from filter_core.config.filter import FilterConfig
 from tests.support.documents import blocks, read
-from tools.reference import (
-    PARTS,
-    configuration_table,
-    part_pattern,
-    settings_table,
-)
+from tools.reference import PARTS, configuration_table, part_pattern, settings_table
 
 
 def test_the_table_has_every_key_and_its_default():

@@ -3,8 +3,6 @@
 The library's definition is the one that the others are compared with.
 """
 
-from __future__ import annotations
-
 import re
 import types
 from typing import Literal, Union, get_args, get_origin, get_type_hints, is_typeddict

@@ -1,7 +1,5 @@
 """Every code of a problem that the service can send is in the table of codes."""
 
-from __future__ import annotations
-
 import ast
 import re
 from collections.abc import Iterator

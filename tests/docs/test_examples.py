@@ -1,7 +1,5 @@
 """Every annotation that docs/*.md shows as an example can be parsed as one."""
 
-from __future__ import annotations
-
 import json
 import re
 

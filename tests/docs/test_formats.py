@@ -1,7 +1,5 @@
 """docs/formats.md lists every layout, every format of exports and every option."""
 
-from __future__ import annotations
-
 import json
 import re
 from typing import get_args

@@ -1,7 +1,5 @@
 """The examples of gates run as they are printed, and fail when a condition holds."""
 
-from __future__ import annotations
-
 import os
 import shlex
 import subprocess

@@ -1,7 +1,5 @@
 """The examples of docs/library.md are run in order, in a folder with a recording."""
 
-from __future__ import annotations
-
 import json
 
 import cv2

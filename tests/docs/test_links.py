@@ -1,7 +1,5 @@
 """Links in documents lead to files and headings that exist; the index is complete."""
 
-from __future__ import annotations
-
 import pytest
 
 from tests.support.documents import DOCUMENTS, anchors, links

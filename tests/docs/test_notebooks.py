@@ -1,7 +1,5 @@
 """The notebooks run against a live demo server, and are stored without outputs."""
 
-from __future__ import annotations
-
 import json
 import shutil
 import subprocess

@@ -1,7 +1,5 @@
 """docs/operations.md agrees with the code on metrics, checks, logs and settings."""
 
-from __future__ import annotations
-
 import json
 import logging
 import re

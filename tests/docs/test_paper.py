@@ -1,7 +1,5 @@
 """The page for readers of the paper has every key of its authors' own files."""
 
-from __future__ import annotations
-
 import re
 
 import yaml

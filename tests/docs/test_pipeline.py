@@ -1,7 +1,5 @@
 """The pipeline of docs/pipeline.md runs literally: pushed, gated, reviewed, trained."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os

@@ -1,7 +1,5 @@
 """docs/security.md names tests that exist for every attack, and lists every limit."""
 
-from __future__ import annotations
-
 import re
 
 import pytest

@@ -1,7 +1,5 @@
 """Fixtures: a filled data folder that no service uses, and the command line."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """Tests `unghost backup` and `unghost restore`: complete, refused and interrupted."""
 
-from __future__ import annotations
-
 import errno
 import json
 import os

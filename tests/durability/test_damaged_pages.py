@@ -1,7 +1,5 @@
 """Damaged pages of an SQLite file are found after the start or on use, and reported."""
 
-from __future__ import annotations
-
 import sqlite3
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """On a disk with too little space, uploads are refused, but deletions still work."""
 
-from __future__ import annotations
-
 import json
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
@@ -13,7 +11,7 @@ import pytest
 from sqlalchemy import text
 
 from app.storage.room import RESERVE
-from tests.support.archives import frame, tar_archive
+from tests.support.archives import frame, send, tar_archive
 from tests.support.data_folders import blobs, count, served
 from tests.support.databases import database_of
 from tests.support.large_datasets import DatasetSpec, make_dataset
@@ -78,11 +76,7 @@ def test_below_min_free_bytes_uploads_and_exports_are_refused_not_reviews(data):
         (box, *_) = api.boxes(beside)
         with full_disk(data, MIN_FREE_MIB * MIB // 2):
             upload = api.put(beside, "c")
-            batch = api.http.post(
-                f"/api/v1/datasets/{beside}/batches",
-                content=tar_archive(frame("b")),
-                headers={"Content-Type": "application/x-tar"},
-            )
+            batch = send(api, beside, tar_archive(frame("b")))
             export = api.post(f"/datasets/{beside}/exports", {"format": "yolo"})
             review = api.review(box["box_id"], "keep")
         again = api.put(beside, "c")

@@ -1,7 +1,5 @@
 """`unghost doctor` finds faults of a data folder, says what to do, changes nothing."""
 
-from __future__ import annotations
-
 import re
 import sqlite3
 from contextlib import closing

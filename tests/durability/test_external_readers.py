@@ -1,7 +1,5 @@
 """Another process that reads the SQLite file and closes it does the service no harm."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 

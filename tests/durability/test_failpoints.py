@@ -4,11 +4,8 @@ Frames and reviews are then stored completely or not at all. By default only som
 points are tried; ``make test-long`` tries all of them (FAILPOINTS=all).
 """
 
-from __future__ import annotations
-
 import json
 import os
-from contextlib import contextmanager
 
 import httpx
 import pytest
@@ -18,9 +15,14 @@ from app.maintenance.gc import collect
 from app.settings import Settings
 from app.storage.base import sha256_of
 from tests.support import frames as scene
-from tests.support.api import BASE, Api
-from tests.support.archives import frame, tar_archive
-from tests.support.crash_points import Point, crashing_servers
+from tests.support.api import BASE
+from tests.support.archives import TAR, frame, tar_archive
+from tests.support.crash_points import (
+    Point,
+    client_of,
+    crashing_servers,
+    running_client,
+)
 from tests.support.data_folders import blobs, silently
 from tests.support.pictures import painted, png
 
@@ -68,28 +70,13 @@ def dataset(servers):
         return api.dataset()
 
 
-@contextmanager
-def running_client(servers):
-    """A client of a server that is terminated after the block and must exit with 0."""
-    api = Api.at(*url_and_headers(servers.server()))
-    with api.http:
-        yield api
-    assert servers.wait_for_exit(ask=True) == 0
-
-
-def url_and_headers(link):
-    url, token = link
-    return url, {"Authorization": f"Bearer {token}"}
-
-
 def killed(servers, point, act):
     """Send a request to a server that is killed at this point of its work.
 
     `act` gets a client and returns the function that sends the request. Returns what
     that function returns: what the server has acknowledged.
     """
-    api = Api.at(*url_and_headers(servers.server(point)))
-    with api.http:
+    with client_of(servers.server(point)) as api:
         prepared = act(api)
         servers.arm()
         acknowledged = prepared()
@@ -129,7 +116,7 @@ def batch(dataset, number):
                 "POST",
                 f"{BASE}/datasets/{dataset}/batches",
                 content=content,
-                headers={"Content-Type": "application/x-tar"},
+                headers=TAR,
             ) as answer:
                 lines += answer.iter_lines()
         except httpx.TransportError:

@@ -1,7 +1,5 @@
 """Full and read-only disks, damaged and missing files: responses and recovery."""
 
-from __future__ import annotations
-
 import pytest
 
 from tests.support import frames as scene

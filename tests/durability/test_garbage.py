@@ -1,7 +1,5 @@
 """Garbage collection removes unreferenced files, but none that is being stored."""
 
-from __future__ import annotations
-
 import os
 import threading
 from itertools import count
@@ -17,7 +15,7 @@ from app.storage.durable import MAINTENANCE_LOCK, locked
 from app.storage.folder import FolderStorage
 from tests.support import frames as scene
 from tests.support.api import BASE
-from tests.support.archives import frame, lines_of, tar_archive
+from tests.support.archives import frame, lines_of, send, tar_archive
 from tests.support.data_folders import blobs, doctor_findings, served, silently
 from tests.support.databases import empty_postgres, settings_of
 from tests.support.services import ServiceDataset, running_services
@@ -198,8 +196,6 @@ def sent_until_stored(send):
 
 
 def batch(api, dataset):
-    path = f"{BASE}/datasets/{dataset}/batches"
-    headers = {"Content-Type": "application/x-tar"}
-    answer = api.http.post(path, content=tar_archive(frame("many")), headers=headers)
+    answer = send(api, dataset, tar_archive(frame("many")))
     assert answer.status_code == 200, answer.text
     return lines_of(answer.text)[0]["status"]

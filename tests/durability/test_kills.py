@@ -3,23 +3,19 @@
 Not part of every test run; ``make test-long`` does fifty rounds (KILL_ROUNDS).
 """
 
-from __future__ import annotations
-
 import os
 import random
 import time
 from collections import Counter
-from contextlib import contextmanager
 from itertools import cycle
 
 import numpy as np
 import pytest
 
 from app.runs.queries import FLIP
-from tests.support.api import Api
+from tests.support.data_folders import served
 from tests.support.databases import CHOSEN, rows_of
 from tests.support.run_results import wait_for_run_end
-from tests.support.servers import running_server
 from tests.support.slow_datasets import OTHER_PIXELS, create_slow_dataset
 
 pytestmark = pytest.mark.long
@@ -36,21 +32,9 @@ def folder(tmp_path_factory):
     return tmp_path_factory.mktemp("killed") / "data"
 
 
-@contextmanager
-def served(folder):
-    with running_server(folder, {"UNGHOST_WORKERS": "1"}) as server:
-        api = Api.at(server.url, server.headers)
-        with api.http:
-            yield server, api
-
-
-def rows(folder, statement):
-    return rows_of(folder, statement)
-
-
 def measured(folder):
     """The rows of evidence; a frame that is measured again gets a row of another id."""
-    return rows(folder, "SELECT id, frame_id, measurement_id FROM evidence")
+    return rows_of(folder, "SELECT id, frame_id, measurement_id FROM evidence")
 
 
 def configs():
@@ -64,13 +48,13 @@ def configs():
 def test_run_of_a_killed_server_is_finished_once_by_the_next(folder):
     print(f"KILL_SEED={SEED}")
     dice = random.Random(SEED)
-    with served(folder) as (_, api):
+    with served(folder, UNGHOST_WORKERS="1") as (_, api):
         dataset = create_slow_dataset(api, FRAMES)
     wanted = configs()
 
     for _ in range(ROUNDS):
         run_id, before = killed(folder, dataset, next(wanted), dice)
-        with served(folder) as (_, api):
+        with served(folder, UNGHOST_WORKERS="1") as (_, api):
             run = wait_for_run_end(api, run_id)
             shown = api.boxes(dataset, limit=1000)
         assert (run["state"], run["done"]) == ("done", FRAMES), run
@@ -84,7 +68,7 @@ def killed(folder, dataset, config, dice):
 
     Returns the id of the run, and the rows of evidence that are stored by then.
     """
-    with served(folder) as (server, api):
+    with served(folder, UNGHOST_WORKERS="1") as (server, api):
         body = {"config": config, "activate": True}
         answer = api.post(f"/datasets/{dataset}/runs", body)
         assert answer.status_code == 202, answer.text
@@ -96,7 +80,7 @@ def killed(folder, dataset, config, dice):
 
 def check_no_rows_are_lost_or_duplicated(folder, run, before):
     after = measured(folder)
-    (measurement,) = rows(
+    (measurement,) = rows_of(
         folder, f"SELECT measurement_id FROM runs WHERE id = {run['id']}"
     )
     frames = Counter(frame for _, frame, of in after if of == measurement[0])
@@ -105,7 +89,7 @@ def check_no_rows_are_lost_or_duplicated(folder, run, before):
     assert set(frames.values()) == {1}
     flips = [
         np.frombuffer(boxes, FLIP)["box_id"]
-        for (boxes,) in rows(
+        for (boxes,) in rows_of(
             folder, f"SELECT boxes FROM flips WHERE run_id = {run['id']}"
         )
     ]
@@ -115,7 +99,7 @@ def check_no_rows_are_lost_or_duplicated(folder, run, before):
     counted = (
         "SELECT class_id, reason, toss_up, count(*) FROM decisions GROUP BY 1, 2, 3"
     )
-    assert rows(folder, kept) == rows(folder, counted)
+    assert rows_of(folder, kept) == rows_of(folder, counted)
     if not CHOSEN:  # only SQLite has these pragmas
-        assert rows(folder, "PRAGMA integrity_check") == [("ok",)]
-        assert rows(folder, "PRAGMA foreign_key_check") == []
+        assert rows_of(folder, "PRAGMA integrity_check") == [("ok",)]
+        assert rows_of(folder, "PRAGMA foreign_key_check") == []

@@ -1,17 +1,12 @@
-"""An answer is sent only after all that it confirms was flushed in the right order.
-
-This is checked from outside, in the system calls of a real server.
-"""
-
-from __future__ import annotations
+"""An answer is sent only after all that it confirms was flushed in the right order."""
 
 import re
 
 import pytest
 
 from tests.support import frames as scene
-from tests.support.api import BASE, Api
-from tests.support.archives import frame, lines_of, tar_archive
+from tests.support.api import Api
+from tests.support.archives import frame, lines_of, send, tar_archive
 from tests.support.system_calls import calls_of, traced_server
 
 pytestmark = pytest.mark.sqlite_files("system calls on its log")
@@ -35,11 +30,8 @@ def calls(tmp_path_factory):
             )
             box = api.boxes(dataset)[0]["box_id"]
             assert api.review(box, "reject").status_code == 201
-            told = api.http.post(
-                f"{BASE}/datasets/{dataset}/batches",
-                content=tar_archive(frame("a", number=7) + frame("b", number=8)),
-                headers={"Content-Type": "application/x-tar"},
-            )
+            members = frame("a", number=7) + frame("b", number=8)
+            told = send(api, dataset, tar_archive(members))
             assert [line.get("status") for line in lines_of(told.text)[:2]] == [201] * 2
     return calls_of(trace)
 

@@ -3,8 +3,6 @@
 A process that is killed from outside causes no quarantine, however often it happens.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from contextlib import contextmanager
 from functools import partial
@@ -13,9 +11,9 @@ import httpx
 import pytest
 
 from tests.support import frames as scene
-from tests.support.api import FINISHED, Api
+from tests.support.api import FINISHED
 from tests.support.cluster import PATIENCE_S
-from tests.support.crash_points import crashing_servers
+from tests.support.crash_points import client_of, crashing_servers, running_client
 from tests.support.data_folders import served
 from tests.support.databases import rows_of
 from tests.support.poison import EMPTY, EXPORTS, FRAMES, poisoned_files
@@ -43,22 +41,6 @@ def servers(tmp_path):
 @pytest.fixture
 def data(tmp_path):
     return tmp_path / "data"
-
-
-@contextmanager
-def client(link):
-    url, token = link
-    api = Api.at(url, {"Authorization": f"Bearer {token}"})
-    with api.http:
-        yield api
-
-
-@contextmanager
-def running_client(servers, link):
-    """A client of a server that is terminated after the block and must exit with 0."""
-    with client(link) as api:
-        yield api
-    assert servers.wait_for_exit(ask=True) == 0
 
 
 def put_frames(api, name, *keys):
@@ -129,11 +111,11 @@ def has_progressed(data, done):
 
 
 def test_frame_that_kills_the_service_is_quarantined_and_others_are_measured(servers):
-    with running_client(servers, servers.server()) as api:
+    with running_client(servers) as api:
         name = api.dataset()
         put_poison(api, name, "m-poison")
         put_frames(api, name, "a", "b", "x", "y")
-    with client(servers.start_poisoned(FRAMES)) as api:
+    with client_of(servers.start_poisoned(FRAMES)) as api:
         request_run(api, name)
     deaths = [servers.wait_for_exit(ask=False)]
     deaths += [servers.start_and_wait_for_crash(FRAMES) for _ in range(MOST_DEATHS - 1)]
@@ -149,12 +131,12 @@ def test_frame_that_kills_the_service_is_quarantined_and_others_are_measured(ser
         ("a", "b", "x", "y"), 1
     )
 
-    with running_client(servers, servers.server()) as api:
+    with running_client(servers) as api:
         check_run_results(api, name, api.run(name, FROM_PIXELS), 5, empty=1)
 
 
 def test_export_that_kills_the_service_fails_as_quarantined(servers):
-    with client(servers.start_poisoned(EXPORTS)) as api:
+    with client_of(servers.start_poisoned(EXPORTS)) as api:
         name = api.dataset()
         put_frames(api, name, "a")
         request_job(api, f"/datasets/{name}/exports", {"format": "yolo"})
@@ -180,7 +162,7 @@ def test_killing_frames_in_a_chunk_do_not_stop_other_frames_from_measuring(data)
             put_frames(api, name, f"{key}1", f"{key}2")
     with poisoned_server(data) as process:
         url = wait_for_link(process, log_path_of(data)).partition("/#")[0]
-        with client((url, token_of(data))) as api:
+        with client_of((url, token_of(data))) as api:
             request_run(api, name)
             assert process.wait(PATIENCE_S) == KILLED
     deaths = 1

@@ -3,8 +3,6 @@
 Not part of every test run; ``make test-long`` does fifty rounds (KILL_ROUNDS).
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os

@@ -3,8 +3,6 @@
 That continues after a kill.
 """
 
-from __future__ import annotations
-
 import signal
 from contextlib import suppress
 from typing import NamedTuple
@@ -13,7 +11,7 @@ import httpx
 import pytest
 
 from tests.support.api import Api
-from tests.support.crash_points import Point, crashing_servers
+from tests.support.crash_points import Point, client_of, crashing_servers
 from tests.support.data_folders import count, served
 from tests.support.databases import problems_of
 from tests.support.large_datasets import DatasetSpec, make_dataset
@@ -122,17 +120,15 @@ def test_deleted_dataset_returns_404_before_its_rows_are_removed(data, held):
 
 @pytest.mark.long
 def test_removal_interrupted_by_a_kill_is_finished_by_the_next_server(data):
-    with crashing_servers(data) as servers:
-        # The first commit is that of the request.
-        url, token = servers.server(Point("commit", after=True, turn=5))
-        api = Api.at(url, {"Authorization": f"Bearer {token}"})
-        with api.http:
-            add_one_row_of_each_kind(api)
-            stored = count(data)
-            servers.arm()
-            with suppress(httpx.TransportError):
-                api.remove(NAME)
-            assert servers.wait_for_exit(ask=False) == -signal.SIGKILL
+    # The first commit is that of the request.
+    point = Point("commit", after=True, turn=5)
+    with crashing_servers(data) as servers, client_of(servers.server(point)) as api:
+        add_one_row_of_each_kind(api)
+        stored = count(data)
+        servers.arm()
+        with suppress(httpx.TransportError):
+            api.remove(NAME)
+        assert servers.wait_for_exit(ask=False) == -signal.SIGKILL
     between = count(data)
 
     with served(data) as (_, api):

@@ -1,7 +1,5 @@
 """SIGTERM during uploads, runs and exports: they end, or continue after a restart."""
 
-from __future__ import annotations
-
 import json
 import signal
 import socket

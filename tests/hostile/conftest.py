@@ -1,7 +1,5 @@
 """A server only for the hostile tests, as their requests also delete data."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import pytest

@@ -5,8 +5,6 @@ processor time and memory, which grow with the size of the input. The run is sho
 default; ``FUZZ_EXAMPLES`` makes it long, and ``FUZZ_SEED`` repeats an earlier run.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import random

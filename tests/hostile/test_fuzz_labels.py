@@ -3,8 +3,6 @@
 Each damaged or changed input gives a result or our own error, and takes little memory.
 """
 
-from __future__ import annotations
-
 import json
 from contextlib import suppress
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Fuzzing of images and point clouds: each gives a result or our own error."""
 
-from __future__ import annotations
-
 import zlib
 from contextlib import suppress
 from functools import partial

@@ -5,8 +5,6 @@ stored completely or not at all. ``KILL_ROUNDS`` says how often; ``make test-lon
 kills 200 times.
 """
 
-from __future__ import annotations
-
 import hashlib
 import os
 import random

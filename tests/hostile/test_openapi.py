@@ -4,8 +4,6 @@ No answer is a 5xx, and each has a status, a type and a form that the document g
 ``make test-long`` sends hundreds of requests per route.
 """
 
-from __future__ import annotations
-
 import pytest
 
 from tests.support.hostile.openapi_cases import (

@@ -1,7 +1,5 @@
 """What generated requests do not reach: ranges, cached files, streams, archives."""
 
-from __future__ import annotations
-
 import pytest
 
 from tests.support import archives

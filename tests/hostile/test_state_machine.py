@@ -4,8 +4,6 @@ By default it runs a few fixed sequences; ``make test-long`` tries 500 random on
 (MACHINE_RUNS).
 """
 
-from __future__ import annotations
-
 import io
 import json
 import os
@@ -89,13 +87,10 @@ class ServiceAgainstModel(RuleBasedStateMachine):
             for number, (key, content) in enumerate(frames)
             for member in members_of(number, key, content)
         ]
-        answer = self.api.http.post(
-            f"/api/v1/datasets/{self.name}/batches",
-            params={"replace": "true"} if replace else None,
-            content=archives.tar_archive(members),
-            headers={"Content-Type": "application/x-tar"},
-        )
-        *lines, end = archives.lines_of(answer.text)
+        newer = {"replace": "true"} if replace else {}
+        archive = archives.tar_archive(members)
+        response = archives.send(self.api, self.name, archive, **newer)
+        *lines, end = archives.lines_of(response.text)
         assert end["frames"] == len(lines) == len(frames)
         for line, (key, content) in zip(lines, frames, strict=True):
             expected = self.model.expected_status(key, content, replace=replace)

@@ -1,7 +1,5 @@
 """An empty database of each kind: SQLite and PostgreSQL."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 

@@ -3,8 +3,6 @@
 Compared are the columns that both revisions have.
 """
 
-from __future__ import annotations
-
 import json
 import sqlite3
 from contextlib import closing

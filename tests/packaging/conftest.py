@@ -4,8 +4,6 @@ The dependencies come from the environment that runs the tests; the project itse
 comes from the wheel and from nowhere else.
 """
 
-from __future__ import annotations
-
 import shutil
 import tempfile
 from collections.abc import Iterator

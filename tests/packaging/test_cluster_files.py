@@ -3,8 +3,6 @@
 They are read as their programs read them; nginx runs with its real configuration.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import shutil

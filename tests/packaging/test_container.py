@@ -3,8 +3,6 @@
 No container engine is needed: the start command runs as an ordinary process.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import re

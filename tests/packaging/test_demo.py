@@ -1,7 +1,5 @@
 """`unghost demo` works from an installation, in a folder without the checkout."""
 
-from __future__ import annotations
-
 import pytest
 
 from tests.support import plain_http

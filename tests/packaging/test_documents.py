@@ -4,8 +4,6 @@ In an installation of its own and an empty folder: from the first document on, e
 finds the server, the data and the files that the one before has left.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import subprocess

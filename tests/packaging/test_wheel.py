@@ -1,7 +1,5 @@
 """The wheel has all files that the package needs, which are found, and no others."""
 
-from __future__ import annotations
-
 import tarfile
 import zipfile
 from pathlib import Path

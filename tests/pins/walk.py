@@ -40,7 +40,7 @@ HEADERS: Final = (
     "retry-after",
     "www-authenticate",
 )
-_TIME: Final = re.compile(r"20\d\d-\d\d-\d\dT\d\d:\d\d:\d\d(\.\d+)?(Z|[+-]\d\d:\d\d)")
+_TIME: Final = re.compile(r"20\d\d-\d\d-\d\dT\d\d:\d\d:\d\d(\.\d+)?Z")
 _SECRET: Final = re.compile(r"\bu[a-z]+_[\w-]{20,}|(?<=key=)[\w-]{20,}")
 # Keys whose values are replaced. Titles are Python's names of statuses, which differ
 # between versions; the last use of a token is only stored now and then.

@@ -1,7 +1,5 @@
 """Two servers on two ports that share one PostgreSQL database and one data folder."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -39,13 +37,9 @@ class Replicas:
 
     def make_reviewer_clients(self, role: str = "reviewer") -> tuple[Api, Api]:
         """Make a person on the first server, and give a client of each server."""
-        made = self.one.api.post(
-            "/tokens", {"name": f"person-{next(_numbers)}", "role": role}
-        )
-        token = made.json()["token"]
-        headers = {"Authorization": f"Bearer {token}"}
-        one, two = (Api.at(each.server.url, headers) for each in self.both)
-        return one, two
+        one = self.one.api.person(role)
+        token = {"Authorization": one.http.headers["authorization"]}
+        return one, Api.at(self.two.server.url, token)
 
     def make_dataset(self, frames: int = 1) -> str:
         """Make a dataset, uploading its frames to the two servers in turn.

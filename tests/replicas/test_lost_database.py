@@ -3,8 +3,6 @@
 What was acknowledged is stored, and everything else gets an error to retry.
 """
 
-from __future__ import annotations
-
 import signal
 import threading
 import time
@@ -17,7 +15,7 @@ import pytest
 
 from tests.support import frames as scene
 from tests.support.api import BASE, FINISHED, Api
-from tests.support.archives import frame, lines_of, tar_archive
+from tests.support.archives import frame, lines_of, send, tar_archive
 from tests.support.event_reader import open_events
 from tests.support.postgres_cluster import Cluster, own_cluster
 from tests.support.servers import RunningServer, running_server
@@ -240,11 +238,7 @@ def test_batch_that_loses_the_database_reports_what_is_stored(place):
     keys = {
         item["key"] for item in list_all_pages(place.api, f"/datasets/{name}/frames")
     }
-    again = place.api.http.post(
-        f"{BASE}/datasets/{name}/batches",
-        content=tar_archive(members),
-        headers={"Content-Type": "application/x-tar"},
-    )
+    again = send(place.api, name, tar_archive(members))
 
     assert {line["key"] for line in told if line["status"] == 201} <= keys
     assert end["end"] is True

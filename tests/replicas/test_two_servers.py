@@ -1,7 +1,5 @@
 """Two servers that share one database behave together as one server does."""
 
-from __future__ import annotations
-
 import time
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
@@ -119,6 +117,17 @@ def test_of_two_concurrent_reviews_of_a_box_one_is_stale(replicas, make_reviewer
     assert found[0] == found[1]
 
 
+def answer_in_bulk_at_once(ada, bob, act, which):
+    """Two bulk answers on the same boxes. Nobody repeats one: that would be none."""
+    verdicts = ("keep", "reject") if act % 2 else ("reject", "keep")
+    return call_concurrently(
+        *(
+            partial(who.post, "/reviews/bulk", {"verdict": verdict, **which})
+            for who, verdict in zip((ada, bob), verdicts, strict=True)
+        )
+    )
+
+
 def test_of_two_concurrent_bulk_answers_each_box_counts_in_one(replicas, make_reviewer):
     (ada, _), (_, bob) = make_reviewer(), make_reviewer()
     name = replicas.make_dataset(frames=10)
@@ -127,14 +136,7 @@ def test_of_two_concurrent_bulk_answers_each_box_counts_in_one(replicas, make_re
     for act in range(10):
         seen = [act] * len(boxes)
         which = {"dataset": name, "box_ids": boxes, "seen_revisions": seen}
-        # Nobody repeats an answer: that would be no new one.
-        verdicts = ("keep", "reject") if act % 2 else ("reject", "keep")
-        answers = call_concurrently(
-            *(
-                partial(who.post, "/reviews/bulk", {"verdict": verdict, **which})
-                for who, verdict in zip((ada, bob), verdicts, strict=True)
-            )
-        )
+        answers = answer_in_bulk_at_once(ada, bob, act, which)
         assert [answer.status_code for answer in answers] == [201, 201]
         done = sorted((each.json() for each in answers), key=lambda one: one["count"])
         assert [one["count"] for one in done] == [0, len(boxes)]
@@ -157,14 +159,7 @@ def test_of_two_concurrent_bulk_answers_by_filter_the_later_is_stale(
     for act in range(5):
         page = ada.json("/boxes", dataset=name, count="true")
         which = {"dataset": name, "filter": {}, "snapshot": page["snapshot"]}
-        # Nobody repeats an answer: that would be no new one.
-        verdicts = ("keep", "reject") if act % 2 else ("reject", "keep")
-        answers = call_concurrently(
-            *(
-                partial(who.post, "/reviews/bulk", {"verdict": verdict, **which})
-                for who, verdict in zip((ada, bob), verdicts, strict=True)
-            )
-        )
+        answers = answer_in_bulk_at_once(ada, bob, act, which)
         assert sorted(answer.status_code for answer in answers) == [201, 412]
         (late,) = [answer.json() for answer in answers if answer.status_code == 412]
         assert late["code"] == "stale_snapshot"
@@ -178,10 +173,7 @@ def test_idempotency_key_sent_to_both_servers_is_stored_once(replicas, make_revi
 
     def post_review_with_key(api, number):
         path = f"{BASE}/boxes/{box}/reviews"
-        body = {
-            "verdict": ("keep", "reject")[number % 2],
-            "seen_revision": number,
-        }
+        body = {"verdict": ("keep", "reject")[number % 2], "seen_revision": number}
         headers = {"Idempotency-Key": f"{name}-{number}"}
         return api.http.post(path, json=body, headers=headers)
 
@@ -205,12 +197,7 @@ def test_queue_returns_no_box_to_two_people(replicas, make_reviewer):
         taken: list[int] = []
         for order in ("doubt", "random", "class"):
             filters = {"review": "undecided"}  # in doubt or not
-            wanted = {
-                "limit": 2,
-                "order": order,
-                "exclude": taken,
-                "filters": filters,
-            }
+            wanted = {"limit": 2, "order": order, "exclude": taken, "filters": filters}
             answer = clients[number].post(f"/datasets/{name}/queue", wanted)
             assert answer.status_code == 200, answer.text
             taken += [item["box_id"] for item in answer.json()["items"]]

@@ -3,8 +3,6 @@
 Between the two is a gate that tests can shut, to make the bucket unreachable.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import pytest

@@ -1,7 +1,5 @@
 """A backup of files in a bucket can be restored to a bucket or to a folder."""
 
-from __future__ import annotations
-
 import pytest
 
 from app.maintenance.backup import make_backup

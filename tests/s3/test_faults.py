@@ -3,8 +3,6 @@
 The server answers 503 within seconds, and nothing that was stored is lost.
 """
 
-from __future__ import annotations
-
 import hashlib
 import random
 import threading
@@ -15,8 +13,8 @@ import pytest
 
 from tests.support import frames as scene
 from tests.support import plain_http
-from tests.support.api import BASE, Api
-from tests.support.archives import frame, lines_of, tar_archive
+from tests.support.api import Api
+from tests.support.archives import frame, lines_of, send, tar_archive
 from tests.support.s3_service import served_on_s3
 from tests.support.servers import wait_until_ready
 from tests.support.slow_datasets import FROM_PIXELS
@@ -78,21 +76,13 @@ def test_batch_ends_at_the_frame_that_the_store_did_not_take(on_s3):
     members = [one for name in ("a", "b") for one in frame(name)]
     on_s3.gate.shut()
 
-    answer = send_batch(api, dataset, members)
+    answer = send(api, dataset, tar_archive(members))
     on_s3.gate.open()
-    again = send_batch(api, dataset, members)
+    again = send(api, dataset, tar_archive(members))
 
     (end,) = lines_of(answer.text)
     assert (end["problem"]["status"], end["problem"]["code"]) == (503, "storage_away")
     assert [line.get("status") for line in lines_of(again.text)] == [201, 201, None]
-
-
-def send_batch(api, dataset, members):
-    return api.http.post(
-        f"{BASE}/datasets/{dataset}/batches",
-        content=tar_archive(members),
-        headers={"Content-Type": "application/x-tar"},
-    )
 
 
 def count_log_warnings(server):
@@ -166,7 +156,7 @@ def send_in_batches(api, dataset, count):
         members = [
             one for number in sorted(left) for one in frame(f"{number}", number=number)
         ]
-        for line in lines_of(send_batch(api, dataset, members).text):
+        for line in lines_of(send(api, dataset, tar_archive(members)).text):
             if line.get("status") in (200, 201):
                 left.discard(int(line["key"].removeprefix("run/")))
         return not left

@@ -1,7 +1,5 @@
 """Large archives are put into a bucket and sent from it in parts, in little memory."""
 
-from __future__ import annotations
-
 import hashlib
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Exports have the same bytes whether files are stored in a bucket or in a folder."""
 
-from __future__ import annotations
-
 from app.db.tables import Export
 from app.exports.service import ExportRequest, request_export
 from app.jobs.queries import job_with_id

@@ -1,14 +1,12 @@
 """A real service, over a real port, that keeps all its files in a bucket."""
 
-from __future__ import annotations
-
 import hashlib
 
 import pytest
 
 from tests.support import frames as scene
 from tests.support.api import BASE
-from tests.support.archives import frame, lines_of, tar_archive
+from tests.support.archives import frame, lines_of, send, tar_archive
 from tests.support.servers import wait_until_ready
 from tests.support.slow_datasets import FROM_PIXELS
 from tests.support.waiting import until
@@ -21,11 +19,7 @@ def batch(api, dataset, *names):
     members = [
         one for number, name in enumerate(names) for one in frame(name, number=number)
     ]
-    answer = api.http.post(
-        f"{BASE}/datasets/{dataset}/batches",
-        content=tar_archive(members),
-        headers={"Content-Type": "application/x-tar"},
-    )
+    answer = send(api, dataset, tar_archive(members))
     assert answer.status_code == 200, answer.text
     return lines_of(answer.text)
 

@@ -1,9 +1,4 @@
-"""A service that cannot use its bucket says at the start which bucket and why.
-
-The message shows no secrets.
-"""
-
-from __future__ import annotations
+"""A service that cannot use its bucket says at the start which bucket and why."""
 
 import sys
 

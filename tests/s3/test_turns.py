@@ -1,7 +1,5 @@
 """A request that waits for the bucket does not keep others from writing."""
 
-from __future__ import annotations
-
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest

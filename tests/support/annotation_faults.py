@@ -1,7 +1,5 @@
 """Parses annotations that are refused, and returns their faults."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

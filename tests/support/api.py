@@ -52,6 +52,12 @@ class Api:
     def delete(self, path: str) -> httpx.Response:
         return self.http.delete(BASE + path)
 
+    def person(self, role: str = "reviewer") -> Api:
+        """A client of the same service, with a new token of this role."""
+        body = {"name": f"person-{next(_numbers)}", "role": role}
+        token = self.post("/tokens", body).json()["token"]
+        return Api.at(str(self.http.base_url), {"Authorization": f"Bearer {token}"})
+
     def dataset(self, **wanted: Any) -> str:
         """Create a dataset with an unused name, and return the name."""
         name = f"street-{next(_numbers)}"
@@ -68,6 +74,18 @@ class Api:
         """
         name = self.dataset(config=config)
         self.upload_frame(name, "a", *args, **more)
+        return name
+
+    def dataset_of_frames(self, count: int, **wanted: Any) -> str:
+        """Create a dataset of so many frames, each with a car and a ghost.
+
+        Their keys are numbers. The other arguments are those of `dataset`.
+        """
+        name = self.dataset(**wanted)
+        for number in range(count):
+            self.upload_frame(
+                name, f"{number}", {**scene.annotation(), "number": number}
+            )
         return name
 
     def dataset_of_cars(self, boxes: int) -> tuple[str, list[int]]:

@@ -1,7 +1,5 @@
 """Makes tar archives of frames, and sends them as batches, also piece by piece."""
 
-from __future__ import annotations
-
 import io
 import json
 import tarfile

@@ -1,7 +1,5 @@
 """A small HTTP server that accepts batches, and fails where a test wants it to."""
 
-from __future__ import annotations
-
 import io
 import json
 import tarfile

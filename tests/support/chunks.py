@@ -1,7 +1,5 @@
 """Engines that work in small chunks, some of which fail, and checks of their runs."""
 
-from __future__ import annotations
-
 import threading
 from collections import Counter
 from collections.abc import Callable

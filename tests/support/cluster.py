@@ -1,7 +1,5 @@
 """Starts a scheduler, workers and servers of one cluster as local processes."""
 
-from __future__ import annotations
-
 import os
 import re
 import signal

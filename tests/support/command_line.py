@@ -1,7 +1,5 @@
 """Runs `unghost` as a command with its own home folder, and returns what it wrote."""
 
-from __future__ import annotations
-
 import json
 import os
 import sys

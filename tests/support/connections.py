@@ -1,7 +1,5 @@
 """Connections of a test's own, for requests that no HTTP client would send."""
 
-from __future__ import annotations
-
 import socket
 from collections.abc import Mapping
 from urllib.parse import urlsplit

@@ -19,6 +19,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from tests.support.api import Api
 from tests.support.poison import lay_poison
 from tests.support.processes import Process
 from tests.support.servers import start, stop, token_of, wait_for_link
@@ -98,6 +99,26 @@ class CrashingServers:
     @property
     def _log(self) -> Path:
         return self.data.with_name("crash.log")
+
+
+Link = tuple[str, str]
+"""The address of a server, and a token of an admin."""
+
+
+@contextmanager
+def client_of(link: Link) -> Iterator[Api]:
+    url, token = link
+    api = Api.at(url, {"Authorization": f"Bearer {token}"})
+    with api.http:
+        yield api
+
+
+@contextmanager
+def running_client(servers: CrashingServers, link: Link | None = None) -> Iterator[Api]:
+    """A client of a server that is terminated after the block and must exit with 0."""
+    with client_of(link or servers.server()) as api:
+        yield api
+    assert servers.wait_for_exit(ask=True) == 0
 
 
 @contextmanager

@@ -1,7 +1,5 @@
 """Serves, examines, backs up and restores data folders."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path

@@ -4,8 +4,6 @@ Listeners are added to SQLAlchemy once, when this module is imported: its lists 
 listeners must not change while a service is running.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager

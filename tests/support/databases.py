@@ -8,8 +8,6 @@ are dropped again.
 UNGHOST_TEST_SERVER names a database of the server that single tests of PostgreSQL use.
 """
 
-from __future__ import annotations
-
 import os
 import sys
 import uuid

@@ -1,7 +1,5 @@
 """A rendered frame of the demo street whose PNG files are decoded when first used."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 

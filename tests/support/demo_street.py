@@ -4,8 +4,6 @@ It is rendered into a folder in which somebody else has laid links before, and n
 in the folder may be changed.
 """
 
-from __future__ import annotations
-
 import atexit
 from dataclasses import dataclass
 from functools import cache

@@ -1,7 +1,5 @@
 """Parses a Dockerfile into its stages; only the syntax that this project uses."""
 
-from __future__ import annotations
-
 import json
 import re
 import shlex

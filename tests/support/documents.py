@@ -1,7 +1,5 @@
 """Reads the Markdown documentation: its files, links, anchors and code blocks."""
 
-from __future__ import annotations
-
 import re
 
 from tests.support.sources import CHECKOUT

@@ -1,7 +1,5 @@
 """Reads server-sent events as a browser does, for tests of jobs' progress."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator
 from contextlib import contextmanager

@@ -1,7 +1,5 @@
 """Makes `Evidence` of a few boxes, with defaults for all values that are not given."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

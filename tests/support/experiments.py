@@ -1,7 +1,5 @@
 """A small recording and a trainer for experiments that take no time."""
 
-from __future__ import annotations
-
 import json
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Makes small frames, runs exports and conversions, and collects their files."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any

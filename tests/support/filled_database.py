@@ -1,7 +1,5 @@
 """Fills a database of any revision with rows of that time, without using the models."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping
 from typing import Any

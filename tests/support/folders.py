@@ -1,7 +1,5 @@
 """Writes small folders of files and images for tests that read them."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np
@@ -199,10 +197,7 @@ LAYOUT_FILES = {
         "images/7.png": b"",
     },
     "cvat": {"annotations.xml": CVAT_FILE, "images/a/1.png": b""},
-    "label-studio": {
-        "tasks.json": json.dumps([TASK]).encode(),
-        "images/1.png": b"",
-    },
+    "label-studio": {"tasks.json": json.dumps([TASK]).encode(), "images/1.png": b""},
     "decisions-jsonl": {
         "decisions.jsonl": json.dumps(DECIDED).encode(),
         "images/a/1.png": b"",

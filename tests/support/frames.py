@@ -4,8 +4,6 @@ Each one shows a road under the sky with one car on it: the box on the car is ke
 box on the empty sky is rejected.
 """
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any
@@ -108,14 +106,13 @@ def write_jpeg_segmentation(folder: Path) -> Path:
 
 
 def put(
-    client: Client, dataset: str, key: str, number: int = 0, **options: Any
+    client: Client, dataset: str, key: str, number: int = 0, **changed: Any
 ) -> StoredFrame:
-    """Send one frame with an image, a segmentation and two boxes."""
+    """Send one frame with two boxes; `changed` are keys of its annotation."""
     return client.put_frame(
         dataset,
         key,
-        annotation(),
+        {**annotation(), **changed},
         image=image(number),
         segmentation=segmentation(),
-        **options,
     )

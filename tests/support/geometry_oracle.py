@@ -1,7 +1,5 @@
 """Turns cases of known projections into cameras and boxes, and measures the error."""
 
-from __future__ import annotations
-
 import json
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Builds the wheel, and installs it into an environment apart from this checkout."""
 
-from __future__ import annotations
-
 import os
 import re
 import subprocess

@@ -1,7 +1,5 @@
 """Makes datasets of many boxes as rows of the database, without measuring pixels."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path

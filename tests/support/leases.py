@@ -1,7 +1,5 @@
 """Gives leases of jobs to processes that have ended or are on another machine."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from datetime import timedelta

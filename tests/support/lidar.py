@@ -1,7 +1,5 @@
 """Makes small PLY and NPY files of semantic LiDAR points."""
 
-from __future__ import annotations
-
 import io
 import struct
 

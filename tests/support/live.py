@@ -1,7 +1,5 @@
 """Runs the service with the probe routes added, in a thread of this process."""
 
-from __future__ import annotations
-
 import socket
 import threading
 import time

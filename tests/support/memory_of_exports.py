@@ -5,8 +5,6 @@ export format, the bytes by which its peak grows per frame. It is a process of i
 so that only the export is measured.
 """
 
-from __future__ import annotations
-
 import gc
 import json
 import sys

@@ -1,7 +1,5 @@
 """Mounts small or read-only file systems; skips the test where that is not allowed."""
 
-from __future__ import annotations
-
 import subprocess
 from collections.abc import Iterator
 from contextlib import contextmanager

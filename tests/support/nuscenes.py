@@ -3,8 +3,6 @@
 Only the tables that are read; nuScenes has others, such as `scene`.
 """
 
-from __future__ import annotations
-
 import json
 
 FRONT = "samples/CAM_FRONT/n008__CAM_FRONT__1532402927612460.jpg"

@@ -1,7 +1,5 @@
 """Makes small tag images from letters, and PNG and JPEG files of every kind."""
 
-from __future__ import annotations
-
 import struct
 import zlib
 from collections.abc import Mapping, Sequence
@@ -72,10 +70,9 @@ def jpeg(rgb: np.ndarray, quality: int = 95) -> bytes:
     ].tobytes()
 
 
-def with_alpha(rgb: np.ndarray, alpha: int = 255) -> np.ndarray:
-    """RGB pixels with an alpha channel of one value added."""
-    fourth = np.full((*rgb.shape[:2], 1), alpha, np.uint8)
-    return np.concatenate([rgb, fourth], axis=2)
+def with_alpha(rgb: np.ndarray, alpha: np.ndarray | int = 255) -> np.ndarray:
+    """RGB pixels with an alpha channel added: (H, W), or one value for all."""
+    return np.dstack([rgb, np.broadcast_to(np.uint8(alpha), rgb.shape[:2])])
 
 
 def chunk(kind: bytes, body: bytes = b"") -> bytes:

@@ -1,7 +1,5 @@
 """httpx without TLS: loading certificates takes longer than most requests."""
 
-from __future__ import annotations
-
 from functools import partial
 from typing import Final
 

@@ -6,8 +6,6 @@ test before it begins to work. Storing a picture decodes it as well, so let a pr
 without poison store these files.
 """
 
-from __future__ import annotations
-
 import os
 import signal
 import time

@@ -4,8 +4,6 @@ Without arguments this is the supervisor that starts such processes, as
 `unghost worker` does; with arguments it is one of them.
 """
 
-from __future__ import annotations
-
 import sys
 
 from app.logs import configure_logging

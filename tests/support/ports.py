@@ -1,7 +1,5 @@
 """Reserves ports for servers that need the same port again after a restart."""
 
-from __future__ import annotations
-
 import socket
 from collections.abc import Iterator
 from contextlib import contextmanager

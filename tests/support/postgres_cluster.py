@@ -6,8 +6,6 @@ variable names already answers, it is used. Otherwise, where PostgreSQL is insta
 new one is started, and stopped when the command ends.
 """
 
-from __future__ import annotations
-
 import os
 import pwd
 import shutil
@@ -16,7 +14,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -75,7 +73,9 @@ class Cluster:
         with engine.connect() as connection:
             pids = list(connection.execute(text(others)).scalars())
         for pid in pids:
-            os.kill(pid, sig)
+            # Once one is killed, the server ends the others by itself.
+            with suppress(ProcessLookupError):
+                os.kill(pid, sig)
         return len(pids)
 
     def end_a_transaction(self) -> int:

@@ -1,7 +1,5 @@
 """Routes that only tests add: they raise an error, write a row, stream or block."""
 
-from __future__ import annotations
-
 import asyncio
 import errno
 import os

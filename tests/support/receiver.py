@@ -1,7 +1,5 @@
 """A server that receives hooks: it keeps each request, and responds as it is told."""
 
-from __future__ import annotations
-
 import base64
 import hashlib
 import hmac

@@ -1,7 +1,5 @@
 """Compares responses of the service with the models of `unghost.wire`."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import httpx

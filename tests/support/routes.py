@@ -1,7 +1,5 @@
 """All routes of the service, and the role that each must require."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator, Mapping
 

@@ -3,8 +3,6 @@
 It is not a function, so that Jupyter's warnings do not fail the tests.
 """
 
-from __future__ import annotations
-
 import os
 import sys
 import tempfile

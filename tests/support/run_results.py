@@ -1,7 +1,5 @@
 """Starts runs, waits for them, and checks that their results are complete."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Mapping
 from typing import Any

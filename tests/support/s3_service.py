@@ -1,7 +1,5 @@
 """Starts a service that stores its files in an S3 bucket behind a gate."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """A real HTTP server on a free port that gives the answers that a test sets."""
 
-from __future__ import annotations
-
 import json
 import threading
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """Makes small depth and instance images, and a scene with a hidden car."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

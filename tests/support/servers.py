@@ -1,7 +1,5 @@
 """Starts the real service as a separate process, on a free port."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -83,11 +83,7 @@ class IdleEngine(LocalEngine):
     """An engine that never begins a job."""
 
     def submit(
-        self,
-        work: Callable[[], None],
-        job: Job | None = None,
-        *,
-        is_long: bool = False,
+        self, work: Callable[[], None], job: Job | None = None, *, is_long: bool = False
     ) -> None:
         """Do nothing: a test carries the job out, or nobody."""
 

@@ -1,7 +1,5 @@
 """Finds large test data in the folder `shared` beside the checkout, if it exists."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """Makes datasets whose runs take seconds, so that tests can interrupt them."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path

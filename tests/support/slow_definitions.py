@@ -1,7 +1,5 @@
 """Slow reference implementations, with which tests compare the fast ones."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

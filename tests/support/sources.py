@@ -1,7 +1,5 @@
 """Reads the project's own source files, without vendored code."""
 
-from __future__ import annotations
-
 import ast
 from dataclasses import dataclass
 from functools import cache, lru_cache

@@ -1,7 +1,5 @@
 """Records the SQL statements that are run, or calls a function at one of them."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any

@@ -1,7 +1,5 @@
 """Runs a server under strace, and reads its system calls in order."""
 
-from __future__ import annotations
-
 import os
 import re
 import shutil

@@ -10,8 +10,6 @@ The service has a process of its own from which `multiprocessing` forks those th
 images. That one is forked here as well, before the service starts threads.
 """
 
-from __future__ import annotations
-
 import atexit
 import fcntl
 import gc

@@ -4,8 +4,6 @@
 does, but every attempt to lock a file fails with that error.
 """
 
-from __future__ import annotations
-
 import errno
 import fcntl
 import os

@@ -4,8 +4,6 @@ Nothing that arrives afterwards is stored, although the head of the request was 
 with a valid secret.
 """
 
-from __future__ import annotations
-
 import json
 import socket
 from collections.abc import Iterator
@@ -21,11 +19,7 @@ from tests.support import frames as scene
 from tests.support import plain_http
 from tests.support.api import BASE
 from tests.support.archives import Connection, frame, tar_without_end
-from tests.support.connections import (
-    open_connection,
-    read_until_closed,
-    request_head,
-)
+from tests.support.connections import open_connection, read_until_closed, request_head
 from tests.support.servers import RunningServer
 
 _numbers = count()
@@ -97,36 +91,25 @@ def test_revoked_admin_cannot_finish_the_request_for_a_new_token(
     assert name not in names
 
 
-def test_answer_that_arrives_after_the_token_was_revoked_is_not_stored(
-    api, server, new_caller, ghosts
+@pytest.mark.parametrize("code", ["token_revoked", "session_expired"])
+def test_answer_that_arrives_after_its_caller_has_ended_is_not_stored(
+    api, server, new_caller, ghosts, code
 ):
-    leaving, path = new_caller("reviewer"), f"/boxes/{ghosts[0]}/reviews"
-    body = json.dumps({"verdict": "keep", "seen_revision": 0}).encode()
-
-    with open_request(
-        server, "POST", path, body, **JSON, **leaving.bearer
-    ) as connection:
-        api.delete(f"/tokens/{leaving.id}")
-        refused = answer_to(connection, body)
-
-    assert refused == (401, "token_revoked")
-    assert api.json(f"/boxes/{ghosts[0]}")["review"] is None
-
-
-def test_answer_that_arrives_after_its_session_was_ended_is_not_stored(
-    api, server, new_caller, ghosts
-):
-    token = new_caller("reviewer").token
-    opened = api.post("/session", {"token": token}).json()["session"]
+    leaving = new_caller("reviewer")
+    opened = api.post("/session", {"token": leaving.token}).json()["session"]
     session = {"Authorization": f"Bearer {opened}"}
+    bearer = leaving.bearer if code == "token_revoked" else session
     path = f"/boxes/{ghosts[0]}/reviews"
     body = json.dumps({"verdict": "keep", "seen_revision": 0}).encode()
 
-    with open_request(server, "POST", path, body, **JSON, **session) as connection:
-        plain_http.delete(f"{server.url}{BASE}/session", headers=session)
+    with open_request(server, "POST", path, body, **JSON, **bearer) as connection:
+        if code == "token_revoked":
+            api.delete(f"/tokens/{leaving.id}")
+        else:
+            plain_http.delete(f"{server.url}{BASE}/session", headers=session)
         refused = answer_to(connection, body)
 
-    assert refused == (401, "session_expired")
+    assert refused == (401, code)
     assert api.json(f"/boxes/{ghosts[0]}")["review"] is None
 
 

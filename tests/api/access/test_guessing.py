@@ -1,7 +1,5 @@
 """Wrong tokens are refused and counted in the log; right ones still work."""
 
-from __future__ import annotations
-
 import logging
 import tracemalloc
 

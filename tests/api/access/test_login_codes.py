@@ -1,7 +1,5 @@
 """The codes of login links: each opens one session, within ten minutes."""
 
-from __future__ import annotations
-
 from concurrent.futures import ThreadPoolExecutor
 from datetime import datetime, timedelta, timezone
 

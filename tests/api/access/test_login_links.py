@@ -1,7 +1,5 @@
 """Login links of the command line: each works once and no other user can see it."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal

@@ -1,7 +1,5 @@
 """Expiry and last use of tokens, and the first token, kept in the data folder."""
 
-from __future__ import annotations
-
 import stat
 from datetime import datetime, timedelta, timezone
 

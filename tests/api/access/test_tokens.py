@@ -1,7 +1,5 @@
 """Tokens: created and revoked by admins, shown once, stored as hashes."""
 
-from __future__ import annotations
-
 from datetime import datetime, timezone
 
 import pytest

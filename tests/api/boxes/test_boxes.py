@@ -1,19 +1,12 @@
 """Boxes over HTTP: how many a list has in total, and which boxes one overlaps."""
 
-from __future__ import annotations
-
 import pytest
 
 from tests.support import frames as scene
 
 
 @pytest.mark.parametrize(
-    ("filters", "total"),
-    [
-        ({}, 6),
-        ({"conflict": "true"}, 1),
-        ({"class": "van"}, 0),
-    ],
+    ("filters", "total"), [({}, 6), ({"conflict": "true"}, 1), ({"class": "van"}, 0)]
 )
 def test_list_of_boxes_returns_the_total_count_on_request(api, dataset, filters, total):
     real, ghost = api.box_ids(dataset)[:2]

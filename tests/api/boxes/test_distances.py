@@ -1,7 +1,5 @@
 """Between which distances a box is, and how far ahead, over HTTP and in stored rows."""
 
-from __future__ import annotations
-
 from tests.support import frames as scene
 
 RANGED = {

@@ -1,7 +1,5 @@
 """Pictures that take much memory or time are refused or limited; others are served."""
 
-from __future__ import annotations
-
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 
@@ -13,7 +11,7 @@ import pytest
 from app.http.admission import Admission
 from tests.support import frames as scene
 from tests.support.api import BASE, Api
-from tests.support.archives import frame, lines_of, tar_archive
+from tests.support.archives import frame, lines_of, send, tar_archive
 from tests.support.pictures import plain_png
 from tests.support.waiting import until
 
@@ -87,20 +85,15 @@ def test_image_over_memory_limit_refuses_only_its_frame_of_a_batch(serve):
         ]
         content = tar_archive([*frame("a"), *large, *frame("b")])
 
-        answer = api.http.post(
-            f"{BASE}/datasets/{name}/batches",
-            content=content,
-            headers={"Content-Type": "application/x-tar"},
-        )
+        response = send(api, name, content)
 
-        first, refused, last, _ = lines_of(answer.text)
+        first, refused, last, _ = lines_of(response.text)
         assert [first["status"], last["status"]] == [201, 201]
         assert (refused["key"], refused["status"]) == ("large", 422)
         assert refused["problem"]["code"] == "pixels_refused"
 
 
 def test_reads_and_answers_do_not_wait_for_frames_being_measured(serve):
-    """Requests are answered while sixteen large frames are being measured."""
     with serving(serve, workers=1) as (_, api):
         name = api.dataset()
         api.upload_frame(name, "small")

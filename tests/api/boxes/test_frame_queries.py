@@ -1,7 +1,5 @@
 """The response about a stored frame takes few queries."""
 
-from __future__ import annotations
-
 import re
 
 from tests.support import frames as scene

@@ -1,7 +1,5 @@
 """Files and pictures of a frame: exact bytes, caching, and requests for parts."""
 
-from __future__ import annotations
-
 import io
 import os
 import tarfile
@@ -170,7 +168,7 @@ def test_picture_with_a_version_in_its_address_is_drawn_once_and_kept(
     asked = [api.get(f"/boxes/{box}/crop", height=48, v=word) for word in ("", "1")]
 
     assert [answer.headers["cache-control"] for answer in asked] == [
-        *("private, no-cache", "private, max-age=31536000, immutable"),
+        *("private, no-cache", "private, max-age=31536000, immutable")
     ]
     tag = asked[0].headers["etag"].strip('"')
     kept = server.data / PICTURES / tag[:2] / tag

@@ -1,7 +1,5 @@
 """Boxes like another one, the same object in other frames, and its depths."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """Boxes as columns, and filters of boxes by what is known of their frames."""
 
-from __future__ import annotations
-
 import gzip
 import json
 from typing import Any

@@ -1,7 +1,5 @@
 """The command line against a real server: what it prints, and its exit codes."""
 
-from __future__ import annotations
-
 import asyncio
 import fcntl
 import json

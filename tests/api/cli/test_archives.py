@@ -1,7 +1,5 @@
 """Archives as the source of commands: the same as the folder, and hostile ones."""
 
-from __future__ import annotations
-
 import io
 import json
 import shutil

@@ -1,7 +1,5 @@
 """Configuration files that cannot be used: the messages of the commands."""
 
-from __future__ import annotations
-
 from tests.support.frames import write_manifest
 
 EXIT_REFUSED = 1
@@ -106,7 +104,6 @@ def test_push_gives_its_configuration_to_a_dataset_without_frames(
 def test_push_does_not_change_the_configuration_of_a_dataset_with_frames(
     unghost, api, tmp_path
 ):
-    """The refusal names what differs, and commands that apply the file or try it."""
     dataset, file = api.dataset_of_one_frame(), tmp_path / "filter.yaml"
     file.write_text("threshold_small_box: 25")
     before = versions(api, dataset)
@@ -145,10 +142,7 @@ def test_push_puts_a_class_map_into_the_configuration_of_a_new_dataset(
     _, active = versions(api, "push-class-map")
     assert {
         name: one["measures_as"] for name, one in active["config"]["classes"].items()
-    } == {
-        "Caar": "car",
-        "Misc": "pass",
-    }
+    } == {"Caar": "car", "Misc": "pass"}
     _, active = versions(api, "push-class-map-file")
     assert active["config"]["classes"]["Caar"]["measures_as"] == "truck"
     assert refused.code == EXIT_REFUSED

@@ -1,7 +1,5 @@
 """`unghost draw`, pictures before and after the filter, and `unghost replay`."""
 
-from __future__ import annotations
-
 import json
 import re
 from pathlib import Path
@@ -70,10 +68,7 @@ def test_only_flips_draws_frames_that_a_rival_decides_otherwise(bare_unghost, tm
     alike = bare_unghost(*command, "--against", "tags.yaml", "-o", "alike")
     flipped = bare_unghost(*command, "--against", "nothing.yaml", "-o", "flipped")
 
-    assert (alike.out, flipped.out) == (
-        "0 drawn\t0 failed\n",
-        "2 drawn\t0 failed\n",
-    )
+    assert (alike.out, flipped.out) == ("0 drawn\t0 failed\n", "2 drawn\t0 failed\n")
     page = (tmp_path / "flipped/index.html").read_text()
     assert page.count("1 rejected, 1 flips") == 2
 

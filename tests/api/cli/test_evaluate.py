@@ -1,7 +1,5 @@
 """`unghost evaluate` on a folder: tables, JSON, a picture, and what it refuses."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from xml.etree import ElementTree

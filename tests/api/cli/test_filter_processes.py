@@ -1,7 +1,5 @@
 """`unghost filter` on many frames, which several processes work on."""
 
-from __future__ import annotations
-
 import multiprocessing
 import os
 import signal

@@ -1,7 +1,5 @@
 """`unghost inspect`: what it prints and writes, and its exit code."""
 
-from __future__ import annotations
-
 import json
 import re
 from html.parser import HTMLParser

@@ -1,7 +1,5 @@
 """Lists, tables, datasets and stored servers on the command line."""
 
-from __future__ import annotations
-
 import csv
 import io
 import json

@@ -1,7 +1,5 @@
 """Commands that need no server or start one: filter, convert, serve, demo."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal

@@ -1,7 +1,5 @@
 """Formats of installed packages: the example of the documentation, and broken ones."""
 
-from __future__ import annotations
-
 import json
 import shutil
 import subprocess

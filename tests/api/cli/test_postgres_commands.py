@@ -1,7 +1,5 @@
 """Commands on the server's own machine when its database is PostgreSQL."""
 
-from __future__ import annotations
-
 import shutil
 import subprocess
 from pathlib import Path
@@ -95,10 +93,7 @@ def test_doctor_finds_database_faults(filled, unghost, url, statements, check, t
 
 @pytest.mark.long
 def test_doctor_warns_of_synchronous_commit_off(filled, unghost, url):
-    change(
-        url,
-        f"ALTER DATABASE {make_url(url).database} SET synchronous_commit = off",
-    )
+    change(url, f"ALTER DATABASE {make_url(url).database} SET synchronous_commit = off")
 
     found = findings_by_check(unghost("doctor", "--json"))["durability"]
 

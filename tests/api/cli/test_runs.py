@@ -1,7 +1,5 @@
 """Runs on the command line: waited for, interrupted, cancelled, compared."""
 
-from __future__ import annotations
-
 import json
 import signal
 from contextlib import suppress

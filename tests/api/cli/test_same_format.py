@@ -1,7 +1,5 @@
 """`convert --to same`: a folder in its own format, without the rejected boxes."""
 
-from __future__ import annotations
-
 import json
 import zipfile
 

@@ -1,7 +1,5 @@
 """`make experiment ARGS=--small` renders, trains with torchvision, and reports."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

@@ -1,7 +1,5 @@
 """Tokens and the audit log on the command line, with a server of its own."""
 
-from __future__ import annotations
-
 from datetime import datetime, timedelta, timezone
 
 import pytest

@@ -1,7 +1,5 @@
 """Frames whose files cannot be read: the messages of `push` and `filter`."""
 
-from __future__ import annotations
-
 from tests.support.frames import write_manifest
 
 EXIT_PARTLY = 3

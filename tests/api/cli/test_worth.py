@@ -1,7 +1,5 @@
 """`unghost worth-it` on a folder: label noise, data sets, trials, reports."""
 
-from __future__ import annotations
-
 import json
 import sys
 from importlib.util import find_spec

@@ -1,7 +1,5 @@
 """An empty dataset, and one with three frames, made by a client of the real server."""
 
-from __future__ import annotations
-
 import hashlib
 
 import pytest

@@ -1,7 +1,5 @@
 """The client whose calls are awaited: the same calls, errors and retries."""
 
-from __future__ import annotations
-
 import asyncio
 import inspect
 
@@ -41,15 +39,14 @@ def test_it_has_the_methods_of_the_client():
 
 
 def test_frames_are_sent_read_and_listed(awaited, dataset):
+    def files(number):
+        return {"image": frames.image(number), "segmentation": frames.segmentation()}
+
     async def use(client):
         stored = await asyncio.gather(
             *(
                 client.put_frame(
-                    dataset,
-                    f"run/{number}",
-                    frames.annotation(),
-                    image=frames.image(number),
-                    segmentation=frames.segmentation(),
+                    dataset, f"run/{number}", frames.annotation(), **files(number)
                 )
                 for number in range(4)
             )

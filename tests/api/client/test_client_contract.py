@@ -1,7 +1,5 @@
 """The client against a real server: what needs both, and no other test promises."""
 
-from __future__ import annotations
-
 import pytest
 
 import unghost

@@ -1,7 +1,5 @@
 """Boxes as data frames, and frames made of arrays and pictures."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

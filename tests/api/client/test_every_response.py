@@ -6,8 +6,6 @@ to be cancelled, in `tests/api/runs/test_run_cancel.py` and
 `tests/api/exports/test_exports.py`.
 """
 
-from __future__ import annotations
-
 import re
 from collections import defaultdict
 from collections.abc import Iterator
@@ -33,7 +31,6 @@ CANCELS = {
     ("POST", "/api/v1/runs/{run_id}/cancel", 202),
     ("POST", "/api/v1/exports/{export_id}/cancel", 202),
 }
-TAR = {"Content-Type": "application/x-tar"}
 LINES = "application/x-ndjson"
 
 
@@ -113,7 +110,7 @@ def street(api: Api) -> str:
         *archives.frame("b", number=1),
         *archives.frame("c", boxes=[{"id": 1}]),
     ]
-    told = archives.send(api, name, archives.tar_archive(archive), TAR)
+    told = archives.send(api, name, archives.tar_archive(archive))
     assert told.is_success, told.text
     return name
 
@@ -189,7 +186,8 @@ def call_box_routes(api: Api, street: str) -> None:
     api.json(f"/boxes/{api.box_ids(measured)[0]}/slice")
     every = ",".join(BOX_COLUMNS)
     assert api.json("/boxes/table", dataset=street, fields=every)["rows"]
-    review_as_second_reviewer(api, first)
+    with (second := api.person()).http:
+        successful_json(second.review(first, "keep", seen=1))
     quality = api.json(f"/datasets/{street}/quality")
     assert quality["suggested"]
     assert quality["agreement"]["pairs"]
@@ -208,15 +206,6 @@ def call_box_routes(api: Api, street: str) -> None:
         api.post(f"/datasets/{street}/reviews/import", {"answers": [answer]})
     )
     api.json(f"/boxes/{others[0]}")
-
-
-def review_as_second_reviewer(api: Api, box: int) -> None:
-    made = successful_json(api.post("/tokens", {"name": "second", "role": "reviewer"}))
-    second = Api.at(
-        str(api.http.base_url), {"Authorization": f"Bearer {made['token']}"}
-    )
-    with second.http:
-        successful_json(second.review(box, "keep", seen=1))
 
 
 def call_config_routes(api: Api, street: str) -> None:
@@ -304,10 +293,10 @@ def test_every_ndjson_line_has_every_field_of_its_model(api, folder):
     archive = [*archives.frame("a"), *archives.frame("c", boxes=[{"id": 1}])]
     asked = {
         f"{BASE}/folders": api.http.post(
-            f"{BASE}/folders", content=folder, headers=TAR
+            f"{BASE}/folders", content=folder, headers=archives.TAR
         ),
         f"{BASE}/datasets/{{dataset}}/batches": archives.send(
-            api, name, archives.tar_archive(archive), TAR
+            api, name, archives.tar_archive(archive)
         ),
     }
     described = {
@@ -327,6 +316,16 @@ def test_every_ndjson_line_has_every_field_of_its_model(api, folder):
         assert set(kinds) == set(names)
         for line, kind in zip(lines, kinds, strict=True):
             assert_matches_model(getattr(wire, kind), line)
+
+
+def test_last_line_for_a_truncated_archive_has_every_field(api):
+    whole = archives.tar_archive([*archives.frame("a"), *archives.frame("b")])
+
+    response = archives.send(api, api.dataset(), whole[: len(whole) // 2])
+
+    end = archives.lines_of(response.text)[-1]
+    assert end["problem"]["status"] == 422
+    assert_matches_model(wire.BatchEnd, end)
 
 
 def _kind_of(line: Any, names: list[str]) -> str:

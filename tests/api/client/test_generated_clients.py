@@ -1,7 +1,5 @@
 """Clients that generators make of the OpenAPI document create a dataset and a frame."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

@@ -1,7 +1,5 @@
 """Classes of a dataset: renamed, merged into others, removed."""
 
-from __future__ import annotations
-
 import io
 import json
 import zipfile

@@ -1,7 +1,5 @@
 """`--config` and UNGHOST_CONFIG: the first configuration of every new dataset."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from tests.support import plain_http

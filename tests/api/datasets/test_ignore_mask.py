@@ -1,7 +1,5 @@
 """The ignore mask of a dataset, sent as a PNG."""
 
-from __future__ import annotations
-
 import re
 from base64 import b64encode
 

@@ -5,8 +5,6 @@ the request, and of the job that the request started. A big table is one that gr
 the data.
 """
 
-from __future__ import annotations
-
 import itertools
 import re
 from typing import Any

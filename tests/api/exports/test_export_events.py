@@ -1,7 +1,5 @@
 """The stream of events of an export, which works as that of a run does."""
 
-from __future__ import annotations
-
 import pytest
 
 from tests.support.archives import frame, send, tar_archive

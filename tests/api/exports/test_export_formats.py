@@ -1,7 +1,5 @@
 """An export that is pushed again gives the same labels; options are checked."""
 
-from __future__ import annotations
-
 import json
 import zipfile
 from pathlib import Path
@@ -13,7 +11,6 @@ from filter_core.annotation.parsing import parse_annotation
 from filter_core.formats.registry import read_source
 from tests.support import frames as scene
 from tests.support.api import BY_TAGS
-from tests.support.command_line import CommandLine
 from tests.support.folders import write_carlasimu, write_files
 from tests.support.sensors import ANNOTATION, sensors
 from unghost import Client, Invalid
@@ -27,16 +24,8 @@ def fill(client: Client, name: str) -> str:
     """Make a dataset: frames with a kept and a rejected box, and one without boxes."""
     client.create_dataset(name, classes=CLASSES)
     for number, key in enumerate(KEYS):
-        annotation = scene.annotation() | {"mine": {"number": number}}
-        if key == "empty":
-            annotation["boxes"] = []
-        client.put_frame(
-            name,
-            key,
-            annotation,
-            image=scene.image(number),
-            segmentation=scene.segmentation(),
-        )
+        boxes = [] if key == "empty" else scene.annotation()["boxes"]
+        scene.put(client, name, key, number, mine={"number": number}, boxes=boxes)
     return name
 
 
@@ -83,13 +72,7 @@ def test_ids_of_64_bits_come_back_with_all_digits(client, tmp_path):
     name, ids = "long-ids", [2**64 - 1, 2**64 - 2, 2**53 + 1]
     boxes = [{"id": n, "class": "car", "xyxy": scene.ON_THE_CAR} for n in ids]
     client.create_dataset(name)
-    client.put_frame(
-        name,
-        "a",
-        scene.annotation() | {"boxes": boxes},
-        image=scene.image(),
-        segmentation=scene.segmentation(),
-    )
+    scene.put(client, name, "a", boxes=boxes)
 
     assert {one.id for one in client.boxes(name)} == set(map(str, ids))
     for form in ("manifest", "decisions-jsonl", "decisions-csv", "coco"):
@@ -100,13 +83,12 @@ def test_ids_of_64_bits_come_back_with_all_digits(client, tmp_path):
 
 @pytest.mark.parametrize("form", ["coco", "voc", "decisions-jsonl"])
 def test_export_pushed_again_gives_the_same_labels(
-    server, client, filled_dataset, tmp_path, form
+    unghost, client, filled_dataset, tmp_path, form
 ):
     first = export_and_unpack(client, filled_dataset, form, tmp_path / "first")
-    settings = {"UNGHOST_SERVER": server.url, "UNGHOST_TOKEN": server.token}
     again = client.create_dataset(f"again-{form}", classes=CLASSES).name
 
-    push = CommandLine(tmp_path, settings)("push", first, "--dataset", again)
+    push = unghost("push", first, "--dataset", again)
     second = export_and_unpack(client, again, form, tmp_path / "second")
 
     assert push.code == 0, push.err
@@ -118,7 +100,7 @@ def test_export_pushed_again_gives_the_same_labels(
 
 
 def test_roboflow_folders_keep_parts_and_names_in_the_same_format(
-    server, client, tmp_path
+    unghost, client, tmp_path
 ):
     box = {"id": 1, "image_id": 0, "category_id": 1, "bbox": [1, 2, 3, 4]}
     listed = {
@@ -135,11 +117,10 @@ def test_roboflow_folders_keep_parts_and_names_in_the_same_format(
         "coco": write_files(tmp_path / "coco", {**jpeg, **coco}),
         "yolo": write_files(tmp_path / "yolo", {**yolo, "data.yaml": "names: [car]"}),
     }
-    settings = {"UNGHOST_SERVER": server.url, "UNGHOST_TOKEN": server.token}
 
     for form, folder in folders.items():
         name = f"roboflow-{form}"
-        push = CommandLine(tmp_path, settings)("push", folder, "--dataset", name)
+        push = unghost("push", folder, "--dataset", name)
         exported = export_and_unpack(client, name, form, tmp_path / f"{form}-out")
 
         assert push.code == 0, push.err
@@ -161,12 +142,11 @@ def test_roboflow_folders_keep_parts_and_names_in_the_same_format(
             ]
 
 
-def test_a_tree_of_carlasimu_comes_back_from_a_server(server, client, tmp_path):
+def test_a_tree_of_carlasimu_comes_back_from_a_server(unghost, client, tmp_path):
     boxes = [("0 0.2 0.5 0.1 0.2", 20), ("0 0.75 .5 0.1 0.2", 60)]
     source = write_carlasimu(tmp_path / "theirs", boxes)
-    settings = {"UNGHOST_SERVER": server.url, "UNGHOST_TOKEN": server.token}
 
-    push = CommandLine(tmp_path, settings)("push", source, "--dataset", "theirs")
+    push = unghost("push", source, "--dataset", "theirs")
     chosen = {"include": "all", "drawn": True, "pictures": 1}
     made = export_and_unpack(client, "theirs", "carlasimu", tmp_path / "out", **chosen)
 
@@ -187,14 +167,13 @@ def test_a_tree_of_carlasimu_comes_back_from_a_server(server, client, tmp_path):
     assert "00000993" in (made / "pictures/index.html").read_text()
 
 
-def test_parts_are_told_before_an_export_as_they_come_out(server, client, tmp_path):
+def test_parts_are_told_before_an_export_as_they_come_out(unghost, client, tmp_path):
     name = client.create_dataset("planned").name
     keys = [f"{town}/drive{n}/{i}" for town in "ab" for n in range(5) for i in (1, 2)]
     for number, key in enumerate(keys):
         said = {"sequence": "one"} if number == 3 else {}
         said |= {"split": "test"} if number < 2 else {}
         client.put_frame(name, key, scene.annotation() | said, image=scene.image())
-    settings = {"UNGHOST_SERVER": server.url, "UNGHOST_TOKEN": server.token}
     command = ("export", name, "--format", "yolo", "--output", tmp_path / "out.zip")
 
     for split in ([], [0.5], [0.6, 0.2, 0.2]):
@@ -206,7 +185,7 @@ def test_parts_are_told_before_an_export_as_they_come_out(server, client, tmp_pa
         assert (parts, told["split"]) == (dict(planned.frames), dict(planned.split))
         assert done.counts.get("sequences", {}) == dict(planned.sequences)
         assert sum(planned.frames.values()) == len(keys)
-    exported = CommandLine(tmp_path, settings)(*command, "--split", "0.6,0.2,0.2")
+    exported = unghost(*command, "--split", "0.6,0.2,0.2")
 
     before, _, _ = exported.err.partition("parts: ")
     assert f"asked for train 60%: {planned.frames['train']}" in before
@@ -226,7 +205,7 @@ BESIDE_YOLO = {"nc": 1, "kpt_shape": [0, 2], "roboflow": {"version": 3}, "licens
 
 
 @pytest.mark.parametrize("form", ["coco", "yolo"])
-def test_what_a_file_says_beside_its_frames_comes_back(server, client, tmp_path, form):
+def test_what_a_file_says_beside_its_frames_comes_back(unghost, client, tmp_path, form):
     categories = [
         {"id": 7, "name": "car", "supercategory": "vehicle"},
         {"id": 9, "name": "unused", "supercategory": "none of them"},
@@ -250,9 +229,8 @@ def test_what_a_file_says_beside_its_frames_comes_back(server, client, tmp_path,
     folder = write_files(
         tmp_path / "source", {**labels_of[form], **images, **companions}
     )
-    settings = {"UNGHOST_SERVER": server.url, "UNGHOST_TOKEN": server.token}
 
-    push = CommandLine(tmp_path, settings)("push", folder, "--dataset", f"b-{form}")
+    push = unghost("push", folder, "--dataset", f"b-{form}")
     exported = export_and_unpack(client, f"b-{form}", form, tmp_path / "exported")
 
     assert push.code == 0, push.err
@@ -271,14 +249,12 @@ def test_what_a_file_says_beside_its_frames_comes_back(server, client, tmp_path,
         assert (beside, document["categories"]) == (BESIDE_COCO, categories)
 
 
-def test_parts_of_a_folder_come_through_the_service(server, client, tmp_path):
+def test_parts_of_a_folder_come_through_the_service(unghost, client, tmp_path):
     parts = ("train", "valid", "test")
     line = b"0 0.5 0.5 0.1 0.2"
     files = {f"{part}/images/1.png": scene.image() for part in parts}
     files |= {f"{part}/labels/1.txt": line for part in parts}
     folder = write_files(tmp_path / "split", {**files, "data.yaml": "names: [car]"})
-    settings = {"UNGHOST_SERVER": server.url, "UNGHOST_TOKEN": server.token}
-    unghost = CommandLine(tmp_path, settings)
 
     push = unghost("push", folder, "--dataset", "split")
     kept = export_and_unpack(client, "split", "voc", tmp_path / "kept")

@@ -1,7 +1,5 @@
 """Versions: exports with a name and a digest, kept, and what changed since one."""
 
-from __future__ import annotations
-
 import io
 import json
 import zipfile

@@ -1,7 +1,5 @@
 """Hooks: signed, tried again, continued after a restart, and only to allowed hosts."""
 
-from __future__ import annotations
-
 import time
 from functools import partial
 from typing import Any

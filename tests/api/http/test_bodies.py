@@ -1,7 +1,5 @@
 """Every route limits the size of its body, with or without a Content-Length."""
 
-from __future__ import annotations
-
 import re
 from contextlib import suppress
 
@@ -13,11 +11,7 @@ from app.http.routing import ApiRoute, OpenRoute
 from app.main import create_app
 from app.settings import Settings
 from tests.support.archives import header_of
-from tests.support.connections import (
-    open_connection,
-    read_until_closed,
-    request_head,
-)
+from tests.support.connections import open_connection, read_until_closed, request_head
 from tests.support.live import live
 from tests.support.routes import every_route, fill_path, operations, values_of_paths
 
@@ -185,14 +179,6 @@ def test_too_large_body_without_a_token_returns_401_not_413(anonymous):
     too_large = pieces(LIMITS["max_batch_bytes"] * 2)
 
     assert anonymous.post("/probe/stream", content=too_large).status_code == 401
-
-
-def test_too_large_login_body_returns_413(anonymous):
-    too_large = {"token": "x" * (MAX_UNASKED_BYTES + 1)}
-
-    answer = anonymous.post("/api/v1/session", json=too_large)
-
-    assert (answer.status_code, answer.json()["code"]) == (413, "too_large")
 
 
 def test_every_body_limit_is_a_setting():

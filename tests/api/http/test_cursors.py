@@ -1,11 +1,12 @@
 """A cursor that the service did not make is refused by all lists in the same way."""
 
-from __future__ import annotations
-
 BY_NAME = {"/api/v1/datasets", "/api/v1/datasets/{dataset}/frames"}
 """Lists by name: their cursors are names, so any text that can be a name is valid."""
 OF_BOXES = {"/api/v1/boxes", "/api/v1/boxes/table"}
-INVALID_CURSORS = ("x", "-1", "0", "1.5", "1~", "\u0661", "9" * 30, "W1tbW1tb" * 200)
+INVALID_CURSORS = (
+    *("x", "-1", "0", "1.5", "1~", "\u0661", "9" * 30, "W1tbW1tb" * 200),
+    *("WzEsMl0", "WzAsSW5maW5pdHksMF0", "WzAsMCwxMDAwMDAwMDAwMDAwMDAwMDAwMDAwMDBd"),
+)
 INVALID_NAMES = ("\x00", "a\x07", "\u202e")
 
 
@@ -31,6 +32,7 @@ def test_invalid_cursor_is_refused_by_every_paginated_list(api):
         *((path, "", INVALID_NAMES) for path in BY_NAME),
         *((path, "", INVALID_CURSORS) for path in lists(api) if path not in BY_NAME),
         ("/api/v1/datasets/{dataset}/frames", "id", INVALID_CURSORS),
+        ("/api/v1/boxes", "doubt", INVALID_CURSORS),
     ]
 
     assert len(asked) > 10

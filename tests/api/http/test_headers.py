@@ -1,7 +1,5 @@
 """The security headers that every answer carries, and how many a request may have."""
 
-from __future__ import annotations
-
 import pytest
 
 from app.process.server import MOST_HEADERS

@@ -1,7 +1,5 @@
 """Requests to another host and with unknown parameters are refused."""
 
-from __future__ import annotations
-
 import sys
 from urllib.parse import urlsplit
 

@@ -1,7 +1,5 @@
 """The refusal of an invalid request says what was expected and what was found."""
 
-from __future__ import annotations
-
 import json
 
 import pytest

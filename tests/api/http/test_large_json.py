@@ -1,7 +1,5 @@
 """Large JSON documents are parsed one at a time, beside other requests."""
 
-from __future__ import annotations
-
 import json
 from concurrent.futures import ThreadPoolExecutor
 
@@ -11,7 +9,8 @@ from app.incoming import in_turn
 from filter_core.annotation.parsing import parse_annotation
 from filter_core.errors import AnnotationErrors
 from tests.support import frames as scene
-from tests.support.archives import END, frame, lines_of, tar_without_end
+from tests.support.api import Api
+from tests.support.archives import frame, lines_of, send, tar_archive
 from tests.support.live import live
 
 DATASETS = "/api/v1/datasets"
@@ -27,23 +26,16 @@ def service(tmp_path_factory):
 
 
 def put(service, key, **changed):
-    files = {
-        "annotation": scene.as_json({**scene.annotation(), **changed}),
-        "image": scene.image(),
-        "segmentation": scene.segmentation(),
-    }
     with service.admin() as client:
-        return client.put(f"{DATASETS}/street/frames/{key}", files=files).status_code
+        annotation = {**scene.annotation(), **changed}
+        return Api(client).put("street", key, annotation).status_code
 
 
 def send_batch(service):
     with service.admin() as client:
-        answer = client.post(
-            f"{DATASETS}/street/batches",
-            content=tar_without_end(frame("large", extra=NUMBERS)) + END,
-            headers={"Content-Type": "application/x-tar"},
-        )
-    return lines_of(answer.text)[0]["status"]
+        archive = tar_archive(frame("large", extra=NUMBERS))
+        response = send(Api(client), "street", archive)
+    return lines_of(response.text)[0]["status"]
 
 
 def send_body(service):

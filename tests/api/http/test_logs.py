@@ -1,7 +1,5 @@
 """The log of requests: each is identified, and no secret is logged."""
 
-from __future__ import annotations
-
 import json
 import re
 
@@ -152,14 +150,11 @@ def send_valid_writes(api, name, box):
     body = {"verdict": "reject", "comment": SECRET, "seen_revision": 0}
     url = f"{BASE}/boxes/{box}/reviews"
     said = [api.http.post(url, json=body, headers=headers) for _ in range(2)]
-    batch = archives.tar_archive(archives.frame("b", map=SECRET))
-    kind = {"Content-Type": "application/x-tar"}
-    batches = f"{BASE}/datasets/{name}/batches"
     answers = [
         *said,
         api.post("/reviews/bulk", bulk),
         api.put(name, "c", {**scene.annotation(), "map": SECRET}),
-        api.http.post(batches, content=batch, headers=kind),
+        archives.send(api, name, archives.tar_archive(archives.frame("b", map=SECRET))),
         api.get(f"/datasets/{name}"),
     ]
     return [answer.status_code for answer in answers]
@@ -170,7 +165,6 @@ def send_invalid_requests(server, api, name):
     text = {"Content-Type": f"text/{SECRET}"}
     form = {"Content-Type": f"multipart/form-data; boundary={SECRET}"}
     frame = f"{BASE}/datasets/{name}/frames/d"
-    batches = f"{BASE}/datasets/{name}/batches"
     answers = [
         api.http.get("/version", params={"token": SECRET}),
         api.http.get(f"/login/{TOKEN}"),
@@ -180,12 +174,8 @@ def send_invalid_requests(server, api, name):
         api.put(name, "d", {**scene.annotation(), "boxes": [{"id": SECRET}]}),
         api.put(name, "d", image=SECRET.encode(), segmentation=SECRET.encode()),
         api.http.put(frame, content=SECRET.encode(), headers=form),
-        api.http.post(batches, content=SECRET.encode() * 99, headers=text),
-        api.http.post(
-            batches,
-            content=SECRET.encode() * 999,
-            headers={"Content-Type": "application/x-tar"},
-        ),
+        archives.send(api, name, SECRET.encode() * 99, text),
+        archives.send(api, name, SECRET.encode() * 999),
     ]
     return [answer.status_code for answer in answers]
 

@@ -1,14 +1,12 @@
 """Text with half of a surrogate pair is refused wherever it is sent, never a 500."""
 
-from __future__ import annotations
-
 import json
 
 import pytest
 
 from tests.support import frames as scene
 from tests.support.api import BASE
-from tests.support.archives import TAR, lines_of, tar_archive
+from tests.support.archives import lines_of, send, tar_archive
 
 HALF = "\ud800"
 
@@ -89,9 +87,7 @@ def test_surrogate_in_any_field_of_an_annotation_is_refused(api, place):
     files = [("a.json", content), ("a.image.png", scene.image())]
 
     problem = problem_of(api.put("street", "a", content))
-    batch = api.http.post(
-        f"{BASE}/datasets/street/batches", content=tar_archive(files), headers=TAR
-    )
+    batch = send(api, "street", tar_archive(files))
 
     assert problem["code"] == "bad_annotation"
     line, end = lines_of(batch.text)
@@ -123,9 +119,7 @@ def test_invalid_utf8_in_a_part_or_member_name_causes_no_500(api, name):
         headers={"Content-Type": "multipart/form-data; boundary=b"},
     )
     archive = tar_archive([("XX.json", b"{}")]).replace(b"XX", name[:2], 1)
-    member = api.http.post(
-        f"{BASE}/datasets/street/batches", content=archive, headers=TAR
-    )
+    member = send(api, "street", archive)
 
     problem_of(part)
     assert member.status_code in (200, 422), member.text

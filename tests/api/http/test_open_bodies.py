@@ -1,7 +1,5 @@
 """The limit on bytes of requests in memory."""
 
-from __future__ import annotations
-
 import gc
 import json
 import tracemalloc
@@ -12,7 +10,8 @@ import pytest
 
 from app.incoming import OpenBodies
 from tests.support import frames as scene
-from tests.support.archives import END, header_of, lines_of, tar_without_end
+from tests.support.api import Api
+from tests.support.archives import END, header_of, lines_of, send, tar_without_end
 from tests.support.archives import frame as members_of
 from tests.support.connections import open_connection, request_head
 from tests.support.live import live
@@ -318,12 +317,8 @@ def test_batch_over_the_open_body_limit_ends_with_503(service, admin, bearers, s
     dataset = f"kept-{uuid4().hex}"
     assert admin.post("/api/v1/datasets", json={"name": dataset}).is_success
     with service.client(Authorization=bearers[0]) as client:
-        answer = client.post(
-            f"/api/v1/datasets/{dataset}/batches",
-            content=iter([start, rest]),
-            headers={"Content-Type": "application/x-tar"},
-        )
-    stored, end = lines_of(answer.text)
+        response = send(Api(client), dataset, iter([start, rest]))
+    stored, end = lines_of(response.text)
 
     assert (stored["status"], end["stored"]) == (201, 1)
     assert (end["problem"]["status"], end["problem"]["code"]) == (503, "not_ready")
@@ -337,27 +332,11 @@ def test_batch_releases_the_counted_bytes_of_stored_frames(service, bearers):
         for n in range(6)
     )
 
+    pieces = (many[at : at + 50_000] for at in range(0, len(many), 50_000))
+
     with service.client(Authorization=bearers[0]) as client:
-        answer = client.post(
-            "/api/v1/datasets/street/batches",
-            content=iter(
-                [many[at : at + 50_000] for at in range(0, len(many), 50_000)]
-            ),
-            headers={"Content-Type": "application/x-tar"},
-        )
-        client.post(
-            "/api/v1/datasets/street/batches",
-            content=many + END,
-            headers={"Content-Type": "application/x-tar"},
-        )
+        response = send(Api(client), "street", pieces)
+        send(Api(client), "street", many + END)
 
-    assert len(lines_of(answer.text)) >= 2
+    assert len(lines_of(response.text)) >= 2
     until_free(service)
-
-
-def test_frame_within_the_open_body_limit_is_stored(service, bearers):
-    files = {"annotation": scene.as_json(scene.annotation()), "image": scene.image(0)}
-    with service.client(Authorization=bearers[1]) as client:
-        stored = client.put("/api/v1/datasets/street/frames/one", files=files)
-
-    assert stored.is_success

@@ -1,7 +1,5 @@
 """The OpenAPI document is complete: errors, parameters and authentication."""
 
-from __future__ import annotations
-
 import threading
 from concurrent.futures import ThreadPoolExecutor
 
@@ -12,8 +10,6 @@ from app.http.problems import PROBLEM_TYPE
 from filter_core.annotation.boxes import KNOWN_BOX_KEYS
 from filter_core.annotation.parsing import KNOWN_FRAME_KEYS
 from tests.support import plain_http
-
-METHODS = {"get", "post", "put", "patch", "delete"}
 
 
 @pytest.fixture(scope="module")
@@ -29,17 +25,6 @@ def operations(schema):
         for path, item in schema["paths"].items()
         for method, operation in item.items()
     }
-
-
-def references(node):
-    if isinstance(node, dict):
-        if isinstance(node.get("$ref"), str):
-            yield node["$ref"]
-        for value in node.values():
-            yield from references(value)
-    if isinstance(node, list):
-        for value in node:
-            yield from references(value)
 
 
 def formats(node):
@@ -80,12 +65,6 @@ def test_other_requests_are_answered_while_the_document_is_built(serve, monkeypa
             let_go.set()
 
     assert (other, document.result().status_code) == (200, 200)
-
-
-def test_the_document_is_openapi_3_1(schema):
-    assert schema["openapi"].startswith("3.1.")
-    assert schema["info"]["title"] == "Unghost"
-    assert {method for item in schema["paths"].values() for method in item} <= METHODS
 
 
 def test_the_document_and_its_page_need_no_token(schema, service):
@@ -137,17 +116,6 @@ def test_the_schema_of_an_annotation_has_the_keys_that_the_library_reads(schema)
     assert set(schemas["AnnotatedBox"]["properties"]) == KNOWN_BOX_KEYS
 
 
-def test_operations_are_named_as_functions_of_a_client(operations):
-    assert operations["post", "/api/v1/datasets/{dataset}/preview"]["operationId"] == (
-        "preview_config"
-    )
-
-
-def test_every_schema_reference_resolves(schema):
-    for reference in set(references(schema)):
-        assert resolve(schema, reference)
-
-
 def test_every_error_is_a_problem_document(schema, operations):
     for operation in operations.values():
         for status, answer in operation["responses"].items():
@@ -185,23 +153,6 @@ def test_every_operation_has_a_unique_id_and_a_description(operations):
 
 
 def test_no_route_takes_a_url(schema, operations):
-    """The service never fetches or calls an address that a client gives."""
     assert "webhooks" not in schema
     assert [where for where, one in operations.items() if "callbacks" in one] == []
     assert set(formats(schema)) & {"uri", "uri-reference", "iri", "url"} == set()
-
-
-def test_bearer_token_is_the_only_security_scheme(schema):
-    schemes = schema["components"]["securitySchemes"]
-
-    assert list(schemes) == ["token"]
-    assert schemes["token"]["scheme"] == "bearer"
-
-
-def test_the_problem_schema_matches_a_problem(schema, service):
-    problem_schema = schema["components"]["schemas"]["Problem"]
-
-    with service.client() as client:
-        problem = client.get("/version").json()
-
-    assert set(problem) == set(problem_schema["required"])

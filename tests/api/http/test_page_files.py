@@ -1,7 +1,5 @@
 """The HTML and the files of the page, and the description of the API."""
 
-from __future__ import annotations
-
 import base64
 import hashlib
 import re
@@ -9,11 +7,7 @@ import re
 import pytest
 
 from app.errors import NotFound
-from app.http.static import (
-    content_security_policy,
-    page_file,
-    version_of,
-)
+from app.http.static import content_security_policy, page_file, version_of
 from app.package import static_dir
 
 FILES = sorted(
@@ -28,13 +22,6 @@ TYPES = {
     "json": "application/json",
     "svg": "image/svg+xml",
 }
-
-
-def test_page_needs_no_token_and_accepts_any_query(anonymous):
-    answer = anonymous.get("/?dataset=town10&verdict=rejected")
-
-    assert answer.status_code == 200
-    assert answer.headers["content-type"] == "text/html; charset=utf-8"
 
 
 def test_page_has_two_scripts_with_all_of_its_modules(anonymous):
@@ -210,19 +197,6 @@ def test_content_security_policy_allows_only_the_import_map(tmp_path):
     digest = base64.b64encode(hashlib.sha256(text).digest()).decode()
     assert f"script-src 'self' 'sha256-{digest}';" in policy
     assert policy.count("sha256-") == 1
-
-
-def test_page_has_no_inline_script_blocked_by_its_policy(anonymous):
-    page = anonymous.get("/")
-
-    inline = re.findall(
-        r"<script(?![^>]*\bsrc=)([^>]*)>(.*?)</script>", page.text, re.S
-    )
-    policy = page.headers["content-security-policy"]
-    for attributes, text in inline:
-        digest = base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
-        assert "importmap" in attributes
-        assert digest in policy
 
 
 def test_api_docs_page_names_every_route(admin):

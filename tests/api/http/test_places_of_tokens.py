@@ -1,7 +1,5 @@
 """No token takes the threads, or the turns to write, of all others."""
 
-from __future__ import annotations
-
 import json
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager

@@ -1,7 +1,5 @@
 """Behind a proxy with TLS: the page works, and a forwarded host is not trusted."""
 
-from __future__ import annotations
-
 import pytest
 
 HOST = "boxes.example"

@@ -1,7 +1,5 @@
 """Every limit of the settings is enforced, and the refusal names the limit."""
 
-from __future__ import annotations
-
 import json
 
 import cv2
@@ -10,7 +8,8 @@ import pytest
 
 from app.settings import Settings
 from tests.support import frames as scene
-from tests.support.archives import frame, tar_archive
+from tests.support.api import Api
+from tests.support.archives import TAR, frame, send, tar_archive
 from tests.support.live import live
 from tests.support.sources import names_of_tests
 
@@ -64,7 +63,6 @@ TESTED_ELSEWHERE = {
     "max_event_streams": "tests/api/runs/test_run_events.py::"
     "test_event_streams_are_limited_and_freed_on_disconnect",
 }
-TAR = {"Content-Type": "application/x-tar"}
 STREET = "/api/v1/datasets/street"
 AVENUE = "/api/v1/datasets/avenue/batches"
 
@@ -102,9 +100,7 @@ REFUSED = {
     ),
     "max_batch_members": (
         413,
-        lambda c: c.post(
-            f"{STREET}/batches", content=tar_archive(frame("a")), headers=TAR
-        ),
+        lambda c: send(Api(c), "street", tar_archive(frame("a"))),
     ),
     "max_folder_files": (
         413,
@@ -145,7 +141,7 @@ def test_request_over_a_limit_is_refused_and_names_the_limit(admin, name):
 
 def test_frame_at_its_limits_is_stored(serve):
     service = serve(
-        **LIMITS | {"max_boxes_per_frame": 2, "max_parts": 3, "max_image_side_px": 64},
+        **LIMITS | {"max_boxes_per_frame": 2, "max_parts": 3, "max_image_side_px": 64}
     )
     with service.admin() as client:
         client.post("/api/v1/datasets", json={"name": "street"})

@@ -1,24 +1,16 @@
 """Names in an archive, and keys in its annotations, that no key of a frame can be."""
 
-from __future__ import annotations
-
 import tarfile
 
 import pytest
 
-from tests.support.api import BASE
-from tests.support.archives import frame, lines_of, tar_archive
+from tests.support.archives import batch_results, frame, send, tar_archive
 
-TAR = {"Content-Type": "application/x-tar"}
 NOT_JSON = b"{"
 
 
 def send_members(api, dataset, members):
-    path = f"{BASE}/datasets/{dataset}/batches"
-    content = tar_archive(members, tarfile.PAX_FORMAT)
-    answer = api.http.post(path, content=content, headers=TAR)
-    *lines, end = lines_of(answer.text)
-    return [(line["key"], line["status"]) for line in lines], end
+    return batch_results(send(api, dataset, tar_archive(members, tarfile.PAX_FORMAT)))
 
 
 @pytest.mark.parametrize("key", ["\ud800", "a\udfffb", "a\0b"])
@@ -35,10 +27,7 @@ def test_invalid_key_in_a_batch_is_refused_and_other_frames_are_stored(api, key)
 
 
 def test_key_of_a_problem_is_truncated_to_512_characters(api):
-    """The key of a problem is cut to 512 characters.
-
-    PostgreSQL refused longer ones, which ended the batch.
-    """
+    """PostgreSQL refused longer ones, which ended the batch."""
     dataset, name = api.dataset(), "ü" * 600
 
     statuses, _ = send_members(api, dataset, [(f"{name}.json", NOT_JSON), *frame("b")])

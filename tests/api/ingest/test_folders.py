@@ -1,9 +1,6 @@
 """Reading a folder that a person drops on the page: nothing of it is stored."""
 
-from __future__ import annotations
-
 import base64
-import io
 import json
 import os
 import tarfile
@@ -19,7 +16,14 @@ from filter_core.formats.same import with_labels
 from filter_core.inspection.recording import inspect_recording
 from filter_core.inspection.remarks import by_role
 from tests.support.api import BASE
-from tests.support.archives import END, header_of, lines_of
+from tests.support.archives import (
+    END,
+    TAR,
+    header_of,
+    lines_of,
+    tar_archive,
+    tar_without_end,
+)
 from tests.support.folders import (
     BOX,
     LAYOUT_FILES,
@@ -27,21 +31,14 @@ from tests.support.folders import (
     YOLO_LINE,
     mixed_recording,
     street_tags,
+    write_files,
 )
 from tests.support.pictures import png
 from tests.support.waiting import until
 
-TAR = {"Content-Type": "application/x-tar"}
-
 
 def archive(files):
-    out = io.BytesIO()
-    with tarfile.open(fileobj=out, mode="w", format=tarfile.GNU_FORMAT) as packing:
-        for name, content in files.items():
-            member = tarfile.TarInfo(name)
-            member.size = len(content)
-            packing.addfile(member, io.BytesIO(content))
-    return out.getvalue()
+    return tar_archive(files.items(), tarfile.GNU_FORMAT)
 
 
 def post_folder(client, content, headers=TAR, **parameters):
@@ -63,9 +60,7 @@ def parse_response(answer):
 
 @pytest.mark.parametrize("layout", LAYOUTS[1:])
 def test_every_layout_is_read_as_the_library_reads_it(admin, tmp_path, layout):
-    for name, content in LAYOUT_FILES[layout].items():
-        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
-        (tmp_path / name).write_bytes(content)
+    write_files(tmp_path, LAYOUT_FILES[layout])
 
     head, frames, unmatched, _ = parse_response(
         post_folder(admin, LAYOUT_FILES[layout])
@@ -269,8 +264,8 @@ def test_file_named_by_a_manifest_but_missing_is_a_fault(admin):
 def test_unsafe_or_invalid_file_names_are_unmatched_and_not_written(
     admin, service, name, why
 ):
-    files = {"labels/1.txt": YOLO_LINE, "data.yaml": b"names: [car]"}
-    content = pieces(files) + pieces({name: b"outside"}) + END
+    files = [("labels/1.txt", YOLO_LINE), ("data.yaml", b"names: [car]")]
+    content = tar_without_end([*files, (name, b"outside")]) + END
 
     _, frames, unmatched, _ = parse_response(post_folder(admin, content))
 
@@ -278,17 +273,6 @@ def test_unsafe_or_invalid_file_names_are_unmatched_and_not_written(
     assert why in unmatched[name]
     around = os.walk(service.app.state.settings.data.parent)
     assert [file for *_, files in around for file in files if "outside" in file] == []
-
-
-def pieces(files):
-    """The members of an archive without its end: joined, they can repeat a name."""
-    members = []
-    for name, content in files.items():
-        member = tarfile.TarInfo(name)
-        member.size = len(content)
-        head = member.tobuf(tarfile.GNU_FORMAT)
-        members.append(head + content + bytes(-len(content) % 512))
-    return b"".join(members)
 
 
 def wait_until_files_are_removed(data):
@@ -490,11 +474,9 @@ def test_too_large_file_is_unmatched_and_too_large_answer_refused(serve):
     """A label of eight bytes becomes a box of about eighty bytes in the answer."""
     with serve(max_folder_bytes=20_480, max_part_bytes=16_000).admin() as admin:
         large = {"1.txt": bytes(16_001), "2.txt": YOLO_LINE, "classes.txt": b"car"}
-        _, frames, unmatched, _ = parse_response(
-            post_folder(admin, pieces(large) + END)
-        )
+        _, frames, unmatched, _ = parse_response(post_folder(admin, large))
         many = {"c/label/1.txt": b"0 0 0 0\n" * 1900, "c/img/1.png": b""}
-        answer = post_folder(admin, pieces(many) + END)
+        answer = post_folder(admin, many)
 
     assert ([*frames], unmatched) == (["2"], {"1.txt": "larger than 16000 bytes"})
     assert answer.status_code == 422
@@ -528,8 +510,3 @@ def test_folder_upload_counts_as_an_open_batch(serve):
 
     assert (refused.status_code, refused.json()["code"]) == (429, "too_many_requests")
     assert parse_response(answers[0])[1]["train/1"]["fault"] is None
-
-
-def test_reading_a_folder_needs_the_role_reviewer(as_role):
-    assert post_folder(as_role("viewer"), LAYOUT_FILES["yolo"]).status_code == 403
-    assert post_folder(as_role("reviewer"), LAYOUT_FILES["yolo"]).status_code == 200

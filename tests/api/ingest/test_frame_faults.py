@@ -1,7 +1,5 @@
 """Bad frames: each is refused with a fitting status and message; none is stored."""
 
-from __future__ import annotations
-
 import json
 
 import cv2

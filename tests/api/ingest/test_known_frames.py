@@ -1,7 +1,5 @@
 """Asking which of many keys have a stored frame, and with which content."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 

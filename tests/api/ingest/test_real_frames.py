@@ -1,7 +1,5 @@
 """Real CARLA frames that others have made, uploaded over HTTP."""
 
-from __future__ import annotations
-
 from filter_core.formats.registry import read_source
 from tests.support.shared_data import shared
 

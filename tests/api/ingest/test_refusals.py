@@ -1,7 +1,5 @@
 """The message of a refused upload names the frame and the part that is wrong."""
 
-from __future__ import annotations
-
 
 def test_first_100_faults_of_an_annotation_are_listed_others_counted(api):
     dataset, count = api.dataset(), 400_000

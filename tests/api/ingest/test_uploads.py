@@ -1,7 +1,5 @@
 """Uploads that are not frames: wrong parts, wrong bodies, keys that are paths."""
 
-from __future__ import annotations
-
 import pytest
 
 

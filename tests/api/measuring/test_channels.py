@@ -1,7 +1,5 @@
 """Depth, instances and order over HTTP: once measured, switched without pixels."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 import pytest
@@ -101,8 +99,7 @@ def test_notes_on_depth_and_instances_are_in_the_report_of_an_upload(api):
     api.post(f"/datasets/{name}/configs", {"evidence": "auto"})
     api.run(name, {"evidence": "auto"})
     sent = files(
-        depth=coarse_depth_file(),
-        instances=instance_png(tags, ids, swapped=True),
+        depth=coarse_depth_file(), instances=instance_png(tags, ids, swapped=True)
     )
 
     response = api.upload_frame(name, "a", ANNOTATION, **sent)
@@ -151,10 +148,7 @@ def cloud(count=3):
 
 
 @pytest.mark.parametrize("kind", ["lidar", "radar"])
-@pytest.mark.parametrize(
-    "content",
-    [b"ply\n", cloud()[:-1], cloud() + b"x"],
-)
+@pytest.mark.parametrize("content", [b"ply\n", cloud()[:-1], cloud() + b"x"])
 def test_incomplete_point_cloud_is_refused(api, kind, content):
     name = api.dataset()
 

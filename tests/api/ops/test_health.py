@@ -1,7 +1,5 @@
 """The routes that say whether the service is alive and ready, and its version."""
 
-from __future__ import annotations
-
 from importlib.metadata import version
 
 from tests.support.waiting import until

@@ -1,7 +1,5 @@
 """Metrics for Prometheus: counted by route, never by a client's text, and cheap."""
 
-from __future__ import annotations
-
 import re
 import time
 
@@ -10,7 +8,6 @@ from prometheus_client.parser import text_string_to_metric_families
 
 from tests.support import archives
 from tests.support import frames as scene
-from tests.support.api import BASE
 from tests.support.databases import CHOSEN, change
 from tests.support.statements import statements_of
 from tests.support.waiting import until
@@ -100,9 +97,7 @@ def worked(tmp_path_factory):
 def work(api):
     name = api.dataset()
     car, ghost = (b["box_id"] for b in api.upload_frame(name, "a")["decisions"])
-    batch = archives.tar_archive(archives.frame("b", number=1))
-    kind = {"Content-Type": "application/x-tar"}
-    api.http.post(f"{BASE}/datasets/{name}/batches", content=batch, headers=kind)
+    archives.send(api, name, archives.tar_archive(archives.frame("b", number=1)))
     assert api.put(name, "bad", {"boxes": [{"id": "1"}]}).status_code == 422
     assert api.put(name, "a").status_code == 200
     assert api.review(car, "keep").status_code == 201

@@ -1,7 +1,5 @@
 """The limit on open connections: idle ones are closed so that requests are served."""
 
-from __future__ import annotations
-
 import os
 import sys
 import threading
@@ -9,17 +7,10 @@ from contextlib import ExitStack, contextmanager
 
 import pytest
 
-from app.process.connections import (
-    raise_descriptor_limit,
-    room_for_connections,
-)
-from tests.support import frames as scene
+from app.process.connections import raise_descriptor_limit, room_for_connections
 from tests.support import plain_http
-from tests.support.connections import (
-    open_connection,
-    read_until_closed,
-    request_head,
-)
+from tests.support.api import Api
+from tests.support.connections import open_connection, read_until_closed, request_head
 from tests.support.live import live
 from tests.support.servers import start_anew, stop, token_of, wait_for_link
 
@@ -30,7 +21,6 @@ pytestmark = [
 
 LONG_S = 60
 IDLE_CONNECTIONS = 3_000
-STREET = "/api/v1/datasets/street"
 UNFINISHED_REQUESTS = {
     "nothing": b"",
     "half a head": b"GET /healthz HTTP/1.1\r\nHost: loc",
@@ -73,13 +63,8 @@ def client_of(url, headers):
 
 def put(client, key):
     """Upload a frame on a connection of its own; return the status."""
-    files = {
-        "annotation": scene.as_json(scene.annotation()),
-        "image": scene.image(),
-        "segmentation": scene.segmentation(),
-    }
     with client_of(client.base_url, client.headers) as once:
-        return once.put(f"{STREET}/frames/{key}", files=files).status_code
+        return Api(once).put("street", key).status_code
 
 
 def test_uploads_succeed_while_thousands_of_idle_connections_are_opened(tmp_path):
@@ -117,19 +102,14 @@ def test_soft_descriptor_limit_is_raised_and_logged(tmp_path):
 
 def test_service_recovers_after_running_out_of_descriptors(tmp_path):
     full = limited_server(
-        tmp_path / "data",
-        soft=400,
-        hard=400,
-        taken=345,
-        UNGHOST_MAX_CONNECTIONS="40",
+        tmp_path / "data", soft=400, hard=400, taken=345, UNGHOST_MAX_CONNECTIONS="40"
     )
     with full as (admin, log):
         with ExitStack() as held:
             for _ in range(200):
                 last = held.enter_context(open_connection(str(admin.base_url)))
-            assert (
-                read_until_closed(last) == b""
-            )  # the server had no descriptor left to accept it
+            # The server had no descriptor left to accept it.
+            assert read_until_closed(last) == b""
         again = put(admin, "a"), admin.post("/api/v1/datasets", json={"name": "b"})
         said = log.read_text("utf-8").splitlines()
 

@@ -1,7 +1,5 @@
 """Commands that are started in a folder from somebody else run no file of it."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 from contextlib import closing
@@ -9,7 +7,7 @@ from contextlib import closing
 import pytest
 
 from tests.support.api import Api
-from tests.support.archives import tar_archive
+from tests.support.archives import TAR, tar_archive
 from tests.support.folders import LAYOUT_FILES
 from tests.support.foreign_folder import ForeignFolder
 from tests.support.frames import write_manifest
@@ -64,7 +62,7 @@ def test_service_runs_no_python_file_of_the_folder_that_it_is_started_in(
             read = api.http.post(
                 "/api/v1/folders",
                 content=tar_archive(LAYOUT_FILES["kitti"].items()),
-                headers={"Content-Type": "application/x-tar"},
+                headers=TAR,
             )
     finally:
         stop(process)

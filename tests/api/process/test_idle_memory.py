@@ -1,7 +1,5 @@
 """A service that is idle again after a peak returns the memory that it has freed."""
 
-from __future__ import annotations
-
 import sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path

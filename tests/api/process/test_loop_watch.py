@@ -1,7 +1,5 @@
 """A blocked event loop is logged and counted; busy threads are not taken for one."""
 
-from __future__ import annotations
-
 import signal
 import subprocess
 import sys

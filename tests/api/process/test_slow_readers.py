@@ -1,7 +1,5 @@
 """Clients that stop reading their answers are disconnected; slow ones are not."""
 
-from __future__ import annotations
-
 import threading
 import time
 from pathlib import Path
@@ -11,11 +9,7 @@ import pytest
 from app.package import static_dir
 from app.process.server import MOST_PIPELINED
 from tests.support.archives import frame, tar_without_end
-from tests.support.connections import (
-    open_connection,
-    read_until_closed,
-    request_head,
-)
+from tests.support.connections import open_connection, read_until_closed, request_head
 from tests.support.live import live
 from tests.support.probe_routes import endless_response_stopped
 from tests.support.waiting import until
@@ -138,7 +132,6 @@ def bytes_read_by_this_process():
 
 @pytest.mark.skipif(not IO.exists(), reason="only Linux counts what a process reads")
 def test_file_is_not_read_further_after_the_client_disconnects(service, tmp_path):
-    """A large download that the client abandons must not be read to its end."""
     size = 1 << 30
     large = service.app.state.large_file = tmp_path / "large"
     with large.open("wb") as file:

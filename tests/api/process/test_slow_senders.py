@@ -1,18 +1,12 @@
 """Clients that stop in the middle of a request are answered 408 and disconnected."""
 
-from __future__ import annotations
-
 import select
 
 import pytest
 
 from app.process.server import MOST_PIPELINED
 from tests.support.archives import frame, tar_without_end
-from tests.support.connections import (
-    open_connection,
-    read_until_closed,
-    request_head,
-)
+from tests.support.connections import open_connection, read_until_closed, request_head
 from tests.support.live import live
 
 pytestmark = pytest.mark.long

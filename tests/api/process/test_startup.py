@@ -1,7 +1,5 @@
 """Starting and stopping the server as a process of its own."""
 
-from __future__ import annotations
-
 import errno
 import json
 import os

@@ -1,7 +1,5 @@
 """Kinds of evidence compared over HTTP; the truth is instances or people's answers."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """Bulk answers: given only on boxes as they were seen, and undone together."""
 
-from __future__ import annotations
-
 import base64
 import json
 
@@ -357,9 +355,7 @@ def boxes_with_unseen_answer(service):
         yield api, name, boxes
 
 
-def test_answer_at_an_old_revision_is_refused_as_stale(
-    boxes_with_unseen_answer,
-):
+def test_answer_at_an_old_revision_is_refused_as_stale(boxes_with_unseen_answer):
     api, _, boxes = boxes_with_unseen_answer
 
     late = api.review(boxes[1], "reject")

@@ -1,7 +1,5 @@
 """The boxes by which somebody who is new learns to answer."""
 
-from __future__ import annotations
-
 import json
 
 from tests.support.sensors import lesson

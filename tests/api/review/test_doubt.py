@@ -1,7 +1,5 @@
 """Boxes to review are the same wherever they are counted, and others are in bins."""
 
-from __future__ import annotations
-
 import pytest
 
 from tests.support import frames as scene

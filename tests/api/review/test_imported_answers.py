@@ -1,7 +1,5 @@
 """Answers of people come back from a file of decisions, with reviewer and time."""
 
-from __future__ import annotations
-
 import json
 import re
 import zipfile
@@ -38,13 +36,7 @@ def answered(client, person):
     name = f"answered-{next(_numbers)}"
     client.create_dataset(name)
     for key in ("run/1", "run/2"):
-        client.put_frame(
-            name,
-            key,
-            scene.annotation(),
-            image=scene.image(),
-            segmentation=scene.segmentation(),
-        )
+        scene.put(client, name, key)
     boxes = list(client.boxes(name))
     for box, verdict in zip(boxes, ("reject", "unsure"), strict=False):
         reviewer, _, _ = person()
@@ -143,8 +135,7 @@ def edited_label_studio(folder):
 
 
 @pytest.mark.parametrize(
-    ("form", "edit"),
-    [("cvat", edited_cvat), ("label-studio", edited_label_studio)],
+    ("form", "edit"), [("cvat", edited_cvat), ("label-studio", edited_label_studio)]
 )
 def test_boxes_kept_and_deleted_in_another_program_are_answers(
     server, client, tmp_path, form, edit
@@ -153,9 +144,7 @@ def test_boxes_kept_and_deleted_in_another_program_are_answers(
     client.create_dataset(name)
     boxes = [{"id": n, "class": "car", "xyxy": scene.ON_THE_CAR} for n in "abc"]
     for key in ("run/1", "run/2"):
-        annotation = scene.annotation() | {"boxes": boxes}
-        sent = {"image": scene.image(), "segmentation": scene.segmentation()}
-        client.put_frame(name, key, annotation, **sent)
+        scene.put(client, name, key, boxes=boxes)
     folder = exported(client, name, tmp_path, form)
     edited = edit(folder)
     labelled = ("run/1", "run/2") if form == "cvat" else ("run/1",)

@@ -1,7 +1,5 @@
 """Reviewers cannot delete, undo or discard answers of others; admins can."""
 
-from __future__ import annotations
-
 import json
 from itertools import count
 
@@ -62,14 +60,10 @@ def replace_in_a_batch(api, name):
         (f"{key}.json", json.dumps({**document, "key": key}).encode())
         for key, document in documents.items()
     ]
-    answer = api.http.post(
-        f"{BASE}/datasets/{name}/batches",
-        params={"replace": "true"},
-        content=archives.tar_archive(members),
-        headers={"Content-Type": "application/x-tar"},
-    )
-    lines = [json.loads(line) for line in answer.text.splitlines()]
-    lines_by_key = {line["key"]: line for line in lines if "key" in line}
+    archive = archives.tar_archive(members)
+    response = archives.send(api, name, archive, replace="true")
+    *lines, _ = archives.lines_of(response.text)
+    lines_by_key = {line["key"]: line for line in lines}
     assert lines_by_key["1"]["status"] == 201
     return lines_by_key["0"]
 
@@ -303,11 +297,7 @@ def test_answer_is_undone_only_by_its_reviewer_or_an_admin(street, person, admin
     items = admin.get(f"{BASE}/audit").json()["items"]
     noted = [one for one in items if one["action"] == "review.undone"]
     assert [(one["actor"], one["subject"], one["details"]) for one in noted[:1]] == [
-        (
-            boss,
-            str(boxes[0]),
-            {"dataset": name, "revision": 1, "reviewer": grace},
-        )
+        (boss, str(boxes[0]), {"dataset": name, "revision": 1, "reviewer": grace})
     ]
 
 

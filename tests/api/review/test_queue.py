@@ -1,8 +1,7 @@
 """The queue: its order, its filters, and that no two people get the same box."""
 
-from __future__ import annotations
-
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
 from datetime import datetime, timedelta, timezone
 from typing import Any
 
@@ -27,24 +26,17 @@ def dataset(api):
     return name
 
 
-def reviewer_of(server, api, name: str) -> Api:
-    body = {"name": name, "role": "reviewer"}
-    token = api.post("/tokens", body).json()["token"]
-    return Api.at(server.url, {"Authorization": f"Bearer {token}"})
-
-
 @pytest.fixture
-def reviewer(api, server):
-    """Makes clients of reviewers with names of their own."""
-    opened = []
+def reviewer(api):
+    """Makes clients of reviewers."""
+    with ExitStack() as opened:
 
-    def named(name: str) -> Api:
-        opened.append(reviewer_of(server, api, f"{name}-{api.dataset()}"))
-        return opened[-1]
+        def make() -> Api:
+            person: Api = api.person()
+            opened.enter_context(person.http)
+            return person
 
-    yield named
-    for client in opened:
-        client.http.close()
+        yield make
 
 
 def get_queue(api, dataset, **wanted):
@@ -129,7 +121,7 @@ def test_excluded_boxes_are_not_returned_by_the_queue(api, dataset):
 
 
 def test_box_is_claimed_by_one_reviewer_until_it_is_answered(dataset, reviewer):
-    ada, eve = reviewer("ada"), reviewer("eve")
+    ada, eve = reviewer(), reviewer()
     hers = ids(get_queue(ada, dataset, limit=7))
 
     others = get_queue(eve, dataset, limit=50)
@@ -147,7 +139,7 @@ def test_box_is_claimed_by_one_reviewer_until_it_is_answered(dataset, reviewer):
 
 def test_one_reviewer_holds_only_a_share_of_the_queue(api, reviewer):
     dataset, boxes = api.dataset_of_cars(MOST_CLAIMS + 60)
-    greedy, other = reviewer("greedy"), reviewer("other")
+    greedy, other = reviewer(), reviewer()
     taken: list[int] = []
     while len(taken) < len(boxes):
         taken += ids(get_queue(greedy, dataset, limit=50, exclude=taken))
@@ -162,9 +154,9 @@ def test_one_reviewer_holds_only_a_share_of_the_queue(api, reviewer):
     assert not set(ids(queue)) & set(ids(again))
 
 
-def test_concurrent_reviewers_never_get_the_same_box(server, api):
+def test_concurrent_reviewers_never_get_the_same_box(api, reviewer):
     dataset, _ = api.dataset_of_cars(40)
-    clients = [reviewer_of(server, api, f"r{number}-{dataset}") for number in range(8)]
+    clients = [reviewer() for _ in range(8)]
     orders = ["doubt", "random", "class", "random"]
 
     def ask_often(number: int) -> set[int]:
@@ -180,8 +172,6 @@ def test_concurrent_reviewers_never_get_the_same_box(server, api):
     with ThreadPoolExecutor(8) as pool:
         given = list(pool.map(ask_often, range(8)))
 
-    for client in clients:
-        client.http.close()
     assert [len(one) for one in given] == [5] * 8
     assert len(set().union(*given)) == 40
 
@@ -209,7 +199,7 @@ def test_random_order_is_reproducible_by_its_seed(api, dataset):
 
 
 def test_audit_queue_has_the_boxes_that_others_have_decided(api, dataset, reviewer):
-    eve, boxes = reviewer("eve"), api.box_ids(dataset)
+    eve, boxes = reviewer(), api.box_ids(dataset)
     for box_id, verdict in zip(boxes, ["keep", "reject", "unsure"], strict=False):
         api.review(box_id, verdict)
 
@@ -226,7 +216,7 @@ def test_audit_queue_has_the_boxes_that_others_have_decided(api, dataset, review
 
 
 def test_answer_keeps_how_the_queue_chose_its_box(api, dataset, reviewer):
-    eve = reviewer("eve")
+    eve = reviewer()
 
     def chosen(box_id: int) -> dict[str, object]:
         entry = api.json(f"/boxes/{box_id}/history")["items"][0]

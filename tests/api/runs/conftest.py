@@ -1,7 +1,5 @@
 """A dataset of one frame, with which runs take little time."""
 
-from __future__ import annotations
-
 import pytest
 
 from tests.support.api import BY_TAGS, Api

@@ -1,9 +1,5 @@
 """Configurations, identified by their content, and previews of their verdicts."""
 
-from __future__ import annotations
-
-import json
-
 import pytest
 
 from tests.support import frames as scene
@@ -93,20 +89,6 @@ def test_of_two_people_who_activate_at_once_the_second_is_refused(serve):
     assert knowing.status_code == 202
 
 
-def test_activating_a_config_starts_a_run(api, dataset):
-    digest = add_config(api, dataset, b"min_visible_pixels: 1000000").json()["digest"]
-    path = f"{BASE}/datasets/{dataset}/config"
-
-    run = api.wait_for_job(api.http.put(path, json={"digest": digest}))
-    unknown = api.http.put(path, json={"digest": "0" * 64})
-
-    active = api.json(f"/datasets/{dataset}/config")
-    assert (run["activate"], run["config"]) == (True, digest)
-    assert (active["digest"], active["active"]) == (digest, True)
-    assert unknown.status_code == 404
-    assert api.verdicts(dataset) == {"real": "rejected", "ghost": "rejected"}
-
-
 @pytest.mark.parametrize(
     ("content", "code", "words"),
     [
@@ -153,11 +135,7 @@ def test_config_of_wrong_media_type_or_too_large_is_refused(
     ],
 )
 def test_invalid_preview_or_run_request_is_refused(api, dataset, path, body, status):
-    answer = api.http.post(
-        f"{BASE}/datasets/{dataset}/{path}",
-        content=json.dumps(body).encode(),
-        headers={"Content-Type": "application/json"},
-    )
+    answer = api.post(f"/datasets/{dataset}/{path}", body)
 
     assert answer.status_code == status, answer.text
     assert api.verdicts(dataset) == {"real": "kept", "ghost": "rejected"}
@@ -215,31 +193,7 @@ def test_a_flip_shows_the_match_of_the_box(api, mask, active, previewed, match):
     assert [one["match_percent"] for one in preview["flips"]["items"]] == [match]
 
 
-def test_preview_returns_needs_pixels_without_counts(api, dataset):
-    body = {"config": {"profile": "carlasimu"}}
-
-    preview = api.post(f"/datasets/{dataset}/preview", body).json()
-
-    assert preview["needs_pixels"] is True
-    assert preview["counts"] is None
-
-
-def test_stats_and_histogram_are_those_of_the_boxes(api, dataset):
-    described, stats = (api.json(f"/datasets/{dataset}{at}") for at in ("", "/stats"))
-
-    assert (stats["run"], stats["config"]) == (
-        described["active_run"],
-        described["config"],
-    )
-    assert (stats["frames"], stats["boxes"], stats["kept"]) == (1, 2, 1)
-    assert stats["bins"] == {"ask": 0, "sure": 1, "small": 0, "wall": 1}
-    assert stats["by_map"] == {"Town10HD": {"frames": 1, "boxes": 2}}
-    assert api.json(f"/datasets/{dataset}/histogram", bins=4) == {
-        "edges": [0.0, 25.0, 50.0, 75.0, 100.0],
-        "classes": {"car": [1, 0, 0, 1]},
-        "thresholds": {"car": 10.0},
-        "unknown_percent": {},
-    }
+def test_histogram_of_a_dataset_without_classes_has_its_edges(api):
     assert api.json(f"/datasets/{api.dataset(classes=[])}/histogram", bins=2) == {
         "edges": [0.0, 50.0, 100.0],
         "classes": {},

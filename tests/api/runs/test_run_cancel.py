@@ -1,14 +1,11 @@
 """Cancelling a run: it stops soon, stays cancelled and changes no verdict."""
 
-from __future__ import annotations
-
 import pytest
 
-from tests.support import frames as scene
 from tests.support.api import Api
 from tests.support.live import hold_frames
 from tests.support.response_checks import assert_matches_model
-from tests.support.slow_datasets import FROM_PIXELS
+from tests.support.run_results import post_run
 from tests.support.waiting import until
 from unghost import wire
 
@@ -24,24 +21,14 @@ def held(serve):
     service = serve(workers=1)
     with service.admin() as http:
         api = Api(http)
-        dataset = api.dataset()
-        for number in range(FRAMES):
-            annotation = {**scene.annotation(), "number": number}
-            api.upload_frame(dataset, str(number), annotation)
+        dataset = api.dataset_of_frames(FRAMES)
         with hold_frames() as permits:
             yield service, api, dataset, permits
 
 
-def start_run(api, dataset, config=FROM_PIXELS):
-    body = {"config": config, "activate": True}
-    answer = api.post(f"/datasets/{dataset}/runs", body)
-    assert answer.status_code == 202, answer.text
-    return answer.json()["id"]
-
-
 def start_and_measure_some(api, dataset, permits):
     """Start a run, and wait until it has measured some frames; its id."""
-    run_id = start_run(api, dataset)
+    run_id = post_run(api, dataset)
     permits.release(SOME)
     until(lambda: api.json(f"/runs/{run_id}")["done"] == SOME)
     return run_id
@@ -79,7 +66,7 @@ def test_frames_measured_by_a_cancelled_run_are_not_measured_again(held):
     api.post(f"/runs/{first}/cancel")
     permits.release()
 
-    again = start_run(api, dataset)
+    again = post_run(api, dataset)
     until(lambda: api.json(f"/runs/{again}")["state"] == "running")
     begun = api.json(f"/runs/{again}")["done"]
     permits.release(FRAMES)
@@ -92,8 +79,8 @@ def test_frames_measured_by_a_cancelled_run_are_not_measured_again(held):
 
 def test_cancelled_queued_run_never_starts(held):
     _, api, dataset, permits = held
-    working = start_run(api, dataset)
-    waiting = start_run(api, dataset, NOTHING_VISIBLE)
+    working = post_run(api, dataset)
+    waiting = post_run(api, dataset, NOTHING_VISIBLE)
 
     answer = api.post(f"/runs/{waiting}/cancel")
     api.post(f"/runs/{working}/cancel")
@@ -105,20 +92,9 @@ def test_cancelled_queued_run_never_starts(held):
     assert (run["state"], run["started_at"]) == ("cancelled", None)
 
 
-def test_cancelling_a_finished_run_returns_409(api):
-    dataset = api.dataset_of_one_frame()
-    run = api.run(dataset, NOTHING_VISIBLE)
-
-    answer = api.post(f"/runs/{run['id']}/cancel")
-
-    assert (answer.status_code, answer.json()["code"]) == (409, "run_over")
-    assert answer.json()["detail"] == f"run {run['id']} is done already"
-    assert api.json(f"/runs/{run['id']}") == run
-
-
 def test_second_cancel_returns_409_but_idempotency_key_replays_it(held):
     _, api, dataset, _ = held
-    working = start_run(api, dataset)
+    working = post_run(api, dataset)
     url = f"/api/v1/runs/{working}/cancel"
 
     first, again = (

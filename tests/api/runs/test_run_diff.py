@@ -1,7 +1,5 @@
 """Comparing any two runs, also those that were never activated."""
 
-from __future__ import annotations
-
 import pytest
 
 from tests.support import frames as scene

@@ -1,7 +1,5 @@
 """The events of a run: in order, at a limited rate, resumed after the last one seen."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, suppress
@@ -9,13 +7,12 @@ from datetime import datetime
 
 import pytest
 
-from tests.support import frames as scene
 from tests.support.api import BASE, Api
 from tests.support.databases import change
 from tests.support.event_reader import events, open_events
 from tests.support.live import hold_frames, live
+from tests.support.run_results import post_run
 from tests.support.servers import running_server
-from tests.support.slow_datasets import FROM_PIXELS
 from tests.support.waiting import PATIENCE_S, until
 
 FRAMES, SHOWN = 60, (20, 40)
@@ -24,27 +21,16 @@ EVERY_S = 0.2
 """The least time between two events."""
 
 
-def start_run(api, dataset, config):
-    """Start a run; return its id."""
-    answer = api.post(f"/datasets/{dataset}/runs", {"config": config})
-    assert answer.status_code == 202, answer.text
-    return answer.json()["id"]
-
-
 @pytest.fixture(scope="module")
 def seen(tmp_path_factory):
     """A client, the id of one run that measures, and all its events."""
     folder = tmp_path_factory.mktemp("seen") / "data"
     with live(folder, workers=1) as service, service.admin() as http:
         api = Api(http)
-        dataset = api.dataset()
-        for number in range(FRAMES):
-            api.upload_frame(
-                dataset, str(number), {**scene.annotation(), "number": number}
-            )
+        dataset = api.dataset_of_frames(FRAMES)
         found = []
         with hold_frames() as permits:
-            run_id = start_run(api, dataset, FROM_PIXELS)
+            run_id = post_run(api, dataset, activate=False)
             permits.release(SHOWN[0])
             with open_events(api, run_id) as stream:
                 for event in (one for one in stream if one.name):

@@ -1,7 +1,5 @@
 """Runs over HTTP, and a server that dies in the middle of one."""
 
-from __future__ import annotations
-
 import pytest
 
 from app.db.engine import make_engine
@@ -18,22 +16,6 @@ from tests.support.waiting import until
 
 NOTHING_VISIBLE = {"min_visible_pixels": 10**6}
 CARS_ARE_SKY = {"classes": {"car": {"accept": ["Sky"]}}}
-
-
-def test_run_is_returned_and_listed(api, dataset):
-    accepted = api.post(f"/datasets/{dataset}/runs", {"config": NOTHING_VISIBLE})
-    run = api.wait_for_job(accepted)
-
-    known = ("dataset", "kind", "state", "activate", "total", "done", "changed")
-    assert [run[key] for key in known] == [dataset, "decide", "done", False, 1, 1, 1]
-    assert run["counts"] == {"kept": 0, "rejected": 2, "unmeasured": 0}
-    assert (run["error"], run["created_by"]) == (None, "admin")
-    assert run["created_at"] <= run["started_at"] <= run["finished_at"]
-    assert api.json(f"/runs/{run['id']}") == run
-    listed = api.json(f"/datasets/{dataset}/runs", limit=1)
-    assert [item["id"] for item in listed["items"]] == [run["id"]]
-    older = api.json(f"/datasets/{dataset}/runs", cursor=listed["next_cursor"])
-    assert [item["state"] for item in older["items"]] == ["done"]
 
 
 def test_a_run_that_is_not_activated_changes_nothing(api, dataset):
@@ -106,9 +88,7 @@ def migrate_back_to(data, revision):
 def test_run_interrupted_by_a_crash_resumes_after_an_upgrade(start_api):
     """The server is upgraded from schema 0005, which had no chunks and no leases."""
     first, api = start_api()
-    name = api.dataset()
-    for number in range(3):
-        api.upload_frame(name, str(number), {**scene.annotation(), "number": number})
+    name = api.dataset_of_frames(3)
     run = api.run(name, {"profile": "carlasimu"})
     first.process.kill()
     first.process.wait(STOP_WAIT_S)

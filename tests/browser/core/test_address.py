@@ -1,9 +1,4 @@
-"""The address holds filters and selection: they survive a reload and can be shared.
-
-Also: the list of frames and its search, going back, and addresses of nothing.
-"""
-
-from __future__ import annotations
+"""The address holds filters and selection: they survive a reload and can be shared."""
 
 import re
 

@@ -1,7 +1,5 @@
 """A part of a view that cannot be loaded shows the error, and can be tried again."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable
 

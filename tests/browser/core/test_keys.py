@@ -1,7 +1,5 @@
 """What each key of the keymap does, and that the help lists every binding."""
 
-from __future__ import annotations
-
 import json
 import re
 

@@ -1,9 +1,4 @@
-"""Which modules and requests a view needs.
-
-The first view loads little; a later view loads its modules when it is opened.
-"""
-
-from __future__ import annotations
+"""Which modules and requests a view needs."""
 
 import pytest
 from playwright.sync_api import expect

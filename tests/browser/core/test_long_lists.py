@@ -3,8 +3,6 @@
 Here the pages are short, so that few items fill more than one.
 """
 
-from __future__ import annotations
-
 import json
 import re
 

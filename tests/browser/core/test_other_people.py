@@ -1,7 +1,5 @@
 """People who share a browser or a machine do not answer under each other's name."""
 
-from __future__ import annotations
-
 import json
 
 import pytest

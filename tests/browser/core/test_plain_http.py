@@ -3,8 +3,6 @@
 Browsers withhold some functions there, such as locks and the clipboard.
 """
 
-from __future__ import annotations
-
 import pytest
 from playwright.sync_api import expect
 

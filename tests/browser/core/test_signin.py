@@ -1,7 +1,5 @@
 """Signing in by a login link or a pasted token, signing out, and expired sessions."""
 
-from __future__ import annotations
-
 import hashlib
 from uuid import uuid4
 
@@ -38,7 +36,6 @@ def test_login_link_signs_in_and_stores_no_token_or_code(
 
 
 def test_browser_history_and_used_login_link_do_not_sign_in(open_window, server):
-    """After signing out, neither going back nor opening the used link signs in."""
     page = open_window(sign_in=False).page
     link = server.login_link
     page.goto(f"{server.url}/#/datasets")

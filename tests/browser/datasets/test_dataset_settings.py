@@ -1,9 +1,4 @@
-"""The settings of a dataset: refused frames, description, reading of segmentations.
-
-Also: deleting the dataset.
-"""
-
-from __future__ import annotations
+"""The settings of a dataset: refused frames, description, reading of segmentations."""
 
 import pytest
 import yaml

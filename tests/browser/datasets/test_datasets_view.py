@@ -1,7 +1,5 @@
 """The list of datasets."""
 
-from __future__ import annotations
-
 import re
 
 import pytest

@@ -1,9 +1,4 @@
-"""The grid of crops: what it shows, how boxes are selected, filters and order.
-
-Also: coming back from a frame to the same place, and what cannot be loaded.
-"""
-
-from __future__ import annotations
+"""The grid of crops: what it shows, how boxes are selected, filters and order."""
 
 import re
 
@@ -11,13 +6,13 @@ import pytest
 from playwright.sync_api import Route, expect
 
 from tests.support.page import many_boxes, scenes
-from tests.support.page.many_boxes import cell, grid, selected
+from tests.support.page.many_boxes import cell, grid, open_grid, selected
 from tests.support.page.scenes import MakeScene, Scene
+from tests.support.page.stage import bounds
 from tests.support.page.windows import (
     OVERFLOW,
     WIDTHS,
     OpenWindow,
-    Visitor,
     hold_timers,
 )
 from tests.support.waiting import until
@@ -29,12 +24,6 @@ pytestmark = pytest.mark.browser
 def sixty_boxes(make_scene: MakeScene) -> Scene:
     """Sixty boxes: b0, b2, ... are kept, b1, b3, ... are rejected."""
     return make_scene(boxes=many_boxes.alternating_boxes(60))
-
-
-def open_grid(user: Visitor, scene: Scene, **query: str):
-    page = user.open(grid(scene, **query))
-    expect(page.get_by_role("grid")).to_have_attribute("aria-busy", "false")
-    return page
 
 
 @pytest.mark.parametrize("width", WIDTHS)
@@ -50,10 +39,8 @@ def test_cell_names_the_frame_of_its_box_and_links_to_it(
 
     expect(link).to_have_text(key)
     expect(link.get_by_text("0000000042", exact=True)).to_be_visible()
-    picture = cell(page, 1).locator(".cell__picture").bounding_box()
-    shown = link.bounding_box()
-    assert picture is not None
-    assert shown is not None
+    picture = bounds(cell(page, 1).locator(".cell__picture"))
+    shown = bounds(link)
     assert shown["width"] <= picture["width"]
     assert page.evaluate(OVERFLOW) <= 0
     link.click()
@@ -90,9 +77,7 @@ def test_every_box_is_shown_and_is_selected_by_clicks_and_drags(sixty_boxes, use
     expect(page.locator(".bar__count")).to_have_text("3 selected")
     user.press("Escape")
     assert selected(page) == []
-    start, end = cell(page, 0).bounding_box(), cell(page, 2).bounding_box()
-    assert start is not None
-    assert end is not None
+    start, end = bounds(cell(page, 0)), bounds(cell(page, 2))
     page.mouse.move(start["x"] + 20, start["y"] + 30)
     page.mouse.down()
     page.mouse.move(end["x"] + 10, end["y"] + 60, steps=5)
@@ -105,8 +90,7 @@ def test_every_box_is_shown_and_is_selected_by_clicks_and_drags(sixty_boxes, use
     assert selected(page) == [0, 1, 2, 5]
 
     cell(page, 9).click()
-    box = cell(page, 1).bounding_box()
-    assert box is not None
+    box = bounds(cell(page, 1))
 
     page.keyboard.down("Control")
     page.mouse.move(box["x"] + 10, box["y"] + 10)
@@ -387,20 +371,11 @@ def test_more_filters_open_inside_the_window(make_scene, open_window, width):
         page.get_by_role("button", name="Filters", exact=True).click()
     page.get_by_role("button", name="More", exact=True).click()
 
-    panel = page.get_by_role("group", name="More filters").bounding_box()
+    panel = bounds(page.get_by_role("group", name="More filters"))
 
-    assert panel is not None
     assert panel["x"] >= 0
     assert panel["x"] + panel["width"] <= width
     assert page.evaluate(OVERFLOW) <= 0
-
-
-def test_grid_of_an_empty_dataset_shows_no_boxes_message(http, user):
-    http.post("/datasets", json={"name": "bare"})
-
-    page = user.open("#/datasets/bare/grid")
-
-    expect(page.get_by_role("heading", name="No boxes yet")).to_be_visible()
 
 
 def test_grid_reloads_its_box_list_after_a_run(sixty_boxes, user):

@@ -1,9 +1,4 @@
-"""The grid of 100,000 boxes: few cells are in the document, whatever its length.
-
-The scrollbar stands for all boxes, and jumps, ranges and crops work anywhere in it.
-"""
-
-from __future__ import annotations
+"""The grid of 100,000 boxes: few cells are in the document, whatever its length."""
 
 from collections.abc import Iterator
 
@@ -16,6 +11,7 @@ from app.db.tables import Frame, FrameFile
 from tests.support.large_datasets import NAME, fill, open_context
 from tests.support.page import many_boxes
 from tests.support.page.many_boxes import cell
+from tests.support.page.stage import bounds
 from tests.support.page.windows import WIDE, route_loaded
 from tests.support.servers import RunningServer
 
@@ -61,8 +57,7 @@ def scroll_to(page: Page, share: float) -> None:
 
 
 def top_of(page: Page, index: int) -> float:
-    box = cell(page, index).bounding_box()
-    assert box is not None
+    box = bounds(cell(page, index))
     return box["y"]
 
 

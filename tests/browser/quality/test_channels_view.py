@@ -1,8 +1,5 @@
 """The view that compares measuring channels with instances and with people."""
 
-from __future__ import annotations
-
-import json
 import re
 
 import httpx
@@ -10,6 +7,7 @@ import pytest
 from playwright.sync_api import Locator, Page, expect
 
 from tests.support.api import BY_TAGS
+from tests.support.page import scenes
 from tests.support.page.windows import Visitor
 from tests.support.sensors import ANNOTATION, experiment_report, sensors
 from tests.support.waiting import until
@@ -24,13 +22,9 @@ ROWS = 7
 def dataset(http: httpx.Client, request: pytest.FixtureRequest) -> str:
     """One frame with depth and instances: a car, and a ghost behind it."""
     name = re.sub(r"\W+", "-", request.node.name).strip("-")[:60]
-    assert (
-        http.post("/datasets", json={"name": name, "config": BY_TAGS}).status_code
-        == 201
-    )
-    files = {"annotation": json.dumps(ANNOTATION).encode(), **sensors()}
-    stored = http.put(f"/datasets/{name}/frames/a", files=files)
-    assert stored.status_code == 201, stored.text
+    made = http.post("/datasets", json={"name": name, "config": BY_TAGS})
+    assert made.status_code == 201, made.text
+    scenes.put(http, name, "a", ANNOTATION, **sensors())
     return name
 
 

@@ -1,7 +1,5 @@
 """A queue that takes several answers."""
 
-from __future__ import annotations
-
 import pytest
 
 from tests.support.page import many_boxes

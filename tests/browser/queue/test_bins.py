@@ -1,7 +1,5 @@
 """The queue asks about boxes in doubt; the others are in bins that the grid answers."""
 
-from __future__ import annotations
-
 import re
 
 import pytest

@@ -1,7 +1,5 @@
 """Answers for boxes like the last one, and for one object in several frames."""
 
-from __future__ import annotations
-
 import pytest
 from playwright.sync_api import expect
 

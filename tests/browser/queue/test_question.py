@@ -1,9 +1,5 @@
 """The queue's question: its object, what hides it, other layers, and the depths."""
 
-from __future__ import annotations
-
-import json
-
 import numpy as np
 import pytest
 from playwright.sync_api import expect
@@ -11,7 +7,7 @@ from playwright.sync_api import expect
 from tests.support import sensors
 from tests.support.page import scenes
 from tests.support.page.accessibility import findings
-from tests.support.page.many_boxes import queue
+from tests.support.page.many_boxes import open_queue
 from tests.support.page.stage import layer, view, wait_for_drawing
 from tests.support.pictures import png
 
@@ -27,9 +23,7 @@ def hidden(make_scene):
 
 
 def ask(user, scene, name, **query):
-    page = user.open(queue(scene, boxes=str(scene.box_id(name)), **query))
-    expect(page.locator(".stage")).to_have_attribute("data-picture", "shown")
-    return page
+    return open_queue(user, scene, boxes=str(scene.box_id(name)), **query)
 
 
 def test_question_names_the_object_and_what_it_is_inside_of(hidden, user):
@@ -98,15 +92,8 @@ def measured(make_scene):
     """A scene of a near car and one hidden behind it, with depth and instances."""
     scene = make_scene(boxes=[])
     shown = png(np.full((sensors.HEIGHT, sensors.WIDTH, 3), scenes.GREY, np.uint8))
-    kinds = {"image": shown, **sensors.sensors()}
-    files = {kind: (f"{kind}.png", file, "image/png") for kind, file in kinds.items()}
-    annotation = json.dumps(sensors.ANNOTATION)
-    answer = scene.http.put(
-        f"/datasets/{scene.dataset}/frames/run/000002",
-        files={**files, "annotation": ("a.json", annotation, "application/json")},
-    )
-    assert answer.status_code == 201, answer.text
-    frame = scenes.get(scene.http, f"/frames/{answer.json()['frame']['id']}")
+    files = {"image": shown, **sensors.sensors()}
+    frame = scenes.put(scene.http, scene.dataset, "a", sensors.ANNOTATION, **files)
     return scenes.Scene(scene.http, scene.dataset, frame)
 
 
@@ -126,8 +113,7 @@ def test_other_layers_show_the_same_cut_and_depths_share_one_axis(measured, user
 
 
 def test_address_of_the_queue_names_its_box_and_opens_at_it(hidden, user):
-    page = user.open(queue(hidden, order="random"))
-    expect(page.locator(".stage")).to_have_attribute("data-picture", "shown")
+    page = open_queue(user, hidden, order="random")
     user.press("j")
     second = page.locator(".stage").get_attribute("data-box")
     address = page.evaluate("location.hash")

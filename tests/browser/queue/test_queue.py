@@ -1,7 +1,5 @@
 """The queue shows one box at a time: answering, undo, keys, orders, and its end."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable
 from typing import Any
@@ -11,9 +9,8 @@ import pytest
 from playwright.sync_api import Page, expect
 
 from tests.support.page import many_boxes, scenes
-from tests.support.page.many_boxes import answers, queue, queued_box_id
-from tests.support.page.scenes import Scene
-from tests.support.page.stage import layer, wait_for_drawing
+from tests.support.page.many_boxes import answers, open_queue, queue, queued_box_id
+from tests.support.page.stage import bounds, layer, wait_for_drawing
 from tests.support.page.windows import (
     OVERFLOW,
     PHONE,
@@ -37,12 +34,6 @@ SCALE = "parseFloat(document.querySelector('.stage').dataset.view)"
 
 ORDERS = {"Random": "random", "By class": "class", "Doubtful": "doubt"}
 LONG_KEY = f"{'a-long-name-of-a-drive-' * 4}/camera-front/0000000042"
-
-
-def open_queue(user: Visitor, scene: Scene, **query: str) -> Page:
-    page = user.open(queue(scene, **query))
-    expect(page.locator(".stage")).to_have_attribute("data-picture", "shown")
-    return page
 
 
 def shows(page: Page, name: str) -> None:
@@ -358,8 +349,7 @@ def test_phone_has_large_answer_buttons_at_the_bottom(
     page = open_queue(bo, twenty_boxes)
     first = queued_box_id(page)
     reject = page.get_by_role("button", name="Reject")
-    box = reject.bounding_box()
-    assert box is not None
+    box = bounds(reject)
     assert box["height"] >= 48
     assert box["width"] >= 88
     assert box["y"] + box["height"] > PHONE["height"] - 40
@@ -564,8 +554,7 @@ the stage is kept for the box that is shown, before the page gets the key."""
 
 
 @pytest.mark.parametrize(
-    "frames",
-    [5, pytest.param(250, marks=[pytest.mark.long, pytest.mark.timeout(900)])],
+    "frames", [5, pytest.param(250, marks=[pytest.mark.long, pytest.mark.timeout(900)])]
 )
 def test_no_answer_by_keyboard_is_on_a_box_whose_picture_was_not_painted(
     make_scene, user, frames

@@ -1,22 +1,12 @@
 """The queue with several people, without a network, and in an audit (blind)."""
 
-from __future__ import annotations
-
 import pytest
-from playwright.sync_api import Page, expect
+from playwright.sync_api import expect
 
 from tests.support.page import many_boxes
-from tests.support.page.many_boxes import answers, queue, queued_box_id
-from tests.support.page.scenes import Scene
-from tests.support.page.windows import Visitor
+from tests.support.page.many_boxes import answers, open_queue, queued_box_id
 
 pytestmark = [pytest.mark.browser, pytest.mark.long]
-
-
-def open_queue(person: Visitor, scene: Scene, **query: str) -> Page:
-    page = person.open(queue(scene, **query))
-    expect(page.locator(".stage")).to_have_attribute("data-picture", "shown")
-    return page
 
 
 def test_boxes_with_unsent_answers_are_not_queued_after_a_reload(twenty_boxes, user):

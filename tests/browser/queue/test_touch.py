@@ -1,14 +1,12 @@
 """A phone: answers by swiping, and targets that a finger can hit."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import pytest
 from playwright.sync_api import CDPSession, Locator, expect
 
 from tests.support.page import many_boxes
-from tests.support.page.stage import view
+from tests.support.page.stage import bounds, view
 from tests.support.page.windows import PHONE, OpenWindow
 
 pytestmark = pytest.mark.browser
@@ -24,8 +22,7 @@ SMALL_TARGETS = """() => [...document.querySelectorAll(
 
 def drag(touch: CDPSession, stage: Locator, fingers: Sequence[Sequence[int]]) -> None:
     """Move each finger from the middle of the stage, in steps of px to the right."""
-    box = stage.bounding_box()
-    assert box is not None
+    box = bounds(stage)
     x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
     for step, moved in enumerate(zip(*fingers, strict=True)):
         points = [{"x": x + dx, "y": y, "id": i} for i, dx in enumerate(moved)]

@@ -1,16 +1,12 @@
 """Looking at a frame: clicks, the order of the list, and room for the picture."""
 
-from __future__ import annotations
-
-import json
-
 import numpy as np
 import pytest
 from playwright.sync_api import expect
 
 from tests.support import sensors
 from tests.support.page import scenes
-from tests.support.page.stage import layer, point, view, wait_for_drawing
+from tests.support.page.stage import edge_contrast, point, view, wait_for_drawing
 from tests.support.page.windows import OVERFLOW
 from tests.support.pictures import png
 
@@ -60,16 +56,9 @@ def test_click_selects_the_object_whose_pixels_were_clicked(make_scene, user):
         "instances": sensors.instance_png(tags, ids),
     }
     camera = {"width": width, "height": height, "fov": 90}
-    text = json.dumps({"carla_version": "0.9.15", "camera": camera, "boxes": boxes})
-    answer = scene.http.put(
-        f"/datasets/{scene.dataset}/frames/run/000002",
-        files={
-            **{kind: (f"{kind}.png", file) for kind, file in files.items()},
-            "annotation": ("a.json", text, "application/json"),
-        },
-    )
-    assert answer.status_code == 201, answer.text
-    page = user.open(f"#/frames/{answer.json()['frame']['id']}")
+    annotation = {"carla_version": "0.9.15", "camera": camera, "boxes": boxes}
+    frame = scenes.put(scene.http, scene.dataset, "run/000002", annotation, **files)
+    page = user.open(f"#/frames/{frame['id']}")
     expect(page.locator(".stage")).to_have_attribute("data-objects", "shown")
 
     click(page, 280, 140)
@@ -99,20 +88,11 @@ def test_list_is_sorted_by_size_and_distance_and_keys_follow_it(make_scene, user
 def test_far_boxes_fade_until_they_are_asked_for(make_scene, user):
     page = user.open(make_scene(boxes=STACK).link())
     wait_for_drawing(page)
-
-    def ink() -> float:
-        """How much the far box's lower edge differs from the picture's grey."""
-        scale, x0, y0 = view(page)
-        row = round(scenes.SKY[3] * scale + y0)
-        left, right = (round(x * scale + x0) for x in (scenes.SKY[0], scenes.SKY[2]))
-        drawn = layer(page, "base")[row - 3 : row + 3, left:right, :3].astype(float)
-        return float(np.abs(drawn - scenes.GREY).max())
-
-    faint = ink()
+    faint = edge_contrast(page, scenes.SKY)
     user.press("o")
     wait_for_drawing(page)
 
-    assert 0 < 1.5 * faint < ink()
+    assert 0 < 1.5 * faint < edge_contrast(page, scenes.SKY)
 
 
 def test_picture_has_most_of_the_window_and_all_of_it_without_panels(make_scene, user):

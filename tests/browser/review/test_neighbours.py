@@ -1,13 +1,9 @@
 """Boxes that overlap the selected one are listed and stay visible."""
 
-from __future__ import annotations
-
-import numpy as np
 import pytest
 from playwright.sync_api import expect
 
-from tests.support.page import scenes
-from tests.support.page.stage import layer, view, wait_for_drawing
+from tests.support.page.stage import edge_contrast, wait_for_drawing
 
 pytestmark = pytest.mark.browser
 
@@ -24,7 +20,7 @@ def test_overlapping_boxes_are_listed_closest_first_and_dimmed_less(make_scene, 
     scene = make_scene(boxes=BOXES)
     page = user.open(scene.link("near"))
     wait_for_drawing(page)
-    assert stroke_contrast(page, PART) > 1.5 * stroke_contrast(page, FAR) > 0
+    assert edge_contrast(page, PART) > 1.5 * edge_contrast(page, FAR) > 0
     listed = page.get_by_label("Overlapping boxes").get_by_role("button")
     expect(listed).to_have_count(2)
     expect(listed.first).to_contain_text("car inside")
@@ -32,12 +28,3 @@ def test_overlapping_boxes_are_listed_closest_first_and_dimmed_less(make_scene, 
     listed.nth(1).click()
 
     expect(page.locator(".inspector__head h2")).to_have_text("car part")
-
-
-def stroke_contrast(page, xyxy) -> float:
-    """How much the drawn lower edge of a box differs from the picture's grey."""
-    scale, x0, y0 = view(page)
-    row = round(xyxy[3] * scale + y0)
-    left, right = (round(x * scale + x0) for x in (xyxy[0] + 60, xyxy[2] - 10))
-    drawn = layer(page, "base")[row - 3 : row + 3, left:right, :3].astype(float)
-    return float(np.abs(drawn - scenes.GREY).max())

@@ -1,8 +1,5 @@
 """Answering boxes of a frame: storing, undo, comments, history, refusals, touch."""
 
-from __future__ import annotations
-
-import json
 import re
 
 import numpy as np
@@ -226,8 +223,7 @@ def test_box_is_described_in_text_and_numbers(scene, user):
     expect(panel.locator(".inspector__sentence")).to_contain_text("4 % of its pixels")
     stage = page.get_by_role("img", name="Frame run/000001")
     expect(stage).to_have_attribute(
-        "aria-label",
-        re.compile(r"4 % Car < 10 % · hidden by Vegetation 96 %$"),
+        "aria-label", re.compile(r"4 % Car < 10 % · hidden by Vegetation 96 %$")
     )
 
 
@@ -235,17 +231,12 @@ def test_hiding_tag_has_the_colour_of_the_frames_palette(http, user):
     palette = FAMILIES["carla-0.9.10"]
     tags = np.full((scenes.HEIGHT, scenes.WIDTH), palette.tag_of("Vehicle"), np.uint8)
     walker = {"class": "walker", "xyxy": scenes.WALKER}
-    files = {
-        "image": ("image.png", scenes.picture(), "image/png"),
-        "segmentation": ("tags.png", png(palette.paint(tags)), "image/png"),
-        "annotation": ("a.json", json.dumps({"boxes": [walker]}), "application/json"),
-    }
+    files = {"image": scenes.picture(), "segmentation": png(palette.paint(tags))}
     made = http.post("/datasets", json={"name": "older", "palette": palette.name})
     assert made.status_code == 201, made.text
-    frame = http.put("/datasets/older/frames/1", files=files).json()
+    frame = scenes.put(http, "older", "1", {"boxes": [walker]}, **files)
 
-    box_id = frame["decisions"][0]["box_id"]
-    page = user.open(f"#/frames/{frame['frame']['id']}?box={box_id}")
+    page = user.open(f"#/frames/{frame['id']}?box={frame['boxes'][0]['box_id']}")
 
     hider = page.locator(".hidden-by li").first
     expect(hider).to_contain_text("Vehicle100 %")

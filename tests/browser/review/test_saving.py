@@ -1,13 +1,11 @@
 """No answer is lost: offline, after a reload, signed out, overtaken, across tabs."""
 
-from __future__ import annotations
-
 import re
 
 import pytest
 from playwright.sync_api import Page, expect
 
-from tests.support.page import scenes
+from tests.support.page import many_boxes, scenes
 from tests.support.page.scenes import Scene
 from tests.support.page.windows import Visitor, go_offline, lose_session
 from tests.support.waiting import until
@@ -17,12 +15,6 @@ pytestmark = pytest.mark.browser
 
 def save_state(page: Page):
     return page.locator(".savestate")
-
-
-def post_answer(scene: Scene, name: str, verdict: str) -> None:
-    body = {"verdict": verdict, "seen_revision": scene.revision(name)}
-    path = f"/boxes/{scene.box_id(name)}/reviews"
-    assert scene.http.post(path, json=body).status_code == 201
 
 
 def test_top_bar_counts_the_answers_that_a_busy_server_has_not_taken(
@@ -102,7 +94,7 @@ def test_unsent_answer_is_kept_while_signed_out(scene, user, server):
 def test_overtaken_answer_is_given_up_or_replaces_the_other_one(scene, user):
     page = user.open(scene.link("walker"))
     notice = page.locator(".overtaken")
-    post_answer(scene, "walker", "reject")
+    many_boxes.review(scene, scene.box_id("walker"), "reject")
     user.press("a")
     page.get_by_role("button", name="Keep theirs").click()
     expect(notice).to_have_count(0)
@@ -112,7 +104,7 @@ def test_overtaken_answer_is_given_up_or_replaces_the_other_one(scene, user):
 
     user.open(scene.link("ghost"))
     expect(page.locator(".answerline")).to_have_text("It has no answer.")
-    post_answer(scene, "ghost", "reject")
+    many_boxes.review(scene, scene.box_id("ghost"), "reject")
     user.press("a")
 
     expect(notice).to_contain_text("admin answered reject while you answered keep")
@@ -132,7 +124,7 @@ def test_overtaken_answer_on_another_frame_links_to_its_box(scene, user):
     page = user.page
     page.route("**/reviews", lambda route: route.abort())
     user.open(scene.link("ghost"))
-    post_answer(scene, "ghost", "reject")
+    many_boxes.review(scene, scene.box_id("ghost"), "reject")
     user.press("a", "PageDown")
     expect(page.locator("h1")).to_have_text("run/000002")
     page.unroute("**/reviews")

@@ -1,7 +1,5 @@
 """The views of runs and exports: progress, cancelling, comparing, downloading."""
 
-from __future__ import annotations
-
 import hashlib
 import re
 import zipfile
@@ -18,11 +16,7 @@ from tests.support.page import scenes
 from tests.support.page.scenes import Scene
 from tests.support.page.windows import PHONE, Visitor
 from tests.support.servers import RunningServer
-from tests.support.slow_datasets import (
-    FROM_PIXELS,
-    OTHER_PIXELS,
-    create_slow_dataset,
-)
+from tests.support.slow_datasets import FROM_PIXELS, OTHER_PIXELS, create_slow_dataset
 from tests.support.waiting import until
 
 pytestmark = pytest.mark.browser

@@ -1,7 +1,5 @@
 """The top bar: who is signed in, and the tabs that lead to a dataset's views."""
 
-from __future__ import annotations
-
 import pytest
 from playwright.sync_api import expect
 

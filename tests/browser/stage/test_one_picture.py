@@ -3,13 +3,9 @@
 Pictures that programs show differently: turned by EXIF, or with an alpha channel.
 """
 
-from __future__ import annotations
-
-import json
 import struct
 from itertools import count
 
-import cv2
 import httpx
 import numpy as np
 import pytest
@@ -19,7 +15,7 @@ from filter_core.segmentation.palettes import FAMILIES
 from tests.support.page import scenes
 from tests.support.page.stage import layer, view, wait_for_drawing
 from tests.support.page.windows import Visitor
-from tests.support.pictures import jpeg
+from tests.support.pictures import jpeg, png, with_alpha
 
 pytestmark = pytest.mark.browser
 
@@ -61,13 +57,6 @@ def with_orientation(value: int) -> bytes:
     return content[:2] + b"\xff\xe1" + size + body + content[2:]
 
 
-def with_alpha(rgb: np.ndarray, alpha: np.ndarray | int) -> bytes:
-    channel = np.broadcast_to(np.asarray(alpha, np.uint8), rgb.shape[:2])
-    done, content = cv2.imencode(".png", np.dstack([rgb[..., ::-1], channel]))
-    assert done
-    return content.tobytes()
-
-
 def alpha_in_places() -> np.ndarray:
     """Alpha that hides more or less, and only around the centres of the quarters."""
     alpha = np.full((HEIGHT, WIDTH), 255, np.uint8)
@@ -79,7 +68,7 @@ def alpha_in_places() -> np.ndarray:
 PICTURES = {
     "turned by half": (with_orientation(3), TURNED),
     "turned by a quarter": (with_orientation(6), COLORS),
-    "transparent in places": (with_alpha(quarters(), alpha_in_places()), COLORS),
+    "transparent in places": (png(with_alpha(quarters(), alpha_in_places())), COLORS),
 }
 
 
@@ -93,14 +82,8 @@ def pushed(http: httpx.Client, image: bytes, segmentation: bytes) -> scenes.Scen
         for row in CENTRES
         for x, y in row
     ]
-    files: dict[str, tuple[str, bytes | str, str]] = {
-        "image": ("image", image, "application/octet-stream"),
-        "segmentation": ("tags.png", segmentation, "image/png"),
-        "annotation": ("a.json", json.dumps({"boxes": boxes}), "application/json"),
-    }
-    answer = http.put(f"/datasets/{dataset}/frames/a", files=files)
-    assert answer.status_code == 201, answer.text
-    frame = scenes.get(http, f"/frames/{answer.json()['frame']['id']}")
+    files = {"image": image, "segmentation": segmentation}
+    frame = scenes.put(http, dataset, "a", {"boxes": boxes}, **files)
     return scenes.Scene(http, dataset, frame)
 
 
@@ -118,7 +101,7 @@ def read(image: Locator, part: str) -> np.ndarray:
 def test_frame_grid_and_thumbnail_show_one_picture(http, user: Visitor, name):
     content, colors = PICTURES[name]
     painted = FAMILIES[scenes.FAMILY].paint(car_tags())
-    scene = pushed(http, content, with_alpha(painted, 0))
+    scene = pushed(http, content, png(with_alpha(painted, 0)))
     opaque = np.dstack([colors, np.full((2, 2), 255)])
 
     page = user.open(scene.link())
@@ -147,8 +130,8 @@ def test_transparent_segmentation_is_shown_and_matched(http, user: Visitor, form
     tags = car_tags()
     painted = FAMILIES[scenes.FAMILY].paint(tags)
     raw = np.dstack([tags, np.zeros_like(tags), np.zeros_like(tags)])
-    content = with_alpha(painted if form == "palette" else raw, 0)
-    scene = pushed(http, jpeg(quarters(), 95), content)
+    content = png(with_alpha(painted if form == "palette" else raw, 0))
+    scene = pushed(http, jpeg(quarters()), content)
 
     page = user.open(scene.link("0"))
     expect(page.locator(".stage")).to_have_attribute("data-highlighted", "400")

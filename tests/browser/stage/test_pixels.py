@@ -1,9 +1,4 @@
-"""The pixels that the stage really draws, and how it zooms and pans.
-
-Looked at are strokes, mask, highlighted pixels, 3D edges and marks of answers.
-"""
-
-from __future__ import annotations
+"""The pixels that the stage really draws, and how it zooms and pans."""
 
 import numpy as np
 import pytest

@@ -1,9 +1,4 @@
-"""The view that tries thresholds: previews, flips, saving and applying a version.
-
-Thresholds are moved by mouse, keyboard and touch; the address holds them.
-"""
-
-from __future__ import annotations
+"""The view that tries thresholds: previews, flips, saving and applying a version."""
 
 import json
 import re
@@ -16,14 +11,9 @@ from filter_core.config.keys import keys_of
 from filter_core.formats.recording import DATASET_SETTINGS
 from tests.support.page import scenes
 from tests.support.page.scenes import MakeScene, Scene
+from tests.support.page.stage import bounds
 from tests.support.page.tuning import applied_config, car_at, count_bar_colours, dragged
-from tests.support.page.windows import (
-    PHONE,
-    WIDTHS,
-    OpenWindow,
-    Visitor,
-    route_loaded,
-)
+from tests.support.page.windows import PHONE, WIDTHS, OpenWindow, Visitor, route_loaded
 from tests.support.sensors import ANNOTATION, sensors
 from tests.support.waiting import until
 
@@ -81,10 +71,8 @@ def test_flip_shows_its_box_and_both_sides_and_links_to_its_frame(user, street):
     expect(sides.nth(1)).to_have_text("would be rejected: match 30 % < 30.04 %")
 
     expect(flip.locator("img")).to_be_visible()
-    picture = flip.locator(".flip__picture").bounding_box()
-    outline = flip.locator(".cell__box--rejected").bounding_box()
-    assert picture is not None
-    assert outline is not None
+    picture = bounds(flip.locator(".flip__picture"))
+    outline = bounds(flip.locator(".cell__box--rejected"))
     x0, y0, x1, y1 = car_at(30, 1)["xyxy"]
     assert outline["width"] / outline["height"] == pytest.approx(
         (x1 - x0) / (y1 - y0), rel=0.05
@@ -289,9 +277,7 @@ def test_applied_version_is_reported_in_sight(street, open_window: OpenWindow, w
     strip = page.locator(".runstrip--done")
     expect(page.locator(".summary__state")).to_have_text("The active configuration")
     expect(strip).to_be_in_viewport(ratio=1)
-    shown, summary = strip.bounding_box(), page.locator(".summary").bounding_box()
-    assert shown is not None
-    assert summary is not None
+    shown, summary = bounds(strip), bounds(page.locator(".summary"))
     assert shown["y"] >= summary["y"] + summary["height"]
 
 
@@ -429,15 +415,9 @@ def test_yaml_of_tried_configuration_is_accepted_by_the_api(user, street):
     assert config["classes"] == {"car": {"accept": [14]}}
 
 
-def test_thresholds_of_an_empty_dataset_show_no_boxes_message(user, http):
-    http.post("/datasets", json={"name": "no-boxes"})
-
-    page = user.open("#/datasets/no-boxes/thresholds")
-
-    expect(page.get_by_role("heading", name="No boxes yet")).to_be_visible()
-
-
-def test_bars_are_hatched_below_the_threshold_and_solid_above(user, street):
+def test_bars_are_hatched_below_the_threshold_and_redrawn_in_other_colours(
+    user, street
+):
     page = open_thresholds(user, street, "?threshold_small_box=50")
     drawing = page.locator(".histogram--large .histogram__drawing canvas")
 
@@ -448,17 +428,11 @@ def test_bars_are_hatched_below_the_threshold_and_solid_above(user, street):
 
     assert below > 1, "a rejected bar is slanted lines over a tint"
     assert above == 1, "a kept bar is one solid colour"
-
-
-def test_histograms_are_redrawn_when_the_colour_scheme_changes(user, street):
-    page = open_thresholds(user, street)
-    drawing = page.locator(".histogram--large .histogram__drawing")
-    expect(drawing).to_have_attribute("data-drawn", "1")
+    drawings = page.locator(".histogram--large .histogram__drawing")
+    expect(drawings).to_have_attribute("data-drawn", "1")
     page.get_by_role("button", name="Settings").click()
-
     page.get_by_role("button", name="Dark").click()
-
-    expect(drawing).to_have_attribute("data-drawn", "2")
+    expect(drawings).to_have_attribute("data-drawn", "2")
 
 
 def test_a_threshold_is_moved_by_touch(street, open_window):
@@ -467,8 +441,7 @@ def test_a_threshold_is_moved_by_touch(street, open_window):
     line = handle(page, "all classes")
     line.scroll_into_view_if_needed()
 
-    place = line.bounding_box()
-    assert place is not None
+    place = bounds(line)
     assert place["width"] >= 44
     dragged(page, line, to=60)
 
@@ -546,8 +519,7 @@ def test_other_evidence_is_tried_applied_and_undone_with_one_click_each(user, ht
     dataset = "other-evidence"
     by_tags = {"name": dataset, "config": {"evidence": "auto"}}
     assert http.post("/datasets", json=by_tags).status_code == 201
-    files = {"annotation": json.dumps(ANNOTATION).encode(), **sensors()}
-    assert http.put(f"/datasets/{dataset}/frames/a", files=files).status_code == 201
+    scenes.put(http, dataset, "a", ANNOTATION, **sensors())
     run = {"config": {"profile": "paper"}, "activate": True}
     assert http.post(f"/datasets/{dataset}/runs", json=run).status_code == 202
     until(lambda: kept_boxes(http, dataset) == 2)

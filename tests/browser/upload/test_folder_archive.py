@@ -1,7 +1,5 @@
 """The archive of dropped files that the page sends has all that the service reads."""
 
-from __future__ import annotations
-
 import base64
 import io
 import tarfile

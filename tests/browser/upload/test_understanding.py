@@ -1,10 +1,4 @@
-"""The upload dialog shows how dropped files are understood, and takes corrections.
-
-Each is a click, after which the files are read again; nothing is stored before the
-upload.
-"""
-
-from __future__ import annotations
+"""The upload dialog shows how dropped files are understood, and takes corrections."""
 
 import json
 import re

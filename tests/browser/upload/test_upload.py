@@ -1,9 +1,4 @@
-"""Dropped or picked files are matched to frames and sent.
-
-Files that belong to no frame and frames that are refused are listed.
-"""
-
-from __future__ import annotations
+"""Dropped or picked files are matched to frames and sent."""
 
 import base64
 import json
@@ -11,15 +6,11 @@ import re
 from pathlib import Path
 
 import pytest
-from playwright.sync_api import Locator, Page, Route, expect
+from playwright.sync_api import Page, Route, expect
 
+from tests.support.folders import write_files
 from tests.support.page import scenes
-from tests.support.page.windows import (
-    Visitor,
-    first_held,
-    hold_timers,
-    route_loaded,
-)
+from tests.support.page.windows import Visitor, first_held, hold_timers, route_loaded
 
 pytestmark = pytest.mark.browser
 
@@ -48,15 +39,12 @@ DROP = """(files) => {
 def town(tmp_path: Path) -> Path:
     """A YOLO folder: three frames, an image without label, and a broken label."""
     root = tmp_path / f"town-{tmp_path.name.strip('_').lower()}"
-    for folder in ("images", "labels", "seg"):
-        (root / folder).mkdir(parents=True)
-    (root / "data.yaml").write_text("names: [car, walker]\n")
-    for name in ("1", "2", "3"):
-        (root / "images" / f"{name}.png").write_bytes(scenes.picture())
-        (root / "seg" / f"{name}.png").write_bytes(scenes.segmentation("palette"))
-        (root / "labels" / f"{name}.txt").write_text(CAR_LINE)
-    (root / "images" / "stray.png").write_bytes(scenes.picture())
-    (root / "labels" / "broken.txt").write_text("9 0.5 0.5 0.1 0.1\n")
+    segmentation, picture = scenes.segmentation("palette"), scenes.picture()
+    files = {"data.yaml": "names: [car, walker]\n", "images/stray.png": picture}
+    for name in "123":
+        files |= {f"images/{name}.png": picture, f"seg/{name}.png": segmentation}
+        files[f"labels/{name}.txt"] = CAR_LINE
+    write_files(root, {**files, "labels/broken.txt": "9 0.5 0.5 0.1 0.1\n"})
     return root
 
 
@@ -67,12 +55,8 @@ def pick_folder(user: Visitor, folder: Path) -> Page:
     return page
 
 
-def upload_button(page: Page) -> Locator:
-    return page.get_by_role("button", name=re.compile(r"^Upload \d+ frame"))
-
-
 def send(page: Page) -> None:
-    upload_button(page).click()
+    page.get_by_role("button", name=re.compile(r"^Upload \d+ frame")).click()
 
 
 def test_picked_folder_is_matched_and_uploaded(town, user, http):

@@ -1,7 +1,5 @@
 """What the fake sensors deliver; pixels are computed when they are first read."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -99,10 +97,7 @@ class LidarMeasurement(Shot):
         if not self.kind.endswith("semantic"):
             shine = np.ones((len(places), 1), "<f4")
             return memoryview(np.hstack([places, shine]).tobytes())
-        table = np.zeros(
-            len(places),
-            np.dtype("<f4,<f4,<f4,<f4,<u4,<u4"),
-        )
+        table = np.zeros(len(places), np.dtype("<f4,<f4,<f4,<f4,<u4,<u4"))
         table["f0"], table["f1"], table["f2"] = places.T
         table["f4"], table["f5"] = owner[hit], tag[hit]
         return memoryview(table.tobytes())

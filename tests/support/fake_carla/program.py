@@ -4,8 +4,6 @@
 always writes the final state of the fake world to the file STATE.
 """
 
-from __future__ import annotations
-
 import json
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A small scenario for captures of the fake street."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from unghost.capture.scenario import Scenario, parse_scenario

@@ -1,7 +1,5 @@
 """Box-shaped solids of the fake world, and a ray caster that finds what is visible."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import carla

@@ -1,7 +1,5 @@
 """A small street in the fake world whose correct verdicts are known."""
 
-from __future__ import annotations
-
 import carla
 
 from tests.support.fake_carla.library import EnvironmentObject

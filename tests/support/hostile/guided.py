@@ -7,8 +7,6 @@ grows faster than its input, is stopped, and the test fails. Time in C code is l
 by processor seconds.
 """
 
-from __future__ import annotations
-
 import base64
 import random
 import sys

@@ -1,7 +1,5 @@
 """Valid configurations, annotations and folders of labels, for fuzzers to damage."""
 
-from __future__ import annotations
-
 from tests.support.exporting import box, export, frame
 
 YAML = """\

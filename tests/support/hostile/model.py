@@ -5,8 +5,6 @@ answers from a stack for each box. It shares no code with the service, only the 
 of the API.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field

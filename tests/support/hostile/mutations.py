@@ -1,7 +1,5 @@
 """Hypothesis strategies for files and JSON documents that are damaged at random."""
 
-from __future__ import annotations
-
 import os
 import tracemalloc
 from collections.abc import Iterator, Sequence

@@ -1,7 +1,5 @@
 """Sets up schemathesis to make requests from the service's OpenAPI document."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 from tempfile import gettempdir

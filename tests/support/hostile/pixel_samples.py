@@ -1,7 +1,5 @@
 """Images and point clouds for fuzzers to damage; most of them are valid."""
 
-from __future__ import annotations
-
 import io
 import struct
 

@@ -1,7 +1,5 @@
 """A server that tests end in several ways and start again over the same data folder."""
 
-from __future__ import annotations
-
 from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Final

@@ -1,7 +1,5 @@
 """Keys, answers, frames and filters from which random test sequences are built."""
 
-from __future__ import annotations
-
 import json
 
 from hypothesis import strategies as st

@@ -1,7 +1,5 @@
 """Tar archives and a multipart form, mostly valid, for fuzzers to damage."""
 
-from __future__ import annotations
-
 import tarfile
 
 from tests.support import archives

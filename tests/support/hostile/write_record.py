@@ -5,8 +5,6 @@ notes is the order in which the service must have stored its writes, and when th
 server dies at most one of its writes is without an answer.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import random

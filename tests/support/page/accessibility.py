@@ -1,7 +1,5 @@
 """Runs axe, a checker of accessibility, on a page."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from playwright.sync_api import Page

@@ -1,16 +1,14 @@
 """Makes frames with many boxes, and reads what the grid and the queue show of them."""
 
-from __future__ import annotations
-
-import json
 from datetime import datetime, timezone
 from typing import Any
 
 import httpx
-from playwright.sync_api import Locator, Page
+from playwright.sync_api import Locator, Page, expect
 
 from tests.support.page import scenes
 from tests.support.page.scenes import Scene
+from tests.support.page.windows import Visitor
 
 
 def alternating_boxes(count: int) -> list[dict[str, Any]]:
@@ -31,16 +29,10 @@ def fill(http: httpx.Client, dataset: str, frames: int, boxes: int) -> None:
     place = {"x": 0, "y": 0, "z": 0}
     size = {"width": scenes.WIDTH, "height": scenes.HEIGHT}
     annotation = {"camera": {**size, "fov": 90, "transform": place}}
-    content = json.dumps({**annotation, "boxes": alternating_boxes(boxes)})
-    files: dict[str, tuple[str, bytes | str, str]] = {
-        "image": ("image.png", scenes.picture(), "image/png"),
-        "segmentation": ("tags.png", scenes.segmentation("palette"), "image/png"),
-        "annotation": ("a.json", content, "application/json"),
-    }
+    content = {**annotation, "boxes": alternating_boxes(boxes)}
+    files = {"image": scenes.picture(), "segmentation": scenes.segmentation("palette")}
     for number in range(frames):
-        path = f"/datasets/{dataset}/frames/run/{number:06d}"
-        answer = http.put(path, files=files)
-        assert answer.status_code == 201, answer.text
+        scenes.put(http, dataset, f"run/{number:06d}", content, **files)
 
 
 def grid(scene: Scene, **query: str) -> str:
@@ -54,6 +46,20 @@ def queue(scene: Scene, **query: str) -> str:
     chosen = {"bin": "all", **query}
     search = "&".join(f"{key}={value}" for key, value in chosen.items() if value)
     return f"#/datasets/{scene.dataset}/queue{'?' if search else ''}{search}"
+
+
+def open_grid(user: Visitor, scene: Scene, **query: str) -> Page:
+    """Open the grid, and wait until its list is loaded."""
+    page = user.open(grid(scene, **query))
+    expect(page.get_by_role("grid")).to_have_attribute("aria-busy", "false")
+    return page
+
+
+def open_queue(user: Visitor, scene: Scene, **query: str) -> Page:
+    """Open the queue, and wait until the picture of its first box is shown."""
+    page = user.open(queue(scene, **query))
+    expect(page.locator(".stage")).to_have_attribute("data-picture", "shown")
+    return page
 
 
 def cell(page: Page, index: int) -> Locator:

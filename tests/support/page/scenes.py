@@ -4,8 +4,6 @@ The picture is plain grey, so that all other colours on the stage were drawn by 
 page.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -20,8 +18,8 @@ from tests.support.pictures import png
 from tests.support.waiting import until
 
 WIDTH, HEIGHT = 640, 360
-FAMILY = "carla-0.9.14"
 GREY = 118
+FAMILY = "carla-0.9.14"
 
 CAR = (80, 200, 240, 300)
 HALF_HIDDEN = (300, 180, 400, 280)
@@ -89,16 +87,18 @@ def push(
         "camera": camera,
         "boxes": BOXES if boxes is None else boxes,
     }
-    files: dict[str, tuple[str, bytes | str, str]] = {
-        "image": ("image.png", picture(colour), "image/png"),
-        "annotation": ("a.json", json.dumps(annotation), "application/json"),
-    }
-    if form != "none":
-        content = segmentation(form)
-        files["segmentation"] = ("segmentation.png", content, "image/png")
-    answer = http.put(f"/datasets/{dataset}/frames/{key}", files=files)
-    assert answer.status_code == 201, answer.text
-    return get(http, f"/frames/{answer.json()['frame']['id']}")
+    files = {} if form == "none" else {"segmentation": segmentation(form)}
+    return put(http, dataset, key, annotation, image=picture(colour), **files)
+
+
+def put(
+    http: httpx.Client, dataset: str, key: str, annotation: Any, **files: bytes
+) -> dict[str, Any]:
+    """Send a frame of these files; returns it as `push` does."""
+    parts = {"annotation": json.dumps(annotation).encode(), **files}
+    response = http.put(f"/datasets/{dataset}/frames/{key}", files=parts)
+    assert response.status_code == 201, response.text
+    return get(http, f"/frames/{response.json()['frame']['id']}")
 
 
 def decide(http: httpx.Client, dataset: str, config: Mapping[str, object]) -> None:

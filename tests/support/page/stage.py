@@ -1,11 +1,11 @@
 """Reads the pixels and the view of the stage, the canvas that shows a frame."""
 
-from __future__ import annotations
-
-from typing import cast
+from collections.abc import Sequence
 
 import numpy as np
-from playwright.sync_api import Page
+from playwright.sync_api import FloatRect, Locator, Page
+
+from tests.support.page.scenes import GREY
 
 READ_LAYER = """(name) => {
   const canvas = document.querySelector(`.stage__layer--${name}`);
@@ -34,11 +34,17 @@ def view(page: Page) -> tuple[float, float, float]:
     return scale, x, y
 
 
+def bounds(element: Locator) -> FloatRect:
+    """The rectangle of an element that is shown, in px of the window."""
+    box = element.bounding_box()
+    assert box is not None
+    return box
+
+
 def point(page: Page, x: float, y: float) -> tuple[float, float]:
     """The place in the window of a place in the image, in px."""
     scale, x0, y0 = view(page)
-    corner = page.locator(".stage").bounding_box()
-    assert corner is not None
+    corner = bounds(page.locator(".stage"))
     return corner["x"] + x * scale + x0, corner["y"] + y * scale + y0
 
 
@@ -55,6 +61,15 @@ def wait_for_drawing(page: Page) -> None:
     )
 
 
+def edge_contrast(page: Page, xyxy: Sequence[int]) -> float:
+    """How much the drawn lower edge of a box differs from the picture's grey."""
+    scale, x0, y0 = view(page)
+    row = round(xyxy[3] * scale + y0)
+    left, right = (round(x * scale + x0) for x in (xyxy[0] + 60, xyxy[2] - 10))
+    drawn = layer(page, "base")[row - 3 : row + 3, left:right, :3].astype(float)
+    return float(np.abs(drawn - GREY).max())
+
+
 def edge_runs(page: Page, xyxy: tuple[int, ...]) -> int:
     """How many strokes a box's lower edge has: 1 if solid, many if dashed."""
     scale, x0, y0 = view(page)
@@ -62,6 +77,5 @@ def edge_runs(page: Page, xyxy: tuple[int, ...]) -> int:
     row = round(xyxy[3] * scale + y0)
     left, right = (round(x * scale + x0) for x in (xyxy[0], xyxy[2]))
     pixels = base[row - 1 : row + 1, left + 4 : right - 4, :3]
-    grey = np.array(cast("list[int]", [118, 118, 118]))
-    inked = (np.abs(pixels - grey).max(axis=(0, 2)) > 60).astype(int)
+    inked = (np.abs(pixels - GREY).max(axis=(0, 2)) > 60).astype(int)
     return int((np.diff(inked, prepend=0) == 1).sum())

@@ -1,7 +1,5 @@
 """Makes boxes with a known match, and moves and reads the page's histograms."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import cv2
@@ -10,6 +8,7 @@ from playwright.sync_api import Locator, Page
 
 from tests.support.page import scenes
 from tests.support.page.scenes import Scene
+from tests.support.page.stage import bounds
 
 LEFT, RIGHT = 40, 20
 """The widths of the axis and of the padding beside the plot, in px of the page."""
@@ -36,9 +35,7 @@ def applied_config(scene: Scene) -> dict[str, Any]:
 
 def dragged(page: Page, handle: Locator, *, to: float) -> None:
     """Drag a handle of a threshold with the mouse to a percentage of its track."""
-    own, track = handle.bounding_box(), handle.locator("..").bounding_box()
-    assert own is not None
-    assert track is not None
+    own, track = bounds(handle), bounds(handle.locator(".."))
     y = own["y"] + own["height"] / 2
     page.mouse.move(own["x"] + own["width"] / 2, y)
     page.mouse.down()

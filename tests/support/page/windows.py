@@ -1,7 +1,5 @@
 """Starts Chromium, opens windows of several sizes, and acts as a user of the page."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
