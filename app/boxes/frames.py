@@ -393,9 +393,13 @@ def crop_of(
 
 
 def crops_of(context: ServiceContext, session: Session, wanted: CropsQuery) -> Drawing:
-    """Crops around several boxes, as a tar; without those that cannot be drawn."""
-    drawings: dict[str, Drawing] = {}
+    """Crops around several boxes, as a tar: an empty file where there is no picture.
+
+    Those that cannot be drawn are missing.
+    """
+    drawings: dict[str, Drawing | None] = {}
     for words, (box_id, query) in wanted.parts().items():
+        drawings[words] = None
         with suppress(NotFound):
             drawings[words] = crop_of(context.storage, session, box_id, query)
     folder = context.settings.data / PICTURES
@@ -405,14 +409,16 @@ def crops_of(context: ServiceContext, session: Session, wanted: CropsQuery) -> D
         with tarfile.open(fileobj=content, mode="w") as archive:
             for words, drawing in drawings.items():
                 with suppress(FilterError):
-                    picture = drawing.content(pool, cancelled, folder)
+                    picture = b""
+                    if drawing is not None:
+                        picture = drawing.content(pool, cancelled, folder)
                     member = tarfile.TarInfo(f"{words}.webp")
                     member.size = len(picture)
                     archive.addfile(member, io.BytesIO(picture))
             end = archive.offset + 2 * tarfile.BLOCKSIZE
         return content.getvalue()[:end]  # without the zeros that fill a tape's record
 
-    tags = [words + drawing.tag for words, drawing in drawings.items()]
+    tags = [f"{words} {drawing and drawing.tag}" for words, drawing in drawings.items()]
     tag = hashlib.sha256("\n".join(tags).encode()).hexdigest()[:32]
     return Drawing(tag, TAR, draw)
 

@@ -259,9 +259,9 @@ async def get_crops(
 ) -> Response:
     """The parts of frames around several boxes, as a tar of WebP files.
 
-    Each is named as the query names it, such as `7-0.25-256.webp`. Those that cannot be
-    drawn are missing; the route of the one crop says why. A page of small pictures
-    needs few requests with it.
+    Each is named as the query names it, such as `7-0.25-256.webp`; it is empty where a
+    box or its picture does not exist. Those that cannot be drawn are missing; the route
+    of the one crop says why. A page of small pictures needs few requests with it.
     """
     version = request.query_params.get("v", "")
     return await drawn_response(request, services, drawing, version)

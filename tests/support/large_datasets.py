@@ -30,6 +30,7 @@ from filter_core.config.filter import FilterConfig
 from filter_core.decisions.doubt import doubts
 from filter_core.decisions.rules import decide
 from filter_core.evidence_numbers import Evidence
+from filter_core.pipeline import SegmentationReport
 from tests.support.evidence import absent_evidence
 
 BOXES_PER_FRAME = 25
@@ -183,7 +184,14 @@ def _evidence(dataset: Dataset, frame_id: int, packed: bytes) -> dict[str, Any]:
         "numbers": packed,
         "tag_counts": b"",
         "geometry": b"",
-        "segmentation": {"palette": "carla-0.9.14", "lossy": False},
+        "segmentation": SegmentationReport(
+            palette="carla-0.9.14",
+            encoding="palette",
+            channel_order="rgb",
+            lossy=False,
+            unknown_percent=0.0,
+            notes=[],
+        ),
         "lossy": False,
     }
 

@@ -1,62 +1,48 @@
 // @ts-check
-// Crops of boxes: fetched several in one request, cached, and drawn in a square. Used by the grid, the queue's strip
-// and the flips.
+// Crops of boxes: fetched, cached, and drawn in a square. Used by the grid, the queue's strip and the flips.
 
 import { ApiError, blob, pictureUrl } from "../core/api.js";
 import { useRetries, useRetryOnline } from "../core/hooks.js";
 import { html, useEffect, useMemo, useRef, useState } from "../core/html.js";
 import { Icon } from "../core/icons.js";
+import { createBundles } from "./bundles.js";
 
 /** @import { Decision, Xyxy } from "./box.js" */
 /** @typedef {{src: string, width: number, height: number}} Crop */
 /** @typedef {{state: "failed", crop: null, error: Error}} NoCrop */
 /** @typedef {{state: "shown", crop: Crop} | {state: "none", crop: null} | NoCrop} CropAnswer */
-/** @typedef {{url: string, tell: (answer: CropAnswer) => void}} Wish */
+/** @typedef {(answer: CropAnswer) => void} Tell */
 
-/** More would not be on the screen. */
-const PARALLEL = 64;
 const KEPT = 800;
 
 /**
  * @param {(url: string, signal: AbortSignal) => Promise<Crop>} fetchCrop
- * @param {{onError?: (error: unknown) => void, discard?: (crop: Crop) => void, parallel?: number, kept?: number}} [how]
+ * @param {{onError?: (error: unknown) => void, discard?: (crop: Crop) => void, kept?: number}} [how]
  */
-export function createCrops(
-  fetchCrop,
-  { onError = () => {}, discard = () => {}, parallel = PARALLEL, kept = KEPT } = {},
-) {
+export function createCrops(fetchCrop, { onError = () => {}, discard = () => {}, kept = KEPT } = {}) {
   /** Oldest use first. @type {Map<string, Crop>} */
   const have = new Map();
-  /** @type {Set<Wish>} */
-  const waiting = new Set();
-  /** @type {Map<string, {wishes: Set<Wish>, stop: AbortController}>} */
+  /** @type {Map<string, {tells: Set<Tell>, stop: AbortController}>} */
   const underWay = new Map();
   /** Urls on show, and how often. @type {Map<string, number>} */
   const inUse = new Map();
 
-  function next() {
-    for (const wish of waiting) {
-      const going = underWay.get(wish.url);
-      if (going) going.wishes.add(wish);
-      else if (underWay.size >= parallel) continue;
-      else void start(wish);
-      waiting.delete(wish);
-    }
-  }
-
-  /** @param {Wish} first */
-  async function start(first) {
-    const going = { wishes: new Set([first]), stop: new AbortController() };
-    underWay.set(first.url, going);
-    const answer = await fetchCrop(first.url, going.stop.signal).then(
-      (crop) => /** @type {CropAnswer} */ ({ state: "shown", crop }),
-      (error) => refusal(error, going.stop.signal),
-    );
-    // If it was cancelled, and perhaps requested again meanwhile, this answer is ignored.
-    if (underWay.get(first.url) === going) underWay.delete(first.url);
-    if (answer?.crop) keep(first.url, answer.crop);
-    if (answer) for (const wish of going.wishes) wish.tell(answer);
-    next();
+  /** @param {string} url */
+  function start(url) {
+    const going = { tells: /** @type {Set<Tell>} */ (new Set()), stop: new AbortController() };
+    underWay.set(url, going);
+    void fetchCrop(url, going.stop.signal)
+      .then(
+        (crop) => /** @type {CropAnswer} */ ({ state: "shown", crop }),
+        (error) => refusal(error, going.stop.signal),
+      )
+      .then((answer) => {
+        // If it was cancelled, and perhaps requested again meanwhile, this answer is ignored.
+        if (underWay.get(url) === going) underWay.delete(url);
+        if (answer?.crop) keep(url, answer.crop);
+        if (answer) for (const tell of going.tells) tell(answer);
+      });
+    return going;
   }
 
   /** @param {Error} error @param {AbortSignal} signal @returns {CropAnswer | null} */
@@ -91,34 +77,26 @@ export function createCrops(
 
     /**
      * Request a crop. Returns a function to be called when the crop is no longer needed.
-     * @param {string} url @param {(answer: CropAnswer) => void} tell
+     * @param {string} url @param {Tell} answer
      */
-    want(url, tell) {
+    want(url, answer) {
       use(url, 1);
-      const wish = { url, tell };
+      // The same function may want a crop twice.
+      const tell = (/** @type {CropAnswer} */ crop) => answer(crop);
       const crop = have.get(url);
       if (crop) {
         have.delete(url);
         have.set(url, crop);
         tell({ state: "shown", crop });
-      } else {
-        waiting.add(wish);
-        next();
-      }
+      } else (underWay.get(url) ?? start(url)).tells.add(tell);
       return () => {
         use(url, -1);
-        waiting.delete(wish);
         const going = underWay.get(url);
-        if (!going?.wishes.delete(wish) || going.wishes.size > 0) return;
+        if (!going?.tells.delete(tell) || going.tells.size > 0) return;
         underWay.delete(url);
         going.stop.abort();
-        // Later: other requests are often given up at the same moment, and must not be started before that.
-        queueMicrotask(next);
       };
     },
-
-    /** How many requests are running and waiting. */
-    load: () => ({ underWay: underWay.size, waiting: waiting.size }),
   };
 }
 
@@ -228,87 +206,6 @@ const shapeOf = ({ left, top, right, bottom }) => (right - left) / Math.max(1, b
  * @param {number} a @param {number} b @param {Size} natural
  */
 const isLike = (a, b, { width, height }) => Math.abs(a / b - 1) <= 1.5 / Math.min(width, height);
-
-/** The address of a crop that can be asked for together with others: its box, `pad`, `height` and version. */
-const PLAIN = /\/boxes\/(\d+)\/crop\?pad=([\d.]+)&height=(\d+)&v=([^&]*)$/;
-
-/** A browser has six connections to a server. */
-const TOGETHER = 8;
-
-/**
- * @typedef {{address: string, signal: AbortSignal, resolve: (file: Blob) => void,
- *   reject: (error: unknown) => void}} Ask
- */
-
-/**
- * Fetches crops that are asked for in the same moment in few requests: of small pictures a line carries many more in
- * the time of one response. One that is missing in the response is asked for alone, which tells why.
- * @param {(address: string, signal: AbortSignal) => Promise<Blob>} fetchFile
- */
-export function createBundles(fetchFile) {
-  /** @type {Ask[]} */
-  let asks = [];
-
-  function send() {
-    const now = asks.filter(({ signal }) => !signal.aborted);
-    asks = [];
-    for (let at = 0; at < now.length; at += TOGETHER) void sendTogether(now.slice(at, at + TOGETHER));
-  }
-
-  /** @param {readonly Ask[]} some */
-  async function sendTogether(some) {
-    const alone = ({ address, signal, resolve, reject } = /** @type {Ask} */ (some[0])) =>
-      void fetchFile(address, signal).then(resolve, reject);
-    if (some.length === 1) return alone();
-    const stop = new AbortController();
-    let left = some.length;
-    for (const { signal } of some) signal.addEventListener("abort", () => --left === 0 && stop.abort());
-    const parts = some.map(({ address }) => /** @type {RegExpExecArray} */ (PLAIN.exec(address)));
-    const names = parts.map(([, boxId, pad, height]) => `${boxId}-${pad}-${height}`);
-    const query = new URLSearchParams({ crops: names.join(), v: digestOf(parts.map(([, , , , version]) => version)) });
-    try {
-      const bundle = await fetchFile(`/api/v1/boxes/crops?${query}`, stop.signal);
-      const files = unpacked(await bundle.arrayBuffer());
-      for (const [at, ask] of some.entries()) {
-        const content = files.get(`${names[at]}.webp`);
-        if (content) ask.resolve(new Blob([content], { type: "image/webp" }));
-        else alone(ask);
-      }
-    } catch (error) {
-      for (const { reject } of some) reject(error);
-    }
-  }
-
-  /** @param {string} address @param {AbortSignal} signal @returns {Promise<Blob>} */
-  return (address, signal) =>
-    PLAIN.test(address)
-      ? new Promise((resolve, reject) => {
-          if (asks.push({ address, signal, resolve, reject }) === 1) setTimeout(send);
-        })
-      : fetchFile(address, signal);
-}
-
-/** A short word for some texts. @param {readonly (string | undefined)[]} texts */
-function digestOf(texts) {
-  let digest = 0n;
-  for (const letter of texts.join())
-    digest = (digest * 1099511628211n + BigInt(letter.charCodeAt(0))) & (2n ** 64n - 1n);
-  return digest.toString(36);
-}
-
-/** The files of a tar, by name. @param {ArrayBuffer} tar */
-function unpacked(tar) {
-  /** @type {Map<string, Uint8Array<ArrayBuffer>>} */
-  const files = new Map();
-  const text = (/** @type {number} */ at, /** @type {number} */ length) =>
-    new TextDecoder().decode(new Uint8Array(tar, at, length)).replace(/\0.*$/s, "");
-  for (let at = 0; at + 512 <= tar.byteLength && text(at, 100); ) {
-    const size = Number.parseInt(text(at + 124, 12), 8);
-    files.set(text(at, 100), new Uint8Array(tar, at + 512, size));
-    at += 512 * (1 + Math.ceil(size / 512));
-  }
-  return files;
-}
 
 const fetchCrop = createBundles(blob);
 

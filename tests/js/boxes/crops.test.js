@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { boxIn, createBundles, createCrops, cropRequest, placed } from "../../../static/js/boxes/crops.js";
+import { boxIn, createCrops, cropRequest, placed } from "../../../static/js/boxes/crops.js";
 import { ApiError } from "../../../static/js/core/api.js";
 
 /** A source of crops whose requests stay open until the test answers them. */
@@ -19,45 +19,19 @@ function source() {
 const crop = (src) => ({ src, width: 10, height: 10 });
 const tick = () => new Promise((done) => setTimeout(done));
 
-test("no more crops than `parallel` are loaded at a time; the next one starts when one has arrived", async () => {
+test("a crop that nobody wants any more is cancelled", async () => {
   const { asked, fetchCrop } = source();
-  const crops = createCrops(fetchCrop, { parallel: 2 });
-  for (const url of ["a", "b", "c"]) crops.want(url, () => {});
-  assert.deepEqual([...asked.keys()], ["a", "b"]);
-
-  asked.get("a")?.resolve(crop("a"));
-  await tick();
-
-  assert.deepEqual([...asked.keys()], ["a", "b", "c"]);
-});
-
-test("crops that are no longer wanted are not requested, or their request is cancelled", async () => {
-  const { asked, fetchCrop } = source();
-  const crops = createCrops(fetchCrop, { parallel: 1 });
+  const crops = createCrops(fetchCrop);
   const told = [];
-  const letGoOfA = crops.want("a", (answer) => told.push(answer));
-  const letGoOfB = crops.want("b", () => {});
-  crops.want("c", () => {});
+  const letGo = [1, 2].map(() => crops.want("a", (answer) => told.push(answer)));
 
-  letGoOfB();
-  letGoOfA();
+  letGo[0]?.();
+  assert.equal(asked.get("a")?.signal.aborted, false);
+  letGo[1]?.();
   await tick();
 
-  assert.ok(asked.get("a")?.signal.aborted);
-  assert.deepEqual([...asked.keys()], ["a", "c"]);
+  assert.equal(asked.get("a")?.signal.aborted, true);
   assert.deepEqual(told, []);
-});
-
-test("when several crops are given up together, none of them is requested in between", async () => {
-  const { asked, fetchCrop } = source();
-  const crops = createCrops(fetchCrop, { parallel: 1 });
-  const letGo = ["a", "b", "c"].map((url) => crops.want(url, () => {}));
-  crops.want("d", () => {});
-
-  for (const stop of letGo) stop();
-  await tick();
-
-  assert.deepEqual([...asked.keys()], ["a", "d"]);
 });
 
 test("a crop that is wanted several times is requested once", async () => {
@@ -187,56 +161,4 @@ test("a box without a crop is drawn in the middle of its cell, and does not fill
   assert.ok(Math.abs(left + width / 2 - 80) < 1e-9 && Math.abs(top + height / 2 - 80) < 1e-9);
   assert.ok(width < 110 && width > 90);
   assert.ok(boxIn([10, 20, 12, 22], 160).width < 20);
-});
-
-const addressOf = (id, version = "a") => `/api/v1/boxes/${id}/crop?pad=0.5&height=64&v=${version}`;
-
-/** A tar of these files, as the server sends it. @param {Record<string, string>} files */
-function tarOf(files) {
-  const parts = Object.entries(files).flatMap(([name, text]) => {
-    const head = name.padEnd(124, "\0") + text.length.toString(8).padStart(11, "0");
-    return [head.padEnd(512, "\0"), text.padEnd(512, "\0")];
-  });
-  return new Blob([...parts, "\0".repeat(1024)]);
-}
-
-test("crops that are asked for in the same moment come in few requests, and one that is missing is asked for alone", async () => {
-  const asked = [];
-  const fetchCrop = createBundles(async (address) => {
-    asked.push(address);
-    const query = new URLSearchParams(address.split("?")[1]);
-    const names = query.get("crops")?.split(",").filter((name) => !name.startsWith("2-"));
-    return names ? tarOf(Object.fromEntries(names.map((name) => [`${name}.webp`, name]))) : new Blob(["alone"]);
-  });
-  const addresses = [...Array(10).keys()].map((id) => addressOf(id));
-
-  const files = await Promise.all(addresses.map((address) => fetchCrop(address, new AbortController().signal)));
-  const other = await fetchCrop(addressOf(1), new AbortController().signal);
-
-  assert.deepEqual(await Promise.all(files.map((file) => file.text())), [..."0123456789"].map((id) => (id === "2" ? "alone" : `${id}-0.5-64`)));
-  assert.equal(await other.text(), "alone");
-  assert.deepEqual(asked.map((address) => address.split("?")[0]), ["/api/v1/boxes/crops", "/api/v1/boxes/crops", "/api/v1/boxes/2/crop", "/api/v1/boxes/1/crop"]);
-});
-
-test("the address of several crops changes with the version of any, and their request ends when none is wanted any more", async () => {
-  const asked = [];
-  const fetchCrop = createBundles((address, signal) => new Promise((_, reject) => {
-    asked.push(address);
-    signal.addEventListener("abort", () => reject(new DOMException("aborted", "AbortError")));
-  }));
-  const stops = ["a", "b"].map((version) => {
-    const stop = new AbortController();
-    const ended = Promise.allSettled([addressOf(1, version), addressOf(2)].map((address) => fetchCrop(address, stop.signal)));
-    return { stop, ended };
-  });
-  await tick();
-  assert.equal(asked.length, 1);
-  for (const { stop } of stops) stop.abort();
-  const ends = (await Promise.all(stops.map(({ ended }) => ended))).flat();
-  assert.ok(ends.every(({ status }) => status === "rejected"));
-
-  void Promise.allSettled([addressOf(1), addressOf(2), addressOf(1), addressOf(2)].map((address) => fetchCrop(address, new AbortController().signal)));
-  await tick();
-
-  assert.notEqual(asked[0], asked[1]);
 });
