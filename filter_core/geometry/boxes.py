@@ -177,14 +177,14 @@ def pixel_bounds(xyxy: ArrayLike, wh: tuple[int, int]) -> IntArray:
     """
     boxes = _as_boxes(xyxy)
     # A NaN cast to an integer is undefined, so those rows are replaced before.
-    known = ~np.isnan(boxes).any(axis=1, keepdims=True)
-    solid = boxes if known.all() else np.where(known, boxes, 0.0)
+    has_corners = ~np.isnan(boxes).any(axis=1, keepdims=True)
+    solid = boxes if has_corners.all() else np.where(has_corners, boxes, 0.0)
     size = np.array(wh, dtype=np.float64)
     bounds = np.empty(boxes.shape, dtype=np.int64)
     first = np.minimum(np.maximum(np.floor(solid[:, :2]), 0), size - 1)
     bounds[:, :2] = first
     bounds[:, 2:] = np.minimum(np.maximum(np.ceil(solid[:, 2:]), first + 1), size)
-    bounds *= known
+    bounds *= has_corners
     return bounds
 
 

@@ -139,8 +139,8 @@ def read_transform(value: object, at: Place, faults: Faults) -> Transform | None
     else:
         _refuse_unknown(value, (*_VECTOR_KEYS, *_ROTATION_KEYS), at, faults)
         location = _read_keys(value, at, faults, _VECTOR_KEYS)
-        given = {**_NOT_TURNED, **value}
-        rotation = _read_keys(given, at, faults, _ROTATION_KEYS)
+        completed = {**_NOT_TURNED, **value}
+        rotation = _read_keys(completed, at, faults, _ROTATION_KEYS)
     if location is None or rotation is None:
         return None
     return Transform(location, rotation)

@@ -240,15 +240,15 @@ def hull_points(vertices: ArrayLike, camera: Camera) -> list[FloatArray]:
     boxes = as_vertices(vertices)
     image_points = to_image_points(boxes, camera)
     status = _depth_status(image_points[..., 2])
-    found = []
+    points = []
     for corners, where in zip(image_points, status.tolist(), strict=True):
         if where == DepthStatus.BEHIND:
-            found.append(np.empty((0, 2)))
+            points.append(np.empty((0, 2)))
             continue
         if where == DepthStatus.STRADDLES_NEAR_PLANE:
             corners = _cut_hull(corners[None], corners[None, :, 2] - NEAR_PLANE)[0]
-        found.append(corners[:, :2] / corners[:, 2:])
-    return found
+        points.append(corners[:, :2] / corners[:, 2:])
+    return points
 
 
 def image_corners_xyxy(corners: ArrayLike) -> BoxesXYXY:
