@@ -236,5 +236,5 @@ def _positions(mask: BoolArray) -> IntArray:
     words = flat.view(np.uint64)
     hit = np.flatnonzero(words != 0)
     inside = np.flatnonzero(words[hit].view(np.bool_))
-    found: IntArray = (hit[inside >> 3] << 3) + (inside & 7)
-    return found
+    positions: IntArray = (hit[inside >> 3] << 3) + (inside & 7)
+    return positions
