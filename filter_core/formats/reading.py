@@ -362,7 +362,7 @@ def common_end(some: Sequence[str], others: Sequence[str]) -> int:
     """How many names at the end of two paths are the same."""
     pairs = zip(reversed(some), reversed(others), strict=False)
     return next(
-        (place for place, (one, other) in enumerate(pairs) if one != other),
+        (place for place, (name, other) in enumerate(pairs) if name != other),
         min(len(some), len(others)),
     )
 
