@@ -199,11 +199,10 @@ _MEANING: Final = {
 
 @lru_cache(maxsize=4096)
 def class_meant_by(name: str) -> str | None:
-    """The class that a name of labels means, such as ``traffic light`` or
-    ``vehicle.tesla.model3``.
+    """The class that a name of labels means, such as ``traffic light``.
 
-    One of `filter_core.classes.MEASURED_CLASSES`; None if the vocabulary does not have
-    the name.
+    The name may also be a blueprint's, such as ``vehicle.tesla.model3``. One of
+    `filter_core.classes.MEASURED_CLASSES`; None if the vocabulary does not have it.
     """
     if blueprint := class_of(name, None):
         return blueprint

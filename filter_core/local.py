@@ -285,12 +285,11 @@ def evaluate_source(
     also: Callable[[KnownBoxes], None] = lambda _: None,
     workers: int | None = None,
 ) -> tuple[Evaluation, list[LeftOut]]:
-    """Measure every channel of many frames and count them; also those that were left
-    out.
+    """Measure every channel of many frames and count them.
 
-    `progress` is called after each frame, with its `MeasuredFrame.notes`, and `also`
-    with the boxes of known truth of each, in the frames' order. `workers` are threads,
-    by default one more than there are cores.
+    Returns those that were left out, too. `progress` is called after each frame, with
+    its `MeasuredFrame.notes`, and `also` with the boxes of known truth of each, in the
+    frames' order. `workers` are threads, by default one more than there are cores.
     """
     measured_too = () if task.truth is not None else ("instance",)
     channels = tuple(dict.fromkeys((*task.channels, *measured_too)))
@@ -430,11 +429,10 @@ class LabelledFrame:
 def label_sources(
     frames: Iterable[FrameSource], task: ArmsTask, *, workers: int | None = None
 ) -> Generator[LabelledFrame | LeftOut, None, None]:
-    """Measure frames and label their boxes as each arm does, in the order of the
-    frames.
+    """Measure frames and label their boxes as each arm does.
 
-    One that cannot be used does not stop the others. `workers` are as for
-    `evaluate_source`.
+    They come in the order of `frames`. One that cannot be used does not stop the
+    others. `workers` are as for `evaluate_source`.
     """
     configs = {arm.name: arm.config(task.config) for arm in task.arms}
     exact = replace(task.config, profile="paper", projection="clipped")

@@ -41,8 +41,9 @@ _OUTSIDE: Final = (-2.0, -2.0, -1.0, -1.0)
 
 @dataclass(frozen=True)
 class AnnotationLimits:
-    """How many boxes and bytes of JSON one annotation may hold, and how many characters
-    an id, a class, a type and each of the frame's own texts.
+    """How many boxes and bytes of JSON one annotation may hold.
+
+    Also how many characters an id, a class, a type and each text of the frame may have.
     """
 
     max_boxes: int = 10_000

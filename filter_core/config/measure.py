@@ -94,11 +94,11 @@ class MeasureConfig:
 
     @property
     def pixel_digest(self) -> str:
-        """A digest that accept sets and renamed classes do not change, if they need no
-        pixels.
+        """A digest that changes only with what needs the pixels again.
 
-        Numbers for other accept sets follow from the stored histograms of tags, so
-        that configurations with equal pixel digests need no images read again. With
+        Accept sets and renamed classes do not change it, if they need no pixels.
+        Numbers for other accept sets follow from the stored histograms of tags, so that
+        configurations with equal pixel digests need no images read again. With
         channels, or under profile ``carlasimu``, accept sets do count.
         """
         plain = self.as_dict()

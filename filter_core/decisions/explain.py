@@ -92,11 +92,10 @@ class ExplainedBox(NamedTuple):
 
 
 def explain(box: ExplainedBox) -> str:
-    """Why a box was kept, rejected or not measured: the verdict, a colon and the
-    reason.
+    """Why a box was kept, rejected or not measured.
 
-    A number is never rounded to the one that it is compared with, or past it: 9.96 % is
-    never shown as the 10 % that are needed.
+    It is the verdict, a colon and the reason. A number is never rounded to the one that
+    it is compared with, or past it: 9.96 % is never shown as the 10 % that are needed.
     """
     if box.channel is not None:
         sentence = _CHANNEL_SENTENCES[box.channel](box)

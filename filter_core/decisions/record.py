@@ -238,10 +238,10 @@ def decided_boxes(
 def decision_columns(
     frame: FrameFacts | Sequence[FrameFacts], evidence: Evidence, decisions: Decisions
 ) -> DecisionColumns:
-    """The columns of tables of N decisions besides `decided_boxes`; no people's
-    answers.
+    """The columns of tables of N decisions besides `decided_boxes`.
 
-    `frame` is one for all boxes, or one for each; all frames have the same `config`.
+    People's answers are not among them. `frame` is one for all boxes, or one for each;
+    all frames have the same `config`.
     """
     count = len(evidence)
     frames = [frame] * count if isinstance(frame, FrameFacts) else frame

@@ -242,11 +242,10 @@ class PartCounts:
 
 @dataclass
 class ChannelScore(PartCounts):
-    """The right and wrong verdicts of one kind of evidence so far, and the largest
-    errors.
+    """The right and wrong verdicts of one kind of evidence so far.
 
-    `judged` counts the boxes that it had a number for; the segmentation judged the
-    others.
+    It has the largest errors, too. `judged` counts the boxes that it had a number for;
+    the segmentation judged the others.
     """
 
     judged: int = 0

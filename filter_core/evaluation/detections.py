@@ -183,11 +183,11 @@ def _match_frame(
 
 
 def average_precision(matches: Matches, weights: FloatArray) -> FloatArray:
-    """(R, T) float64, 0..1: the average precision of one class for each weighting of
-    frames and each of T overlaps; NaN where there is no object.
+    """(R, T) float64, 0..1: the average precision of one class.
 
-    `weights`, (R, F) float64, say how often each of F frames counts; of a resample, how
-    often it was drawn.
+    For each of R weightings of frames and each of T overlaps; NaN where there is no
+    object. `weights`, (R, F) float64, say how often each of F frames counts; of a
+    resample, how often it was drawn.
     """
     averages = np.zeros((len(weights), len(matches.hit)))
     objects = weights @ matches.objects

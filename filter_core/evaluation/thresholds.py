@@ -101,11 +101,10 @@ class Point:
 
 @dataclass(frozen=True)
 class Suggestion:
-    """The best threshold for a goal, percent, with its 95 % interval; and scores of
-    others.
+    """The best threshold for a goal, percent, with its 95 % interval and scores.
 
-    Those of the threshold in use and of the suggested one, and a curve from the lowest
-    threshold to the highest.
+    The scores are those of the threshold in use and of the suggested one, and a curve
+    from the lowest threshold to the highest.
     """
 
     threshold: float

@@ -173,8 +173,11 @@ def compare(
 
 
 class _Scored(NamedTuple):
-    """The scores of a trial; `values` is (1 + R, 2): mAP50 and mAP50-95, first of all
-    frames, then of each resample."""
+    """The scores of a trial.
+
+    `values` is (1 + R, 2): mAP50 and mAP50-95, first of all frames, then of each
+    resample.
+    """
 
     score: DetectionScore
     means: dict[str, float]

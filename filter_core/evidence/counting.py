@@ -65,8 +65,9 @@ def count_pixels(regions: Regions) -> IntArray:
 
 
 def count_codes_in(regions: Regions, codes: Sequence[int]) -> IntArray:
-    """(N, K) int64, px: how many pixels of each rectangle have each of K different
-    codes.
+    """(N, K) int64, px: how many pixels of N rectangles have each of K codes.
+
+    The codes are different ones.
 
     Notes
     -----

@@ -494,12 +494,11 @@ def depth_interval(
 
 
 def center_gaps(vertices: FloatArray, camera: Camera, depth: DepthImage) -> FloatArray:
-    """(N,) float64, metres: how far the surface at each 3D box's projected centre is in
-    front of it.
+    """(N,) float64, metres: how far the surface is in front of each 3D box.
 
-    Above 0: the surface is nearer than the nearest point of the box. NaN where the
-    centre is not in the image, the box not 3D (a NaN row of `vertices`, which are (N,
-    8, 3), metres), or the image cannot tell.
+    That is the surface at its projected centre. Above 0: the surface is nearer than the
+    nearest point of the box. NaN where the centre is not in the image, the box not 3D
+    (a NaN row of `vertices`, which are (N, 8, 3), metres), or the image cannot tell.
 
     Notes
     -----
@@ -540,11 +539,10 @@ _BANDS: Final = 32
 def depth_slice(
     depth: DepthImage, xyxy: Sequence[float], interval: FloatArray
 ) -> DepthSlice:
-    """The depths in a rectangle that overlaps the image, px, with those that a 3D box
-    takes up.
+    """The depths in a rectangle that overlaps the image, px.
 
-    `interval`, (2,) float64, metres, is as `depth_interval` gives it; NaN: the box is
-    not 3D.
+    It also has those that a 3D box takes up. `interval`, (2,) float64, metres, is as
+    `depth_interval` gives it; NaN: the box is not 3D.
     """
     width, height = depth.wh
     left, top = (

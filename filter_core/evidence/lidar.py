@@ -90,10 +90,9 @@ def read_points(content: bytes, *, max_points: int = MAX_POINTS) -> LidarPoints:
 
 
 def check_points(content: bytes, *, sensor: str, max_points: int = MAX_POINTS) -> str:
-    """Check that a file of points is as long as its own header says; returns its media
-    type.
+    """Check that a file of points is as long as its own header says.
 
-    That is ``application/x-ply`` or ``application/x-npy``.
+    Returns its media type: ``application/x-ply`` or ``application/x-npy``.
 
     Parameters
     ----------

@@ -109,8 +109,7 @@ def silhouette_bounds(boxes: Sequence[AcceptedPixels]) -> IntArray:
 def islands(
     box: AcceptedPixels, behind: Sequence[AcceptedPixels], bounds: IntArray
 ) -> Mask | None:
-    """(h, w) bool: the pixels in a box's region that more likely belong to boxes behind
-    it.
+    """(h, w) bool: the pixels of a box's region that more likely are of boxes behind.
 
     None if there are none.
 

@@ -74,8 +74,7 @@ def frame_silhouettes(
     *,
     centres: bool = False,
 ) -> list[Silhouette]:
-    """The silhouettes of a frame's boxes, in their order, without those that are not in
-    the image.
+    """The silhouettes of a frame's boxes that are in the image, in their order.
 
     Parameters
     ----------
@@ -135,11 +134,10 @@ def _by_row(
 
 
 def touched_pixels(outlines: Sequence[FloatArray], bounds: IntArray) -> list[Mask]:
-    """N of (rows, columns) bool: the pixels that the convex hull of some points
-    touches.
+    """N of (rows, columns) bool: the pixels that convex hulls touch.
 
-    `outlines` are N of (P, 2) float64, px; `bounds`, (N, 4) int64, are first column,
-    first row, last column + 1, last row + 1 of each.
+    Each is the hull of some points: `outlines` are N of (P, 2) float64, px; `bounds`,
+    (N, 4) int64, are first column, first row, last column + 1, last row + 1 of each.
 
     Notes
     -----

@@ -442,11 +442,11 @@ def is_label(root: Path, name: str) -> bool:
 
 
 def has_rows(path: Path) -> bool:
-    """Whether a text file may hold boxes, by its content: it is empty, or its first row
-    has four columns or more, most of which are numbers.
+    """Whether a text file may hold boxes, by its content.
 
-    Notes and lists of names do not. A file that cannot be read may: its frame is to
-    have the error. So may rows with a mistake in them.
+    It may if it is empty, or its first row has four columns or more, most of which are
+    numbers. Notes and lists of names do not. A file that cannot be read may: its frame
+    is to have the error. So may rows with a mistake in them.
     """
     try:
         with open_regular(path) as file:

@@ -125,8 +125,10 @@ def completed_parts(names: Iterable[str]) -> list[str]:
 
 @lru_cache(4096)
 def part_of_folder(folder: str) -> str | None:
-    """The name of a part in the path of a folder: the first that is one as a whole,
-    else the first that begins or ends like one."""
+    """The name of a part in the path of a folder.
+
+    The first that is one as a whole, else the first that begins or ends like one.
+    """
     names = [name for name in folder.split("/") if _word_of(name)]
     whole = (name for name in names if _SPLIT.fullmatch(name))
     return next(whole, names[0] if names else None)
@@ -261,8 +263,10 @@ class RecordedSplits:
         return sorted(folders, key=lambda pair: -len(pair[0]))
 
     def _end_there(self, entry: str, is_there: Callable[[Path], bool]) -> str | None:
-        """The longest end of a path, perhaps one of another machine, that is in the
-        recording."""
+        """The longest end of a path that is in the recording.
+
+        The path is perhaps one of another machine.
+        """
         parts = _parts_of(entry)
         for start in range(len(parts)):
             end = "/".join(parts[start:])

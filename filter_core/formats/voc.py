@@ -270,8 +270,10 @@ def _spans(file: BinaryIO) -> Iterator[BoxSpan]:
 
 @dataclass(frozen=True)
 class _Tree:
-    """A parsed file, with the line that each element starts on, and the bytes at which
-    its first and last tag begin.
+    """A parsed file, with the places of its elements.
+
+    They are the line that each one starts on, and the bytes at which its first and last
+    tag begin.
     """
 
     name: str

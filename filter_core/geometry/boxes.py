@@ -168,12 +168,12 @@ def correct_xyxy(
 
 
 def pixel_bounds(xyxy: ArrayLike, wh: tuple[int, int]) -> IntArray:
-    """(N, 4) int64: the pixels that boxes touch, as first column, first row, last
-    column + 1, last row + 1.
+    """(N, 4) int64: the pixels that boxes touch.
 
-    Columns ``floor(x_min) .. ceil(x_max) - 1``, rows likewise, within the image. A box
-    thinner than a pixel still has one; a NaN row has none: ``0 0 0 0``. `xyxy` (N, 4)
-    are corrected boxes, px; `wh` is (width, height) of the image, px.
+    As first column, first row, last column + 1, last row + 1 within the image: columns
+    ``floor(x_min) .. ceil(x_max) - 1``, rows likewise. A box thinner than a pixel still
+    has one; a NaN row has none: ``0 0 0 0``. `xyxy` (N, 4) are corrected boxes, px;
+    `wh` is (width, height) of the image, px.
     """
     boxes = _as_boxes(xyxy)
     # A NaN cast to an integer is undefined, so those rows are replaced before.

@@ -68,10 +68,10 @@ TransformLike: TypeAlias = Transform | Mapping[str, object]
 
 
 def rotation_matrices(rotations: ArrayLike) -> FloatArray:
-    """(N, 3, 3) float64: CARLA's rotation matrices of (N, 3) pitch, yaw, roll in
-    degrees.
+    """(N, 3, 3) float64: CARLA's rotation matrices of N rotations.
 
-    They map local vectors to world vectors; determinant +1.
+    `rotations`, (N, 3), are pitch, yaw, roll in degrees. The matrices map local vectors
+    to world vectors; determinant +1.
 
     References
     ----------

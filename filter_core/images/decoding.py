@@ -79,10 +79,10 @@ def decode_color(
 def decode_image(
     content: bytes, header: ImageHeader, flags: int
 ) -> NDArray[np.uint8] | None:
-    """(H, W) or (H, W, C) uint8, or uint16 if `flags` keep the depth: the image as
-    decoded by OpenCV.
+    """(H, W) or (H, W, C) uint8: the image as decoded by OpenCV.
 
-    None if it is damaged, or if OpenCV finds another size than the header says.
+    It is uint16 if `flags` keep the depth. None if it is damaged, or if OpenCV finds
+    another size than the header says.
 
     Parameters
     ----------
@@ -201,8 +201,7 @@ _IDAT: Final = b"IDAT"
 
 @dataclass(frozen=True)
 class InflatedPng:
-    """A PNG of (H, W, C) pixels that are inflated, but whose filters are not undone
-    yet.
+    """A PNG of (H, W, C) pixels, inflated, but whose filters are not undone yet.
 
     `rows`, (H, 1 + W C) uint8, are each row's filter and its bytes; `head` is what it
     has before its pixels.

@@ -75,8 +75,9 @@ _BIT_DEPTHS: Final = {
 
 @dataclass(frozen=True)
 class PngHeader:
-    """What the first chunk says: the size, px, the bits of one sample, and the colour
-    type: 0, 2, 3, 4 or 6.
+    """What the first chunk says.
+
+    The size, px, the bits of one sample, and the colour type: 0, 2, 3, 4 or 6.
     """
 
     width: int

@@ -170,8 +170,9 @@ def _count_lines(path: Path) -> int:
 def unused_files(
     frames: FrameSet, use: FileUse, splits: Collection[Split]
 ) -> tuple[tuple[Listed, ...], tuple[Listed, ...]]:
-    """Images and labels of a folder that belong to no frame; and its other files, such
-    as notes.
+    """Images and labels of a folder that belong to no frame; and its other files.
+
+    The others are those that are not read, such as notes.
     """
     left_over, not_read = Listing(), Listing()
     for file in frames.unmatched:

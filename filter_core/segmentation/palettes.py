@@ -57,8 +57,9 @@ class Tag:
 
 @dataclass(frozen=True)
 class Palette:
-    """One tag family: tag, name and colour are a bijection inside it; tag t is at place
-    t.
+    """One tag family, in which tag, name and colour are a bijection.
+
+    Tag t is at place t.
     """
 
     name: str

@@ -75,9 +75,9 @@ _RED, _GREEN, _BLUE = 0, 1, 2
 def read_exact_colors(
     pixels: NDArray[np.uint8], occurring: Sequence[int], named: NamedReading
 ) -> Segmentation:
-    """A segmentation of (H, W, 3) red, green, blue that are exactly colours of a
-    palette.
+    """A segmentation of pixels that are exactly colours of a palette.
 
+    `pixels` are (H, W, 3) red, green, blue.
     `occurring` are the codes of the colours that occur, as `exact_codes` has them.
 
     Raises
@@ -251,11 +251,11 @@ _MOST_GREY_PERCENT: Final = 95.0
 
 
 def refuse_unlike_palettes(pixels: NDArray[np.uint8]) -> None:
-    """Refuse (H, W, 3) red, green, blue unlike colours of a palette that a JPEG has
-    changed.
+    """Refuse an image unlike one in a palette's colours that a JPEG has changed.
 
-    Raises `SegmentationError` (``foreign_colors``): it is a photo or another sensor's
-    image, in which some colours happen to be near a palette's.
+    `pixels` are (H, W, 3) red, green, blue. Raises `SegmentationError`
+    (``foreign_colors``): it is a photo or another sensor's image, in which some colours
+    happen to be near a palette's.
     """
     if why := _unlike_palettes(pixels):
         raise SegmentationError(

@@ -379,9 +379,11 @@ def _sum(streams: Sequence[Sequence[Image]]) -> str:
 
 
 class _Beside(NamedTuple):
-    """What is beside an image: a picture that it could belong to, if it is none itself
-    (`partner`); one of the same name that is not grey (`in_color`); and one of the same
-    name whose path says that it is a picture (`named`).
+    """What is beside an image.
+
+    A picture that it could belong to, if it is none itself (`partner`); one of the same
+    name that is not grey (`in_color`); and one of the same name whose path says that it
+    is a picture (`named`).
     """
 
     partner: bool

@@ -80,11 +80,10 @@ class Span(NamedTuple):
 
 @dataclass(frozen=True)
 class Lines:
-    """A file of rows, each on lines of its own, with the names of their columns, if
-    any.
+    """A file of rows, each on lines of its own.
 
-    Without a delimiter each line is JSON. `first` are all rows but that of the names;
-    errors name the file by `name`.
+    It has the names of their columns, if any. Without a delimiter each line is JSON.
+    `first` are all rows but that of the names; errors name the file by `name`.
     """
 
     name: str
